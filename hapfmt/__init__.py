@@ -1,0 +1,92 @@
+"""hapfmt: the open file format for recorded touch.
+
+    recording = hapfmt.load("touch.npz")
+    hapfmt.write(recording, "touch.hapf")
+    back = hapfmt.read("touch.hapf", channels=["force_z"], start=1.0, stop=2.0)
+
+Nothing heavy is imported until it is used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from .version import SPEC_VERSION, __version__
+
+if TYPE_CHECKING:
+    from .convert import load, save
+    from .encoder.settings import Settings
+    from .errors import (
+        ChecksumError,
+        FormatError,
+        HapfmtError,
+        LimitError,
+        MissingExtraError,
+        ParameterError,
+        TruncatedError,
+        UnsupportedError,
+    )
+    from .limits import Limits
+    from .reader import Reader, read
+    from .recording import Calibration, Channel, Recording, Span
+    from .verifier import verify
+    from .writer import write
+
+_PLACES = {
+    "Reader": "reader",
+    "read": "reader",
+    "write": "writer",
+    "verify": "verifier",
+    "load": "convert",
+    "save": "convert",
+    "Settings": "encoder.settings",
+    "Recording": "recording",
+    "Channel": "recording",
+    "Calibration": "recording",
+    "Span": "recording",
+    "Limits": "limits",
+    "HapfmtError": "errors",
+    "FormatError": "errors",
+    "TruncatedError": "errors",
+    "ChecksumError": "errors",
+    "UnsupportedError": "errors",
+    "LimitError": "errors",
+    "ParameterError": "errors",
+    "MissingExtraError": "errors",
+}
+
+__all__ = [
+    "SPEC_VERSION",
+    "Calibration",
+    "Channel",
+    "ChecksumError",
+    "FormatError",
+    "HapfmtError",
+    "LimitError",
+    "Limits",
+    "MissingExtraError",
+    "ParameterError",
+    "Reader",
+    "Recording",
+    "Settings",
+    "Span",
+    "TruncatedError",
+    "UnsupportedError",
+    "__version__",
+    "load",
+    "read",
+    "save",
+    "verify",
+    "write",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PLACES:
+        return getattr(import_module(f".{_PLACES[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

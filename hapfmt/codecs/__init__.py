@@ -1,0 +1,1 @@
+"""Packets <-> counts, normative both ways where the bits are fixed (SPEC clause 9)."""

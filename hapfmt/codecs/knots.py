@@ -1,0 +1,121 @@
+"""KNOT: support points joined by steps or lines (SPEC 9.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..container.layout import KNOT_PARAMETERS
+from ..container.wire import parse_fixed
+from ..errors import FormatError
+from ..limits import Level
+from .varints import build_varints, from_signed, parse_varints, to_signed
+
+Interpolation = Literal["hold", "linear"]
+INTERPOLATIONS: tuple[Interpolation, ...] = ("hold", "linear")
+
+
+@dataclass(frozen=True)
+class KnotParameters:
+    """How knots are joined, and counts per unit of a knot's value."""
+
+    interpolation: Interpolation
+    quantum: int = 1
+
+    def build(self) -> bytes:
+        return bytes(
+            KNOT_PARAMETERS.build(
+                {
+                    "interpolation": INTERPOLATIONS.index(self.interpolation),
+                    "reserved": bytes(3),
+                    "quantum": self.quantum,
+                }
+            )
+        )
+
+    @classmethod
+    def parse(cls, data: bytes, level: Level, offset: int) -> KnotParameters:
+        raw = parse_fixed(KNOT_PARAMETERS, data, 0, "KNT-001", offset)
+        if len(data) != KNOT_PARAMETERS.sizeof():
+            raise FormatError("KNOT parameters too long", requirement="KNT-001", offset=offset)
+        if raw.interpolation >= len(INTERPOLATIONS) or raw.quantum < 1:
+            raise FormatError(
+                "unknown interpolation or quantum 0", requirement="KNT-001", offset=offset
+            )
+        if any(raw.reserved):
+            raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=offset + 1)
+        level.check("step", raw.quantum, "KNT-001", offset + 4)
+        return cls(INTERPOLATIONS[raw.interpolation], raw.quantum)
+
+
+def parse_knots(
+    data: bytes, components: int, offset: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Ticks [knots] counted from the packet's start, and values [knots, components]."""
+    numbers = parse_varints(data, offset)
+    width = components + 1
+    # The tick of the first knot is 0 and not stored: put it in, and all rows are alike.
+    if (numbers.size + 1) % width or numbers.size < components:
+        raise FormatError("a knot is not whole", requirement="KNT-002", offset=offset)
+    table = np.concatenate((np.zeros(1, np.int64), numbers)).reshape(-1, width)
+    if (table[1:, 0] < 1).any():
+        raise FormatError("knot ticks not increasing", requirement="KNT-003", offset=offset)
+    # Sums of 64-bit numbers could wrap: no gap and no difference can be that large in a true file.
+    if table.max() >= 1 << 36:
+        raise FormatError("knot far beyond its packet", requirement="KNT-004", offset=offset)
+    return np.cumsum(table[:, 0]), np.cumsum(to_signed(table[:, 1:]), axis=0)
+
+
+def build_knots(ticks: NDArray[np.int64], values: NDArray[np.int64]) -> bytes:
+    """The packet of knots: ticks [knots] with ticks[0] = 0, values [knots, components]."""
+    differences = np.diff(values, axis=0, prepend=0)
+    table = np.column_stack((np.diff(ticks, prepend=0), from_signed(differences)))
+    return build_varints(table.reshape(-1)[1:])
+
+
+def interpolate(
+    ticks: NDArray[np.int64], counts: NDArray[np.int64], span: int, interpolation: Interpolation
+) -> NDArray[np.int64]:
+    """Counts [span, components] from knots that keep KNT-005 and KNT-006."""
+    if interpolation == "hold" or ticks.size == 1:
+        return np.repeat(counts, np.diff(np.append(ticks, span)), axis=0)
+    lengths = np.diff(ticks)
+    lengths[-1] = span - ticks[-2]
+    rise, run = np.diff(counts, axis=0), np.diff(ticks)
+    row = np.repeat(np.arange(lengths.size), lengths)
+    along = np.arange(span) - ticks[row]
+    divisor = run[row][:, None]
+    numerator = 2 * rise[row] * along[:, None] + divisor
+    return counts[row] + numerator // (2 * divisor)
+
+
+def decode_knots(
+    data: bytes, parameters: KnotParameters, span: int, components: int, level: Level, offset: int
+) -> NDArray[np.int64]:
+    """The packet ``data``, which stands at ``offset``, as counts [span, components]."""
+    ticks, values = parse_knots(data, components, offset)
+    bound = level.count_bound // parameters.quantum
+    if np.abs(values).max() > bound:
+        raise FormatError("knot out of range", requirement="KNT-004", offset=offset)
+    check_ticks(ticks, span, parameters.interpolation, level, offset)
+    return interpolate(ticks, values * parameters.quantum, span, parameters.interpolation)
+
+
+def check_ticks(
+    ticks: NDArray[np.int64], span: int, interpolation: Interpolation, level: Level, offset: int
+) -> None:
+    last = int(ticks[-1])
+    if interpolation == "hold":
+        if last >= span:
+            raise FormatError("knot beyond its packet", requirement="KNT-005", offset=offset)
+    elif ticks.size > 1:
+        before = int(ticks[-2])
+        if not before < span - 1 <= last or last > level.span_ticks:
+            raise FormatError(
+                "the last line does not end at the packet's end",
+                requirement="KNT-006",
+                offset=offset,
+            )

@@ -1,0 +1,116 @@
+"""RAWB: byte planes, stored or deflated; any number bit for bit (SPEC 9.3)."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..container.layout import RAWB_PARAMETERS
+from ..container.track import WORD_SIZES
+from ..container.wire import parse_fixed
+from ..errors import FormatError, TruncatedError
+
+STORED, DEFLATE = 0, 1
+COUNT_SIZES = (1, 2, 3, 4)
+DTYPES = {
+    "int64": np.dtype("<i8"),
+    "uint64": np.dtype("<u8"),
+    "binary16": np.dtype("<f2"),
+    "binary32": np.dtype("<f4"),
+    "binary64": np.dtype("<f8"),
+}
+
+
+@dataclass(frozen=True)
+class RawParameters:
+    """Bytes per word."""
+
+    word_size: int
+
+    def build(self) -> bytes:
+        return bytes(RAWB_PARAMETERS.build({"word_size": self.word_size, "reserved": bytes(3)}))
+
+    @classmethod
+    def parse(cls, data: bytes, number_format: str, offset: int) -> RawParameters:
+        raw = parse_fixed(RAWB_PARAMETERS, data, 0, "RAW-001", offset)
+        if len(data) != RAWB_PARAMETERS.sizeof():
+            raise FormatError("RAWB parameters too long", requirement="RAW-001", offset=offset)
+        if any(raw.reserved):
+            raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=offset + 1)
+        allowed = COUNT_SIZES if number_format == "counts" else (WORD_SIZES[number_format],)
+        if raw.word_size not in allowed:
+            raise FormatError(
+                f"word size {raw.word_size} for {number_format}",
+                requirement="RAW-001",
+                offset=offset,
+            )
+        return cls(raw.word_size)
+
+
+def encode_raw(numbers: NDArray[Any], word_size: int) -> bytes:
+    """The packet of numbers [ticks, components], counts or words; the smaller method."""
+    wide = numbers.astype("<i8") if numbers.dtype.kind == "i" else numbers
+    columns = np.ascontiguousarray(wide.T)
+    octets = columns.view(np.uint8).reshape(columns.shape[0], columns.shape[1], -1)
+    planes = np.ascontiguousarray(octets[:, :, :word_size].transpose(0, 2, 1)).tobytes()
+    packer = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS)
+    deflated = packer.compress(planes) + packer.flush()
+    if len(deflated) < len(planes):
+        return bytes([DEFLATE]) + deflated
+    return bytes([STORED]) + planes
+
+
+def decode_raw(
+    data: bytes,
+    parameters: RawParameters,
+    number_format: str,
+    span: int,
+    components: int,
+    offset: int,
+) -> NDArray[Any]:
+    """The packet ``data``, which stands at ``offset``: int64 counts or words [span, components]."""
+    size = parameters.word_size
+    expected = span * components * size
+    planes = unpack(data, expected, offset)
+    raw = np.frombuffer(planes, np.uint8).reshape(components, size, span)
+    octets = np.zeros((span, components, size if number_format != "counts" else 8), np.uint8)
+    octets[:, :, :size] = raw.transpose(2, 0, 1)
+    if number_format != "counts":
+        return octets.reshape(span, -1).view(DTYPES[number_format])
+    counts: NDArray[np.int64] = octets.reshape(span, -1).view("<i8")
+    sign = np.int64(1) << (8 * size - 1)
+    return (counts ^ sign) - sign
+
+
+def unpack(data: bytes, expected: int, offset: int) -> bytes:
+    """The byte planes, exactly ``expected`` bytes; inflating stops there (RAW-003)."""
+    if not data:
+        raise TruncatedError("a raw packet without a method", requirement="COD-001", offset=offset)
+    if data[0] == STORED:
+        if len(data) - 1 != expected:
+            raise FormatError(
+                f"{len(data) - 1} bytes of words instead of {expected}",
+                requirement="RAW-003",
+                offset=offset,
+            )
+        return data[1:]
+    if data[0] != DEFLATE:
+        raise FormatError(f"raw method {data[0]}", requirement="RAW-002", offset=offset)
+    unpacker = zlib.decompressobj(-zlib.MAX_WBITS)
+    try:
+        planes = unpacker.decompress(data[1:], expected + 1)
+    except zlib.error as error:
+        raise FormatError(f"DEFLATE: {error}", requirement="RAW-004", offset=offset + 1) from None
+    if len(planes) != expected:
+        raise FormatError(
+            "DEFLATE stream of another length", requirement="RAW-003", offset=offset + 1
+        )
+    if not unpacker.eof or unpacker.unused_data:
+        raise FormatError(
+            "DEFLATE stream does not end with its packet", requirement="RAW-004", offset=offset + 1
+        )
+    return planes

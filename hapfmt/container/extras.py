@@ -1,0 +1,90 @@
+"""mETa and aTTc payloads (SPEC 6.7, 6.8): metadata and attachments, never needed to decode."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+from ..errors import FormatError, ParameterError
+from .tlv import STRING_SIZE, parse_text
+
+DEPTH_LIMIT = 64
+
+
+def build_metadata(metadata: dict[str, Any]) -> bytes:
+    """Canonical JSON: sorted keys, no spaces."""
+    try:
+        return json.dumps(
+            metadata, ensure_ascii=False, sort_keys=True, separators=(",", ":"), allow_nan=False
+        ).encode("utf-8")
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"metadata cannot be written as JSON: {error}") from None
+
+
+def parse_metadata(payload: bytes, offset: int) -> dict[str, Any]:
+    """SPEC MET-001."""
+
+    def refuse(name: str) -> NoReturn:
+        raise ValueError(name)
+
+    try:
+        value = json.loads(parse_text(payload, offset), parse_constant=refuse)
+    except (ValueError, RecursionError):
+        raise FormatError("metadata is not JSON", requirement="MET-001", offset=offset) from None
+    if not isinstance(value, dict):
+        raise FormatError("metadata is not a JSON object", requirement="MET-001", offset=offset)
+    level: list[Any] = [value]
+    for _ in range(DEPTH_LIMIT):
+        level = [
+            inner
+            for item in level
+            for inner in (item.values() if isinstance(item, dict) else item)
+            if isinstance(inner, (dict, list))
+        ]
+        if not level:
+            return value
+    raise FormatError("metadata nested more than 64 deep", requirement="MET-001", offset=offset)
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """A named file inside the recording."""
+
+    name: str
+    media_type: str
+    content: bytes
+
+    @property
+    def safe_name(self) -> str:
+        """The name without any path: last component, no leading dots (SPEC ATT-002)."""
+        return self.name.replace("\\", "/").rsplit("/", 1)[-1].lstrip(".") or "attachment"
+
+
+def build_attachment(attachment: Attachment) -> bytes:
+    out = b""
+    for text in (attachment.name, attachment.media_type):
+        raw = text.encode("utf-8")
+        if len(raw) > STRING_SIZE:
+            raise ParameterError("attachment names and types are at most 255 bytes of UTF-8")
+        out += bytes([len(raw)]) + raw
+    if not attachment.name:
+        raise ParameterError("an attachment has a name")
+    return out + attachment.content
+
+
+def parse_attachment(payload: bytes, offset: int) -> Attachment:
+    """SPEC ATT-001."""
+    texts = []
+    position = 0
+    for _ in range(2):
+        stop = position + 1 + (payload[position] if position < len(payload) else 0)
+        if stop > len(payload):
+            raise FormatError(
+                "attachment ends within its name", requirement="ATT-001", offset=offset + position
+            )
+        texts.append(parse_text(payload[position + 1 : stop], offset + position + 1))
+        position = stop
+    if not texts[0]:
+        raise FormatError("attachment without a name", requirement="ATT-001", offset=offset)
+    return Attachment(texts[0], texts[1], payload[position:])

@@ -1,0 +1,146 @@
+"""The fixed layouts of the format: SPEC's tables are printed from these declarations.
+
+Flat structs of plain little-endian integers and bytes, one line of meaning each. They check
+nothing: every check and every conversion stands in wire.py, track.py, cluster.py and index.py.
+"""
+
+from __future__ import annotations
+
+from construct import (
+    Bytes,
+    Construct,
+    Float64l,
+    Int8ul,
+    Int16ul,
+    Int32sl,
+    Int32ul,
+    Int64sl,
+    Int64ul,
+    Struct,
+)
+
+SIGNATURE = b"\x8fHAP\r\n\x1a\n"
+SYNC = b"\xf9H\x8b\x1c"
+
+CHUNK_HEADER = Struct(
+    "sync" / Bytes(4) * "sync word F9 48 8B 1C",
+    "type" / Bytes(4) * "chunk type, four ASCII letters; their cases are the property bits",
+    "file_id" / Int32ul * "file id, the same in every chunk of the file",
+    "sequence" / Int32ul * "sequence number: 0 for the first chunk, one more for each next",
+    "payload_size" / Int32ul * "size of the payload in bytes",
+    "track" / Int16ul * "track id the chunk speaks of; FFFF where it speaks of none",
+    "flags" / Int16ul * "bits 0-7 critical, bits 8-15 ancillary; all 0 in version 1.0",
+    "payload_crc" / Int32ul * "CRC-32 of the payload",
+    "header_crc" / Int32ul * "CRC-32 of the 28 bytes before it",
+)
+
+HEAD = Struct(
+    "major" / Int8ul * "major version, 1",
+    "minor" / Int8ul * "minor version, 0",
+    "level" / Int8ul * "level, 1 or 2",
+    "reserved" / Int8ul * "0",
+    "incompat" / Int32ul * "incompatible feature bits, none defined in 1.0",
+    "compat" / Int32ul * "compatible feature bits, none defined in 1.0",
+    "file_id" / Int32ul * "file id, as in every chunk header",
+    "uuid" / Bytes(16) * "UUID of the recording in network order; all 0: none",
+    "epoch_ns" / Int64sl * "UTC of tick 0, nanoseconds since 1970-01-01T00:00:00Z",
+    "epoch_uncertainty_ns" / Int64ul * "its uncertainty; all 1: the epoch is not known",
+)
+
+TRAK = Struct(
+    "track_count" / Int8ul * "tracks described, with consecutive ids from the header's track id",
+    "component_count" / Int8ul * "components of each track",
+    "kind" / Int8ul * "0 full band, 1 LF, 2 HF residual, 3 events (reserved)",
+    "number_format" / Int8ul * "0 counts, 1 int64, 2 uint64, 3 binary16, 4 binary32, 5 binary64",
+    "codec" / Bytes(4) * "codec, four ASCII characters",
+    "rate_num" / Int32ul * "numerator of the rate in ticks per second",
+    "rate_den" / Int32ul * "denominator of the rate",
+    "count_min" / Int32sl * "declared range of a decoded count, lowest",
+    "count_max" / Int32sl * "declared range of a decoded count, highest",
+    "first_channel" / Int16ul * "channel number of the first component; the others follow on",
+    "base" / Int16ul * "HF: id of the first track's base track; else FFFF",
+)
+
+TLV = Struct(
+    "type" / Int16ul * "what the value is; odd: critical, even: ancillary",
+    "size" / Int16ul * "size of the value in bytes",
+)
+
+CALIBRATION = Struct(
+    "a" / Int64sl * "A",
+    "b" / Int64sl * "B",
+    "d" / Int64ul * "D",
+)
+
+DEADBAND = Struct(
+    "kn" / Int16ul * "numerator of the Weber fraction",
+    "kd" / Int16ul * "denominator of the Weber fraction",
+    "flags" / Int8ul * "bit 0 vector form, bit 1 guaranteed; others 0",
+)
+
+DEADBAND_ENTRY = Struct(
+    "floor" / Int32ul * "absolute floor in counts",
+    "zero" / Int32sl * "count of the physical value 0",
+)
+
+DEVIATION = Struct(
+    "declared" / Float64l * "tolerance that the caller declared, in the unit of the channel",
+    "largest" / Float64l * "largest deviation found, in the unit of the channel",
+)
+
+INDEX = Struct(
+    "covers_from" / Int64ul * "offset from which on every chunk up to this one is listed",
+    "previous" / Int64ul * "offset of the iNDX chunk before this one; 0: none",
+    "entry_count" / Int32ul * "number of entries",
+)
+
+INDEX_ENTRY = Struct(
+    "type" / Bytes(4) * "type of the chunk",
+    "offset" / Int64ul * "offset of its header",
+    "start_ns" / Int64sl * "DATA: start of the earliest packet, rounded down; else 0",
+    "stop_ns" / Int64sl * "DATA: end of the latest packet, rounded up; else 0",
+)
+
+FOOT = Struct(
+    "index_offset" / Int64ul * "offset of the last iNDX chunk",
+    "stop_offset" / Int64ul * "offset of the first byte after this chunk",
+    "data_count" / Int32ul * "number of DATA chunks in the file",
+    "track_count" / Int32ul * "number of tracks described in the file",
+    "duration_ns" / Int64sl * "end of the latest packet, rounded up",
+)
+
+KNOT_PARAMETERS = Struct(
+    "interpolation" / Int8ul * "0 hold, 1 linear",
+    "reserved" / Bytes(3) * "0",
+    "quantum" / Int32ul * "counts per unit of a knot value",
+)
+
+QUAN_PARAMETERS = Struct(
+    "step" / Int32ul * "counts per level",
+    "direct_levels" / Int16ul * "M: levels -M to M have symbols of their own",
+    "run_classes" / Int8ul * "R: number of zero-run symbols",
+    "escape_classes" / Int8ul * "C: number of escape symbols",
+)
+
+RAWB_PARAMETERS = Struct(
+    "word_size" / Int8ul * "bytes per word: 1, 2, 3, 4 or 8",
+    "reserved" / Bytes(3) * "0",
+)
+
+TABLES: dict[str, Construct] = {
+    "chunk header": CHUNK_HEADER,
+    "HEAD": HEAD,
+    "TRAK": TRAK,
+    "TLV": TLV,
+    "calibration": CALIBRATION,
+    "deadband": DEADBAND,
+    "deadband entry": DEADBAND_ENTRY,
+    "deviation": DEVIATION,
+    "iNDX": INDEX,
+    "iNDX entry": INDEX_ENTRY,
+    "fOOT": FOOT,
+    "KNOT parameters": KNOT_PARAMETERS,
+    "QUAN parameters": QUAN_PARAMETERS,
+    "RAWB parameters": RAWB_PARAMETERS,
+}
+"""Name of each table in SPEC.md and its declaration, in the order of the SPEC."""

@@ -1,0 +1,107 @@
+"""Types, lengths, values, and the lists within them (SPEC 6.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+from ..errors import FormatError, ParameterError
+from .layout import TLV
+
+TLV_SIZE = 4
+T = TypeVar("T")
+VALUE_SIZE = 0xFFFF
+STRING_SIZE = 0xFF
+
+
+def parse_tlvs(payload: bytes, position: int, base: int) -> dict[int, tuple[int, bytes]]:
+    """{type: (file offset of the value, value)} from ``position`` to the end of the payload."""
+    found: dict[int, tuple[int, bytes]] = {}
+    last = -1
+    while position < len(payload):
+        if len(payload) - position < TLV_SIZE:
+            raise FormatError(
+                "bytes left over after the last TLV", requirement="TLV-002", offset=base + position
+            )
+        head = TLV.parse(payload[position : position + TLV_SIZE])
+        if head.type <= last:
+            raise FormatError(
+                "TLV types not increasing", requirement="TLV-001", offset=base + position
+            )
+        start = position + TLV_SIZE
+        if head.size > len(payload) - start:
+            raise FormatError(
+                "a TLV runs past the end of its chunk",
+                requirement="TLV-002",
+                offset=base + position,
+            )
+        found[head.type] = (base + start, payload[start : start + head.size])
+        last = head.type
+        position = start + head.size
+    return found
+
+
+def build_tlvs(values: dict[int, bytes]) -> bytes:
+    out = bytearray()
+    for type_ in sorted(values):
+        value = values[type_]
+        if len(value) > VALUE_SIZE:
+            raise ParameterError(f"a description of {len(value)} bytes is above the limit of 65535")
+        out += TLV.build({"type": type_, "size": len(value)}) + value
+    return bytes(out)
+
+
+def parse_text(raw: bytes, offset: int) -> str:
+    """SPEC CNV-004."""
+    try:
+        text = raw.decode("utf-8")
+    except UnicodeDecodeError:
+        raise FormatError("text is not UTF-8", requirement="CNV-004", offset=offset) from None
+    if "\0" in text:
+        raise FormatError("text holds U+0000", requirement="CNV-004", offset=offset)
+    return text
+
+
+def parse_strings(value: bytes, count: int, offset: int) -> tuple[str, ...]:
+    """A string list for ``count`` components."""
+    items: list[str] = []
+    position = 0
+    while position < len(value):
+        stop = position + 1 + value[position]
+        if stop > len(value):
+            raise FormatError(
+                "a string runs past its list", requirement="TLV-002", offset=offset + position
+            )
+        items.append(parse_text(value[position + 1 : stop], offset + position + 1))
+        position = stop
+    return spread(items, count, offset)
+
+
+def build_strings(items: Sequence[str]) -> bytes:
+    out = bytearray()
+    for item in share(items):
+        raw = item.encode("utf-8")
+        if len(raw) > STRING_SIZE or "\0" in item:
+            raise ParameterError(
+                f"texts are at most 255 bytes of UTF-8 without U+0000: {item[:40]!r}..."
+            )
+        out += bytes([len(raw)]) + raw
+    return bytes(out)
+
+
+def spread(items: Sequence[T], count: int, offset: int) -> tuple[T, ...]:
+    """One entry for all, or one each (SPEC TLV-004)."""
+    if len(items) == count:
+        return tuple(items)
+    if len(items) == 1:
+        return tuple(items) * count
+    raise FormatError(
+        f"a list of {len(items)} entries for {count} components",
+        requirement="TLV-004",
+        offset=offset,
+    )
+
+
+def share(items: Sequence[T]) -> Sequence[T]:
+    """The shortest list that means the same."""
+    return items[:1] if all(item == items[0] for item in items) else items

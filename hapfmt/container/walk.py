@@ -1,0 +1,165 @@
+"""Chunks in order of the file, through any damage: SPEC clause 12, procedure ``walk``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ..errors import FormatError, LimitError
+from .source import Source
+from .wire import HEADER_SIZE, SIGNATURE, SYNC, ChunkHeader, crc32, parse_header
+
+BLOCK_SIZE = 1 << 16
+"""Bytes looked at in one go when scanning for a header."""
+
+WORK_FACTOR, WORK_BASE = 16, 1 << 26
+"""A file made of headers that each promise the rest of it would take time in the square of its
+size: checksums are computed over at most this many times its bytes (SPEC REC-005)."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong: what, where, how many bytes, by which rule."""
+
+    code: str
+    offset: int
+    size: int
+    message: str
+    requirement: str
+
+    def as_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+    def __str__(self) -> str:
+        return f"0x{self.offset:x}+{self.size}: {self.code}: {self.message} [{self.requirement}]"
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """A chunk whose header holds; ``payload`` is as much as the file has of it."""
+
+    header: ChunkHeader
+    offset: int
+    payload: bytes
+    intact: bool
+
+    @property
+    def payload_offset(self) -> int:
+        return self.offset + HEADER_SIZE
+
+    @property
+    def stop(self) -> int:
+        return self.payload_offset + self.header.payload_size
+
+
+def header_at(source: Source, offset: int, file_id: int | None) -> ChunkHeader | None:
+    """The valid header at ``offset``, or None."""
+    try:
+        header = parse_header(source.read_at(offset, HEADER_SIZE), offset)
+    except FormatError:
+        return None
+    return header if file_id is None or header.file_id == file_id else None
+
+
+def read_chunk(source: Source, offset: int, file_id: int | None = None) -> Chunk | None:
+    """The chunk at ``offset``, or None where no valid header stands there."""
+    header = header_at(source, offset, file_id)
+    if header is None:
+        return None
+    payload = source.read_at(offset + HEADER_SIZE, header.payload_size)
+    intact = len(payload) == header.payload_size and crc32(payload) == header.payload_crc
+    return Chunk(header, offset, payload, intact)
+
+
+def find_header(source: Source, start: int, file_id: int | None) -> int | None:
+    """Offset of the first valid header at or after ``start``, whatever the block edges."""
+    position = start
+    while position < source.size:
+        # Each block reaches three bytes into the next, so a sync word on the edge is seen once.
+        block = source.read_at(position, BLOCK_SIZE + len(SYNC) - 1)
+        at = block.find(SYNC)
+        while at >= 0:
+            if header_at(source, position + at, file_id) is not None:
+                return position + at
+            at = block.find(SYNC, at + 1)
+        position += BLOCK_SIZE
+    return None
+
+
+def walk(source: Source, findings: list[Finding]) -> Iterator[Chunk]:
+    """Every chunk that can be found; what is wrong is appended to ``findings`` on the way."""
+    position = len(SIGNATURE)
+    if source.read_at(0, len(SIGNATURE)) != SIGNATURE:
+        findings.append(
+            Finding("bad-signature", 0, len(SIGNATURE), "the signature differs", "FIL-001")
+        )
+        position = 0
+    file_id: int | None = None
+    seen: set[int] = set()
+    last = -1
+    suspect_from: int | None = None
+    work = WORK_BASE + WORK_FACTOR * source.size
+    while position < source.size:
+        header = header_at(source, position, file_id)
+        if header is None:
+            start = position if suspect_from is None else suspect_from
+            found = find_header(source, start, file_id)
+            stop = source.size if found is None else found
+            if stop > position:
+                findings.append(
+                    Finding(
+                        "garbage", position, stop - position, "bytes that are no chunk", "FIL-002"
+                    )
+                )
+            if found is None:
+                return
+            position, suspect_from = found, None
+            continue
+        file_id = header.file_id
+        payload_offset = position + HEADER_SIZE
+        stop = payload_offset + header.payload_size
+        if header.sequence in seen:
+            findings.append(
+                Finding("duplicate-chunk", position, stop - position,
+                        f"sequence number {header.sequence} again", "CHK-005")
+            )  # fmt: skip
+            position, suspect_from = min(stop, source.size), payload_offset
+            continue
+        if header.sequence != last + 1:
+            findings.append(order_finding(header.sequence, last, position))
+        seen.add(header.sequence)
+        last = header.sequence
+        work -= HEADER_SIZE + header.payload_size
+        if work < 0:
+            raise LimitError(
+                "too many chunks inside damaged chunks", requirement="REC-005", offset=position
+            )
+        payload = source.read_at(payload_offset, header.payload_size)
+        whole = len(payload) == header.payload_size
+        intact = whole and crc32(payload) == header.payload_crc
+        if not whole:
+            findings.append(
+                Finding("truncated", position, source.size - position,
+                        f"the file ends within a {header.type} chunk", "WRT-001")
+            )  # fmt: skip
+        elif not intact:
+            findings.append(
+                Finding("bad-payload", position, stop - position,
+                        f"payload CRC of a {header.type} chunk differs", "CHK-003")
+            )  # fmt: skip
+        yield Chunk(header, position, payload, intact)
+        suspect_from = None if intact else payload_offset
+        position = min(stop, source.size)
+
+
+def order_finding(sequence: int, last: int, offset: int) -> Finding:
+    if sequence > last:
+        return Finding(
+            "missing-chunk",
+            offset,
+            0,
+            f"chunks {last + 1} to {sequence - 1} are missing",
+            "CHK-005",
+        )
+    return Finding("out-of-order", offset, 0, f"chunk {sequence} after chunk {last}", "CHK-005")

@@ -1,0 +1,189 @@
+"""Bytes <-> checked records: chunk headers and HEAD (SPEC clauses 5 and 6.1).
+
+construct enters here and in layout.py only. Every layout is cut to its exact size first, so
+nothing but our errors can come out.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from typing import Any
+
+from construct import Struct
+
+from ..errors import ChecksumError, FormatError, TruncatedError, UnsupportedError
+from ..limits import LEVELS, Level
+from .layout import CHUNK_HEADER, HEAD, SIGNATURE, SYNC
+
+HEADER_SIZE = 32
+NO_TRACK = 0xFFFF
+MAJOR, MINOR = 1, 0
+KNOWN_INCOMPAT = 0
+CRITICAL_FLAGS = 0x00FF
+UNKNOWN_EPOCH = (1 << 64) - 1
+KNOWN_TYPES = frozenset(
+    {"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "mETa", "aTTc", "dGST", "cLOk", "cMAp"}
+)
+
+__all__ = ["HEADER_SIZE", "SIGNATURE", "SYNC", "ChunkHeader", "Head", "build_chunk", "crc32"]
+
+
+def crc32(data: bytes, start: int = 0) -> int:
+    return zlib.crc32(data, start)
+
+
+def parse_fixed(layout: Struct, data: bytes, position: int, requirement: str, base: int) -> Any:
+    """The layout at ``position``; ``base`` is the file offset of ``data``."""
+    size: int = layout.sizeof()
+    if len(data) - position < size:
+        raise TruncatedError(
+            f"{len(data) - position} bytes where the layout has {size}",
+            requirement=requirement,
+            offset=base + position,
+        )
+    return layout.parse(data[position : position + size])
+
+
+@dataclass(frozen=True)
+class ChunkHeader:
+    """SPEC 5.1, without the sync word and the header's own CRC."""
+
+    type: str
+    file_id: int
+    sequence: int
+    payload_size: int
+    track: int
+    flags: int
+    payload_crc: int
+
+    @property
+    def critical(self) -> bool:
+        return self.type[0].isupper()
+
+    @property
+    def known(self) -> bool:
+        return self.type in KNOWN_TYPES and not self.flags & CRITICAL_FLAGS
+
+    def build(self) -> bytes:
+        head: bytes = CHUNK_HEADER.build(
+            {
+                "sync": SYNC,
+                "type": self.type.encode("ascii"),
+                "file_id": self.file_id,
+                "sequence": self.sequence,
+                "payload_size": self.payload_size,
+                "track": self.track,
+                "flags": self.flags,
+                "payload_crc": self.payload_crc,
+                "header_crc": 0,
+            }
+        )[:28]
+        return head + crc32(head).to_bytes(4, "little")
+
+
+def parse_header(data: bytes, offset: int) -> ChunkHeader:
+    """The chunk header in ``data`` (32 bytes or more), which stands at ``offset`` in the file."""
+    raw = parse_fixed(CHUNK_HEADER, data, 0, "FIL-002", offset)
+    if raw.sync != SYNC:
+        raise FormatError(
+            "no sync word where a chunk should start", requirement="CHK-001", offset=offset
+        )
+    if raw.header_crc != crc32(data[:28]):
+        raise ChecksumError("chunk header CRC differs", requirement="CHK-002", offset=offset)
+    if not (raw.type.isascii() and raw.type.isalpha()):
+        raise FormatError("chunk type is not four letters", requirement="CHK-006", offset=offset)
+    LEVELS[2].check("payload_size", raw.payload_size, "CHK-008", offset)
+    return ChunkHeader(
+        raw.type.decode("ascii"),
+        raw.file_id,
+        raw.sequence,
+        raw.payload_size,
+        raw.track,
+        raw.flags,
+        raw.payload_crc,
+    )
+
+
+def build_chunk(
+    type_: str, payload: bytes, *, file_id: int, sequence: int, track: int = NO_TRACK
+) -> bytes:
+    """A whole chunk, header and payload."""
+    header = ChunkHeader(type_, file_id, sequence, len(payload), track, 0, crc32(payload))
+    return header.build() + payload
+
+
+@dataclass(frozen=True)
+class Head:
+    """SPEC 6.1; ``epoch_ns`` is None where the epoch is not known, ``uuid`` where there is none."""
+
+    level: int
+    file_id: int
+    uuid: bytes | None = None
+    epoch_ns: int | None = None
+    epoch_uncertainty_ns: int = 0
+    major: int = MAJOR
+    minor: int = MINOR
+    incompat: int = 0
+    compat: int = 0
+
+    @property
+    def limits(self) -> Level:
+        return LEVELS[self.level]
+
+    def build(self) -> bytes:
+        known = self.epoch_ns is not None
+        return bytes(
+            HEAD.build(
+                {
+                    "major": self.major,
+                    "minor": self.minor,
+                    "level": self.level,
+                    "reserved": 0,
+                    "incompat": self.incompat,
+                    "compat": self.compat,
+                    "file_id": self.file_id,
+                    "uuid": self.uuid or bytes(16),
+                    "epoch_ns": self.epoch_ns if known else 0,
+                    "epoch_uncertainty_ns": self.epoch_uncertainty_ns if known else UNKNOWN_EPOCH,
+                }
+            )
+        )
+
+
+def parse_head(payload: bytes, header: ChunkHeader, offset: int) -> Head:
+    """The HEAD payload, which stands at ``offset`` in the file."""
+    from .tlv import parse_tlvs
+
+    raw = parse_fixed(HEAD, payload, 0, "HED-002", offset)
+    if raw.major != MAJOR:
+        raise UnsupportedError(f"major version {raw.major}", requirement="VER-002", offset=offset)
+    if raw.incompat & ~KNOWN_INCOMPAT:
+        raise UnsupportedError(
+            f"incompatible feature bits {raw.incompat:#x}", requirement="VER-002", offset=offset + 4
+        )
+    if raw.level not in LEVELS:
+        raise UnsupportedError(f"level {raw.level}", requirement="HED-004", offset=offset + 2)
+    if raw.reserved:
+        raise FormatError("reserved byte is not 0", requirement="HED-005", offset=offset + 3)
+    if raw.file_id != header.file_id:
+        raise FormatError(
+            "file id differs from the header's", requirement="HED-003", offset=offset + 12
+        )
+    unknown = [t for t in parse_tlvs(payload, HEAD.sizeof(), offset) if t % 2]
+    if unknown:
+        raise UnsupportedError(
+            f"critical TLV {unknown[0]} in HEAD", requirement="TLV-003", offset=offset
+        )
+    known = raw.epoch_uncertainty_ns != UNKNOWN_EPOCH
+    return Head(
+        raw.level,
+        raw.file_id,
+        raw.uuid if any(raw.uuid) else None,
+        raw.epoch_ns if known else None,
+        raw.epoch_uncertainty_ns if known else 0,
+        raw.major,
+        raw.minor,
+        raw.incompat,
+        raw.compat,
+    )

@@ -1,0 +1,162 @@
+"""The deadband contract of a file against its original, with exact arithmetic (SPEC clause 11)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .catalogue import ChannelRef
+from .container.track import Contract
+from .deadband import Deadband
+from .errors import ParameterError
+from .reader import Reader
+from .reconstruct import intersect
+from .recording import Calibration, Channel, Recording
+
+
+@dataclass
+class ContractCheck:
+    """One channel against its original.
+
+    ``samples`` were compared, ``missing`` are in the original only, ``invented`` in the file only;
+    ``outside`` lie outside the deadband, or differ at all where there is no contract;
+    ``worst_ratio`` is the largest error in deadbands, ``largest_error`` in the channel's unit.
+    """
+
+    channel: int
+    label: str
+    contract: Contract | None
+    samples: int
+    missing: int
+    invented: int
+    outside: int
+    worst_ratio: Fraction
+    largest_error: float
+
+    @property
+    def broken(self) -> bool:
+        """A guarantee that does not hold, or samples that do not correspond."""
+        guaranteed = self.contract is not None and self.contract.guaranteed
+        return bool(self.missing or self.invented or (guaranteed and self.outside))
+
+    def as_json(self) -> dict[str, Any]:
+        contract = self.contract
+        return {
+            "channel": self.channel,
+            "label": self.label,
+            "weber_fraction": contract.kn / contract.kd if contract else None,
+            "guaranteed": bool(contract and contract.guaranteed),
+            "vector": bool(contract and contract.vector),
+            "sample_count": self.samples,
+            "missing_count": self.missing,
+            "invented_count": self.invented,
+            "outside_count": self.outside,
+            "worst_ratio": float(self.worst_ratio),
+            "largest_error": self.largest_error,
+        }
+
+
+@dataclass
+class Pair:
+    """Samples that original and file both have: counts (or words) x and y [samples]."""
+
+    x: NDArray[Any]
+    y: NDArray[Any]
+    missing: int
+    invented: int
+    largest_error: float
+
+
+def check_contracts(reader: Reader, against: Recording) -> list[ContractCheck]:
+    """Each channel of the file against the channel of the same place in ``against`` (DBC-003)."""
+    refs = reader.channels
+    if len(refs) != len(against):
+        raise ParameterError(f"the file has {len(refs)} channels, the original {len(against)}")
+    decoded = reader.read()
+    groups: dict[int, list[tuple[ChannelRef, Channel, Channel]]] = {}
+    for ref, y, x in zip(refs, decoded.channels, against.channels, strict=True):
+        if x.rate != y.rate:
+            raise ParameterError(f"channel {ref.number} has rate {y.rate}, the original {x.rate}")
+        groups.setdefault(ref.track.id, []).append((ref, x, y))
+    checks = [check for members in groups.values() for check in check_track(members)]
+    return sorted(checks, key=lambda check: check.channel)
+
+
+def check_track(members: Sequence[tuple[ChannelRef, Channel, Channel]]) -> list[ContractCheck]:
+    """The channels of one track together, since a vector contract speaks of all of them."""
+    pairs = [pair_up(x, y) for _, x, y in members]
+    first = members[0][0]
+    contract = (first.residual or first.track).contract
+    if contract is None:
+        judged = [(int((pair.x != pair.y).sum()), Fraction(0)) for pair in pairs]
+    elif contract.vector:
+        sizes = {pair.x.size for pair in pairs}
+        if len(sizes) != 1:
+            raise ParameterError("the originals of one vector have different gaps")
+        band = Deadband(contract.kn, contract.kd, contract.floor, contract.zero, vector=True)
+        xs = np.column_stack([pair.x for pair in pairs])
+        ys = np.column_stack([pair.y for pair in pairs])
+        judged = [(int(band.outside(xs, ys).sum()), band.worst_ratio(xs, ys))] * len(pairs)
+    else:
+        judged = [
+            judge(pair, contract, floor, zero)
+            for pair, floor, zero in zip(pairs, contract.floor, contract.zero, strict=True)
+        ]
+    return [
+        ContractCheck(
+            ref.number, ref.label, contract, int(pair.x.size), pair.missing, pair.invented,
+            outside, ratio, pair.largest_error,
+        )
+        for (ref, _, _), pair, (outside, ratio) in zip(members, pairs, judged, strict=True)
+    ]  # fmt: skip
+
+
+def judge(pair: Pair, contract: Contract, floor: int, zero: int) -> tuple[int, Fraction]:
+    """Samples outside, and the worst ratio, of one component on its own."""
+    band = Deadband(contract.kn, contract.kd, (floor,), (zero,))
+    x, y = pair.x[:, None], pair.y[:, None]
+    return int(band.outside(x, y).sum()), band.worst_ratio(x, y)
+
+
+def pair_up(original: Channel, decoded: Channel) -> Pair:
+    """What both cover, in the counts of the file."""
+    common = intersect(original.coverage, decoded.coverage)
+    rows_x = [np.arange(i, i + span.ticks) for (i, _), span in common]
+    rows_y = [np.arange(j, j + span.ticks) for (_, j), span in common]
+    none = np.zeros(0, np.int64)
+    at_x, at_y = np.concatenate([none, *rows_x]), np.concatenate([none, *rows_y])
+    physical_x, physical_y = original.physical()[at_x], decoded.physical()[at_y]
+    # Both infinite is no difference; NaN words differ only where their bits do.
+    same = physical_x.view(np.int64) == physical_y.view(np.int64)
+    with np.errstate(all="ignore"):
+        errors = np.where(same, 0.0, np.abs(physical_x - physical_y))
+    y = decoded.values[at_y]
+    if decoded.calibration is None:
+        x, y = physical_x.view(np.int64), physical_y.view(np.int64)
+    elif original.calibration == decoded.calibration:
+        x = original.values[at_x]
+    else:
+        x = nearest_counts(physical_x, decoded.calibration)
+    return Pair(
+        x,
+        y,
+        original.values.size - at_x.size,
+        decoded.values.size - at_y.size,
+        float(errors.max(initial=0.0)),
+    )
+
+
+def nearest_counts(physical: NDArray[np.float64], calibration: Calibration) -> NDArray[np.int64]:
+    """The count nearest to each physical value; exact for values on the lattice."""
+    a, b, d = calibration.a, calibration.b, calibration.d
+    with np.errstate(all="ignore"):
+        guess = np.rint((physical * d - b) / a)
+    finite = np.isfinite(guess) & (np.abs(guess) < 1 << 32)
+    if not finite.all():
+        raise ParameterError("the original has values far outside the file's range")
+    return guess.astype(np.int64)

@@ -1,0 +1,199 @@
+"""What the formats share: rates, exact doubles, gaps as NaN, and notes on what is left out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import fields, replace
+from fractions import Fraction
+from io import BytesIO
+from typing import IO, Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import HapfmtError, ParameterError
+from ..limits import LAST_TRACK_ID
+from ..recording import Channel, Recording
+from ..units import to_ucum
+
+CHANNEL_LIMIT = LAST_TRACK_ID + 1
+"""Channels of a file: one track each at least."""
+
+BLOCK_SIZE = 1 << 20
+"""Bytes asked for at a time, so that a size that is only promised takes no memory."""
+
+RATE_LIMIT = 1 << 64
+"""Numerator and denominator of a rate lie below, so that every double of it is finite."""
+_RATE = re.compile(r"\d{1,40}/\d{1,40}|(?:\d{1,40}\.?\d{0,40}|\.\d{1,40})(?:e[+-]?\d{1,2})?", re.A)
+"""Bounded, since Fraction("1e999999999") would compute all of its digits."""
+
+
+def rate_from(value: Fraction | float | str) -> Fraction:
+    """Ticks per second, exactly: 35.618 (the shortest decimal of the float) is 17809/500."""
+    text = str(value).strip().lower()
+    if _RATE.fullmatch(text) is None or re.search("/0+$", text):
+        raise ParameterError(f"{text[:40]!r} is no rate in Hz, such as 1000, 35.618 or 44100/7")
+    return checked_rate(Fraction(text))
+
+
+def checked_rate(rate: Fraction) -> Fraction:
+    if not (0 < rate.numerator < RATE_LIMIT and rate.denominator < RATE_LIMIT):
+        raise ParameterError("a rate is a fraction of two integers in [1, 2^64)")
+    return rate
+
+
+def choose_rate(given: Fraction | None, found: Fraction | None, notes: list[str]) -> Fraction:
+    """The caller's rate if there is one, otherwise the file's."""
+    if given is not None:
+        if found not in (None, given):
+            notes.append(f"the rate of the file, {found} Hz, was overridden by {given} Hz")
+        return given
+    if found is None:
+        raise ParameterError("the file holds no rate; give one (--rate)")
+    return found
+
+
+@contextmanager
+def refusing(what: str, *errors: type[Exception]) -> Iterator[None]:
+    """Turn the exceptions of a foreign parser into a ParameterError that begins with ``what``."""
+    usual = (ValueError, ArithmeticError, LookupError, EOFError, MemoryError)
+    foreign: tuple[type[Exception], ...] = (*usual, *errors)
+    try:
+        yield
+    except (HapfmtError, OSError):
+        raise
+    except foreign as error:
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        raise ParameterError(f"{what}: {reason}") from error
+
+
+def read_bytes(stream: IO[bytes], size: int) -> bytearray:
+    """Up to ``size`` bytes, fewer only at the end of the stream."""
+    data = bytearray()
+    while len(data) < size:
+        block = stream.read(min(BLOCK_SIZE, size - len(data)))
+        if not block:
+            break
+        data += block
+    return data
+
+
+def seekable(stream: BinaryIO, max_memory: int) -> BinaryIO:
+    """The stream itself where it can seek and stands at its beginning, otherwise a copy of it."""
+    if stream.seekable() and stream.tell() == 0:
+        return stream
+    data = read_bytes(stream, max_memory + 1)
+    if len(data) > max_memory:
+        raise ParameterError(f"the stream is longer than the {max_memory} bytes of memory allowed")
+    return BytesIO(data)
+
+
+def exact_doubles(x: NDArray[Any], what: str) -> NDArray[np.float64]:
+    """Real numbers of any dtype and shape as float64 of the same value, or a ParameterError."""
+    if x.dtype.kind not in "biuf":
+        raise ParameterError(f"{what} holds {x.dtype} values, not real numbers")
+    doubles = x.astype(np.float64)
+    if x.dtype.kind in "iu" and x.dtype.itemsize == 8:
+        inexact = ~_fits_53_bits(x)
+    elif x.dtype.itemsize > 8:
+        inexact = (doubles.astype(x.dtype) != x) & ~np.isnan(x)
+    else:
+        return doubles
+    if inexact.any():
+        raise ParameterError(f"{what} holds {x[inexact][0]}, which no double is equal to")
+    return doubles
+
+
+def _fits_53_bits(x: NDArray[Any]) -> NDArray[np.bool_]:
+    """Whether each 64-bit integer has at most 53 bits between its first and its last 1."""
+    magnitude = x.astype(np.uint64)
+    magnitude = np.where(x < 0, ~magnitude + np.uint64(1), magnitude)
+    lowest = magnitude & (~magnitude + np.uint64(1))
+    odd = magnitude // np.maximum(lowest, np.uint64(1))
+    return np.asarray(odd <= np.uint64(1 << 53))
+
+
+def extent(channels: Sequence[Channel]) -> tuple[int, int]:
+    """The ticks [start, stop) from the first sample of all channels to the last."""
+    covered = [channel for channel in channels if channel.coverage]
+    return (
+        min((channel.start_tick for channel in covered), default=0),
+        max((channel.stop_tick for channel in covered), default=0),
+    )
+
+
+def dense_doubles(channels: Sequence[Channel], max_memory: int) -> NDArray[np.float64]:
+    """[channels, ticks of :func:`extent`] physical values, NaN in the gaps."""
+    start, stop = extent(channels)
+    size = 8 * len(channels) * (stop - start)
+    if size > max_memory:
+        raise ParameterError(
+            f"{len(channels)} channels over {stop - start} ticks, gaps included, take {size} "
+            f"bytes, more than the {max_memory} allowed"
+        )
+    out = np.empty((len(channels), stop - start))
+    for row, channel in zip(out, channels, strict=True):
+        x = (
+            channel.physical()
+            if channel.is_counts
+            else exact_doubles(channel.values, f"channel {channel.label!r}")
+        )
+        doubles = replace(channel, values=x, calibration=None)
+        row[:] = doubles.dense(start, stop, limit=stop - start)
+    return out
+
+
+def one_rate(recording: Recording, suffix: str) -> Fraction:
+    """The rate that all channels share, or a ParameterError with the way out."""
+    rates = {checked_rate(channel.rate) for channel in recording.channels}
+    if not rates:
+        raise ParameterError(f"a recording without channels cannot be written as {suffix}")
+    if len(rates) > 1:
+        listed = ", ".join(f"{rate} Hz" for rate in sorted(rates)[:5])
+        raise ParameterError(f"{suffix} holds one rate, the channels have {listed}; use .npz")
+    return rates.pop()
+
+
+def unit_of(text: str, label: str, notes: list[str]) -> str:
+    """UCUM code of a unit text, with a note where the code lost characters of it."""
+    code = to_ucum(text)
+    if not text.isascii() and (code == "1" or code.startswith("{")):
+        notes.append(f"the unit {text!r} of channel {label!r} is kept as {code}")
+    return code
+
+
+def with_notes(metadata: dict[str, Any], notes: Sequence[str]) -> dict[str, Any]:
+    return {**metadata, "notes": list(notes)} if notes else metadata
+
+
+def not_carried(recording: Recording, suffix: str, *carried: str) -> list[str]:
+    """A note on what is set in a recording and is not among the names that ``suffix`` holds.
+
+    The notes of an earlier conversion are none of it.
+    """
+    lost = [
+        *(name for name in _RECORDING_FIELDS if _is_set(recording, name)),
+        *(f"metadata {key!r}" for key in recording.metadata if key not in (*carried, "notes")),
+        *(
+            name
+            for name in _CHANNEL_FIELDS
+            if name not in carried and any(_is_set(channel, name) for channel in recording.channels)
+        ),
+    ]
+    return [f"not carried over to {suffix}: {', '.join(lost)}"] if lost else []
+
+
+_RECORDING_FIELDS = ("uuid", "epoch_ns", "epoch_uncertainty_ns", "attachments")
+_CHANNEL_FIELDS = tuple(
+    item.name for item in fields(Channel) if item.name not in ("values", "rate", "coverage")
+)
+
+
+def _is_set(owner: Recording | Channel, name: str) -> bool:
+    """Whether a field differs from its default."""
+    value = getattr(owner, name)
+    if isinstance(owner, Channel):
+        return bool(value != Channel.__dataclass_fields__[name].default)
+    return bool(value)

@@ -1,0 +1,110 @@
+""".npy <-> Recording, and the one place that reads NumPy's array format."""
+
+from __future__ import annotations
+
+import struct
+import tokenize
+import warnings
+from fractions import Fraction
+from math import prod
+from typing import IO, Any, BinaryIO
+
+import numpy as np
+from numpy.lib import format as npy_format
+from numpy.typing import NDArray
+
+from ..errors import ParameterError
+from ..recording import Channel, Recording
+from .common import (
+    CHANNEL_LIMIT,
+    choose_rate,
+    dense_doubles,
+    exact_doubles,
+    extent,
+    not_carried,
+    one_rate,
+    read_bytes,
+    refusing,
+)
+
+_HEADERS = {
+    (1, 0): npy_format.read_array_header_1_0,
+    (2, 0): npy_format.read_array_header_2_0,
+}
+"""Version 3 differs in the field names of structured arrays only, which hold no samples."""
+
+_HEADER_ERRORS = (struct.error, SyntaxError, TypeError, RecursionError, tokenize.TokenError)
+
+
+def read(stream: BinaryIO, *, rate: Fraction | None, max_memory: int) -> Recording:
+    """[channels, samples] or [samples] of real numbers -> channels ch1, ch2 ...; NaN is a gap."""
+    x = doubles_2d(read_array(stream, "the array", max_memory=max_memory), "the array")
+    rate = choose_rate(rate, None, [])
+    return Recording(
+        tuple(
+            Channel.from_physical(row, rate, label=f"ch{number}")
+            for number, row in enumerate(x, start=1)
+        )
+    )
+
+
+def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[str]:
+    """Physical values as float64 [channels, ticks], NaN in gaps; all channels start together."""
+    rate = one_rate(recording, ".npy")
+    start, _ = extent(recording.channels)
+    if any(channel.start_tick != start for channel in recording.channels):
+        raise ParameterError(".npy holds one start, the channels begin at several; use .npz")
+    write_array(stream, dense_doubles(recording.channels, max_memory))
+    notes = [f"the rate, {rate} Hz, is not carried over to .npy"]
+    if start:
+        notes.append(f"the start, tick {start}, is not carried over to .npy")
+    return notes + not_carried(recording, ".npy")
+
+
+def read_array(stream: IO[bytes], what: str, *, max_memory: int) -> NDArray[Any]:
+    """The one array of at most 2 dimensions, numbers or text, that the stream consists of.
+
+    Its declared size is compared with ``max_memory`` before any memory is taken, which then grows
+    only with the bytes that are there.
+    """
+    with (
+        refusing(f"{what} is no NumPy array", *_HEADER_ERRORS),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("ignore")  # on headers that Python 2 wrote
+        version = npy_format.read_magic(stream)
+        if version not in _HEADERS:
+            raise ParameterError(f"{what} has NumPy's array format {version}, not (1, 0) or (2, 0)")
+        shape, by_column, dtype = _HEADERS[version](stream)
+    if dtype.kind not in "biufUS" or not dtype.itemsize:
+        raise ParameterError(f"{what} has the dtype {dtype}; only real numbers and text are read")
+    if len(shape) > 2 or min(shape, default=0) < 0:
+        raise ParameterError(f"{what} has the shape {shape}; at most 2 dimensions are read")
+    size = dtype.itemsize * prod(shape)
+    if size > max_memory:
+        raise ParameterError(f"{what} takes {size} bytes, more than the {max_memory} allowed")
+    data = read_bytes(stream, size)
+    if len(data) < size:
+        raise ParameterError(f"{what} ends after {len(data)} of {size} bytes")
+    # In an archive this also reaches the end of the member, where its CRC-32 is compared.
+    if stream.read(1):
+        raise ParameterError(f"{what} is followed by further bytes")
+    with refusing(f"{what} has the shape {shape}"):
+        flat = np.frombuffer(data, dtype) if size else np.empty(0, dtype)
+        return flat.reshape(shape, order="F" if by_column else "C")
+
+
+def write_array(stream: IO[bytes], array: NDArray[Any]) -> None:
+    npy_format.write_array(stream, np.ascontiguousarray(array), version=(1, 0), allow_pickle=False)
+
+
+def doubles_2d(x: NDArray[Any], what: str) -> NDArray[np.float64]:
+    """[channels, samples] float64 of an array in that shape or [samples]."""
+    if x.ndim not in (1, 2):
+        raise ParameterError(f"{what} is a single number, not [channels, samples]")
+    x = x.reshape(1, -1) if x.ndim == 1 else x
+    if len(x) > CHANNEL_LIMIT:
+        raise ParameterError(
+            f"{what} has {len(x)} channels, more than {CHANNEL_LIMIT}; it is [channels, samples]"
+        )
+    return exact_doubles(x, what)

@@ -1,0 +1,285 @@
+""".npz <-> Recording: arrays by name in a zip file, never a pickle.
+
+======================  =============================================================
+``x``                   [channels, samples] or [samples], real; NaN is a gap
+``rate``, ``rate_hz``   text "num/den", exact; number, its shortest decimal counts
+``channel_names``       [channels] text
+``unit``                text, one or [channels]
+``lsb``                 step of the source's quantiser, one or [channels], NaN = none
+``start_tick``          tick of the first sample, 0 if absent
+``index``               [channels] positions in the recording
+``source``              text, where the recording comes from
+``t``                   [samples] true times in s: compared with the grid and dropped
+======================  =============================================================
+
+Where channels differ in rate, each rate is a group, and its keys end in __0, __1 ...
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zipfile
+import zlib
+from collections.abc import Collection
+from fractions import Fraction
+from math import isinf, isnan, nan
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ParameterError
+from ..limits import TICK_LIMIT
+from ..recording import Channel, Recording
+from .common import (
+    checked_rate,
+    choose_rate,
+    dense_doubles,
+    exact_doubles,
+    extent,
+    not_carried,
+    rate_from,
+    refusing,
+    seekable,
+    unit_of,
+    with_notes,
+)
+from .npy import doubles_2d, read_array, write_array
+
+_KEY = re.compile(
+    r"(x|rate|rate_hz|channel_names|unit|lsb|start_tick|index|t)(__(?:0|[1-9][0-9]{0,4}))?"
+)
+_ZIP_ERRORS = (
+    zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, NotImplementedError
+)  # fmt: skip
+_KEYS_NAMED = 8
+"""So many keys are listed in a message, the others are counted."""
+
+
+def read(stream: BinaryIO, *, rate: Fraction | None, max_memory: int) -> Recording:
+    """A zip file of arrays with the keys above; NaN is a gap, other keys are noted."""
+    with refusing("this is no .npz archive", *_ZIP_ERRORS):
+        opened = zipfile.ZipFile(seekable(stream, max_memory))
+    with opened:
+        archive = _Archive(opened, max_memory)
+        endings = _endings(archive.members)
+        if rate is not None and len(endings) > 1:
+            raise ParameterError("the file holds several rates; they cannot be overridden by one")
+        notes: list[str] = []
+        channels = [c for ending in endings for c in _channels(archive, ending, rate, notes)]
+        positions = [p for ending in endings for p in archive.integers(f"index{ending}")]
+        source = archive.texts("source")
+    if positions and sorted(positions) != list(range(len(channels))):
+        raise ParameterError("the index keys do not give each channel a position of its own")
+    ordered = sorted(zip(positions or range(len(channels)), channels, strict=True), key=_position)
+    if unread := _unread(archive.members, endings):
+        notes.append(f"keys not carried over: {unread}")
+    metadata = {"source": "; ".join(source)} if source else {}
+    return Recording(tuple(c for _, c in ordered), metadata=with_notes(metadata, notes))
+
+
+def _position(placed: tuple[int, Channel]) -> int:
+    return placed[0]
+
+
+class _Archive:
+    """The members of a zip file by key, and the memory that their arrays may still take."""
+
+    def __init__(self, opened: zipfile.ZipFile, memory_left: int) -> None:
+        self._opened = opened
+        self._memory_left = memory_left
+        self.members = {info.filename.removesuffix(".npy"): info for info in opened.infolist()}
+
+    def array(self, key: str) -> NDArray[Any] | None:
+        """The array of a key, None where it is absent."""
+        info = self.members.get(key)
+        if info is None:
+            return None
+        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise ParameterError(f"key {key!r} is compressed by a method that .npz does not use")
+        with refusing(f"key {key!r}", *_ZIP_ERRORS), self._opened.open(info) as member:
+            array = read_array(member, f"key {key!r}", max_memory=self._memory_left)
+        self._memory_left -= array.nbytes
+        return array
+
+    def _flat(self, key: str, kinds: str, wanted: str) -> NDArray[Any]:
+        """[n] values of one of the dtype kinds; n is 0 where the key is absent."""
+        array = self.array(key)
+        if array is None:
+            return np.empty(0)
+        if array.dtype.kind not in kinds:
+            raise ParameterError(f"key {key!r} holds {array.dtype} values, not {wanted}")
+        return array.reshape(-1)
+
+    def texts(self, key: str) -> list[str]:
+        texts = self._flat(key, "US", "text")
+        with refusing(f"key {key!r} holds no text"):
+            return [t.decode() if isinstance(t, bytes) else str(t) for t in texts.tolist()]
+
+    def integers(self, key: str) -> list[int]:
+        return [int(value) for value in self._flat(key, "iu", "integers").tolist()]
+
+    def doubles(self, key: str) -> list[float]:
+        numbers = self._flat(key, "iuf", "numbers")
+        return [float(value) for value in exact_doubles(numbers, f"key {key!r}").tolist()]
+
+    def rate(self, key: str) -> Fraction | None:
+        """A text as it stands; of a float its shortest decimal, in its own dtype."""
+        values = self._flat(key, "iufU", "a rate")
+        if values.size > 1:
+            raise ParameterError(f"key {key!r} has {values.size} entries; a group has one rate")
+        with refusing(f"key {key!r}"):
+            return rate_from(str(values[0])) if values.size else None
+
+
+def _endings(members: Collection[str]) -> list[str]:
+    """What follows the name in the keys x, x__0, x__1 ... of the groups."""
+    matches = [match for key in members if (match := _KEY.fullmatch(key)) is not None]
+    endings = [match[2] or "" for match in matches if match[1] == "x"]
+    if not endings:
+        raise ParameterError(f"no key 'x' ([channels, samples]); there are: {_listed(members)}")
+    if "" in endings and len(endings) > 1:
+        raise ParameterError("keys x and x__0 together; a file has one group, or numbered ones")
+    return sorted(endings, key=lambda ending: int(ending[2:] or 0))
+
+
+def _channels(
+    archive: _Archive, ending: str, rate: Fraction | None, notes: list[str]
+) -> list[Channel]:
+    """The channels of one group, which share a rate and a start."""
+    array = archive.array(f"x{ending}")
+    assert array is not None
+    x = doubles_2d(array, f"key 'x{ending}'")
+    channels, ticks = x.shape
+    if not channels:
+        return []
+    labels = archive.texts(f"channel_names{ending}") or [f"ch{i + 1}" for i in range(channels)]
+    if len(labels) == ticks != channels:
+        raise ParameterError(f"x{ending} looks transposed; it is [channels, samples]")
+    units = _for_each(archive.texts(f"unit{ending}") or ["1"], channels)
+    steps = _for_each(archive.doubles(f"lsb{ending}") or [nan], channels)
+    starts = archive.integers(f"start_tick{ending}") or [0]
+    counted = {
+        "channel_names": len(labels),
+        "unit": len(units),
+        "lsb": len(steps),
+        "index": len(archive.integers(f"index{ending}")) or channels,
+    }
+    for name, count in counted.items():
+        if count != channels:
+            raise ParameterError(f"{name}{ending} has {count} entries for {channels} channels")
+    if any(step <= 0 or isinf(step) for step in steps):
+        raise ParameterError(f"lsb{ending} holds a step that is neither positive nor NaN")
+    if len(starts) != 1 or not 0 <= starts[0] <= TICK_LIMIT - ticks:
+        raise ParameterError(f"start_tick{ending} is not one tick in [0, 2^48)")
+    hertz = choose_rate(rate, _rate(archive, ending), notes)
+    if f"t{ending}" in archive.members:
+        notes.append(_times_note(np.array(archive.doubles(f"t{ending}")), hertz, ticks))
+    return [
+        Channel.from_physical(
+            row,
+            hertz,
+            start_tick=starts[0],
+            label=label,
+            unit=unit_of(unit, label, notes),
+            lsb=None if isnan(step) else step,
+        )
+        for row, label, unit, step in zip(x, labels, units, steps, strict=True)
+    ]
+
+
+def _for_each(values: list[Any], count: int) -> list[Any]:
+    """One value stands for all channels."""
+    return values * count if len(values) == 1 else values
+
+
+def _rate(archive: _Archive, ending: str) -> Fraction | None:
+    exact, rounded = archive.rate(f"rate{ending}"), archive.rate(f"rate_hz{ending}")
+    if exact is None or rounded is None:
+        return exact or rounded
+    if float(exact) != float(rounded):
+        raise ParameterError(f"rate{ending} is {exact} Hz and rate_hz{ending} {rounded} Hz")
+    return exact
+
+
+def _times_note(times: NDArray[np.float64], rate: Fraction, ticks: int) -> str:
+    """How far the true times of the samples, in s, lie from the grid that replaces them."""
+    note = "true times (key 't') are not carried over"
+    if len(times) != ticks or not ticks or not np.isfinite(times).all():
+        return f"{note}; there are {len(times)}, perhaps not finite, for {ticks} samples"
+    with np.errstate(over="ignore"):
+        largest = np.abs(times - times[0] - np.arange(ticks) * float(1 / rate)).max()
+    return (
+        f"{note}; they begin at {float(times[0])} s and deviate by at most {largest:.3g} s "
+        f"from the regular grid of {rate} Hz"
+    )
+
+
+def _unread(members: Collection[str], endings: list[str]) -> str:
+    matches = {key: _KEY.fullmatch(key) for key in members if key != "source"}
+    return _listed([k for k, m in matches.items() if m is None or (m[2] or "") not in endings])
+
+
+def _listed(keys: Collection[str]) -> str:
+    named = ", ".join(map(repr, sorted(keys)[:_KEYS_NAMED]))
+    more = len(keys) - _KEYS_NAMED
+    return f"{named} and {more} more" if more > 0 else named
+
+
+def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[str]:
+    """Physical values as float64, dense over each group's ticks, NaN in gaps."""
+    arrays = _arrays(recording, max_memory)
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for key, array in arrays.items():
+            # A fixed date: the same recording gives the same bytes.
+            info = zipfile.ZipInfo(f"{key}.npy", (1980, 1, 1, 0, 0, 0))
+            info.compress_type = zipfile.ZIP_DEFLATED
+            with archive.open(info, "w", force_zip64=True) as member:
+                write_array(member, array)
+    source = ["source"] if "source" in arrays else []
+    return not_carried(recording, ".npz", "unit", "label", "lsb", *source)
+
+
+def _arrays(recording: Recording, max_memory: int) -> dict[str, NDArray[Any]]:
+    by_rate: dict[Fraction, list[tuple[int, Channel]]] = {}
+    for position, channel in enumerate(recording.channels):
+        by_rate.setdefault(channel.rate, []).append((position, channel))
+    arrays: dict[str, NDArray[Any]] = {}
+    for number, (rate, placed) in enumerate(by_rate.items()):
+        positions, channels = zip(*placed, strict=True)
+        x = dense_doubles(channels, max_memory)
+        max_memory -= x.nbytes
+        group: dict[str, NDArray[Any]] = {
+            "x": x,
+            "rate": np.array(f"{rate.numerator}/{rate.denominator}"),
+            "rate_hz": np.array(float(checked_rate(rate))),
+            "channel_names": _text([channel.label for channel in channels]),
+            "unit": _text([channel.unit for channel in channels]),
+            "lsb": np.array([_step(channel) for channel in channels]),
+            "start_tick": np.array(extent(channels)[0]),
+        }
+        if len(by_rate) > 1:
+            group["index"] = np.array(positions)
+        ending = f"__{number}" if len(by_rate) > 1 else ""
+        arrays |= {f"{key}{ending}": array for key, array in group.items()}
+    if not by_rate:
+        arrays["x"] = np.empty((0, 0))
+    if isinstance(source := recording.metadata.get("source"), str):
+        arrays["source"] = _text([source]).reshape(())
+    return arrays
+
+
+def _text(texts: list[str]) -> NDArray[np.str_]:
+    """[n] text; NumPy cannot hold NUL at the end of one."""
+    array = np.array(texts, dtype=np.str_)
+    if array.tolist() != texts:
+        raise ParameterError("a text that ends in NUL cannot be written as .npz")
+    return array
+
+
+def _step(channel: Channel) -> float:
+    """The lsb told by the channel, or the step of its counts; NaN for none."""
+    if channel.lsb is not None:
+        return channel.lsb
+    return nan if channel.calibration is None else abs(float(channel.calibration.step))

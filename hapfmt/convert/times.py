@@ -1,0 +1,318 @@
+"""Time stamps, as decimal texts -> a regular grid of ticks: rate, start, and the tick of each row.
+
+Stamps are usually rounded: 3 kHz written in us is 0, 333, 667, 1000. So the rate is the simplest
+fraction under which every stamp lies within its rounding, and only where there is none (a clock
+that jitters) the nearest grid is taken, if every stamp lies within half a tick of it.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterator
+from decimal import Context, Decimal
+from fractions import Fraction
+from functools import cached_property
+from math import ceil, floor, ulp
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ParameterError
+from ..limits import TICK_LIMIT
+from ..recording import Span
+from .common import checked_rate
+
+_EXACT = Context(prec=160)
+"""Holds the sum of any two stamps without rounding."""
+_FINEST, _LARGEST = -60, 40
+"""Powers of ten, s: the decimals of a stamp and its size, far beyond any clock."""
+_FEW_GAPS = 3
+"""Missing rows that are believed at once, though rounding could explain as few (875 Hz in whole ms
+looks like 1 kHz with every eighth row missing); more of them, evenly spread, are rounding."""
+_FINE = 0.1
+"""Share of a tick below which the resolution of the stamps cannot feign a missing row."""
+_STEADY = 1e-6
+"""Share of a tick that is not worth a note: sums of a rounded period drift as much."""
+
+
+class Grid(NamedTuple):
+    """Row i stands at tick ``ticks[i]`` (int64, increasing); time = tick / rate seconds."""
+
+    rate: Fraction
+    ticks: NDArray[np.int64]
+    notes: tuple[str, ...]
+
+
+class Stamps:
+    """The stamps of the rows, one after the other; ``unit_exponent`` -3 for milliseconds."""
+
+    def __init__(self, unit_exponent: int = 0) -> None:
+        self._unit_exponent = unit_exponent
+        self._first = self._last = Decimal(0)
+        self._relative = array("d")
+        self._finest = _LARGEST
+
+    def __len__(self) -> int:
+        return len(self._relative)
+
+    def add(self, text: str) -> None:
+        """Take the next stamp, a decimal number; ValueError, with the reason, if it is unusable."""
+        try:
+            stamp = Decimal(text)
+        except ArithmeticError:
+            stamp = Decimal("nan")
+        exponent = stamp.as_tuple().exponent
+        if not isinstance(exponent, int) or exponent < _FINEST or stamp.adjusted() > _LARGEST:
+            raise ValueError("is no usable time")
+        if not self._relative:
+            self._first = stamp
+        elif stamp <= self._last:
+            raise ValueError("is not later than the time before it")
+        self._last = stamp
+        self._finest = min(self._finest, exponent)
+        seconds = _EXACT.scaleb(_EXACT.subtract(stamp, self._first), self._unit_exponent)
+        self._relative.append(float(seconds))
+
+    @property
+    def first(self) -> Fraction:
+        """Seconds."""
+        return Fraction(_EXACT.scaleb(self._first, self._unit_exponent))
+
+    @property
+    def resolution(self) -> float:
+        """Seconds: the last decimal place of the finest stamp."""
+        return float(Decimal(1).scaleb(self._finest + self._unit_exponent))
+
+    @property
+    def noise(self) -> float:
+        """Seconds: what float64 arithmetic may add, here and where a float64 was printed."""
+        largest = ulp(float(max(abs(self.first), abs(self.first + self.span))))
+        return 4 * ulp(float(self.span)) + (largest if self.resolution < largest else 0)
+
+    @property
+    def span(self) -> Fraction:
+        """Seconds from the first stamp to the last."""
+        return Fraction(
+            _EXACT.scaleb(_EXACT.subtract(self._last, self._first), self._unit_exponent)
+        )
+
+    def grid(self, rate: Fraction | None = None) -> Grid:
+        """The grid of a given rate, or of the rate that the stamps tell (two rows at least).
+
+        Raises ParameterError, with the worst deviation, where the stamps are not regular.
+        """
+        times = np.frombuffer(self._relative) if self._relative else np.empty(0)
+        if rate is not None:
+            return self._on_given(times, rate)
+        if len(self) < 2:
+            raise ParameterError("fewer than two times tell no rate; give one (--rate)")
+        exact, rounded = self.noise, self.noise + self.resolution / 2
+        whole, *gappy = _hypotheses(times)
+        likely = [line for line in gappy if self._is_likely(line)]
+        full = [line for line in gappy if line.is_mostly_full]
+        for line, tolerance in (
+            (whole, exact),
+            *((line, exact) for line in likely),
+            (whole, rounded),
+            *((line, rounded) for line in likely),
+            *((line, exact) for line in full),
+            *((line, rounded) for line in full),
+        ):
+            found = line.rate_within(self.span, tolerance)
+            if found is not None:
+                return self._placed(line, checked_rate(found), tolerance, ())
+        return self._nearest([whole, *full])
+
+    def _is_likely(self, line: _Line) -> bool:
+        """Whether rounding of the stamps is no better explanation of the missing rows."""
+        return self.resolution <= _FINE * line.period or line.missing <= _FEW_GAPS
+
+    def _nearest(self, lines: list[_Line]) -> Grid:
+        """The grid of stamps that jitter."""
+        line = min(lines, key=lambda line: line.spread)
+        if line.spread > line.period / 2:
+            raise ParameterError(
+                f"the times are not regular: they deviate by up to {line.spread:.3g} s from a "
+                f"grid of {1 / line.period:.6g} Hz; give the rate (--rate) to place the rows on it"
+            )
+        # Two standard errors of the slope, were the deviations independent and uniform.
+        slack = Fraction(4 * line.spread / len(self) ** 0.5)
+        rate = checked_rate(_roundest(Fraction(line.period) * line.last, slack, line.last))
+        notes: tuple[str, ...] = ()
+        if line.spread > _STEADY * line.period:
+            notes = (_deviation_note(line.spread, rate),)
+        return self._placed(line, rate, line.spread, notes)
+
+    def _placed(
+        self, line: _Line, rate: Fraction, tolerance: float, notes: tuple[str, ...]
+    ) -> Grid:
+        residual = line.residual(rate)
+        offset = self.first + Fraction(float(residual.max() + residual.min()) / 2)
+        start = round(offset * rate)
+        shift = abs(float(offset - start / rate))
+        if shift > max(2 * tolerance, _STEADY / float(rate)):
+            notes += (f"the times lie {shift:.3g} s beside the ticks of {rate} Hz",)
+        return self._started(line, rate, start, notes)
+
+    def _on_given(self, times: NDArray[np.float64], rate: Fraction) -> Grid:
+        """Every row at the tick nearest to its time; one after the other where two would meet."""
+        ticks = np.rint(times * float(rate))
+        notes: tuple[str, ...] = ()
+        if (np.diff(ticks) < 1).any() or ticks.max(initial=0) >= TICK_LIMIT:
+            ticks = np.arange(len(times), dtype=np.float64)
+            notes = ("the times do not fit the rate; the rows were put one tick apart",)
+        line = _Line(ticks, times)
+        largest = float(np.abs(line.residual(rate)).max(initial=0))
+        if largest > max(self.noise + self.resolution / 2, _STEADY / float(rate)):
+            notes += (_deviation_note(largest, rate),)
+        return self._started(line, rate, round(self.first * rate), notes)
+
+    def _started(self, line: _Line, rate: Fraction, start: int, notes: tuple[str, ...]) -> Grid:
+        if not 0 <= start < TICK_LIMIT - line.last:
+            start = 0
+            notes += (f"the times begin at {float(self.first)} s, which became tick 0",)
+        return Grid(rate, line.ticks.astype(np.int64) + start, notes)
+
+
+class _Line:
+    """The hypothesis that row i stands ``ticks[i]`` ticks (whole float64) after the first row."""
+
+    def __init__(self, ticks: NDArray[np.float64], times: NDArray[np.float64]) -> None:
+        self.ticks = ticks
+        self.times = times
+        self.last = int(ticks[-1]) if len(ticks) else 0
+
+    @property
+    def missing(self) -> int:
+        return self.last + 1 - len(self.ticks)
+
+    @property
+    def is_mostly_full(self) -> bool:
+        """Any times at all lie on a grid that is fine enough, with most of its rows missing."""
+        return bool(2 * np.count_nonzero(np.diff(self.ticks) == 1) >= len(self.ticks) - 1)
+
+    @cached_property
+    def period(self) -> float:
+        """Seconds per tick, by least squares."""
+        return _slope(self.ticks, self.times)
+
+    @cached_property
+    def spread(self) -> float:
+        """Seconds: largest deviation from the grid of that period, in its best position."""
+        return _half_range(self.times - self.ticks * self.period)
+
+    def residual(self, rate: Fraction) -> NDArray[np.float64]:
+        return self.times - _at(self.ticks, rate)
+
+    @cached_property
+    def narrowest(self) -> float:
+        """The period of the smallest possible spread: its extremes then pull both ways."""
+        steps = np.diff(self.times) / np.diff(self.ticks)
+        low, high = float(steps.min()), float(steps.max())
+        while low < (middle := (low + high) / 2) < high:
+            residual = self.times - self.ticks * middle
+            if residual.argmax() > residual.argmin():
+                low = middle
+            else:
+                high = middle
+        return low
+
+    def rate_within(self, span: Fraction, tolerance: float) -> Fraction | None:
+        """The simplest rate found that leaves each stamp within ``tolerance`` s of its tick."""
+        # The residuals of least squares are at most about three times the smallest possible ones.
+        if self.spread > 4 * tolerance:
+            return None
+        found = self._rate_near(span, tolerance)
+        if found is None and _half_range(self.times - self.ticks * self.narrowest) <= tolerance:
+            found = self._rate_near(Fraction(self.narrowest) * self.last, tolerance)
+        return found
+
+    def _rate_near(self, span: Fraction, tolerance: float) -> Fraction | None:
+        slack = Fraction(2 * tolerance)
+        for _ in range(40):
+            rate = _roundest(span, slack, self.last)
+            if _half_range(self.residual(rate)) <= tolerance:
+                return rate
+            slack /= 2
+        return None
+
+
+def spans_at(ticks: NDArray[np.int64]) -> tuple[Span, ...]:
+    """Maximal runs in [n] increasing ticks, in memory proportional to n, not to the gaps."""
+    if not ticks.size:
+        return ()
+    edges = np.flatnonzero(np.diff(ticks) != 1)
+    starts = ticks[np.concatenate(([0], edges + 1))].tolist()
+    stops = (ticks[np.concatenate((edges, [-1]))] + 1).tolist()
+    return tuple(map(Span, starts, stops))
+
+
+def _hypotheses(times: NDArray[np.float64]) -> Iterator[_Line]:
+    """No row missing; then rows missing from the grid of the short steps, of the median step."""
+    yield _Line(np.arange(len(times), dtype=np.float64), times)
+    steps = np.diff(times)
+    for period in (steps[steps < 1.5 * steps.min()].mean(), np.median(steps)):
+        counts = np.ones(len(steps))
+        guess = float(period)
+        for _ in range(20):
+            before = counts
+            counts = np.maximum(1, np.rint(steps / guess))
+            ticks = np.concatenate(([0.0], np.cumsum(counts)))
+            if ticks[-1] >= TICK_LIMIT or np.array_equal(counts, before):
+                break
+            guess = _slope(ticks, times)
+        if len(times) <= ticks[-1] < TICK_LIMIT:
+            yield _Line(ticks, times)
+
+
+def _slope(ticks: NDArray[np.float64], times: NDArray[np.float64]) -> float:
+    centred = ticks - ticks.mean()
+    return float(centred @ (times - times.mean()) / (centred @ centred))
+
+
+def _half_range(residual: NDArray[np.float64]) -> float:
+    return float(residual.max() - residual.min()) / 2
+
+
+def _at(ticks: NDArray[np.float64], rate: Fraction) -> NDArray[np.float64]:
+    return ticks * float(rate.denominator) / float(rate.numerator)
+
+
+def _roundest(span: Fraction, slack: Fraction, ticks: int) -> Fraction:
+    """The simplest rate that fits ``ticks`` ticks into span +- slack seconds.
+
+    Of the fractions with the smallest denominator, those with most zeros at the end of their
+    numerator; of these, the one nearest to the middle.
+    """
+    low = ticks / (span + slack)
+    high = ticks / (span - slack) if slack < span else 2 * ticks / span
+    denominator = _simplest(low, high).denominator
+    middle = (low + high) * denominator / 2
+    zeros = 10 ** len(str(floor(high * denominator)))
+    while True:
+        multiples = range(ceil(low * denominator / zeros), floor(high * denominator / zeros) + 1)
+        if multiples:
+            best = min(max(round(middle / zeros), multiples[0]), multiples[-1])
+            return Fraction(best * zeros, denominator)
+        zeros //= 10
+
+
+def _simplest(low: Fraction, high: Fraction) -> Fraction:
+    """The fraction of the smallest denominator in [low, high], 0 < low: by continued fractions."""
+    h0, k0, h1, k1 = 0, 1, 1, 0
+    while True:
+        whole = ceil(low)
+        if whole > high:
+            whole = floor(low)
+        h0, k0, h1, k1 = h1, k1, whole * h1 + h0, whole * k1 + k0
+        if low <= whole:
+            return Fraction(h1, k1)
+        low, high = 1 / (high - whole), 1 / (low - whole)
+
+
+def _deviation_note(largest: float, rate: Fraction) -> str:
+    return (
+        f"true times are not carried over; they deviate by at most {largest:.3g} s "
+        f"from the regular grid of {rate} Hz"
+    )

@@ -1,0 +1,222 @@
+""".wav <-> Recording, through soundfile: PCM is counts, float is doubles, the unit is "1"."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from fractions import Fraction
+from io import SEEK_END, BytesIO
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MissingExtraError, ParameterError
+from ..recording import Calibration, Channel, Recording
+from .common import (
+    choose_rate,
+    dense_doubles,
+    extent,
+    not_carried,
+    one_rate,
+    refusing,
+    seekable,
+    with_notes,
+)
+
+_PCM: dict[str, tuple[int, np.dtype[Any], int]] = {
+    "PCM_U8": (8, np.dtype(np.int16), 8),
+    "PCM_16": (16, np.dtype(np.int16), 0),
+    "PCM_24": (24, np.dtype(np.int32), 8),
+    "PCM_32": (32, np.dtype(np.int32), 0),
+}
+"""Bits of a count; the dtype that soundfile hands over, and how far up it is shifted there."""
+_FLOAT = ("FLOAT", "DOUBLE")
+_CONTAINERS = ("WAV", "WAVEX", "RF64")
+_VALUES_AT_ONCE = 1 << 20
+_SIZE_LIMIT = (1 << 32) - (1 << 16)
+"""Bytes of samples: the sizes in the header have 32 bits, the rest is left to the header."""
+_UNKNOWN_SIZES = (0, 0xFFFFFFFF)
+"""What stands in the header of a file that was written to a pipe."""
+_CHUNKS_LIMIT = 1000
+"""So many chunks are passed in search of the samples; real files have a handful."""
+
+
+def _soundfile() -> Any:
+    try:
+        import soundfile
+    except (ImportError, OSError):  # OSError: the package without its library
+        raise MissingExtraError("soundfile", "audio") from None
+    return soundfile
+
+
+class _Guarded:
+    """A stream whose exceptions are kept: from a callback out of C they would only be printed."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+        self.error: BaseException | None = None
+
+    def _kept(self, call: Callable[..., Any], *arguments: Any, otherwise: Any) -> Any:
+        if self.error is None:
+            try:
+                return call(*arguments)
+            except BaseException as error:
+                self.error = error
+        return otherwise
+
+    def readinto(self, buffer: Any) -> Any:
+        return self._kept(self._stream.readinto, buffer, otherwise=0)  # type: ignore[attr-defined]
+
+    def read(self, size: int = -1) -> Any:
+        return self._kept(self._stream.read, size, otherwise=b"")
+
+    def write(self, data: Any) -> Any:
+        return self._kept(self._stream.write, data, otherwise=0)
+
+    def seek(self, offset: int, whence: int = 0) -> Any:
+        return self._kept(self._stream.seek, offset, whence, otherwise=0)
+
+    def tell(self) -> Any:
+        return self._kept(self._stream.tell, otherwise=0)
+
+
+def read(stream: BinaryIO, *, rate: Fraction | None, max_memory: int) -> Recording:
+    """PCM of b bits -> counts with the calibration 1 / 2**(b - 1); float -> doubles, NaN is a gap.
+
+    Channels are labelled ch1, ch2 ...
+    """
+    stream = seekable(stream, max_memory)
+    _check_length(stream)
+    with _opened(stream, "r") as file:
+        if file.format not in _CONTAINERS or file.subtype not in (*_PCM, *_FLOAT):
+            raise ParameterError(f"{file.format} with {file.subtype} samples is not read as .wav")
+        notes: list[str] = []
+        hertz = choose_rate(rate, Fraction(file.samplerate), notes)
+        if file.subtype in _FLOAT:
+            x = _samples(file, np.dtype(np.float64), max_memory)
+            channels = [Channel.from_physical(column, hertz) for column in x.T]
+        else:
+            bits, dtype, shift = _PCM[file.subtype]
+            counts = _samples(file, dtype, max_memory) >> shift
+            calibration = Calibration(1, 0, 1 << (bits - 1))
+            channels = [
+                Channel(np.ascontiguousarray(column), hertz, calibration=calibration)
+                for column in counts.T
+            ]
+    labelled = (replace(c, label=f"ch{number}") for number, c in enumerate(channels, start=1))
+    return Recording(tuple(labelled), metadata=with_notes({}, notes))
+
+
+def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[str]:
+    """Counts that PCM can hold as PCM, bit for bit; everything else as DOUBLE, NaN in gaps."""
+    rate = one_rate(recording, ".wav")
+    if rate.denominator != 1 or rate >= 1 << 31:
+        raise ParameterError(f".wav holds whole rates below 2^31 Hz, not {rate} Hz; use .npz")
+    subtype = _subtype(recording.channels)
+    if subtype == "DOUBLE":
+        frames = dense_doubles(recording.channels, max_memory).T
+    else:
+        frames = _pcm_frames(recording.channels, subtype)
+    if frames.nbytes > _SIZE_LIMIT:
+        raise ParameterError(f".wav holds at most {_SIZE_LIMIT} bytes of samples; use .npz")
+    target = stream if stream.seekable() and stream.tell() == 0 else BytesIO()
+    count = frames.shape[1]
+    with _opened(
+        target, "w", samplerate=int(rate), channels=count, format="WAV", subtype=subtype
+    ) as file:
+        at_once = max(1, _VALUES_AT_ONCE // count)
+        for first in range(0, len(frames), at_once):
+            file.write(np.ascontiguousarray(frames[first : first + at_once]))
+    if isinstance(target, BytesIO) and target is not stream:
+        stream.write(target.getbuffer())
+    return _notes(recording, subtype)
+
+
+def _notes(recording: Recording, subtype: str) -> list[str]:
+    carried = set() if subtype == "DOUBLE" else {"calibration"}
+    if all(c.label == f"ch{number}" for number, c in enumerate(recording.channels, start=1)):
+        carried.add("label")
+    start, _ = extent(recording.channels)
+    notes = [f"the start, tick {start}, is not carried over to .wav"] if start else []
+    return notes + not_carried(recording, ".wav", *carried)
+
+
+def _subtype(channels: Sequence[Channel]) -> str:
+    """The PCM whose scaling is the calibration of every channel, or DOUBLE."""
+    calibrations = {channel.calibration for channel in channels}
+    for subtype, (bits, _, _) in _PCM.items():
+        if calibrations == {Calibration(1, 0, 1 << (bits - 1))}:
+            return subtype
+    return "DOUBLE"
+
+
+def _pcm_frames(channels: Sequence[Channel], subtype: str) -> NDArray[Any]:
+    """[ticks, channels] counts, shifted to the top of the dtype that soundfile takes."""
+    bits, dtype, shift = _PCM[subtype]
+    first = channels[0]
+    for channel in channels:
+        if len(channel.coverage) > 1 or channel.coverage != first.coverage:
+            raise ParameterError(
+                f"channel {channel.label!r} has gaps, which PCM cannot hold; use .npz"
+            )
+        x = channel.values
+        if x.size and not -(1 << (bits - 1)) <= int(x.min()) <= int(x.max()) < 1 << (bits - 1):
+            raise ParameterError(
+                f"channel {channel.label!r} has counts beyond {bits} bits; use .npz"
+            )
+    return np.stack([channel.values.astype(dtype) << shift for channel in channels], axis=1)
+
+
+def _samples(file: Any, dtype: np.dtype[Any], max_memory: int) -> NDArray[Any]:
+    """[frames, channels], in memory that grows with the samples that are there."""
+    blocks = [np.empty((0, file.channels), dtype)]
+    size = 0
+    at_once = max(1, _VALUES_AT_ONCE // file.channels)
+    while len(block := file.read(at_once, dtype=dtype.name, always_2d=True)):
+        size += block.nbytes
+        if size > max_memory:
+            raise ParameterError(f"the samples take more than the {max_memory} bytes allowed")
+        blocks.append(block)
+    return np.concatenate(blocks)
+
+
+@contextmanager
+def _opened(stream: BinaryIO, mode: str, **described: Any) -> Iterator[Any]:
+    """A soundfile on a stream; what goes wrong in it, or below it, is raised here."""
+    soundfile = _soundfile()
+    guarded = _Guarded(stream)
+    try:
+        with (
+            refusing("this is no .wav file", soundfile.SoundFileError, TypeError),
+            soundfile.SoundFile(guarded, mode, **described) as file,
+        ):
+            yield file
+    finally:
+        if guarded.error is not None:
+            raise guarded.error
+
+
+def _check_length(stream: BinaryIO) -> None:
+    """Refuse a truncated file: libsndfile would shorten the recording without a word."""
+    end = stream.seek(0, SEEK_END)
+    stream.seek(0)
+    position = 12
+    if stream.read(position)[:4] == b"RIFF":
+        for _ in range(_CHUNKS_LIMIT):
+            stream.seek(position)
+            head = stream.read(8)
+            if len(head) < 8:
+                break
+            name, size = struct.unpack("<4sI", head)
+            position += 8 + size + size % 2
+            if name == b"data":
+                if size not in _UNKNOWN_SIZES and position - size % 2 > end:
+                    missing = position - size % 2 - end
+                    raise ParameterError(
+                        f"truncated: {missing} of {size} bytes of samples are missing"
+                    )
+                break
+    stream.seek(0)

@@ -1,0 +1,353 @@
+"""Sample values to counts: the step and offset that a sensor's doubles were made with.
+
+Most sensors are integers in disguise. What is found here is checked against
+``Calibration.physical`` sample by sample: bit by bit where it is called exact, and otherwise
+against the tolerance that the caller declares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from decimal import ROUND_CEILING, Context
+from fractions import Fraction
+from math import inf, nextafter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ParameterError
+from ..limits import EXACT_LIMIT
+from ..recording import Calibration, Channel, Deviation
+from .common_step import Steps, near_steps
+from .rational import (
+    Placed,
+    Ratio,
+    constant,
+    decimal,
+    dyadic,
+    fitted,
+    near,
+    on_grid,
+    place,
+    shortest_fraction,
+    small_denominator,
+    stepped,
+)
+from .tolerance import Tolerance
+
+__all__ = ["Lattice", "Tolerance", "find_lattice", "snap_to_lattice", "to_counts"]
+
+COUNT_BITS = 32
+"""Level 2; counts go to 24 bits, level 1, wherever an offset can bring them there."""
+
+PLAIN_DENOMINATOR = 10**10
+"""Up to here nothing simpler is looked for. Two doubles that have nothing to do with a lattice
+share a denominator only from about 2**36 on."""
+
+SPARSE = 16
+"""An exact lattice with this many times the range of a natural one comes from how the values were
+written down (six digits of text). That is 4 bits a sample and more in a lossless codec: 17 measured
+on dropbear."""
+
+GRID_STEPS = 3
+"""1-2-5 steps to try from the largest on. Only the rounding of float64 makes one fail, and if a
+quarter of the step does not help, the tolerance is below an ulp of the values."""
+
+_ONE_DIGIT_UP = Context(prec=1, rounding=ROUND_CEILING)
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Counts, and the calibration that gives the values back.
+
+    counts: int64 [sample_count], below 2**31 in magnitude. exact: every float64 comes back bit for
+    bit. largest_deviation: of all samples, in the values' unit, rounded up; 0.0 where exact.
+    reason: one line for the user.
+    """
+
+    calibration: Calibration
+    counts: NDArray[np.int64]
+    exact: bool
+    largest_deviation: float
+    reason: str
+
+
+def find_lattice(x: NDArray[np.float64], *, count_bits: int = COUNT_BITS) -> Lattice | None:
+    """The lattice that gives x back bit for bit, or None.
+
+    x: float64 [sample_count], any values. Counts fit ``count_bits`` signed, 2 to 32 (ParameterError
+    otherwise). -0.0, infinities and NaN have no lattice.
+    """
+    found = _find(_doubles(x), _checked(count_bits))
+    return found if isinstance(found, Lattice) else None
+
+
+def snap_to_lattice(
+    x: NDArray[np.float64],
+    tolerance: Tolerance,
+    *,
+    lsb: float | None = None,
+    count_bits: int = COUNT_BITS,
+) -> Lattice | None:
+    """A lattice with every value of x within the tolerance, or None.
+
+    In this order: the exact lattice; the natural one, which the values miss by some rounding or
+    noise; steps of ``lsb``; the coarsest 1-2-5 grid. An exact lattice gives way to a natural one
+    that is SPARSE times coarser. x and count_bits: as in :func:`find_lattice`. lsb: the sensor's
+    step in the unit of x, where the caller knows it; without it a tolerance in lsb needs a natural
+    lattice.
+    """
+    found = _snap(_doubles(x), tolerance, lsb, _checked(count_bits))
+    return None if isinstance(found, str) else found[0]
+
+
+def to_counts(channel: Channel, tolerance: Tolerance | None = None) -> tuple[Channel, str]:
+    """The channel in int32 counts, exactly or within the tolerance, and one line for the user.
+
+    Otherwise unchanged, as is a channel that holds counts already; the line then says why. Where
+    values were rounded, ``deviation`` holds the declared tolerance in the channel's unit and the
+    largest deviation found.
+    """
+    if channel.is_counts:
+        return channel, "already in counts"
+    if not _fits_doubles(channel.values):
+        return channel, "kept as it is: float64 does not hold the values"
+    x = _doubles(channel.values)
+    deviation = channel.deviation
+    if tolerance is None:
+        found = _find(x, COUNT_BITS)
+        if isinstance(found, str):
+            return channel, f"kept as doubles: {found}{_hint(x, found)}"
+        found = replace(found, reason=found.reason + _hint(x, found))
+    else:
+        snapped = _snap(x, tolerance, channel.lsb, COUNT_BITS)
+        if isinstance(snapped, str):
+            return channel, f"kept as doubles: {snapped}"
+        found, declared = snapped
+        if not found.exact:
+            deviation = Deviation(declared, found.largest_deviation)
+    counts = found.counts.astype(np.int32)  # COUNT_BITS
+    changed = replace(channel, values=counts, calibration=found.calibration, deviation=deviation)
+    return changed, found.reason
+
+
+def _find(x: NDArray[np.float64], bits: int) -> Lattice | str:
+    """The exact lattice, or why there is none."""
+    refusal = _out_of_reach(x)
+    if refusal:
+        return refusal
+    if x.size == 0:
+        return Lattice(Calibration(), np.zeros(0, np.int64), True, 0.0, "exact: no samples")
+    if (np.signbit(x) & (x == 0)).any():
+        return "negative zero, which no count stands for; a tolerance would turn it into 0"
+    u = np.unique(x)
+    if ((u != 0) & (np.abs(u) < 1 / EXACT_LIMIT)).any():
+        return "a value nearer to 0 than 2^-53"
+    placed = _simplest(u, bits)
+    if placed is None:
+        return f"no step and offset with {bits}-bit counts give every value back exactly"
+    lattice = _lattice(x, u, placed, f"exact: {placed.how}", exact=True)
+    given = placed.calibration.physical(lattice.counts)
+    # Every sample, whatever the search promises.
+    if not np.array_equal(given.view(np.int64), x.view(np.int64)):
+        return "the step and offset found do not give every value back exactly"
+    return lattice
+
+
+def _simplest(u: NDArray[np.float64], bits: int) -> Placed | None:
+    """The exact lattice with the smallest denominator; u as in :mod:`rational`."""
+    if u.size == 1:
+        return place(constant(u), bits)
+    best: Placed | None = None
+    for search in (dyadic, decimal, small_denominator, lambda u: stepped(u, _least_step(u, bits))):
+        ratio = search(u)
+        placed = None if ratio is None else place(ratio, bits)
+        if placed and (best is None or placed.calibration.d < best.calibration.d):
+            best = placed
+        if best and best.calibration.d <= PLAIN_DENOMINATOR:
+            break
+    return best
+
+
+def _snap(
+    x: NDArray[np.float64], tolerance: Tolerance, lsb: float | None, bits: int
+) -> tuple[Lattice, float] | str:
+    """The lattice within the tolerance and the tolerance in the unit of x, or why there is none."""
+    refusal = _out_of_reach(x)
+    if refusal:
+        return refusal
+    z = x + 0.0  # -0.0 becomes 0.0
+    exact = _find(z, bits)
+    if x.size == 0:
+        assert isinstance(exact, Lattice)
+        return exact, tolerance.value
+    u = np.unique(z)
+    steps = _steps_beside(u, exact, bits)
+    if lsb is not None and not 0 < lsb <= EXACT_LIMIT:
+        lsb = None  # nothing that a channel with finite counts has
+    step = lsb
+    if step is None and steps:
+        step = steps.low
+    elif step is None and isinstance(exact, Lattice):
+        step = float(exact.calibration.step)
+    allowed = tolerance.absolute(float(u[-1] - u[0]), step)
+    if allowed is None:
+        return "no step was found to measure the tolerance with; declare it in the channel's unit"
+    if steps:
+        found = _within(x, u, _natural(u, steps, allowed), allowed, bits)
+        if found:
+            return found, allowed
+    if isinstance(exact, Lattice):
+        if (np.signbit(x) & (x == 0)).any():
+            exact = replace(exact, exact=False, reason=f"-0.0 became 0; otherwise {exact.reason}")
+        return exact, allowed
+    found = _within(x, u, _grids(u, allowed, lsb), allowed, bits)
+    if found:
+        return found, allowed
+    return f"no grid with {bits}-bit counts keeps every value within {allowed:.3g}"
+
+
+def _natural(u: NDArray[np.float64], steps: Steps, allowed: float) -> Iterator[Ratio | None]:
+    # The simplest first: the noise was found with any offset, and a plain one may need a little
+    # more. Then as near as the tolerance asks for.
+    for search in (near, fitted):
+        for noise in (2 * steps.noise, steps.noise, min(allowed, steps.noise / 2)):
+            yield search(u, steps, noise)
+
+
+def _grids(u: NDArray[np.float64], allowed: float, lsb: float | None) -> Iterator[Ratio | None]:
+    if lsb is not None:
+        yield on_grid(u, shortest_fraction(lsb), "steps of the given lsb")
+    for step in _one_two_five(2 * Fraction(min(allowed, EXACT_LIMIT))):
+        yield on_grid(u, step, "a 1-2-5 grid")
+
+
+def _one_two_five(largest: Fraction) -> Iterator[Fraction]:
+    """The GRID_STEPS largest of 1, 2, 5, 10, 20 ... and their tenths that are not above."""
+    power = Fraction(10) ** 15  # the last one below 2**53
+    left = GRID_STEPS
+    while left and power * EXACT_LIMIT >= 1:
+        for digit in (5, 2, 1):
+            if left and digit * power <= largest:
+                yield digit * power
+                left -= 1
+        power /= 10
+
+
+def _within(
+    x: NDArray[np.float64],
+    u: NDArray[np.float64],
+    ratios: Iterator[Ratio | None],
+    allowed: float,
+    bits: int,
+) -> Lattice | None:
+    """The first that keeps all of u, the distinct values of x, within ``allowed``."""
+    for ratio in ratios:
+        placed = None if ratio is None else place(ratio, bits)
+        if placed is None:
+            continue
+        largest = _largest_deviation(u, placed.calibration.physical(placed.counts))
+        if largest <= allowed:
+            reason = f"rounded within the tolerance, by {largest:.3g} at most, to {placed.how}"
+            return _lattice(x, u, placed, reason, deviation=largest)
+    return None
+
+
+def _largest_deviation(u: NDArray[np.float64], given: NDArray[np.float64]) -> float:
+    """max |u - given|, rounded up to float64; both finite.
+
+    The difference as an unevaluated sum of two float64: D. E. Knuth, The Art of Computer
+    Programming 2, section 4.2.2, theorem B.
+    """
+    difference = u - given
+    back = difference - u
+    rest = (u - (difference - back)) - (given + back)
+    size = np.abs(difference)
+    worst = float(size.max())
+    above = rest * np.sign(difference) > 0
+    return nextafter(worst, inf) if above[size == worst].any() else worst
+
+
+def _lattice(
+    x: NDArray[np.float64],
+    u: NDArray[np.float64],
+    placed: Placed,
+    reason: str,
+    *,
+    exact: bool = False,
+    deviation: float = 0.0,
+) -> Lattice:
+    calibration, counts, _ = placed
+    bits = max(abs(int(counts[0])), abs(int(counts[-1]))).bit_length() + 1
+    step = f"step {float(calibration.step):.10g} = {calibration.a}/{calibration.d}"
+    return Lattice(
+        calibration,
+        counts[np.searchsorted(u, x)],
+        exact,
+        deviation,
+        f"{reason}, {step}, {bits}-bit counts",
+    )
+
+
+def _steps_beside(u: NDArray[np.float64], exact: Lattice | str, bits: int) -> Steps | None:
+    """The natural step: any where no lattice is exact, else one that is SPARSE times coarser.
+
+    Beside an exact lattice every value has a count of its own: text rounds the same count to the
+    same digits, and what does not comes from the signal.
+    """
+    least = float(u[-1] - u[0]) / (1 << bits)
+    if isinstance(exact, str):
+        return near_steps(u, least)
+    if np.ptp(exact.counts) < SPARSE * u.size:
+        return None
+    steps = near_steps(u, max(least, SPARSE * float(exact.calibration.step)))
+    return steps if steps and np.diff(steps.indices).all() else None
+
+
+def _hint(x: NDArray[np.float64], exact: Lattice | str) -> str:
+    """What a tolerance would bring, where the values miss a natural lattice; or empty."""
+    if x.size == 0 or _out_of_reach(x):
+        return ""
+    u = np.unique(x + 0.0)
+    steps = _steps_beside(u, exact, COUNT_BITS)
+    found = steps and _within(x, u, _natural(u, steps, inf), inf, COUNT_BITS)
+    if not found or found.largest_deviation == 0:
+        return ""
+    step = float(found.calibration.step)
+    enough = float(_ONE_DIGIT_UP.create_decimal(found.largest_deviation))
+    return (
+        f"; the values miss steps of {step:.6g} by little: a tolerance of {enough:g} "
+        f"({enough / step:.1g} steps) would give counts of them"
+    )
+
+
+def _least_step(u: NDArray[np.float64], bits: int) -> float:
+    return float(u[-1] - u[0]) / (1 << bits)
+
+
+def _out_of_reach(x: NDArray[np.float64]) -> str:
+    """Why x can be on no lattice, not even nearly; or empty."""
+    if not np.isfinite(x).all():
+        return "infinities or NaN among the values"
+    if x.size and max(-x.min(), x.max()) > EXACT_LIMIT:
+        return "a value beyond 2^53; a larger unit would help"
+    return ""
+
+
+def _doubles(x: NDArray[np.generic]) -> NDArray[np.float64]:
+    return np.ascontiguousarray(x, dtype=np.float64)
+
+
+def _fits_doubles(values: NDArray[np.generic]) -> bool:
+    if values.dtype.kind == "f":
+        return values.dtype.itemsize <= 8
+    if values.dtype.kind not in "iu":
+        return False
+    return not values.size or max(-int(values.min()), int(values.max())) <= EXACT_LIMIT
+
+
+def _checked(bits: int) -> int:
+    if not 2 <= bits <= COUNT_BITS:
+        raise ParameterError(f"counts have 2 to {COUNT_BITS} bits, not {bits}")
+    return bits

@@ -1,0 +1,358 @@
+"""Distinct values to whole numerators over one denominator: exactly, or near by.
+
+u is always float64 [values], sorted, distinct, finite, without -0.0, each 0 or between 2**-53 and
+2**53 in magnitude. Numerators stay within 2**53. "Exactly" means that float64(numerator) /
+float64(denominator) is u bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from decimal import Decimal
+from fractions import Fraction
+from math import floor, gcd, nextafter
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..integers import rdiv
+from ..limits import EXACT_LIMIT, LEVELS
+from ..recording import Calibration
+from .common_step import Steps, exact_steps, simplest_fraction
+
+PLACES = 15
+"""10**15 is the last power of ten below 2**53."""
+
+PROBES = 64
+"""Values that have to pass before all are looked at."""
+
+SMALL = 1 << 16
+"""Denominators that are tried one by one, in a millisecond: those of sensors with up to 16 bits."""
+
+TRIES = 4
+"""What gives PROBES values is right for all, except where the values differ a lot in magnitude."""
+
+WITNESSES = 128
+"""Exact bounds added per round of the search for A/D: one round costs about a millisecond."""
+
+ROUNDS = 32
+"""Each round leaves about 1 in WITNESSES of the values wrong, so that 5 do for 2**32 of them; the
+rest is for what is not evenly spread."""
+
+HALVINGS = 32
+"""Of the step's interval, which is a few times wider than what the noise leaves of it."""
+
+
+class Ratio(NamedTuple):
+    """Values = numerators / denominator; numerators int64 [values], sorted; how: for the user.
+
+    lone_step: A, where all numerators are the same.
+    """
+
+    numerators: NDArray[np.int64]
+    denominator: int
+    how: str
+    lone_step: int = 1
+
+
+class Placed(NamedTuple):
+    """Values = calibration of counts; counts int64 [values], sorted; how: as in the Ratio."""
+
+    calibration: Calibration
+    counts: NDArray[np.int64]
+    how: str
+
+
+def constant(u: NDArray[np.float64]) -> Ratio:
+    """One value: its shortest decimal, or the simplest fraction that rounds to it."""
+    value = float(u[0])
+    shortest = Decimal(repr(value)).normalize()
+    places = max(0, -int(shortest.as_tuple().exponent))
+    numerator = int(shortest.scaleb(places))
+    if places <= PLACES and abs(numerator) <= EXACT_LIMIT:
+        return Ratio(np.array([numerator]), 10**places, "constant")
+    ratio = shortest_fraction(abs(value))
+    sign = -1 if value < 0 else 1
+    return Ratio(np.array([sign * ratio.numerator]), ratio.denominator, "constant")
+
+
+def dyadic(u: NDArray[np.float64]) -> Ratio | None:
+    """Exactly, over the smallest power of two; integers have 1."""
+    mantissa, exponent = np.frexp(u[u != 0])
+    bits = np.ldexp(mantissa, 53).astype(np.int64)
+    lowest = np.frexp((bits & -bits).astype(np.float64))[1] - 1
+    shift = max(0, -int((exponent - 53 + lowest).min(initial=0)))
+    if shift > 53:
+        return None
+    n = np.ldexp(u, shift)
+    if max(-n[0], n[-1]) > EXACT_LIMIT:
+        return None
+    return Ratio(n.astype(np.int64), 1 << shift, "binary fractions" if shift else "integers")
+
+
+def decimal(u: NDArray[np.float64]) -> Ratio | None:
+    """Exactly, with the fewest decimal places."""
+    probes = u[:: max(1, u.size // PROBES)]
+    for places in range(1, PLACES + 1):
+        if max(-u[0], u[-1]) * 10.0**places > EXACT_LIMIT:
+            return None
+        if _over(probes, 10**places) is not None:
+            n = _over(u, 10**places)
+            if n is not None:
+                return Ratio(n, 10**places, f"decimals with {places} places")
+    return None
+
+
+def small_denominator(u: NDArray[np.float64]) -> Ratio | None:
+    """Exactly, over the smallest denominator, with any offset."""
+    d = np.arange(1.0, min(SMALL, EXACT_LIMIT / max(-u[0], u[-1])) + 1)
+    for probe in u[:: max(1, u.size // PROBES)].tolist():
+        d = d[np.rint(probe * d) / d == probe]
+    for denominator in d[:TRIES].astype(np.int64).tolist():
+        n = _over(u, denominator)
+        if n is not None:
+            return Ratio(n, denominator, "a common denominator")
+    return None
+
+
+def stepped(u: NDArray[np.float64], least: float) -> Ratio | None:
+    """Exactly, as multiples of a common step of at least ``least``, with any offset.
+
+    Found are steps above 64 ulp of the largest value. Where the offset is a whole number of steps,
+    or a simple fraction of one, the simplest A/D is taken, and None means that there is none within
+    2**53. Other offsets are found if all values have about the same magnitude.
+    """
+    steps = exact_steps(u, least)
+    if steps is None:
+        return None
+    indices = _indices(u, u, steps)
+    if indices is not None and (np.sign(indices) == np.sign(u)).all():
+        ratio = _witnessed(u, indices)
+        if ratio is not None:
+            return ratio
+    # Any number less than half an ulp away rounds to the value; 0.49 leaves room for the search.
+    ratio = fitted(u, steps, 0.49 * float(np.spacing(np.abs(u).min())))
+    return ratio if ratio is not None and _gives(ratio, u) else None
+
+
+def near(u: NDArray[np.float64], steps: Steps, noise: float) -> Ratio | None:
+    """The simplest step that brings all values within ``noise``, the offset a fraction of it.
+
+    steps: of these values, as found by ``near_steps``. None where the offset is none.
+    """
+    indices = _indices(u - steps.noise, u + steps.noise, steps)
+    if indices is None:
+        return None
+    away = indices != 0
+    times = np.abs(indices[away]).astype(np.float64)
+    size = np.where(indices > 0, u, -u)[away]
+    low, high = float(((size - noise) / times).max()), float(((size + noise) / times).min())
+    step = simplest_fraction(Fraction(low), Fraction(high)) if low > 0 else None
+    return None if step is None else _scaled(indices, step, "a common step")
+
+
+def fitted(u: NDArray[np.float64], steps: Steps, noise: float) -> Ratio | None:
+    """The same with any offset: within ``noise``, or as near to that as a straight line gets."""
+    centre = u.size // 2
+    index = steps.indices - steps.indices[centre]
+    times = index.astype(np.float64)
+    # From the centre the differences are exact, or small beside the noise.
+    v = u - u[centre]
+
+    def spread(step: float) -> float:
+        rest = v - times * step
+        return float(rest.max() - rest.min())
+
+    best = _minimum(spread, steps.low, steps.high)
+    allowed = max(2 * noise, spread(best))
+    low = _boundary(spread, allowed, best, steps.low)
+    high = _boundary(spread, allowed, best, steps.high)
+    a, d = _simplest_between(Fraction(low), Fraction(high)).as_integer_ratio()
+    rest = v - times * (a / d)
+    low, high = float(rest.max()) - allowed / 2, float(rest.min()) + allowed / 2
+    middle = Fraction(float(u[centre]))
+    offset = _simplest_between(d * (middle + Fraction(low)), d * (middle + Fraction(high)))
+    b, finer = offset.as_integer_ratio()
+    reach = max(-int(index[0]), int(index[-1])) * a * finer + abs(b)
+    # Twice, for the two ends of a numerator that may have opposite signs; place() knows better.
+    if reach > 2 * EXACT_LIMIT or d * finer > EXACT_LIMIT:
+        return None
+    return Ratio(index * (a * finer) + b, d * finer, "a common step with an offset")
+
+
+def on_grid(u: NDArray[np.float64], step: Fraction, how: str) -> Ratio | None:
+    """The nearest multiples of the step; u may be nearer to 0 than 2**-53."""
+    a, d = step.as_integer_ratio()
+    if max(a, d) > EXACT_LIMIT or max(-u[0], u[-1]) * d > EXACT_LIMIT:
+        return None
+    count = np.rint(u * float(d) / float(a)).astype(np.int64)
+    return Ratio(count * a, d, how, a)
+
+
+def place(ratio: Ratio, bits: int) -> Placed | None:
+    """Numerators to counts of at most ``bits`` bits, signed and symmetrical; None where too many.
+
+    A is the largest step of all numerators, and B the smallest or else the roundest that brings the
+    counts to the bits of level 1; if there is none, to ``bits``.
+    """
+    n, d, how, lone_step = ratio
+    first, last = int(n[0]), int(n[-1])
+    step = int(np.gcd.reduce(np.diff(n))) if last > first else lone_step
+    phase = first % step
+    common = gcd(step, phase, d)
+    if max(-first, last, step // common) > EXACT_LIMIT or d // common > EXACT_LIMIT:
+        return None
+    if 2 * phase > step:
+        phase -= step
+    low, high = (first - phase) // step, (last - phase) // step
+    for width in sorted({min(bits, LEVELS[1].count_bits), bits}):
+        limit = (1 << (width - 1)) - 1
+        for shift in _shifts(low, high):
+            b = phase + shift * step
+            if max(shift - low, high - shift) <= limit and abs(b) <= EXACT_LIMIT:
+                calibration = Calibration(step // common, b // common, d // common)
+                return Placed(calibration, (n - b) // step, how)
+    return None
+
+
+def _shifts(low: int, high: int) -> Iterator[int]:
+    """What to take from counts in [low, high]: nothing, or their middle, the roundest first."""
+    yield 0
+    for power in range(len(str(max(-low, high))) - 1, -1, -1):
+        yield rdiv((low + high) // 2, 10**power) * 10**power
+
+
+def shortest_fraction(value: float) -> Fraction:
+    """The simplest fraction that rounds to ``value`` > 0 in float64."""
+    low, high, closed = _rounding_interval(value)
+    ratio = simplest_fraction(low, high, closed, closed)
+    assert ratio is not None  # the value itself lies inside
+    return ratio
+
+
+def _minimum(function: Callable[[float], float], low: float, high: float) -> float:
+    """Where a convex function is smallest, by thirds."""
+    for _ in range(HALVINGS):
+        a, b = low + (high - low) / 3, high - (high - low) / 3
+        if function(a) <= function(b):
+            high = b
+        else:
+            low = a
+    return low / 2 + high / 2
+
+
+def _boundary(
+    function: Callable[[float], float], bound: float, inside: float, outside: float
+) -> float:
+    """The last place from ``inside`` towards ``outside`` where the function is within the bound."""
+    if function(outside) <= bound:
+        return outside
+    for _ in range(HALVINGS):
+        middle = inside / 2 + outside / 2
+        if function(middle) <= bound:
+            inside = middle
+        else:
+            outside = middle
+    return inside
+
+
+def _simplest_between(one: Fraction, other: Fraction) -> Fraction:
+    """The simplest fraction from one to the other, of any sign and in any order."""
+    low, high = sorted((one, other))
+    if low <= 0 <= high:
+        return Fraction(0)
+    found = simplest_fraction(low, high) if low > 0 else simplest_fraction(-high, -low)
+    assert found is not None  # low <= high
+    return found if low > 0 else -found
+
+
+def _indices(
+    low: NDArray[np.float64], high: NDArray[np.float64], steps: Steps
+) -> NDArray[np.int64] | None:
+    """Multiples of one step counted from the physical 0: int64 [values], or None past 2**53.
+
+    The value nearest to 0 tells the offset as p/q of a step; q > 1 divides the step by q.
+    """
+    at = int(np.argmin(np.abs(low + high)))
+    least, most = Fraction(float(low[at])), Fraction(float(high[at]))
+    a, b = Fraction(steps.low), Fraction(steps.high)
+    offsets = [value / step for value in (least, most) for step in (a, b)]
+    first, last = min(offsets), max(offsets)
+    if first == last:
+        # The value is known exactly, and the step as well: leave room for their own rounding.
+        first, last = first - abs(first) / EXACT_LIMIT, last + abs(last) / EXACT_LIMIT
+    whole = floor(first)
+    offset = simplest_fraction(first - whole, last - whole)
+    assert offset is not None  # first <= last
+    p, q = (offset + whole).as_integer_ratio()
+    reach = q * int(steps.indices[-1]) + abs(p)
+    if reach > EXACT_LIMIT:
+        return None
+    indices: NDArray[np.int64] = q * (steps.indices - steps.indices[at]) + p
+    return indices
+
+
+def _witnessed(u: NDArray[np.float64], indices: NDArray[np.int64]) -> Ratio | None:
+    """The simplest A/D with u = indices * A/D for all values, from bounds of a few of them.
+
+    A value that the simplest step so far does not give adds its own exact bounds.
+    """
+    low, high = Fraction(0), Fraction(EXACT_LIMIT)
+    low_in = high_in = True
+    witnesses = np.unique(np.linspace(0, u.size - 1, min(u.size, WITNESSES)).astype(np.int64))
+    for _ in range(ROUNDS):
+        for at in witnesses.tolist():
+            if indices[at] == 0:
+                continue
+            times = abs(int(indices[at]))
+            least, most, closed = _rounding_interval(abs(float(u[at])))
+            least, most = least / times, most / times
+            if least >= low:
+                low_in = closed and (least > low or low_in)
+                low = least
+            if most <= high:
+                high_in = closed and (most < high or high_in)
+                high = most
+        step = simplest_fraction(low, high, low_in, high_in)
+        ratio = None if step is None else _scaled(indices, step, "a common step")
+        if ratio is None:
+            return None  # steps only get less simple from here
+        missed = np.flatnonzero(_values(ratio) != u)
+        if not missed.size:
+            return ratio
+        witnesses = missed[:: max(1, missed.size // WITNESSES)]
+    return None
+
+
+def _scaled(indices: NDArray[np.int64], step: Fraction, how: str) -> Ratio | None:
+    reach = max(-int(indices[0]), int(indices[-1]))
+    if reach * step.numerator > EXACT_LIMIT or step.denominator > EXACT_LIMIT:
+        return None
+    return Ratio(indices * step.numerator, step.denominator, how)
+
+
+def _gives(ratio: Ratio, u: NDArray[np.float64]) -> bool:
+    return np.array_equal(_values(ratio), u)
+
+
+def _values(ratio: Ratio) -> NDArray[np.float64]:
+    return ratio.numerators.astype(np.float64) / float(ratio.denominator)
+
+
+def _over(u: NDArray[np.float64], denominator: int) -> NDArray[np.int64] | None:
+    """Numerators over ``denominator`` that give u exactly."""
+    n = np.rint(u * float(denominator))
+    # The product is rounded too: near 2**53 the numerator can be one off.
+    n += np.sign(u - n / float(denominator))
+    numerators: NDArray[np.int64] = n.astype(np.int64)
+    return numerators if np.array_equal(n / float(denominator), u) else None
+
+
+def _rounding_interval(value: float) -> tuple[Fraction, Fraction, bool]:
+    """The reals that round to ``value`` > 0 in float64, and whether the ends are among them."""
+    exact = Fraction(value)
+    low = (exact + Fraction(nextafter(value, 0.0))) / 2
+    high = (exact + Fraction(nextafter(value, float("inf")))) / 2
+    even = int(np.float64(value).view(np.int64)) % 2 == 0
+    return low, high, even

@@ -1,0 +1,129 @@
+"""What the caller asks of the encoder: a preset, and what departs from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any, Literal
+
+import numpy as np
+
+from ..codecs.knots import Interpolation
+from ..errors import ParameterError
+from ..recording import Calibration, Channel
+from .perception import FORCE_FLOOR_N, FORCE_WEBER, LF_CUTOFF_HZ
+from .tolerance import Tolerance
+
+Preset = Literal["default", "paper"]
+PRESETS: tuple[Preset, ...] = ("default", "paper")
+
+BITS = range(2, 17)
+"""Quantiser of the paper: 2**b - 1 levels; one bit would leave level 0 only."""
+
+PAPER_TOLERANCE = Fraction(1, 32)
+"""Preset paper puts true doubles on a lattice this fine against its floor: the error that the
+lattice adds is a 32nd of what the floor already allows."""
+
+ARCHIVE_CLUSTER = Fraction(10)
+LIVE_CLUSTER = Fraction(1)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Choices of the encoder; none of them is needed to decode.
+
+    weber: the Weber fraction k. floor: absolute floor of the deadband. bits: the paper's
+    range-derived quantiser (0: no HF track, None: use ``step``). step: explicit step of the
+    residual. cutoff_hz of the split. cluster: seconds. tolerance: allows true doubles to be put on
+    a lattice. interpolation of the knots. digest: write SHA-256 of the decoded tracks.
+    """
+
+    preset: Preset = "default"
+    weber: Fraction = FORCE_WEBER
+    floor: Tolerance = Tolerance(0.002, "range")
+    bits: int | None = None
+    step: Tolerance | None = None
+    cutoff_hz: float = LF_CUTOFF_HZ
+    cluster: Fraction = ARCHIVE_CLUSTER
+    tolerance: Tolerance | None = None
+    interpolation: Interpolation = "linear"
+    digest: bool = False
+
+    def __post_init__(self) -> None:
+        if self.preset not in PRESETS:
+            raise ParameterError(f"a preset is one of {', '.join(PRESETS)}")
+        if not 0 <= self.weber <= 65535:
+            raise ParameterError("the Weber fraction k lies between 0 and 65535")
+        if self.bits is not None and self.bits and self.bits not in BITS:
+            raise ParameterError("bits are 0 (no residual) or 2 to 16")
+        if self.bits is not None and self.step is not None:
+            raise ParameterError("give the bits or the step of the residual, not both")
+        if not 0 < self.cutoff_hz < float("inf"):
+            raise ParameterError("the cutoff is a positive frequency")
+        if self.cluster <= 0:
+            raise ParameterError("clusters have a positive length")
+
+    @classmethod
+    def of(cls, preset: str = "default", **given: Any) -> Settings:
+        """The preset's settings with those that are given and not None in their place."""
+        chosen = {name: value for name, value in given.items() if value is not None}
+        if preset == "paper":
+            # The paper's floor is that of a force in newtons, its step comes from the range.
+            base = cls("paper", floor=Tolerance(float(FORCE_FLOOR_N)))
+            if "step" not in chosen and "bits" not in chosen:
+                chosen["bits"] = 5
+        else:
+            base = cls(preset)  # type: ignore[arg-type]
+        return replace(base, **chosen)
+
+    def tolerance_for(self, channel: Channel) -> Tolerance | None:
+        """What may be lost by putting true doubles on a lattice; None: nothing."""
+        if self.tolerance is not None or self.preset != "paper" or channel.is_counts:
+            return self.tolerance
+        finite = channel.physical()
+        finite = finite[np.isfinite(finite)]
+        extent = float(finite.max() - finite.min()) if finite.size else 0.0
+        allowed = self.floor.absolute(extent, channel.lsb)
+        return Tolerance(allowed * float(PAPER_TOLERANCE)) if allowed else None
+
+    def describe(self) -> str:
+        """For the file's metadata: what was asked for, as the command line says it."""
+        parts = {
+            "k": float(self.weber),
+            "floor": text_of(self.floor),
+            "bits": self.bits,
+            "step": text_of(self.step),
+            "cutoff": self.cutoff_hz,
+            "cluster": float(self.cluster),
+            "tolerance": text_of(self.tolerance),
+            "interpolation": self.interpolation,
+        }
+        given = [f"{name}={value}" for name, value in parts.items() if value is not None]
+        return " ".join([self.preset, *given])
+
+
+def text_of(amount: Tolerance | None) -> str | None:
+    """What Tolerance.parse reads back."""
+    if amount is None:
+        return None
+    if amount.kind == "range":
+        return f"{float(Fraction(repr(amount.value)) * 100)!r}%"
+    return f"{amount.value!r}{'lsb' if amount.kind == 'lsb' else ''}"
+
+
+def counts_of(amount: Tolerance, calibration: Calibration, extent: int) -> Fraction:
+    """An amount in counts; ``extent`` is the largest count minus the smallest."""
+    value = Fraction(amount.value)
+    if amount.kind == "lsb":
+        return value
+    if amount.kind == "range":
+        return value * extent
+    return value / abs(calibration.step)
+
+
+def whole_counts(amount: Fraction, limit: int) -> int:
+    """Rounded down, at least 1, at most ``limit``."""
+    return min(max(int(amount), 1), limit)
+
+
+__all__ = ["PRESETS", "Settings", "counts_of", "text_of", "whole_counts"]

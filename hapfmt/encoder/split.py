@@ -1,0 +1,135 @@
+"""One recorded signal into its slow and its fast part: a zero-phase low-pass.
+
+What the split takes for slow is the encoder's opinion, never part of the format: the residual is
+formed against the LF part as decoded, so whatever happens here, nothing is lost.
+
+Filters. Bessel of order 4 by default: before a stiff contact (0 to 3.3 N within a sample, 1 kHz,
+20 Hz) its step response undershoots by 0.33 %, which the clamp takes away, and the slow part begins
+(10 mN) 16 ms early. Butterworth of order 2, 4, 8 would undershoot by 3.4, 6.8, 8.3 %: a replay
+would push before the touch. Butterworth of order 1 never undershoots, begins 26 ms early, and
+separates less.
+"""
+
+from __future__ import annotations
+
+from math import atan, ceil, isfinite, pi, sqrt, tan
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ParameterError
+from .perception import LF_CUTOFF_HZ
+
+Filter = Literal["bessel4", "butter1"]
+
+_BESSEL4_HALF = 2.113917674904216
+"""w with |H(jw)|^2 = 1/2 for the Bessel polynomial s^4 + 10s^3 + 45s^2 + 105s + 105."""
+
+_BESSEL4_ROOT = 1.527528683698402
+"""w with |H(jw)|^2 = 1/sqrt(2) for the same polynomial."""
+
+CASCADE_RATIO: dict[Filter, float] = {
+    "bessel4": _BESSEL4_HALF / _BESSEL4_ROOT,
+    "butter1": 1 / sqrt(sqrt(2) - 1),
+}
+"""-3 dB frequency of one pass over that of two: forward and backward, each pass may only take
+1.5 dB off at the cutoff."""
+
+PADDING_PERIODS = 3
+"""Reflected padding in periods of the cutoff: the slowest pole of either filter has then decayed to
+exp(-3 * 2 * pi * 1.38 * 0.995) < 1e-11."""
+
+PADDING_LEAST = 64
+"""... and at least this many samples, since near the Nyquist rate a pole turns slower than that."""
+
+SECTIONS_RATIO = 1e-4
+"""Below this cutoff / rate the cosine transform takes the place of second-order sections, which
+lose digits: 5e-11 of the largest value here, 2e-9 at 2e-5, 2e-7 at 2e-6 (Bessel, measured)."""
+
+
+def low_pass(
+    x: NDArray[Any],
+    rate_hz: float,
+    cutoff_hz: float = LF_CUTOFF_HZ,
+    *,
+    filter: Filter = "bessel4",
+    median3: bool = False,
+) -> NDArray[np.float64]:
+    """The slow part of x, same shape, without delay, within [min x, max x] of each column.
+
+    x
+        [ticks] or [ticks, components], finite real numbers of any unit and of any size up to the
+        largest float64: each column is scaled by a power of two first, which is exact. Gaps are
+        the caller's: pass one span, or bridge them.
+    cutoff_hz
+        where forward and backward pass together take 3.01 dB off (each pass is designed
+        CASCADE_RATIO higher for that). At the Nyquist rate and above the result is a copy of x.
+    median3
+        the median of each three neighbours goes into the filter, so that a glitch of one sample
+        (1 kN in a signal of 1 N) does not draw the slow part with it.
+
+    The edges are continued by reflection (even: x2 x1 | x0 x1 x2), endlessly where x is short.
+    Signals shorter than the padding, and cutoffs below SECTIONS_RATIO, are filtered with the same
+    response in the domain of the type-1 cosine transform: that is what forward-backward filtering
+    of an endless reflection amounts to, exact at any ratio, with no state to go unstable.
+    """
+    if not (isfinite(rate_hz) and rate_hz > 0 and cutoff_hz > 0):
+        raise ParameterError("a low-pass needs a positive rate and a positive cutoff")
+    if filter not in CASCADE_RATIO:
+        raise ParameterError(
+            f"no low-pass is called {filter!r}; there are: {', '.join(CASCADE_RATIO)}"
+        )
+    y = np.array(x, dtype=np.float64)
+    if not np.all(np.isfinite(y)):
+        raise ParameterError("a low-pass needs finite samples; bridge the gaps first")
+    n = y.shape[0]
+    if n < 3 or 2 * cutoff_hz >= rate_hz:
+        return y
+    if median3:
+        y[1:-1] = np.maximum(
+            np.minimum(y[:-2], y[1:-1]), np.minimum(np.maximum(y[:-2], y[1:-1]), y[2:])
+        )
+    low, high = y.min(axis=0), y.max(axis=0)
+    _, exponent = np.frexp(np.maximum(-low, high))
+    y = np.ldexp(y, -exponent)
+    ratio = float(cutoff_hz) / float(rate_hz)
+    padding = max(ceil(PADDING_PERIODS / ratio), PADDING_LEAST) if ratio >= SECTIONS_RATIO else n
+    y = _by_sections(y, ratio, filter, padding) if padding < n else _by_cosines(y, ratio, filter)
+    with np.errstate(over="ignore"):  # overshoot beyond the largest float64, which the clamp ends
+        return np.clip(np.ldexp(y, exponent), low, high)
+
+
+def _pass_cutoff(ratio: float, filter: Filter) -> float:
+    """-3 dB of one pass, in cycles per sample: bilinear, so the correction is one of tangents."""
+    return atan(CASCADE_RATIO[filter] * tan(pi * ratio)) / pi
+
+
+def _by_sections(
+    y: NDArray[np.float64], ratio: float, filter: Filter, padding: int
+) -> NDArray[np.float64]:
+    from scipy import signal
+
+    cutoff = 2 * _pass_cutoff(ratio, filter)
+    if filter == "bessel4":
+        sections = signal.bessel(4, cutoff, norm="mag", output="sos")
+    else:
+        sections = signal.butter(1, cutoff, output="sos")
+    return np.asarray(signal.sosfiltfilt(sections, y, axis=0, padtype="even", padlen=padding))
+
+
+def _by_cosines(y: NDArray[np.float64], ratio: float, filter: Filter) -> NDArray[np.float64]:
+    from scipy import fft
+
+    n = y.shape[0]
+    frequency = np.arange(n) / (2 * (n - 1))
+    # 1e-280 and 1e30 keep the powers below finite; the gain there is 1 or far below one rounding.
+    cutoff = tan(pi * _pass_cutoff(max(ratio, 1e-280), filter))
+    w = np.minimum(np.tan(pi * frequency) / cutoff, 1e30)
+    if filter == "bessel4":
+        s = (w * _BESSEL4_HALF) ** 2
+        gain = 105**2 / ((s * s - 45 * s + 105) ** 2 + s * (105 - 10 * s) ** 2)
+    else:
+        gain = 1 / (1 + w * w)
+    gain = gain.reshape((n,) + (1,) * (y.ndim - 1))
+    return np.asarray(fft.idct(fft.dct(y, type=1, axis=0) * gain, type=1, axis=0))

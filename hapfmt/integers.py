@@ -1,0 +1,54 @@
+"""The integer arithmetic of SPEC clause 2, one number at a time: rdiv, clamp, varint, svarint."""
+
+from __future__ import annotations
+
+from .errors import FormatError, TruncatedError
+
+VARINT_SIZE = 8
+"""Eight groups of seven bits hold every number below 2**53."""
+
+
+def rdiv(n: int, d: int) -> int:
+    """n / d to the nearest integer, ties towards plus infinity; d > 0."""
+    return (2 * n + d) // (2 * d)
+
+
+def clamp(x: int, low: int, high: int) -> int:
+    return low if x < low else high if x > high else x
+
+
+def build_varint(value: int) -> bytes:
+    """SPEC CNV-002, CNV-003."""
+    if not 0 <= value < 1 << 53:
+        raise ValueError(f"varint out of range: {value}")
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)
+
+
+def parse_varint(data: bytes, position: int, base: int = 0) -> tuple[int, int]:
+    """The varint at ``position`` and the position after it; ``base`` is the offset of ``data``."""
+    value = 0
+    for index in range(VARINT_SIZE):
+        if position + index >= len(data):
+            raise TruncatedError(
+                "the bytes end within a varint", requirement="CNV-002", offset=base + position
+            )
+        byte = data[position + index]
+        value |= (byte & 0x7F) << (7 * index)
+        if byte < 0x80:
+            if byte == 0 and index:
+                raise FormatError(
+                    "varint longer than needed", requirement="CNV-003", offset=base + position
+                )
+            if value >= 1 << 53:
+                break
+            return value, position + index + 1
+    raise FormatError("varint of 2^53 or more", requirement="CNV-002", offset=base + position)
+
+
+def build_svarint(value: int) -> bytes:
+    return build_varint(2 * value if value >= 0 else -2 * value - 1)

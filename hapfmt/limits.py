@@ -1,0 +1,86 @@
+"""The one limits table (SPEC clause 15) and the caller's own caps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .errors import FormatError, LimitError
+
+
+@dataclass(frozen=True)
+class Level:
+    """Upper bounds of one level; each is checked before memory is taken."""
+
+    number: int
+    count_bits: int
+    """Signed bits of the declared range of full-band and LF tracks."""
+    residual_bits: int
+    """Signed bits of the declared range of HF tracks."""
+    count_bound: int
+    """Largest magnitude of a knot's count; twice it bounds level times step."""
+    step: int
+    """Largest step and quantum."""
+    payload_size: int
+    """Largest payload of a chunk in bytes."""
+    cluster_samples: int
+    """Decoded samples (ticks times components) in one cluster."""
+    packets: int
+    """Packets in one cluster."""
+    span_ticks: int = 1 << 24
+    """Ticks of a packet, and the largest tick of a knot within it."""
+
+    def check(self, name: str, value: int, requirement: str, offset: int | None = None) -> None:
+        """Raise FormatError where ``value`` is above the bound called ``name``."""
+        bound = getattr(self, name)
+        if value > bound:
+            raise FormatError(
+                f"{name.replace('_', ' ')} {value} is above {bound} (level {self.number})",
+                requirement=requirement,
+                offset=offset,
+            )
+
+
+LEVELS: dict[int, Level] = {
+    1: Level(1, 24, 25, 1 << 24, 1 << 24, 1 << 20, 1 << 22, 1 << 14),
+    2: Level(2, 32, 32, 1 << 32, 1 << 31, 1 << 24, 1 << 28, 1 << 17),
+}
+"""Level 1 keeps every step of decoding below 2**53, so it is exact in a float64 or a JavaScript
+Number; level 2 needs 64-bit integers."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the caller is ready to spend on a file; more is *unsupported*, not damage (LIM-003).
+
+    ``samples``: decoded samples held at once, 8 bytes each at most. ``packet_samples``: samples of
+    one packet, which takes about 64 bytes each while it is decoded.
+    """
+
+    samples: int = 1 << 28
+    packet_samples: int = 1 << 24
+
+    def check_packet(self, value: int) -> None:
+        if value > self.packet_samples:
+            raise LimitError(
+                f"{value} samples in one packet are above the limit of {self.packet_samples}: "
+                "raise Limits(packet_samples=...)",
+                requirement="LIM-003",
+            )
+
+    def check_samples(self, value: int) -> None:
+        if value > self.samples:
+            raise LimitError(
+                f"{value} samples at once are above the limit of {self.samples}: "
+                "read fewer channels, a shorter time range, or raise Limits(samples=...)",
+                requirement="LIM-003",
+            )
+
+
+LAST_TRACK_ID = 65_533
+"""65 534 tracks; 0xFFFF means "none" (SPEC TRK-003)."""
+
+TICK_LIMIT = 1 << 48
+"""Ticks end at 2**48: 8900 years at 1 kHz, and exact in a float64."""
+
+EXACT_LIMIT = 1 << 53
+"""Integers up to here are exact in IEEE 754 binary64."""

@@ -1,0 +1,92 @@
+"""Decoded tracks -> channels (SPEC clause 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .container.track import Component, Track
+from .recording import Calibration, Channel, Deviation, Span
+
+
+@dataclass
+class Decoded:
+    """Decoded packets of one track in order of time."""
+
+    track: Track
+    spans: list[Span] = field(default_factory=list)
+    pieces: list[NDArray[Any]] = field(default_factory=list)
+
+    def add(self, start: int, numbers: NDArray[Any]) -> None:
+        """numbers [ticks, components] from tick ``start`` on."""
+        if not len(numbers):
+            return
+        stop = start + len(numbers)
+        if self.spans and self.spans[-1].stop == start:
+            self.spans[-1] = Span(self.spans[-1].start, stop)
+        else:
+            self.spans.append(Span(start, stop))
+        self.pieces.append(numbers)
+
+    def numbers(self) -> NDArray[Any]:
+        """[samples, components]"""
+        if not self.pieces:
+            return np.zeros((0, len(self.track.components)), np.int32)
+        if len(self.pieces) > 1:
+            self.pieces = [np.concatenate(self.pieces)]
+        return self.pieces[0]
+
+
+def add_residual(lf: Decoded, hf: Decoded) -> Decoded:
+    """d + e^, clamped to the LF track's declared range, where both are covered (DEC-002, DEC-003)."""
+    low, high = lf.track.count_min, lf.track.count_max
+    d, e = lf.numbers(), hf.numbers()
+    out = Decoded(lf.track)
+    for (i, j), span in intersect(lf.spans, hf.spans):
+        both = d[i : i + span.ticks].astype(np.int64) + e[j : j + span.ticks]
+        out.add(span.start, np.clip(both, low, high).astype(np.int32))
+    return out
+
+
+def intersect(a: Sequence[Span], b: Sequence[Span]) -> list[tuple[tuple[int, int], Span]]:
+    """Common spans, and at which sample of a and of b each starts."""
+    out = []
+    i = j = at = bt = 0
+    while i < len(a) and j < len(b):
+        start, stop = max(a[i].start, b[j].start), min(a[i].stop, b[j].stop)
+        if start < stop:
+            out.append(((at + start - a[i].start, bt + start - b[j].start), Span(start, stop)))
+        if a[i].stop <= b[j].stop:
+            at += a[i].ticks
+            i += 1
+        else:
+            bt += b[j].ticks
+            j += 1
+    return out
+
+
+def build_channel(
+    decoded: Decoded, index: int, component: Component, *, hf_only: bool = False
+) -> Channel:
+    """The channel of component ``index``; ``component`` is its description in the base track."""
+    counts = decoded.track.number_format == "counts"
+    a, b, d = component.calibration
+    deviation = Deviation(*component.deviation) if component.deviation else None
+    return Channel(
+        values=np.ascontiguousarray(decoded.numbers()[:, index]),
+        rate=decoded.track.rate,
+        coverage=tuple(decoded.spans),
+        calibration=Calibration(a, 0 if hf_only else b, d) if counts else None,
+        label=component.label,
+        unit=component.unit,
+        quantity=component.quantity,
+        axis=component.axis,
+        group=component.group,
+        body_site=component.body_site,
+        device=component.device,
+        deviation=deviation,
+    )

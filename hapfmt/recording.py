@@ -1,0 +1,268 @@
+"""What people have: a Recording of Channels, as integer counts with a calibration, or true doubles.
+
+A channel keeps the samples that were measured and the spans of ticks that they cover. What no span
+covers is a gap: it has no value, costs no memory, and turns into NaN only in :meth:`Channel.dense`.
+"""
+
+from __future__ import annotations
+
+import uuid as _uuid
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import LimitError, ParameterError
+from .limits import EXACT_LIMIT, TICK_LIMIT
+
+
+class Span(NamedTuple):
+    """Ticks start <= t < stop."""
+
+    start: int
+    stop: int
+
+    @property
+    def ticks(self) -> int:
+        return self.stop - self.start
+
+
+class Deviation(NamedTuple):
+    """What was declared, and what was found, when true doubles were put on a lattice (same unit)."""
+
+    declared: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Physical value = (count * a + b) / d, exact as a Fraction; d >= 1, a != 0.
+
+    As float64 it is one correctly rounded division, the same on every machine, since
+    ``|count * a + b|`` and d are at most 2**53.
+    """
+
+    a: int = 1
+    b: int = 0
+    d: int = 1
+
+    def __post_init__(self) -> None:
+        if not (0 < abs(self.a) <= EXACT_LIMIT and abs(self.b) <= EXACT_LIMIT):
+            raise ParameterError("calibration needs 0 < |A| <= 2^53 and |B| <= 2^53")
+        if not 1 <= self.d <= EXACT_LIMIT:
+            raise ParameterError("calibration needs 1 <= D <= 2^53")
+
+    @property
+    def step(self) -> Fraction:
+        """Physical value of one count (the LSB); negative where the sensor is mounted so."""
+        return Fraction(self.a, self.d)
+
+    @property
+    def zero(self) -> int:
+        """The count nearest to the physical value 0: rdiv(-B, A), half up."""
+        a, b = (self.a, -self.b) if self.a > 0 else (-self.a, self.b)
+        return (2 * b + a) // (2 * a)
+
+    def exact(self, count: int) -> Fraction:
+        return Fraction(int(count) * self.a + self.b, self.d)
+
+    def covers(self, low: int, high: int) -> bool:
+        """Whether every count in [low, high] keeps ``|count * a + b|`` within 2**53."""
+        return max(abs(low * self.a + self.b), abs(high * self.a + self.b)) <= EXACT_LIMIT
+
+    def physical(self, counts: NDArray[Any]) -> NDArray[np.float64]:
+        """Counts (any shape, integers) to physical values (float64, same shape)."""
+        if counts.size and not self.covers(int(counts.min()), int(counts.max())):
+            raise ParameterError("a count leaves the exact range of its calibration")
+        numerator = counts.astype(np.int64) * self.a + self.b
+        return numerator.astype(np.float64) / float(self.d)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One physical signal on a regular grid of ticks; tick 0 is the zero of the recording.
+
+    values
+        [sample_count], only the samples that were measured, in order of time. Signed integers where
+        ``calibration`` is given (counts); otherwise numbers in ``unit``, float64 as a rule (float16,
+        float32, int64 and uint64 are kept bit for bit too).
+    rate
+        ticks per second, a positive Fraction.
+    coverage
+        the spans that ``values`` fills one after the other: sorted, disjoint, none empty, never
+        adjacent. Together they hold sample_count ticks.
+    unit
+        UCUM code ("N", "m/s2", "rad", "{count}", "1").
+    """
+
+    values: NDArray[Any]
+    rate: Fraction
+    coverage: tuple[Span, ...] = ()
+    calibration: Calibration | None = None
+    label: str = ""
+    unit: str = "1"
+    quantity: str = ""
+    axis: str = ""
+    group: str = ""
+    body_site: str = ""
+    device: str = ""
+    deviation: Deviation | None = None
+    lsb: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.values.ndim != 1:
+            raise ParameterError("a channel's values are one-dimensional")
+        if self.rate <= 0:
+            raise ParameterError("a channel's rate is positive")
+        if self.calibration is not None and self.values.dtype.kind not in "iu":
+            raise ParameterError("a channel with a calibration holds integer counts")
+        if not self.coverage and self.values.size:
+            object.__setattr__(self, "coverage", (Span(0, self.values.size),))
+        previous = -1
+        for span in self.coverage:
+            if span.start <= previous or span.stop <= span.start:
+                raise ParameterError("coverage spans are sorted, disjoint, not empty, not adjacent")
+            previous = span.stop
+        if previous > TICK_LIMIT or (self.coverage and self.coverage[0].start < 0):
+            raise ParameterError("ticks lie in [0, 2^48)")
+        if sum(span.ticks for span in self.coverage) != self.values.size:
+            raise ParameterError("coverage and values differ in length")
+
+    @classmethod
+    def from_physical(
+        cls, x: NDArray[Any], rate: Fraction | int, *, start_tick: int = 0, **described: Any
+    ) -> Channel:
+        """A channel of true doubles from [ticks] values; every NaN becomes a gap."""
+        x = np.ascontiguousarray(x, dtype=np.float64)
+        known = ~np.isnan(x)
+        return cls(
+            values=x[known],
+            rate=Fraction(rate),
+            coverage=tuple(spans_of(known, start_tick)),
+            **described,
+        )
+
+    @property
+    def is_counts(self) -> bool:
+        return self.calibration is not None
+
+    @property
+    def start_tick(self) -> int:
+        return self.coverage[0].start if self.coverage else 0
+
+    @property
+    def stop_tick(self) -> int:
+        return self.coverage[-1].stop if self.coverage else 0
+
+    @property
+    def gaps(self) -> tuple[Span, ...]:
+        """Spans between the first and the last sample that nothing covers."""
+        pairs = zip(self.coverage, self.coverage[1:], strict=False)
+        return tuple(Span(a.stop, b.start) for a, b in pairs)
+
+    @property
+    def duration(self) -> Fraction:
+        """Seconds from the zero of the recording to the end of the last sample."""
+        return self.stop_tick / self.rate
+
+    def physical(self) -> NDArray[np.float64]:
+        """[sample_count] physical values in ``unit``, gaps left out."""
+        if self.calibration is not None:
+            return self.calibration.physical(self.values)
+        return self.values.astype(np.float64)
+
+    def segments(self) -> Iterator[tuple[int, NDArray[Any]]]:
+        """Each covered span as (start tick, its values)."""
+        position = 0
+        for span in self.coverage:
+            yield span.start, self.values[position : position + span.ticks]
+            position += span.ticks
+
+    def dense(
+        self, start: int | None = None, stop: int | None = None, *, limit: int = 1 << 31
+    ) -> NDArray[np.float64]:
+        """[stop - start] physical values with NaN in the gaps; by default from tick 0 to the end."""
+        first = 0 if start is None else start
+        last = self.stop_tick if stop is None else stop
+        if last - first > limit:
+            raise LimitError(f"{last - first} ticks with their gaps are above the limit of {limit}")
+        out = np.full(max(last - first, 0), np.nan)
+        position = 0
+        x = self.physical()
+        for span in self.coverage:
+            a, b = max(span.start, first), min(span.stop, last)
+            if a < b:
+                at = position + a - span.start
+                out[a - first : b - first] = x[at : at + b - a]
+            position += span.ticks
+        return out
+
+    def slice_ticks(self, start: int, stop: int) -> Channel:
+        """The same channel, only the samples with start <= tick < stop (ticks keep their numbers)."""
+        spans: list[Span] = []
+        pieces: list[NDArray[Any]] = []
+        for first, values in self.segments():
+            a, b = max(first, start), min(first + values.size, stop)
+            if a < b:
+                spans.append(Span(a, b))
+                pieces.append(values[a - first : b - first])
+        joined = np.concatenate(pieces) if pieces else self.values[:0]
+        return replace(self, values=joined, coverage=tuple(spans))
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Channels that share one zero of time.
+
+    epoch_ns is the UTC time of tick 0 in nanoseconds since 1970-01-01 (None: not known),
+    metadata any JSON object, attachments {name: (media type, bytes)}.
+    """
+
+    channels: tuple[Channel, ...] = ()
+    uuid: _uuid.UUID | None = None
+    epoch_ns: int | None = None
+    epoch_uncertainty_ns: int = 0
+    metadata: dict[str, Any] = field(default_factory=dict)
+    attachments: dict[str, tuple[str, bytes]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "channels", tuple(self.channels))
+
+    def __len__(self) -> int:
+        return len(self.channels)
+
+    @property
+    def duration(self) -> Fraction:
+        return max((channel.duration for channel in self.channels), default=Fraction(0))
+
+    @property
+    def sample_count(self) -> int:
+        return sum(int(channel.values.size) for channel in self.channels)
+
+    def channel(self, label: str) -> Channel:
+        for channel in self.channels:
+            if channel.label == label:
+                return channel
+        known = ", ".join(repr(channel.label) for channel in self.channels)
+        raise ParameterError(f"no channel is called {label!r}; there are: {known}")
+
+
+def spans_of(known: NDArray[np.bool_], start_tick: int = 0) -> Iterator[Span]:
+    """Maximal runs of True in [ticks] as spans, counted from ``start_tick``."""
+    edges = np.flatnonzero(np.diff(known.astype(np.int8), prepend=0, append=0))
+    for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        yield Span(start_tick + a, start_tick + b)
+
+
+def join_spans(spans: Iterable[Span]) -> tuple[Span, ...]:
+    """Sorted spans with the adjacent ones joined."""
+    joined: list[Span] = []
+    for span in spans:
+        if joined and joined[-1].stop == span.start:
+            joined[-1] = Span(joined[-1].start, span.stop)
+        else:
+            joined.append(span)
+    return tuple(joined)

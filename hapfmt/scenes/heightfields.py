@@ -1,0 +1,123 @@
+"""Surfaces to touch: the height under a path, in metres, for stone, sand and cork.
+
+Each surface is a function of the plane without end, drawn from its generator once: the height at a
+point does not depend on which other points are asked for. Smoothing by the tip is the stylus's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+Heights = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+"""x and y in metres, [points] each, to heights in metres, [points]."""
+
+STONE_WAVES = 96
+STONE_SHORTEST_M = 0.25e-3
+STONE_LONGEST_M = 8e-3
+STONE_RMS_M = 110e-6
+STONE_HURST = 0.8
+"""Fractal stone: waves in all directions, their amplitudes proportional to wavelength**Hurst, at
+equal steps of log wavelength: a self-affine surface with Hurst exponent 0.8, as fractured rock
+has."""
+
+SAND_GRAIN_M = 0.5e-3
+SAND_JITTER = 0.35
+SAND_RADII = (0.7, 1.25)
+SAND_RELIEF = 0.6
+"""Grains of medium sand (0.25-0.5 mm, and some above, in the sense of ISO 14688): spheres on a
+jittered grid, glued down so that a fraction of each radius stands out."""
+
+CORK_CELL_M = 2.2e-3
+CORK_WALL_M = 0.2e-3
+CORK_DEPTH_M = 300e-6
+CORK_TILT_M = 40e-6
+"""Agglomerated cork: granules of about 2 mm with grooves between them, each at a height of its own.
+A Worley (cellular) texture: the groove is where the nearest two granules are equally far."""
+
+_TABLE = 64
+"""Cells repeat after 64 x 64: 35 mm of sand, 140 mm of cork."""
+
+
+def stone(rng: np.random.Generator) -> Heights:
+    wavelength = np.geomspace(STONE_SHORTEST_M, STONE_LONGEST_M, STONE_WAVES)
+    direction = rng.uniform(0, 2 * np.pi, STONE_WAVES)
+    phase = rng.uniform(0, 2 * np.pi, STONE_WAVES)
+    amplitude = wavelength**STONE_HURST
+    amplitude *= STONE_RMS_M / np.sqrt(np.sum(amplitude**2) / 2)
+    kx, ky = 2 * np.pi / wavelength * np.array([np.cos(direction), np.sin(direction)])
+
+    def heights(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        out = np.zeros_like(x)
+        for wave in range(STONE_WAVES):
+            out += amplitude[wave] * np.cos(kx[wave] * x + ky[wave] * y + phase[wave])
+        return out
+
+    return heights
+
+
+def sand(rng: np.random.Generator) -> Heights:
+    cells = _Cells(rng, SAND_JITTER)
+    size = rng.uniform(*SAND_RADII, (_TABLE, _TABLE)) * SAND_GRAIN_M / 2
+
+    def heights(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        top = np.zeros_like(x)
+        for distance_sq, cell in cells.around(x / SAND_GRAIN_M, y / SAND_GRAIN_M):
+            radius = size[cell]
+            above_sq = radius**2 - distance_sq * SAND_GRAIN_M**2
+            cap = np.sqrt(np.maximum(above_sq, 0)) - radius * (1 - SAND_RELIEF)
+            np.maximum(top, cap, out=top)
+        return top
+
+    return heights
+
+
+def cork(rng: np.random.Generator) -> Heights:
+    cells = _Cells(rng, 0.5)
+    level = rng.normal(0, CORK_TILT_M, (_TABLE, _TABLE))
+
+    def heights(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        nearest = np.full_like(x, np.inf)
+        second = np.full_like(x, np.inf)
+        height = np.zeros_like(x)
+        for distance_sq, cell in cells.around(x / CORK_CELL_M, y / CORK_CELL_M):
+            closer = distance_sq < nearest
+            second = np.where(closer, nearest, np.minimum(second, distance_sq))
+            nearest = np.where(closer, distance_sq, nearest)
+            height = np.where(closer, level[cell], height)
+        wall = (np.sqrt(second) - np.sqrt(nearest)) * CORK_CELL_M / CORK_WALL_M
+        # The level of a granule fades out at its border, so that the surface has no cliffs.
+        plateau = height * (1 - np.exp(-(wall**2) / 4))
+        return np.asarray(plateau - CORK_DEPTH_M * np.exp(-(wall**2)))
+
+    return heights
+
+
+class _Cells:
+    """A square grid of cells of size 1, each with one point somewhere around its middle."""
+
+    def __init__(self, rng: np.random.Generator, jitter: float) -> None:
+        self.points = 0.5 + rng.uniform(-jitter, jitter, (2, _TABLE, _TABLE))
+
+    def around(
+        self, x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> Iterator[tuple[NDArray[np.float64], tuple[NDArray[np.int64], NDArray[np.int64]]]]:
+        """Each of the 3 x 3 cells around: squared distance to its point, and its table index."""
+        column, row = np.floor(x), np.floor(y)
+        for dx in (-1, 0, 1):
+            for dy in (-1, 0, 1):
+                cell = (
+                    (column + dx).astype(np.int64) % _TABLE,
+                    (row + dy).astype(np.int64) % _TABLE,
+                )
+                px, py = self.points[0][cell], self.points[1][cell]
+                yield (x - column - dx - px) ** 2 + (y - row - dy - py) ** 2, cell
+
+
+SURFACES: dict[str, Callable[[np.random.Generator], Heights]] = {
+    "stone": stone,
+    "sand": sand,
+    "cork": cork,
+}

@@ -1,0 +1,169 @@
+"""Unit texts as people write them -> UCUM codes (https://ucum.org/ucum).
+
+A text that is a UCUM code already stays as it is; a known spelling is respelled; anything else is
+kept as a UCUM annotation, ``{raw(0-255)}``: dimension 1, but readable. So 'g' stays the gram, and
+the acceleration is asked for as ``[g]`` (spelled gn, g0, g-force or [g]).
+"""
+
+from __future__ import annotations
+
+import re
+
+MAX_SIZE = 255
+"""Bytes of the longest code: a unit is stored behind one length byte."""
+
+_PREFIXES = "Y Z E P T G M k h da d c m u n p f a z y"
+_METRIC = (
+    "m s g rad K C cd mol sr N Pa J W A V F Ohm S Wb Cel T H Hz lm lx L l bar eV gf B bit By t "
+    "[g] [ppm]"
+)
+"""Atoms that take a prefix. Left out, since people mean something else by them: G (gauss), a
+(year), b (barn), u, P, R."""
+_FIXED = (
+    "% deg ' '' min h d m[Hg] mm[Hg] cm[H2O] [degF] [psi] [lbf_av] [lb_av] [in_i] [ft_i] [mi_i] "
+    "[ppth] [ppb] [arb'U] [pi]"
+)
+
+
+def _any_of(codes: str) -> str:
+    return "|".join(map(re.escape, sorted(codes.split(), key=len, reverse=True)))
+
+
+_GROUP = "\0"
+"""Stands for a pair of parentheses whose content was found to be a term."""
+_ANNOTATION = r"\{[!-z|~]+\}"
+_ATOM = rf"(?:(?:{_any_of(_PREFIXES)})?(?:{_any_of(_METRIC)})|{_any_of(_FIXED)})"
+_COMPONENT = rf"(?:{_ATOM}(?:[+-]?[1-9][0-9]?)?(?:{{}})?|1|{{}}|{_GROUP})".replace("{}", r"\{\}")
+_TERM = re.compile(rf"/?{_COMPONENT}(?:[./]{_COMPONENT})*")
+_TORQUE = re.compile(rf"((?:{_any_of(_PREFIXES)})?N)((?:{_any_of(_PREFIXES)})?m|s)")
+
+_SPELLINGS = {
+    "1": "none unitless dimensionless - ratio",
+    "%": "percent pct",
+    "{count}": "count counts cts",
+    "{lsb}": "lsb lsbs",
+    "{digit}": "digit digits",
+    "{pulse}": "pulse pulses",
+    "{rev}": "rev revs revolution revolutions turn turns",
+    "{sample}": "sample samples",
+    "{step}": "step steps",
+    "deg": "deg degs degree degrees",
+    "rad": "rad rads radian radians",
+    "s": "sec secs second seconds",
+    "ms": "msec msecs millisecond milliseconds",
+    "us": "usec usecs microsecond microseconds",
+    "min": "mins minute minutes",
+    "h": "hr hrs hour hours",
+    "m": "meter meters metre metres",
+    "mm": "millimeter millimeters millimetre millimetres",
+    "um": "micron microns micrometer micrometers micrometre micrometres",
+    "g": "gram grams",
+    "kg": "kgs kilogram kilograms",
+    "N": "newton newtons",
+    "Pa": "pascal pascals",
+    "kPa": "kpa",
+    "V": "volt volts",
+    "A": "amp amps ampere amperes",
+    "W": "watt watts",
+    "J": "joule joules",
+    "Ohm": "ohm ohms",
+    "Hz": "hz hertz",
+    "kHz": "khz",
+    "K": "kelvin kelvins",
+    "Cel": "degc celsius",
+    "[degF]": "degf fahrenheit",
+    "dB": "db decibel decibels",
+    "[g]": "gn g0 g_n g-force gforce",
+    "[in_i]": "in inch inches",
+    "[ft_i]": "ft foot feet",
+    "[lb_av]": "lb lbs",
+    "[lbf_av]": "lbf",
+    "[psi]": "psi",
+    "[ppm]": "ppm",
+    "mm[Hg]": "mmhg",
+}
+_WORDS = {word: code for code, words in _SPELLINGS.items() for word in words.split()}
+_WHOLE = {**_WORDS, "": "1", "n/a": "1", "rpm": "{rev}/min"}
+"""Of the whole text; a code with a slash of its own cannot stand below another slash."""
+
+_ASCII = str.maketrans(
+    {
+        **dict(zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+", strict=True)),
+        **dict.fromkeys("\u00b5\u03bc", "u"),
+        **dict.fromkeys("\u03a9\u2126", "Ohm"),
+        **dict.fromkeys("·⋅∙×", "*"),
+        "°": "deg",
+        "−": "-",
+        "‰": "[ppth]",
+    }
+)
+
+
+def to_ucum(text: str) -> str:
+    """The UCUM code of a unit text: at most 255 bytes of printable ASCII, never empty.
+
+    ``to_ucum(to_ucum(text)) == to_ucum(text)``. No text is an error.
+
+    >>> [to_ucum(text) for text in ("Nm", "m/s^2", "count", "", "raw(0-255)")]
+    ['N.m', 'm/s2', '{count}', '1', '{raw(0-255)}']
+    """
+    text = text.strip()
+    if _is_code(text):
+        return text
+    text = text.translate(_ASCII)
+    respelled = _respell(text)
+    return respelled if _is_code(respelled) else _annotation(text)
+
+
+def _is_code(text: str) -> bool:
+    """Whether the text is a UCUM term of the atoms above, of a size that can be stored."""
+    if len(text) > MAX_SIZE or any(not "!" <= character <= "~" for character in text):
+        return False
+    text = re.sub(_ANNOTATION, "{}", text)
+    while (group := re.search(r"\(([^()]*)\)", text)) is not None:
+        if _TERM.fullmatch(group[1]) is None:
+            return False
+        text = text[: group.start()] + _GROUP + text[group.end() :]
+    return _TERM.fullmatch(text) is not None
+
+
+def _respell(text: str) -> str:
+    """One of many spellings -> UCUM's, where that is clear; the result may still be no code."""
+    if (wrapped := re.fullmatch(r"\[([^][]*)\]|\(([^()]*)\)", text)) is not None:
+        text = (wrapped[1] or wrapped[2] or "").strip()
+    whole = _WHOLE.get(text.casefold())
+    if whole is not None:
+        return whole
+    text = text.replace("**", "").replace("^", "")
+    text = re.sub(r"\s+per\s+", "/", text)
+    text = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])|\*", ".", text)
+    text = re.sub(r"\s*([./])\s*", r"\1", text)
+    text = re.sub(r"\s+", ".", text)
+    if re.search(r"/[^()]*\.", text):
+        # UCUM reads J/kg.K from left to right, as J.K/kg; people mean J/(kg.K). Do not guess.
+        return ""
+    parts = re.split(r"([./()])", text)
+    return "".join(
+        _respell_part(part, below=index > 0 and parts[index - 1] == "/")
+        for index, part in enumerate(parts)
+    )
+
+
+def _respell_part(part: str, *, below: bool) -> str:
+    """One factor, with its exponent; ``below`` a slash a product needs parentheses."""
+    if not part or part in "./()" or _is_code(part):
+        return part
+    if part.casefold() in _WORDS:
+        return _WORDS[part.casefold()]
+    if (product := _TORQUE.fullmatch(part)) is not None:
+        joined = f"{product[1]}.{product[2]}"
+        return f"({joined})" if below else joined
+    body = part.rstrip("0123456789").rstrip("+-")
+    return _WORDS.get(body.casefold(), body) + part[len(body) :]
+
+
+def _annotation(text: str) -> str:
+    """``{text}`` without what an annotation cannot hold; "1" where nothing is left."""
+    kept = "".join(c for c in text if (" " <= c <= "~" and c not in "{}") or c.isspace()).strip()
+    joined = re.sub(r"\s", "_", kept)[: MAX_SIZE - 2]
+    return f"{{{joined}}}" if joined else "1"

@@ -1,0 +1,175 @@
+"""Every rule of one file, checked; and the deadband contract against the original."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, BinaryIO
+
+from .catalogue import Catalogue
+from .container.index import IndexEntry, check_listing, parse_index
+from .container.walk import read_chunk
+from .contract import ContractCheck, check_contracts
+from .decoder import TrackDigest
+from .errors import FormatError, HapfmtError, LimitError, UnsupportedError
+from .limits import Limits
+from .reader import Reader
+from .recording import Recording
+
+INTACT, NONCONFORMING, DAMAGED, UNSUPPORTED = 0, 2, 3, 4
+VERDICTS = {INTACT: "intact", NONCONFORMING: "nonconforming", DAMAGED: "damaged", UNSUPPORTED: "unsupported"}  # fmt: skip
+
+
+@dataclass
+class Report:
+    """What ``verify`` found; ``verdict`` is a word of SPEC clause 14, ``exit_code`` its number."""
+
+    exit_code: int = INTACT
+    findings: list[dict[str, Any]] = field(default_factory=list)
+    lost: list[dict[str, Any]] = field(default_factory=list)
+    error: HapfmtError | None = None
+    digests: int = 0
+    packets: int = 0
+    samples: int = 0
+    unknown: list[str] = field(default_factory=list)
+    contracts: list[ContractCheck] = field(default_factory=list)
+
+    @property
+    def verdict(self) -> str:
+        return VERDICTS[self.exit_code]
+
+    def worsen(self, code: int) -> None:
+        """Nonconforming before unsupported before damaged before intact."""
+        order = (INTACT, DAMAGED, UNSUPPORTED, NONCONFORMING)
+        self.exit_code = max(self.exit_code, code, key=order.index)
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "verdict": self.verdict,
+            "exit_code": self.exit_code,
+            "error": str(self.error) if self.error else None,
+            "findings": self.findings,
+            "lost": self.lost,
+            "packet_count": self.packets,
+            "sample_count": self.samples,
+            "digest_count": self.digests,
+            "unknown_chunks": self.unknown,
+            "contracts": [check.as_json() for check in self.contracts],
+        }
+
+
+def verify(
+    file: str | os.PathLike[str] | bytes | BinaryIO,
+    *,
+    against: Recording | None = None,
+    limits: Limits | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Report:
+    """Check everything the SPEC says of a file; with ``against`` its contracts as well.
+
+    Raises only OSError, and ParameterError where ``against`` does not belong to the file.
+    """
+    report = Report()
+    try:
+        reader = Reader(file, limits=limits)
+    except (FormatError, UnsupportedError, LimitError) as error:
+        report.error = error
+        report.worsen(error.exit_code)
+        return report
+    with reader:
+        try:
+            reader.scan()
+            check_structure(reader.catalogue)
+            check_packets(reader, report, progress)
+            if against is not None:
+                report.contracts = check_contracts(reader, against)
+        except (FormatError, UnsupportedError, LimitError) as error:
+            report.error = error.at(path=reader.source.path)
+            report.worsen(error.exit_code)
+        catalogue = reader.catalogue
+        report.findings = [finding.as_json() for finding in catalogue.findings]
+        report.lost = [span._asdict() for span in reader.lost]
+        report.unknown = [header.type for header in catalogue.unknown]
+        if catalogue.findings or any(check.broken for check in report.contracts):
+            report.worsen(DAMAGED)
+        return report
+
+
+def check_structure(catalogue: Catalogue) -> None:
+    """Index, footer, attachments, channel numbers: only in a file without damage."""
+    if catalogue.damaged:
+        return
+    listing = [
+        IndexEntry(ref.type, ref.offset, ref.start_ns or 0, ref.stop_ns or 0)
+        for ref in catalogue.chunks
+    ]
+    last_index = indexed_to = 0
+    for ref in catalogue.chunks:
+        if ref.type == "iNDX":
+            chunk = read_chunk(catalogue.source, ref.offset)
+            if chunk is None:
+                continue
+            index = parse_index(chunk.payload, ref.offset, chunk.payload_offset)
+            check_listing(index, ref.offset, listing, chunk.payload_offset)
+            last_index = indexed_to = ref.offset
+        elif ref.offset - indexed_to > INDEX_EVERY + catalogue.level.payload_size:
+            raise FormatError("no index for too long", requirement="IDX-005", offset=ref.offset)
+    catalogue.attachments()
+    foot = catalogue.foot
+    if foot is None:
+        return
+    at = catalogue.source.size - 32
+    if foot.index_offset != last_index:
+        raise FormatError("footer names another index", requirement="FOT-002", offset=at)
+    counts = (len(catalogue.data), len(catalogue.tracks))
+    if (foot.data_count, foot.track_count) != counts:
+        raise FormatError("footer counts differ", requirement="FOT-003", offset=at + 16)
+    numbers = [channel.number for channel in catalogue.channels]
+    if numbers != list(range(len(numbers))):
+        raise FormatError("channel numbers leave a hole", requirement="TRK-010", offset=at)
+
+
+INDEX_EVERY = 1 << 22
+"""Bytes of chunks after which an index is due (SPEC IDX-005); the chunk on the edge may pass it."""
+
+
+def check_packets(
+    reader: Reader, report: Report, progress: Callable[[int, int], None] | None
+) -> None:
+    """Decode all that is supported, and compare digests."""
+    catalogue = reader.catalogue
+    known = [track for track in catalogue.tracks.values() if not track.unsupported]
+    digests = {track.id: TrackDigest() for track in known}
+    for piece in reader.pieces(known, progress=progress):
+        report.packets += 1
+        report.samples += piece.numbers.size
+        digests[piece.track.id].update(piece.start, piece.numbers)
+    for ref in catalogue.chunks:
+        if ref.type != "dGST":
+            continue
+        chunk = read_chunk(catalogue.source, ref.offset)
+        if chunk is None or not chunk.intact:
+            continue
+        first, size = chunk.header.track, len(chunk.payload)
+        tracks = range(first, first + size // 32)
+        if not size or size % 32 or any(t not in catalogue.tracks for t in tracks):
+            raise FormatError(
+                "digests of no whole number of known tracks",
+                requirement="DGS-001",
+                offset=chunk.payload_offset,
+            )
+        for place, track in enumerate(tracks):
+            wanted = chunk.payload[32 * place : 32 * place + 32]
+            if track in digests and digests[track].digest() != wanted:
+                catalogue.lose(
+                    "bad-digest",
+                    chunk.payload_offset + 32 * place,
+                    32,
+                    f"track {track} decodes to other numbers than were written",
+                    "DGS-002",
+                )
+            report.digests += 1
+    for track in catalogue.tracks.values():
+        if track.unsupported:
+            raise UnsupportedError(f"track {track.id} needs {track.unsupported}", offset=track.offset)

@@ -1,0 +1,286 @@
+"""Tracks and packets -> chunks; recording -> file (SPEC clauses 5, 6 and 13)."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import uuid
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import BinaryIO
+
+from .atomic import atomic_write
+from .container.cluster import Packet, build_cluster, entry_size
+from .container.extras import Attachment, build_attachment, build_metadata
+from .container.index import (
+    ENTRY_SIZE,
+    FIRST_OFFSET,
+    Foot,
+    Index,
+    IndexEntry,
+    build_foot,
+    build_index,
+    ceil_ns,
+    floor_ns,
+)
+from .container.track import Track, build_series, series_of
+from .container.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk
+from .decoder import TrackDecoder, TrackDigest
+from .encoder.encode import Decision, Encoded, encode
+from .encoder.settings import Settings
+from .errors import ParameterError
+from .limits import LEVELS, Level
+from .recording import Recording
+from .version import __version__
+
+INDEX_EVERY = 1 << 22
+"""Bytes of chunks between two indexes (SPEC IDX-005)."""
+
+COPY_ABOVE = 1 << 16
+"""Files larger than this repeat HEAD and TRAK at their end (SPEC 6.1)."""
+
+PAYLOAD_TARGET = {1: 1 << 19, 2: 1 << 22}
+"""Clusters are split above this size, well below the limit of the level."""
+
+
+class FileWriter:
+    """Writes chunks to a stream, one after the other, and the index and the footer by itself.
+
+    ``file_id`` None: at random (SPEC WRT-005). The stream needs ``write`` only.
+    """
+
+    def __init__(
+        self,
+        stream: BinaryIO,
+        *,
+        level: Level = LEVELS[1],
+        file_id: int | None = None,
+        recording_uuid: uuid.UUID | None = None,
+        epoch_ns: int | None = None,
+        epoch_uncertainty_ns: int = 0,
+    ) -> None:
+        self.stream = stream
+        self.level = level
+        self.file_id = secrets.randbits(32) if file_id is None else file_id
+        self.head = Head(
+            level.number,
+            self.file_id,
+            recording_uuid.bytes if recording_uuid else None,
+            epoch_ns,
+            epoch_uncertainty_ns,
+        )
+        self.offset = 0
+        self.sequence = 0
+        self.tracks: dict[int, Track] = {}
+        self.series: list[tuple[int, bytes]] = []
+        self.entries: list[IndexEntry] = []
+        self.indexed_entries = 0
+        self.indexed_to = FIRST_OFFSET
+        self.last_index = 0
+        self.data_count = 0
+        self.stop = Fraction(0)
+        self.put(SIGNATURE)
+        self.chunk("HEAD", self.head.build())
+
+    def put(self, data: bytes) -> None:
+        self.stream.write(data)
+        self.offset += len(data)
+
+    def chunk(
+        self, type_: str, payload: bytes, track: int = NO_TRACK, times: tuple[int, int] = (0, 0)
+    ) -> None:
+        """One whole chunk in one write (SPEC WRT-001)."""
+        if len(payload) > self.level.payload_size:
+            raise ParameterError(
+                f"a {type_} chunk of {len(payload)} bytes is above {self.level.payload_size}, "
+                f"the limit of level {self.level.number}"
+            )
+        unindexed = self.offset - self.indexed_to + HEADER_SIZE + len(payload)
+        if type_ != "iNDX" and unindexed > INDEX_EVERY and len(self.entries) > self.indexed_entries:
+            self.index()
+        entry = IndexEntry(type_, self.offset, *times)
+        self.put(
+            build_chunk(
+                type_, payload, file_id=self.file_id, sequence=self.sequence, track=track
+            )
+        )
+        self.sequence += 1
+        if type_ not in ("iNDX", "fOOT"):
+            self.entries.append(entry)
+
+    def describe(self, tracks: Sequence[Track]) -> None:
+        """TRAK chunks for tracks in order of their ids."""
+        for series in series_of(tracks):
+            payload = build_series(series)
+            self.series.append((series[0].id, payload))
+            self.chunk("TRAK", payload, series[0].id)
+            self.tracks.update((track.id, track) for track in series)
+
+    def metadata(self, metadata: dict[str, object]) -> None:
+        self.chunk("mETa", build_metadata(metadata))
+
+    def attach(self, attachment: Attachment) -> None:
+        self.chunk("aTTc", build_attachment(attachment))
+
+    def cluster(self, packets: Iterable[Packet]) -> None:
+        """DATA chunks for the packets of one stretch of time; several where one grows too large."""
+        batch: list[Packet] = []
+        size = samples = 0
+        target = PAYLOAD_TARGET[self.level.number]
+        for packet in sorted(packets, key=lambda p: (p.track, p.start)):
+            weight = len(packet.data) + entry_size(packet)
+            count = packet.span * len(self.tracks[packet.track].components)
+            full = (
+                size + weight > target
+                or samples + count > self.level.cluster_samples
+                or len(batch) >= self.level.packets
+            )
+            if batch and full:
+                self.data(batch)
+                batch, size, samples = [], 0, 0
+            batch.append(packet)
+            size += weight
+            samples += count
+        if batch:
+            self.data(batch)
+
+    def data(self, packets: Sequence[Packet]) -> None:
+        rates = {packet.track: self.tracks[packet.track].rate for packet in packets}
+        start = min(packet.start / rates[packet.track] for packet in packets)
+        stop = max(packet.stop / rates[packet.track] for packet in packets)
+        payload = build_cluster(packets)
+        self.chunk("DATA", payload, times=(floor_ns(start), ceil_ns(stop)))
+        self.data_count += 1
+        self.stop = max(self.stop, stop)
+
+    def index(self, *, everything: bool = False) -> None:
+        """An index of what was not indexed yet, or of everything where that fits a payload."""
+        entries, covers_from = self.entries[self.indexed_entries :], self.indexed_to
+        if everything and len(self.entries) * ENTRY_SIZE < self.level.payload_size // 2:
+            entries, covers_from = self.entries, FIRST_OFFSET
+        payload = build_index(Index(covers_from, self.last_index, tuple(entries)))
+        self.last_index, self.indexed_to = self.offset, self.offset
+        self.indexed_entries = len(self.entries)
+        self.chunk("iNDX", payload)
+
+    def digest(self, digests: dict[int, bytes]) -> None:
+        """dGST chunks; ``digests`` by track id, runs of ids in one chunk each."""
+        run: list[int] = []
+        for track in sorted(digests):
+            if run and track != run[-1] + 1:
+                self.chunk("dGST", b"".join(digests[t] for t in run), run[0])
+                run = []
+            run.append(track)
+        if run:
+            self.chunk("dGST", b"".join(digests[t] for t in run), run[0])
+
+    def close(self) -> None:
+        """Copies of the description, index, footer; the stream stays open."""
+        if self.offset > COPY_ABOVE:
+            self.chunk("HEAD", self.head.build())
+            for track, payload in self.series:
+                self.chunk("TRAK", payload, track)
+        self.index(everything=True)
+        foot = Foot(
+            self.last_index,
+            self.offset + HEADER_SIZE + 32,
+            self.data_count,
+            len(self.tracks),
+            ceil_ns(self.stop),
+        )
+        self.chunk("fOOT", build_foot(foot))
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What was written: bytes in all, bytes of packets, samples, and the encoder's decisions."""
+
+    file_size: int
+    payload_size: int
+    sample_count: int
+    decisions: tuple[Decision, ...]
+    notes: tuple[str, ...] = ()
+
+
+def write(
+    recording: Recording,
+    file: str | os.PathLike[str] | BinaryIO,
+    settings: Settings | None = None,
+    *,
+    canonical: int | None = None,
+    force: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Summary:
+    """Encode a recording into a path or a binary stream.
+
+    ``canonical`` is the file id of canonical mode: the same input gives the same bytes; otherwise
+    the id, and the UUID of a recording that has none, are random. An existing path is refused
+    unless ``force``. ``progress`` is called with (channels done, channels in all).
+
+    Raises ParameterError where the recording does not fit the format.
+    """
+    settings = settings or Settings()
+    if canonical is not None and not 0 <= canonical < 1 << 32:
+        raise ParameterError("a file id lies between 0 and 2^32 - 1")
+    encoded = encode(recording, settings, progress=progress)
+    made_by = f"hapfmt {__version__}: {settings.describe()}"
+    metadata = {**recording.metadata, "encoder": made_by}
+    attached = [Attachment(name, *rest) for name, rest in recording.attachments.items()]
+    extras = [build_metadata(metadata), *(build_attachment(a) for a in attached)]
+    level = encoded.level
+    if max(len(payload) for payload in extras) > level.payload_size:
+        level = LEVELS[2]
+    own_uuid = recording.uuid or (uuid.uuid4() if canonical is None else None)
+    with target(file, force) as stream:
+        out = FileWriter(
+            stream,
+            level=level,
+            file_id=canonical,
+            recording_uuid=own_uuid,
+            epoch_ns=recording.epoch_ns,
+            epoch_uncertainty_ns=recording.epoch_uncertainty_ns,
+        )
+        out.describe(encoded.tracks)
+        out.metadata(metadata)
+        for attachment in attached:
+            out.attach(attachment)
+        for packets in clusters(encoded, settings.cluster):
+            out.cluster(packets)
+        if settings.digest:
+            out.digest(digests_of(encoded))
+        out.close()
+    return Summary(
+        out.offset,
+        sum(len(packet.data) for packet in encoded.packets),
+        recording.sample_count,
+        tuple(encoded.decisions),
+        tuple(str(note) for note in metadata.get("notes", ()) if isinstance(note, str)),
+    )
+
+
+def clusters(encoded: Encoded, seconds: Fraction) -> Iterator[list[Packet]]:
+    """Packets of one stretch of time after the other."""
+    rates = {track.id: track.rate for track in encoded.tracks}
+    by_time: dict[int, list[Packet]] = {}
+    for packet in encoded.packets:
+        number = packet.start / rates[packet.track] // seconds
+        by_time.setdefault(number, []).append(packet)
+    for number in sorted(by_time):
+        yield by_time[number]
+
+
+def digests_of(encoded: Encoded) -> dict[int, bytes]:
+    """SHA-256 of what the decoder makes of each track (SPEC 6.9)."""
+    decoders = {track.id: TrackDecoder(track, encoded.level) for track in encoded.tracks}
+    found = {track.id: TrackDigest() for track in encoded.tracks}
+    for packet in encoded.packets:
+        found[packet.track].update(packet.start, decoders[packet.track].decode(packet))
+    return {track: digest.digest() for track, digest in found.items()}
+
+
+def target(file: str | os.PathLike[str] | BinaryIO, force: bool) -> AbstractContextManager[BinaryIO]:
+    if isinstance(file, (str, os.PathLike)):
+        return atomic_write(file, force=force)
+    return nullcontext(file)
