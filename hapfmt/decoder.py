@@ -63,7 +63,10 @@ class TrackDecoder:
                 )
         except HapfmtError as error:
             raise error.at(path=self.path) from None
-        return np.clip(numbers, track.count_min, track.count_max).astype(np.int32)
+        clamped: NDArray[np.int32] = np.clip(numbers, track.count_min, track.count_max).astype(
+            np.int32
+        )
+        return clamped
 
 
 class TrackDigest:

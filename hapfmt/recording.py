@@ -31,7 +31,7 @@ class Span(NamedTuple):
 
 
 class Deviation(NamedTuple):
-    """What was declared, and what was found, when true doubles were put on a lattice (same unit)."""
+    """Declared and found, where true doubles were put on a lattice; in the channel's unit."""
 
     declared: float
     largest: float
@@ -87,8 +87,8 @@ class Channel:
 
     values
         [sample_count], only the samples that were measured, in order of time. Signed integers where
-        ``calibration`` is given (counts); otherwise numbers in ``unit``, float64 as a rule (float16,
-        float32, int64 and uint64 are kept bit for bit too).
+        ``calibration`` is given (counts); otherwise numbers in ``unit``, float64 as a rule
+        (float16, float32, int64 and uint64 are kept bit for bit too).
     rate
         ticks per second, a positive Fraction.
     coverage
@@ -184,7 +184,7 @@ class Channel:
     def dense(
         self, start: int | None = None, stop: int | None = None, *, limit: int = 1 << 31
     ) -> NDArray[np.float64]:
-        """[stop - start] physical values with NaN in the gaps; by default from tick 0 to the end."""
+        """[stop - start] physical values, NaN in the gaps; by default from tick 0 to the end."""
         first = 0 if start is None else start
         last = self.stop_tick if stop is None else stop
         if last - first > limit:
@@ -201,7 +201,7 @@ class Channel:
         return out
 
     def slice_ticks(self, start: int, stop: int) -> Channel:
-        """The same channel, only the samples with start <= tick < stop (ticks keep their numbers)."""
+        """Only the samples with start <= tick < stop; ticks keep their numbers."""
         spans: list[Span] = []
         pieces: list[NDArray[Any]] = []
         for first, values in self.segments():

@@ -29,11 +29,11 @@ def _any_of(codes: str) -> str:
     return "|".join(map(re.escape, sorted(codes.split(), key=len, reverse=True)))
 
 
-_GROUP = "\0"
-"""Stands for a pair of parentheses whose content was found to be a term."""
+_GROUP, _NOTE = "\0", "\1"
+"""Stand for a pair of parentheses whose content was found to be a term, and for an annotation."""
 _ANNOTATION = r"\{[!-z|~]+\}"
 _ATOM = rf"(?:(?:{_any_of(_PREFIXES)})?(?:{_any_of(_METRIC)})|{_any_of(_FIXED)})"
-_COMPONENT = rf"(?:{_ATOM}(?:[+-]?[1-9][0-9]?)?(?:{{}})?|1|{{}}|{_GROUP})".replace("{}", r"\{\}")
+_COMPONENT = rf"(?:{_ATOM}(?:[+-]?[1-9][0-9]?)?{_NOTE}?|1|{_NOTE}|{_GROUP})"
 _TERM = re.compile(rf"/?{_COMPONENT}(?:[./]{_COMPONENT})*")
 _TORQUE = re.compile(rf"((?:{_any_of(_PREFIXES)})?N)((?:{_any_of(_PREFIXES)})?m|s)")
 
@@ -107,7 +107,7 @@ def to_ucum(text: str) -> str:
     >>> [to_ucum(text) for text in ("Nm", "m/s^2", "count", "", "raw(0-255)")]
     ['N.m', 'm/s2', '{count}', '1', '{raw(0-255)}']
     """
-    text = text.strip()
+    text = _unwrapped(text.strip())
     if _is_code(text):
         return text
     text = text.translate(_ASCII)
@@ -115,11 +115,20 @@ def to_ucum(text: str) -> str:
     return respelled if _is_code(respelled) else _annotation(text)
 
 
+def _unwrapped(text: str) -> str:
+    """'[m/s]' and '(m/s)' -> 'm/s', but '[g]' is a code of its own."""
+    while (inner := re.fullmatch(r"\(([^()]*)\)|\[([^][]*)\]", text)) is not None:
+        if inner[1] is None and _is_code(text):
+            break
+        text = (inner[1] or inner[2] or "").strip()
+    return text
+
+
 def _is_code(text: str) -> bool:
     """Whether the text is a UCUM term of the atoms above, of a size that can be stored."""
     if len(text) > MAX_SIZE or any(not "!" <= character <= "~" for character in text):
         return False
-    text = re.sub(_ANNOTATION, "{}", text)
+    text = re.sub(_ANNOTATION, _NOTE, text)
     while (group := re.search(r"\(([^()]*)\)", text)) is not None:
         if _TERM.fullmatch(group[1]) is None:
             return False
@@ -129,8 +138,8 @@ def _is_code(text: str) -> bool:
 
 def _respell(text: str) -> str:
     """One of many spellings -> UCUM's, where that is clear; the result may still be no code."""
-    if (wrapped := re.fullmatch(r"\[([^][]*)\]|\(([^()]*)\)", text)) is not None:
-        text = (wrapped[1] or wrapped[2] or "").strip()
+    if "{" in text:
+        return ""
     whole = _WHOLE.get(text.casefold())
     if whole is not None:
         return whole

@@ -18,7 +18,12 @@ from .reader import Reader
 from .recording import Recording
 
 INTACT, NONCONFORMING, DAMAGED, UNSUPPORTED = 0, 2, 3, 4
-VERDICTS = {INTACT: "intact", NONCONFORMING: "nonconforming", DAMAGED: "damaged", UNSUPPORTED: "unsupported"}  # fmt: skip
+VERDICTS = {
+    INTACT: "intact",
+    NONCONFORMING: "nonconforming",
+    DAMAGED: "damaged",
+    UNSUPPORTED: "unsupported",
+}
 
 
 @dataclass
@@ -152,24 +157,26 @@ def check_packets(
         if chunk is None or not chunk.intact:
             continue
         first, size = chunk.header.track, len(chunk.payload)
-        tracks = range(first, first + size // 32)
-        if not size or size % 32 or any(t not in catalogue.tracks for t in tracks):
+        ids = range(first, first + size // 32)
+        if not size or size % 32 or any(id_ not in catalogue.tracks for id_ in ids):
             raise FormatError(
                 "digests of no whole number of known tracks",
                 requirement="DGS-001",
                 offset=chunk.payload_offset,
             )
-        for place, track in enumerate(tracks):
+        for place, id_ in enumerate(ids):
             wanted = chunk.payload[32 * place : 32 * place + 32]
-            if track in digests and digests[track].digest() != wanted:
+            if id_ in digests and digests[id_].digest() != wanted:
                 catalogue.lose(
                     "bad-digest",
                     chunk.payload_offset + 32 * place,
                     32,
-                    f"track {track} decodes to other numbers than were written",
+                    f"track {id_} decodes to other numbers than were written",
                     "DGS-002",
                 )
             report.digests += 1
     for track in catalogue.tracks.values():
         if track.unsupported:
-            raise UnsupportedError(f"track {track.id} needs {track.unsupported}", offset=track.offset)
+            raise UnsupportedError(
+                f"track {track.id} needs {track.unsupported}", offset=track.offset
+            )

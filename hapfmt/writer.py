@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import uuid
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from fractions import Fraction
@@ -102,9 +102,7 @@ class FileWriter:
             self.index()
         entry = IndexEntry(type_, self.offset, *times)
         self.put(
-            build_chunk(
-                type_, payload, file_id=self.file_id, sequence=self.sequence, track=track
-            )
+            build_chunk(type_, payload, file_id=self.file_id, sequence=self.sequence, track=track)
         )
         self.sequence += 1
         if type_ not in ("iNDX", "fOOT"):
@@ -280,7 +278,9 @@ def digests_of(encoded: Encoded) -> dict[int, bytes]:
     return {track: digest.digest() for track, digest in found.items()}
 
 
-def target(file: str | os.PathLike[str] | BinaryIO, force: bool) -> AbstractContextManager[BinaryIO]:
+def target(
+    file: str | os.PathLike[str] | BinaryIO, force: bool
+) -> AbstractContextManager[BinaryIO]:
     if isinstance(file, (str, os.PathLike)):
         return atomic_write(file, force=force)
     return nullcontext(file)

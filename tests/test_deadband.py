@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapfmt.deadband import Deadband
@@ -51,6 +51,7 @@ def cases(draw, vector):
     return Deadband(kn, kd, tuple(floor), tuple(zero), vector), [list(r) for r in rows], list(y)
 
 
+@settings(deadline=None)
 @given(cases(vector=False))
 def test_scalar_contract_is_the_formula(case):
     deadband, x, y = case
@@ -67,6 +68,7 @@ def test_scalar_contract_is_the_formula(case):
     assert (deadband.worst_ratio(x, y) > 1) == np.any(broken)
 
 
+@settings(deadline=None)
 @given(cases(vector=True))
 def test_vector_contract_is_the_formula(case):
     deadband, x, y = case

@@ -127,7 +127,8 @@ class Codebook:
     def starts(self) -> NDArray[np.int64]:
         """Code word of each symbol in canonical order, shifted up to 15 bits."""
         widths = np.int64(1) << (LENGTH_LIMIT - self.lengths[self.order])
-        return np.cumsum(widths) - widths
+        starts: NDArray[np.int64] = np.cumsum(widths) - widths
+        return starts
 
     @cached_property
     def codes(self) -> NDArray[np.int64]:

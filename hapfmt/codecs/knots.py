@@ -89,7 +89,8 @@ def interpolate(
     along = np.arange(span) - ticks[row]
     divisor = run[row][:, None]
     numerator = 2 * rise[row] * along[:, None] + divisor
-    return counts[row] + numerator // (2 * divisor)
+    line: NDArray[np.int64] = counts[row] + numerator // (2 * divisor)
+    return line
 
 
 def decode_knots(

@@ -16,7 +16,7 @@ from ..errors import FormatError, TruncatedError
 
 STORED, DEFLATE = 0, 1
 COUNT_SIZES = (1, 2, 3, 4)
-DTYPES = {
+DTYPES: dict[str, np.dtype[Any]] = {
     "int64": np.dtype("<i8"),
     "uint64": np.dtype("<u8"),
     "binary16": np.dtype("<f2"),

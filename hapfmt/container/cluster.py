@@ -64,17 +64,17 @@ def entry_size(packet: Packet) -> int:
 
 def parse_entry(payload: bytes, position: int, base: int) -> tuple[Entry, int]:
     start_of_entry = position
-    numbers = []
-    for _ in range(4):
-        value, position = parse_varint(payload, position, base)
-        numbers.append(value)
+    track, position = parse_varint(payload, position, base)
+    size, position = parse_varint(payload, position, base)
+    start, position = parse_varint(payload, position, base)
+    span, position = parse_varint(payload, position, base)
     if len(payload) - position < 4:
         raise TruncatedError(
             "the packet table ends early", requirement="DAT-005", offset=base + position
         )
     fields = payload[start_of_entry:position]
     crc = int.from_bytes(payload[position : position + 4], "little")
-    return Entry(*numbers, crc, fields, base + start_of_entry), position + 4
+    return Entry(track, size, start, span, crc, fields, base + start_of_entry), position + 4
 
 
 def parse_count(payload: bytes, level: Level, base: int) -> tuple[int, int]:

@@ -388,7 +388,7 @@ def add_series(known: dict[int, Track], series: Sequence[Track]) -> None:
     taken = {
         channel for track in known.values() if track.kind != "hf" for channel in track.channels
     }
-    based = {track.base for track in known.values() if track.base is not None}
+    based: set[int | None] = {t.base for t in known.values() if t.base is not None}
     for track in series:
         earlier = known.get(track.id)
         if earlier is not None:
@@ -408,7 +408,8 @@ def add_series(known: dict[int, Track], series: Sequence[Track]) -> None:
                 offset=track.offset + 24,
             )
         taken.update(track.channels if track.kind != "hf" else ())
-        based.add(track.base)
+        if track.base is not None:
+            based.add(track.base)
         known[track.id] = track
 
 

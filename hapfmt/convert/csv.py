@@ -245,9 +245,9 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
         raise ParameterError(f"a label cannot be written as UTF-8: {error.reason}") from error
     finally:
         text.detach()
-    notes = (
-        [] if _gives_back(stamps, rate) else [f"the times do not tell the rate; it is {rate} Hz"]
-    )
+    notes = []
+    if not _told_by(stamps, rate, start):
+        notes.append(f"the times do not tell the rate, {rate} Hz, and the start, tick {start}")
     if any(channel.label != channel.label.strip() for channel in recording.channels):
         notes.append("spaces around labels are not carried over to .csv")
     return notes + not_carried(recording, ".csv", "unit", "label")
@@ -286,8 +286,9 @@ def _times(first: int, stop: int, rate: Fraction) -> list[str]:
     return [f"{text[:-decimals]}.{text[-decimals:]}" for text in digits]
 
 
-def _gives_back(stamps: Stamps, rate: Fraction) -> bool:
+def _told_by(stamps: Stamps, rate: Fraction, start: int) -> bool:
     try:
-        return stamps.grid().rate == rate
+        grid = stamps.grid()
     except ParameterError:
         return False
+    return grid.rate == rate and int(grid.ticks[0]) == start

@@ -32,6 +32,8 @@ _FEW_GAPS = 3
 looks like 1 kHz with every eighth row missing); more of them, evenly spread, are rounding."""
 _FINE = 0.1
 """Share of a tick below which the resolution of the stamps cannot feign a missing row."""
+_CLOCK = 100_000_000
+"""Seconds, three years: times from here on count from 1970 or so, not from the recording's zero."""
 _STEADY = 1e-6
 """Share of a tick that is not worth a note: sums of a rounded period drift as much."""
 
@@ -51,6 +53,8 @@ class Stamps:
         self._unit_exponent = unit_exponent
         self._first = self._last = Decimal(0)
         self._relative = array("d")
+        # Kept beside the times, since a double of 50 000 000.001 s is 7 ns coarse.
+        self._steps = array("d")
         self._finest = _LARGEST
 
     def __len__(self) -> int:
@@ -69,15 +73,19 @@ class Stamps:
             self._first = stamp
         elif stamp <= self._last:
             raise ValueError("is not later than the time before it")
+        else:
+            self._steps.append(float(self._seconds(self._last, stamp)))
+        self._relative.append(float(self._seconds(self._first, stamp)))
         self._last = stamp
         self._finest = min(self._finest, exponent)
-        seconds = _EXACT.scaleb(_EXACT.subtract(stamp, self._first), self._unit_exponent)
-        self._relative.append(float(seconds))
+
+    def _seconds(self, start: Decimal, stop: Decimal) -> Decimal:
+        return _EXACT.scaleb(_EXACT.subtract(stop, start), self._unit_exponent)
 
     @property
     def first(self) -> Fraction:
         """Seconds."""
-        return Fraction(_EXACT.scaleb(self._first, self._unit_exponent))
+        return Fraction(self._seconds(Decimal(0), self._first))
 
     @property
     def resolution(self) -> float:
@@ -93,9 +101,7 @@ class Stamps:
     @property
     def span(self) -> Fraction:
         """Seconds from the first stamp to the last."""
-        return Fraction(
-            _EXACT.scaleb(_EXACT.subtract(self._last, self._first), self._unit_exponent)
-        )
+        return Fraction(self._seconds(self._first, self._last))
 
     def grid(self, rate: Fraction | None = None) -> Grid:
         """The grid of a given rate, or of the rate that the stamps tell (two rows at least).
@@ -108,7 +114,7 @@ class Stamps:
         if len(self) < 2:
             raise ParameterError("fewer than two times tell no rate; give one (--rate)")
         exact, rounded = self.noise, self.noise + self.resolution / 2
-        whole, *gappy = _hypotheses(times)
+        whole, *gappy = _hypotheses(times, np.frombuffer(self._steps))
         likely = [line for line in gappy if self._is_likely(line)]
         full = [line for line in gappy if line.is_mostly_full]
         for line, tolerance in (
@@ -169,7 +175,7 @@ class Stamps:
         return self._started(line, rate, round(self.first * rate), notes)
 
     def _started(self, line: _Line, rate: Fraction, start: int, notes: tuple[str, ...]) -> Grid:
-        if not 0 <= start < TICK_LIMIT - line.last:
+        if not (0 <= start < _CLOCK * rate and start < TICK_LIMIT - line.last):
             start = 0
             notes += (f"the times begin at {float(self.first)} s, which became tick 0",)
         return Grid(rate, line.ticks.astype(np.int64) + start, notes)
@@ -248,10 +254,9 @@ def spans_at(ticks: NDArray[np.int64]) -> tuple[Span, ...]:
     return tuple(map(Span, starts, stops))
 
 
-def _hypotheses(times: NDArray[np.float64]) -> Iterator[_Line]:
+def _hypotheses(times: NDArray[np.float64], steps: NDArray[np.float64]) -> Iterator[_Line]:
     """No row missing; then rows missing from the grid of the short steps, of the median step."""
     yield _Line(np.arange(len(times), dtype=np.float64), times)
-    steps = np.diff(times)
     for period in (steps[steps < 1.5 * steps.min()].mean(), np.median(steps)):
         counts = np.ones(len(steps))
         guess = float(period)

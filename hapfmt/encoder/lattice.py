@@ -42,7 +42,7 @@ COUNT_BITS = 32
 """Level 2; counts go to 24 bits, level 1, wherever an offset can bring them there."""
 
 PLAIN_DENOMINATOR = 10**10
-"""Up to here nothing simpler is looked for. Two doubles that have nothing to do with a lattice
+"""Up to here no common step is looked for. Two doubles that have nothing to do with a lattice
 share a denominator only from about 2**36 on."""
 
 SPARSE = 16
@@ -160,13 +160,18 @@ def _simplest(u: NDArray[np.float64], bits: int) -> Placed | None:
     if u.size == 1:
         return place(constant(u), bits)
     best: Placed | None = None
-    for search in (dyadic, decimal, small_denominator, lambda u: stepped(u, _least_step(u, bits))):
+    for enough, search in (
+        (0, dyadic),
+        (1, decimal),
+        (1, small_denominator),
+        (PLAIN_DENOMINATOR, lambda u: stepped(u, _least_step(u, bits))),
+    ):
+        if best and best.calibration.d <= enough:
+            break
         ratio = search(u)
         placed = None if ratio is None else place(ratio, bits)
         if placed and (best is None or placed.calibration.d < best.calibration.d):
             best = placed
-        if best and best.calibration.d <= PLAIN_DENOMINATOR:
-            break
     return best
 
 
@@ -194,6 +199,8 @@ def _snap(
     allowed = tolerance.absolute(float(u[-1] - u[0]), step)
     if allowed is None:
         return "no step was found to measure the tolerance with; declare it in the channel's unit"
+    if allowed == inf:
+        return "the tolerance is beyond float64 in the channel's unit"
     if steps:
         found = _within(x, u, _natural(u, steps, allowed), allowed, bits)
         if found:

@@ -38,7 +38,12 @@ ENCODE_LEVEL = LEVELS[2]
 QUANTUM_SHARE = 4
 """Knot values are multiples of a quarter of the floor: an eighth of the floor away at most."""
 
+COARSER = (4, 16)
+"""Floors of the knots that are tried in place of the deadband's own: noise near zero, which no
+knot should follow, costs up to 8 bits a sample there."""
+
 STEP_LIMIT = 1 << 24
+"""As the level allows (SPEC clause 15, level 1)."""
 
 
 @dataclass
@@ -198,9 +203,7 @@ def code_knots(
     hold = exact or settings.interpolation == "hold"
     quantum = 1 if exact else whole_counts(Fraction(min(band.floor), QUANTUM_SHARE), STEP_LIMIT)
     parameters = KnotParameters("hold" if hold else "linear", quantum)
-    coded = Coded(
-        replace(track, codec="KNOT", parameters=parameters.build())
-    )
+    coded = Coded(replace(track, codec="KNOT", parameters=parameters.build()))
     at = 0
     for span in source.spans:
         rows = slow[at : at + span.ticks]
@@ -213,9 +216,7 @@ def code_knots(
     return coded
 
 
-def code_residual(
-    source: Source, residual: NDArray[np.int64], step: int, track: Track
-) -> Coded:
+def code_residual(source: Source, residual: NDArray[np.int64], step: int, track: Track) -> Coded:
     """QUAN packets of ``residual`` [ticks, components]."""
     levels = []
     at = 0
@@ -279,11 +280,14 @@ def encode_counts(source: Source, first_channel: int, settings: Settings) -> Uni
     if not len(x) or (x == x[0]).all():
         return encode_constant(source, base)
     band = deadband_of(source, settings)
-    lf = code_knots(source, slow_part(source, settings), band, settings, base)
+    slow = slow_part(source, settings)
+    lf = code_knots(source, slow, band, settings, base)
     d = decode_all(lf, components)
     step = residual_step(source, x - d, band, settings)
     plain = settings.preset == "default" and settings.step is None and settings.bits is None
-    if step is None or (plain and not Deadband(0, 1, band.floor, band.zero, band.vector).outside(x, d).any()):
+    if step is None or (
+        plain and not Deadband(0, 1, band.floor, band.zero, band.vector).outside(x, d).any()
+    ):
         reason = "no residual asked for" if step is None else "no texture above the floor"
         lf.track = replace(lf.track, contract=contract_of(band, x, d))
         return Unit(lf, None, "knots", reason)
@@ -291,6 +295,16 @@ def encode_counts(source: Source, first_channel: int, settings: Settings) -> Uni
     if unit is None:
         return encode_raw_counts(source, base, "the residual does not fit 32 bits")
     if plain:
+        # With the residual at hand the knots may be coarser: the sum stays where it is.
+        for times in COARSER:
+            wide = replace(band, floor=tuple(min(f * times, (1 << 31) - 1) for f in band.floor))
+            lf = code_knots(source, slow, wide, settings, base)
+            coarse = with_residual(
+                source, lf, x - decode_all(lf, components), step, band, (low, high)
+            )
+            if coarse is None or coarse.size >= unit.size:
+                break
+            unit = coarse
         held = code_knots(source, x, Deadband(0, 1, band.floor, band.zero, band.vector), settings,
                           base, exact=True)  # fmt: skip
         if held.size < unit.size:
@@ -341,9 +355,7 @@ def encode_raw_counts(source: Source, base: Track, reason: str) -> Unit:
     """RAWB with as few bytes a count as the declared range needs."""
     bits = max(base.count_max.bit_length(), (-base.count_min - 1).bit_length()) + 1
     size = -(-bits // 8)
-    coded = Coded(
-        replace(base, codec="RAWB", parameters=RawParameters(size).build())
-    )
+    coded = Coded(replace(base, codec="RAWB", parameters=RawParameters(size).build()))
     for span, rows in source.pieces():
         coded.packets.append(Packet(0, span.start, span.ticks, encode_raw(rows, size)))
     return Unit(coded, None, "raw", reason)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from math import ceil, sqrt
+from math import ceil, inf, sqrt
 from typing import Any
 
 import numpy as np
@@ -124,11 +124,13 @@ def simulate(
         raise ParameterError("a contact needs a stiffness above 0 and up to 1e7 N/m")
     if step_hz is None:
         step_hz = max(STEP_HZ, STEPS_PER_RADIAN * sqrt((HAND_N_PER_M + stiffness) / MASS_KG))
-    if not (seconds > 0 and rate_hz >= 1 and step_hz >= 1):
-        raise ParameterError("a scene needs a positive duration and rates of at least 1 Hz")
+    if not (0 < seconds < inf and rate_hz >= 1 and 1 <= step_hz < inf):
+        raise ParameterError("a scene needs a finite duration and rates of at least 1 Hz")
+    if seed < 0:
+        raise ParameterError("a seed is not negative")
 
     tick_count = max(round(seconds * rate_hz), 1)
-    steps_per_tick = ceil(step_hz / rate_hz)
+    steps_per_tick = max(ceil(step_hz / rate_hz), 2)
     dt = 1 / (rate_hz * steps_per_tick)
     of_hand, of_surface, of_sensor = (
         np.random.Generator(np.random.PCG64(child))

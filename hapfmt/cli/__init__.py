@@ -1,0 +1,95 @@
+"""The command line; one file per verb, imported when that verb is used."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from importlib import import_module
+
+import click
+
+from ..errors import HapfmtError
+from ..version import SPEC_VERSION, __version__
+
+VERBS = {
+    "encode": "Encode a recording into a .hapf file.",
+    "decode": "Decode a .hapf file, or a part of it.",
+    "info": "What a file holds.",
+    "verify": "Check every rule of a file, and its deadband contract.",
+    "du": "Where the bytes go, by cause and by track.",
+    "dump": "All of a file as canonical JSON.",
+    "convert": "From any format to any other.",
+    "demo": "Simulate a stylus on a texture, encode it, show what it costs.",
+}
+ERROR = 1
+"""Usage, input or output, internal error (SPEC clause 14)."""
+
+
+class Verbs(click.Group):
+    """Knows the verbs' names without importing them."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        if cmd_name not in VERBS:
+            return None
+        command: click.Command = getattr(import_module(f"{__name__}.{cmd_name}"), cmd_name)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        with formatter.section("Verbs"):
+            formatter.write_dl(list(VERBS.items()))
+
+
+@click.group(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, message=f"hapfmt %(version)s, format {SPEC_VERSION}")
+def cli() -> None:
+    """Recorded touch in files that are small, exact, and survive.
+
+    \b
+    hapfmt demo                          try it: needs no file and no device
+    hapfmt encode touch.npz touch.hapf   a recording becomes a .hapf file
+    hapfmt info touch.hapf               what is in it
+    hapfmt decode touch.hapf back.npz    and it comes back
+
+    A name of - is standard input or output. Exit codes: 0 done, nothing lost; 1 usage, input or
+    output; 2 not a conforming file; 3 done with loss, losses reported; 4 needs an unknown feature,
+    or more than the limits.
+    """
+
+
+def main() -> None:
+    """Entry point: runs one verb and ends with its exit code."""
+    try:
+        code = cli.main(standalone_mode=False)
+        sys.stdout.flush()
+    except click.ClickException as error:
+        error.show()
+        code = ERROR
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("hapfmt: interrupted", err=True)
+        code = ERROR
+    except HapfmtError as error:
+        report(str(error), error.exit_code)
+        code = error.exit_code
+    except BrokenPipeError:
+        # The reader of our output has gone; the interpreter must not find out a second time.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = ERROR
+    except OSError as error:
+        name = f"{error.filename}: " if error.filename else ""
+        report(f"{name}{error.strerror or error}", ERROR)
+        code = ERROR
+    except MemoryError:
+        report("out of memory: read fewer channels or a shorter time range", ERROR)
+        code = ERROR
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def report(message: str, code: int) -> None:
+    """An error for a person, and for a program where --json was given."""
+    click.echo(f"hapfmt: {message}", err=True)
+    if "--json" in sys.argv:
+        click.echo(json.dumps({"error": message, "exit_code": code}))

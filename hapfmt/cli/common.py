@@ -1,0 +1,222 @@
+"""What the verbs share: files and pipes, progress, tables, JSON."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import click
+
+from ..errors import ParameterError
+
+if TYPE_CHECKING:
+    from ..encoder.tolerance import Tolerance
+    from ..reader import LostSpan, Reader
+    from ..recording import Recording
+
+HAPF = ".hapf"
+LONG_SECONDS = 0.5
+"""Work shorter than this shows no progress."""
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for a program.")
+force_option = click.option("-f", "--force", is_flag=True, help="Replace an existing output file.")
+
+
+def echo_json(value: Any) -> None:
+    click.echo(json.dumps(value, sort_keys=True, ensure_ascii=False))
+
+
+def table(headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
+    """A table on standard output; columns after the first that hold numbers are right-aligned."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    shown = Table(title=title or None, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    for place, header in enumerate(headers):
+        numeric = bool(rows) and all(is_number(row[place]) for row in rows)
+        shown.add_column(
+            header, justify="right" if numeric else "left", overflow="fold", no_wrap=numeric
+        )
+    for row in rows:
+        shown.add_row(*(Text(printable(cell)) for cell in row))
+    console = Console(highlight=False, soft_wrap=False)
+    if not console.is_terminal:
+        # A pipe has no width: rows stay whole.
+        console = Console(highlight=False, width=200)
+    console.print(shown)
+
+
+def is_number(text: str) -> bool:
+    return text.strip("-+%x .0123456789eE") == "" or text in ("-", "inf", "nan")
+
+
+def printable(text: str) -> str:
+    """Text from a file, without what could steer a terminal."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
+@contextmanager
+def progress(label: str) -> Iterator[Callable[[int, int], None]]:
+    """A callback (done, all) that draws a bar on standard error, if that is a terminal, once the
+    work takes longer than half a second."""
+    import time
+
+    if not sys.stderr.isatty():
+        yield lambda _done, _all: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    began = time.monotonic()
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed}/{task.total}"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    )
+    task = bar.add_task(label, total=None)
+
+    def advance(done: int, total: int) -> None:
+        if time.monotonic() - began > LONG_SECONDS:
+            bar.start()
+        bar.update(task, completed=done, total=total)
+
+    try:
+        yield advance
+    finally:
+        bar.stop()
+
+
+def fraction(text: str) -> Fraction:
+    """A number as it is written: 0.1 is 1/10, and 44100/7 is allowed."""
+    try:
+        return Fraction(text)
+    except (ValueError, ZeroDivisionError):
+        raise click.BadParameter(f"{text!r} is not a number") from None
+
+
+class FractionType(click.ParamType[Fraction]):
+    name = "number"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Fraction:
+        if isinstance(value, Fraction):
+            return value
+        try:
+            return Fraction(str(value))
+        except (ValueError, ZeroDivisionError):
+            self.fail(f"{value!r} is not a number", param, ctx)
+
+
+class AmountType(click.ParamType["Tolerance"]):
+    """1e-6 in the channel's unit, 0.5lsb, 0.01% of its range."""
+
+    name = "amount"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Tolerance:
+        from ..encoder.tolerance import Tolerance
+
+        if isinstance(value, Tolerance):
+            return value
+        try:
+            return Tolerance.parse(str(value))
+        except ParameterError as error:
+            self.fail(error.message, param, ctx)
+
+
+def parse_time(text: str | None) -> tuple[Fraction | None, Fraction | None]:
+    """START:STOP in seconds, either may be missing."""
+    if text is None:
+        return None, None
+    start, colon, stop = text.partition(":")
+    if not colon:
+        raise click.BadParameter("a time range is START:STOP in seconds, such as 1.5:2 or :10")
+    return (fraction(start) if start else None, fraction(stop) if stop else None)
+
+
+def parse_channels(text: str | None) -> list[str | int] | None:
+    """Labels or numbers with commas between them."""
+    if text is None:
+        return None
+    return [int(part) if part.isdigit() else part for part in text.split(",")]
+
+
+def input_of(name: str) -> str | BinaryIO:
+    return sys.stdin.buffer if name == "-" else name
+
+
+def output_of(name: str) -> str | BinaryIO:
+    if name == "-":
+        if sys.stdout.isatty():
+            raise ParameterError("binary output goes to a file or a pipe, not to a terminal")
+        return sys.stdout.buffer
+    return name
+
+
+def suffix_of(name: str, format_: str | None, default: str | None = None) -> str:
+    if format_:
+        return "." + format_.lower().removeprefix(".")
+    if name == "-":
+        if default:
+            return default
+        raise ParameterError("give the format of a pipe: --from or --to npz, npy, csv, wav, hapf")
+    return Path(name).suffix.lower()
+
+
+def load_recording(name: str, format_: str | None, rate: str | None) -> tuple[Recording, int]:
+    """The recording in a file of any format, and the exit code that reading it deserves."""
+    from ..convert import load
+
+    if suffix_of(name, format_) != HAPF:
+        return load(input_of(name), format=format_, rate=rate), 0
+    from ..reader import Reader
+
+    with Reader(input_of(name)) as reader, progress("decoding") as advance:
+        recording = reader.read(progress=advance)
+        return recording, tell_losses(reader)
+
+
+def save_recording(recording: Recording, name: str, format_: str | None, force: bool) -> None:
+    from ..convert import save
+
+    for note in save(recording, output_of(name), format=format_, force=force):
+        click.echo(f"note: {printable(note)}", err=True)
+
+
+def tell_losses(reader: Reader) -> int:
+    """What is wrong with a file that was read, on standard error; 3 if anything is (SPEC 14)."""
+    for finding in reader.findings:
+        click.echo(f"hapfmt: {reader.source.path or 'input'}: {printable(str(finding))}", err=True)
+    for lost in reader.lost:
+        click.echo(f"hapfmt: {lost_text(lost, reader)}", err=True)
+    return 3 if reader.findings else 0
+
+
+def lost_text(lost: LostSpan, reader: Reader) -> str:
+    track = reader.catalogue.tracks[lost.track]
+    labels = ", ".join(component.label or "?" for component in track.components)
+    start = float(lost.start / track.rate)
+    until = "the end" if lost.stop is None else f"{float(lost.stop / track.rate):.6g} s"
+    return printable(f"lost: track {lost.track} ({labels}) from {start:.6g} s to {until}")
+
+
+def notes_of(recording: Recording) -> list[str]:
+    notes = recording.metadata.get("notes", [])
+    return [note for note in notes if isinstance(note, str)] if isinstance(notes, list) else []
+
+
+def tell_notes(recording: Recording) -> None:
+    for note in notes_of(recording):
+        click.echo(f"note: {printable(note)}", err=True)

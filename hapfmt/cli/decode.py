@@ -1,0 +1,82 @@
+"""hapfmt decode"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+import click
+
+from .common import (
+    echo_json,
+    force_option,
+    input_of,
+    json_option,
+    parse_channels,
+    parse_time,
+    progress,
+    save_recording,
+    suffix_of,
+    tell_losses,
+)
+
+
+if TYPE_CHECKING:
+    from ..reader import Band
+
+
+@click.command(short_help="Decode a .hapf file, or a part of it.")
+@click.argument("source", metavar="IN")
+@click.argument("target", metavar="OUT")
+@click.option("--channels", help="Labels or numbers: force_x,force_y or 0,3. [all]")
+@click.option("--time", "time_", metavar="START:STOP", help="Seconds START <= t < STOP. [all]")
+@click.option(
+    "--band",
+    type=click.Choice(["full", "lf", "hf"]),
+    default="full",
+    show_default=True,
+    help="The sum, the slow part, or the texture alone.",
+)
+@click.option("--to", "format_", help="Format of the output, for a pipe: npz npy csv wav.")
+@force_option
+@json_option
+def decode(
+    source: str,
+    target: str,
+    channels: str | None,
+    time_: str | None,
+    band: str,
+    format_: str | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Decode the .hapf file IN into OUT (.npz .npy .csv .wav). Gaps become NaN.
+
+    Damage is reported, what it took becomes gaps, and the exit code is 3.
+
+    \b
+    hapfmt decode touch.hapf touch.npz
+    hapfmt decode touch.hapf part.csv --channels force_z --time 1.5:2
+    hapfmt decode - - --to csv < touch.hapf | head
+    """
+    from ..reader import Reader
+
+    suffix_of(target, format_)
+    start, stop = parse_time(time_)
+    with Reader(input_of(source)) as reader, progress("decoding") as advance:
+        recording = reader.read(
+            parse_channels(channels), start, stop, band=cast("Band", band), progress=advance
+        )
+        save_recording(recording, target, format_, force)
+        code = tell_losses(reader)
+        if as_json and target != "-":
+            echo_json(
+                {
+                    "channel_count": len(recording),
+                    "sample_count": recording.sample_count,
+                    "duration_s": float(recording.duration),
+                    "findings": [finding.as_json() for finding in reader.findings],
+                    "lost": [lost._asdict() for lost in reader.lost],
+                    "exit_code": code,
+                }
+            )
+    return code

@@ -1,0 +1,78 @@
+"""hapfmt verify"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from .common import echo_json, input_of, json_option, load_recording, printable, progress, table
+
+if TYPE_CHECKING:
+    from ..verifier import Report
+
+
+@click.command(short_help="Check every rule of a file, and its deadband contract.")
+@click.argument("file", metavar="FILE")
+@click.option("--against", metavar="ORIGINAL", help="The recording that FILE was encoded from.")
+@click.option("--from", "format_", help="Format of ORIGINAL, if its name does not say.")
+@click.option("--rate", help="Ticks per second of ORIGINAL, if it does not say.")
+@json_option
+def verify(
+    file: str, against: str | None, format_: str | None, rate: str | None, as_json: bool
+) -> int:
+    """Check FILE: checksums, structure, every packet decoded, digests, index, limits.
+
+    With --against, each sample of the original is compared in integers: how many lie outside the
+    deadband that the file states, and the worst ratio (1 is the edge). A guarantee that does not
+    hold ends with exit code 3.
+    """
+    from ..verifier import verify as check
+
+    original = load_recording(against, format_, rate)[0] if against else None
+    with progress("verifying") as advance:
+        report = check(input_of(file), against=original, progress=advance)
+    if as_json:
+        echo_json(report.as_json())
+    else:
+        show(file, report)
+    return report.exit_code
+
+
+def show(file: str, report: Report) -> None:
+    click.echo(
+        f"{printable(file)}: {report.verdict}; {report.packets} packets, {report.samples} samples, "
+        f"{report.digests} digests"
+    )
+    if report.error:
+        click.echo(f"hapfmt: {printable(str(report.error))}", err=True)
+    for finding in report.findings:
+        click.echo(
+            printable(
+                f"hapfmt: 0x{finding['offset']:x}+{finding['size']}: {finding['code']}: "
+                f"{finding['message']} [{finding['requirement']}]"
+            ),
+            err=True,
+        )
+    for lost in report.lost:
+        until = "the end" if lost["stop"] is None else f"tick {lost['stop']}"
+        click.echo(
+            f"hapfmt: lost: track {lost['track']}, tick {lost['start']} to {until}", err=True
+        )
+    if report.unknown:
+        click.echo(f"unknown chunks: {' '.join(report.unknown)}")
+    if report.contracts:
+        rows = []
+        for c in report.contracts:
+            promise = "-"
+            if c.contract:
+                word = "guaranteed" if c.contract.guaranteed else "aimed at"
+                promise = f"k {c.contract.kn / c.contract.kd:.4g} {word}"
+            ratio = f"{float(c.worst_ratio):.4f}" if c.contract else "-"
+            rows.append(
+                [str(c.channel), c.label, promise, str(c.samples), str(c.outside), ratio,
+                 f"{c.largest_error:.6g}", str(c.missing), str(c.invented)]
+            )  # fmt: skip
+        headers = ["channel", "label", "contract", "samples", "outside", "worst ratio",
+                   "largest error", "missing", "invented"]  # fmt: skip
+        table(headers, rows)

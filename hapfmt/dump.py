@@ -1,0 +1,146 @@
+"""All of a file as JSON values, chunk by chunk in the order of the bytes."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from typing import Any
+from uuid import UUID
+
+from .catalogue import Catalogue, open_catalogue
+from .container.cluster import Packet, parse_cluster, salvage_cluster
+from .container.extras import parse_attachment, parse_metadata
+from .container.index import parse_foot, parse_index
+from .container.source import Source
+from .container.track import Component, Track, parse_series
+from .container.walk import Chunk, Finding, walk
+from .container.wire import parse_head
+from .errors import HapfmtError
+from .limits import Limits
+
+
+def dump(source: Source, *, counts: bool = False) -> Iterator[dict[str, Any]]:
+    """One JSON object for each chunk, then one with the findings; ``counts`` decodes packets."""
+    catalogue = open_catalogue(source, scan=True)
+    findings: list[Finding] = []
+    for chunk in walk(source, findings):
+        entry: dict[str, Any] = {
+            "offset": chunk.offset,
+            "intact": chunk.intact,
+            **{name: value for name, value in vars(chunk.header).items() if name != "file_id"},
+        }
+        try:
+            entry |= content(catalogue, chunk, counts)
+        except HapfmtError as error:
+            entry["error"] = str(error)
+        yield entry
+    yield {"findings": [finding.as_json() for finding in catalogue.findings]}
+
+
+def content(catalogue: Catalogue, chunk: Chunk, counts: bool) -> dict[str, Any]:
+    """What the payload says."""
+    payload, at = chunk.payload, chunk.payload_offset
+    kind = chunk.header.type
+    if kind == "DATA":
+        return {"packets": packets_json(catalogue, chunk, counts)}
+    if not chunk.intact or not chunk.header.known:
+        return {"sha256": hashlib.sha256(payload).hexdigest()}
+    if kind == "HEAD":
+        head = parse_head(payload, chunk.header, at)
+        uuid = str(UUID(bytes=head.uuid)) if head.uuid else None
+        return {"head": {**vars(head), "uuid": uuid}}
+    if kind == "TRAK":
+        series = parse_series(payload, chunk.header.track, catalogue.level, at)
+        return {"tracks": [track_json(track) for track in series]}
+    if kind == "iNDX":
+        index = parse_index(payload, chunk.offset, at)
+        entries = [entry._asdict() for entry in index.entries]
+        return {"index": {**index._asdict(), "entries": entries}}
+    if kind == "fOOT":
+        return {"foot": parse_foot(payload, at)._asdict()}
+    if kind == "mETa":
+        return {"metadata": parse_metadata(payload, at)}
+    if kind == "aTTc":
+        found = parse_attachment(payload, at)
+        digest = hashlib.sha256(found.content).hexdigest()
+        return {
+            "attachment": {
+                "name": found.name,
+                "media_type": found.media_type,
+                "size": len(found.content),
+                "sha256": digest,
+            }
+        }
+    if kind == "dGST":
+        return {"digests": [payload[i : i + 32].hex() for i in range(0, len(payload), 32)]}
+    return {"sha256": hashlib.sha256(payload).hexdigest()}
+
+
+def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[str, Any]]:
+    if chunk.intact:
+        packets: list[Any] = parse_cluster(
+            chunk.payload, catalogue.tracks, catalogue.level, chunk.payload_offset
+        )
+    else:
+        packets = list(
+            salvage_cluster(chunk.payload, catalogue.tracks, catalogue.level, chunk.payload_offset)
+        )
+    out = []
+    for packet in packets:
+        if not isinstance(packet, Packet):
+            out.append({"damaged": True})
+            continue
+        row: dict[str, Any] = {
+            "track": packet.track,
+            "start": packet.start,
+            "span": packet.span,
+            "size": len(packet.data),
+            "sha256": hashlib.sha256(packet.data).hexdigest(),
+        }
+        if counts:
+            row["numbers"] = numbers_json(catalogue, packet)
+        out.append(row)
+    return out
+
+
+def numbers_json(catalogue: Catalogue, packet: Packet) -> list[list[int]]:
+    """[ticks][components] counts, or words as unsigned integers."""
+    from .decoder import TrackDecoder
+
+    track = catalogue.tracks[packet.track]
+    Limits().check_packet(packet.span * len(track.components))
+    numbers = TrackDecoder(track, catalogue.level).decode(packet)
+    if track.number_format != "counts":
+        numbers = numbers.view(f"<u{numbers.dtype.itemsize}")
+    rows: list[list[int]] = numbers.tolist()
+    return rows
+
+
+def track_json(track: Track) -> dict[str, Any]:
+    contract = track.contract
+    return {
+        "id": track.id,
+        "kind": track.kind,
+        "codec": track.codec,
+        "number_format": track.number_format,
+        "rate_num": track.rate.numerator,
+        "rate_den": track.rate.denominator,
+        "count_min": track.count_min,
+        "count_max": track.count_max,
+        "first_channel": track.first_channel,
+        "base": track.base,
+        "parameters": track.parameters.hex(),
+        "provenance": track.provenance,
+        "unsupported": track.unsupported,
+        "contract": contract and contract._asdict(),
+        "components": [component_json(component) for component in track.components],
+    }
+
+
+def component_json(component: Component) -> dict[str, Any]:
+    deviation = component.deviation
+    return {
+        **vars(component),
+        "calibration": component.calibration._asdict(),
+        "deviation": deviation and {"declared": deviation[0], "largest": deviation[1]},
+    }

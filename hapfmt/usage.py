@@ -1,0 +1,122 @@
+"""Where the bytes of a file go: by cause and by track, adding up to its size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from .catalogue import Catalogue, open_catalogue
+from .container.cluster import Packet, entry_size, parse_cluster, salvage_cluster
+from .container.source import Source
+from .container.walk import Finding, walk
+from .container.wire import HEADER_SIZE, SIGNATURE
+from .errors import FormatError
+
+CAUSES = (
+    "signature",
+    "chunk headers",
+    "HEAD",
+    "TRAK",
+    "packet tables",
+    "packets",
+    "iNDX",
+    "fOOT",
+    "mETa",
+    "aTTc",
+    "dGST",
+    "other chunks",
+    "damage",
+)
+
+
+@dataclass
+class TrackUsage:
+    """Bytes of one track: packets, its rows in the packet tables; samples that they decode to."""
+
+    id: int
+    kind: str
+    codec: str
+    labels: list[str]
+    packets_size: int = 0
+    table_size: int = 0
+    parameters_size: int = 0
+    packet_count: int = 0
+    sample_count: int = 0
+
+
+@dataclass
+class Usage:
+    """``causes`` add up to ``file``; ``payload`` is the bytes of all packets."""
+
+    file: int
+    causes: dict[str, int] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0))
+    tracks: dict[int, TrackUsage] = field(default_factory=dict)
+
+    @property
+    def payload(self) -> int:
+        return self.causes["packets"]
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "file": self.file,
+            "payload": self.payload,
+            "causes": self.causes,
+            "tracks": [vars(track) for track in self.tracks.values()],
+        }
+
+
+def measure(source: Source) -> Usage:
+    """Walks through the whole file; decodes nothing."""
+    catalogue = open_catalogue(source, scan=True)
+    usage = Usage(source.size)
+    residual_labels = {t.id: t for t in catalogue.tracks.values()}
+    for track in catalogue.tracks.values():
+        described = residual_labels.get(track.base, track) if track.base is not None else track
+        usage.tracks[track.id] = TrackUsage(
+            track.id,
+            track.kind,
+            track.codec,
+            [component.label for component in described.components],
+            parameters_size=len(track.parameters),
+        )
+    causes = usage.causes
+    findings: list[Finding] = []
+    for chunk in walk(source, findings):
+        if not chunk.intact and chunk.header.type != "DATA":
+            continue
+        causes["chunk headers"] += HEADER_SIZE
+        if chunk.header.type == "DATA":
+            size = add_packets(usage, catalogue, chunk.payload, chunk.intact)
+            causes["packet tables"] += (len(chunk.payload) - size) if chunk.intact else 0
+            continue
+        cause = chunk.header.type if chunk.header.type in causes else "other chunks"
+        causes[cause] += len(chunk.payload)
+    if source.read_at(0, len(SIGNATURE)) == SIGNATURE:
+        causes["signature"] = len(SIGNATURE)
+    causes["damage"] = usage.file - sum(causes.values())
+    return usage
+
+
+def add_packets(usage: Usage, catalogue: Catalogue, payload: bytes, intact: bool) -> int:
+    """Book the packets of one DATA payload; returns their bytes."""
+    try:
+        packets = (
+            parse_cluster(payload, catalogue.tracks, catalogue.level, 0)
+            if intact
+            else [
+                item
+                for item in salvage_cluster(payload, catalogue.tracks, catalogue.level, 0)
+                if isinstance(item, Packet)
+            ]
+        )
+    except FormatError:
+        packets = []
+    for packet in packets:
+        track = usage.tracks[packet.track]
+        track.packets_size += len(packet.data)
+        track.table_size += entry_size(packet)
+        track.packet_count += 1
+        track.sample_count += packet.span * len(catalogue.tracks[packet.track].components)
+    size = sum(len(packet.data) for packet in packets)
+    usage.causes["packets"] += size
+    return size

@@ -1,0 +1,192 @@
+"""Time columns: the rate, the start and the gaps that they tell."""
+
+import io
+from collections.abc import Callable, Iterable
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapfmt.convert import load
+from hapfmt.errors import ParameterError
+from hapfmt.recording import Recording, Span
+
+
+def table(times: Iterable[str], *, head: str = "t [s]", rate: float | None = None) -> Recording:
+    rows = "".join(f"{time},{row}\n" for row, time in enumerate(times))
+    return load(io.BytesIO(f"{head},x [N]\n{rows}".encode()), format="csv", rate=rate)
+
+
+def stamps(
+    rate: Fraction | float, ticks: Iterable[int], decimals: int, offset: float = 0
+) -> list[str]:
+    return [f"{float(tick / Fraction(rate)) + offset:.{decimals}f}" for tick in ticks]
+
+
+@pytest.mark.parametrize(
+    ("rate", "decimals", "rows"),
+    [
+        (1000, 3, 2),
+        (1000, 3, 3),
+        (1000, 6, 100),
+        (3000, 6, 4),
+        (3000, 6, 1000),
+        (3000, 4, 1000),
+        (44_100, 6, 1000),
+        (51_200, 6, 1000),
+        (240, 3, 100),
+        (700, 3, 100),
+        (60, 3, 100),
+        (Fraction(17_809, 500), 6, 1000),
+        (Fraction(30_000, 1001), 6, 1000),
+        (10, 1, 3),
+        (1, 0, 5),
+        (Fraction(1, 10), 0, 5),
+        (Fraction(10, 3), 6, 50),
+    ],
+)
+def test_the_rate_behind_rounded_stamps(rate: Fraction, decimals: int, rows: int) -> None:
+    [channel] = table(stamps(rate, range(rows), decimals)).channels
+    assert channel.rate == rate
+    assert channel.coverage == (Span(0, rows),)
+
+
+@given(
+    rate=st.sampled_from([1000, 3000, 240, 700, Fraction(10, 3), 48_000]),
+    start=st.integers(0, 10_000),
+    missing=st.sets(st.integers(1, 198), max_size=60),
+)
+def test_missing_rows_are_gaps(rate: Fraction, start: int, missing: set[int]) -> None:
+    ticks = [start + tick for tick in range(200) if tick not in missing]
+    recording = table(stamps(rate, ticks, 7))
+    [channel] = recording.channels
+    assert channel.rate == rate
+    assert [tick for span in channel.coverage for tick in range(*span)] == ticks
+    assert not recording.metadata
+
+
+def test_few_missing_rows_of_coarse_stamps() -> None:
+    [channel] = table(["0.000", "0.001", "0.002", "0.004", "0.005"]).channels
+    assert channel.rate == 1000
+    assert channel.coverage == (Span(0, 3), Span(4, 6))
+
+
+def test_a_gap_of_years_takes_no_memory() -> None:
+    [channel] = table(["0", "0.001", "0.002", "50000000", "50000000.001"]).channels
+    assert channel.coverage == (Span(0, 3), Span(50_000_000_000, 50_000_000_002))
+
+
+@pytest.mark.parametrize(
+    ("head", "scale"),
+    [
+        ("t", 1),
+        ("time", 1),
+        ("Time [s]", 1),
+        ("time(s)", 1),
+        ("time_s", 1),
+        ("t [ms]", 1000),
+        ("t_ms", 1000),
+        ("Timestamp (us)", 1_000_000),
+        ("time [\u00b5s]", 1_000_000),
+        ("t [ns]", 1_000_000_000),
+    ],
+)
+def test_names_of_the_time_column(head: str, scale: int) -> None:
+    recording = table([f"{row * 0.002 * scale:.6f}" for row in range(10)], head=head)
+    assert [channel.label for channel in recording.channels] == ["x"]
+    assert recording.channels[0].rate == 500
+
+
+@pytest.mark.parametrize("head", ["T [Cel]", "time [min]", "t_ref", "torque [N.m]"])
+def test_other_first_columns_are_channels(head: str) -> None:
+    recording = table(["0", "1"], head=head, rate=10)
+    assert len(recording.channels) == 2
+
+
+def jittered(share: float) -> list[str]:
+    rng = np.random.default_rng(1)
+    ticks = np.arange(300) + rng.uniform(-share, share, 300)
+    return [repr(float(time)) for time in np.sort(ticks - ticks[0]) * 0.01]
+
+
+def test_jitter_within_half_a_tick_is_noted() -> None:
+    recording = table(jittered(0.3))
+    [channel] = recording.channels
+    assert channel.rate == 100
+    assert channel.coverage == (Span(0, 300),)
+    [note] = recording.metadata["notes"]
+    assert "deviate by at most 0.003" in note
+
+
+def test_worse_jitter_is_refused_unless_a_rate_is_given() -> None:
+    with pytest.raises(ParameterError, match=r"deviate by up to 0\.008\d+ s .*--rate"):
+        table(jittered(0.8))
+    recording = table(jittered(0.8), rate=100)
+    assert recording.channels[0].coverage == (Span(0, 300),)
+    assert "one tick apart" in recording.metadata["notes"][0]
+    assert "deviate by at most 0.0" in recording.metadata["notes"][1]
+
+
+def test_random_times_are_refused() -> None:
+    times = np.cumsum(np.random.default_rng(2).exponential(1, 300))
+    with pytest.raises(ParameterError, match="not regular"):
+        table([repr(float(time)) for time in times])
+
+
+def test_a_given_rate_keeps_the_gaps_of_the_times() -> None:
+    [channel] = table(["1.0", "1.1", "1.3"], rate=10).channels
+    assert channel.coverage == (Span(10, 12), Span(13, 14))
+
+
+def test_sums_of_a_period_are_regular() -> None:
+    recording = table([repr(float(time)) for time in np.cumsum(np.full(1000, 0.001))])
+    assert recording.channels[0].rate == 1000
+    assert recording.channels[0].coverage == (Span(1, 1001),)
+    assert not recording.metadata
+
+
+@pytest.mark.parametrize(
+    ("offset", "start", "note"),
+    [
+        (5, 5000, None),
+        (-5, 0, "begin at -5.0 s, which became tick 0"),
+        (1_700_000_000, 0, "begin at 1700000000.0 s, which became tick 0"),
+        (0.0004, 0, "lie 0.0004 s beside the ticks"),
+    ],
+)
+def test_where_the_times_begin(offset: float, start: int, note: str | None) -> None:
+    recording = table(stamps(1000, range(20), 4, offset))
+    assert recording.channels[0].coverage == (Span(start, start + 20),)
+    assert note is None or note in recording.metadata["notes"][0]
+    assert (note is None) == (not recording.metadata)
+
+
+REFUSED: dict[str, Callable[[], Recording]] = {
+    r"fewer than two times tell no rate": lambda: table(["0"]),
+    r"line 3, column 1 \('t \[s\]'\): '0' is not later than the time before": lambda: table("00"),
+    r"line 2, column 1 .*'12:30' is not a time": lambda: table(["12:30"]),
+    r"line 2, column 1 .*'' is not a time": lambda: table([""]),
+    r"line 2, column 1 .*'1_0' is not a time": lambda: table(["1_0"]),
+    r"line 2, column 1 .*'nan' is no usable time": lambda: table(["nan"]),
+    r"line 2, column 1 .*'inf' is no usable time": lambda: table(["inf"]),
+    r"'1e99999999999999999999' is no usable": lambda: table(["1e99999999999999999999"]),
+    r"'0e-9999' is no usable time": lambda: table(["0e-9999"]),
+    r"a rate is a fraction of two integers": lambda: table(["0", "1e-30"]),
+}
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_refused(message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        REFUSED[message]()
+
+
+@given(st.lists(st.floats(allow_nan=False), max_size=12), st.sampled_from([None, 1000.0]))
+def test_any_times_give_a_recording_or_our_error(times: list[float], rate: float | None) -> None:
+    try:
+        [channel] = table(map(repr, times), rate=rate).channels
+    except ParameterError:
+        return
+    assert channel.values.size == len(times)
