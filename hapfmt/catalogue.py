@@ -278,7 +278,7 @@ def take_chunk(catalogue: Catalogue, chunk: Chunk) -> ChunkRef | None:
     elif header.type == "mETa":
         catalogue.metadata.update(parse_metadata(chunk.payload, offset))
     elif header.type == "fOOT":
-        catalogue.foot = parse_foot(chunk.payload, offset)
+        catalogue.foot = parse_foot(chunk.payload, offset, moved=catalogue.damaged)
     elif header.type == "DATA" and not catalogue.indexed:
         start_ns, stop_ns = time_range(catalogue, chunk)
         return ChunkRef(

@@ -15,12 +15,12 @@ MAX_SIZE = 255
 _PREFIXES = "Y Z E P T G M k h da d c m u n p f a z y"
 _METRIC = (
     "m s g rad K C cd mol sr N Pa J W A V F Ohm S Wb Cel T H Hz lm lx L l bar eV gf B bit By t "
-    "[g] [ppm]"
+    "[g] [ppm] m[Hg] m[H2O]"
 )
 """Atoms that take a prefix. Left out, since people mean something else by them: G (gauss), a
 (year), b (barn), u, P, R."""
 _FIXED = (
-    "% deg ' '' min h d m[Hg] mm[Hg] cm[H2O] [degF] [psi] [lbf_av] [lb_av] [in_i] [ft_i] [mi_i] "
+    "% deg ' '' min h d [degF] [psi] [lbf_av] [lb_av] [in_i] [ft_i] [mi_i] "
     "[ppth] [ppb] [arb'U] [pi]"
 )
 
@@ -138,7 +138,7 @@ def _is_code(text: str) -> bool:
 
 def _respell(text: str) -> str:
     """One of many spellings -> UCUM's, where that is clear; the result may still be no code."""
-    if "{" in text:
+    if "{" in text or len(text) > MAX_SIZE:
         return ""
     whole = _WHOLE.get(text.casefold())
     if whole is not None:

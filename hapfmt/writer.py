@@ -38,8 +38,8 @@ from .version import __version__
 INDEX_EVERY = 1 << 22
 """Bytes of chunks between two indexes (SPEC IDX-005)."""
 
-COPY_ABOVE = 1 << 16
-"""Files larger than this repeat HEAD and TRAK at their end (SPEC 6.1)."""
+COPY_SHARE = 50
+"""HEAD and TRAK are repeated at the end (SPEC 6.1) where that adds at most a 50th to the file."""
 
 PAYLOAD_TARGET = {1: 1 << 19, 2: 1 << 22}
 """Clusters are split above this size, well below the limit of the level."""
@@ -176,7 +176,8 @@ class FileWriter:
 
     def close(self) -> None:
         """Copies of the description, index, footer; the stream stays open."""
-        if self.offset > COPY_ABOVE:
+        described = [self.head.build(), *(payload for _, payload in self.series)]
+        if COPY_SHARE * sum(len(part) + HEADER_SIZE for part in described) <= self.offset:
             self.chunk("HEAD", self.head.build())
             for track, payload in self.series:
                 self.chunk("TRAK", payload, track)

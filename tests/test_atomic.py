@@ -1,6 +1,5 @@
 """Files that appear whole or not at all."""
 
-import os
 import re
 from pathlib import Path
 
@@ -19,7 +18,7 @@ def test_the_file_appears_at_the_end(tmp_path: Path) -> None:
         stream.write(b"d")
         assert not path.exists()
     assert path.read_bytes() == b"abd"
-    assert os.listdir(tmp_path) == ["a.hapf"]
+    assert [p.name for p in tmp_path.iterdir()] == ["a.hapf"]
 
 
 def test_permissions_are_those_of_a_new_file(tmp_path: Path) -> None:
@@ -59,7 +58,7 @@ def test_a_file_that_appeared_meanwhile_is_kept(tmp_path: Path) -> None:
         stream.write(b"new")
         path.write_bytes(b"of someone else")
     assert path.read_bytes() == b"of someone else"
-    assert os.listdir(tmp_path) == ["a"]
+    assert [p.name for p in tmp_path.iterdir()] == ["a"]
 
 
 def test_a_link_stays_a_link(tmp_path: Path) -> None:

@@ -45,10 +45,13 @@ SPELLINGS = {
     "g0": "[g]",
     "lbf": "[lbf_av]",
 }
-CODES = (
-    "1 % g [g] mg m[g] deg N mN N.m rad rad/s V mV A Hz m/s m/s2 kPa Ohm s-1 /min 1/s m.s-2 "
-    "kg.m2/(s3.A) N/(m/s) {count} {count}/s m/s2{peak} mm[Hg] J/kg.K dB Cel"
-).split()
+# fmt: off
+CODES = [
+    "1", "%", "g", "[g]", "mg", "m[g]", "deg", "N", "mN", "N.m", "rad", "rad/s", "V", "mV",
+    "A", "Hz", "m/s", "m/s2", "kPa", "Ohm", "s-1", "/min", "1/s", "m.s-2", "kg.m2/(s3.A)",
+    "N/(m/s)", "{count}", "{count}/s", "m/s2{peak}", "mm[Hg]", "J/kg.K", "dB", "Cel",
+]
+# fmt: on
 ANNOTATED = {
     "raw(0-255)": "{raw(0-255)}",
     "count(39.811uNm)": "{count(39.811uNm)}",

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ..recording import Recording
 
 HAPF = ".hapf"
+SHOWN_LINES = 20
 LONG_SECONDS = 0.5
 """Work shorter than this shows no progress."""
 
@@ -197,11 +198,17 @@ def save_recording(recording: Recording, name: str, format_: str | None, force: 
 
 def tell_losses(reader: Reader) -> int:
     """What is wrong with a file that was read, on standard error; 3 if anything is (SPEC 14)."""
-    for finding in reader.findings:
-        click.echo(f"hapfmt: {reader.source.path or 'input'}: {printable(str(finding))}", err=True)
-    for lost in reader.lost:
-        click.echo(f"hapfmt: {lost_text(lost, reader)}", err=True)
+    tell_some([f"{reader.source.path or 'input'}: {finding}" for finding in reader.findings])
+    tell_some([lost_text(lost, reader) for lost in reader.lost])
     return 3 if reader.findings else 0
+
+
+def tell_some(lines: Sequence[str]) -> None:
+    """The first lines on standard error, and how many there are: --json has them all."""
+    for line in lines[:SHOWN_LINES]:
+        click.echo(f"hapfmt: {printable(line)}", err=True)
+    if len(lines) > SHOWN_LINES:
+        click.echo(f"hapfmt: ... and {len(lines) - SHOWN_LINES} more (--json has all)", err=True)
 
 
 def lost_text(lost: LostSpan, reader: Reader) -> str:

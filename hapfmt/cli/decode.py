@@ -19,7 +19,6 @@ from .common import (
     tell_losses,
 )
 
-
 if TYPE_CHECKING:
     from ..reader import Band
 

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import echo_json, input_of, json_option, load_recording, printable, progress, table
+from .common import (
+    echo_json,
+    input_of,
+    json_option,
+    load_recording,
+    printable,
+    progress,
+    table,
+    tell_some,
+)
 
 if TYPE_CHECKING:
     from ..verifier import Report
@@ -46,19 +55,13 @@ def show(file: str, report: Report) -> None:
     )
     if report.error:
         click.echo(f"hapfmt: {printable(str(report.error))}", err=True)
-    for finding in report.findings:
-        click.echo(
-            printable(
-                f"hapfmt: 0x{finding['offset']:x}+{finding['size']}: {finding['code']}: "
-                f"{finding['message']} [{finding['requirement']}]"
-            ),
-            err=True,
-        )
-    for lost in report.lost:
-        until = "the end" if lost["stop"] is None else f"tick {lost['stop']}"
-        click.echo(
-            f"hapfmt: lost: track {lost['track']}, tick {lost['start']} to {until}", err=True
-        )
+    tell_some(
+        [
+            f"0x{f['offset']:x}+{f['size']}: {f['code']}: {f['message']} [{f['requirement']}]"
+            for f in report.findings
+        ]
+    )
+    tell_some([lost_line(lost) for lost in report.lost])
     if report.unknown:
         click.echo(f"unknown chunks: {' '.join(report.unknown)}")
     if report.contracts:
@@ -76,3 +79,8 @@ def show(file: str, report: Report) -> None:
         headers = ["channel", "label", "contract", "samples", "outside", "worst ratio",
                    "largest error", "missing", "invented"]  # fmt: skip
         table(headers, rows)
+
+
+def lost_line(lost: dict[str, Any]) -> str:
+    until = "the end" if lost["stop"] is None else f"tick {lost['stop']}"
+    return f"lost: track {lost['track']}, tick {lost['start']} to {until}"

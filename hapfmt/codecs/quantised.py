@@ -157,8 +157,8 @@ def encode_quantised(levels: NDArray[np.int64], parameters: QuanParameters) -> b
     symbols, extra = parameters.alphabet.tokenise(levels.T.reshape(-1))
     book = parameters.book
     if (
-        symbols.size
-        and symbols.max() >= parameters.alphabet.size
+        (symbols.size
+        and symbols.max() >= parameters.alphabet.size)
         or not parameters.lengths[symbols].all()
     ):
         raise ValueError("a level has no code word in this codebook")

@@ -89,13 +89,13 @@ def build_foot(foot: Foot) -> bytes:
     return bytes(FOOT.build(foot._asdict()))
 
 
-def parse_foot(payload: bytes, offset: int) -> Foot:
-    """The fOOT payload at ``offset``."""
+def parse_foot(payload: bytes, offset: int, *, moved: bool = False) -> Foot:
+    """The fOOT payload at ``offset``; ``moved``: bytes before it were lost or came in."""
     if len(payload) != FOOT.sizeof():
         raise FormatError("footer of another length", requirement="FOT-001", offset=offset)
     raw = parse_fixed(FOOT, payload, 0, "FOT-001", offset)
     foot = Foot(raw.index_offset, raw.stop_offset, raw.data_count, raw.track_count, raw.duration_ns)
-    if foot.stop_offset != offset + len(payload):
+    if not moved and foot.stop_offset != offset + len(payload):
         raise FormatError("footer names another end", requirement="FOT-001", offset=offset + 8)
     return foot
 

@@ -94,7 +94,8 @@ def exact_doubles(x: NDArray[Any], what: str) -> NDArray[np.float64]:
     """Real numbers of any dtype and shape as float64 of the same value, or a ParameterError."""
     if x.dtype.kind not in "biuf":
         raise ParameterError(f"{what} holds {x.dtype} values, not real numbers")
-    doubles = x.astype(np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):  # of a wider float, of a signalling NaN
+        doubles = x.astype(np.float64)
     if x.dtype.kind in "iu" and x.dtype.itemsize == 8:
         inexact = ~_fits_53_bits(x)
     elif x.dtype.itemsize > 8:

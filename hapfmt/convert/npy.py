@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import sys
 import tokenize
 import warnings
 from fractions import Fraction
@@ -89,6 +90,11 @@ def read_array(stream: IO[bytes], what: str, *, max_memory: int) -> NDArray[Any]
     # In an archive this also reaches the end of the member, where its CRC-32 is compared.
     if stream.read(1):
         raise ParameterError(f"{what} is followed by further bytes")
+    # NumPy checks no code point, and Python fails on a wrong one with a SystemError.
+    if dtype.kind == "U" and size:
+        points = np.frombuffer(data, np.dtype(np.uint32).newbyteorder(dtype.byteorder))
+        if points.max() > sys.maxunicode:
+            raise ParameterError(f"{what} holds {points.max():#x}, which is no Unicode character")
     with refusing(f"{what} has the shape {shape}"):
         flat = np.frombuffer(data, dtype) if size else np.empty(0, dtype)
         return flat.reshape(shape, order="F" if by_column else "C")

@@ -34,7 +34,7 @@ _PCM: dict[str, tuple[int, np.dtype[Any], int]] = {
 }
 """Bits of a count; the dtype that soundfile hands over, and how far up it is shifted there."""
 _FLOAT = ("FLOAT", "DOUBLE")
-_CONTAINERS = ("WAV", "WAVEX", "RF64")
+_STARTS = (b"RIFF", b"RF64", b"RIFX")
 _VALUES_AT_ONCE = 1 << 20
 _SIZE_LIMIT = (1 << 32) - (1 << 16)
 """Bytes of samples: the sizes in the header have 32 bits, the rest is left to the header."""
@@ -89,10 +89,10 @@ def read(stream: BinaryIO, *, rate: Fraction | None, max_memory: int) -> Recordi
     Channels are labelled ch1, ch2 ...
     """
     stream = seekable(stream, max_memory)
-    _check_length(stream)
+    _check_chunks(stream)
     with _opened(stream, "r") as file:
-        if file.format not in _CONTAINERS or file.subtype not in (*_PCM, *_FLOAT):
-            raise ParameterError(f"{file.format} with {file.subtype} samples is not read as .wav")
+        if file.subtype not in (*_PCM, *_FLOAT):
+            raise ParameterError(f"{file.subtype} samples are not read; PCM and float are")
         notes: list[str] = []
         hertz = choose_rate(rate, Fraction(file.samplerate), notes)
         if file.subtype in _FLOAT:
@@ -199,24 +199,26 @@ def _opened(stream: BinaryIO, mode: str, **described: Any) -> Iterator[Any]:
             raise guarded.error
 
 
-def _check_length(stream: BinaryIO) -> None:
-    """Refuse a truncated file: libsndfile would shorten the recording without a word."""
+def _check_chunks(stream: BinaryIO) -> None:
+    """Refuse what libsndfile takes without a word: other formats, and a file cut short."""
     end = stream.seek(0, SEEK_END)
     stream.seek(0)
     position = 12
-    if stream.read(position)[:4] == b"RIFF":
-        for _ in range(_CHUNKS_LIMIT):
-            stream.seek(position)
-            head = stream.read(8)
-            if len(head) < 8:
-                break
-            name, size = struct.unpack("<4sI", head)
-            position += 8 + size + size % 2
-            if name == b"data":
-                if size not in _UNKNOWN_SIZES and position - size % 2 > end:
-                    missing = position - size % 2 - end
-                    raise ParameterError(
-                        f"truncated: {missing} of {size} bytes of samples are missing"
-                    )
-                break
+    start = stream.read(position)
+    if start[:4] not in _STARTS or start[8:] != b"WAVE":
+        raise ParameterError("this is no .wav file: it does not begin with RIFF and WAVE")
+    for _ in range(_CHUNKS_LIMIT if start[:4] == b"RIFF" else 0):
+        stream.seek(position)
+        head = stream.read(8)
+        if len(head) < 8:
+            break
+        name, size = struct.unpack("<4sI", head)
+        position += 8 + size
+        if name == b"data":
+            if size not in _UNKNOWN_SIZES and position > end:
+                raise ParameterError(
+                    f"truncated: {position - end} of {size} bytes of samples are missing"
+                )
+            break
+        position += size % 2
     stream.seek(0)

@@ -120,8 +120,10 @@ def stepped(u: NDArray[np.float64], least: float) -> Ratio | None:
     """Exactly, as multiples of a common step of at least ``least``, with any offset.
 
     Found are steps above 64 ulp of the largest value. Where the offset is a whole number of steps,
-    or a simple fraction of one, the simplest A/D is taken, and None means that there is none within
-    2**53. Other offsets are found if all values have about the same magnitude.
+    or a simple fraction of one, the simplest A/D is taken, and if none is found, none is within
+    2**53. That happens to about a third of channels made as count * step (measured): products that
+    lie halfway between two float64 leave no step but the one used, with all its 53 bits. Other
+    offsets are found if all values have about the same magnitude.
     """
     steps = exact_steps(u, least)
     if steps is None:
@@ -137,9 +139,9 @@ def stepped(u: NDArray[np.float64], least: float) -> Ratio | None:
 
 
 def near(u: NDArray[np.float64], steps: Steps, noise: float) -> Ratio | None:
-    """The simplest step that brings all values within ``noise``, the offset a fraction of it.
+    """The simplest step that brings all values within ``noise``, with the offset a fraction of it.
 
-    steps: of these values, as found by ``near_steps``. None where the offset is none.
+    steps: of these values, as found by ``near_steps``. None where no such offset does.
     """
     indices = _indices(u - steps.noise, u + steps.noise, steps)
     if indices is None:

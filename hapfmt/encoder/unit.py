@@ -324,9 +324,10 @@ def with_residual(
 ) -> Unit | None:
     """The LF track with its HF track; None where the residual has too many bits."""
     levels = quantise(residual, step) * step
-    if np.abs(levels).max() > ENCODE_LEVEL.step:
-        return None
     low, high = declared_range(levels)
+    bound = 1 << (ENCODE_LEVEL.residual_bits - 1)
+    if low < -bound or high >= bound:
+        return None
     lf.track = replace(lf.track, kind="lf")
     track = replace(
         lf.track,

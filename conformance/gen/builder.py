@@ -1,0 +1,179 @@
+"""Bytes of a hapf file with a note beside each field. Imports nothing from hapfmt, on purpose:
+what it writes tests the package, and must not share its mistakes."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+Field = tuple[bytes, str]
+SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
+SYNC = bytes.fromhex("F9488B1C")
+COLUMNS = 16
+
+
+def u8(value: int, meaning: str) -> Field:
+    return struct.pack("<B", value), meaning
+
+
+def u16(value: int, meaning: str) -> Field:
+    return struct.pack("<H", value), meaning
+
+
+def u32(value: int, meaning: str) -> Field:
+    return struct.pack("<I", value), meaning
+
+
+def i32(value: int, meaning: str) -> Field:
+    return struct.pack("<i", value), meaning
+
+
+def u64(value: int, meaning: str) -> Field:
+    return struct.pack("<Q", value), meaning
+
+
+def i64(value: int, meaning: str) -> Field:
+    return struct.pack("<q", value), meaning
+
+
+def raw(value: bytes, meaning: str) -> Field:
+    return value, meaning
+
+
+def varint(value: int, meaning: str) -> Field:
+    out = bytearray()
+    while True:
+        group, value = value & 0x7F, value >> 7
+        out.append(group | (0x80 if value else 0))
+        if not value:
+            return bytes(out), meaning
+
+
+def svarint(value: int, meaning: str) -> Field:
+    return varint(2 * value if value >= 0 else -2 * value - 1, meaning)
+
+
+def bits(text: str, meaning: str) -> Field:
+    """A row of 0 and 1, filled with 0 to whole bytes."""
+    text = text.replace(" ", "")
+    text += "0" * (-len(text) % 8)
+    return bytes(int(text[i : i + 8], 2) for i in range(0, len(text), 8)), meaning
+
+
+def joined(fields: list[Field]) -> bytes:
+    return b"".join(data for data, _ in fields)
+
+
+class File:
+    """Chunks in order; ``fields`` is the whole file, field by field."""
+
+    def __init__(self, file_id: int) -> None:
+        self.file_id = file_id
+        self.sequence = 0
+        self.fields: list[Field] = [(SIGNATURE, "signature")]
+        self.offsets: dict[str, int] = {}
+
+    @property
+    def offset(self) -> int:
+        return len(self.data)
+
+    @property
+    def data(self) -> bytes:
+        return joined(self.fields)
+
+    def chunk(self, type_: str, payload: list[Field], track: int = 0xFFFF) -> None:
+        body = joined(payload)
+        header = [
+            raw(SYNC, "sync word"),
+            raw(type_.encode(), f"type {type_}"),
+            u32(self.file_id, "file id"),
+            u32(self.sequence, f"sequence number {self.sequence}"),
+            u32(len(body), f"payload size {len(body)}"),
+            u16(track, "no track" if track == 0xFFFF else f"track {track}"),
+            u16(0, "flags"),
+            u32(zlib.crc32(body), "CRC-32 of the payload"),
+        ]
+        header.append(u32(zlib.crc32(joined(header)), "CRC-32 of the header"))
+        self.offsets.setdefault(type_, self.offset)
+        self.fields += header + payload
+        self.sequence += 1
+
+    def head(self, level: int = 1) -> None:
+        self.chunk(
+            "HEAD",
+            [
+                u8(1, "major version"),
+                u8(0, "minor version"),
+                u8(level, "level"),
+                u8(0, "reserved"),
+                u32(0, "incompatible features: none"),
+                u32(0, "compatible features: none"),
+                u32(self.file_id, "file id"),
+                raw(bytes(16), "no UUID"),
+                i64(0, "epoch: not known"),
+                u64((1 << 64) - 1, "epoch uncertainty: not known"),
+            ],
+        )
+
+    def close(self, data: list[tuple[int, int, int]], listed: list[tuple[str, int]],
+              tracks: int) -> None:  # fmt: skip
+        """``data``: (offset, start ns, stop ns) of DATA chunks; ``listed``: other chunks."""
+        at = self.offset
+        rows = sorted([(o, "DATA", a, b) for o, a, b in data] + [(o, t, 0, 0) for t, o in listed])
+        payload = [
+            u64(8, "covers from offset 8"),
+            u64(0, "no index before"),
+            u32(len(rows), f"{len(rows)} entries"),
+        ]
+        for offset, type_, start, stop in rows:
+            payload += [
+                raw(type_.encode(), f"a {type_} chunk"),
+                u64(offset, f"at offset {offset}"),
+                i64(start, f"start {start} ns"),
+                i64(stop, f"stop {stop} ns"),
+            ]
+        self.chunk("iNDX", payload)
+        stop = max((b for _, _, b in data), default=0)
+        self.chunk(
+            "fOOT",
+            [
+                u64(at, f"index at offset {at}"),
+                u64(self.offset + 64, "offset of the end of this chunk"),
+                u32(len(data), "number of DATA chunks"),
+                u32(tracks, "number of tracks"),
+                i64(stop, f"duration {stop} ns"),
+            ],
+        )
+
+
+def packet(track: int, start: int, body: list[Field], span: int) -> tuple[list[Field], list[Field]]:
+    """A row of the packet table, and the packet."""
+    entry = [
+        varint(track, f"packet of track {track}"),
+        varint(len(joined(body)), f"{len(joined(body))} bytes"),
+        varint(start, f"start tick {start}"),
+        varint(span, f"{span} ticks"),
+    ]
+    entry.append(u32(zlib.crc32(joined(body), zlib.crc32(joined(entry))), "packet CRC"))
+    return entry, body
+
+
+def cluster(packets: list[tuple[list[Field], list[Field]]]) -> list[Field]:
+    fields = [varint(len(packets), f"{len(packets)} packets")]
+    for entry, _ in packets:
+        fields += entry
+    for _, body in packets:
+        fields += body
+    return fields
+
+
+def listing(fields: list[Field]) -> str:
+    """Lines of offset, bytes, meaning; long fields continue below."""
+    lines = []
+    offset = 0
+    for data, meaning in fields:
+        for at in range(0, max(len(data), 1), COLUMNS):
+            part = " ".join(f"{byte:02X}" for byte in data[at : at + COLUMNS])
+            lines.append(f"{offset + at:06X}  {part:<47}  {meaning if at == 0 else ''}".rstrip())
+        offset += len(data)
+    return "\n".join(lines)

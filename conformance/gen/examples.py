@@ -1,0 +1,205 @@
+"""The worked examples of SPEC Annex B.
+
+python conformance/gen/examples.py          compare with what is committed
+python conformance/gen/examples.py --write  write conformance/examples/ and the listings in SPEC.md
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+
+from builder import (
+    File,
+    bits,
+    cluster,
+    i32,
+    i64,
+    listing,
+    packet,
+    raw,
+    svarint,
+    u8,
+    u16,
+    u32,
+    u64,
+    varint,
+)
+
+HERE = Path(__file__).resolve().parent
+SPEC = HERE.parent.parent / "SPEC.md"
+EXAMPLES = HERE.parent / "examples"
+
+
+def hold() -> tuple[File, dict[str, object]]:
+    """One force channel, 1 kHz, held: 1.00 N for three ticks, then 1.25 N for five."""
+    f = File(0x00000001)
+    f.head()
+    f.chunk(
+        "TRAK",
+        [
+            u8(1, "one track"),
+            u8(1, "one component"),
+            u8(0, "kind: full band"),
+            u8(0, "number format: counts"),
+            raw(b"KNOT", "codec"),
+            u32(1000, "rate 1000 /"),
+            u32(1, "1 Hz"),
+            i32(0, "lowest count 0"),
+            i32(255, "highest count 255"),
+            u16(0, "channel 0"),
+            u16(0xFFFF, "no base track"),
+            u16(1, "TLV 1, codec parameters"),
+            u16(8, "8 bytes"),
+            u8(0, "hold"),
+            raw(bytes(3), "reserved"),
+            u32(25, "quantum 25"),
+            u16(2, "TLV 2, label"),
+            u16(6, "6 bytes"),
+            raw(b"\x05force", "'force'"),
+            u16(3, "TLV 3, calibration"),
+            u16(24, "24 bytes"),
+            i64(1, "A = 1"),
+            i64(0, "B = 0"),
+            u64(100, "D = 100: a count is 10 mN"),
+            u16(4, "TLV 4, unit"),
+            u16(2, "2 bytes"),
+            raw(b"\x01N", "'N'"),
+        ],
+        track=0,
+    )
+    at = f.offset
+    body = [
+        svarint(4, "first knot, tick 0: value 4, count 100"),
+        varint(3, "next knot 3 ticks later"),
+        svarint(1, "value 1 more: 5, count 125"),
+    ]
+    f.chunk("DATA", cluster([packet(0, 0, body, 8)]))
+    f.close([(at, 0, 8_000_000)], [("HEAD", 8), ("TRAK", f.offsets["TRAK"])], 1)
+    return f, {"0": [{"start": 0, "counts": [[100]] * 3 + [[125]] * 5}]}
+
+
+def residual() -> tuple[File, dict[str, object]]:
+    """Lines with a texture on them, and a gap of 2 ticks: LF track 0, HF track 1."""
+    f = File(0x00000002)
+    f.head()
+    f.chunk(
+        "TRAK",
+        [
+            u8(1, "one track"),
+            u8(1, "one component"),
+            u8(1, "kind: LF"),
+            u8(0, "number format: counts"),
+            raw(b"KNOT", "codec"),
+            u32(500, "rate 500 /"),
+            u32(1, "1 Hz"),
+            i32(-32, "lowest count -32"),
+            i32(31, "highest count 31"),
+            u16(0, "channel 0"),
+            u16(0xFFFF, "no base track"),
+            u16(1, "TLV 1, codec parameters"),
+            u16(8, "8 bytes"),
+            u8(1, "linear"),
+            raw(bytes(3), "reserved"),
+            u32(1, "quantum 1"),
+        ],
+        track=0,
+    )
+    second = f.offset
+    f.chunk(
+        "TRAK",
+        [
+            u8(1, "one track"),
+            u8(1, "one component"),
+            u8(2, "kind: HF"),
+            u8(0, "number format: counts"),
+            raw(b"QUAN", "codec"),
+            u32(500, "rate 500 /"),
+            u32(1, "1 Hz"),
+            i32(-2, "lowest count -2"),
+            i32(1, "highest count 1: level 1 times step 2 is clamped to it"),
+            u16(0, "channel 0"),
+            u16(0, "base track 0"),
+            u16(1, "TLV 1, codec parameters"),
+            u16(10, "10 bytes"),
+            u32(2, "step 2"),
+            u16(1, "M = 1: symbols 0, 1, 2 are levels 0, 1, -1"),
+            u8(1, "R = 1: symbol 3 is a run of 2 or 3 zeros"),
+            u8(0, "C = 0"),
+            raw(bytes.fromhex("3231"), "lengths 3 2 3 1: code words 110, 10, 111, 0"),
+        ],
+        track=1,
+    )
+    at = f.offset
+    knots = [
+        svarint(10, "first knot, tick 0: value 10"),
+        varint(2, "2 ticks later"),
+        svarint(-5, "value 5"),
+        varint(3, "3 ticks later, tick 5"),
+        svarint(12, "value 17"),
+    ]
+    later = [svarint(17, "a single knot: constant 17")]
+    texture = [bits("110 10 111 0 1", "0, 1, -1, a run of 3; 6 bits fill the byte")]
+    silence = [bits("0 0", "a run of 2; 6 bits fill the byte")]
+    rows = [
+        packet(0, 0, knots, 6),
+        packet(0, 8, later, 2),
+        packet(1, 0, texture, 6),
+        packet(1, 8, silence, 2),
+    ]
+    f.chunk("DATA", cluster(rows))
+    listed = [("HEAD", 8), ("TRAK", f.offsets["TRAK"]), ("TRAK", second)]
+    f.close([(at, 0, 20_000_000)], listed, 2)
+    full = [[10], [9], [3], [9], [13], [17]]
+    return f, {"0": [{"start": 0, "counts": full}, {"start": 8, "counts": [[17], [17]]}]}
+
+
+NOTES = {
+    "hold": """`hold.hapf`: one force channel at 1 kHz, a count is 10 mN. It decodes to the counts
+100 100 100 125
+125 125 125 125: 1.00 N for 3 ms, then 1.25 N for 5 ms.""",
+    "residual": """`residual.hapf`: one channel at 500 Hz of two tracks, a gap at ticks 6 and 7.
+d is 10 8 5 9 13 17,
+then 17 17: at tick 1 `10 + rdiv(-5 * 1, 2) = 10 - 2`, a tie. e^ is 0 1 -2 0 0 0, then 0 0: the
+level 1 at
+tick 1 would be 2 and is clamped. The channel is 10 9 3 9 13 17, then 17 17.""",
+}
+MAKERS = {"hold": hold, "residual": residual}
+
+
+def annex() -> str:
+    """Annex B between its markers."""
+    parts = ["<!-- examples -->"]
+    for name, make in MAKERS.items():
+        parts += [f"\n{NOTES[name]}\n", "```", listing(make()[0].fields), "```"]
+    return "\n".join([*parts, "<!-- end -->"])
+
+
+def outputs() -> dict[Path, bytes]:
+    """Every file that this script makes."""
+    found: dict[Path, bytes] = {}
+    for name, make in MAKERS.items():
+        file, expected = make()
+        found[EXAMPLES / f"{name}.hapf"] = file.data
+        text = json.dumps(expected, sort_keys=True, indent=1)
+        found[EXAMPLES / f"{name}.json"] = (text + "\n").encode()
+    text = SPEC.read_text(encoding="utf-8")
+    marked = re.compile(r"<!-- examples -->.*?<!-- end -->", re.S)
+    found[SPEC] = marked.sub(lambda _: annex(), text).encode()
+    return found
+
+
+def main() -> int:
+    if sys.argv[1:] == ["--write"]:
+        for path, data in outputs().items():
+            path.write_bytes(data)
+        return 0
+    wrong = [path.name for path, data in outputs().items() if path.read_bytes() != data]
+    print(f"differ: {', '.join(wrong)}" if wrong else "all as committed")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
