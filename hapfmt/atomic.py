@@ -25,7 +25,7 @@ def atomic_write(path: str | os.PathLike[str], *, force: bool = False) -> Iterat
     lies in no directory; OSError, with ``path`` as its file name, where the system refuses.
     """
     name = os.fspath(path)
-    _refuse(name, force)
+    refuse(name, force)
     target = Path(os.path.realpath(name))
     temporary = target.with_name(f".{secrets.token_hex(8)}.tmp")
     try:
@@ -39,7 +39,7 @@ def atomic_write(path: str | os.PathLike[str], *, force: bool = False) -> Iterat
         stream.flush()
         os.fsync(stream.fileno())
         stream.close()
-        _refuse(name, force)
+        refuse(name, force)
         temporary.replace(target)
     except BaseException:
         # A full disk fails again in close(); the first error is the one to report.
@@ -51,7 +51,7 @@ def atomic_write(path: str | os.PathLike[str], *, force: bool = False) -> Iterat
     _sync_directory(target.parent)
 
 
-def _refuse(name: str, force: bool) -> None:
+def refuse(name: str, force: bool) -> None:
     """Raise ParameterError where nothing may be written at ``name``."""
     path = Path(name)
     if not name or path.name in ("", ".."):

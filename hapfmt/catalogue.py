@@ -51,7 +51,7 @@ class ChunkRef:
 
 @dataclass(frozen=True)
 class ChannelRef:
-    """A channel's place: component ``index`` of its base track, and the HF track if there is one."""
+    """A channel's place: component ``index`` of its base track, and its HF track, if any."""
 
     number: int
     track: Track

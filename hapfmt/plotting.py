@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .atomic import atomic_write
 from .errors import MissingExtraError, ParameterError
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ def plot_demo(
     unit: str = "N",
     quantity: str = "force",
     title: str = "",
+    force: bool = False,
 ) -> None:
     """Draw the page into ``path``; its suffix (.png, .svg, .pdf) says the kind.
 
@@ -127,7 +129,9 @@ def plot_demo(
 
     if title:
         figure.suptitle(title, fontsize=13, color=INK, x=0.01, ha="left")
-    figure.savefig(path, metadata=_METADATA[path.suffix.lower()])
+    suffix = path.suffix.lower()
+    with atomic_write(path, force=force) as stream:
+        figure.savefig(stream, format=suffix[1:], metadata=_METADATA[suffix])
 
 
 def _signals(axes: Axes, parts: tuple[NDArray[np.float64], ...], ticks: NDArray[np.int64]) -> None:

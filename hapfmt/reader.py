@@ -59,8 +59,8 @@ class Reader:
     """Opens a path, bytes, or a binary stream.
 
     Damage raises nothing by itself: what can be read is delivered, what is lost is in ``findings``
-    and ``lost``; ``strict=True`` raises at the first damage instead. Bytes that break a rule although
-    their checksums hold raise FormatError either way.
+    and ``lost``; ``strict=True`` raises at the first damage instead. Bytes that break a rule
+    although their checksums hold raise FormatError either way.
     """
 
     def __init__(

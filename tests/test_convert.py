@@ -302,7 +302,7 @@ BAD_NPZ: dict[str, Callable[[], bytes]] = {
     "key 'x': Bad CRC-32": lambda: npz(zipfile.ZIP_STORED, x=X).replace(b"\0" * 48, b"\1" * 48),
     "key 'x' is no NumPy array": lambda: npz(x=b""),
     "the file holds no rate": lambda: npz(x=X),
-    "key 'rate_hz' has 2 entries": lambda: npz(x=X, rate_hz=[1, 2]),
+    "key 'rate_hz' has 2 entries, more than 1": lambda: npz(x=X, rate_hz=[1, 2]),
     "'nan' is no rate": lambda: npz(x=X, rate_hz=NAN),
     "'-1' is no rate": lambda: npz(x=X, rate_hz=-1),
     "a rate is a fraction of two integers": lambda: npz(x=X, rate_hz=0),
@@ -312,6 +312,7 @@ BAD_NPZ: dict[str, Callable[[], bytes]] = {
     "key 'channel_names' holds int64 values, not text": lambda: npz(x=X, channel_names=[1, 2]),
     "channel_names has 1 entries for 2": lambda: npz(x=X, rate_hz=1, channel_names=["a"]),
     "x looks transposed": lambda: npz(x=X, rate_hz=1, channel_names=["a", "b", "c"]),
+    "key 'unit' has 65535 entries, more than 65534": lambda: npz(x=X, unit=np.zeros(65_535, "U")),
     "unit has 3 entries for 2": lambda: npz(x=X, rate_hz=1, unit=["N"] * 3),
     "lsb has 3 entries for 2": lambda: npz(x=X, rate_hz=1, lsb=[1.0] * 3),
     "neither positive nor NaN": lambda: npz(x=X, rate_hz=1, lsb=0),
@@ -333,6 +334,7 @@ BAD_CSV: dict[str, bytes] = {
     "'0x1' is not a number": b"t,x\n0,0x1\n",
     "'\u0661' is not a number": "t,x\n0,\u0661\n".encode(),
     r"'1,5' is not a number \(a decimal point is expected\)": b"t;x\n0;1,5\n",
+    "'1111.*' is not a number": b"x\n" + b"1" * 100_000 + b"x\n",  # in linear time
     "'1e999' is beyond the range of a double": b"t,x\n0,1e999\n",
     "line 2: a row of 3 cells, where the header has 2": b"t,x\n0,1,2\n",
     "line 2: a row of 1 cells, where the header has 2": b"t,x\n0\n",
@@ -345,6 +347,9 @@ BAD_WAV: dict[str, Callable[[], bytes]] = {
     "it does not begin with RIFF and WAVE": lambda: wav("PCM_16", format="FLAC"),
     "this is no .wav file: Error opening": lambda: wav("PCM_16")[:12],
     "ULAW samples are not read": lambda: wav("ULAW"),
+    "never closed: the header tells of no samples, 8 bytes follow": lambda: (
+        b"RIFF\0\0\0\0" + wav("PCM_16")[8:].replace(b"data\x08", b"data\0")
+    ),
     "truncated: 3 of 8 bytes of samples are missing": lambda: wav("PCM_16")[:-3],
 }
 
@@ -404,7 +409,7 @@ class TestRefused:
     def test_wav_without_soundfile(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "soundfile", None)
         with pytest.raises(MissingExtraError, match=r"hapfmt\[audio\]"):
-            load(io.BytesIO(b"RIFF"), format="wav")
+            load(io.BytesIO(b"RIFF\0\0\0\0WAVE"), format="wav")
 
     @pytest.mark.parametrize("error", [OSError("disk full"), KeyboardInterrupt()])
     def test_an_error_of_the_stream_below_wav(self, error: BaseException) -> None:
@@ -438,7 +443,7 @@ NOT_WRITTEN: dict[str, tuple[str, list[Channel]]] = {
     r"channel 'h' has counts beyond 16 bits": (
         "wav", [channel([1 << 15], calibration=PCM, label="h")],
     ),
-    "this is no .wav file": ("wav", [channel([1.0])] * 1025),
+    "this cannot be written as .wav": ("wav", [channel([1.0])] * 1025),
     "has a line break": ("csv", [channel([1.0], label="a\nb")]),
     "cannot be written as UTF-8": ("csv", [channel([1.0], label="\ud800")]),
     "ends in NUL": ("npz", [channel([1.0], label="a\0")]),
@@ -558,13 +563,13 @@ class TestCsv:
         )
 
     def test_without_a_time_column(self) -> None:
-        x, y = load(io.BytesIO(b"x,y\n1,2\n,3\n\ninf,-0\n"), format="csv", rate="7/2").channels
+        x, y = load(io.BytesIO(b"x,y\n1,2\n,\n\ninf,-0\n"), format="csv", rate="7/2").channels
         assert (x.rate, x.coverage, y.coverage) == (
             Fraction(7, 2),
             (Span(0, 1), Span(2, 3)),
-            (Span(0, 3),),
+            (Span(0, 1), Span(2, 3)),
         )
-        assert repr(y.values.tolist()) == "[2.0, 3.0, -0.0]"
+        assert repr(y.values.tolist()) == "[2.0, -0.0]"
 
     def test_an_empty_line_of_a_single_column_is_a_gap(self) -> None:
         [x] = load(io.BytesIO(b"x\n1\n\n2\n"), format="csv", rate=1).channels
@@ -584,27 +589,41 @@ class TestCsv:
         )
 
 
+class TestWav:
+    def test_a_file_that_was_written_to_a_pipe(self) -> None:
+        data = wav("PCM_16").replace(b"data\x08\0\0\0", b"data\xff\xff\xff\xff")
+        [found] = load(io.BytesIO(data), format="wav").channels
+        assert found.values.tolist() == [0] * 4
+
+    def test_a_given_rate_is_noted(self) -> None:
+        recording = load(io.BytesIO(wav("PCM_24")), format="wav", rate=7999.5)
+        assert recording.channels[0].rate == Fraction(15_999, 2)
+        [note] = recording.metadata["notes"]
+        assert note == "the rate of the file, 8000 Hz, was overridden by 15999/2 Hz"
+
+
 class TestNotes:
     def test_what_a_format_cannot_hold(self) -> None:
         given = Channel.from_physical(
             np.array([1.0]), 10, start_tick=3, label=" a ", unit="N", axis="x", lsb=0.1
         )
         recording = Recording((given,), epoch_ns=0, metadata={"notes": [], "source": "s", "a": 1})
+        told = "epoch_ns, metadata 'source', metadata 'a'"
         expected = {
-            "npz": ["not carried over to .npz: metadata 'a', axis"],
+            "npz": ["not carried over to .npz: epoch_ns, metadata 'a', axis"],
             "npy": [
                 "the rate, 10 Hz, is not carried over to .npy",
                 "the start, tick 3, is not carried over to .npy",
-                "not carried over to .npy: metadata 'source', metadata 'a', label, unit, axis, lsb",
+                f"not carried over to .npy: {told}, label, unit, axis, lsb",
             ],
             "csv": [
                 "the times do not tell the rate, 10 Hz, and the start, tick 3",
                 "spaces around labels are not carried over to .csv",
-                "not carried over to .csv: metadata 'source', metadata 'a', axis, lsb",
+                f"not carried over to .csv: {told}, axis, lsb",
             ],
             "wav": [
                 "the start, tick 3, is not carried over to .wav",
-                "not carried over to .wav: metadata 'source', metadata 'a', label, unit, axis, lsb",
+                f"not carried over to .wav: {told}, label, unit, axis, lsb",
             ],
         }
         for suffix, notes in expected.items():

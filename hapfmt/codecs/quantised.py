@@ -156,11 +156,9 @@ def encode_quantised(levels: NDArray[np.int64], parameters: QuanParameters) -> b
     """The packet of levels [ticks, components]; each must have a symbol with a code word."""
     symbols, extra = parameters.alphabet.tokenise(levels.T.reshape(-1))
     book = parameters.book
-    if (
-        (symbols.size
-        and symbols.max() >= parameters.alphabet.size)
-        or not parameters.lengths[symbols].all()
-    ):
+    if (symbols.size and symbols.max() >= parameters.alphabet.size) or not parameters.lengths[
+        symbols
+    ].all():
         raise ValueError("a level has no code word in this codebook")
     values = np.column_stack((book.codes[symbols], extra)).reshape(-1)
     widths = np.column_stack((book.widths[symbols], book.extra_bits[symbols])).reshape(-1)

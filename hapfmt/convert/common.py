@@ -174,27 +174,23 @@ def not_carried(recording: Recording, suffix: str, *carried: str) -> list[str]:
 
     The notes of an earlier conversion are none of it.
     """
+    plain = Recording(), Channel(np.empty(0), Fraction(1))
     lost = [
-        *(name for name in _RECORDING_FIELDS if _is_set(recording, name)),
+        *(
+            name
+            for name in _RECORDING_FIELDS
+            if getattr(recording, name) != getattr(plain[0], name)
+        ),
         *(f"metadata {key!r}" for key in recording.metadata if key not in (*carried, "notes")),
         *(
             name
             for name in _CHANNEL_FIELDS
-            if name not in carried and any(_is_set(channel, name) for channel in recording.channels)
+            if name not in carried
+            and any(getattr(c, name) != getattr(plain[1], name) for c in recording.channels)
         ),
     ]
     return [f"not carried over to {suffix}: {', '.join(lost)}"] if lost else []
 
 
-_RECORDING_FIELDS = ("uuid", "epoch_ns", "epoch_uncertainty_ns", "attachments")
-_CHANNEL_FIELDS = tuple(
-    item.name for item in fields(Channel) if item.name not in ("values", "rate", "coverage")
-)
-
-
-def _is_set(owner: Recording | Channel, name: str) -> bool:
-    """Whether a field differs from its default."""
-    value = getattr(owner, name)
-    if isinstance(owner, Channel):
-        return bool(value != Channel.__dataclass_fields__[name].default)
-    return bool(value)
+_RECORDING_FIELDS = [f.name for f in fields(Recording) if f.name not in ("channels", "metadata")]
+_CHANNEL_FIELDS = [f.name for f in fields(Channel) if f.name not in ("values", "rate", "coverage")]

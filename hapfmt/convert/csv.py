@@ -28,7 +28,7 @@ from .common import (
 )
 from .times import Grid, Stamps, spans_at
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.A | re.I)
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.A | re.I)
 _TIME_UNITS = {"s": 0, "sec": 0, "ms": -3, "us": -6, "\u00b5s": -6, "\u03bcs": -6, "ns": -9}
 """Powers of ten, s."""
 _TIME_UNIT = "|".join(_TIME_UNITS)
@@ -144,20 +144,18 @@ class _Table:
 
     def _time_column(self) -> Stamps | None:
         match = _TIME.fullmatch(self._names[0])
-        return (
-            None
-            if match is None
-            else Stamps(_TIME_UNITS[match[match.lastindex] if match.lastindex else "s"])
-        )
+        if match is None:
+            return None
+        return Stamps(_TIME_UNITS[match[match.lastindex] if match.lastindex else "s"])
 
     def _read_rows(self, first: int) -> None:
         """Fill the stamps and the values, row after row."""
         width = len(self._names)
         for cells in self._reader(self._rows_left):
-            row = cells
-            if width == 1:
-                row = cells or [""]  # An empty line is an empty cell here.
-            elif not any(cells):
+            row = cells or [""]
+            # An empty line is no row, except in a single column, where it is an empty cell. Empty
+            # cells are a row of gaps, except where their time would have to be known.
+            if not any(row) and (len(row) < width or self._stamps is not None):
                 continue
             if len(row) != width:
                 self._refuse(f"a row of {len(row)} cells, where the header has {width}")
@@ -219,6 +217,8 @@ def _channel(name: str, column: NDArray[np.float64], grid: Grid, notes: list[str
 
 def _split_name(name: str) -> tuple[str, str]:
     """'force [N]' -> 'force', 'N'. A label may hold brackets itself; a code holds no space."""
+    if not name.endswith("]"):
+        return name, ""
     match = re.fullmatch(r"(.*) \[(.*?)\]", f" {name}", re.DOTALL)
     match = match or re.fullmatch(r"(.*)\[([^][]*)\]", name, re.DOTALL)
     return (match[1].strip(), match[2]) if match is not None else (name, "")

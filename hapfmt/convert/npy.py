@@ -82,8 +82,10 @@ def read_array(stream: IO[bytes], what: str, *, max_memory: int) -> NDArray[Any]
     if len(shape) > 2 or min(shape, default=0) < 0:
         raise ParameterError(f"{what} has the shape {shape}; at most 2 dimensions are read")
     size = dtype.itemsize * prod(shape)
-    if size > max_memory:
-        raise ParameterError(f"{what} takes {size} bytes, more than the {max_memory} allowed")
+    if memory_of(shape, dtype) > max_memory:
+        raise ParameterError(
+            f"{what} takes {memory_of(shape, dtype)} bytes, more than the {max_memory} allowed"
+        )
     data = read_bytes(stream, size)
     if len(data) < size:
         raise ParameterError(f"{what} ends after {len(data)} of {size} bytes")
@@ -98,6 +100,11 @@ def read_array(stream: IO[bytes], what: str, *, max_memory: int) -> NDArray[Any]
     with refusing(f"{what} has the shape {shape}"):
         flat = np.frombuffer(data, dtype) if size else np.empty(0, dtype)
         return flat.reshape(shape, order="F" if by_column else "C")
+
+
+def memory_of(shape: tuple[int, ...], dtype: np.dtype[Any]) -> int:
+    """Bytes of an array once its numbers are doubles."""
+    return max(dtype.itemsize, 8) * prod(shape)
 
 
 def write_array(stream: IO[bytes], array: NDArray[Any]) -> None:

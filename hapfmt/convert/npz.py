@@ -33,6 +33,7 @@ from ..errors import ParameterError
 from ..limits import TICK_LIMIT
 from ..recording import Channel, Recording
 from .common import (
+    CHANNEL_LIMIT,
     checked_rate,
     choose_rate,
     dense_doubles,
@@ -45,7 +46,7 @@ from .common import (
     unit_of,
     with_notes,
 )
-from .npy import doubles_2d, read_array, write_array
+from .npy import doubles_2d, memory_of, read_array, write_array
 
 _KEY = re.compile(
     r"(x|rate|rate_hz|channel_names|unit|lsb|start_tick|index|t)(__(?:0|[1-9][0-9]{0,4}))?"
@@ -100,35 +101,35 @@ class _Archive:
             raise ParameterError(f"key {key!r} is compressed by a method that .npz does not use")
         with refusing(f"key {key!r}", *_ZIP_ERRORS), self._opened.open(info) as member:
             array = read_array(member, f"key {key!r}", max_memory=self._memory_left)
-        self._memory_left -= array.nbytes
+        self._memory_left -= memory_of(array.shape, array.dtype)
         return array
 
-    def _flat(self, key: str, kinds: str, wanted: str) -> NDArray[Any]:
+    def _flat(self, key: str, kinds: str, wanted: str, limit: int) -> NDArray[Any]:
         """[n] values of one of the dtype kinds; n is 0 where the key is absent."""
         array = self.array(key)
         if array is None:
             return np.empty(0)
         if array.dtype.kind not in kinds:
             raise ParameterError(f"key {key!r} holds {array.dtype} values, not {wanted}")
+        if array.size > limit:
+            raise ParameterError(f"key {key!r} has {array.size} entries, more than {limit}")
         return array.reshape(-1)
 
     def texts(self, key: str) -> list[str]:
-        texts = self._flat(key, "US", "text")
+        texts = self._flat(key, "US", "text", CHANNEL_LIMIT)
         with refusing(f"key {key!r} holds no text"):
             return [t.decode() if isinstance(t, bytes) else str(t) for t in texts.tolist()]
 
     def integers(self, key: str) -> list[int]:
-        return [int(value) for value in self._flat(key, "iu", "integers").tolist()]
+        values = self._flat(key, "iu", "integers", CHANNEL_LIMIT)
+        return [int(value) for value in values.tolist()]
 
-    def doubles(self, key: str) -> list[float]:
-        numbers = self._flat(key, "iuf", "numbers")
-        return [float(value) for value in exact_doubles(numbers, f"key {key!r}").tolist()]
+    def doubles(self, key: str, limit: int) -> NDArray[np.float64]:
+        return exact_doubles(self._flat(key, "iuf", "numbers", limit), f"key {key!r}")
 
     def rate(self, key: str) -> Fraction | None:
         """A text as it stands; of a float its shortest decimal, in its own dtype."""
-        values = self._flat(key, "iufU", "a rate")
-        if values.size > 1:
-            raise ParameterError(f"key {key!r} has {values.size} entries; a group has one rate")
+        values = self._flat(key, "iufU", "a rate", 1)
         with refusing(f"key {key!r}"):
             return rate_from(str(values[0])) if values.size else None
 
@@ -158,7 +159,7 @@ def _channels(
     if len(labels) == ticks != channels:
         raise ParameterError(f"x{ending} looks transposed; it is [channels, samples]")
     units = _for_each(archive.texts(f"unit{ending}") or ["1"], channels)
-    steps = _for_each(archive.doubles(f"lsb{ending}") or [nan], channels)
+    steps = _for_each(archive.doubles(f"lsb{ending}", CHANNEL_LIMIT).tolist() or [nan], channels)
     starts = archive.integers(f"start_tick{ending}") or [0]
     counted = {
         "channel_names": len(labels),
@@ -175,7 +176,7 @@ def _channels(
         raise ParameterError(f"start_tick{ending} is not one tick in [0, 2^48)")
     hertz = choose_rate(rate, _rate(archive, ending), notes)
     if f"t{ending}" in archive.members:
-        notes.append(_times_note(np.array(archive.doubles(f"t{ending}")), hertz, ticks))
+        notes.append(_times_note(archive.doubles(f"t{ending}", TICK_LIMIT), hertz, ticks))
     return [
         Channel.from_physical(
             row,

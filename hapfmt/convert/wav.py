@@ -38,7 +38,7 @@ _STARTS = (b"RIFF", b"RF64", b"RIFX")
 _VALUES_AT_ONCE = 1 << 20
 _SIZE_LIMIT = (1 << 32) - (1 << 16)
 """Bytes of samples: the sizes in the header have 32 bits, the rest is left to the header."""
-_UNKNOWN_SIZES = (0, 0xFFFFFFFF)
+_UNKNOWN_SIZE = 0xFFFFFFFF
 """What stands in the header of a file that was written to a pipe."""
 _CHUNKS_LIMIT = 1000
 """So many chunks are passed in search of the samples; real files have a handful."""
@@ -130,7 +130,7 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
         at_once = max(1, _VALUES_AT_ONCE // count)
         for first in range(0, len(frames), at_once):
             file.write(np.ascontiguousarray(frames[first : first + at_once]))
-    if isinstance(target, BytesIO) and target is not stream:
+    if target is not stream and isinstance(target, BytesIO):
         stream.write(target.getbuffer())
     return _notes(recording, subtype)
 
@@ -188,9 +188,10 @@ def _opened(stream: BinaryIO, mode: str, **described: Any) -> Iterator[Any]:
     """A soundfile on a stream; what goes wrong in it, or below it, is raised here."""
     soundfile = _soundfile()
     guarded = _Guarded(stream)
+    what = "this is no .wav file" if mode == "r" else "this cannot be written as .wav"
     try:
         with (
-            refusing("this is no .wav file", soundfile.SoundFileError, TypeError),
+            refusing(what, soundfile.SoundFileError, TypeError),
             soundfile.SoundFile(guarded, mode, **described) as file,
         ):
             yield file
@@ -200,7 +201,7 @@ def _opened(stream: BinaryIO, mode: str, **described: Any) -> Iterator[Any]:
 
 
 def _check_chunks(stream: BinaryIO) -> None:
-    """Refuse what libsndfile takes without a word: other formats, and a file cut short."""
+    """Refuse what libsndfile takes without a word: other formats, a file cut short or left open."""
     end = stream.seek(0, SEEK_END)
     stream.seek(0)
     position = 12
@@ -215,9 +216,13 @@ def _check_chunks(stream: BinaryIO) -> None:
         name, size = struct.unpack("<4sI", head)
         position += 8 + size
         if name == b"data":
-            if size not in _UNKNOWN_SIZES and position > end:
+            if position > end and size != _UNKNOWN_SIZE:
                 raise ParameterError(
                     f"truncated: {position - end} of {size} bytes of samples are missing"
+                )
+            if not size and 8 + int.from_bytes(start[4:8], "little") < end:
+                raise ParameterError(
+                    f"never closed: the header tells of no samples, {end - position} bytes follow"
                 )
             break
         position += size % 2

@@ -133,8 +133,8 @@ def encode_unit(channels: list[Channel], first_channel: int, settings: Settings)
         kind = WORDS.get(channel.values.dtype)
         if kind is None:
             raise ParameterError(
-                f"channel {channel.label!r} holds {channel.values.dtype}: give it a calibration, or "
-                "one of int64, uint64, float16, float32, float64"
+                f"channel {channel.label!r} holds {channel.values.dtype}: give it a calibration, "
+                "or one of int64, uint64, float16, float32, float64"
             )
         return encode_words(channel, spans, first_channel, kind, "true doubles, bit for bit")
     counts = np.column_stack([each.values.astype(np.int64) for each in channels])

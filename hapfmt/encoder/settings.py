@@ -25,7 +25,9 @@ PAPER_TOLERANCE = Fraction(1, 32)
 lattice adds is a 32nd of what the floor already allows."""
 
 ARCHIVE_CLUSTER = Fraction(10)
-LIVE_CLUSTER = Fraction(1)
+
+RANGE_FLOOR = Tolerance(0.002, "range")
+"""0.2 % of the channel's own range: a floor for any quantity, not only for forces."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class Settings:
 
     preset: Preset = "default"
     weber: Fraction = FORCE_WEBER
-    floor: Tolerance = Tolerance(0.002, "range")
+    floor: Tolerance = RANGE_FLOOR
     bits: int | None = None
     step: Tolerance | None = None
     cutoff_hz: float = LF_CUTOFF_HZ

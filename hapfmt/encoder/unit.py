@@ -199,7 +199,7 @@ def code_knots(
     *,
     exact: bool = False,
 ) -> Coded:
-    """KNOT packets of ``slow`` [ticks, components]. ``exact``: hold, each sample within the band."""
+    """KNOT packets of ``slow`` [ticks, components]; ``exact``: held, each sample in the band."""
     hold = exact or settings.interpolation == "hold"
     quantum = 1 if exact else whole_counts(Fraction(min(band.floor), QUANTUM_SHARE), STEP_LIMIT)
     parameters = KnotParameters("hold" if hold else "linear", quantum)
@@ -263,7 +263,8 @@ def slow_part(source: Source, settings: Settings) -> NDArray[np.int64]:
     out = np.zeros_like(source.counts)
     for rows in source.segments():
         x = source.counts[rows].astype(np.float64)
-        out[rows] = np.rint(low_pass(x, float(source.rate), settings.cutoff_hz)).astype(np.int64)
+        slow = low_pass(x, float(source.rate), settings.cutoff_hz)
+        out[rows] = np.floor(slow + 0.5).astype(np.int64)
     return out
 
 

@@ -1,0 +1,144 @@
+"""Speed of each codec, beside FLAC in the same run; and what a start costs.
+
+python tools/throughput.py
+"""
+
+from __future__ import annotations
+
+import io
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from measured import best_of, print_origin, print_table
+
+import hapfmt
+from hapfmt.codecs.knots import KnotParameters, build_knots, decode_knots
+from hapfmt.codecs.quantised import decode_quantised, encode_quantised, quantise
+from hapfmt.codecs.raw import RawParameters, decode_raw, encode_raw
+from hapfmt.deadband import Deadband
+from hapfmt.encoder.codebook import choose_codebook
+from hapfmt.encoder.knots import select_knots
+from hapfmt.encoder.split import low_pass
+from hapfmt.limits import LEVELS
+from hapfmt.scenes.stylus import simulate
+
+LEVEL = LEVELS[2]
+SAMPLES = 480_000
+
+
+def codecs(counts: np.ndarray, rate: float) -> list[list[object]]:
+    """Each codec alone on one packet of counts [samples, 1]."""
+    n = len(counts)
+    slow = np.floor(low_pass(counts.astype(float), rate) + 0.5).astype(np.int64)
+    band = Deadband(1, 10, (20,), (0,))
+    rows = []
+    for mode in ("hold", "linear"):
+        parameters = KnotParameters(mode)
+        ticks = select_knots(slow, band, keep_last=True)
+        data = build_knots(ticks, slow[ticks])
+        rows.append(
+            [f"knots, {mode}", f"{8 * len(data) / n:.3f}",
+             speed(n, lambda: build_knots(t := select_knots(slow, band, keep_last=True), slow[t])),
+             speed(n, lambda d=data, p=parameters: decode_knots(d, p, n, 1, LEVEL, 0))]
+        )  # fmt: skip
+    for step in (2, 31):
+        levels = quantise(counts - slow, step)
+        book = choose_codebook([levels], step)
+        data = encode_quantised(levels, book)
+        rows.append(
+            [f"quantised, step {step}", f"{8 * len(data) / n:.3f}",
+             speed(n, lambda v=levels, b=book: encode_quantised(v, b)),
+             speed(n, lambda d=data, b=book: decode_quantised(d, b, n, 1, LEVEL, 0))]
+        )  # fmt: skip
+    for size in (2,):
+        data = encode_raw(counts, size)
+        rows.append(
+            [f"raw, {size} bytes", f"{8 * len(data) / n:.3f}",
+             speed(n, lambda s=size: encode_raw(counts, s)),
+             speed(n, lambda d=data, s=size: decode_raw(d, RawParameters(s), "counts", n, 1, 0))]
+        )  # fmt: skip
+    return rows
+
+
+def whole(recording: hapfmt.Recording) -> list[list[object]]:
+    """Files, with analysis, choice of codec and framing."""
+    n = recording.sample_count
+    rows = []
+    for name, settings in (
+        ("file, default", hapfmt.Settings.of("default")),
+        ("file, paper b=5", hapfmt.Settings.of("paper")),
+        ("file, paper b=none", hapfmt.Settings.of("paper", bits=0)),
+    ):
+        stream = io.BytesIO()
+        hapfmt.write(recording, stream, settings, canonical=1)
+        data = stream.getvalue()
+        rows.append(
+            [name, f"{8 * len(data) / n:.3f}",
+             speed(n, lambda s=settings: hapfmt.write(recording, io.BytesIO(), s, canonical=1), 3),
+             speed(n, lambda d=data: hapfmt.read(d), 3)]
+        )  # fmt: skip
+    return rows
+
+
+def flac(counts: np.ndarray, rate: int) -> list[object]:
+    """flac at its highest level through soundfile."""
+    import soundfile
+
+    def encode() -> bytes:
+        stream = io.BytesIO()
+        soundfile.write(stream, counts[:, 0].astype(np.int16), rate, "PCM_16", format="FLAC",
+                        compression_level=1.0)  # fmt: skip
+        return stream.getvalue()
+
+    data = encode()
+    n = len(counts)
+    decode = speed(n, lambda: soundfile.read(io.BytesIO(data), dtype="int16"))
+    return ["flac -8 (lossless)", f"{8 * len(data) / n:.3f}", speed(n, encode), decode]
+
+
+def speed(samples: int, work: object, repeats: int = 5) -> str:
+    return f"{samples / 1e6 / best_of(work, repeats):.1f}"
+
+
+def starts(path: str) -> list[list[object]]:
+    """Wall time of whole processes, median of seven."""
+    commands = {
+        "python -c pass": ["-c", "pass"],
+        "import numpy": ["-c", "import numpy"],
+        "import hapfmt": ["-c", "import hapfmt"],
+        "hapfmt --help": ["-m", "hapfmt", "--help"],
+        "hapfmt info": ["-m", "hapfmt", "info", path],
+        "hapfmt verify": ["-m", "hapfmt", "verify", path],
+    }
+    rows = []
+    for name, arguments in commands.items():
+        times = []
+        for _ in range(7):
+            began = time.perf_counter()
+            subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
+            times.append(time.perf_counter() - began)
+        rows.append([name, f"{1000 * statistics.median(times):.0f}"])
+    return rows
+
+
+def main() -> None:
+    print_origin()
+    recording = simulate("sand", SAMPLES / 8000, 1, 8000)
+    counts = recording.channels[0].values.astype(np.int64)[:, None]
+    print(f"one channel, {SAMPLES} samples of a simulated texture at 8 kHz; million samples a "
+          "second of CPU time\n")  # fmt: skip
+    rows = [*codecs(counts, 8000.0), *whole(recording), flac(counts, 8000)]
+    print_table(["codec", "b/sample", "encode Ms/s", "decode Ms/s"], rows)
+    with tempfile.TemporaryDirectory() as folder:
+        path = str(Path(folder) / "one.hapf")
+        hapfmt.write(recording, path)
+        print_table(["start", "ms"], starts(path))
+
+
+if __name__ == "__main__":
+    main()
