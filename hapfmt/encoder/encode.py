@@ -15,7 +15,8 @@ from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..recording import Channel, Recording
 from .lattice import to_counts
 from .settings import Settings
-from .unit import Source, Unit, cut, encode_counts, encode_words
+from .source import Source, cut
+from .unit import Unit, encode_counts, encode_words
 
 WORDS = {
     np.dtype(np.int64): "int64",

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from math import ceil, isqrt
-from typing import Any
+from math import isqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,18 +18,17 @@ from ..codecs.knots import KnotParameters, build_knots
 from ..codecs.quantised import encode_quantised, quantise
 from ..codecs.raw import RawParameters, encode_raw
 from ..container.cluster import Packet
-from ..container.track import Affine, Component, Contract, Track
-from ..deadband import Deadband
+from ..container.track import Component, Contract, Track
+from ..deadband import ZERO_LIMIT, Deadband
 from ..decoder import TrackDecoder
+from ..integers import clamp
 from ..limits import LEVELS
 from ..recording import Channel, Span
 from .codebook import choose_codebook
 from .knots import knot_values, select_knots
 from .settings import Settings, counts_of, whole_counts
+from .source import Source, component_of, declared_range, make_track
 from .split import low_pass
-
-PACKET_SAMPLES = 1 << 16
-"""Longer packets are cut: eight bytes each then still fit a payload of level 1."""
 
 ENCODE_LEVEL = LEVELS[2]
 """The bounds that hold for any track while the file's level is not decided yet."""
@@ -44,6 +42,10 @@ knot should follow, costs up to 8 bits a sample there."""
 
 STEP_LIMIT = 1 << 24
 """As the level allows (SPEC clause 15, level 1)."""
+
+FLOOR_LIMIT = (1 << 31) - 1
+FRACTION_LIMIT = (1 << 16) - 1
+"""Fields of the contract (SPEC clause 11)."""
 
 
 @dataclass
@@ -73,108 +75,58 @@ class Unit:
 
 
 @dataclass(frozen=True)
-class Source:
-    """Channels of one unit side by side: counts [ticks, components], and the spans they are for."""
+class Bound:
+    """How far the reconstruction may lie from the source.
 
-    channels: tuple[Channel, ...]
-    counts: NDArray[np.int64]
-    spans: tuple[Span, ...]
-    """Coverage, cut into packets."""
+    ``band`` is the contract; its floor is at least one count. ``slack`` is the error in counts that
+    the floor allows whatever the force, 0 where the floor is finer than one count.
+    """
+
+    band: Deadband
+    slack: int
+
+    def holds(self, x: NDArray[np.int64], y: NDArray[np.int64]) -> bool:
+        """Whether all of y [ticks, components] is within the slack; vectors by their norm."""
+        if not self.slack:
+            return bool((x == y).all())
+        return not self.flat(1).outside(x, y).any()
+
+    def flat(self, times: int) -> Deadband:
+        """A deadband of so many slacks everywhere, without Weber's part."""
+        width = min(self.slack * times, FLOOR_LIMIT)
+        return replace(self.band, kn=0, kd=1, floor=(width,) * len(self.band.zero))
+
+    def wider(self, times: int) -> Deadband:
+        """The band with a floor so many times as wide."""
+        floor = tuple(min(floor * times, FLOOR_LIMIT) for floor in self.band.floor)
+        return replace(self.band, floor=floor)
 
     @property
-    def rate(self) -> Fraction:
-        return self.channels[0].rate
-
-    def pieces(self) -> list[tuple[Span, NDArray[np.int64]]]:
-        at = 0
-        out = []
-        for span in self.spans:
-            out.append((span, self.counts[at : at + span.ticks]))
-            at += span.ticks
-        return out
-
-    def segments(self) -> list[slice]:
-        """Rows of ``counts`` that no gap interrupts."""
-        out, at = [], 0
-        for span in self.channels[0].coverage:
-            out.append(slice(at, at + span.ticks))
-            at += span.ticks
-        return out
+    def step(self) -> int:
+        """Counts per level, so that half a step is the slack: for a vector of n axes, whose errors
+        add up in squares, over the root of n."""
+        return min(max(isqrt(4 * self.slack**2 // len(self.band.zero)), 1), STEP_LIMIT)
 
 
-def cut(coverage: Sequence[Span], rate: Fraction, cluster: Fraction, components: int) -> list[Span]:
-    """Coverage cut where clusters begin, and where a packet would grow too long."""
-    longest = max(PACKET_SAMPLES // components, 1)
-    out = []
-    for span in coverage:
-        at = span.start
-        while at < span.stop:
-            number = at / rate // cluster + 1
-            stop = min(span.stop, ceil(number * cluster * rate), at + longest)
-            out.append(Span(at, stop))
-            at = stop
-    return out
-
-
-def component_of(channel: Channel) -> Component:
-    """A channel's description as it goes into the file."""
-    calibration = channel.calibration
-    affine = Affine(calibration.a, calibration.b, calibration.d) if calibration else Affine()
-    return Component(
-        affine,
-        channel.label,
-        channel.unit,
-        channel.quantity,
-        channel.axis,
-        channel.group,
-        channel.body_site,
-        channel.device,
-        (channel.deviation.declared, channel.deviation.largest) if channel.deviation else None,
-    )
-
-
-def declared_range(counts: NDArray[np.int64]) -> tuple[int, int]:
-    """The smallest range of whole bits that holds all counts, without a sign where none occurs.
-
-    Whole bits, so that channels of a kind share one description.
-    """
-    low, high = int(counts.min(initial=0)), int(counts.max(initial=0))
-    if low >= 0:
-        return 0, (1 << high.bit_length()) - 1
-    bits = max((-low - 1).bit_length(), high.bit_length())
-    return -(1 << bits), (1 << bits) - 1
-
-
-def make_track(source: Source, first_channel: int, **given: Any) -> Track:
-    return Track(
-        id=0,
-        rate=source.rate,
-        first_channel=first_channel,
-        components=tuple(component_of(channel) for channel in source.channels),
-        **given,
-    )
-
-
-def deadband_of(source: Source, settings: Settings) -> Deadband:
-    """The contract in counts; a floor finer than one count becomes one count."""
-    vector = len(source.channels) > 1
-    extent = [int(np.ptp(source.counts[:, i])) if len(source.counts) else 0
-              for i in range(len(source.channels))]  # fmt: skip
+def bound_of(source: Source, settings: Settings) -> Bound:
+    """The deadband that the settings ask for, in counts of this source."""
     calibrations = [c.calibration for c in source.channels if c.calibration]
+    extents: list[int] = np.ptp(source.counts, axis=0).tolist()
     floors = [
-        whole_counts(counts_of(settings.floor, calibration, extent[i]), (1 << 31) - 1)
-        for i, calibration in enumerate(calibrations)
+        counts_of(settings.floor, calibration, extent)
+        for calibration, extent in zip(calibrations, extents, strict=True)
     ]
-    if vector:
-        floors = [max(floors)] * len(floors)
-    ratio = settings.weber.limit_denominator(65535)
-    return Deadband(
+    # The axes of a vector share one floor: relative to a range, that of the longest axis.
+    floor = min(int(max(floors)), FLOOR_LIMIT)
+    ratio = settings.weber.limit_denominator(FRACTION_LIMIT)
+    band = Deadband(
         ratio.numerator,
         ratio.denominator,
-        tuple(floors),
-        tuple(min(max(c.zero, -(1 << 31)), (1 << 31) - 1) for c in calibrations),
-        vector,
+        (max(floor, 1),) * len(calibrations),
+        tuple(clamp(c.zero, -ZERO_LIMIT, ZERO_LIMIT - 1) for c in calibrations),
+        len(calibrations) > 1,
     )
+    return Bound(band, floor)
 
 
 def contract_of(band: Deadband, x: NDArray[np.int64], y: NDArray[np.int64]) -> Contract:
@@ -191,54 +143,51 @@ def decode_all(coded: Coded, components: int) -> NDArray[np.int64]:
 
 
 def code_knots(
-    source: Source,
-    slow: NDArray[np.int64],
-    band: Deadband,
-    settings: Settings,
-    track: Track,
-    *,
-    exact: bool = False,
+    source: Source, slow: NDArray[np.int64], band: Deadband, settings: Settings, track: Track
 ) -> Coded:
-    """KNOT packets of ``slow`` [ticks, components]; ``exact``: held, each sample in the band."""
-    hold = exact or settings.interpolation == "hold"
-    quantum = 1 if exact else whole_counts(Fraction(min(band.floor), QUANTUM_SHARE), STEP_LIMIT)
-    parameters = KnotParameters("hold" if hold else "linear", quantum)
+    """KNOT packets of ``slow`` [ticks, components]: the paper's rule, samples joined by lines."""
+    hold = settings.interpolation == "hold"
+    quantum = whole_counts(Fraction(min(band.floor), QUANTUM_SHARE), STEP_LIMIT)
+    parameters = KnotParameters(settings.interpolation, quantum)
     coded = Coded(replace(track, codec="KNOT", parameters=parameters.build()))
-    at = 0
-    for span in source.spans:
-        rows = slow[at : at + span.ticks]
-        ticks = select_knots(
-            rows, band, reference="sample" if exact else "last", keep_last=not hold
-        )
+    for span, rows in source.pieces(slow):
+        ticks = select_knots(rows, band, keep_last=not hold)
         values = knot_values(rows, ticks, quantum)
         coded.packets.append(Packet(0, span.start, span.ticks, build_knots(ticks, values)))
-        at += span.ticks
+    return coded
+
+
+def code_steps(source: Source, bound: Bound, track: Track) -> Coded:
+    """KNOT packets of the source itself, held, each sample within the slack of its knot."""
+    coded = Coded(replace(track, codec="KNOT", parameters=KnotParameters("hold").build()))
+    for span, rows in source.pieces(source.counts):
+        if bound.slack:
+            ticks = select_knots(rows, bound.flat(1), reference="sample", keep_last=False)
+        else:
+            changed = (np.diff(rows, axis=0) != 0).any(axis=1)
+            ticks = np.concatenate(([0], np.flatnonzero(changed) + 1))
+        coded.packets.append(Packet(0, span.start, span.ticks, build_knots(ticks, rows[ticks])))
     return coded
 
 
 def code_residual(source: Source, residual: NDArray[np.int64], step: int, track: Track) -> Coded:
     """QUAN packets of ``residual`` [ticks, components]."""
-    levels = []
-    at = 0
-    for span in source.spans:
-        levels.append(quantise(residual[at : at + span.ticks], step))
-        at += span.ticks
-    parameters = choose_codebook(levels, step)
+    levels = [(span, quantise(rows, step)) for span, rows in source.pieces(residual)]
+    parameters = choose_codebook([piece for _, piece in levels], step)
     coded = Coded(replace(track, codec="QUAN", parameters=parameters.build()))
-    for span, piece in zip(source.spans, levels, strict=True):
-        coded.packets.append(Packet(0, span.start, span.ticks, encode_quantised(piece, parameters)))
+    for span, piece in levels:
+        data = encode_quantised(piece, parameters)
+        coded.packets.append(Packet(0, span.start, span.ticks, data))
     return coded
 
 
 def residual_step(
-    source: Source, residual: NDArray[np.int64], band: Deadband, settings: Settings
+    source: Source, residual: NDArray[np.int64], bound: Bound, settings: Settings
 ) -> int | None:
     """Counts per level; None: no HF track.
 
-    Default: twice the floor, so that half a step is the floor itself (for a vector of n axes, whose
-    errors add up in squares, over the root of n). Paper: from the range, 2**b - 1 levels.
+    Explicit, or from the residual's range (the paper: 2**b - 1 levels), or as the floor allows.
     """
-    largest = int(np.abs(residual).max(initial=0))
     if settings.step is not None:
         calibration = source.channels[0].calibration
         assert calibration is not None
@@ -247,15 +196,9 @@ def residual_step(
     if settings.bits is not None:
         if settings.bits == 0:
             return None
+        largest = int(np.abs(residual).max(initial=0))
         return min(max(-(-largest // ((1 << (settings.bits - 1)) - 1)), 1), STEP_LIMIT)
-    step = isqrt(4 * min(band.floor) ** 2 // len(source.channels))
-    # A floor below one count was asked for: only every count as it is keeps it.
-    finest = min(
-        counts_of(settings.floor, c.calibration, int(np.ptp(source.counts[:, i])))
-        for i, c in enumerate(source.channels)
-        if c.calibration
-    ) if source.counts.size else Fraction(1)  # fmt: skip
-    return min(step, STEP_LIMIT) if finest >= 1 and step >= 1 else 1
+    return bound.step
 
 
 def slow_part(source: Source, settings: Settings) -> NDArray[np.int64]:
@@ -271,7 +214,6 @@ def slow_part(source: Source, settings: Settings) -> NDArray[np.int64]:
 def encode_counts(source: Source, first_channel: int, settings: Settings) -> Unit:
     """Slow part as knots, fast part as quantised residual; or what is smaller at the same bound."""
     x = source.counts
-    components = len(source.channels)
     low, high = declared_range(x)
     if not all(c.calibration.covers(low, high) for c in source.channels if c.calibration):
         low, high = int(x.min(initial=0)), int(x.max(initial=0))
@@ -280,38 +222,47 @@ def encode_counts(source: Source, first_channel: int, settings: Settings) -> Uni
     )
     if not len(x) or (x == x[0]).all():
         return encode_constant(source, base)
-    band = deadband_of(source, settings)
+    bound = bound_of(source, settings)
     slow = slow_part(source, settings)
-    lf = code_knots(source, slow, band, settings, base)
-    d = decode_all(lf, components)
-    step = residual_step(source, x - d, band, settings)
-    plain = settings.preset == "default" and settings.step is None and settings.bits is None
-    if step is None or (
-        plain and not Deadband(0, 1, band.floor, band.zero, band.vector).outside(x, d).any()
-    ):
+    lf = code_knots(source, slow, bound.band, settings, base)
+    d = decode_all(lf, x.shape[1])
+    step = residual_step(source, x - d, bound, settings)
+    chosen_by_size = settings.preset == "default" and settings.step is None and not settings.bits
+    if step is None or (chosen_by_size and bound.holds(x, d)):
         reason = "no residual asked for" if step is None else "no texture above the floor"
-        lf.track = replace(lf.track, contract=contract_of(band, x, d))
+        lf.track = replace(lf.track, contract=contract_of(bound.band, x, d))
         return Unit(lf, None, "knots", reason)
-    unit = with_residual(source, lf, x - d, step, band, (low, high))
+    unit = with_residual(source, lf, x - d, step, bound)
     if unit is None:
         return encode_raw_counts(source, base, "the residual does not fit 32 bits")
-    if plain:
+    if chosen_by_size:
+        return smallest(source, slow, unit, step, bound, settings, base)
+    return unit
+
+
+def smallest(
+    source: Source,
+    slow: NDArray[np.int64],
+    unit: Unit,
+    step: int,
+    bound: Bound,
+    settings: Settings,
+    base: Track,
+) -> Unit:
+    """The smallest of what keeps every sample within the slack."""
+    x = source.counts
+    for times in COARSER:
         # With the residual at hand the knots may be coarser: the sum stays where it is.
-        for times in COARSER:
-            wide = replace(band, floor=tuple(min(f * times, (1 << 31) - 1) for f in band.floor))
-            lf = code_knots(source, slow, wide, settings, base)
-            coarse = with_residual(
-                source, lf, x - decode_all(lf, components), step, band, (low, high)
-            )
-            if coarse is None or coarse.size >= unit.size:
-                break
-            unit = coarse
-        held = code_knots(source, x, Deadband(0, 1, band.floor, band.zero, band.vector), settings,
-                          base, exact=True)  # fmt: skip
-        if held.size < unit.size:
-            contract = contract_of(band, x, decode_all(held, components))
-            held.track = replace(held.track, contract=contract)
-            return Unit(held, None, "knots", "held steps within the floor are smaller")
+        lf = code_knots(source, slow, bound.wider(times), settings, base)
+        coarse = with_residual(source, lf, x - decode_all(lf, x.shape[1]), step, bound)
+        if coarse is None or coarse.size >= unit.size:
+            break
+        unit = coarse
+    held = code_steps(source, bound, base)
+    if held.size < unit.size:
+        contract = contract_of(bound.band, x, decode_all(held, x.shape[1]))
+        held.track = replace(held.track, contract=contract)
+        return Unit(held, None, "knots", "held steps within the floor are smaller")
     return unit
 
 
@@ -320,14 +271,13 @@ def with_residual(
     lf: Coded,
     residual: NDArray[np.int64],
     step: int,
-    band: Deadband,
-    declared: tuple[int, int],
+    bound: Bound,
 ) -> Unit | None:
     """The LF track with its HF track; None where the residual has too many bits."""
     levels = quantise(residual, step) * step
     low, high = declared_range(levels)
-    bound = 1 << (ENCODE_LEVEL.residual_bits - 1)
-    if low < -bound or high >= bound:
+    widest = 1 << (ENCODE_LEVEL.residual_bits - 1)
+    if low < -widest or high >= widest:
         return None
     lf.track = replace(lf.track, kind="lf")
     track = replace(
@@ -340,14 +290,14 @@ def with_residual(
     )
     hf = code_residual(source, residual, step, track)
     e = decode_all(hf, len(source.channels))
-    y = np.clip(source.counts - residual + e, *declared)
-    hf.track = replace(hf.track, contract=contract_of(band, source.counts, y))
+    y = np.clip(source.counts - residual + e, lf.track.count_min, lf.track.count_max)
+    hf.track = replace(hf.track, contract=contract_of(bound.band, source.counts, y))
     return Unit(lf, hf, "knots + quantised", f"step {step} counts")
 
 
 def encode_constant(source: Source, base: Track) -> Unit:
     coded = Coded(replace(base, parameters=KnotParameters("hold").build()))
-    for span, rows in source.pieces():
+    for span, rows in source.pieces(source.counts):
         data = build_knots(np.zeros(1, np.int64), rows[:1])
         coded.packets.append(Packet(0, span.start, span.ticks, data))
     return Unit(coded, None, "knots", "constant" if source.spans else "no samples")
@@ -358,7 +308,7 @@ def encode_raw_counts(source: Source, base: Track, reason: str) -> Unit:
     bits = max(base.count_max.bit_length(), (-base.count_min - 1).bit_length()) + 1
     size = -(-bits // 8)
     coded = Coded(replace(base, codec="RAWB", parameters=RawParameters(size).build()))
-    for span, rows in source.pieces():
+    for span, rows in source.pieces(source.counts):
         coded.packets.append(Packet(0, span.start, span.ticks, encode_raw(rows, size)))
     return Unit(coded, None, "raw", reason)
 

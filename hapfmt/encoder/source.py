@@ -1,0 +1,100 @@
+"""What the encoder works on: channels side by side, cut into packets, and their description."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import ceil
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..container.track import Affine, Component, Track
+from ..recording import Channel, Span
+
+PACKET_SAMPLES = 1 << 16
+"""Longer packets are cut: eight bytes each then still fit a payload of level 1."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Channels of one unit side by side: counts [ticks, components], and the spans they are for."""
+
+    channels: tuple[Channel, ...]
+    counts: NDArray[np.int64]
+    spans: tuple[Span, ...]
+    """Coverage, cut into packets."""
+
+    @property
+    def rate(self) -> Fraction:
+        return self.channels[0].rate
+
+    def pieces(self, rows: NDArray[np.int64]) -> Iterator[tuple[Span, NDArray[np.int64]]]:
+        """Rows [ticks, components], for the same ticks as ``counts``, packet by packet."""
+        at = 0
+        for span in self.spans:
+            yield span, rows[at : at + span.ticks]
+            at += span.ticks
+
+    def segments(self) -> list[slice]:
+        """Rows of ``counts`` that no gap interrupts."""
+        out, at = [], 0
+        for span in self.channels[0].coverage:
+            out.append(slice(at, at + span.ticks))
+            at += span.ticks
+        return out
+
+
+def cut(coverage: Sequence[Span], rate: Fraction, cluster: Fraction, components: int) -> list[Span]:
+    """Coverage cut where clusters begin, and where a packet would grow too long."""
+    longest = max(PACKET_SAMPLES // components, 1)
+    out = []
+    for span in coverage:
+        at = span.start
+        while at < span.stop:
+            number = at / rate // cluster + 1
+            stop = min(span.stop, ceil(number * cluster * rate), at + longest)
+            out.append(Span(at, stop))
+            at = stop
+    return out
+
+
+def component_of(channel: Channel) -> Component:
+    """A channel's description as it goes into the file."""
+    calibration = channel.calibration
+    affine = Affine(calibration.a, calibration.b, calibration.d) if calibration else Affine()
+    return Component(
+        affine,
+        channel.label,
+        channel.unit,
+        channel.quantity,
+        channel.axis,
+        channel.group,
+        channel.body_site,
+        channel.device,
+        (channel.deviation.declared, channel.deviation.largest) if channel.deviation else None,
+    )
+
+
+def declared_range(counts: NDArray[np.int64]) -> tuple[int, int]:
+    """The smallest range of whole bits that holds all counts, without a sign where none occurs.
+
+    Whole bits, so that channels of a kind share one description.
+    """
+    low, high = int(counts.min(initial=0)), int(counts.max(initial=0))
+    if low >= 0:
+        return 0, (1 << high.bit_length()) - 1
+    bits = max((-low - 1).bit_length(), high.bit_length())
+    return -(1 << bits), (1 << bits) - 1
+
+
+def make_track(source: Source, first_channel: int, **given: Any) -> Track:
+    return Track(
+        id=0,
+        rate=source.rate,
+        first_channel=first_channel,
+        components=tuple(component_of(channel) for channel in source.channels),
+        **given,
+    )

@@ -1,0 +1,158 @@
+"""Payloads, chunks and files byte by byte, right ones and wrong ones; imports nothing from hapfmt."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
+SYNC = bytes.fromhex("F9488B1C")
+NONE = 0xFFFF
+FILE_ID = 7
+Chunk = tuple[str, bytes, dict]
+
+
+def varint(value: int) -> bytes:
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    return bytes([*out, value])
+
+
+def svarint(value: int) -> bytes:
+    return varint(2 * value if value >= 0 else -2 * value - 1)
+
+
+def pack(layout: str, defaults: dict, given: dict) -> bytes:
+    """The fields in order of ``defaults``, each replaced where it is given."""
+    assert given.keys() <= defaults.keys()
+    return struct.pack("<" + layout, *(defaults | given).values())
+
+
+def chunk(type_: str, payload: bytes, sequence: int, *, size=None, track=NONE, flags=0, crc=None,
+          header_crc=None, file_id=FILE_ID, sync=SYNC) -> bytes:  # fmt: skip
+    size = len(payload) if size is None else size
+    crc = zlib.crc32(payload) if crc is None else crc
+    header = struct.pack(
+        "<4s4sIIIHHI", sync, type_.encode(), file_id, sequence, size, track, flags, crc
+    )
+    header_crc = zlib.crc32(header) if header_crc is None else header_crc
+    return header + header_crc.to_bytes(4, "little") + payload
+
+
+def head(tlvs: bytes = b"", **given) -> bytes:
+    fields = {
+        "major": 1, "minor": 0, "level": 1, "reserved": 0, "incompat": 0, "compat": 0,
+        "file_id": FILE_ID, "uuid": bytes(16), "epoch_ns": 0, "epoch_uncertainty_ns": 2**64 - 1,
+    }  # fmt: skip
+    return pack("BBBBIII16sqQ", fields, given) + tlvs
+
+
+def tlv(type_: int, value: bytes) -> bytes:
+    return struct.pack("<HH", type_, len(value)) + value
+
+
+def strings(*items: str) -> bytes:
+    return b"".join(bytes([len(item.encode())]) + item.encode() for item in items)
+
+
+def calibration(a: int = 1, b: int = 0, d: int = 1) -> bytes:
+    return struct.pack("<qqQ", a, b, d)
+
+
+def deviation(declared: float, largest: float) -> bytes:
+    return struct.pack("<dd", declared, largest)
+
+
+def deadband(kn: int = 1, kd: int = 10, flags: int = 0, entries=((1, 0),)) -> bytes:
+    pairs = (struct.pack("<Ii", floor, zero) for floor, zero in entries)
+    return struct.pack("<HHB", kn, kd, flags) + b"".join(pairs)
+
+
+def knot_parameters(interpolation: int = 0, quantum: int = 1, reserved: bytes = bytes(3)) -> bytes:
+    return struct.pack("<B3sI", interpolation, reserved, quantum)
+
+
+def quan_parameters(codebook: bytes, *, step: int = 1, m: int = 0, r: int = 0, c: int = 0) -> bytes:
+    return struct.pack("<IHBB", step, m, r, c) + codebook
+
+
+def raw_parameters(word_size: int, reserved: bytes = bytes(3)) -> bytes:
+    return struct.pack("<B3s", word_size, reserved)
+
+
+HOLD = tlv(1, knot_parameters())
+
+
+def trak(tlvs: bytes = HOLD, **given) -> bytes:
+    fields = {
+        "track_count": 1, "component_count": 1, "kind": 0, "number_format": 0, "codec": b"KNOT",
+        "rate_num": 1000, "rate_den": 1, "count_min": -100, "count_max": 100,
+        "first_channel": 0, "base": NONE,
+    }  # fmt: skip
+    return pack("BBBB4sIIiiHH", fields, given) + tlvs
+
+
+def entry(track: int, size: int, start: int, span: int, body: bytes = b"", crc=None) -> bytes:
+    fields = varint(track) + varint(size) + varint(start) + varint(span)
+    crc = zlib.crc32(fields + body) if crc is None else crc
+    return fields + crc.to_bytes(4, "little")
+
+
+def cluster(*packets: tuple[int, int, int, bytes]) -> bytes:
+    """DATA payload of (track, start, span, bytes)."""
+    rows = [entry(track, len(body), start, span, body) for track, start, span, body in packets]
+    return varint(len(packets)) + b"".join(rows) + b"".join(body for *_, body in packets)
+
+
+def index(entries, *, covers_from: int = 8, previous: int = 0, count=None) -> bytes:
+    """iNDX payload of (type, offset, start ns, stop ns)."""
+    count = len(entries) if count is None else count
+    rows = (struct.pack("<4sQqq", type_.encode(), *rest) for type_, *rest in entries)
+    return struct.pack("<QQI", covers_from, previous, count) + b"".join(rows)
+
+
+def foot(index_offset: int, stop_offset: int, data_count: int, track_count: int) -> bytes:
+    return struct.pack("<QQIIq", index_offset, stop_offset, data_count, track_count, 0)
+
+
+def file(*chunks: Chunk | tuple[str, bytes]) -> bytes:
+    """The signature, then (type, payload, changes to the header) one after the other."""
+    out = SIGNATURE
+    for sequence, (type_, payload, *changes) in enumerate(chunks):
+        out += chunk(type_, payload, **({"sequence": sequence} | (changes[0] if changes else {})))
+    return out
+
+
+def closed(*chunks: Chunk | tuple[str, bytes], ahead: dict | None = None, **changes) -> bytes:
+    """``file`` with a true index and footer; ``changes`` to the footer, ``ahead`` to the index."""
+    body = file(*chunks)
+    at, rows, tracks = len(SIGNATURE), [], set()
+    for type_, payload, *given in chunks:
+        rows.append((type_, at, 0, 10**12 if type_ == "DATA" else 0))
+        if type_ == "TRAK":
+            first = given[0].get("track", 0) if given else 0
+            tracks |= set(range(first, first + payload[0]))
+        at += 32 + len(payload)
+    given = {"entries": rows} | (ahead or {})
+    body += chunk("iNDX", index(**given), len(chunks))
+    fields = {
+        "index_offset": at,
+        "stop_offset": len(body) + 64,
+        "data_count": sum(type_ == "DATA" for type_, *_ in chunks),
+        "track_count": len(tracks),
+    }
+    return body + chunk("fOOT", foot(**(fields | changes)), len(chunks) + 1)
+
+
+KNOT_DATA = svarint(5)
+"""A constant 5, whatever the span."""
+
+TRACK_0 = ("TRAK", trak(), {"track": 0})
+DATA_0 = ("DATA", cluster((0, 0, 4, KNOT_DATA)))
+
+
+def minimal(*more: Chunk | tuple[str, bytes], **changes) -> bytes:
+    """HEAD, one track, four samples of 5, then ``more``; closed."""
+    return closed(("HEAD", head()), TRACK_0, DATA_0, *more, **changes)
