@@ -1,0 +1,322 @@
+"""Each way in which bytes can break a rule: the shortest input, the rule, and where it is reported.
+
+Payloads stand at offset 100, so that an offset counted from the payload shows.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import forge as f
+
+from hapfmt.catalogue import index_entries, open_catalogue
+from hapfmt.codecs.huffman import parse_codebook
+from hapfmt.codecs.knots import KnotParameters, decode_knots
+from hapfmt.codecs.quantised import QuanParameters, decode_quantised
+from hapfmt.codecs.raw import RawParameters, decode_raw
+from hapfmt.codecs.varints import parse_varints
+from hapfmt.container.cluster import parse_cluster
+from hapfmt.container.extras import parse_attachment, parse_metadata
+from hapfmt.container.index import IndexEntry, check_listing, parse_foot, parse_index
+from hapfmt.container.source import BytesSource
+from hapfmt.container.tlv import parse_strings, parse_tlvs
+from hapfmt.container.track import add_series, parse_series
+from hapfmt.container.wire import parse_head, parse_header
+from hapfmt.integers import parse_varint
+from hapfmt.limits import LEVELS, Limits
+from hapfmt.reader import Reader
+from hapfmt.verifier import verify
+
+AT = 100
+ONE, TWO = LEVELS[1], LEVELS[2]
+
+
+class Fault(NamedTuple):
+    requirement: str
+    offset: int | None
+    name: str
+    call: Callable[[], Any]
+
+
+def header(payload: bytes = b"", **changes: Any) -> bytes:
+    return f.chunk(changes.pop("type_", "mETa"), payload, 0, **changes)
+
+
+def head(*args: Any, **fields: Any) -> Callable[[], Any]:
+    stands = parse_header(f.chunk("HEAD", b"", 0), 0)
+    return lambda: parse_head(f.head(*args, **fields), stands, AT)
+
+
+def series(*args: Any, first: int = 0, **fields: Any) -> Callable[[], Any]:
+    return lambda: parse_series(f.trak(*args, **fields), first, ONE, AT)
+
+
+def added(*payloads: bytes) -> Callable[[], Any]:
+    def call() -> None:
+        known: dict[int, Any] = {}
+        for number, payload in enumerate(payloads):
+            add_series(known, parse_series(payload, number % 2, ONE, AT))
+
+    return call
+
+
+TRACKS: dict[int, Any] = {}
+add_series(TRACKS, parse_series(f.trak(), 0, ONE, 0))
+add_series(TRACKS, parse_series(f.trak(component_count=200, first_channel=1), 1, ONE, 0))
+
+
+def cluster(payload: bytes) -> Callable[[], Any]:
+    return lambda: parse_cluster(payload, TRACKS, ONE, AT)
+
+
+def knots(data: bytes, span: int = 4, width: int = 1, **given: Any) -> Callable[[], Any]:
+    parameters = KnotParameters(**({"interpolation": "hold", "quantum": 1} | given))
+    return lambda: decode_knots(data, parameters, span, width, ONE, AT)
+
+
+BITS = f.quan_parameters(bytes([0x22, 0x22]), m=1, r=1)
+"""Symbols 0 1 2 3, two bits each: levels 0, 1, -1, a run of 2 or 3."""
+
+
+def levels(data: bytes, ticks: int, parameters: bytes = BITS) -> Callable[[], Any]:
+    def call() -> Any:
+        parsed = QuanParameters.parse(parameters, ONE, 0)
+        return decode_quantised(data, parsed, ticks, 1, ONE, AT)
+
+    return call
+
+
+def words(data: bytes, ticks: int = 2) -> Callable[[], Any]:
+    return lambda: decode_raw(data, RawParameters(1), "counts", ticks, 1, AT)
+
+
+def deflated(data: bytes) -> bytes:
+    packer = zlib.compressobj(wbits=-15)
+    return b"\1" + packer.compress(data) + packer.flush()
+
+
+def judged(data: bytes, limits: Limits | None = None) -> Callable[[], Any]:
+    def call() -> None:
+        report = verify(data, limits=limits)
+        if report.error:
+            raise report.error
+
+    return call
+
+
+def opened(data: bytes) -> Callable[[], Any]:
+    return lambda: open_catalogue(BytesSource(data), scan=True)
+
+
+HEAD, TRACK, DATA = ("HEAD", f.head()), f.TRACK_0, f.DATA_0
+TRACK_AT = 8 + 32 + 48
+DATA_AT = TRACK_AT + 32 + len(TRACK[1])
+END = DATA_AT + 32 + len(DATA[1])
+"""Offset of the chunk after HEAD, TRACK, DATA."""
+
+LONG = [("aTTc", f.strings("a", "") + bytes(2**20 - 3))] * 6
+LISTED = [IndexEntry("HEAD", 8), IndexEntry("DATA", 88, 5, 9)]
+UP_TO_HF = f.trak(kind=1)
+RESIDUAL = f.trak(kind=2, base=0)
+
+
+def at_index(*rows: tuple[Any, ...], **given: Any) -> Callable[[], Any]:
+    return lambda: parse_index(f.index(rows, **given), 500, AT)
+
+
+def listed(*rows: tuple[Any, ...]) -> Callable[[], Any]:
+    index = parse_index(f.index(rows), 500, 0)
+    return lambda: check_listing(index, 500, LISTED, AT)
+
+
+FAULTS = [
+    # clause 2
+    Fault("CNV-002", 100, "varint cut short", lambda: parse_varint(b"\x80", 0, AT)),
+    Fault("CNV-002", 100, "varint of 2^53", lambda: parse_varint(b"\x80" * 7 + b"\x10", 0, AT)),
+    Fault("CNV-003", 100, "varint not minimal", lambda: parse_varint(b"\x80\0", 0, AT)),
+    Fault("CNV-002", 101, "row cut short", lambda: parse_varints(b"\x80", AT)),
+    Fault("CNV-002", 100, "row: nine bytes", lambda: parse_varints(b"\x80" * 8 + b"\1", AT)),
+    Fault("CNV-002", 101, "row: 2^53", lambda: parse_varints(b"\0" + b"\x80" * 7 + b"\x10", AT)),
+    Fault("CNV-003", 100, "row: not minimal", lambda: parse_varints(b"\x80\0", AT)),
+    Fault("CNV-004", 101, "not UTF-8", lambda: parse_strings(b"\1\xff", 1, AT)),
+    Fault("CNV-004", 101, "U+0000", lambda: parse_strings(b"\1\0", 1, AT)),
+    # clause 5
+    Fault("FIL-001", 0, "empty file", judged(b"")),
+    Fault("FIL-002", 100, "header cut short", lambda: parse_header(b"", AT)),
+    Fault("CHK-001", 100, "no sync word", lambda: parse_header(bytes(32), AT)),
+    Fault("CHK-002", 100, "header CRC", lambda: parse_header(header(header_crc=0), AT)),
+    Fault("CHK-006", 100, "no letters", lambda: parse_header(header(type_="m3Ta"), AT)),
+    Fault("CHK-008", 100, "payload of 2^24 + 1", lambda: parse_header(header(size=2**24 + 1), AT)),
+    Fault("CHK-009", 8, "critical chunk", judged(f.file(("XXXX", b"")))),
+    Fault("LIM-001", 88, "payload above level 1", judged(f.file(HEAD, ("mETa", bytes(2**20 + 1))))),
+    # 6.1
+    Fault("HED-001", 0, "signature only", judged(f.SIGNATURE)),
+    Fault("HED-001", 8, "no HEAD", judged(f.file(("mETa", b"{}")))),
+    Fault("HED-001", 40, "HEAD second", judged(f.file(("aaaa", b""), HEAD))),
+    Fault("HED-002", 100, "HEAD cut short",
+          lambda: parse_head(b"", parse_header(header(), 0), AT)),
+    Fault("VER-002", 100, "major version", head(major=2)),
+    Fault("VER-002", 104, "incompat bit", head(incompat=1)),
+    Fault("HED-004", 102, "level", head(level=3)),
+    Fault("HED-005", 103, "reserved", head(reserved=1)),
+    Fault("HED-003", 112, "file id", head(file_id=8)),
+    Fault("TLV-003", 100, "critical TLV in HEAD", head(f.tlv(1, b""))),
+    Fault("HED-006", 88, "second HEAD", judged(f.file(HEAD, ("HEAD", f.head(minor=1))))),
+    # 6.2
+    Fault("TLV-001", 104, "same type twice", lambda: parse_tlvs(f.tlv(2, b"") * 2, 0, AT)),
+    Fault("TLV-002", 100, "half a TLV", lambda: parse_tlvs(b"\0", 0, AT)),
+    Fault("TLV-002", 100, "TLV too long", lambda: parse_tlvs(b"\0\0\1\0", 0, AT)),
+    Fault("TLV-002", 100, "string too long", lambda: parse_strings(b"\1", 1, AT)),
+    Fault("TLV-002", 132, "half a calibration", series(f.tlv(3, b"\0"), codec=b"RAWB")),
+    Fault("TLV-002", 100, "TRAK cut short", lambda: parse_series(b"", 0, ONE, AT)),
+    Fault("TLV-004", 100, "two for three", lambda: parse_strings(f.strings("", ""), 3, AT)),
+    Fault("TLV-005", 132, "deviation", series(f.tlv(18, f.deviation(1.0, 2.0)))),
+    Fault("TLV-005", 132, "infinite", series(f.tlv(18, f.deviation(float("inf"), 1.0)))),
+    # 6.3
+    Fault("TRK-002", 100, "no track", series(track_count=0)),
+    Fault("TRK-002", 100, "no component", series(component_count=0)),
+    Fault("TRK-002", 100, "rate 0", series(rate_num=0)),
+    Fault("TRK-002", 100, "rate 1/0", series(rate_den=0)),
+    Fault("TRK-002", 100, "256 components", series(track_count=16, component_count=16)),
+    Fault("TRK-003", 100, "track 65534", series(first=65534)),
+    Fault("TRK-003", 100, "track 65534 second", series(first=65533, track_count=2)),
+    Fault("TRK-003", 100, "twice", added(f.trak(), f.trak(first_channel=1), f.trak(kind=1))),
+    Fault("TRK-005", 116, "range upside down", series(count_min=1, count_max=0)),
+    Fault("TRK-005", 116, "25 bits below", series(count_min=-(2**23) - 1)),
+    Fault("TRK-005", 116, "25 bits above", series(count_max=2**23)),
+    Fault("TRK-006", 100, "words in KNOT", series(number_format=1, count_min=0, count_max=0)),
+    Fault("TRK-006", 100, "words with a contract",
+          series(f.tlv(16, f.deadband()), number_format=1, codec=b"RAWB", count_min=0, count_max=0)),
+    Fault("TRK-007", 126, "HF without base", series(kind=2)),
+    Fault("TRK-007", 126, "base unknown", added(RESIDUAL)),
+    Fault("TRK-007", 126, "base full band", added(f.trak(), RESIDUAL)),
+    Fault("TRK-007", 126, "another rate", added(UP_TO_HF, f.trak(kind=2, base=0, rate_num=1))),
+    Fault("TRK-008", 126, "full band with base", series(base=0)),
+    Fault("TRK-009", 100, "HF with a label", series(f.tlv(2, f.strings("")), kind=2, base=0)),
+    Fault("TRK-010", 124, "channel 65535", series(first_channel=65535)),
+    Fault("TRK-010", 124, "channel taken", added(f.trak(), f.trak())),
+    Fault("TRK-010", END + 32 + 20 + 3 * 28 + 32, "a hole", judged(
+        f.closed(HEAD, ("TRAK", f.trak(first_channel=1), {"track": 0}), DATA))),
+    # 6.4
+    Fault("DAT-001", 100, "no packet", cluster(b"\0")),
+    Fault("DAT-001", 100, "2^14 + 1 packets", cluster(f.varint(2**14 + 1))),
+    Fault("DAT-002", 109, "twice at a tick", cluster(f.cluster(*[(0, 0, 1, b"")] * 2))),
+    Fault("DAT-003", 101, "no tick", cluster(f.cluster((0, 0, 0, b"")))),
+    Fault("DAT-003", 101, "2^24 + 1 ticks", cluster(f.cluster((0, 0, 2**24 + 1, b"")))),
+    Fault("DAT-003", 101, "tick 2^48", cluster(f.cluster((0, 2**48, 1, b"")))),
+    Fault("DAT-004", 101, "packet CRC", cluster(b"\1" + f.entry(0, 0, 0, 1, crc=0))),
+    Fault("DAT-005", 105, "table cut short", cluster(b"\1\0\0\0\1")),
+    Fault("DAT-005", 101, "packet cut short", cluster(b"\1" + f.entry(0, 1, 0, 1))),
+    Fault("DAT-005", 109, "a byte too much", cluster(f.cluster((0, 0, 1, b"")) + b"\0")),
+    Fault("DAT-006", END - 1, "overlap", judged(
+        f.file(HEAD, TRACK, ("DATA", f.cluster((0, 0, 4, b"\0"), (0, 3, 4, b"\0")))))),
+    Fault("DAT-008", 101, "unknown track", cluster(f.cluster((9, 0, 1, b"")))),
+    Fault("DAT-008", 8 + 32 + 48 + 32 + 1, "track not described", judged(f.file(HEAD, DATA))),
+    Fault("DAT-009", 101, "2^22 + 1 samples", cluster(f.cluster((1, 0, 2**22 // 200 + 1, b"")))),
+    # 6.5, 6.6
+    Fault("IDX-001", 100, "index cut short", lambda: parse_index(b"", 500, AT)),
+    Fault("IDX-001", 100, "entries missing", at_index(count=1)),
+    Fault("IDX-002", 120, "before covers_from", at_index(("HEAD", 7, 0, 0))),
+    Fault("IDX-002", 148, "same twice", at_index(("HEAD", 8, 0, 0), ("TRAK", 8, 0, 0))),
+    Fault("IDX-002", 100, "chunk not listed", listed(("HEAD", 8, 0, 0))),
+    Fault("IDX-004", 108, "previous behind", at_index(covers_from=9, previous=501)),
+    Fault("IDX-004", 8, "no index there", lambda: index_entries(BytesSource(f.file(HEAD)), 8, 7)),
+    Fault("IDX-005", 8 + 32 + 48 + 5 * (32 + 2**20), "no index in 5 MiB",
+          judged(f.file(HEAD, *LONG))),
+    Fault("IDX-006", 100, "starts too late", listed(("HEAD", 8, 0, 0), ("DATA", 88, 6, 9))),
+    Fault("IDX-006", 100, "stops too early", listed(("HEAD", 8, 0, 0), ("DATA", 88, 5, 8))),
+    Fault("FOT-001", 100, "footer cut short", lambda: parse_foot(b"", AT)),
+    Fault("FOT-001", 108, "another end", lambda: parse_foot(bytes(32), AT)),
+    Fault("FOT-002", END + 200, "another index", judged(f.minimal(index_offset=8))),
+    Fault("FOT-003", END + 216, "clusters", judged(f.minimal(data_count=2))),
+    Fault("FOT-003", END + 216, "tracks", judged(f.minimal(track_count=2))),
+    # 6.7 to 6.9
+    Fault("MET-001", 100, "no JSON", lambda: parse_metadata(b"", AT)),
+    Fault("MET-001", 100, "no object", lambda: parse_metadata(b"[]", AT)),
+    Fault("MET-001", 100, "65 deep",
+          lambda: parse_metadata(b'{"":' + b"[" * 64 + b"]" * 64 + b"}", AT)),
+    Fault("ATT-001", 100, "name cut short", lambda: parse_attachment(b"\1", AT)),
+    Fault("ATT-001", 100, "no name", lambda: parse_attachment(b"\0\0", AT)),
+    Fault("DGS-001", END + 32, "no digest", judged(f.minimal(("dGST", b"", {"track": 0})))),
+    Fault("DGS-001", END + 32, "digest of no track",
+          judged(f.minimal(("dGST", bytes(32), {"track": 1})))),
+    # clauses 8 and 11
+    Fault("VAL-001", 132, "A = 0", series(f.tlv(3, f.calibration(0)))),
+    Fault("VAL-001", 132, "D = 0", series(f.tlv(3, f.calibration(d=0)))),
+    Fault("VAL-001", 132, "D = 2^53 + 1", series(f.tlv(3, f.calibration(d=2**53 + 1)))),
+    Fault("VAL-001", 132, "B = 2^53 + 1", series(f.tlv(3, f.calibration(b=2**53 + 1)))),
+    Fault("VAL-002", 100, "count * A + B", series(f.tlv(3, f.calibration(2**53)))),
+    Fault("DBC-001", 132, "contract cut short", series(f.tlv(16, b""))),
+    Fault("DBC-001", 132, "kd = 0", series(f.tlv(16, f.deadband(kd=0)))),
+    Fault("DBC-001", 132, "flag bit 2", series(f.tlv(16, f.deadband(flags=4)))),
+    Fault("DBC-001", 137, "floor of 0", series(f.tlv(16, f.deadband(entries=[(0, 0)])))),
+    # 9.1
+    Fault("KNT-001", 100, "parameters cut short", lambda: KnotParameters.parse(b"", ONE, AT)),
+    Fault("KNT-001", 100, "parameters too long", lambda: KnotParameters.parse(bytes(9), ONE, AT)),
+    Fault("KNT-001", 100, "interpolation 2",
+          lambda: KnotParameters.parse(f.knot_parameters(2), ONE, AT)),
+    Fault("KNT-001", 100, "quantum 0",
+          lambda: KnotParameters.parse(f.knot_parameters(0, 0), ONE, AT)),
+    Fault("KNT-001", 104, "quantum above level 1",
+          lambda: KnotParameters.parse(f.knot_parameters(0, 2**24 + 1), ONE, AT)),
+    Fault("HED-005", 101, "KNOT reserved",
+          lambda: KnotParameters.parse(f.knot_parameters(reserved=b"\0\0\1"), ONE, AT)),
+    Fault("KNT-002", 100, "no knot", knots(b"")),
+    Fault("KNT-002", 100, "half a knot", knots(b"\0\1")),
+    Fault("KNT-003", 100, "same tick", knots(b"\0\0\0")),
+    Fault("KNT-004", 100, "count 2^24 + 1", knots(f.svarint(2**24 + 1))),
+    Fault("KNT-004", 100, "count times quantum", knots(f.svarint(2), quantum=2**23 + 1)),
+    Fault("KNT-004", 100, "value 2^52", knots(f.svarint(2**51))),
+    Fault("KNT-005", 100, "tick 4 of 4", knots(b"\0\4\0")),
+    Fault("KNT-006", 100, "line ends early", knots(b"\0\2\0", interpolation="linear")),
+    Fault("KNT-006", 100, "knot too many", knots(b"\0\3\0\1\0", interpolation="linear")),
+    Fault("KNT-006", 100, "2^24 + 1",
+          knots(b"\0" + f.varint(2**24 + 1) + b"\0", interpolation="linear")),
+    # 9.2
+    Fault("QNT-001", 100, "QUAN cut short", lambda: QuanParameters.parse(b"", ONE, AT)),
+    Fault("QNT-001", 100, "step 0",
+          lambda: QuanParameters.parse(f.quan_parameters(b"\x10", step=0), ONE, AT)),
+    Fault("QNT-001", 100, "step above level 1",
+          lambda: QuanParameters.parse(f.quan_parameters(b"\x10", step=2**24 + 1), ONE, AT)),
+    Fault("QNT-001", 104, "4097 symbols",
+          lambda: QuanParameters.parse(f.quan_parameters(b"", m=2048), ONE, AT)),
+    Fault("QNT-001", 104, "R = 25",
+          lambda: QuanParameters.parse(f.quan_parameters(b"", r=25), ONE, AT)),
+    Fault("QNT-001", 104, "C = 33",
+          lambda: QuanParameters.parse(f.quan_parameters(b"", c=33), ONE, AT)),
+    Fault("QNT-002", 101, "two words for one symbol", lambda: parse_codebook(b"\x11", 1, AT)),
+    Fault("QNT-003", 100, "no word", lambda: parse_codebook(b"", 1, AT)),
+    Fault("QNT-003", 100, "one word of two bits", lambda: parse_codebook(b"\x20", 1, AT)),
+    Fault("QNT-003", 100, "three words of one bit", lambda: parse_codebook(b"\x11\x10", 3, AT)),
+    Fault("QNT-004", 100, "run past the end", levels(b"\xc0", 1)),
+    Fault("QNT-005", 101, "a byte too much", levels(b"\0\0", 4)),
+    Fault("QNT-005", 100, "filled with ones", levels(b"\x01", 3)),
+    Fault("QNT-006", 100, "level times step",
+          levels(b"\x20", 1, f.quan_parameters(b"\x33\x33\x33\x33", c=7, step=2**24))),
+    Fault("COD-001", 100, "bytes that nothing needs", levels(b"\0", 1, f.quan_parameters(b"\x10"))),
+    Fault("COD-001", 101, "levels missing", levels(b"\0", 5)),
+    # 9.3
+    Fault("RAW-001", 100, "RAWB cut short", lambda: RawParameters.parse(b"", "counts", AT)),
+    Fault("RAW-001", 100, "RAWB too long", lambda: RawParameters.parse(bytes(5), "counts", AT)),
+    Fault("RAW-001", 100, "counts of 8 bytes",
+          lambda: RawParameters.parse(f.raw_parameters(8), "counts", AT)),
+    Fault("RAW-001", 100, "binary32 of 8 bytes",
+          lambda: RawParameters.parse(f.raw_parameters(8), "binary32", AT)),
+    Fault("HED-005", 101, "RAWB reserved",
+          lambda: RawParameters.parse(f.raw_parameters(1, b"\1\0\0"), "counts", AT)),
+    Fault("COD-001", 100, "no method", words(b"")),
+    Fault("RAW-002", 100, "method 2", words(b"\2")),
+    Fault("RAW-003", 100, "stored too short", words(b"\0\0")),
+    Fault("RAW-003", 100, "stored too long", words(b"\0\0\0\0")),
+    Fault("RAW-003", 101, "inflates too short", words(deflated(b"\0"))),
+    Fault("RAW-003", 101, "inflates too long", words(deflated(bytes(3)))),
+    Fault("RAW-004", 101, "no DEFLATE", words(b"\1\xff")),
+    Fault("RAW-004", 101, "bytes after it", words(deflated(bytes(2)) + b"\0")),
+    # clauses 12 and 15
+    Fault("LIM-003", None, "one sample allowed",
+          lambda: Reader(f.minimal(), limits=Limits(samples=1)).read()),
+    Fault("LIM-003", None, "one in a packet",
+          lambda: Reader(f.minimal(), limits=Limits(packet_samples=1)).read()),
+]  # fmt: skip

@@ -1,0 +1,31 @@
+"""SPEC.md as {id: sentence}, and what the docstrings of tests quote of it."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+TEXT = (ROOT / "SPEC.md").read_text(encoding="utf-8")
+ITEM = re.compile(r"^- \*\*(?P<id>[^*]+)\*\* (?P<sentence>.+?)(?=\n- |\n\n|\Z)", re.M | re.S)
+QUOTE = re.compile(r"^\s*(?P<id>[A-Z]{3}-\d{3}): (?P<sentence>.+?)\s*$", re.M)
+
+
+def items() -> list[tuple[str, str]]:
+    """(id, sentence) in order of the SPEC; line breaks within a sentence become spaces."""
+    return [(m["id"], " ".join(m["sentence"].split())) for m in ITEM.finditer(TEXT)]
+
+
+REQUIREMENTS = dict(items())
+
+
+def quotes(source: str) -> Iterator[tuple[str, str, str]]:
+    """(test, id, sentence) of each line of a test's docstring that quotes a requirement."""
+    for node in ast.walk(ast.parse(source)):
+        if not isinstance(node, (ast.ClassDef, ast.FunctionDef)):
+            continue
+        if node.name.startswith(("test_", "Test")):
+            for match in QUOTE.finditer(ast.get_docstring(node, clean=False) or ""):
+                yield node.name, match["id"], match["sentence"]

@@ -1,0 +1,423 @@
+"""What the SPEC allows, and no more; awkward literals stand beside each generator."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+from hypothesis import strategies as st
+
+from hapfmt.codecs.huffman import code_lengths
+from hapfmt.codecs.knots import KnotParameters, build_knots
+from hapfmt.codecs.quantised import Alphabet, QuanParameters, encode_quantised
+from hapfmt.codecs.raw import DTYPES, RawParameters, encode_raw
+from hapfmt.container.cluster import Packet
+from hapfmt.container.track import WORD_SIZES, Affine, Component, Contract, Track
+from hapfmt.container.wire import ChunkHeader, Head
+from hapfmt.encoder.settings import Settings
+from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.limits import LEVELS
+from hapfmt.recording import Calibration, Channel, Deviation, Recording, Span
+
+u16s = st.sampled_from([0, 1, 255, 256, 65535]) | st.integers(0, 65535)
+u32s = st.sampled_from([0, 1, 2**31, 2**32 - 1]) | st.integers(0, 2**32 - 1)
+i64s = st.sampled_from([0, -1, 2**63 - 1, -(2**63)]) | st.integers(-(2**63), 2**63 - 1)
+varints = st.sampled_from(
+    [0, 1, 127, 128, 300, 16383, 16384, 2**32, 2**49 - 1, 2**49, 2**53 - 1]
+) | st.integers(0, 2**53 - 1)
+svarints = st.sampled_from([0, 1, -1, 63, -64, 64, 2**52 - 1, -(2**52)]) | st.integers(
+    -(2**52), 2**52 - 1
+)
+levels = st.sampled_from(list(LEVELS.values()))
+rates = st.sampled_from(
+    [Fraction(1000), Fraction(44100), Fraction(1), Fraction(1, 3600), Fraction(30000, 1001)]
+) | st.builds(Fraction, st.integers(1, 2**32 - 1), st.integers(1, 2**32 - 1))
+texts = st.sampled_from(["", "x", "force_z", "Kraft µN", "😀", "a" * 255, "\x1b[2J", "\n"]) | st.text(
+    st.characters(codec="utf-8", exclude_characters="\0"), max_size=12
+)
+jsons = st.recursive(
+    st.none() | st.booleans() | i64s | st.floats(allow_nan=False, allow_infinity=False) | texts,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
+    max_leaves=6,
+)
+metadata = st.dictionaries(texts, jsons, max_size=3)
+chunk_types = st.sampled_from(["HEAD", "TRAK", "DATA", "iNDX", "fOOT", "mETa"]) | st.text(
+    "abyzABYZ", min_size=4, max_size=4
+)
+chunk_headers = st.builds(
+    ChunkHeader, chunk_types, u32s, u32s, st.integers(0, 2**24), u16s, u16s, u32s
+)
+uuids = st.none() | st.binary(min_size=16, max_size=16).filter(any)
+
+
+@st.composite
+def heads(draw):
+    known = draw(st.booleans())
+    return Head(
+        draw(st.sampled_from([1, 2])),
+        draw(u32s),
+        draw(uuids),
+        draw(i64s) if known else None,
+        draw(st.integers(0, 2**64 - 2)) if known else 0,
+        minor=draw(st.integers(0, 255)),
+        compat=draw(u32s),
+    )
+
+
+@st.composite
+def ranges(draw, bits):
+    """Declared ranges that fit so many signed bits."""
+    bound = 1 << (bits - 1)
+    ends = st.sampled_from([0, -1, -bound, bound - 1]) | st.integers(-bound, bound - 1)
+    return tuple(sorted((draw(ends), draw(ends))))
+
+
+@st.composite
+def affines(draw, count_range=(-(2**31), 2**31 - 1)):
+    """Calibrations that keep VAL-001 and VAL-002 over a range of counts."""
+    largest = max(map(abs, count_range))
+    a = draw(st.sampled_from([1, -1, 3, 2**21]) | st.integers(1, 2**21))
+    a = min(a, (1 << 53) // max(largest, 1))
+    room = (1 << 53) - abs(a) * largest
+    b = draw(st.sampled_from([0, 1, room, -room]) | st.integers(-room, room))
+    d = draw(st.sampled_from([1, 3, 1000, 1 << 53]) | st.integers(1, 1 << 53))
+    return Affine(a, b, d)
+
+
+@st.composite
+def deviations(draw):
+    declared = draw(st.sampled_from([5e-324, 1e-6, 1.7e308]) | st.floats(1e-9, 1e9))
+    return declared, draw(st.sampled_from([0.0, declared]) | st.floats(0.0, declared))
+
+
+@st.composite
+def components(draw, count_range):
+    return Component(
+        draw(affines(count_range)),
+        *draw(st.tuples(texts, texts, texts, texts, texts, texts, texts)),
+        deviation=draw(st.none() | deviations()),
+    )
+
+
+@st.composite
+def contracts(draw, size):
+    counts = st.integers(-(2**31), 2**31 - 1)
+    floors = st.sampled_from([1, 2**32 - 1]) | st.integers(1, 2**32 - 1)
+    return Contract(
+        draw(u16s),
+        draw(st.integers(1, 65535)),
+        draw(st.booleans()),
+        draw(st.booleans()),
+        tuple(draw(st.lists(floors, min_size=size, max_size=size))),
+        tuple(draw(st.lists(counts, min_size=size, max_size=size))),
+    )
+
+
+@st.composite
+def series(draw, level=LEVELS[2]):
+    """Tracks that one TRAK chunk describes; the codec parameters are those of the codec."""
+    track_count = draw(st.sampled_from([1, 2, 5]))
+    size = draw(st.sampled_from([1, 2, 3]))
+    kind = draw(st.sampled_from(["full", "lf", "hf"]))
+    words = kind == "full" and draw(st.booleans())
+    bits = level.residual_bits if kind == "hf" else level.count_bits
+    count_range = (0, 0) if words else draw(ranges(bits))
+    number_format = draw(st.sampled_from(sorted(WORD_SIZES))) if words else "counts"
+    if words:
+        codec, parameters = "RAWB", RawParameters(WORD_SIZES[number_format])
+    else:
+        codec, parameters = draw(codec_parameters(level))
+    alike = draw(st.booleans())
+    described = [draw(components(count_range)) for _ in range(1 if alike else track_count * size)]
+    if kind == "hf":
+        described = [Component()] * len(described)
+    if words:
+        described = [Component(label=each.label, unit=each.unit) for each in described]
+    described = described * (track_count * size) if alike else described
+    contract = None if words else draw(st.none() | contracts(track_count * size))
+    first, channel = draw(st.integers(0, 60000)), draw(st.integers(0, 60000))
+    rate, provenance = draw(rates), draw(texts)
+    return [
+        Track(
+            id=first + i,
+            kind=kind,
+            codec=codec,
+            rate=rate,
+            first_channel=channel + i * size,
+            components=tuple(described[i * size : (i + 1) * size]),
+            parameters=parameters.build(),
+            number_format=number_format,
+            count_min=count_range[0],
+            count_max=count_range[1],
+            base=i if kind == "hf" else None,
+            contract=contract
+            and contract._replace(
+                floor=contract.floor[i * size : (i + 1) * size],
+                zero=contract.zero[i * size : (i + 1) * size],
+            ),
+            provenance=provenance,
+        )
+        for i in range(track_count)
+    ]
+
+
+@st.composite
+def codec_parameters(draw, level=LEVELS[2]):
+    """(codec, parameters) of a track of counts."""
+    codec = draw(st.sampled_from(["KNOT", "QUAN", "RAWB"]))
+    if codec == "KNOT":
+        return codec, draw(knot_parameters(level))
+    if codec == "QUAN":
+        return codec, draw(quan_parameters(level))
+    return codec, RawParameters(draw(st.sampled_from([1, 2, 3, 4])))
+
+
+@st.composite
+def knot_parameters(draw, level=LEVELS[2]):
+    quantum = draw(st.sampled_from([1, 2, 25, level.step]) | st.integers(1, level.step))
+    return KnotParameters(draw(st.sampled_from(["hold", "linear"])), quantum)
+
+
+@st.composite
+def knots(draw, parameters, level=LEVELS[2]):
+    """(ticks [knots], values [knots, components], span) of one packet."""
+    width = draw(st.sampled_from([1, 1, 2, 3]))
+    span = draw(st.sampled_from([1, 2, 3, 17, 1000]) | st.integers(1, 300))
+    inner = sorted(draw(st.sets(st.integers(1, max(span - 1, 1)), max_size=12)))
+    if parameters.interpolation == "hold":
+        ticks = [0] + [tick for tick in inner if tick < span]
+    else:
+        ticks = [0] + [tick for tick in inner if tick < span - 1]
+        over = draw(st.sampled_from([0, 0, 1, 5, 1 << 24]))
+        last = min(span - 1 + over, 1 << 24)
+        ticks += [last] if (len(ticks) > 1 or draw(st.booleans())) and last > ticks[-1] else []
+    bound = level.count_bound // parameters.quantum
+    values = st.sampled_from([0, 1, -1, bound, -bound]) | st.integers(-bound, bound)
+    rows = [[draw(values) for _ in range(width)] for _ in ticks]
+    return np.array(ticks, np.int64), np.array(rows, np.int64), span
+
+
+alphabets = st.sampled_from(
+    [Alphabet(0, 0, 1), Alphabet(1, 1, 0), Alphabet(7, 4, 6), Alphabet(0, 24, 32)]
+) | st.builds(Alphabet, st.integers(0, 12), st.integers(0, 8), st.integers(1, 20))
+
+
+@st.composite
+def quan_parameters(draw, level=LEVELS[2]):
+    """Any complete codebook over any alphabet; a fifth of them have one code word only."""
+    alphabet = draw(alphabets)
+    size = alphabet.size
+    weights = draw(st.lists(st.integers(0, 1 << 20), min_size=size, max_size=size))
+    if draw(st.integers(0, 4)) == 0 or not any(weights):
+        weights = [0] * size
+        weights[draw(st.integers(0, size - 1))] = 1
+    step = draw(st.sampled_from([1, 2, level.step]) | st.integers(1, 1000))
+    return QuanParameters(step, alphabet, code_lengths(np.array(weights, np.int64)))
+
+
+@st.composite
+def level_arrays(draw, alphabet):
+    """Levels [ticks, components] that the alphabet has symbols for."""
+    ticks = draw(st.sampled_from([1, 2, 64, 300]) | st.integers(1, 80))
+    width = draw(st.sampled_from([1, 1, 2, 3]))
+    largest = alphabet.direct_levels + (2 << (alphabet.escape_classes - 1)) - 1
+    if not alphabet.escape_classes:
+        largest = alphabet.direct_levels
+    values = st.just(0) | st.integers(-largest, largest) | st.sampled_from([largest, -largest])
+    rows = draw(st.lists(values, max_size=ticks * width))
+    out = np.zeros(ticks * width, np.int64)
+    out[: len(rows)] = rows
+    if draw(st.booleans()):
+        out = np.roll(out, draw(st.integers(0, out.size)))
+    return out.reshape(ticks, width)
+
+
+@st.composite
+def books_for(draw, alphabet, array, step=1):
+    """Parameters whose codebook has a word for each symbol of ``array``."""
+    symbols, _ = alphabet.tokenise(array.T.reshape(-1))
+    frequencies = np.bincount(symbols, minlength=alphabet.size)
+    if draw(st.booleans()):
+        frequencies = frequencies + draw(st.integers(0, 3))
+    return QuanParameters(step, alphabet, code_lengths(frequencies))
+
+
+FLOATS = [0.0, -0.0, np.inf, -np.inf, np.nan, 5e-324, 1.0, 65504.0]
+
+
+@st.composite
+def raw_arrays(draw):
+    """(number format, word size, array [ticks, components]); every bit pattern may occur."""
+    kind = draw(st.sampled_from(["counts", *DTYPES]))
+    size = draw(st.sampled_from([1, 2, 3, 4])) if kind == "counts" else WORD_SIZES[kind]
+    ticks = draw(st.sampled_from([1, 2, 200]) | st.integers(1, 40))
+    width = draw(st.sampled_from([1, 2, 3]))
+    if kind == "counts":
+        bound = 1 << (8 * size - 1)
+        values = st.sampled_from([0, -1, bound - 1, -bound]) | st.integers(-bound, bound - 1)
+        dtype = np.dtype(np.int64)
+    else:
+        dtype = DTYPES[kind]
+        values = st.integers(0, (1 << (8 * size)) - 1)
+    used = draw(st.lists(values, min_size=1, max_size=ticks * width))
+    flat = [used[i % len(used)] for i in range(ticks * width)]
+    array = np.array(flat, np.int64 if kind == "counts" else f"<u{size}").view(dtype)
+    if dtype.kind == "f" and draw(st.booleans()):
+        with np.errstate(over="ignore", under="ignore"):
+            array[0] = draw(st.sampled_from(FLOATS))
+    return kind, size, array.reshape(ticks, width)
+
+
+@st.composite
+def packets(draw, track_id=0):
+    """(track, packets in order of time, the counts or words of each) at level 1."""
+    level = LEVELS[1]
+    kind = draw(st.sampled_from(["KNOT", "QUAN", "RAWB"]))
+    start, made, numbers = draw(st.sampled_from([0, 0, 7, 2**40])), [], []
+    if kind == "RAWB":
+        number_format, size, array = draw(raw_arrays())
+        parameters, data = RawParameters(size), encode_raw(array, size)
+        arrays = [(data, len(array), array)]
+    elif kind == "KNOT":
+        number_format, parameters = "counts", draw(knot_parameters(level))
+        ticks, values, span = draw(knots(parameters, level))
+        arrays = [(build_knots(ticks, values), span, values * parameters.quantum)]
+    else:
+        number_format, alphabet = "counts", Alphabet(3, 3, 8)
+        array = draw(level_arrays(alphabet))
+        parameters = draw(books_for(alphabet, array))
+        arrays = [(encode_quantised(array, parameters), len(array), array)]
+    for _ in range(draw(st.integers(1, 2))):
+        data, span, array = arrays[0]
+        made.append(Packet(track_id, start, span, data))
+        numbers.append(array)
+        start += span + draw(st.sampled_from([0, 0, 1, 1000]))
+    counts = number_format == "counts"
+    track = Track(
+        id=track_id,
+        kind="full",
+        codec=kind,
+        rate=Fraction(1000),
+        first_channel=0,
+        components=(Component(),) * numbers[0].shape[1],
+        parameters=parameters.build(),
+        number_format=number_format,
+        count_min=-(1 << 23) if counts else 0,
+        count_max=(1 << 23) - 1 if counts else 0,
+    )
+    return track, made, numbers
+
+
+@st.composite
+def coverages(draw, ticks):
+    """Sorted spans, never adjacent, that hold so many ticks together."""
+    at = draw(st.sampled_from([0, 0, 1, 1000, 2**40]))
+    spans, left = [], ticks
+    while left:
+        size = draw(st.sampled_from([left, 1]) | st.integers(1, left))
+        spans.append(Span(at, at + size))
+        left -= size
+        at += size + draw(st.sampled_from([1, 2, 5000]))
+    return tuple(spans)
+
+
+@st.composite
+def value_arrays(draw, ticks):
+    """(values [ticks], whether they are counts): noise, a slope, a constant, doubles of any kind."""
+    shape = draw(st.sampled_from(["noise", "slope", "constant", "extreme", "doubles", "words"]))
+    generator = np.random.default_rng(draw(st.integers(0, 2**32)))
+    if shape == "doubles":
+        x = generator.normal(size=ticks)
+        x[: min(ticks, 4)] = draw(st.permutations(FLOATS))[: min(ticks, 4)]
+        return x[~np.isnan(x)] if np.isnan(x).any() else x, False
+    if shape == "words":
+        dtype = draw(st.sampled_from([np.int64, np.uint64, np.float16, np.float32]))
+        x = generator.integers(0, 100, ticks).astype(dtype)
+        return x, False
+    if shape == "constant":
+        return np.full(ticks, draw(st.sampled_from([0, -5, 2**23 - 1])), np.int32), True
+    if shape == "slope":
+        return (np.arange(ticks) * 7 - 100).astype(np.int32), True
+    if shape == "extreme":
+        ends = [-(2**31), 2**31 - 1, 0]
+        return np.array([ends[i % 3] for i in range(ticks)], np.int64), True
+    return generator.integers(-(2**15), 2**15, ticks).astype(np.int32), True
+
+
+@st.composite
+def channels(draw, group=""):
+    ticks = draw(st.sampled_from([0, 1, 2, 50, 300]))
+    values, counts = draw(value_arrays(ticks))
+    calibration = Calibration(*draw(affines())) if counts else None
+    deviation = Deviation(*draw(deviations())) if counts and draw(st.booleans()) else None
+    return Channel(
+        values=values,
+        rate=draw(st.sampled_from([Fraction(1000), Fraction(50), Fraction(44100, 7)])),
+        coverage=draw(coverages(values.size)),
+        calibration=calibration,
+        label=draw(texts),
+        unit=draw(st.sampled_from(["N", "1", "m/s2", "{raw(0-255)}"])),
+        quantity=draw(st.sampled_from(["", "force"])),
+        group=group,
+        body_site=draw(texts),
+        device=draw(texts),
+        deviation=deviation,
+    )
+
+
+@st.composite
+def vectors(draw):
+    """Three channels that are the axes of one vector: one rate, one coverage, one unit."""
+    ticks = draw(st.sampled_from([1, 50]))
+    coverage = draw(coverages(ticks))
+    seed = np.random.default_rng(draw(st.integers(0, 2**32)))
+    return [
+        Channel(
+            values=seed.integers(-1000, 1000, ticks).astype(np.int32),
+            rate=Fraction(1000),
+            coverage=coverage,
+            calibration=Calibration(1, 0, 1000),
+            label=f"f{axis}",
+            unit="N",
+            axis=axis,
+            group="f",
+        )
+        for axis in "xyz"
+    ]
+
+
+@st.composite
+def recordings(draw):
+    """Of no channel, one, or a few; each with a rate, gaps and numbers of its own."""
+    made = draw(st.lists(channels(), max_size=3))
+    if draw(st.booleans()):
+        made += draw(vectors())
+    known = draw(st.booleans())
+    attachments = st.dictionaries(
+        st.sampled_from(["a.txt", "../b", "c"]),
+        st.tuples(st.sampled_from(["", "text/plain"]), st.binary(max_size=20)),
+        max_size=2,
+    )
+    return Recording(
+        tuple(made),
+        uuid=draw(st.none() | st.uuids()),
+        epoch_ns=draw(i64s) if known else None,
+        epoch_uncertainty_ns=draw(st.integers(0, 2**63)) if known else 0,
+        metadata=draw(metadata),
+        attachments=draw(attachments),
+    )
+
+
+@st.composite
+def encoder_settings(draw):
+    """Presets, bits or step, hold or linear, clusters short and long, with and without digests."""
+    quantiser = draw(st.sampled_from([{}, {"bits": 0}, {"bits": 5}, {"step": Tolerance(1, "lsb")}]))
+    floors = st.sampled_from([Tolerance(0.5, "lsb"), Tolerance(10, "lsb"), Tolerance(0.01, "range")])
+    return Settings(
+        weber=draw(st.sampled_from([Fraction(0), Fraction(1, 10), Fraction(3, 2)])),
+        floor=draw(floors),
+        cluster=draw(st.sampled_from([Fraction(1, 10), Fraction(10)])),
+        interpolation=draw(st.sampled_from(["hold", "linear"])),
+        digest=draw(st.booleans()),
+        **quantiser,
+    )

@@ -1,0 +1,91 @@
+"""Who may import whom."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+
+import pytest
+from spec import ROOT
+
+PACKAGE = ROOT / "hapfmt"
+MODULES = {
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
+    for path in sorted(PACKAGE.rglob("*.py"))
+}
+DECODE_SIDE = sorted(
+    name for name in MODULES if name.split(".")[0] in ("container", "codecs")
+) + """catalogue reader decoder reconstruct verifier contract deadband usage dump recording limits
+errors integers atomic""".split()
+ENCODE_SIDE = ("encoder", "writer", "scenes", "plotting", "cli", "convert")
+ONLY_IN = {
+    "construct": ("container.layout", "container.wire", "container.track"),
+    "matplotlib": ("plotting",),
+    "soundfile": ("convert.wav",),
+}
+LINES = 400
+LINES_ALLOWED = {"container.track": 440}
+"""To be split by meaning."""
+
+HEAVY = {"numpy", "scipy", "construct", "click", "rich", "matplotlib", "soundfile", "hid"}
+
+
+def imports(name: str) -> set[str]:
+    """Modules that a module names in any import; those of the package as in MODULES."""
+    path = MODULES[name]
+    package = ("hapfmt." + name).split(".")[:-1] if path.name != "__init__.py" else None
+    here = package or ("hapfmt." + name.removesuffix("__init__").rstrip(".")).rstrip(".").split(".")
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            parts = here[: len(here) - node.level + 1] if node.level else []
+            base = ".".join([*parts, *filter(None, [node.module])])
+            found |= {base} | {f"{base}.{alias.name}" for alias in node.names}
+    return found
+
+
+@pytest.mark.parametrize("name", DECODE_SIDE)
+def test_the_decode_side_knows_nothing_of_the_encode_side(name):
+    barred = {f"hapfmt.{part}" for part in ENCODE_SIDE}
+    assert not [x for x in imports(name) if ".".join(x.split(".")[:2]) in barred]
+
+
+@pytest.mark.parametrize("package", ONLY_IN)
+def test_packages_that_stay_where_they_are(package):
+    users = {n for n in MODULES if any(x.split(".")[0] == package for x in imports(n))}
+    assert users <= set(ONLY_IN[package])
+
+
+def test_track_imports_construct_for_a_type_only():
+    names = [x for x in imports("container.track") if x.startswith("construct")]
+    assert sorted(names) == ["construct", "construct.Struct"]
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_modules_stay_short(name):
+    lines = len(MODULES[name].read_text(encoding="utf-8").splitlines())
+    assert lines <= LINES_ALLOWED.get(name, LINES)
+
+
+def loaded_by(code: str) -> set[str]:
+    """Top-level modules that a fresh interpreter has loaded after ``code``."""
+    code += "\nimport json, sys; print(json.dumps(sorted(m.split('.')[0] for m in sys.modules)))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+def test_import_is_light():
+    assert not loaded_by("import hapfmt; hapfmt.__version__") & HEAVY
+
+
+def test_info_loads_no_numbers():
+    """The reader of descriptions needs neither arrays nor plots."""
+    path = ROOT / "conformance" / "examples" / "hold.hapf"
+    code = f"from hapfmt.cli import cli; cli.main(['info', {str(path)!r}], standalone_mode=False)"
+    assert not loaded_by(code) & {"numpy", "scipy", "matplotlib"}

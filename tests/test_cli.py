@@ -1,0 +1,263 @@
+"""The command line: every verb, pipes, exit codes, refusals, JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hapfmt
+from hapfmt.cli import VERBS
+from hapfmt.scenes.stylus import simulate
+
+TABLE = {"intact": 0, "usage": 1, "nonconforming": 2, "damaged": 3, "unsupported": 4}
+
+
+def run(*arguments: object, cwd: Path, stdin: bytes = b"") -> subprocess.CompletedProcess[bytes]:
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-m", "hapfmt", *map(str, arguments)],
+        cwd=cwd,
+        input=stdin,
+        capture_output=True,
+        check=False,
+        env={**os.environ, "COLUMNS": "200"},
+    )
+
+
+def run_json(*arguments: object, cwd: Path) -> tuple[int, Any]:
+    done = run(*arguments, "--json", cwd=cwd)
+    return done.returncode, json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """one.npz, one.hapf (texture), two.npz (two rates, gaps), flipped.hapf (one bit)."""
+    folder = tmp_path_factory.mktemp("cli")
+    one = simulate("sand", 1.0)
+    hapfmt.save(one, folder / "one.npz")
+    hapfmt.write(one, folder / "one.hapf", canonical=1)
+    x = np.array([1.0, 2.0, np.nan, 4.0, 4.0, 5.0])
+    two = hapfmt.Recording(
+        (
+            hapfmt.Channel.from_physical(x, 10, label="a", unit="N"),
+            hapfmt.Channel.from_physical(np.arange(50.0), 100, label="b", unit="m"),
+        )
+    )
+    hapfmt.save(two, folder / "two.npz")
+    data = bytearray((folder / "one.hapf").read_bytes())
+    data[len(data) // 2] ^= 1
+    (folder / "flipped.hapf").write_bytes(data)
+    return folder
+
+
+def test_help_names_every_verb(room: Path) -> None:
+    text = run("--help", cwd=room).stdout.decode()
+    assert all(verb in text for verb in VERBS)
+    for verb in VERBS:
+        done = run(verb, "--help", cwd=room)
+        assert done.returncode == 0 and b"Usage" in done.stdout
+
+
+def test_encode_verify_decode(room: Path, tmp_path: Path) -> None:
+    code, told = run_json("encode", room / "one.npz", "o.hapf", cwd=tmp_path)
+    assert code == 0 and told["file_size"] == (tmp_path / "o.hapf").stat().st_size
+    assert told["channels"][0]["guaranteed"]
+    code, report = run_json("verify", "o.hapf", "--against", room / "one.npz", cwd=tmp_path)
+    assert code == 0 and report["verdict"] == "intact"
+    contract = report["contracts"][0]
+    assert contract["outside_count"] == contract["missing_count"] == 0
+    assert 0 < contract["worst_ratio"] <= 1
+    assert run("decode", "o.hapf", "o.npz", cwd=tmp_path).returncode == 0
+    x, y = np.load(room / "one.npz")["x"], np.load(tmp_path / "o.npz")["x"]
+    assert 0 < np.abs(x - y).max() <= 0.002 * (x.max() - x.min())
+
+
+def test_a_step_of_one_count_gives_back_the_identical_array(room: Path, tmp_path: Path) -> None:
+    run("encode", room / "one.npz", "o.hapf", "--step", "1lsb", cwd=tmp_path)
+    run("decode", "o.hapf", "o.npz", cwd=tmp_path)
+    x, y = np.load(room / "one.npz")["x"], np.load(tmp_path / "o.npz")["x"]
+    assert x.tobytes() == y.tobytes()
+
+
+def test_pipes(room: Path) -> None:
+    coded = run(
+        "encode", "-", "-", "--from", "npz", cwd=room, stdin=(room / "one.npz").read_bytes()
+    )
+    assert coded.returncode == 0 and coded.stdout.startswith(b"\x8fHAP")
+    for verb in ("info", "verify", "du", "dump"):
+        assert run(verb, "-", cwd=room, stdin=coded.stdout).returncode == 0
+    text = run("decode", "-", "-", "--to", "csv", cwd=room, stdin=coded.stdout)
+    assert text.stdout.splitlines()[0] == b"t [s],normal force [N]"
+    assert len(text.stdout.splitlines()) == 1001
+
+
+def test_pipe_without_a_format_is_refused(room: Path) -> None:
+    done = run("encode", "-", "out.hapf", cwd=room, stdin=b"")
+    assert done.returncode == 1 and b"--from" in done.stderr
+
+
+def test_several_rates_and_gaps_come_back(room: Path, tmp_path: Path) -> None:
+    run("encode", room / "two.npz", "o.hapf", "--step", "1lsb", cwd=tmp_path)
+    run("decode", "o.hapf", "o.npz", cwd=tmp_path)
+    before, after = hapfmt.load(room / "two.npz"), hapfmt.load(tmp_path / "o.npz")
+    for a, b in zip(before.channels, after.channels, strict=True):
+        assert a.coverage == b.coverage and a.rate == b.rate and a.label == b.label
+        assert a.physical().tobytes() == b.physical().tobytes()
+
+
+def test_parts(room: Path, tmp_path: Path) -> None:
+    whole = hapfmt.read(room / "one.hapf").channels[0]
+    for band in ("full", "lf", "hf"):
+        done = run(
+            "decode", room / "one.hapf", f"{band}.npz", "--time", "0.25:0.5", "--band", band,
+            "--channels", "0", cwd=tmp_path,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    part = hapfmt.load(tmp_path / "full.npz").channels[0]
+    assert part.start_tick == 250 and part.values.size == 250
+    assert (part.physical() == whole.physical()[250:500]).all()
+    assert (
+        run("decode", room / "one.hapf", "x.npz", "--channels", "no", cwd=tmp_path).returncode == 1
+    )
+
+
+def test_existing_output_is_refused_without_force(room: Path, tmp_path: Path) -> None:
+    for arguments in (
+        ("encode", room / "one.npz", "o.hapf"),
+        ("decode", room / "one.hapf", "o.npz"),
+        ("convert", room / "one.npz", "o.csv"),
+        ("demo", "--seconds", "0.5", "--out", "d.hapf"),
+    ):
+        target = tmp_path / str(arguments[-1])
+        target.write_bytes(b"precious")
+        done = run(*arguments, cwd=tmp_path)
+        assert done.returncode == 1 and b"exists" in done.stderr, arguments
+        assert target.read_bytes() == b"precious"
+        assert run(*arguments, "--force", cwd=tmp_path).returncode == 0
+        assert target.read_bytes() != b"precious"
+    assert not list(tmp_path.glob(".*.tmp"))
+
+
+def test_a_failed_write_leaves_nothing(room: Path, tmp_path: Path) -> None:
+    done = run("decode", room / "one.hapf", "o.wav", "--time", "0:nonsense", cwd=tmp_path)
+    assert done.returncode == 1 and not list(tmp_path.iterdir())
+
+
+class TestExitCodes:
+    """VRD-001: A program that reads hapf files MUST end with the code of this table."""
+
+    READERS = ("info", "verify", "du", "dump", "decode")
+
+    def codes(self, path: Path, room: Path) -> dict[str, int]:
+        found = {}
+        for verb in self.READERS:
+            extra = ["-", "--to", "csv"] if verb == "decode" else []
+            found[verb] = run(verb, path, *extra, cwd=room).returncode
+        return found
+
+    def test_intact(self, room: Path) -> None:
+        assert set(self.codes(room / "one.hapf", room).values()) == {TABLE["intact"]}
+
+    def test_usage(self, room: Path) -> None:
+        assert run("info", "missing.hapf", cwd=room).returncode == TABLE["usage"]
+        assert run("info", cwd=room).returncode == TABLE["usage"]
+        assert run("nonsense", cwd=room).returncode == TABLE["usage"]
+        assert run("encode", "one.npz", "x.hapf", "--k", "x", cwd=room).returncode == TABLE["usage"]
+
+    def test_nonconforming(self, room: Path, tmp_path: Path) -> None:
+        path = tmp_path / "text.hapf"
+        path.write_bytes(b"this is no recording at all")
+        assert set(self.codes(path, room).values()) == {TABLE["nonconforming"]}
+
+    def test_damaged(self, room: Path) -> None:
+        codes = self.codes(room / "flipped.hapf", room)
+        assert codes["verify"] == codes["decode"] == codes["dump"] == TABLE["damaged"]
+
+    def test_unsupported(self, room: Path, tmp_path: Path) -> None:
+        from hapfmt.container.wire import build_chunk, parse_header
+
+        data = (room / "one.hapf").read_bytes()
+        header = parse_header(data[8:40], 8)
+        first = 8 + 32 + header.payload_size
+        strange = build_chunk("STRA", b"", file_id=header.file_id, sequence=1)
+        path = tmp_path / "future.hapf"
+        path.write_bytes(data[:first] + strange)
+        codes = self.codes(path, room)
+        assert codes["decode"] == codes["verify"] == codes["info"] == TABLE["unsupported"]
+
+
+def test_damage_is_told_and_the_rest_delivered(room: Path, tmp_path: Path) -> None:
+    done = run("decode", room / "flipped.hapf", "o.csv", cwd=tmp_path)
+    assert done.returncode == 3 and b"bad-packet" in done.stderr and b"lost" in done.stderr
+    assert (tmp_path / "o.csv").exists()
+    code, report = run_json("verify", room / "flipped.hapf", cwd=tmp_path)
+    assert code == 3 and report["lost"] and report["findings"][0]["offset"] > 0
+
+
+def test_errors_as_json(room: Path) -> None:
+    done = run("info", "missing.hapf", "--json", cwd=room)
+    assert json.loads(done.stdout)["exit_code"] == 1
+
+
+def test_du_adds_up(room: Path) -> None:
+    for name in ("one.hapf", "flipped.hapf"):
+        code, usage = run_json("du", room / name, cwd=room)
+        assert code == 0
+        assert sum(usage["causes"].values()) == usage["file"] == (room / name).stat().st_size
+        assert usage["payload"] == sum(t["packets_size"] for t in usage["tracks"])
+        assert all(size >= 0 for size in usage["causes"].values())
+
+
+def test_dump_is_canonical_json(room: Path) -> None:
+    a, b = (run("dump", "one.hapf", "--counts", cwd=room).stdout for _ in range(2))
+    chunks = json.loads(a)
+    assert a == b and chunks[-1] == {"findings": []}
+    assert [chunk["type"] for chunk in chunks[:-1]][0] == "HEAD"
+    numbers = [p["numbers"] for c in chunks[:-1] for p in c.get("packets", ()) if p["track"] == 0]
+    assert sum(map(len, numbers)) == 1000
+
+
+def test_convert_to_every_format_and_back(room: Path, tmp_path: Path) -> None:
+    pytest.importorskip("soundfile")
+    before = hapfmt.load(room / "one.npz").channels[0].physical()
+    for suffix in ("csv", "wav", "npy", "npz"):
+        assert run("convert", room / "one.npz", f"o.{suffix}", cwd=tmp_path).returncode == 0
+        rate = 1000 if suffix == "npy" else None
+        after = hapfmt.load(tmp_path / f"o.{suffix}", rate=rate).channels[0].physical()
+        assert (before == after).all()
+    assert run("convert", "o.csv", "o.hapf", cwd=tmp_path).returncode == 0
+    assert run("convert", "o.hapf", "p.hapf", cwd=tmp_path).returncode == 1
+
+
+def test_demo(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    code, told = run_json(
+        "demo", "--texture", "stone", "--seconds", "2", "--plot", "d.png", "--out", "d.hapf",
+        cwd=tmp_path,
+    )  # fmt: skip
+    assert code == 0
+    assert [row["bits"] for row in told["settings"]] == [0, 2, 5, 8]
+    sizes = [row["file_size"] for row in told["settings"]]
+    assert sizes == sorted(sizes)
+    assert (tmp_path / "d.png").read_bytes().startswith(b"\x89PNG")
+    assert hapfmt.verify(tmp_path / "d.hapf").verdict == "intact"
+
+
+def test_text_from_a_file_cannot_steer_the_terminal(tmp_path: Path) -> None:
+    channel = hapfmt.Channel(np.zeros(3, np.int32), 1, calibration=hapfmt.Calibration(),
+                             label="\x1b[2Jevil")  # fmt: skip
+    hapfmt.write(hapfmt.Recording((channel,)), tmp_path / "e.hapf")
+    for verb in ("info", "du", "verify"):
+        assert b"\x1b" not in run(verb, "e.hapf", cwd=tmp_path).stdout
+
+
+def test_a_broken_pipe_is_quiet(room: Path) -> None:
+    script = f'"{sys.executable}" -m hapfmt dump one.hapf --counts | head -c 10 >/dev/null'
+    done = subprocess.run(["sh", "-c", script], cwd=room, capture_output=True, check=False)
+    assert done.stderr == b""

@@ -1,0 +1,159 @@
+# ruff: noqa: E501
+"""Every refusal says what, where and which rule; no two faults share a message."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+from faults import FAULTS, Fault
+from spec import REQUIREMENTS, ROOT
+from test_architecture import DECODE_SIDE
+
+from hapfmt.errors import FormatError, HapfmtError
+
+ELSEWHERE = {"REC-005", "LIM-003"}
+"""Refusals whose input is too large for a table."""
+
+
+def caught(fault: Fault) -> HapfmtError:
+    with pytest.raises(HapfmtError) as error:
+        fault.call()
+    return error.value
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.requirement} {fault.name}")
+def test_rule_and_place(fault):
+    """
+    FIL-001: A file MUST begin with the signature.
+    FIL-002: The first chunk MUST start at offset 8, and each other chunk directly after the payload of the one before it.
+    CHK-001: The sync word MUST be `F9 48 8B 1C`.
+    CHK-002: `header_crc` MUST be the CRC-32 of bytes 0 to 27 of the header, and a reader MUST use no field of a header whose CRC differs.
+    CHK-008: The payload MUST NOT be longer than the level allows (clause 15).
+    HED-001: `HEAD` MUST be the first chunk.
+    HED-002: `HEAD` MUST hold the fixed layout and then whole TLVs.
+    HED-003: `file_id` in `HEAD` MUST equal that of its header.
+    HED-004: `level` MUST be 1 or 2; a reader reports another level as *unsupported*.
+    HED-005: Bytes called `reserved`, here and in every other layout, MUST be 0.
+    TLV-001: TLVs MUST stand in strictly increasing order of their type.
+    TLV-002: A TLV MUST end within its chunk, and no byte may be left over after the last one.
+    TLV-004: A list MUST have one entry, which speaks for all components, or one entry for each component of each track: the components of the first track, then those of the second, and so on.
+    TLV-005: Both numbers of a deviation MUST be finite, and `largest` at most `declared`.
+    TRK-002: `track_count`, `component_count`, `rate_num`, `rate_den` MUST be at least 1, and `track_count * component_count` at most 255.
+    TRK-003: Track ids MUST be at most 65533, and a track MUST be described once; a repeated `TRAK` chunk is equal to the first in every byte of its payload.
+    TRK-005: `count_min` MUST be at most `count_max`, and both MUST fit the width that the level allows for the kind (clause 15).
+    TRK-006: A track whose number format is not counts MUST be of kind full band, with codec `RAWB`, count_min and count_max 0, no calibration and no deadband contract.
+    TRK-007: An HF track MUST name a base track that is described before it, is of kind LF, and has the same component count, rate and first channel; no two HF tracks have the same base.
+    TRK-008: `base` MUST be 0xFFFF in tracks of other kinds.
+    TRK-009: An HF track MUST carry no TLV of types 2 to 14 and 18: it has those of its base.
+    TRK-010: Channel numbers MUST be different for different components, and those of all tracks that are not HF together are 0, 1, 2 ... without a hole once the file is closed.
+    DAT-001: `packet_count` MUST be at least 1 and at most what the level allows.
+    DAT-002: Entries MUST stand in increasing order of (track, start).
+    DAT-003: `span` MUST be at least 1 and at most what the level allows, and `start + span` at most 2^48.
+    DAT-005: The packets MUST fill the rest of the payload to its last byte.
+    DAT-008: A packet MUST belong to a track that is described.
+    IDX-001: The payload MUST be as long as the header and `entry_count` entries.
+    IDX-002: The entries MUST list every chunk but `iNDX` and `fOOT` whose offset is at least `covers_from` and less than that of the index itself, in order of their offsets.
+    IDX-004: Unless `covers_from` is 8, `previous` MUST point to an `iNDX` chunk with a smaller offset, at or after `covers_from`.
+    IDX-005: A writer MUST write an index at least once in 4 MiB of chunks that were not indexed yet, and before `fOOT`; a live writer also every 10 seconds.
+    IDX-006: For a `DATA` chunk `start_ns` MUST NOT be later than its earliest sample and `stop_ns` not earlier than the end of its latest; times beyond the range of i64 are set to its ends.
+    FOT-001: The payload MUST be as long as the layout, and `stop_offset` the offset of its own end.
+    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it.
+    FOT-003: `data_count` and `track_count` MUST be true.
+    MET-001: The payload MUST be one JSON object (RFC 8259) in UTF-8, nested at most 64 deep.
+    ATT-001: Name and media type MUST lie within the payload, and the name MUST NOT be empty.
+    DGS-001: The payload MUST be a positive multiple of 32 bytes, and the tracks MUST be described before it.
+    VAL-001: D MUST be at least 1 and at most 2^53, A MUST NOT be 0, and `|A|` and `|B|` are at most 2^53.
+    VAL-002: `|count * A + B|` MUST be at most 2^53 for every count from count_min to count_max.
+    COD-001: A decoder MUST use up all bytes of a packet, and report an error where bytes are missing or left over.
+    DBC-001: `kd` and every `floor` MUST be at least 1, and undefined flag bits 0.
+    KNT-001: `interpolation` MUST be 0 or 1, and `quantum` at least 1 and at most what the level allows as step.
+    KNT-002: There MUST be at least one knot, and a knot MUST be whole.
+    KNT-003: The difference of ticks MUST be at least 1.
+    KNT-004: The magnitude of every knot's count MUST be at most the level's count bound (clause 15).
+    KNT-005: Hold: the tick of every knot MUST be less than `span`.
+    KNT-006: Linear with more than one knot: the last knot's tick MUST be at least `span - 1` and at most 2^24, and the tick of each other knot less than `span - 1`.
+    QNT-001: `step` MUST be at least 1 and at most what the level allows, and `2M + R + C + 1` at most 4096, R at most 24 and C at most 32.
+    QNT-002: The codebook MUST NOT describe more symbols than there are.
+    QNT-003: The code words MUST be complete: over the symbols that have one, 2^-length adds up to 1; or exactly one symbol has one, and its length is 1.
+    QNT-004: Runs MUST NOT pass the end of the last component.
+    QNT-005: The packet MUST end with the byte that holds the last bit, and the bits that fill it MUST be 0.
+    QNT-006: The magnitude of level times step MUST be at most twice the level's count bound (clause 15).
+    RAW-001: `word_size` MUST be 1, 2, 3 or 4 for counts, and the size of the number format for words.
+    RAW-002: The method MUST be 0 or 1.
+    RAW-003: The bytes MUST be exactly `span * component_count * word_size`; a decoder stops inflating there.
+    RAW-004: The DEFLATE stream MUST be whole and end with the packet.
+    LIM-001: A file MUST keep the limits of its level.
+    LIM-003: A reader MAY have lower limits of its own, and MUST then report *unsupported*, not damage.
+    """
+    error = caught(fault)
+    assert (error.requirement, error.offset) == (fault.requirement, fault.offset)
+
+
+def test_each_quoted_rule_has_a_fault():
+    quoted = set(re.findall(r"^\s*([A-Z]{3}-\d{3}): ", test_rule_and_place.__doc__, re.M))
+    assert quoted <= {fault.requirement for fault in FAULTS}
+
+
+def test_faults_break_one_rule_each():
+    rules = defaultdict(set)
+    for fault in FAULTS:
+        error = caught(fault)
+        rules[re.sub(r"\d+", "0", error.message)].add(error.requirement)
+    shared = {message: ids for message, ids in rules.items() if len(ids) > 1}
+    # A payload above level 2 is no chunk; between the levels it breaks the level of the file.
+    assert shared == {"payload size 0 is above 0 (level 0)": {"CHK-008", "LIM-001"}, **STEPS}
+
+
+STEPS = {"step 0 is above 0 (level 0)": {"KNT-001", "QNT-001"}}
+
+
+def raise_sites() -> list[tuple[str, str, str]]:
+    """(module, rule, pattern of the message) of every error that names a rule."""
+    sites = []
+    for name in DECODE_SIDE:
+        path = ROOT / "hapfmt" / f"{name.replace('.', '/')}.py"
+        for node in ast.walk(ast.parse(Path(path).read_text(encoding="utf-8"))):
+            if not (isinstance(node, ast.Call) and node.args):
+                continue
+            for keyword in node.keywords:
+                if keyword.arg == "requirement" and isinstance(keyword.value, ast.Constant):
+                    sites.append((name, keyword.value.value, pattern_of(node.args[0])))
+    return sites
+
+
+def pattern_of(node: ast.expr) -> str:
+    if isinstance(node, ast.JoinedStr):
+        parts = (re.escape(p.value) if isinstance(p, ast.Constant) else ".*" for p in node.values)
+        return "".join(parts)
+    return re.escape(node.value) if isinstance(node, ast.Constant) else ".*"
+
+
+def test_every_refusal_is_in_the_table():
+    seen = [(error.requirement, error.message) for error in map(caught, FAULTS)]
+    sites = raise_sites()
+    assert len(sites) > 80
+    missing = [
+        (module, rule, pattern)
+        for module, rule, pattern in sites
+        if rule not in ELSEWHERE
+        and not any(rule == id_ and re.fullmatch(pattern, text, re.S) for id_, text in seen)
+    ]
+    assert missing == []
+
+
+def test_rules_are_in_the_spec():
+    assert {fault.requirement for fault in FAULTS} <= REQUIREMENTS.keys()
+
+
+def test_an_error_names_file_place_and_rule():
+    error = FormatError("knot ticks not increasing", requirement="KNT-003", offset=0x1F3)
+    assert str(error.at(path="a.hapf")) == "a.hapf:0x1f3: knot ticks not increasing [KNT-003]"
+    assert error.at(offset=5, path="b").offset == 0x1F3
+
+
+def test_exit_codes():
+    assert [kind.exit_code for kind in (HapfmtError, FormatError)] == [1, 2]
