@@ -22,8 +22,9 @@ from .container.index import (
     parse_foot,
     parse_index,
 )
+from .container.series import parse_series
 from .container.source import Source
-from .container.track import Track, add_series, parse_series
+from .container.track import Track, add_series
 from .container.walk import Chunk, Finding, read_chunk, walk
 from .container.wire import HEADER_SIZE, SIGNATURE, ChunkHeader, Head, parse_head
 from .errors import FormatError, HapfmtError, UnsupportedError
@@ -273,7 +274,9 @@ def take_chunk(catalogue: Catalogue, chunk: Chunk) -> ChunkRef | None:
     catalogue.level.check("payload_size", header.payload_size, "LIM-001", chunk.offset)
     if header.type == "TRAK":
         add_series(
-            catalogue.tracks, parse_series(chunk.payload, header.track, catalogue.level, offset)
+            catalogue.tracks,
+            parse_series(chunk.payload, header.track, catalogue.level, offset),
+            damaged=catalogue.damaged,
         )
     elif header.type == "mETa":
         catalogue.metadata.update(parse_metadata(chunk.payload, offset))

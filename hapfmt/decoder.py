@@ -13,7 +13,7 @@ from .codecs.quantised import QuanParameters, decode_quantised
 from .codecs.raw import RawParameters, decode_raw
 from .container.cluster import Packet
 from .container.track import Track
-from .errors import HapfmtError, UnsupportedError
+from .errors import FormatError, HapfmtError, UnsupportedError
 from .limits import Level
 from .recording import Span
 
@@ -53,6 +53,7 @@ class TrackDecoder:
                 )
                 if track.number_format != "counts":
                     return numbers
+                self.check_range(numbers, packet.offset)
             elif isinstance(parameters, KnotParameters):
                 numbers = decode_knots(
                     packet.data, parameters, packet.span, size, self.level, packet.offset
@@ -67,6 +68,14 @@ class TrackDecoder:
             np.int32
         )
         return clamped
+
+    def check_range(self, numbers: NDArray[Any], offset: int) -> None:
+        """RAW-005."""
+        low, high = self.track.count_min, self.track.count_max
+        if numbers.min() < low or numbers.max() > high:
+            raise FormatError(
+                "a raw count outside the declared range", requirement="RAW-005", offset=offset
+            )
 
 
 class TrackDigest:

@@ -11,8 +11,9 @@ from .catalogue import Catalogue, open_catalogue
 from .container.cluster import Packet, parse_cluster, salvage_cluster
 from .container.extras import parse_attachment, parse_metadata
 from .container.index import parse_foot, parse_index
+from .container.series import parse_series
 from .container.source import Source
-from .container.track import Component, Track, parse_series
+from .container.track import Component, Track
 from .container.walk import Chunk, Finding, walk
 from .container.wire import parse_head
 from .errors import HapfmtError

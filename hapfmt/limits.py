@@ -53,11 +53,21 @@ class Limits:
     """What the caller is ready to spend on a file; more is *unsupported*, not damage (LIM-003).
 
     ``samples``: decoded samples held at once, 8 bytes each at most. ``packet_samples``: samples of
-    one packet, which takes about 64 bytes each while it is decoded.
+    one packet, which takes about 64 bytes each while it is decoded. ``work_samples``: samples
+    decoded in one pass, held or not (108 hours of 22 channels at 1 kHz).
     """
 
     samples: int = 1 << 28
     packet_samples: int = 1 << 24
+    work_samples: int = 1 << 33
+
+    def check_work(self, value: int) -> None:
+        if value > self.work_samples:
+            raise LimitError(
+                f"more than {self.work_samples} samples in one pass: "
+                "raise Limits(work_samples=...)",
+                requirement="LIM-003",
+            )
 
     def check_packet(self, value: int) -> None:
         if value > self.packet_samples:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from fractions import Fraction
 from types import TracebackType
 from typing import Any, BinaryIO, Literal, NamedTuple
@@ -12,31 +11,21 @@ from uuid import UUID
 
 from numpy.typing import NDArray
 
-from .catalogue import Catalogue, ChannelRef, ChunkRef, open_catalogue
-from .container.cluster import Packet, parse_cluster, salvage_cluster
+from .catalogue import Catalogue, ChannelRef, open_catalogue
+from .container.cluster import Packet
 from .container.extras import Attachment
 from .container.source import open_source
 from .container.track import Track
-from .container.walk import Finding, read_chunk
+from .container.walk import Finding
 from .decoder import TrackDecoder
 from .errors import ChecksumError, FormatError, ParameterError, TruncatedError
 from .limits import Limits
+from .packets import LostSpan, PacketPass, Seconds, tick_range
 from .reconstruct import Decoded, add_residual, build_channel
 from .recording import Recording
 
 Band = Literal["full", "lf", "hf"]
 BANDS: tuple[Band, ...] = ("full", "lf", "hf")
-TAIL_LOSSES = frozenset({"missing-chunk", "truncated", "garbage", "duplicate-chunk"})
-"""Findings after the last DATA chunk that may have been packets."""
-Seconds = Fraction | float | int
-
-
-class LostSpan(NamedTuple):
-    """Ticks of a track that damage took: start <= t < stop; stop None: nobody knows how many."""
-
-    track: int
-    start: int
-    stop: int | None
 
 
 class Piece(NamedTuple):
@@ -45,14 +34,6 @@ class Piece(NamedTuple):
     track: Track
     start: int
     numbers: NDArray[Any]
-
-
-@dataclass
-class Progress:
-    """Where a pass over the packets stands, per track."""
-
-    last_stop: dict[int, int] = field(default_factory=dict)
-    broken: set[int] = field(default_factory=set)
 
 
 class Reader:
@@ -219,10 +200,21 @@ class Reader:
             raise self.catalogue.unsupported
         ranges = {t.id: tick_range(t.rate, start, stop) for t in tracks}
         decoders = {t.id: TrackDecoder(t, self.catalogue.level, self.source.path) for t in tracks}
+        work = 0
         for packet in self.packets(ranges, start, stop, progress):
             decoder = decoders[packet.track]
-            self.limits.check_packet(packet.span * len(decoder.track.components))
-            numbers = decoder.decode(packet)
+            samples = packet.span * len(decoder.track.components)
+            work += samples
+            self.limits.check_packet(samples)
+            self.limits.check_work(work)
+            try:
+                numbers = decoder.decode(packet)
+            except FormatError as error:
+                if not self.catalogue.damaged:
+                    raise
+                # In a damaged file a broken rule is part of the damage (SPEC clause 12).
+                self.lose_packet(packet, error)
+                continue
             first, last = ranges[packet.track]
             a, b = max(first - packet.start, 0), min(last - packet.start, packet.span)
             yield Piece(decoder.track, packet.start + a, numbers[a:b])
@@ -234,110 +226,17 @@ class Reader:
         stop: Seconds | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> Iterator[Packet]:
-        """Packets of the tracks in ``ranges`` that overlap their tick range, CRCs checked."""
-        self.lost.clear()
-        state = Progress()
-        refs = [ref for ref in self.catalogue.data if overlaps(ref, start, stop)]
-        found = {ref.sequence for ref in self.catalogue.chunks if ref.sequence is not None}
-        previous: ChunkRef | None = None
-        for done, ref in enumerate(refs):
-            if self.missing(found, previous, ref):
-                state.broken.update(ranges)
-            previous = ref
-            for packet in self.cluster(ref, state, set(ranges)):
-                if packet.track not in ranges:
-                    continue
-                if not self.settle(packet, state):
-                    continue
-                first, last = ranges[packet.track]
-                if packet.start < last and packet.stop > first:
-                    yield packet
-            if progress:
-                progress(done + 1, len(refs))
-        if self.missing(found, previous, None):
-            state.broken.update(ranges)
-        for track in sorted(state.broken & set(ranges)):
-            self.lost.append(LostSpan(track, state.last_stop.get(track, 0), None))
+        """Packets of the tracks in ``ranges``, {id: (first tick, tick after the last)}, that
+        overlap their range, CRCs checked; nothing is decoded."""
+        current = PacketPass(self.catalogue, self.refuse_damage)
+        self.lost = current.lost
+        return current.packets(ranges, start, stop, progress)
 
-    def missing(self, found: set[int], before: ChunkRef | None, after: ChunkRef | None) -> bool:
-        """Whether chunks were lost between two DATA chunks; ``found`` are the sequence numbers of
-        the chunks whose header holds."""
-        if self.catalogue.indexed or not self.catalogue.damaged:
-            return False
-        if after is None or after.sequence is None:
-            end = before.offset if before else -1
-            return any(f.code in TAIL_LOSSES and f.offset > end for f in self.findings)
-        low = -1 if before is None or before.sequence is None else before.sequence
-        return any(number not in found for number in range(low + 1, after.sequence))
-
-    def cluster(self, ref: ChunkRef, state: Progress, wanted: set[int]) -> Iterator[Packet]:
-        """The packets of one DATA chunk; damaged ones are reported instead."""
-        catalogue = self.catalogue
-        chunk = read_chunk(self.source, ref.offset)
-        if chunk is None or chunk.header.type != "DATA":
-            # Only an index can lead here: what it says is not so (IDX-003).
-            catalogue.lose(
-                "bad-index", ref.offset, 0, "no DATA chunk where the index has one", "IDX-003"
-            )
-            self.refuse_damage()
-            state.broken.update(wanted)
-            return
-        at, size = chunk.payload_offset, len(chunk.payload)
-        if chunk.intact:
-            try:
-                yield from parse_cluster(chunk.payload, catalogue.tracks, catalogue.level, at)
-                return
-            except FormatError as error:
-                if not catalogue.damaged:
-                    raise error.at(path=self.source.path) from None
-        elif catalogue.indexed:
-            catalogue.lose(
-                "bad-payload",
-                ref.offset,
-                size + 32,
-                "payload CRC of a DATA chunk differs",
-                "CHK-003",
-            )
-            self.refuse_damage()
-        for item in salvage_cluster(chunk.payload, catalogue.tracks, catalogue.level, at):
-            if isinstance(item, Packet):
-                yield item
-            elif item is None:
-                catalogue.lose("bad-table", at, size, "the packet table cannot be read", "REC-003")
-                state.broken.update(wanted)
-            else:
-                catalogue.lose(
-                    "bad-packet", item.offset, item.size,
-                    f"a packet, perhaps of track {item.track}, is damaged", "DAT-004",
-                )  # fmt: skip
-                # The entry itself may be what is damaged: any track may have lost something.
-                state.broken.update(wanted)
-
-    def settle(self, packet: Packet, state: Progress) -> bool:
-        """Order of time (DAT-006), and what was lost before this packet; False: leave it out."""
-        last = state.last_stop.get(packet.track, 0)
-        if packet.start < last:
-            if not self.catalogue.damaged:
-                raise FormatError(
-                    f"packets of track {packet.track} overlap",
-                    requirement="DAT-006",
-                    offset=packet.offset,
-                    path=self.source.path,
-                )
-            self.catalogue.lose(
-                "overlap",
-                packet.offset,
-                len(packet.data),
-                f"a packet of track {packet.track} covers ticks that were delivered before",
-                "DAT-006",
-            )
-            return False
-        if packet.track in state.broken:
-            if packet.start > last:
-                self.lost.append(LostSpan(packet.track, last, packet.start))
-            state.broken.discard(packet.track)
-        state.last_stop[packet.track] = packet.stop
-        return True
+    def lose_packet(self, packet: Packet, error: FormatError) -> None:
+        size = len(packet.data)
+        rule = error.requirement or "COD-001"
+        self.catalogue.lose("bad-packet", packet.offset, size, error.message, rule)
+        self.lost.append(LostSpan(packet.track, packet.start, packet.stop))
 
 
 def wanted_tracks(chosen: Sequence[ChannelRef], band: Band) -> list[Track]:
@@ -349,27 +248,6 @@ def wanted_tracks(chosen: Sequence[ChannelRef], band: Band) -> list[Track]:
         if band != "lf" and ref.residual is not None:
             tracks[ref.residual.id] = ref.residual
     return list(tracks.values())
-
-
-def tick_range(rate: Fraction, start: Seconds | None, stop: Seconds | None) -> tuple[int, int]:
-    """Ticks from ceil(start * rate) to ceil(stop * rate), exactly (SPEC clause 7)."""
-
-    def tick(seconds: Seconds) -> int:
-        product = Fraction(seconds) * rate
-        return -(-product.numerator // product.denominator)
-
-    return (
-        0 if start is None else max(tick(start), 0),
-        1 << 62 if stop is None else tick(stop),
-    )
-
-
-def overlaps(ref: ChunkRef, start: Seconds | None, stop: Seconds | None) -> bool:
-    if ref.start_ns is None or ref.stop_ns is None:
-        return True
-    after = stop is not None and Fraction(stop) * 10**9 <= ref.start_ns
-    before = start is not None and Fraction(start) * 10**9 >= ref.stop_ns
-    return not (after or before)
 
 
 def read(

@@ -70,8 +70,10 @@ class Calibration:
         return Fraction(int(count) * self.a + self.b, self.d)
 
     def covers(self, low: int, high: int) -> bool:
-        """Whether every count in [low, high] keeps ``|count * a + b|`` within 2**53."""
-        return max(abs(low * self.a + self.b), abs(high * self.a + self.b)) <= EXACT_LIMIT
+        """Whether every count in [low, high] keeps ``|count * a|`` and ``|count * a + b|`` within
+        2**53 (SPEC VAL-002)."""
+        ends = (low * self.a, high * self.a)
+        return max(max(abs(end), abs(end + self.b)) for end in ends) <= EXACT_LIMIT
 
     def physical(self, counts: NDArray[Any]) -> NDArray[np.float64]:
         """Counts (any shape, integers) to physical values (float64, same shape)."""
@@ -115,6 +117,7 @@ class Channel:
     def __post_init__(self) -> None:
         if self.values.ndim != 1:
             raise ParameterError("a channel's values are one-dimensional")
+        object.__setattr__(self, "rate", Fraction(self.rate))
         if self.rate <= 0:
             raise ParameterError("a channel's rate is positive")
         if self.calibration is not None and self.values.dtype.kind not in "iu":

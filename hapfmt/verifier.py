@@ -45,8 +45,8 @@ class Report:
         return VERDICTS[self.exit_code]
 
     def worsen(self, code: int) -> None:
-        """Nonconforming before unsupported before damaged before intact."""
-        order = (INTACT, DAMAGED, UNSUPPORTED, NONCONFORMING)
+        """Damage before broken rules before unknown parts (SPEC clause 14)."""
+        order = (INTACT, UNSUPPORTED, NONCONFORMING, DAMAGED)
         self.exit_code = max(self.exit_code, code, key=order.index)
 
     def as_json(self) -> dict[str, Any]:
@@ -128,7 +128,8 @@ def check_structure(catalogue: Catalogue) -> None:
     if foot.index_offset != last_index:
         raise FormatError("footer names another index", requirement="FOT-002", offset=at)
     counts = (len(catalogue.data), len(catalogue.tracks))
-    if (foot.data_count, foot.track_count) != counts:
+    stop_ns = max((ref.stop_ns or 0 for ref in catalogue.data), default=0)
+    if (foot.data_count, foot.track_count, foot.duration_ns) != (*counts, stop_ns):
         raise FormatError("footer counts differ", requirement="FOT-003", offset=at + 16)
     numbers = [channel.number for channel in catalogue.channels]
     if numbers != list(range(len(numbers))):
@@ -145,39 +146,43 @@ def check_packets(
     """Decode all that is supported, and compare digests."""
     catalogue = reader.catalogue
     known = [track for track in catalogue.tracks.values() if not track.unsupported]
-    digests = {track.id: TrackDigest() for track in known}
+    wanted = stored_digests(catalogue)
+    digests = {id_: TrackDigest() for id_ in wanted}
     for piece in reader.pieces(known, progress=progress):
         report.packets += 1
         report.samples += piece.numbers.size
-        digests[piece.track.id].update(piece.start, piece.numbers)
-    for ref in catalogue.chunks:
-        # Where samples are lost the digests cannot hold: that is said already.
-        if ref.type != "dGST" or catalogue.damaged:
-            continue
-        chunk = read_chunk(catalogue.source, ref.offset)
-        if chunk is None or not chunk.intact:
-            continue
-        first, size = chunk.header.track, len(chunk.payload)
-        ids = range(first, first + size // 32)
-        if not size or size % 32 or any(id_ not in catalogue.tracks for id_ in ids):
-            raise FormatError(
-                "digests of no whole number of known tracks",
-                requirement="DGS-001",
-                offset=chunk.payload_offset,
-            )
-        for place, id_ in enumerate(ids):
-            wanted = chunk.payload[32 * place : 32 * place + 32]
-            if id_ in digests and digests[id_].digest() != wanted:
-                catalogue.lose(
-                    "bad-digest",
-                    chunk.payload_offset + 32 * place,
-                    32,
-                    f"track {id_} decodes to other numbers than were written",
-                    "DGS-002",
-                )
-            report.digests += 1
+        if piece.track.id in digests:
+            digests[piece.track.id].update(piece.start, piece.numbers)
+    report.digests = len(wanted)
+    for id_, (offset, digest) in wanted.items():
+        if not catalogue.tracks[id_].unsupported and digests[id_].digest() != digest:
+            message = f"track {id_} decodes to other numbers than were written"
+            catalogue.lose("bad-digest", offset, 32, message, "DGS-002")
     for track in catalogue.tracks.values():
         if track.unsupported:
             raise UnsupportedError(
                 f"track {track.id} needs {track.unsupported}", offset=track.offset
             )
+
+
+def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:
+    """The last digest of each track and its offset (SPEC 6.9).
+
+    None in a damaged file: where samples are lost digests cannot hold, and that is said already.
+    """
+    found: dict[int, tuple[int, bytes]] = {}
+    for ref in catalogue.chunks:
+        if ref.type != "dGST" or catalogue.damaged:
+            continue
+        chunk = read_chunk(catalogue.source, ref.offset)
+        if chunk is None:
+            continue
+        at, size = chunk.payload_offset, len(chunk.payload)
+        ids = range(chunk.header.track, chunk.header.track + size // 32)
+        if not size or size % 32 or any(id_ not in catalogue.tracks for id_ in ids):
+            raise FormatError(
+                "digests of no whole number of known tracks", requirement="DGS-001", offset=at
+            )
+        for place, id_ in enumerate(ids):
+            found[id_] = at + 32 * place, chunk.payload[32 * place : 32 * place + 32]
+    return found

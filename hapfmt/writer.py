@@ -25,7 +25,8 @@ from .container.index import (
     ceil_ns,
     floor_ns,
 )
-from .container.track import Track, build_series, series_of
+from .container.series import build_series
+from .container.track import Track, series_of
 from .container.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk
 from .decoder import TrackDecoder, TrackDigest
 from .encoder.encode import Decision, Encoded, encode

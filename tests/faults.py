@@ -197,7 +197,7 @@ FAULTS = [
     Fault("TRK-009", 100, "HF with a label", series(f.tlv(2, f.strings("")), kind=2, base=0)),
     Fault("TRK-010", 124, "channel 65535", series(first_channel=65535)),
     Fault("TRK-010", 124, "channel taken", added(f.trak(), f.trak())),
-    Fault("TRK-010", END + 32 + 20 + 3 * 28 + 32, "a hole", judged(
+    Fault("TRK-010", END + 168, "a hole", judged(
         f.closed(HEAD, ("TRAK", f.trak(first_channel=1), {"track": 0}), DATA))),
     # 6.4
     Fault("DAT-001", 100, "no packet", cluster(b"\0")),
@@ -210,7 +210,7 @@ FAULTS = [
     Fault("DAT-005", 105, "table cut short", cluster(b"\1\0\0\0\1")),
     Fault("DAT-005", 101, "packet cut short", cluster(b"\1" + f.entry(0, 1, 0, 1))),
     Fault("DAT-005", 109, "a byte too much", cluster(f.cluster((0, 0, 1, b"")) + b"\0")),
-    Fault("DAT-006", END - 1, "overlap", judged(
+    Fault("DAT-006", DATA_AT + 32 + 18, "overlap", judged(
         f.file(HEAD, TRACK, ("DATA", f.cluster((0, 0, 4, b"\0"), (0, 3, 4, b"\0")))))),
     Fault("DAT-008", 101, "unknown track", cluster(f.cluster((9, 0, 1, b"")))),
     Fault("DAT-008", 8 + 32 + 48 + 32 + 1, "track not described", judged(f.file(HEAD, DATA))),
@@ -229,9 +229,9 @@ FAULTS = [
     Fault("IDX-006", 100, "stops too early", listed(("HEAD", 8, 0, 0), ("DATA", 88, 5, 8))),
     Fault("FOT-001", 100, "footer cut short", lambda: parse_foot(b"", AT)),
     Fault("FOT-001", 108, "another end", lambda: parse_foot(bytes(32), AT)),
-    Fault("FOT-002", END + 200, "another index", judged(f.minimal(index_offset=8))),
-    Fault("FOT-003", END + 216, "clusters", judged(f.minimal(data_count=2))),
-    Fault("FOT-003", END + 216, "tracks", judged(f.minimal(track_count=2))),
+    Fault("FOT-002", END + 168, "another index", judged(f.minimal(index_offset=8))),
+    Fault("FOT-003", END + 184, "clusters", judged(f.minimal(data_count=2))),
+    Fault("FOT-003", END + 184, "tracks", judged(f.minimal(track_count=2))),
     # 6.7 to 6.9
     Fault("MET-001", 100, "no JSON", lambda: parse_metadata(b"", AT)),
     Fault("MET-001", 100, "no object", lambda: parse_metadata(b"[]", AT)),
@@ -294,7 +294,7 @@ FAULTS = [
     Fault("QNT-005", 101, "a byte too much", levels(b"\0\0", 4)),
     Fault("QNT-005", 100, "filled with ones", levels(b"\x01", 3)),
     Fault("QNT-006", 100, "level times step",
-          levels(b"\x20", 1, f.quan_parameters(b"\x33\x33\x33\x33", c=7, step=2**24))),
+          levels(b"\x60", 1, f.quan_parameters(b"\x33\x33\x33\x33", c=7, step=2**24))),
     Fault("COD-001", 100, "bytes that nothing needs", levels(b"\0", 1, f.quan_parameters(b"\x10"))),
     Fault("COD-001", 101, "levels missing", levels(b"\0", 5)),
     # 9.3

@@ -32,9 +32,9 @@ levels = st.sampled_from(list(LEVELS.values()))
 rates = st.sampled_from(
     [Fraction(1000), Fraction(44100), Fraction(1), Fraction(1, 3600), Fraction(30000, 1001)]
 ) | st.builds(Fraction, st.integers(1, 2**32 - 1), st.integers(1, 2**32 - 1))
-texts = st.sampled_from(["", "x", "force_z", "Kraft µN", "😀", "a" * 255, "\x1b[2J", "\n"]) | st.text(
-    st.characters(codec="utf-8", exclude_characters="\0"), max_size=12
-)
+texts = st.sampled_from(
+    ["", "x", "force_z", "Kraft µN", "😀", "a" * 255, "\x1b[2J", "\n"]
+) | st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)
 jsons = st.recursive(
     st.none() | st.booleans() | i64s | st.floats(allow_nan=False, allow_infinity=False) | texts,
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
@@ -412,7 +412,9 @@ def recordings(draw):
 def encoder_settings(draw):
     """Presets, bits or step, hold or linear, clusters short and long, with and without digests."""
     quantiser = draw(st.sampled_from([{}, {"bits": 0}, {"bits": 5}, {"step": Tolerance(1, "lsb")}]))
-    floors = st.sampled_from([Tolerance(0.5, "lsb"), Tolerance(10, "lsb"), Tolerance(0.01, "range")])
+    floors = st.sampled_from(
+        [Tolerance(0.5, "lsb"), Tolerance(10, "lsb"), Tolerance(0.01, "range")]
+    )
     return Settings(
         weber=draw(st.sampled_from([Fraction(0), Fraction(1, 10), Fraction(3, 2)])),
         floor=draw(floors),

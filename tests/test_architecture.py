@@ -15,10 +15,11 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-DECODE_SIDE = sorted(
-    name for name in MODULES if name.split(".")[0] in ("container", "codecs")
-) + """catalogue reader decoder reconstruct verifier contract deadband usage dump recording limits
+DECODE_SIDE = (
+    sorted(name for name in MODULES if name.split(".")[0] in ("container", "codecs"))
+    + """catalogue reader decoder reconstruct verifier contract deadband usage dump recording limits
 errors integers atomic""".split()
+)
 ENCODE_SIDE = ("encoder", "writer", "scenes", "plotting", "cli", "convert")
 ONLY_IN = {
     "construct": ("container.layout", "container.wire", "container.track"),
@@ -34,11 +35,9 @@ HEAVY = {"numpy", "scipy", "construct", "click", "rich", "matplotlib", "soundfil
 
 def imports(name: str) -> set[str]:
     """Modules that a module names in any import; those of the package as in MODULES."""
-    path = MODULES[name]
-    package = ("hapfmt." + name).split(".")[:-1] if path.name != "__init__.py" else None
-    here = package or ("hapfmt." + name.removesuffix("__init__").rstrip(".")).rstrip(".").split(".")
+    here = f"hapfmt.{name}".split(".")[:-1]
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):

@@ -180,14 +180,13 @@ class TestExitCodes:
         assert codes["verify"] == codes["decode"] == codes["dump"] == TABLE["damaged"]
 
     def test_unsupported(self, room: Path, tmp_path: Path) -> None:
-        from hapfmt.container.wire import build_chunk, parse_header
+        from hapfmt.writer import FileWriter
 
-        data = (room / "one.hapf").read_bytes()
-        header = parse_header(data[8:40], 8)
-        first = 8 + 32 + header.payload_size
-        strange = build_chunk("STRA", b"", file_id=header.file_id, sequence=1)
         path = tmp_path / "future.hapf"
-        path.write_bytes(data[:first] + strange)
+        with path.open("wb") as stream:
+            writer = FileWriter(stream)
+            writer.chunk("STRA", b"what is this?")
+            writer.close()
         codes = self.codes(path, room)
         assert codes["decode"] == codes["verify"] == codes["info"] == TABLE["unsupported"]
 

@@ -38,9 +38,9 @@ class KnotParameters:
 
     @classmethod
     def parse(cls, data: bytes, level: Level, offset: int) -> KnotParameters:
-        raw = parse_fixed(KNOT_PARAMETERS, data, 0, "KNT-001", offset)
+        raw = parse_fixed(KNOT_PARAMETERS, data, 0, "COD-002", offset)
         if len(data) != KNOT_PARAMETERS.sizeof():
-            raise FormatError("KNOT parameters too long", requirement="KNT-001", offset=offset)
+            raise FormatError("KNOT parameters too long", requirement="COD-002", offset=offset)
         if raw.interpolation >= len(INTERPOLATIONS) or raw.quantum < 1:
             raise FormatError(
                 "unknown interpolation or quantum 0", requirement="KNT-001", offset=offset

@@ -137,7 +137,7 @@ class QuanParameters:
 
     @classmethod
     def parse(cls, data: bytes, level: Level, offset: int) -> QuanParameters:
-        raw = parse_fixed(QUAN_PARAMETERS, data, 0, "QNT-001", offset)
+        raw = parse_fixed(QUAN_PARAMETERS, data, 0, "COD-002", offset)
         alphabet = Alphabet(raw.direct_levels, raw.run_classes, raw.escape_classes)
         if raw.step < 1:
             raise FormatError("step of 0", requirement="QNT-001", offset=offset)

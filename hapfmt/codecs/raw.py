@@ -36,9 +36,9 @@ class RawParameters:
 
     @classmethod
     def parse(cls, data: bytes, number_format: str, offset: int) -> RawParameters:
-        raw = parse_fixed(RAWB_PARAMETERS, data, 0, "RAW-001", offset)
+        raw = parse_fixed(RAWB_PARAMETERS, data, 0, "COD-002", offset)
         if len(data) != RAWB_PARAMETERS.sizeof():
-            raise FormatError("RAWB parameters too long", requirement="RAW-001", offset=offset)
+            raise FormatError("RAWB parameters too long", requirement="COD-002", offset=offset)
         if any(raw.reserved):
             raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=offset + 1)
         allowed = COUNT_SIZES if number_format == "counts" else (WORD_SIZES[number_format],)

@@ -58,7 +58,8 @@ class Attachment:
     @property
     def safe_name(self) -> str:
         """The name without any path: last component, no leading dots (SPEC ATT-002)."""
-        return self.name.replace("\\", "/").rsplit("/", 1)[-1].lstrip(".") or "attachment"
+        last = self.name.replace("\\", "/").replace(":", "/").rsplit("/", 1)[-1]
+        return "".join(c for c in last if c.isprintable()).lstrip(".") or "attachment"
 
 
 def build_attachment(attachment: Attachment) -> bytes:

@@ -68,6 +68,8 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
         raise FormatError(
             "index length and entry count differ", requirement="IDX-001", offset=offset
         )
+    if raw.covers_from < FIRST_OFFSET:
+        raise FormatError("index covers the signature", requirement="IDX-004", offset=offset)
     if raw.covers_from != FIRST_OFFSET and not raw.covers_from <= raw.previous < own_offset:
         raise FormatError("previous index out of place", requirement="IDX-004", offset=offset + 8)
     entries = []

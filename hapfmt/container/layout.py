@@ -28,7 +28,7 @@ CHUNK_HEADER = Struct(
     "file_id" / Int32ul * "file id, the same in every chunk of the file",
     "sequence" / Int32ul * "sequence number: 0 for the first chunk, one more for each next",
     "payload_size" / Int32ul * "size of the payload in bytes",
-    "track" / Int16ul * "track id the chunk speaks of; FFFF where it speaks of none",
+    "track" / Int16ul * "track id the chunk speaks of; 0xFFFF where it speaks of none",
     "flags" / Int16ul * "bits 0-7 critical, bits 8-15 ancillary; all 0 in version 1.0",
     "payload_crc" / Int32ul * "CRC-32 of the payload",
     "header_crc" / Int32ul * "CRC-32 of the 28 bytes before it",
@@ -58,7 +58,7 @@ TRAK = Struct(
     "count_min" / Int32sl * "declared range of a decoded count, lowest",
     "count_max" / Int32sl * "declared range of a decoded count, highest",
     "first_channel" / Int16ul * "channel number of the first component; the others follow on",
-    "base" / Int16ul * "HF: id of the first track's base track; else FFFF",
+    "base" / Int16ul * "HF: id of the first track's base track; else 0xFFFF",
 )
 
 TLV = Struct(

@@ -95,12 +95,12 @@ def walk(source: Source, findings: list[Finding]) -> Iterator[Chunk]:
             Finding("bad-signature", 0, len(SIGNATURE), "the signature differs", "FIL-001")
         )
         position = 0
-    file_id: int | None = None
+    file_id = choose_file_id(source)
     seen: set[int] = set()
     last = -1
     suspect_from: int | None = None
     work = WORK_BASE + WORK_FACTOR * source.size
-    while position < source.size:
+    while position < source.size or suspect_from is not None:
         header = header_at(source, position, file_id)
         if header is None:
             start = position if suspect_from is None else suspect_from
@@ -116,41 +116,60 @@ def walk(source: Source, findings: list[Finding]) -> Iterator[Chunk]:
                 return
             position, suspect_from = found, None
             continue
-        file_id = header.file_id
-        payload_offset = position + HEADER_SIZE
-        stop = payload_offset + header.payload_size
+        offset, payload_offset = position, position + HEADER_SIZE
+        position = min(payload_offset + header.payload_size, source.size)
         if header.sequence in seen:
+            message = f"sequence number {header.sequence} again"
             findings.append(
-                Finding("duplicate-chunk", position, stop - position,
-                        f"sequence number {header.sequence} again", "CHK-005")
-            )  # fmt: skip
-            position, suspect_from = min(stop, source.size), payload_offset
+                Finding("duplicate-chunk", offset, position - offset, message, "CHK-005")
+            )
+            suspect_from = payload_offset
             continue
         if header.sequence != last + 1:
-            findings.append(order_finding(header.sequence, last, position))
-        seen.add(header.sequence)
+            findings.append(order_finding(header.sequence, last, offset))
         last = header.sequence
         work -= HEADER_SIZE + header.payload_size
         if work < 0:
             raise LimitError(
-                "too many chunks inside damaged chunks", requirement="REC-005", offset=position
+                "too many chunks inside damaged chunks", requirement="REC-005", offset=offset
             )
         payload = source.read_at(payload_offset, header.payload_size)
         whole = len(payload) == header.payload_size
         intact = whole and crc32(payload) == header.payload_crc
-        if not whole:
-            findings.append(
-                Finding("truncated", position, source.size - position,
-                        f"the file ends within a {header.type} chunk", "WRT-001")
-            )  # fmt: skip
-        elif not intact:
-            findings.append(
-                Finding("bad-payload", position, stop - position,
-                        f"payload CRC of a {header.type} chunk differs", "CHK-003")
-            )  # fmt: skip
-        yield Chunk(header, position, payload, intact)
+        if not intact:
+            findings.append(payload_finding(header, offset, position - offset, whole))
+        else:
+            seen.add(header.sequence)
+        yield Chunk(header, offset, payload, intact)
         suspect_from = None if intact else payload_offset
-        position = min(stop, source.size)
+
+
+def choose_file_id(source: Source) -> int | None:
+    """The id of the header at offset 8; if that does not hold, of the first intact HEAD, so that
+    a piece of another file in front does no harm; else of the first header there is."""
+    header = header_at(source, len(SIGNATURE), None)
+    if header is not None:
+        return header.file_id
+    first: int | None = None
+    position = find_header(source, 0, None)
+    while position is not None:
+        header = header_at(source, position, None)
+        assert header is not None
+        first = header.file_id if first is None else first
+        if header.type == "HEAD" and header.payload_size < BLOCK_SIZE:
+            chunk = read_chunk(source, position)
+            if chunk is not None and chunk.intact:
+                return chunk.header.file_id
+        position = find_header(source, position + 1, None)
+    return first
+
+
+def payload_finding(header: ChunkHeader, offset: int, size: int, whole: bool) -> Finding:
+    if not whole:
+        message = f"the file ends within a {header.type} chunk"
+        return Finding("truncated", offset, size, message, "WRT-001")
+    message = f"payload CRC of a {header.type} chunk differs"
+    return Finding("bad-payload", offset, size, message, "CHK-003")
 
 
 def order_finding(sequence: int, last: int, offset: int) -> Finding:

@@ -212,7 +212,8 @@ def place(ratio: Ratio, bits: int) -> Placed | None:
         limit = (1 << (width - 1)) - 1
         for shift in _shifts(low, high):
             b = phase + shift * step
-            if max(shift - low, high - shift) <= limit and abs(b) <= EXACT_LIMIT:
+            reach = max(shift - low, high - shift)
+            if reach <= limit and max(reach * (step // common), abs(b)) <= EXACT_LIMIT:
                 calibration = Calibration(step // common, b // common, d // common)
                 return Placed(calibration, (n - b) // step, how)
     return None

@@ -22,7 +22,7 @@ from ..container.track import Component, Contract, Track
 from ..deadband import ZERO_LIMIT, Deadband
 from ..decoder import TrackDecoder
 from ..integers import clamp
-from ..limits import LEVELS
+from ..limits import EXACT_LIMIT, LEVELS
 from ..recording import Channel, Span
 from .codebook import choose_codebook
 from .knots import knot_values, select_knots
@@ -234,7 +234,7 @@ def encode_counts(source: Source, first_channel: int, settings: Settings) -> Uni
         return Unit(lf, None, "knots", reason)
     unit = with_residual(source, lf, x - d, step, bound)
     if unit is None:
-        return encode_raw_counts(source, base, "the residual does not fit 32 bits")
+        return encode_raw_counts(source, base, "the residual is too wide for a track of its own")
     if chosen_by_size:
         return smallest(source, slow, unit, step, bound, settings, base)
     return unit
@@ -277,7 +277,8 @@ def with_residual(
     levels = quantise(residual, step) * step
     low, high = declared_range(levels)
     widest = 1 << (ENCODE_LEVEL.residual_bits - 1)
-    if low < -widest or high >= widest:
+    largest_a = max(abs(c.calibration.a) for c in source.channels if c.calibration)
+    if low < -widest or high >= widest or max(-low, high) * largest_a > EXACT_LIMIT:
         return None
     lf.track = replace(lf.track, kind="lf")
     track = replace(

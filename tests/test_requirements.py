@@ -1,0 +1,46 @@
+"""SPEC's requirements, the tests that quote them, and the ids that errors carry."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from spec import REQUIREMENTS, ROOT, items, quotes
+
+PENDING: set[str] = set()
+"""Requirements that no test checks yet."""
+
+TESTS = sorted(Path(__file__).parent.glob("test_*.py"))
+QUOTED = [
+    (path.name, *quote) for path in TESTS for quote in quotes(path.read_text(encoding="utf-8"))
+]
+
+
+def test_ids_are_unique_and_well_formed():
+    ids = [id_ for id_, _ in items()]
+    assert len(ids) == len(set(ids)) > 100
+    assert all(re.fullmatch(r"[A-Z]{3}-\d{3}", id_) for id_ in ids)
+
+
+def test_every_requirement_says_must_or_may():
+    """A limit of the reader's own is the one permission among them."""
+    other = [id_ for id_, text in REQUIREMENTS.items() if "MUST" not in text]
+    implied = {"WRT-002"}
+    assert set(other) <= implied
+
+
+def test_quotes_are_verbatim():
+    wrong = [(file, test, id_) for file, test, id_, text in QUOTED if REQUIREMENTS.get(id_) != text]
+    assert wrong == []
+
+
+def test_every_requirement_is_quoted_by_a_test():
+    covered = {id_ for _, _, id_, _ in QUOTED}
+    assert REQUIREMENTS.keys() - covered == PENDING
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "hapfmt").rglob("*.py")), ids=lambda p: p.name)
+def test_errors_carry_ids_of_the_spec(path):
+    ids = re.findall(r"\"([A-Z]{3}-\d{3})\"", path.read_text(encoding="utf-8"))
+    assert set(ids) <= REQUIREMENTS.keys()
