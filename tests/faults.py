@@ -20,9 +20,10 @@ from hapfmt.codecs.varints import parse_varints
 from hapfmt.container.cluster import parse_cluster
 from hapfmt.container.extras import parse_attachment, parse_metadata
 from hapfmt.container.index import IndexEntry, check_listing, parse_foot, parse_index
+from hapfmt.container.series import parse_series
 from hapfmt.container.source import BytesSource
 from hapfmt.container.tlv import parse_strings, parse_tlvs
-from hapfmt.container.track import add_series, parse_series
+from hapfmt.container.track import add_series
 from hapfmt.container.wire import parse_head, parse_header
 from hapfmt.integers import parse_varint
 from hapfmt.limits import LEVELS, Limits
@@ -221,6 +222,7 @@ FAULTS = [
     Fault("IDX-002", 120, "before covers_from", at_index(("HEAD", 7, 0, 0))),
     Fault("IDX-002", 148, "same twice", at_index(("HEAD", 8, 0, 0), ("TRAK", 8, 0, 0))),
     Fault("IDX-002", 100, "chunk not listed", listed(("HEAD", 8, 0, 0))),
+    Fault("IDX-004", 100, "covers the signature", at_index(covers_from=7)),
     Fault("IDX-004", 108, "previous behind", at_index(covers_from=9, previous=501)),
     Fault("IDX-004", 8, "no index there", lambda: index_entries(BytesSource(f.file(HEAD)), 8, 7)),
     Fault("IDX-005", 8 + 32 + 48 + 5 * (32 + 2**20), "no index in 5 MiB",
@@ -253,8 +255,8 @@ FAULTS = [
     Fault("DBC-001", 132, "flag bit 2", series(f.tlv(16, f.deadband(flags=4)))),
     Fault("DBC-001", 137, "floor of 0", series(f.tlv(16, f.deadband(entries=[(0, 0)])))),
     # 9.1
-    Fault("KNT-001", 100, "parameters cut short", lambda: KnotParameters.parse(b"", ONE, AT)),
-    Fault("KNT-001", 100, "parameters too long", lambda: KnotParameters.parse(bytes(9), ONE, AT)),
+    Fault("COD-002", 100, "KNOT cut short", lambda: KnotParameters.parse(b"", ONE, AT)),
+    Fault("COD-002", 100, "KNOT too long", lambda: KnotParameters.parse(bytes(9), ONE, AT)),
     Fault("KNT-001", 100, "interpolation 2",
           lambda: KnotParameters.parse(f.knot_parameters(2), ONE, AT)),
     Fault("KNT-001", 100, "quantum 0",
@@ -275,7 +277,7 @@ FAULTS = [
     Fault("KNT-006", 100, "2^24 + 1",
           knots(b"\0" + f.varint(2**24 + 1) + b"\0", interpolation="linear")),
     # 9.2
-    Fault("QNT-001", 100, "QUAN cut short", lambda: QuanParameters.parse(b"", ONE, AT)),
+    Fault("COD-002", 100, "QUAN cut short", lambda: QuanParameters.parse(b"", ONE, AT)),
     Fault("QNT-001", 100, "step 0",
           lambda: QuanParameters.parse(f.quan_parameters(b"\x10", step=0), ONE, AT)),
     Fault("QNT-001", 100, "step above level 1",
@@ -298,8 +300,8 @@ FAULTS = [
     Fault("COD-001", 100, "bytes that nothing needs", levels(b"\0", 1, f.quan_parameters(b"\x10"))),
     Fault("COD-001", 101, "levels missing", levels(b"\0", 5)),
     # 9.3
-    Fault("RAW-001", 100, "RAWB cut short", lambda: RawParameters.parse(b"", "counts", AT)),
-    Fault("RAW-001", 100, "RAWB too long", lambda: RawParameters.parse(bytes(5), "counts", AT)),
+    Fault("COD-002", 100, "RAWB cut short", lambda: RawParameters.parse(b"", "counts", AT)),
+    Fault("COD-002", 100, "RAWB too long", lambda: RawParameters.parse(bytes(5), "counts", AT)),
     Fault("RAW-001", 100, "counts of 8 bytes",
           lambda: RawParameters.parse(f.raw_parameters(8), "counts", AT)),
     Fault("RAW-001", 100, "binary32 of 8 bytes",
@@ -313,6 +315,9 @@ FAULTS = [
     Fault("RAW-003", 101, "inflates too short", words(deflated(b"\0"))),
     Fault("RAW-003", 101, "inflates too long", words(deflated(bytes(3)))),
     Fault("RAW-004", 101, "no DEFLATE", words(b"\1\xff")),
+    Fault("RAW-005", DATA_AT + 32 + 9, "count outside its range", judged(f.file(HEAD, (
+        "TRAK", f.trak(f.tlv(1, f.raw_parameters(1)), codec=b"RAWB"), {"track": 0}),
+        ("DATA", f.cluster((0, 0, 1, b"\0\x7f")))))),
     Fault("RAW-004", 101, "bytes after it", words(deflated(bytes(2)) + b"\0")),
     # clauses 12 and 15
     Fault("LIM-003", None, "one sample allowed",

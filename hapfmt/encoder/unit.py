@@ -21,6 +21,7 @@ from ..container.cluster import Packet
 from ..container.track import Component, Contract, Track
 from ..deadband import ZERO_LIMIT, Deadband
 from ..decoder import TrackDecoder
+from ..errors import ParameterError
 from ..integers import clamp
 from ..limits import EXACT_LIMIT, LEVELS
 from ..recording import Channel, Span
@@ -217,6 +218,8 @@ def encode_counts(source: Source, first_channel: int, settings: Settings) -> Uni
     low, high = declared_range(x)
     if not all(c.calibration.covers(low, high) for c in source.channels if c.calibration):
         low, high = int(x.min(initial=0)), int(x.max(initial=0))
+        if not all(c.calibration.covers(low, high) for c in source.channels if c.calibration):
+            raise ParameterError("count * A or count * A + B is above 2^53: use a smaller A and D")
     base = make_track(
         source, first_channel, kind="full", codec="KNOT", count_min=low, count_max=high
     )

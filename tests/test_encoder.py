@@ -1,0 +1,247 @@
+"""Recording -> file -> recording: what any input and any settings must keep."""
+
+from __future__ import annotations
+
+import io
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import encoder_settings, recordings
+
+import hapfmt
+from hapfmt import Calibration, Channel, Recording, Settings
+from hapfmt.codecs.knots import KnotParameters
+from hapfmt.codecs.quantised import QuanParameters
+from hapfmt.encoder.codebook import choose_codebook
+from hapfmt.encoder.encode import encode
+from hapfmt.encoder.source import cut, declared_range
+from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.limits import LEVELS
+from hapfmt.recording import Span
+from hapfmt.scenes.stylus import simulate
+
+ONE_COUNT = Tolerance(1, "lsb")
+
+
+def encoded(recording: Recording, settings: Settings | None = None) -> bytes:
+    stream = io.BytesIO()
+    hapfmt.write(recording, stream, settings, canonical=7)
+    return stream.getvalue()
+
+
+def force(counts: object, **described: object) -> Channel:
+    values = np.asarray(counts, np.int32)
+    return Channel(
+        values, Fraction(1000), calibration=Calibration(1, 0, 1000), unit="N", **described
+    )
+
+
+def noise(size: int, width: int = 300, seed: int = 1) -> np.ndarray:
+    return np.random.default_rng(seed).integers(-width, width, size)
+
+
+class TestAnyRecording:
+    @given(recordings(), encoder_settings())
+    def test_comes_back_and_keeps_its_promises(self, recording, settings):
+        """DBC-002: With flag *guaranteed*, every sample MUST keep the contract: scalar form `|x - y| * kd <= max(kn * |x - zero|, floor * kd)` for each component; vector form the same with Euclidean norms over the components, compared by their squares, and the floor of the first component."""
+        data = encoded(recording, settings)
+        report = hapfmt.verify(data, against=recording)
+        assert report.verdict == "intact", (report.error, report.findings)
+        assert not any(check.broken for check in report.contracts)
+        for before, after in zip(recording.channels, hapfmt.read(data).channels, strict=True):
+            assert after.coverage == before.coverage
+            assert after.rate == before.rate
+            if settings.step == ONE_COUNT:
+                assert after.physical().tobytes() == before.physical().tobytes()
+
+    @given(recordings())
+    def test_description_comes_back(self, recording):
+        after = hapfmt.read(encoded(recording))
+        for name in ("uuid", "epoch_ns", "epoch_uncertainty_ns", "attachments"):
+            assert getattr(after, name) == getattr(recording, name)
+        assert after.metadata == {**recording.metadata, "encoder": after.metadata["encoder"]}
+        for a, b in zip(recording.channels, after.channels, strict=True):
+            for name in ("label", "unit", "quantity", "axis", "group", "body_site", "device",
+                         "calibration"):  # fmt: skip
+                if name != "calibration" or a.is_counts:
+                    assert getattr(a, name) == getattr(b, name)
+
+    @given(recordings(), encoder_settings())
+    def test_canonical_bytes(self, recording, settings):
+        """WRT-002: In canonical mode the file id is an input, no time of day, host, user or random number enters the file, and the same input and settings MUST give the same bytes with the same encoder version."""
+        assert encoded(recording, settings) == encoded(recording, settings)
+
+
+class TestDefault:
+    @given(st.integers(0, 2**32), st.sampled_from([0.3, 1, 7, 40]), st.sampled_from([0, 2, 300]))
+    def test_every_sample_within_the_floor(self, seed, floor, slope):
+        x = noise(700, 30, seed) + np.arange(700) * slope // 10
+        settings = Settings(floor=Tolerance(floor, "lsb"))
+        y = hapfmt.read(encoded(Recording((force(x),)), settings)).channels[0].values
+        assert np.abs(x - y).max() <= int(floor)
+
+    @given(st.integers(0, 2**32))
+    def test_vectors_by_their_norm(self, seed):
+        columns = [noise(400, 200, seed + i) for i in range(3)]
+        axes = tuple(force(c, axis=a, group="tip") for a, c in zip("xyz", columns, strict=True))
+        back = hapfmt.read(encoded(Recording(axes), Settings(floor=Tolerance(9, "lsb"))))
+        e = np.column_stack([c.values for c in back.channels]) - np.column_stack(columns)
+        assert ((e**2).sum(axis=1) <= 81).all()
+
+    def test_a_silent_texture_gets_no_track(self):
+        slow = np.arange(4000)
+        made = encode(Recording((force(slow),)), Settings(floor=Tolerance(50, "lsb")))
+        assert [track.kind for track in made.tracks] == ["full"]
+        assert made.decisions[0].reason == "no texture above the floor"
+
+    def test_constant_and_empty_channels_cost_next_to_nothing(self):
+        minutes = force(np.full(300_000, 5))
+        made = encode(Recording((minutes, force([]))))
+        assert sum(len(p.data) for p in made.packets) / 300_000 * 8 < 0.01
+        assert [d.reason for d in made.decisions] == ["constant", "no samples"]
+
+
+class TestPaper:
+    @pytest.mark.parametrize("bits", [2, 5, 8])
+    def test_levels_of_b_bits_and_error_within_half_a_step(self, bits):
+        x = noise(3000, 500)
+        made = encode(Recording((force(x),)), Settings.of("paper", bits=bits))
+        parameters = QuanParameters.parse(made.tracks[1].parameters, LEVELS[1], 0)
+        hf = hapfmt.read(
+            encoded(Recording((force(x),)), Settings.of("paper", bits=bits)), band="hf"
+        )
+        levels = hf.channels[0].values // parameters.step
+        most = 2 ** (bits - 1) - 1
+        assert 0.9 * most <= np.abs(levels).max() <= most
+        y = hapfmt.read(encoded(Recording((force(x),)), Settings.of("paper", bits=bits)))
+        assert 2 * np.abs(x - y.channels[0].values).max() <= parameters.step
+
+    def test_residual_is_taken_against_the_decoded_lf_track(self):
+        """WRT-003: An encoder MUST form the residual against the LF track as decoded, after its quantisation."""
+        recording = Recording((force(noise(3000, 500) + 2000),))
+        data = encoded(recording, Settings.of("paper", bits=5))
+        made = encode(recording, Settings.of("paper", bits=5))
+        assert KnotParameters.parse(made.tracks[0].parameters, LEVELS[1], 0).quantum > 1
+        step = QuanParameters.parse(made.tracks[1].parameters, LEVELS[1], 0).step
+        d, e = (hapfmt.read(data, band=band).channels[0].values for band in ("lf", "hf"))
+        residual = recording.channels[0].values.astype(int) - d
+        assert (e == (2 * residual + step) // (2 * step) * step).all()
+
+    def test_without_residual_the_contract_is_an_aim(self):
+        made = encode(simulate("sand", 2.0), Settings.of("paper", bits=0))
+        contract = made.tracks[0].contract
+        assert contract is not None and not contract.guaranteed
+        assert (contract.kn, contract.kd, contract.floor) == (1, 10, (20,))
+
+    def test_doubles_go_on_a_lattice_far_below_the_floor(self):
+        x = np.random.default_rng(1).normal(size=500)
+        made = encode(Recording((Channel.from_physical(x, 1000),)), Settings.of("paper"))
+        declared, largest = made.tracks[0].components[0].deviation
+        assert largest <= declared <= 0.01 / 32
+
+
+def test_missing_samples_are_never_stored():
+    """WRT-004: An encoder MUST NOT store a value for a sample that its source marks as missing, NaN included."""
+    x = np.array([1.0, np.nan, 2.0, 3.0, np.nan, np.nan, 4.0])
+    back = hapfmt.read(encoded(Recording((Channel.from_physical(x, 10),))))
+    assert back.channels[0].coverage == (Span(0, 1), Span(2, 4), Span(6, 7))
+    assert np.array_equal(back.channels[0].dense(), x, equal_nan=True)
+
+
+def test_words_keep_every_bit():
+    x = np.frombuffer(bytes(range(256)), np.float64)
+    nan = np.array([0x7FF8_0000_0000_BEEF], np.uint64).view(np.float64)
+    words = Channel(np.concatenate([x, nan, [-0.0, np.inf, 5e-324]]), Fraction(1))
+    back = hapfmt.read(encoded(Recording((words,)))).channels[0]
+    assert back.values.tobytes() == words.values.tobytes()
+
+
+def test_one_knot_clock_for_the_axes_of_a_vector():
+    recording = simulate("sand", 1.0, axes=3)
+    made = encode(recording)
+    assert [(t.kind, len(t.components)) for t in made.tracks] == [("lf", 3), ("hf", 3)]
+    assert made.tracks[0].contract is None and made.tracks[1].contract.vector
+
+
+@pytest.mark.parametrize("change", ["rate", "group", "axis", "coverage", "step"])
+def test_what_is_no_vector_is_coded_apart(change):
+    a = force(noise(40), axis="x", group="tip")
+    other = {"rate": Fraction(999), "group": "palm", "axis": "x", "coverage": (Span(1, 41),),
+             "step": Calibration(1, 0, 7)}[change]  # fmt: skip
+    given = {"axis": "y", "group": "tip", change: other}
+    calibration = given.pop("step", Calibration(1, 0, 1000))
+    b = Channel(noise(40, seed=2).astype(np.int32), given.pop("rate", Fraction(1000)),
+                given.pop("coverage", ()), calibration, unit="N", **given)  # fmt: skip
+    made = encode(Recording((a, b)))
+    assert {len(track.components) for track in made.tracks} == {1}
+
+
+@given(st.integers(0, 10**6), st.integers(1, 10**5), st.sampled_from([Fraction(1, 3), Fraction(10)]),
+       st.sampled_from([Fraction(1000), Fraction(44100, 7), Fraction(1, 3600)]))  # fmt: skip
+def test_packets_end_where_clusters_begin(start, ticks, cluster, rate):
+    spans = cut([Span(start, start + ticks)], rate, cluster, 1)
+    assert spans[0].start == start and spans[-1].stop == start + ticks
+    assert all(a.stop == b.start for a, b in zip(spans, spans[1:], strict=False))
+    for span in spans:
+        assert span.start / rate // cluster == (span.stop - 1) / rate // cluster
+        assert span.ticks <= 1 << 16
+
+
+@pytest.mark.parametrize(
+    ("counts", "expected"),
+    [
+        ([], (0, 0)),
+        ([0], (0, 0)),
+        ([5], (0, 7)),
+        ([-1], (-1, 0)),
+        ([-4, 3], (-4, 3)),
+        ([-5], (-8, 7)),
+    ],
+)
+def test_declared_range(counts, expected):
+    assert declared_range(np.array(counts, np.int64)) == expected
+
+
+@given(st.lists(st.integers(-(2**31), 2**31), min_size=1, max_size=60))
+def test_a_codebook_has_a_word_for_every_level(levels):
+    from hapfmt.codecs.quantised import decode_levels, encode_quantised
+
+    column = np.array(levels, np.int64)[:, None]
+    parameters = choose_codebook([column], 1)
+    data = encode_quantised(column, parameters)
+    assert decode_levels(data, parameters, len(levels), 0).tolist() == levels
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"preset": "best"},
+        {"bits": 1},
+        {"bits": 17},
+        {"bits": 5, "step": ONE_COUNT},
+        {"cutoff_hz": 0.0},
+        {"cluster": Fraction(0)},
+        {"weber": Fraction(-1)},
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(hapfmt.ParameterError):
+        Settings.of(wrong.pop("preset", "default"), **wrong)
+
+
+@pytest.mark.parametrize(
+    "channel",
+    [
+        Channel(np.array([2**31]), Fraction(1), calibration=Calibration()),
+        Channel(np.array([1 << 20]), Fraction(1), calibration=Calibration(2**40, 0, 1)),
+        Channel(np.array([True]), Fraction(1)),
+        Channel(np.array([1.0]), Fraction(1, 2**33)),
+        Channel(np.array([1.0]), Fraction(1), label="x" * 256),
+    ],
+)
+def test_what_does_not_fit_the_format_is_refused(channel):
+    with pytest.raises(hapfmt.ParameterError):
+        encoded(Recording((channel,)))
