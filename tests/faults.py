@@ -250,6 +250,9 @@ FAULTS = [
     Fault("VAL-001", 132, "D = 2^53 + 1", series(f.tlv(3, f.calibration(d=2**53 + 1)))),
     Fault("VAL-001", 132, "B = 2^53 + 1", series(f.tlv(3, f.calibration(b=2**53 + 1)))),
     Fault("VAL-002", 100, "count * A + B", series(f.tlv(3, f.calibration(2**53)))),
+    Fault("VAL-002", 116, "count * A of HF",
+          added(f.trak(f.tlv(3, f.calibration(2**46)), kind=1),
+                f.trak(kind=2, base=0, count_max=129))),
     Fault("DBC-001", 132, "contract cut short", series(f.tlv(16, b""))),
     Fault("DBC-001", 132, "kd = 0", series(f.tlv(16, f.deadband(kd=0)))),
     Fault("DBC-001", 132, "flag bit 2", series(f.tlv(16, f.deadband(flags=4)))),
@@ -315,7 +318,7 @@ FAULTS = [
     Fault("RAW-003", 101, "inflates too short", words(deflated(b"\0"))),
     Fault("RAW-003", 101, "inflates too long", words(deflated(bytes(3)))),
     Fault("RAW-004", 101, "no DEFLATE", words(b"\1\xff")),
-    Fault("RAW-005", DATA_AT + 32 + 9, "count outside its range", judged(f.file(HEAD, (
+    Fault("RAW-005", DATA_AT - 4 + 32 + 9, "count outside its range", judged(f.file(HEAD, (
         "TRAK", f.trak(f.tlv(1, f.raw_parameters(1)), codec=b"RAWB"), {"track": 0}),
         ("DATA", f.cluster((0, 0, 1, b"\0\x7f")))))),
     Fault("RAW-004", 101, "bytes after it", words(deflated(bytes(2)) + b"\0")),

@@ -22,7 +22,7 @@ def samples(data: bytes, **asked: Any) -> dict[tuple[int, int], Any] | None:
     try:
         with Reader(data) as reader:
             found = reader.read(**asked)
-            numbers = [ref.number for ref in reader.channels]
+            numbers = [ref.number for ref in reader.select(asked.get("channels"))]
     except HapfmtError:
         return None
     return {

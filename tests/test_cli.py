@@ -234,6 +234,17 @@ def test_convert_to_every_format_and_back(room: Path, tmp_path: Path) -> None:
     assert run("convert", "o.hapf", "p.hapf", cwd=tmp_path).returncode == 1
 
 
+def test_channels_become_the_axes_of_a_vector(room: Path, tmp_path: Path) -> None:
+    x = np.random.default_rng(1).integers(-900, 900, (4, 500)) / 1000
+    np.savez(tmp_path / "v.npz", x=x, rate_hz=1000.0, channel_names=list("abcd"), unit="N")
+    done = run("encode", "v.npz", "v.hapf", "--vector", "b,c,3", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    _, found = run_json("info", "v.hapf", cwd=tmp_path)
+    assert [c["axis"] for c in found["channels"]] == ["", "x", "y", "z"]
+    assert [c["contract"]["vector"] for c in found["channels"]] == [False, True, True, True]
+    assert run("encode", "v.npz", "w.hapf", "--vector", "b,nobody", cwd=tmp_path).returncode == 1
+
+
 def test_demo(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     code, told = run_json(

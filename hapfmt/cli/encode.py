@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..errors import ParameterError
 from .common import (
     AmountType,
     FractionType,
@@ -16,6 +18,7 @@ from .common import (
     json_option,
     load_recording,
     output_of,
+    parse_channels,
     printable,
     progress,
     table,
@@ -23,8 +26,10 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from ..recording import Recording
     from ..writer import Summary
 
+AXES = ("x", "y", "z", "rx", "ry", "rz")
 ORIGINAL_BITS = 64
 """Bits of a sample before encoding, as the paper counts: a double."""
 
@@ -66,6 +71,14 @@ ORIGINAL_BITS = 64
 @click.option(
     "--interpolation", type=click.Choice(["linear", "hold"]), help="How knots are joined [linear]."
 )
+@click.option(
+    "--vector",
+    "vectors",
+    multiple=True,
+    metavar="X,Y[,Z]",
+    help="Channels that are the axes of one vector, by label or number: one deadband on their norm, "
+    "one knot clock. May be given several times.",
+)
 @click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track.")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
 @click.option("--from", "format_", help="Format of the input, for a pipe: npz npy csv wav hapf.")
@@ -86,6 +99,7 @@ def encode(
     canonical: int | None,
     force: bool,
     as_json: bool,
+    vectors: tuple[str, ...],
     **given: Any,
 ) -> int:
     """Encode the recording IN (.npz .npy .csv .wav .hapf) into OUT.
@@ -102,6 +116,8 @@ def encode(
     settings = Settings.of(preset, **{k: v for k, v in given.items() if v is not None})
     recording, code = load_recording(source, format_, rate)
     tell_notes(recording)
+    for place, names in enumerate(vectors):
+        recording = with_vector(recording, parse_channels(names) or [], f"vector {place + 1}")
     began = time.perf_counter()
     with progress("encoding") as advance:
         summary = write(
@@ -118,6 +134,20 @@ def encode(
     elif target != "-":
         show(summary, target, seconds)
     return code
+
+
+def with_vector(recording: Recording, names: list[str | int], group: str) -> Recording:
+    """The recording with these channels as the axes x, y, z ... of one group."""
+    channels = list(recording.channels)
+    labels = [channel.label for channel in channels]
+    if not 2 <= len(names) <= len(AXES):
+        raise ParameterError(f"a vector has 2 to {len(AXES)} axes: {names}")
+    for name, axis in zip(names, AXES, strict=False):
+        place = labels.index(name) if name in labels else name
+        if not isinstance(place, int) or place >= len(channels):
+            raise ParameterError(f"no channel {name!r}; there are: {', '.join(labels)}")
+        channels[place] = replace(channels[place], group=group, axis=axis)
+    return replace(recording, channels=tuple(channels))
 
 
 def summary_json(summary: Summary, duration: Fraction, seconds: float) -> dict[str, Any]:

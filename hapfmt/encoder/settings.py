@@ -25,6 +25,7 @@ PAPER_TOLERANCE = Fraction(1, 32)
 lattice adds is a 32nd of what the floor already allows."""
 
 ARCHIVE_CLUSTER = Fraction(10)
+"""Seconds (SPEC clause 13)."""
 
 RANGE_FLOOR = Tolerance(0.002, "range")
 """0.2 % of the channel's own range: a floor for any quantity, not only for forces."""

@@ -1,0 +1,175 @@
+# ruff: noqa: E501
+"""Clause 6.4: DATA."""
+
+from __future__ import annotations
+
+import tracemalloc
+from fractions import Fraction
+
+import forge as f
+import pytest
+import strategies
+from hypothesis import given
+from hypothesis import strategies as st
+from judge import rule
+
+from hapfmt.container.cluster import (
+    Packet,
+    build_cluster,
+    entry_size,
+    parse_cluster,
+    salvage_cluster,
+)
+from hapfmt.container.track import Component, Track
+from hapfmt.decoder import TrackDecoder
+from hapfmt.errors import FormatError
+from hapfmt.limits import LEVELS
+
+ONE = LEVELS[1]
+TRACKS = {id_: Track(id_, "full", "KNOT", Fraction(1000), id_, (Component(),)) for id_ in range(3)}
+
+
+@st.composite
+def clusters(draw):
+    """Packets in order of (track, start), of any bytes."""
+    out = []
+    for track in draw(st.sets(st.integers(0, 2), min_size=1)):
+        start = draw(st.sampled_from([0, 5, 2**47]))
+        for _ in range(draw(st.integers(1, 3))):
+            span = draw(st.sampled_from([1, 7, 2**16]))
+            out.append(Packet(track, start, span, draw(st.binary(max_size=20))))
+            start += span + draw(st.integers(0, 3))
+    return sorted(out, key=lambda p: (p.track, p.start))
+
+
+def fields(packets):
+    return [(p.track, p.start, p.span, p.data) for p in packets]
+
+
+@given(clusters())
+def test_comes_back(packets):
+    """
+    DAT-002: Entries MUST stand in increasing order of (track, start).
+    DAT-005: The packets MUST fill the rest of the payload to its last byte.
+    """
+    payload = build_cluster(packets)
+    assert payload == f.cluster(*fields(packets))
+    back = parse_cluster(payload, TRACKS, ONE, 1000)
+    assert fields(back) == fields(packets)
+    assert all(payload[p.offset - 1000 :].startswith(p.data) for p in back)
+    sizes = sum(entry_size(p) + len(p.data) for p in packets)
+    assert sizes + len(f.varint(len(packets))) == len(payload)
+
+
+@given(clusters(), st.data())
+def test_any_flip_is_reported(packets, data):
+    """
+    DAT-004: `packet_crc` MUST be the CRC-32 of the four varints of its entry followed by the bytes of the packet.
+    """
+    payload = bytearray(build_cluster(packets))
+    bit = data.draw(st.integers(0, 8 * len(payload) - 1))
+    payload[bit // 8] ^= 1 << bit % 8
+    with pytest.raises(FormatError):
+        parse_cluster(bytes(payload), TRACKS, ONE, 0)
+    kept = [p for p in salvage_cluster(bytes(payload), TRACKS, ONE, 0) if isinstance(p, Packet)]
+    assert all(row in fields(packets) for row in fields(kept))
+    table = len(payload) - sum(len(p.data) for p in packets)
+    if bit // 8 >= table:
+        assert len(kept) == len(packets) - 1
+
+
+@given(clusters(), st.data())
+def test_salvage_never_invents(packets, data):
+    """
+    REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC differs.
+    """
+    payload = bytearray(build_cluster(packets))
+    at = data.draw(st.integers(0, len(payload) - 1))
+    payload[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))
+    for item in salvage_cluster(bytes(payload), TRACKS, ONE, 0):
+        if isinstance(item, Packet):
+            assert fields([item])[0] in fields(packets)
+
+
+def test_one_wrong_size_costs_one_packet():
+    """Packets behind it are placed from the end of the payload."""
+    packets = [(0, 4 * i, 4, bytes([i] * 5)) for i in range(4)]
+    payload = bytearray(f.cluster(*packets))
+    payload[1 + 8 + 1] ^= 1
+    kept = [p for p in salvage_cluster(bytes(payload), TRACKS, ONE, 0) if isinstance(p, Packet)]
+    assert fields(kept) == packets[:1] + packets[2:]
+
+
+@given(st.binary(max_size=40))
+def test_any_bytes(data):
+    try:
+        assert build_cluster(parse_cluster(data, TRACKS, ONE, 0)) == data
+    except FormatError:
+        list(salvage_cluster(data, TRACKS, ONE, 0))
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        f.varint(2**32),
+        f.varint(2**14) + b"\0" * 100,
+        b"\1" + f.entry(0, 2**32, 0, 1),
+        b"\1" + f.entry(0, 0, 0, 2**32),
+        f.cluster(*[(0, i << 24, 1 << 24, b"") for i in range(2)]),
+    ],
+)
+def test_promises_take_no_memory(payload):
+    """
+    DAT-001: `packet_count` MUST be at least 1 and at most what the level allows.
+    DAT-003: `span` MUST be at least 1 and at most what the level allows, and `start + span` at most 2^48.
+    DAT-009: Over all packets of a cluster, `span` times the component count of the track MUST add up to at most what the level allows; a decoder checks it before it takes memory.
+    """
+    tracemalloc.start()
+    with pytest.raises(FormatError):
+        parse_cluster(payload, TRACKS, ONE, 0)
+    list(salvage_cluster(payload, TRACKS, ONE, 0))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1 << 18
+
+
+@given(strategies.packets())
+def test_every_packet_decodes_alone(case):
+    """
+    DAT-007: Every packet MUST decode alone, from its own bytes and the description of its track.
+    """
+    track, packets, arrays = case
+    for packet, array in zip(packets, arrays, strict=True):
+        got = TrackDecoder(track, ONE).decode(packet)
+        assert got.shape == (packet.span, array.shape[1])
+        if track.codec != "KNOT" and track.number_format == "counts":
+            bound = 1 << 23
+            assert got.tolist() == array.clip(-bound, bound - 1).tolist()
+
+
+class TestOrder:
+    """
+    DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file.
+    """
+
+    def verdict(self, *packets):
+        chunks = [("DATA", f.cluster(packet)) for packet in packets]
+        return rule(f.closed(("HEAD", f.head()), f.TRACK_0, *chunks, duration_ns=8_000_000))
+
+    def test_of_time(self):
+        early, late = (0, 0, 4, f.KNOT_DATA), (0, 4, 4, f.KNOT_DATA)
+        assert self.verdict(early, late) == ("intact", None)
+        assert self.verdict(late, early) == ("nonconforming", "DAT-006")
+
+    def test_overlap(self):
+        assert self.verdict((0, 0, 5, b"\0"), (0, 4, 4, b"\0")) == ("nonconforming", "DAT-006")
+
+
+def test_descriptions_come_first():
+    """
+    DAT-008: A packet MUST belong to a track that is described.
+    TRK-001: `TRAK` MUST come before the first `DATA` chunk that holds a packet of its tracks.
+    """
+    head = ("HEAD", f.head())
+    assert rule(f.closed(head, f.TRACK_0, f.DATA_0)) == ("intact", None)
+    assert rule(f.closed(head, f.DATA_0, f.TRACK_0)) == ("nonconforming", "DAT-008")
