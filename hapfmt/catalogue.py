@@ -123,7 +123,7 @@ class Catalogue:
         for ref in self.chunks:
             if ref.type == "aTTc":
                 chunk = read_chunk(self.source, ref.offset)
-                if chunk is not None and chunk.intact:
+                if chunk is not None and chunk.intact and chunk.header.known:
                     found.append(parse_attachment(chunk.payload, chunk.payload_offset))
         return found
 

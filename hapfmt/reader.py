@@ -141,6 +141,8 @@ class Reader:
         """
         if band not in BANDS:
             raise ParameterError(f"band is one of {', '.join(BANDS)}")
+        if start is None and stop is None:
+            self.scan()
         chosen = self.select(channels)
         wanted = wanted_tracks(chosen, band)
         decoded = {track.id: Decoded(track) for track in wanted}

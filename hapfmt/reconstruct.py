@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .codecs.raw import DTYPES
 from .container.track import Component, Track
 from .recording import Calibration, Channel, Deviation, Span
 
@@ -35,7 +36,8 @@ class Decoded:
     def numbers(self) -> NDArray[Any]:
         """[samples, components]"""
         if not self.pieces:
-            return np.zeros((0, len(self.track.components)), np.int32)
+            dtype = DTYPES.get(self.track.number_format, np.dtype(np.int32))
+            return np.zeros((0, len(self.track.components)), dtype)
         if len(self.pieces) > 1:
             self.pieces = [np.concatenate(self.pieces)]
         return self.pieces[0]

@@ -113,7 +113,7 @@ def check_structure(catalogue: Catalogue) -> None:
     for ref in catalogue.chunks:
         if ref.type == "iNDX":
             chunk = read_chunk(catalogue.source, ref.offset)
-            if chunk is None:
+            if chunk is None or not chunk.header.known:
                 continue
             index = parse_index(chunk.payload, ref.offset, chunk.payload_offset)
             check_listing(index, ref.offset, listing, chunk.payload_offset)
@@ -125,7 +125,7 @@ def check_structure(catalogue: Catalogue) -> None:
     if foot is None:
         return
     at = catalogue.source.size - 32
-    if foot.index_offset != last_index:
+    if not last_index or foot.index_offset != last_index:
         raise FormatError("footer names another index", requirement="FOT-002", offset=at)
     counts = (len(catalogue.data), len(catalogue.tracks))
     stop_ns = max((ref.stop_ns or 0 for ref in catalogue.data), default=0)
@@ -171,15 +171,16 @@ def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:
     None in a damaged file: where samples are lost digests cannot hold, and that is said already.
     """
     found: dict[int, tuple[int, bytes]] = {}
+    tracks = catalogue.tracks
     for ref in catalogue.chunks:
         if ref.type != "dGST" or catalogue.damaged:
             continue
         chunk = read_chunk(catalogue.source, ref.offset)
-        if chunk is None:
+        if chunk is None or not chunk.header.known:
             continue
         at, size = chunk.payload_offset, len(chunk.payload)
         ids = range(chunk.header.track, chunk.header.track + size // 32)
-        if not size or size % 32 or any(id_ not in catalogue.tracks for id_ in ids):
+        if not size or size % 32 or any(i not in tracks or tracks[i].offset > at for i in ids):
             raise FormatError(
                 "digests of no whole number of known tracks", requirement="DGS-001", offset=at
             )

@@ -12,6 +12,9 @@ FILE_ID = 7
 DURATION_NS = 4_000_000
 """Of files whose last packet ends at tick 4 of 1 kHz, as DATA_0 does."""
 
+LATE_NS = 10**15
+"""Where an index says that a cluster ends: not earlier than it does."""
+
 Chunk = tuple[str, bytes, dict]
 
 
@@ -134,7 +137,7 @@ def closed(*chunks: Chunk | tuple[str, bytes], ahead: dict | None = None, **chan
     body = file(*chunks)
     at, rows, tracks = len(SIGNATURE), [], set()
     for type_, payload, *given in chunks:
-        rows.append((type_, at, 0, 10**12 if type_ == "DATA" else 0))
+        rows.append((type_, at, 0, LATE_NS if type_ == "DATA" else 0))
         if type_ == "TRAK":
             first = given[0].get("track", 0) if given else 0
             tracks |= set(range(first, first + payload[0]))

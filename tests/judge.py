@@ -18,7 +18,7 @@ def rule(data: bytes) -> tuple[str, str | None]:
 
 
 def samples(data: bytes, **asked: Any) -> dict[tuple[int, int], Any] | None:
-    """{(channel, tick): count} of all that can be read; None where reading is refused."""
+    """{(channel, tick): count, or bits of a word}; None where reading is refused."""
     try:
         with Reader(data) as reader:
             found = reader.read(**asked)
@@ -29,5 +29,5 @@ def samples(data: bytes, **asked: Any) -> dict[tuple[int, int], Any] | None:
         (number, start + i): value
         for number, channel in zip(numbers, found.channels, strict=True)
         for start, values in channel.segments()
-        for i, value in enumerate(values.tolist())
+        for i, value in enumerate(values.view(f"i{values.itemsize}").tolist())
     }

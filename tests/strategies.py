@@ -190,7 +190,7 @@ def knots(draw, parameters, level=LEVELS[2]):
         ticks = [0] + [tick for tick in inner if tick < span - 1]
         over = draw(st.sampled_from([0, 0, 1, 5, 1 << 24]))
         last = min(span - 1 + over, 1 << 24)
-        ticks += [last] if (len(ticks) > 1 or draw(st.booleans())) and last > ticks[-1] else []
+        ticks += [last] if span > 1 and (len(ticks) > 1 or draw(st.booleans())) else []
     bound = level.count_bound // parameters.quantum
     values = st.sampled_from([0, 1, -1, bound, -bound]) | st.integers(-bound, bound)
     rows = [[draw(values) for _ in range(width)] for _ in ticks]
@@ -274,6 +274,8 @@ def packets(draw, track_id=0):
     start, made, numbers = draw(st.sampled_from([0, 0, 7, 2**40])), [], []
     if kind == "RAWB":
         number_format, size, array = draw(raw_arrays())
+        if number_format == "counts":
+            array = array.clip(-(1 << 23), (1 << 23) - 1)
         parameters, data = RawParameters(size), encode_raw(array, size)
         arrays = [(data, len(array), array)]
     elif kind == "KNOT":

@@ -1,4 +1,3 @@
-# ruff: noqa: E501
 """Clause 6.4: DATA."""
 
 from __future__ import annotations
@@ -98,6 +97,15 @@ def test_one_wrong_size_costs_one_packet():
     payload[1 + 8 + 1] ^= 1
     kept = [p for p in salvage_cluster(bytes(payload), TRACKS, ONE, 0) if isinstance(p, Packet)]
     assert fields(kept) == packets[:1] + packets[2:]
+
+
+def test_salvage_keeps_the_limit_of_samples():
+    """
+    DAT-009: Over all packets of a cluster, `span` times the component count of the track MUST add up to at most what the level allows; a decoder checks it before it takes memory.
+    """
+    payload = f.cluster(*[(0, i << 22, 1 << 22, b"") for i in range(2)])
+    kept = [p for p in salvage_cluster(payload, TRACKS, ONE, 0) if isinstance(p, Packet)]
+    assert fields(kept) == [(0, 0, 1 << 22, b"")]
 
 
 @given(st.binary(max_size=40))

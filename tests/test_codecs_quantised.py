@@ -1,4 +1,3 @@
-# ruff: noqa: E501
 """Clause 9.2: quantised levels, against a decoder that reads bit by bit."""
 
 from __future__ import annotations

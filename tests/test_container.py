@@ -1,14 +1,15 @@
-# ruff: noqa: E501
 """Clauses 5, 6.1, 6.2, 6.7, 6.8: signature, chunk headers, HEAD, TLVs, metadata, attachments."""
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
+import re
 import subprocess
 import sys
+import unicodedata
 import zlib
-from dataclasses import replace
 
 import forge as f
 import pytest
@@ -146,13 +147,12 @@ class TestUnknownChunks:
         """
         for bit in range(8):
             assert rule(f.minimal(("mETa", b"no JSON", {"flags": 1 << bit}))) == ("intact", None)
-            flagged = f.closed(HEAD, f.TRACK_0, (*f.DATA_0, {"flags": 1 << bit}))
-            assert rule(flagged) == ("unsupported", "CHK-009")
+            flagged = ("TRAK", f.TRACK_0[1], {"track": 0, "flags": 1 << bit})
+            assert rule(f.minimal(flagged)) == ("unsupported", "CHK-009")
         for bit in range(8, 16):
             assert rule(f.minimal(("mETa", b"{}", {"flags": 1 << bit}))) == ("intact", None)
 
     @pytest.mark.parametrize("type_", ["aTTc", "dGST"])
-    @pytest.mark.xfail(reason="critical flag bits of ancillary chunks are looked at in part only")
     def test_flagged_ancillary_chunks_are_skipped(self, type_):
         assert rule(f.minimal((type_, b"", {"flags": 1, "track": 0}))) == ("intact", None)
 
@@ -176,10 +176,8 @@ class TestHead:
     @given(st.binary(max_size=60))
     def test_any_bytes(self, data):
         header = parse_header(f.chunk("HEAD", b"", 0), 0)
-        try:
+        with contextlib.suppress(HapfmtError):
             assert parse_head(data, header, 0).level in (1, 2)
-        except HapfmtError:
-            pass
 
     @pytest.mark.parametrize("fields", [{"minor": 9}, {"compat": 2**32 - 1}])
     def test_later_versions_are_read(self, fields):
@@ -205,7 +203,9 @@ class TestHead:
         assert rule(f.minimal(HEAD)) == ("intact", None)
         assert rule(f.minimal(("HEAD", f.head(minor=1)))) == ("nonconforming", "HED-006")
 
-    @pytest.mark.parametrize("payload", [f.head(f.tlv(2, b"")), f.head(epoch_ns=1)])
+    @pytest.mark.parametrize(
+        "payload", [f.head(f.tlv(2, b"")), f.head(epoch_ns=1)], ids=["a TLV", "a time"]
+    )
     @pytest.mark.xfail(reason="copies are compared by what is understood of them")
     def test_copies_are_equal_in_every_byte(self, payload):
         assert rule(f.minimal(("HEAD", payload))) == ("nonconforming", "HED-006")
@@ -270,10 +270,8 @@ class TestMetadata:
 
     @given(st.binary(max_size=30) | strategies.jsons.map(lambda x: json.dumps(x).encode()))
     def test_any_bytes(self, data):
-        try:
+        with contextlib.suppress(FormatError):
             assert isinstance(parse_metadata(data, 0), dict)
-        except FormatError:
-            pass
 
     @pytest.mark.parametrize(
         "text", ["[]", "1", "NaN", '{"a":NaN}', '{"a":Infinity}', "{}x", "{'a':1}", "\ufeff{}"]
@@ -319,20 +317,18 @@ class TestAttachments:
 
     @given(st.binary(max_size=20))
     def test_any_bytes(self, data):
-        try:
+        with contextlib.suppress(FormatError):
             assert build_attachment(parse_attachment(data, 0)) == data
-        except FormatError:
-            pass
 
-    @given(st.text(st.sampled_from("./\\ab"), min_size=1))
+    @given(st.text(st.sampled_from("./\\:ab\x1b\x7f\x85"), min_size=1))
     def test_names_are_no_paths(self, name):
         r"""
         ATT-002: A reader that stores an attachment MUST NOT use more of its name than the last component, split at `/`, `\` and `:`, without leading dots and control characters; where nothing is left it chooses a name of its own.
         """
-        safe = replace(Attachment("x", "", b""), name=name).safe_name
-        assert safe
-        assert not set(safe) & set("/\\")
-        assert not safe.startswith(".")
+        safe = Attachment(name, "", b"").safe_name
+        last = re.split(r"[/\\:]", name)[-1]
+        kept = "".join(c for c in last if unicodedata.category(c) != "Cc").lstrip(".")
+        assert safe == (kept or "attachment")
 
     def test_of_a_file(self):
         data = f.minimal(("aTTc", f.strings("../b.txt", "text/plain") + b"hello"))

@@ -1,4 +1,3 @@
-# ruff: noqa: E501
 """Every refusal says what, where and which rule; no two faults share a message."""
 
 from __future__ import annotations
@@ -10,8 +9,8 @@ from pathlib import Path
 
 import pytest
 from faults import FAULTS, Fault
-from spec import REQUIREMENTS, ROOT, quotes
-from test_architecture import DECODE_SIDE
+from spec import REQUIREMENTS, quotes
+from test_architecture import DECODE_SIDE, MODULES
 
 from hapfmt.errors import FormatError, HapfmtError
 
@@ -213,16 +212,14 @@ def test_each_rule_quoted_here_has_a_fault():
 
 def raise_sites() -> list[tuple[str, str, str]]:
     """(module, rule, pattern of the message) of every error that names a rule."""
-    sites = []
-    for name in DECODE_SIDE:
-        path = ROOT / "hapfmt" / f"{name.replace('.', '/')}.py"
-        for node in ast.walk(ast.parse(Path(path).read_text(encoding="utf-8"))):
-            if not (isinstance(node, ast.Call) and node.args):
-                continue
-            for keyword in node.keywords:
-                if keyword.arg == "requirement" and isinstance(keyword.value, ast.Constant):
-                    sites.append((name, keyword.value.value, pattern_of(node.args[0])))
-    return sites
+    return [
+        (name, keyword.value.value, pattern_of(node.args[0]))
+        for name in DECODE_SIDE
+        for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and node.args
+        for keyword in node.keywords
+        if keyword.arg == "requirement" and isinstance(keyword.value, ast.Constant)
+    ]
 
 
 def pattern_of(node: ast.expr) -> str:

@@ -1,4 +1,3 @@
-# ruff: noqa: E501
 """Clause 9.2: code word lengths, the codebook in nibbles, canonical code words."""
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-# ruff: noqa: E501
 """Clauses 6.5 and 6.6: the index and the footer are hints; without them the file is walked."""
 
 from __future__ import annotations
 
+import contextlib
 import io
 from fractions import Fraction
 
@@ -69,10 +69,8 @@ def test_a_footer_comes_back(foot):
 @given(st.binary(max_size=80))
 def test_any_bytes(data):
     for parse in (lambda: parse_index(data, 500, 0), lambda: parse_foot(data, 0)):
-        try:
+        with contextlib.suppress(FormatError):
             parse()
-        except FormatError:
-            pass
 
 
 @pytest.mark.parametrize("count", [2**32 - 1, 2**31, 1])
@@ -81,10 +79,10 @@ def test_entries_that_are_not_there(count):
         parse_index(f.index([], count=count), 500, 0)
 
 
-@given(st.fractions(min_value=0, max_value=10**12))
+@given(st.fractions(min_value=0, max_value=9 * 10**9))
 def test_nanoseconds_hold_the_time(seconds):
     assert Fraction(floor_ns(seconds), 10**9) <= seconds <= Fraction(ceil_ns(seconds), 10**9)
-    assert ceil_ns(seconds) - floor_ns(seconds) <= 1 or seconds > 2**63 // 10**9
+    assert ceil_ns(seconds) - floor_ns(seconds) <= 1
 
 
 def test_nanoseconds_beyond_i64():
@@ -191,7 +189,6 @@ class TestAHint:
         rows = tuple(sorted(set(rows), key=lambda r: r[1])) if at != 88 else (rows[0], rows[2])
         assert samples(f.minimal(ahead={"entries": rows}), start=0) == samples(f.minimal())
 
-    @pytest.mark.xfail(reason="the channels to read are chosen before the file is walked")
     def test_a_description_left_out(self):
         rows = (("HEAD", 8, 0, 0), ("DATA", 160, 0, 10**12))
         assert samples(f.minimal(ahead={"entries": rows})) == samples(f.minimal())
@@ -244,22 +241,23 @@ class TestFooter:
         assert len(samples(out)) == 8
 
 
+@pytest.fixture(scope="module")
+def long_file() -> bytes:
+    """12 MiB of clusters, a packet each."""
+    out = io.BytesIO()
+    writer = FileWriter(out, file_id=f.FILE_ID)
+    component, parameters = Component(), f.raw_parameters(4)
+    writer.describe([Track(0, "full", "RAWB", Fraction(1000), 0, (component,), parameters)])
+    for i in range(24):
+        writer.cluster([Packet(0, i << 17, 1 << 17, b"\0" + bytes(1 << 19))])
+    writer.close()
+    return out.getvalue()
+
+
 class TestWriter:
     """
     IDX-005: A writer MUST write an index before the chunks that were not indexed yet, together with the next chunk, pass 4 MiB, unless there is nothing to list; and one before `fOOT`. A live writer also writes one every 10 seconds.
     """
-
-    @pytest.fixture(scope="class")
-    def long_file(self) -> bytes:
-        out = io.BytesIO()
-        writer = FileWriter(out, file_id=f.FILE_ID)
-        track = Track(0, "full", "RAWB", Fraction(1000), 0, (Component(),), f.raw_parameters(4),
-                      count_min=0, count_max=0)  # fmt: skip
-        writer.describe([track])
-        for i in range(24):
-            writer.cluster([Packet(0, i << 17, 1 << 17, b"\0" + bytes(1 << 19))])
-        writer.close()
-        return out.getvalue()
 
     def test_an_index_in_4_mib(self, long_file):
         catalogue = open_catalogue(BytesSource(long_file), scan=True)
@@ -271,5 +269,9 @@ class TestWriter:
 
     def test_cut_anywhere(self, long_file):
         """What stands before the cut is read, closed or not."""
-        found = Reader(long_file[: len(long_file) // 2])
-        assert len(found.catalogue.data) in (11, 12)
+        whole = Reader(long_file).catalogue.data
+        for cut in (len(long_file) // 2, len(long_file) - 1):
+            found = Reader(long_file[:cut]).catalogue.data
+            assert [ref.offset for ref in found] == [
+                r.offset for r in whole if r.offset + 32 <= cut
+            ]

@@ -1,4 +1,3 @@
-# ruff: noqa: E501
 """Clause 2: rdiv, clamp, varint and svarint, one by one and in rows."""
 
 from __future__ import annotations

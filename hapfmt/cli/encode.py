@@ -76,8 +76,8 @@ ORIGINAL_BITS = 64
     "vectors",
     multiple=True,
     metavar="X,Y[,Z]",
-    help="Channels that are the axes of one vector, by label or number: one deadband on their norm, "
-    "one knot clock. May be given several times.",
+    help="Channels that are the axes of one vector, by label or number: one deadband on their "
+    "norm, one knot clock. May be given several times.",
 )
 @click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track.")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")

@@ -134,8 +134,8 @@ def add_series(known: dict[int, Track], series: Sequence[Track], *, damaged: boo
                     offset=track.offset,
                 )
             continue
-        if track.kind == "hf" and track.unsupported is None:
-            if track.base in known or not damaged:
+        if track.kind == "hf":
+            if track.unsupported is None and (track.base in known or not damaged):
                 check_base(known, track, based)
         elif taken & set(track.channels):
             raise FormatError(
