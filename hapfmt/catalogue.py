@@ -1,4 +1,4 @@
-"""What a file holds and where: from its index, or by walking through it (SPEC clauses 5, 6, 12).
+"""What a file holds and where, chunk by chunk as they are found (SPEC clauses 5 and 6).
 
 Nothing is decoded here, and NumPy is not needed: this is all that ``hapfmt info`` loads.
 """
@@ -8,29 +8,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cached_property
 from typing import Any
 
 from .container.cluster import parse_count, parse_entry
 from .container.extras import Attachment, parse_attachment, parse_metadata
-from .container.index import (
-    FIRST_OFFSET,
-    Foot,
-    Index,
-    IndexEntry,
-    ceil_ns,
-    floor_ns,
-    parse_foot,
-    parse_index,
-)
+from .container.index import FIRST_OFFSET, Foot, ceil_ns, floor_ns, parse_foot
 from .container.series import parse_series
 from .container.source import Source
-from .container.track import Track, add_series
-from .container.walk import Chunk, Finding, read_chunk, walk
-from .container.wire import HEADER_SIZE, SIGNATURE, ChunkHeader, Head, parse_head
-from .errors import FormatError, HapfmtError, UnsupportedError
+from .container.track import Track, TrackTable
+from .container.walk import Chunk, Finding, read_chunk
+from .container.wire import ChunkHeader, Head, parse_head
+from .errors import FormatError, UnsupportedError
 from .limits import LEVELS, Level
 
-FOOT_SIZE = 64
 HARMLESS = frozenset({"not-closed"})
 """Findings that lose nothing that stands in the file."""
 
@@ -70,7 +61,7 @@ class Catalogue:
 
     source: Source
     head: Head | None = None
-    tracks: dict[int, Track] = field(default_factory=dict)
+    table: TrackTable = field(default_factory=TrackTable)
     chunks: list[ChunkRef] = field(default_factory=list)
     metadata: dict[str, Any] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
@@ -79,6 +70,18 @@ class Catalogue:
     foot: Foot | None = None
     indexed: bool = False
     known_findings: set[Finding] = field(default_factory=set)
+    head_payload: bytes = b""
+
+    @property
+    def tracks(self) -> dict[int, Track]:
+        """By id."""
+        return self.table.tracks
+
+    @property
+    def exit_code(self) -> int:
+        """What reading this file deserves (SPEC clause 14), as far as the chunks tell."""
+        parts = [self.unsupported, *(track.unsupported for track in self.tracks.values())]
+        return 3 if self.findings else 4 if any(parts) else 0
 
     @property
     def level(self) -> Level:
@@ -118,211 +121,96 @@ class Catalogue:
         stop = max((chunk.stop_ns or 0 for chunk in self.data), default=0)
         return Fraction(stop, 10**9)
 
-    def attachments(self) -> list[Attachment]:
-        found = []
+    @cached_property
+    def attachments(self) -> dict[str, Attachment]:
+        """By name; a name that comes again gets a number."""
+        found: dict[str, Attachment] = {}
         for ref in self.chunks:
-            if ref.type == "aTTc":
-                chunk = read_chunk(self.source, ref.offset)
-                if chunk is not None and chunk.intact and chunk.header.known:
-                    found.append(parse_attachment(chunk.payload, chunk.payload_offset))
+            chunk = read_chunk(self.source, ref.offset) if ref.type == "aTTc" else None
+            if chunk is not None and chunk.intact and chunk.header.known:
+                attachment = parse_attachment(chunk.payload, chunk.payload_offset)
+                name, count = attachment.name, 1
+                while name in found:
+                    count += 1
+                    name = f"{attachment.name} ({count})"
+                found[name] = attachment
         return found
 
     def lose(self, code: str, offset: int, size: int, message: str, requirement: str) -> None:
+        """Note a damage, once."""
         finding = Finding(code, offset, size, message, requirement)
         if finding not in self.known_findings:
             self.known_findings.add(finding)
             self.findings.append(finding)
 
-
-def open_catalogue(source: Source, *, scan: bool = False) -> Catalogue:
-    """By the index where there is one and it holds, else by walking; ``scan`` always walks."""
-    try:
-        if not scan:
-            found = from_index(source)
-            if found is not None:
-                return found
-        return from_walk(source)
-    except HapfmtError as error:
-        raise error.at(path=source.path) from None
-
-
-def from_index(source: Source) -> Catalogue | None:
-    """None where anything about the index is not as it should be (IDX-003)."""
-    catalogue = Catalogue(source, indexed=True)
-    try:
-        if source.size < FIRST_OFFSET + FOOT_SIZE or source.read_at(0, 8) != SIGNATURE:
+    def learn(self, chunk: Chunk) -> ChunkRef | None:
+        """Learn what an intact chunk says; a DATA chunk only tells its place in time."""
+        header, offset = chunk.header, chunk.payload_offset
+        if not header.known:
+            self.unknown.append(header)
+            if header.critical and self.unsupported is None:
+                self.unsupported = UnsupportedError(
+                    f"unknown critical chunk {header.type!r}",
+                    requirement="CHK-009",
+                    offset=chunk.offset,
+                    path=self.source.path,
+                )
             return None
-        first = read_chunk(source, FIRST_OFFSET)
-        if first is None or not first.intact or first.header.type != "HEAD":
+        if header.type == "HEAD":
+            self.learn_head(chunk)
             return None
-        file_id = first.header.file_id
-        last = read_chunk(source, source.size - FOOT_SIZE, file_id)
-        if last is None or not last.intact or last.header.type != "fOOT":
-            return None
-        catalogue.foot = parse_foot(last.payload, last.payload_offset)
-        for entry in index_entries(source, catalogue.foot.index_offset, file_id):
-            catalogue.chunks.append(
-                ChunkRef(entry.type, entry.offset, entry.start_ns, entry.stop_ns)
-            )
-            if entry.type == "DATA":
-                continue
-            chunk = read_chunk(source, entry.offset, file_id)
-            if chunk is None or not chunk.intact or chunk.header.type != entry.type:
-                return None
-            take_chunk(catalogue, chunk)
-    except FormatError:
-        return None
-    return catalogue if catalogue.head else None
-
-
-def index_entries(source: Source, offset: int, file_id: int) -> list[IndexEntry]:
-    """All entries, oldest first, by the chain of indexes that ends at ``offset``."""
-    parts: list[Index] = []
-    position = offset
-    while True:
-        chunk = read_chunk(source, position, file_id)
-        if chunk is None or not chunk.intact or chunk.header.type != "iNDX":
+        if self.head is None and not self.damaged:
             raise FormatError(
-                "no index where one should be", requirement="IDX-004", offset=position
+                "the first chunk is not HEAD", requirement="HED-001", offset=chunk.offset
             )
-        index = parse_index(chunk.payload, position, chunk.payload_offset)
-        parts.append(index)
-        if index.covers_from == FIRST_OFFSET:
-            break
-        position = index.previous
-    entries: list[IndexEntry] = []
-    stops = [part.covers_from for part in parts[-2::-1]] + [1 << 64]
-    for index, stop in zip(reversed(parts), stops, strict=True):
-        entries += [entry for entry in index.entries if entry.offset < stop]
-    return entries
-
-
-def from_walk(source: Source) -> Catalogue:
-    """Every chunk that can be found, in the order of the file; damage becomes findings."""
-    catalogue = Catalogue(source)
-    stop = 0
-    for chunk in walk(source, catalogue.findings):
-        stop = max(stop, min(chunk.stop, source.size))
-        ref = ChunkRef(
-            chunk.header.type,
-            chunk.offset,
-            sequence=chunk.header.sequence,
-            size=chunk.header.payload_size,
-        )
-        catalogue.foot = None
-        if chunk.intact:
-            try:
-                ref = take_chunk(catalogue, chunk) or ref
-            except FormatError as error:
-                if not catalogue.damaged:
-                    raise
-                lose_chunk(catalogue, chunk, error)
-        catalogue.chunks.append(ref)
-    check_found(catalogue)
-    return catalogue
-
-
-def lose_chunk(catalogue: Catalogue, chunk: Chunk, error: HapfmtError) -> None:
-    """In a damaged file a chunk that fits nothing is part of the damage."""
-    catalogue.lose(
-        "bad-chunk",
-        chunk.offset,
-        chunk.stop - chunk.offset,
-        f"{chunk.header.type} chunk: {error.message}",
-        error.requirement or "REC-003",
-    )
-
-
-def check_found(catalogue: Catalogue) -> None:
-    """What only the end of the walk tells."""
-    source = catalogue.source
-    if not catalogue.chunks:
-        rule, message = ("FIL-001", "not a hapf file: no signature")
-        if source.read_at(0, len(SIGNATURE)) == SIGNATURE:
-            rule, message = ("HED-001", "a signature without any chunk")
-        raise FormatError(message, requirement=rule, offset=0)
-    if catalogue.head is None:
-        catalogue.lose("missing-head", FIRST_OFFSET, 0, "no HEAD chunk that holds", "HED-001")
-    if catalogue.foot is None:
-        catalogue.lose(
-            "not-closed",
-            source.size,
-            0,
-            "the file was not closed: its end may be missing",
-            "FIL-003",
-        )
-
-
-def take_chunk(catalogue: Catalogue, chunk: Chunk) -> ChunkRef | None:
-    """Learn what an intact chunk says; a DATA chunk only tells its place in time."""
-    header, offset = chunk.header, chunk.payload_offset
-    if not header.known:
-        catalogue.unknown.append(header)
-        if header.critical and catalogue.unsupported is None:
-            catalogue.unsupported = UnsupportedError(
-                f"unknown critical chunk {header.type!r}",
-                requirement="CHK-009",
-                offset=chunk.offset,
-                path=catalogue.source.path,
+        self.level.check("payload_size", header.payload_size, "LIM-001", chunk.offset)
+        if header.type == "TRAK":
+            if self.table.is_new(header.track, chunk.payload, offset):
+                series = parse_series(chunk.payload, header.track, self.level, offset)
+                self.table.add(series, damaged=self.damaged)
+        elif header.type == "mETa":
+            self.metadata.update(parse_metadata(chunk.payload, offset))
+        elif header.type == "fOOT":
+            self.foot = parse_foot(chunk.payload, offset, moved=self.damaged)
+        elif header.type == "DATA" and not self.indexed:
+            start_ns, stop_ns = self.time_range(chunk)
+            return ChunkRef(
+                "DATA", chunk.offset, start_ns, stop_ns, header.sequence, header.payload_size
             )
         return None
-    if header.type == "HEAD":
-        take_head(catalogue, chunk)
-        return None
-    if catalogue.head is None and not catalogue.damaged:
-        raise FormatError("the first chunk is not HEAD", requirement="HED-001", offset=chunk.offset)
-    catalogue.level.check("payload_size", header.payload_size, "LIM-001", chunk.offset)
-    if header.type == "TRAK":
-        add_series(
-            catalogue.tracks,
-            parse_series(chunk.payload, header.track, catalogue.level, offset),
-            damaged=catalogue.damaged,
-        )
-    elif header.type == "mETa":
-        catalogue.metadata.update(parse_metadata(chunk.payload, offset))
-    elif header.type == "fOOT":
-        catalogue.foot = parse_foot(chunk.payload, offset, moved=catalogue.damaged)
-    elif header.type == "DATA" and not catalogue.indexed:
-        start_ns, stop_ns = time_range(catalogue, chunk)
-        return ChunkRef(
-            "DATA", chunk.offset, start_ns, stop_ns, header.sequence, header.payload_size
-        )
-    return None
 
-
-def take_head(catalogue: Catalogue, chunk: Chunk) -> None:
-    if catalogue.head is None:
-        if chunk.offset != FIRST_OFFSET and not catalogue.damaged:
+    def learn_head(self, chunk: Chunk) -> None:
+        if self.head is None:
+            if chunk.offset != FIRST_OFFSET and not self.damaged:
+                raise FormatError(
+                    "HEAD is not the first chunk", requirement="HED-001", offset=chunk.offset
+                )
+            self.head = parse_head(chunk.payload, chunk.header, chunk.payload_offset)
+            self.head_payload = chunk.payload
+        elif chunk.payload != self.head_payload:
             raise FormatError(
-                "HEAD is not the first chunk", requirement="HED-001", offset=chunk.offset
+                "a second, different HEAD", requirement="HED-006", offset=chunk.offset
             )
-        catalogue.head = parse_head(chunk.payload, chunk.header, chunk.payload_offset)
-    elif parse_head(chunk.payload, chunk.header, chunk.payload_offset) != catalogue.head:
-        raise FormatError("a second, different HEAD", requirement="HED-006", offset=chunk.offset)
 
+    def time_range(self, chunk: Chunk) -> tuple[int, int] | tuple[None, None]:
+        """Nanoseconds from the earliest sample to the end of the latest of an intact DATA chunk.
 
-def time_range(catalogue: Catalogue, chunk: Chunk) -> tuple[int, int] | tuple[None, None]:
-    """Nanoseconds from the earliest sample to the end of the latest of an intact DATA chunk.
-
-    None where a description is lost: a copy of it may still follow.
-    """
-    count, position = parse_count(chunk.payload, catalogue.level, chunk.payload_offset)
-    earliest: Fraction | float = math.inf
-    latest: Fraction | float = -math.inf
-    for _ in range(count):
-        entry, position = parse_entry(chunk.payload, position, chunk.payload_offset)
-        track = catalogue.tracks.get(entry.track)
-        if track is None:
-            if catalogue.damaged:
-                return None, None
-            raise FormatError(
-                f"packet of track {entry.track}, which is not described",
-                requirement="DAT-008",
-                offset=entry.offset,
-            )
-        earliest = min(earliest, entry.start / track.rate)
-        latest = max(latest, (entry.start + entry.span) / track.rate)
-    return floor_ns(Fraction(earliest)), ceil_ns(Fraction(latest))
-
-
-__all__ = ["HEADER_SIZE", "Catalogue", "ChannelRef", "ChunkRef", "open_catalogue"]
+        None where a description is lost: a copy of it may still follow.
+        """
+        count, position = parse_count(chunk.payload, self.level, chunk.payload_offset)
+        earliest: Fraction | float = math.inf
+        latest: Fraction | float = -math.inf
+        for _ in range(count):
+            entry, position = parse_entry(chunk.payload, position, chunk.payload_offset)
+            track = self.tracks.get(entry.track)
+            if track is None:
+                if self.damaged:
+                    return None, None
+                raise FormatError(
+                    f"packet of track {entry.track}, which is not described",
+                    requirement="DAT-008",
+                    offset=entry.offset,
+                )
+            earliest = min(earliest, entry.start / track.rate)
+            latest = max(latest, (entry.start + entry.span) / track.rate)
+        return floor_ns(Fraction(earliest)), ceil_ns(Fraction(latest))

@@ -25,7 +25,8 @@ class ContractCheck:
 
     ``samples`` were compared, ``missing`` are in the original only, ``invented`` in the file only;
     ``outside`` lie outside the deadband, or differ at all where there is no contract;
-    ``worst_ratio`` is the largest error in deadbands, ``largest_error`` in the channel's unit.
+    ``worst_ratio`` is the largest error in deadbands, ``largest_error`` in the channel's unit;
+    ``moved`` the largest distance of the source from its lattice, ``stated`` what the file says.
     """
 
     channel: int
@@ -37,27 +38,42 @@ class ContractCheck:
     outside: int
     worst_ratio: Fraction
     largest_error: float
+    moved: float = 0.0
+    stated: float = 0.0
+
+    @property
+    def promised(self) -> bool:
+        """A contract that is guaranteed, or none: then nothing may differ (DBC-004)."""
+        return self.contract is None or self.contract.guaranteed
 
     @property
     def broken(self) -> bool:
-        """A guarantee that does not hold, or samples that do not correspond."""
-        guaranteed = self.contract is not None and self.contract.guaranteed
-        return bool(self.missing or self.invented or (guaranteed and self.outside))
+        """A promise that does not hold, samples that do not correspond, or a source that was
+        further from its lattice than the file states (TLV-006)."""
+        moved = self.moved > self.stated
+        return bool(self.missing or self.invented or moved or (self.promised and self.outside))
 
     def as_json(self) -> dict[str, Any]:
         contract = self.contract
         return {
             "channel": self.channel,
             "label": self.label,
-            "weber_fraction": contract.kn / contract.kd if contract else None,
-            "guaranteed": bool(contract and contract.guaranteed),
-            "vector": bool(contract and contract.vector),
+            "contract": contract
+            and {
+                "kn": contract.kn,
+                "kd": contract.kd,
+                "vector": contract.vector,
+                "guaranteed": contract.guaranteed,
+            },
+            "broken": self.broken,
             "sample_count": self.samples,
             "missing_count": self.missing,
             "invented_count": self.invented,
             "outside_count": self.outside,
             "worst_ratio": float(self.worst_ratio),
             "largest_error": self.largest_error,
+            "moved": self.moved,
+            "stated": self.stated,
         }
 
 
@@ -70,6 +86,7 @@ class Pair:
     missing: int
     invented: int
     largest_error: float
+    moved: float
 
 
 def check_contracts(reader: Reader, against: Recording) -> list[ContractCheck]:
@@ -110,9 +127,10 @@ def check_track(members: Sequence[tuple[ChannelRef, Channel, Channel]]) -> list[
     return [
         ContractCheck(
             ref.number, ref.label, contract, int(pair.x.size), pair.missing, pair.invented,
-            outside, ratio, pair.largest_error,
+            outside, ratio, pair.largest_error, pair.moved,
+            y.deviation.largest if y.deviation else 0.0,
         )
-        for (ref, _, _), pair, (outside, ratio) in zip(members, pairs, judged, strict=True)
+        for (ref, _, y), pair, (outside, ratio) in zip(members, pairs, judged, strict=True)
     ]  # fmt: skip
 
 
@@ -136,18 +154,21 @@ def pair_up(original: Channel, decoded: Channel) -> Pair:
     with np.errstate(all="ignore"):
         errors = np.where(same, 0.0, np.abs(physical_x - physical_y))
     y = decoded.values[at_y]
+    moved = 0.0
     if decoded.calibration is None:
         x, y = physical_x.view(np.int64), physical_y.view(np.int64)
     elif original.calibration == decoded.calibration:
         x = original.values[at_x]
     else:
         x = nearest_counts(physical_x, decoded.calibration)
+        moved = float(np.abs(physical_x - physical_of(x, decoded.calibration)).max(initial=0.0))
     return Pair(
         x,
         y,
         original.values.size - at_x.size,
         decoded.values.size - at_y.size,
         float(errors.max(initial=0.0)),
+        moved,
     )
 
 
@@ -156,7 +177,17 @@ def nearest_counts(physical: NDArray[np.float64], calibration: Calibration) -> N
     a, b, d = calibration.a, calibration.b, calibration.d
     with np.errstate(all="ignore"):
         guess = np.rint((physical * d - b) / a)
-    finite = np.isfinite(guess) & (np.abs(guess) < 1 << 32)
-    if not finite.all():
+    if not (np.isfinite(guess) & (np.abs(guess) < 1 << 32)).all():
         raise ParameterError("the original has values far outside the file's range")
-    return guess.astype(np.int64)
+    # With a large B the product above is rounded: the neighbours may be nearer.
+    tried = [guess.astype(np.int64) + shift for shift in (0, -1, 1)]
+    away = [np.abs(physical - physical_of(counts, calibration)) for counts in tried]
+    return np.choose(np.argmin(away, axis=0), tried) if guess.size else tried[0]
+
+
+def physical_of(counts: NDArray[np.int64], calibration: Calibration) -> NDArray[np.float64]:
+    """As Calibration.physical, for counts that may lie outside its exact range too."""
+    a, b, d = calibration.a, calibration.b, calibration.d
+    if int(np.abs(counts).max(initial=0)) * abs(a) + abs(b) < 1 << 62:
+        return (counts * a + b).astype(np.float64) / d
+    return (counts.astype(np.float64) * a + b) / d

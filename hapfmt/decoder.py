@@ -15,7 +15,7 @@ from .container.cluster import Packet
 from .container.track import Track
 from .errors import FormatError, HapfmtError, UnsupportedError
 from .limits import Level
-from .recording import Span
+from .recording import Span, append_span
 
 
 class TrackDecoder:
@@ -87,11 +87,7 @@ class TrackDigest:
 
     def update(self, start: int, numbers: NDArray[Any]) -> None:
         self.numbers.update(np.ascontiguousarray(numbers).tobytes())
-        span = Span(start, start + len(numbers))
-        if self.spans and self.spans[-1].stop == start:
-            self.spans[-1] = Span(self.spans[-1].start, span.stop)
-        else:
-            self.spans.append(span)
+        append_span(self.spans, Span(start, start + len(numbers)))
 
     def digest(self) -> bytes:
         coverage = b"".join(

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 from uuid import UUID
 
-from .catalogue import Catalogue, open_catalogue
+from .catalogue import Catalogue
 from .container.cluster import Packet, parse_cluster, salvage_cluster
 from .container.extras import parse_attachment, parse_metadata
 from .container.index import parse_foot, parse_index
@@ -18,6 +18,7 @@ from .container.walk import Chunk, Finding, walk
 from .container.wire import parse_head
 from .errors import HapfmtError
 from .limits import Limits
+from .opening import open_catalogue
 
 
 def dump(source: Source, *, counts: bool = False) -> Iterator[dict[str, Any]]:

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 from .catalogue import Catalogue, ChunkRef
 from .container.cluster import Packet, parse_cluster, salvage_cluster
-from .container.walk import read_chunk
-from .errors import FormatError, ParameterError
+from .container.walk import header_at, read_chunk
+from .errors import FormatError
+from .numbers import exact
 
 Seconds = Fraction | float | int
 TAIL_LOSSES = frozenset({"missing-chunk", "truncated", "garbage", "duplicate-chunk"})
@@ -75,6 +76,19 @@ class PacketPass:
         for track in sorted(state.broken & set(ranges)):
             self.lost.append(LostSpan(track, state.last_stop.get(track, 0), None))
 
+    def holds(self, start: Seconds | None, stop: Seconds | None) -> bool:
+        """Whether a DATA chunk stands wherever an index says that one does (IDX-003)."""
+        for ref in self.catalogue.data:
+            if self.catalogue.indexed and overlaps(ref, start, stop):
+                header = header_at(self.catalogue.source, ref.offset, self.file_id)
+                if header is None or header.type != "DATA" or not header.known:
+                    return False
+        return True
+
+    @property
+    def file_id(self) -> int | None:
+        return self.catalogue.head.file_id if self.catalogue.head else None
+
     def missing(self, found: set[int], before: ChunkRef | None, after: ChunkRef | None) -> bool:
         """Whether chunks were lost between two DATA chunks; ``found`` are the sequence numbers of
         the chunks whose header holds."""
@@ -89,15 +103,8 @@ class PacketPass:
     def cluster(self, ref: ChunkRef, state: Progress, wanted: set[int]) -> Iterator[Packet]:
         """The packets of one DATA chunk; damaged ones are reported instead."""
         catalogue = self.catalogue
-        chunk = read_chunk(self.catalogue.source, ref.offset)
-        if chunk is None or chunk.header.type != "DATA":
-            # Only an index can lead here: what it says is not so (IDX-003).
-            catalogue.lose(
-                "bad-index", ref.offset, 0, "no DATA chunk where the index has one", "IDX-003"
-            )
-            self.on_damage()
-            state.broken.update(wanted)
-            return
+        chunk = read_chunk(catalogue.source, ref.offset)
+        assert chunk is not None, "holds() looked at every header"
         at, size = chunk.payload_offset, len(chunk.payload)
         if chunk.intact:
             try:
@@ -167,14 +174,6 @@ def tick_range(rate: Fraction, start: Seconds | None, stop: Seconds | None) -> t
         0 if start is None else max(tick(start), 0),
         1 << 62 if stop is None else tick(stop),
     )
-
-
-def exact(seconds: Seconds) -> Fraction:
-    """A float stands for the shortest decimal that gives it: 0.1 is one tenth."""
-    try:
-        return Fraction(repr(float(seconds)) if isinstance(seconds, float) else seconds)
-    except ValueError:
-        raise ParameterError(f"{seconds} is not a time in seconds") from None
 
 
 def overlaps(ref: ChunkRef, start: Seconds | None, stop: Seconds | None) -> bool:

@@ -11,7 +11,7 @@ from uuid import UUID
 
 from numpy.typing import NDArray
 
-from .catalogue import Catalogue, ChannelRef, open_catalogue
+from .catalogue import Catalogue, ChannelRef
 from .container.cluster import Packet
 from .container.extras import Attachment
 from .container.source import open_source
@@ -20,6 +20,8 @@ from .container.walk import Finding
 from .decoder import TrackDecoder
 from .errors import ChecksumError, FormatError, ParameterError, TruncatedError
 from .limits import Limits
+from .numbers import exact
+from .opening import open_catalogue
 from .packets import LostSpan, PacketPass, Seconds, tick_range
 from .reconstruct import Decoded, add_residual, build_channel
 from .recording import Recording
@@ -92,8 +94,9 @@ class Reader:
     def duration(self) -> Fraction:
         return self.catalogue.duration
 
-    def attachments(self) -> list[Attachment]:
-        return self.catalogue.attachments()
+    @property
+    def attachments(self) -> dict[str, Attachment]:
+        return self.catalogue.attachments
 
     def scan(self) -> None:
         """Walk through the whole file, so that every byte is checked."""
@@ -112,23 +115,34 @@ class Reader:
                 path=self.source.path,
             )
 
-    def select(self, channels: Sequence[str | int] | None) -> list[ChannelRef]:
-        """Channels by label or number, in the order asked for; None: all."""
+    def refuse_unknown(self) -> None:
+        """CHK-009."""
+        if self.catalogue.unsupported:
+            raise self.catalogue.unsupported
+
+    def select(self, channels: Sequence[str | int] | str | int | None) -> list[ChannelRef]:
+        """Channels by label or number, in the order asked for; None: all.
+
+        A text that is no label but a number is taken as one.
+        """
         known = self.channels
         if channels is None:
             return known
+        by_label = {ref.label: ref for ref in reversed(known)}
+        by_number: dict[str, ChannelRef] = {str(ref.number): ref for ref in known}
         chosen = []
-        for name in channels:
-            found = [c for c in known if name in (c.number, c.label)]
-            if not found:
-                labels = ", ".join(f"{c.number}={c.label!r}" for c in known)
+        for name in [channels] if isinstance(channels, (str, int)) else channels:
+            found = by_label.get(name) if isinstance(name, str) else None
+            found = found or by_number.get(str(name))
+            if found is None:
+                labels = ", ".join(f"{ref.number}={ref.label!r}" for ref in known)
                 raise ParameterError(f"no channel {name!r}; there are: {labels}")
-            chosen.append(found[0])
+            chosen.append(found)
         return chosen
 
     def read(
         self,
-        channels: Sequence[str | int] | None = None,
+        channels: Sequence[str | int] | str | int | None = None,
         start: Seconds | None = None,
         stop: Seconds | None = None,
         *,
@@ -141,6 +155,8 @@ class Reader:
         """
         if band not in BANDS:
             raise ParameterError(f"band is one of {', '.join(BANDS)}")
+        if start is not None and stop is not None and exact(start) >= exact(stop):
+            raise ParameterError(f"the time range from {start} to {stop} s is empty")
         if start is None and stop is None:
             self.scan()
         chosen = self.select(channels)
@@ -151,6 +167,8 @@ class Reader:
             samples += piece.numbers.size
             self.limits.check_samples(samples)
             decoded[piece.track.id].add(piece.start, piece.numbers)
+        if band == "full":
+            self.lost.extend(lost_residuals(chosen))
         return self.assemble(chosen, decoded, band)
 
     def assemble(
@@ -163,6 +181,10 @@ class Reader:
             if band == "hf":
                 track = decoded[ref.residual.id] if ref.residual else Decoded(ref.track)
                 built.append(build_channel(track, ref.index, component, hf_only=True))
+                continue
+            if ref.track.kind == "lf" and ref.residual is None and band == "full":
+                # Its HF track is lost: what is left is not the channel (DEC-006).
+                built.append(build_channel(Decoded(ref.track), ref.index, component))
                 continue
             if ref.residual is not None and band == "full":
                 if ref.track.id not in sums:
@@ -180,7 +202,9 @@ class Reader:
             epoch_ns=head.epoch_ns if head else None,
             epoch_uncertainty_ns=head.epoch_uncertainty_ns if head else 0,
             metadata=self.metadata,
-            attachments={a.name: (a.media_type, a.content) for a in self.attachments()},
+            attachments={
+                name: (found.media_type, found.content) for name, found in self.attachments.items()
+            },
         )
 
     def pieces(
@@ -198,8 +222,7 @@ class Reader:
         """
         if start is None and stop is None:
             self.scan()
-        if self.catalogue.unsupported:
-            raise self.catalogue.unsupported
+        self.refuse_unknown()
         ranges = {t.id: tick_range(t.rate, start, stop) for t in tracks}
         decoders = {t.id: TrackDecoder(t, self.catalogue.level, self.source.path) for t in tracks}
         work = 0
@@ -231,6 +254,10 @@ class Reader:
         """Packets of the tracks in ``ranges``, {id: (first tick, tick after the last)}, that
         overlap their range, CRCs checked; nothing is decoded."""
         current = PacketPass(self.catalogue, self.refuse_damage)
+        if not current.holds(start, stop):
+            self.scan()
+            self.refuse_unknown()
+            current = PacketPass(self.catalogue, self.refuse_damage)
         self.lost = current.lost
         return current.packets(ranges, start, stop, progress)
 
@@ -239,6 +266,12 @@ class Reader:
         rule = error.requirement or "COD-001"
         self.catalogue.lose("bad-packet", packet.offset, size, error.message, rule)
         self.lost.append(LostSpan(packet.track, packet.start, packet.stop))
+
+
+def lost_residuals(chosen: Sequence[ChannelRef]) -> list[LostSpan]:
+    """LF tracks whose HF track is not known: nothing of their channels can be given (DEC-006)."""
+    ids = {r.track.id for r in chosen if r.track.kind == "lf" and r.residual is None}
+    return [LostSpan(id_, 0, None) for id_ in sorted(ids)]
 
 
 def wanted_tracks(chosen: Sequence[ChannelRef], band: Band) -> list[Track]:
@@ -254,7 +287,7 @@ def wanted_tracks(chosen: Sequence[ChannelRef], band: Band) -> list[Track]:
 
 def read(
     file: str | os.PathLike[str] | bytes | BinaryIO,
-    channels: Sequence[str | int] | None = None,
+    channels: Sequence[str | int] | str | int | None = None,
     start: Seconds | None = None,
     stop: Seconds | None = None,
     *,

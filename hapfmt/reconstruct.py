@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .codecs.raw import DTYPES
 from .container.track import Component, Track
-from .recording import Calibration, Channel, Deviation, Span
+from .recording import Calibration, Channel, Deviation, Span, append_span
 
 
 @dataclass
@@ -26,11 +26,7 @@ class Decoded:
         """numbers [ticks, components] from tick ``start`` on."""
         if not len(numbers):
             return
-        stop = start + len(numbers)
-        if self.spans and self.spans[-1].stop == start:
-            self.spans[-1] = Span(self.spans[-1].start, stop)
-        else:
-            self.spans.append(Span(start, stop))
+        append_span(self.spans, Span(start, start + len(numbers)))
         self.pieces.append(numbers)
 
     def numbers(self) -> NDArray[Any]:

@@ -7,7 +7,7 @@ covers is a gap: it has no value, costs no memory, and turns into NaN only in :m
 from __future__ import annotations
 
 import uuid as _uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from .errors import LimitError, ParameterError
 from .limits import EXACT_LIMIT, TICK_LIMIT
+from .numbers import exact
 
 
 class Span(NamedTuple):
@@ -50,6 +51,8 @@ class Calibration:
     d: int = 1
 
     def __post_init__(self) -> None:
+        if not all(isinstance(term, int) for term in (self.a, self.b, self.d)):
+            raise ParameterError("a calibration holds three integers")
         if not (0 < abs(self.a) <= EXACT_LIMIT and abs(self.b) <= EXACT_LIMIT):
             raise ParameterError("calibration needs 0 < |A| <= 2^53 and |B| <= 2^53")
         if not 1 <= self.d <= EXACT_LIMIT:
@@ -83,14 +86,15 @@ class Calibration:
         return numerator.astype(np.float64) / float(self.d)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Channel:
     """One physical signal on a regular grid of ticks; tick 0 is the zero of the recording.
 
     values
         [sample_count], only the samples that were measured, in order of time. Signed integers where
         ``calibration`` is given (counts); otherwise numbers in ``unit``, float64 as a rule
-        (float16, float32, int64 and uint64 are kept bit for bit too).
+        (float16, float32, int64 and uint64 too: bit for bit where they are on no lattice, else
+        equal as numbers).
     rate
         ticks per second, a positive Fraction.
     coverage
@@ -117,7 +121,7 @@ class Channel:
     def __post_init__(self) -> None:
         if self.values.ndim != 1:
             raise ParameterError("a channel's values are one-dimensional")
-        object.__setattr__(self, "rate", Fraction(self.rate))
+        object.__setattr__(self, "rate", exact(self.rate))
         if self.rate <= 0:
             raise ParameterError("a channel's rate is positive")
         if self.calibration is not None and self.values.dtype.kind not in "iu":
@@ -136,14 +140,14 @@ class Channel:
 
     @classmethod
     def from_physical(
-        cls, x: NDArray[Any], rate: Fraction | int, *, start_tick: int = 0, **described: Any
+        cls, x: NDArray[Any], rate: Fraction | float | str, *, start_tick: int = 0, **described: Any
     ) -> Channel:
         """A channel of true doubles from [ticks] values; every NaN becomes a gap."""
         x = np.ascontiguousarray(x, dtype=np.float64)
         known = ~np.isnan(x)
         return cls(
             values=x[known],
-            rate=Fraction(rate),
+            rate=exact(rate),
             coverage=tuple(spans_of(known, start_tick)),
             **described,
         )
@@ -216,7 +220,7 @@ class Channel:
         return replace(self, values=joined, coverage=tuple(spans))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recording:
     """Channels that share one zero of time.
 
@@ -260,12 +264,9 @@ def spans_of(known: NDArray[np.bool_], start_tick: int = 0) -> Iterator[Span]:
         yield Span(start_tick + a, start_tick + b)
 
 
-def join_spans(spans: Iterable[Span]) -> tuple[Span, ...]:
-    """Sorted spans with the adjacent ones joined."""
-    joined: list[Span] = []
-    for span in spans:
-        if joined and joined[-1].stop == span.start:
-            joined[-1] = Span(joined[-1].start, span.stop)
-        else:
-            joined.append(span)
-    return tuple(joined)
+def append_span(spans: list[Span], span: Span) -> None:
+    """Append a span that begins at or after the last one's end; adjacent ones become one."""
+    if spans and spans[-1].stop == span.start:
+        spans[-1] = Span(spans[-1].start, span.stop)
+    else:
+        spans.append(span)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from .catalogue import Catalogue, open_catalogue
+from .catalogue import Catalogue
 from .container.cluster import Packet, entry_size, parse_cluster, salvage_cluster
 from .container.source import Source
 from .container.walk import Finding, walk
 from .container.wire import HEADER_SIZE, SIGNATURE
 from .errors import FormatError
+from .opening import open_catalogue
 
 CAUSES = (
     "signature",

@@ -8,7 +8,13 @@ from dataclasses import dataclass, field
 from typing import Any, BinaryIO
 
 from .catalogue import Catalogue
-from .container.index import IndexEntry, check_listing, parse_index
+from .container.index import (
+    FIRST_OFFSET,
+    INDEX_EVERY,
+    IndexEntry,
+    check_listing,
+    parse_index,
+)
 from .container.walk import read_chunk
 from .contract import ContractCheck, check_contracts
 from .decoder import TrackDigest
@@ -96,48 +102,61 @@ def verify(
         report.findings = [finding.as_json() for finding in catalogue.findings]
         report.lost = [span._asdict() for span in reader.lost]
         report.unknown = [header.type for header in catalogue.unknown]
-        if catalogue.findings or any(check.broken for check in report.contracts):
+        report.worsen(catalogue.exit_code)
+        if any(check.broken for check in report.contracts):
             report.worsen(DAMAGED)
         return report
 
 
 def check_structure(catalogue: Catalogue) -> None:
     """Index, footer, attachments, channel numbers: only in a file without damage."""
-    if catalogue.damaged:
+    if catalogue.damaged or catalogue.unsupported:
         return
     listing = [
         IndexEntry(ref.type, ref.offset, ref.start_ns or 0, ref.stop_ns or 0)
         for ref in catalogue.chunks
     ]
     last_index = indexed_to = 0
+    indexes: set[int] = set()
     for ref in catalogue.chunks:
         if ref.type == "iNDX":
             chunk = read_chunk(catalogue.source, ref.offset)
             if chunk is None or not chunk.header.known:
                 continue
             index = parse_index(chunk.payload, ref.offset, chunk.payload_offset)
+            if index.covers_from != FIRST_OFFSET and index.previous not in indexes:
+                raise FormatError(
+                    "no index where the previous one should be",
+                    requirement="IDX-004",
+                    offset=chunk.payload_offset + 8,
+                )
+            indexes.add(ref.offset)
             check_listing(index, ref.offset, listing, chunk.payload_offset)
             last_index = indexed_to = ref.offset
         elif ref.offset - indexed_to > INDEX_EVERY + catalogue.level.payload_size:
             raise FormatError("no index for too long", requirement="IDX-005", offset=ref.offset)
-    catalogue.attachments()
+    _ = catalogue.attachments
     foot = catalogue.foot
     if foot is None:
         return
     at = catalogue.source.size - 32
+    bases = catalogue.table.bases
     if not last_index or foot.index_offset != last_index:
         raise FormatError("footer names another index", requirement="FOT-002", offset=at)
     counts = (len(catalogue.data), len(catalogue.tracks))
     stop_ns = max((ref.stop_ns or 0 for ref in catalogue.data), default=0)
     if (foot.data_count, foot.track_count, foot.duration_ns) != (*counts, stop_ns):
         raise FormatError("footer counts differ", requirement="FOT-003", offset=at + 16)
+    bare = [t for t in catalogue.tracks.values() if t.kind == "lf" and t.id not in bases]
+    if bare:
+        raise FormatError(
+            f"LF track {bare[0].id} without an HF track",
+            requirement="TRK-012",
+            offset=bare[0].offset,
+        )
     numbers = [channel.number for channel in catalogue.channels]
     if numbers != list(range(len(numbers))):
         raise FormatError("channel numbers leave a hole", requirement="TRK-010", offset=at)
-
-
-INDEX_EVERY = 1 << 22
-"""Bytes of chunks after which an index is due (SPEC IDX-005); the chunk on the edge may pass it."""
 
 
 def check_packets(

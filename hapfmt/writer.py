@@ -17,6 +17,7 @@ from .container.extras import Attachment, build_attachment, build_metadata
 from .container.index import (
     ENTRY_SIZE,
     FIRST_OFFSET,
+    INDEX_EVERY,
     Foot,
     Index,
     IndexEntry,
@@ -35,9 +36,6 @@ from .errors import ParameterError
 from .limits import LEVELS, Level
 from .recording import Recording
 from .version import __version__
-
-INDEX_EVERY = 1 << 22
-"""Bytes of chunks between two indexes (SPEC IDX-005)."""
 
 COPY_SHARE = 50
 """HEAD and TRAK are repeated at the end (SPEC 6.1) where that adds at most a 50th to the file."""

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import forge as f
 
-from hapfmt.catalogue import index_entries, open_catalogue
+from hapfmt.catalogue import index_entries
 from hapfmt.codecs.huffman import parse_codebook
 from hapfmt.codecs.knots import KnotParameters, decode_knots
 from hapfmt.codecs.quantised import QuanParameters, decode_quantised
@@ -27,6 +27,7 @@ from hapfmt.container.track import add_series
 from hapfmt.container.wire import parse_head, parse_header
 from hapfmt.integers import parse_varint
 from hapfmt.limits import LEVELS, Limits
+from hapfmt.opening import open_catalogue
 from hapfmt.reader import Reader
 from hapfmt.verifier import verify
 

@@ -416,7 +416,7 @@ def encoder_settings(draw):
         [Tolerance(0.5, "lsb"), Tolerance(10, "lsb"), Tolerance(0.01, "range")]
     )
     return Settings(
-        weber=draw(st.sampled_from([Fraction(0), Fraction(1, 10), Fraction(3, 2)])),
+        k=draw(st.sampled_from([Fraction(0), Fraction(1, 10), Fraction(3, 2)])),
         floor=draw(floors),
         cluster=draw(st.sampled_from([Fraction(1, 10), Fraction(10)])),
         interpolation=draw(st.sampled_from(["hold", "linear"])),

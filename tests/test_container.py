@@ -264,7 +264,7 @@ class TestMetadata:
     @given(strategies.metadata)
     def test_comes_back(self, metadata):
         """
-        MET-001: The payload MUST be one JSON object (RFC 8259) in UTF-8, nested at most 64 deep.
+        MET-001: The payload MUST be one JSON object (RFC 8259) in UTF-8, nested at most 64 deep, whose texts are well-formed and whose numbers are finite as binary64 or integers, of at most 1000 characters.
         """
         assert parse_metadata(build_metadata(metadata), 0) == metadata
 

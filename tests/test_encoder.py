@@ -224,7 +224,7 @@ def test_a_codebook_has_a_word_for_every_level(levels):
         {"bits": 5, "step": ONE_COUNT},
         {"cutoff_hz": 0.0},
         {"cluster": Fraction(0)},
-        {"weber": Fraction(-1)},
+        {"k": Fraction(-1)},
     ],
 )
 def test_settings_that_make_no_sense_are_refused(wrong):

@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule, samples
 
-from hapfmt.catalogue import open_catalogue
 from hapfmt.container.cluster import Packet
 from hapfmt.container.index import (
     Foot,
@@ -28,6 +27,7 @@ from hapfmt.container.index import (
 from hapfmt.container.source import BytesSource
 from hapfmt.container.track import Component, Track
 from hapfmt.errors import FormatError
+from hapfmt.opening import open_catalogue
 from hapfmt.reader import Reader
 from hapfmt.writer import FileWriter
 

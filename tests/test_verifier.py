@@ -142,7 +142,7 @@ class TestDigests:
     @given(strategies.packets())
     def test_as_the_page_says(self, case):
         """
-        DGS-003: A writer MUST write the digest of a track after its last packet, and anew where it appends packets.
+        DGS-003: A digest, where a writer writes one, MUST follow the last packet of its track; a writer that appends packets writes it anew.
         """
         track, packets, _ = case
         decoder, digest = TrackDecoder(track, LEVELS[1]), TrackDigest()

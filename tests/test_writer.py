@@ -11,9 +11,9 @@ import pytest
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
-from hapfmt.catalogue import open_catalogue
 from hapfmt.container.source import BytesSource
 from hapfmt.container.walk import walk
+from hapfmt.opening import open_catalogue
 from hapfmt.scenes.stylus import simulate
 
 

@@ -32,7 +32,7 @@ def measure(name: str, recording: hapfmt.Recording, floor: str) -> None:
         row: list[object] = [percent]
         for bits in BITS:
             settings = hapfmt.Settings.of(
-                "paper", weber=Fraction(percent, 100), bits=bits, floor=Tolerance.parse(floor)
+                "paper", k=Fraction(percent, 100), bits=bits, floor=Tolerance.parse(floor)
             )
             stream = io.BytesIO()
             summary = hapfmt.write(recording, stream, settings, canonical=1)

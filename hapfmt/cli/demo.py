@@ -45,7 +45,7 @@ class Outcome:
 )
 @click.option("--seconds", type=click.FloatRange(0.1, 600), default=4.0, show_default=True)
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
-@click.option("--k", "weber", type=FractionType(), default="0.1", show_default=True)
+@click.option("--k", "k", type=FractionType(), default="0.1", show_default=True)
 @click.option("--bits", type=click.IntRange(0, 16), default=5, show_default=True)
 @click.option("--out", type=click.Path(path_type=Path), help="Keep the .hapf file of --bits here.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Write a picture: .png .svg .pdf.")
@@ -55,7 +55,7 @@ def demo(
     texture: str,
     seconds: float,
     seed: int,
-    weber: Fraction,
+    k: Fraction,
     bits: int,
     out: Path | None,
     plot: Path | None,
@@ -78,32 +78,32 @@ def demo(
     began = time.perf_counter()
     recording = simulate(None if texture == "none" else texture, seconds, seed)
     simulated = time.perf_counter() - began
-    outcomes = [run(recording, weber, each) for each in sorted({*BITS, bits})]
+    outcomes = [run(recording, k, each) for each in sorted({*BITS, bits})]
     chosen = next(outcome for outcome in outcomes if outcome.bits == bits)
     if out is not None:
         with atomic_write(out, force=force) as stream:
             stream.write(chosen.data)
     if plot is not None:
-        draw(plot, recording, chosen, weber, force)
+        draw(plot, recording, chosen, k, force)
     if as_json:
         echo_json(
             {
                 "texture": texture,
                 "sample_count": recording.sample_count,
                 "simulate_s": simulated,
-                "k": float(weber),
+                "k": float(k),
                 "settings": [as_row(outcome) for outcome in outcomes],
             }
         )
         return 0
-    show(recording, texture, simulated, weber, outcomes)
+    show(recording, texture, simulated, k, outcomes)
     for path, what in ((out, "file"), (plot, "picture")):
         if path is not None:
             click.echo(f"{what}: {printable(str(path))}")
     return 0
 
 
-def run(recording: Recording, weber: Fraction, bits: int) -> Outcome:
+def run(recording: Recording, k: Fraction, bits: int) -> Outcome:
     """Encode with the paper's method, decode, compare."""
     from ..encoder.settings import Settings
     from ..metrics import max_error, rmse, snr_hf_db
@@ -113,7 +113,7 @@ def run(recording: Recording, weber: Fraction, bits: int) -> Outcome:
 
     stream = io.BytesIO()
     began = time.perf_counter()
-    summary = write(recording, stream, Settings.of("paper", weber=weber, bits=bits), canonical=0)
+    summary = write(recording, stream, Settings.of("paper", k=k, bits=bits), canonical=0)
     encoded = time.perf_counter()
     data = stream.getvalue()
     with Reader(data) as reader:
@@ -145,14 +145,14 @@ def show(
     recording: Recording,
     texture: str,
     simulated: float,
-    weber: Fraction,
+    k: Fraction,
     outcomes: list[Outcome],
 ) -> None:
     samples = recording.sample_count
     channel = recording.channels[0]
     click.echo(
         f"{channel.label} of a stylus on {texture}: {samples} samples at {channel.rate} Hz, "
-        f"simulated in {simulated:.2f} s; deadband k = {float(weber):.3g}, floor 10 mN"
+        f"simulated in {simulated:.2f} s; deadband k = {float(k):.3g}, floor 10 mN"
     )
     rows = [
         [
@@ -178,7 +178,7 @@ def show(
     )
 
 
-def draw(path: Path, recording: Recording, chosen: Outcome, weber: Fraction, force: bool) -> None:
+def draw(path: Path, recording: Recording, chosen: Outcome, k: Fraction, force: bool) -> None:
     """Original, d with its deadband, reconstruction, errors."""
     import numpy as np
 
@@ -196,7 +196,7 @@ def draw(path: Path, recording: Recording, chosen: Outcome, weber: Fraction, for
         ticks = [parse_knots(p.data, 1, p.offset)[0] + p.start for p in packets]
         last = (base.residual or base.track).contract
     d = slow.physical()
-    half = np.maximum(float(weber) * np.abs(d), float(FORCE_FLOOR_N))
+    half = np.maximum(float(k) * np.abs(d), float(FORCE_FLOOR_N))
     step = None
     if base.residual is not None and full.calibration is not None and last is not None:
         step = int.from_bytes(base.residual.parameters[:4], "little")

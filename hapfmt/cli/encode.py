@@ -45,7 +45,7 @@ ORIGINAL_BITS = 64
     help="default: every sample within its deadband, texture kept with an explicit step. "
     "paper: Brandi, Chaudhari and Steinbach to the letter.",
 )
-@click.option("--k", "weber", type=FractionType(), help="Weber fraction of the deadband [0.1].")
+@click.option("--k", "k", type=FractionType(), help="Weber fraction of the deadband [0.1].")
 @click.option(
     "--floor",
     type=AmountType(),

@@ -7,8 +7,9 @@ from uuid import UUID
 
 import click
 
-from ..catalogue import Catalogue, ChannelRef, open_catalogue
+from ..catalogue import Catalogue, ChannelRef
 from ..container.source import open_source
+from ..opening import open_catalogue
 from .common import echo_json, input_of, json_option, printable, table
 
 
@@ -54,7 +55,7 @@ def describe(catalogue: Catalogue) -> dict[str, Any]:
         "metadata": catalogue.metadata,
         "attachments": [
             {"name": a.name, "media_type": a.media_type, "size": len(a.content)}
-            for a in catalogue.attachments()
+            for a in catalogue.attachments.values()
         ],
         "unknown_chunks": [header.type for header in catalogue.unknown],
         "unsupported": str(catalogue.unsupported) if catalogue.unsupported else None,

@@ -15,6 +15,7 @@ from ..limits import Level
 from .varints import build_varints, from_signed, parse_varints, to_signed
 
 Interpolation = Literal["hold", "linear"]
+FAR = 1 << 36
 INTERPOLATIONS: tuple[Interpolation, ...] = ("hold", "linear")
 
 
@@ -63,10 +64,11 @@ def parse_knots(
     table = np.concatenate((np.zeros(1, np.int64), numbers)).reshape(-1, width)
     if (table[1:, 0] < 1).any():
         raise FormatError("knot ticks not increasing", requirement="KNT-003", offset=offset)
-    # Sums of 64-bit numbers could wrap: no gap and no difference can be that large in a true file.
-    if table.max() >= 1 << 36:
-        raise FormatError("knot far beyond its packet", requirement="KNT-004", offset=offset)
-    return np.cumsum(table[:, 0]), np.cumsum(to_signed(table[:, 1:]), axis=0)
+    # Sums of 64-bit numbers could wrap: no value that keeps KNT-004 is that far from the next, and
+    # a gap cut to this size still lies beyond any packet.
+    if table[:, 1:].max() >= FAR:
+        raise FormatError("knot value far out of range", requirement="KNT-004", offset=offset)
+    return np.cumsum(np.minimum(table[:, 0], FAR)), np.cumsum(to_signed(table[:, 1:]), axis=0)
 
 
 def build_knots(ticks: NDArray[np.int64], values: NDArray[np.int64]) -> bytes:

@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from ..errors import FormatError, ParameterError
-from .tlv import STRING_SIZE, parse_text
+from .tlv import encode_text, parse_text
 
 DEPTH_LIMIT = 64
+DIGIT_LIMIT = 1000
+"""Characters of a number: more are refused, since reading them takes the square of their number."""
 
 
 def build_metadata(metadata: dict[str, Any]) -> bytes:
     """Canonical JSON: sorted keys, no spaces."""
+    if not isinstance(metadata, dict):
+        raise ParameterError("metadata is a JSON object, a dict in Python")
     try:
-        return json.dumps(
+        payload = json.dumps(
             metadata, ensure_ascii=False, sort_keys=True, separators=(",", ":"), allow_nan=False
         ).encode("utf-8")
-    except (TypeError, ValueError) as error:
+        parse_metadata(payload, 0)
+    except (TypeError, ValueError, RecursionError, FormatError) as error:
         raise ParameterError(f"metadata cannot be written as JSON: {error}") from None
+    return payload
 
 
 def parse_metadata(payload: bytes, offset: int) -> dict[str, Any]:
@@ -28,10 +35,22 @@ def parse_metadata(payload: bytes, offset: int) -> dict[str, Any]:
     def refuse(name: str) -> NoReturn:
         raise ValueError(name)
 
+    def integer(text: str) -> int:
+        return int(text) if len(text) <= DIGIT_LIMIT else refuse(text)
+
+    def real(text: str) -> float:
+        value = float(text)
+        return value if math.isfinite(value) and len(text) <= DIGIT_LIMIT else refuse(text)
+
     try:
-        value = json.loads(parse_text(payload, offset), parse_constant=refuse)
+        value = json.loads(
+            parse_text(payload, offset), parse_constant=refuse, parse_int=integer, parse_float=real
+        )
+        json.dumps(value, ensure_ascii=False).encode("utf-8")
     except (ValueError, RecursionError):
-        raise FormatError("metadata is not JSON", requirement="MET-001", offset=offset) from None
+        raise FormatError(
+            "metadata is not JSON within the bounds", requirement="MET-001", offset=offset
+        ) from None
     if not isinstance(value, dict):
         raise FormatError("metadata is not a JSON object", requirement="MET-001", offset=offset)
     level: list[Any] = [value]
@@ -65,9 +84,7 @@ class Attachment:
 def build_attachment(attachment: Attachment) -> bytes:
     out = b""
     for text in (attachment.name, attachment.media_type):
-        raw = text.encode("utf-8")
-        if len(raw) > STRING_SIZE:
-            raise ParameterError("attachment names and types are at most 255 bytes of UTF-8")
+        raw = encode_text(text)
         out += bytes([len(raw)]) + raw
     if not attachment.name:
         raise ParameterError("an attachment has a name")

@@ -11,6 +11,8 @@ from .layout import FOOT, INDEX, INDEX_ENTRY
 from .wire import parse_fixed
 
 FIRST_OFFSET = 8
+INDEX_EVERY = 1 << 22
+"""Bytes of chunks after which an index is due (SPEC IDX-005)."""
 I64 = (-(1 << 63), (1 << 63) - 1)
 ENTRY_SIZE: int = INDEX_ENTRY.sizeof()
 INDEX_SIZE: int = INDEX.sizeof()

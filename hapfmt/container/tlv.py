@@ -80,13 +80,22 @@ def parse_strings(value: bytes, count: int, offset: int) -> tuple[str, ...]:
 def build_strings(items: Sequence[str]) -> bytes:
     out = bytearray()
     for item in share(items):
-        raw = item.encode("utf-8")
-        if len(raw) > STRING_SIZE or "\0" in item:
-            raise ParameterError(
-                f"texts are at most 255 bytes of UTF-8 without U+0000: {item[:40]!r}..."
-            )
+        raw = encode_text(item)
         out += bytes([len(raw)]) + raw
     return bytes(out)
+
+
+def encode_text(text: str) -> bytes:
+    """UTF-8, ParameterError where the format cannot hold it (CNV-004)."""
+    try:
+        raw = text.encode("utf-8")
+    except (UnicodeEncodeError, AttributeError):
+        raw = b"\0"
+    if len(raw) > STRING_SIZE or 0 in raw:
+        raise ParameterError(
+            f"texts are at most 255 bytes of UTF-8 without U+0000, unlike {str(text)[:40]!r}"
+        )
+    return raw
 
 
 def spread(items: Sequence[T], count: int, offset: int) -> tuple[T, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -115,58 +115,66 @@ def series_of(tracks: Sequence[Track]) -> Iterator[list[Track]]:
         yield series
 
 
-def add_series(known: dict[int, Track], series: Sequence[Track], *, damaged: bool = False) -> None:
-    """Put a series among the tracks that are known; TRK-003, TRK-007 and TRK-010 across chunks.
+class TrackTable:
+    """The tracks described so far, and what must hold between them (TRK-003, 007 and 010)."""
 
-    In a damaged file an HF track may have lost its base: it is kept.
-    """
-    taken = {
-        channel for track in known.values() if track.kind != "hf" for channel in track.channels
-    }
-    based: set[int | None] = {t.base for t in known.values() if t.base is not None}
-    for track in series:
-        earlier = known.get(track.id)
-        if earlier is not None:
-            if replace(earlier, offset=0) != replace(track, offset=0):
+    def __init__(self) -> None:
+        self.tracks: dict[int, Track] = {}
+        self.payloads: dict[int, bytes] = {}
+        self.channels: set[int] = set()
+        self.bases: set[int] = set()
+
+    def is_new(self, first_id: int, payload: bytes, offset: int) -> bool:
+        """False for an exact copy of a TRAK payload that is known already."""
+        if self.payloads.setdefault(first_id, payload) is payload:
+            return True
+        if self.payloads[first_id] != payload:
+            raise self.twice(first_id, offset)
+        return False
+
+    def twice(self, id_: int, offset: int) -> FormatError:
+        return FormatError(
+            f"track {id_} described twice, differently", requirement="TRK-003", offset=offset
+        )
+
+    def add(self, series: Sequence[Track], *, damaged: bool = False) -> None:
+        """``damaged``: an HF track may have lost its base, and is kept."""
+        for track in series:
+            if track.id in self.tracks:
+                raise self.twice(track.id, track.offset)
+            if track.kind == "hf":
+                if track.unsupported is None and (track.base in self.tracks or not damaged):
+                    self.check_base(track)
+            elif not self.channels.isdisjoint(track.channels):
                 raise FormatError(
-                    f"track {track.id} described twice, differently",
-                    requirement="TRK-003",
-                    offset=track.offset,
+                    f"channel number of track {track.id} is taken",
+                    requirement="TRK-010",
+                    offset=track.offset + 24,
                 )
-            continue
-        if track.kind == "hf":
-            if track.unsupported is None and (track.base in known or not damaged):
-                check_base(known, track, based)
-        elif taken & set(track.channels):
+            else:
+                self.channels.update(track.channels)
+            if track.base is not None:
+                self.bases.add(track.base)
+            self.tracks[track.id] = track
+
+    def check_base(self, track: Track) -> None:
+        base = self.tracks.get(-1 if track.base is None else track.base)
+        alike = base is not None and (
+            base.kind == "lf"
+            and base.rate == track.rate
+            and base.first_channel == track.first_channel
+            and len(base.components) == len(track.components)
+        )
+        if not alike or track.base in self.bases:
             raise FormatError(
-                f"channel number of track {track.id} is taken",
-                requirement="TRK-010",
-                offset=track.offset + 24,
+                f"HF track {track.id} does not match its base track {track.base}",
+                requirement="TRK-007",
+                offset=track.offset + 26,
             )
-        taken.update(track.channels if track.kind != "hf" else ())
-        if track.base is not None:
-            based.add(track.base)
-        known[track.id] = track
-
-
-def check_base(known: dict[int, Track], track: Track, based: set[int | None]) -> None:
-    base = known.get(-1 if track.base is None else track.base)
-    alike = base is not None and (
-        base.kind == "lf"
-        and base.rate == track.rate
-        and base.first_channel == track.first_channel
-        and len(base.components) == len(track.components)
-    )
-    if not alike or track.base in based:
-        raise FormatError(
-            f"HF track {track.id} does not match its base track {track.base}",
-            requirement="TRK-007",
-            offset=track.offset + 26,
-        )
-    reach = max(abs(track.count_min), abs(track.count_max))
-    if base and reach * max(abs(c.calibration.a) for c in base.components) > EXACT_LIMIT:
-        raise FormatError(
-            "count * A above 2^53 within the declared range of an HF track",
-            requirement="VAL-002",
-            offset=track.offset + 16,
-        )
+        reach = max(abs(track.count_min), abs(track.count_max))
+        if base and reach * max(abs(c.calibration.a) for c in base.components) > EXACT_LIMIT:
+            raise FormatError(
+                "count * A above 2^53 within the declared range of an HF track",
+                requirement="VAL-002",
+                offset=track.offset + 16,
+            )

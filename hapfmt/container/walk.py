@@ -10,8 +10,12 @@ from ..errors import FormatError, LimitError
 from .source import Source
 from .wire import HEADER_SIZE, SIGNATURE, SYNC, ChunkHeader, crc32, parse_header
 
-BLOCK_SIZE = 1 << 16
-"""Bytes looked at in one go when scanning for a header."""
+FIRST_BLOCK, BLOCK_SIZE = 1 << 8, 1 << 16
+"""Bytes looked at in one go when scanning for a header, doubling from the first to the second:
+where headers stand close, each costs little."""
+
+HEAD_SIZE_LIMIT = 1 << 12
+"""A HEAD larger than this is not looked into when choosing the file id."""
 
 WORK_FACTOR, WORK_BASE = 16, 1 << 26
 """A file made of headers that each promise the rest of it would take time in the square of its
@@ -55,8 +59,11 @@ class Chunk:
 
 def header_at(source: Source, offset: int, file_id: int | None) -> ChunkHeader | None:
     """The valid header at ``offset``, or None."""
+    data = source.read_at(offset, HEADER_SIZE)
+    if data[:4] != SYNC or data[28:] != crc32(data[:28]).to_bytes(4, "little"):
+        return None
     try:
-        header = parse_header(source.read_at(offset, HEADER_SIZE), offset)
+        header = parse_header(data, offset)
     except FormatError:
         return None
     return header if file_id is None or header.file_id == file_id else None
@@ -74,16 +81,17 @@ def read_chunk(source: Source, offset: int, file_id: int | None = None) -> Chunk
 
 def find_header(source: Source, start: int, file_id: int | None) -> int | None:
     """Offset of the first valid header at or after ``start``, whatever the block edges."""
-    position = start
+    position, size = start, FIRST_BLOCK
     while position < source.size:
         # Each block reaches three bytes into the next, so a sync word on the edge is seen once.
-        block = source.read_at(position, BLOCK_SIZE + len(SYNC) - 1)
+        block = source.read_at(position, size + len(SYNC) - 1)
         at = block.find(SYNC)
         while at >= 0:
             if header_at(source, position + at, file_id) is not None:
                 return position + at
             at = block.find(SYNC, at + 1)
-        position += BLOCK_SIZE
+        position += size
+        size = min(2 * size, BLOCK_SIZE)
     return None
 
 
@@ -156,7 +164,7 @@ def choose_file_id(source: Source) -> int | None:
         header = header_at(source, position, None)
         assert header is not None
         first = header.file_id if first is None else first
-        if header.type == "HEAD" and header.payload_size < BLOCK_SIZE:
+        if header.type == "HEAD" and header.payload_size < HEAD_SIZE_LIMIT:
             chunk = read_chunk(source, position)
             if chunk is not None and chunk.intact:
                 return chunk.header.file_id

@@ -12,8 +12,10 @@ from ..codecs.quantised import (
     SYMBOL_LIMIT,
     Alphabet,
     QuanParameters,
+    bit_length,
 )
 
+NONE = np.zeros(0, np.int64)
 DIRECT_LEVELS = (0, 1, 2, 3, 5, 7, 11, 15, 23, 31, 47, 63, 127, 255, 511, 1023)
 """Values of M that are tried: between them the size of a packet hardly changes (below 0.3 %)."""
 
@@ -24,9 +26,12 @@ def choose_codebook(pieces: list[NDArray[np.int64]], step: int) -> QuanParameter
     Tries several numbers M of direct levels and keeps the one with the fewest bits, table included.
     """
     columns = [piece.T.reshape(-1) for piece in pieces]
-    longest = max((longest_run(column) for column in columns), default=0)
-    run_classes = min(max(longest.bit_length() - 1, 0), RUN_LIMIT)
-    largest = max((int(np.abs(column).max()) for column in columns if column.size), default=0)
+    runs = zero_runs(columns)
+    run_classes = min(max(int(runs.max(initial=0)).bit_length() - 1, 0), RUN_LIMIT)
+    levels, counts = np.unique(np.concatenate([NONE, *columns]), return_counts=True)
+    levels, counts = levels[levels != 0], counts[levels != 0]
+    singles, run_counts = run_symbols(runs, run_classes)
+    largest = int(np.abs(levels).max(initial=0))
     best: tuple[int, QuanParameters] | None = None
     for direct in (*(m for m in DIRECT_LEVELS if m < largest), largest):
         escape_classes = max(largest - direct, 0).bit_length()
@@ -34,8 +39,9 @@ def choose_codebook(pieces: list[NDArray[np.int64]], step: int) -> QuanParameter
         if escape_classes > ESCAPE_LIMIT or alphabet.size > SYMBOL_LIMIT:
             continue
         frequencies = np.zeros(alphabet.size, np.int64)
-        for column in columns:
-            frequencies += np.bincount(alphabet.tokenise(column)[0], minlength=alphabet.size)
+        np.add.at(frequencies, alphabet.level_symbols(levels)[0], counts)
+        frequencies[0] += singles
+        frequencies[alphabet.first_run : alphabet.first_escape] += run_counts
         if not frequencies.any():
             frequencies[0] = 1
         lengths = code_lengths(frequencies)
@@ -49,6 +55,18 @@ def choose_codebook(pieces: list[NDArray[np.int64]], step: int) -> QuanParameter
     return best[1]
 
 
-def longest_run(levels: NDArray[np.int64]) -> int:
-    edges = np.flatnonzero(np.diff((levels == 0).astype(np.int8), prepend=0, append=0))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
+def zero_runs(columns: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Lengths of all runs of level 0; a run ends with its packet."""
+    fence = np.ones(1, np.int64)
+    joined = np.concatenate([fence, *(part for column in columns for part in (column, fence))])
+    edges = np.flatnonzero(np.diff((joined == 0).astype(np.int8)))
+    return edges[1::2] - edges[::2]
+
+
+def run_symbols(runs: NDArray[np.int64], classes: int) -> tuple[int, NDArray[np.int64]]:
+    """How many single zeros, and how many symbols of each run class, Alphabet.tokenise makes."""
+    longest = (2 << classes) - 1
+    whole, rest = runs // longest, runs % longest
+    by_class = np.bincount(bit_length(rest[rest > 0]) - 1, minlength=classes + 1)
+    by_class[classes] += whole.sum()
+    return int(by_class[0]), by_class[1:]

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from math import inf
+from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
 
-from ..codecs.knots import Interpolation
+from ..codecs.knots import INTERPOLATIONS, Interpolation
 from ..errors import ParameterError
+from ..numbers import exact
 from ..recording import Calibration, Channel
 from .perception import FORCE_FLOOR_N, FORCE_WEBER, LF_CUTOFF_HZ
 from .tolerance import Tolerance
@@ -35,14 +38,16 @@ RANGE_FLOOR = Tolerance(0.002, "range")
 class Settings:
     """Choices of the encoder; none of them is needed to decode.
 
-    weber: the Weber fraction k. floor: absolute floor of the deadband. bits: the paper's
+    k: the Weber fraction. floor: absolute floor of the deadband. bits: the paper's
     range-derived quantiser (0: no HF track, None: use ``step``). step: explicit step of the
     residual. cutoff_hz of the split. cluster: seconds. tolerance: allows true doubles to be put on
-    a lattice. interpolation of the knots. digest: write SHA-256 of the decoded tracks.
+    a lattice. interpolation of the knots. digest: write SHA-256 of the decoded tracks. vectors:
+    "required" raises where channels of one group cannot be coded as one vector, "possible" codes
+    them apart. Amounts may be given as their texts ("0.2%", "1lsb"), numbers as any number.
     """
 
     preset: Preset = "default"
-    weber: Fraction = FORCE_WEBER
+    k: Fraction = FORCE_WEBER
     floor: Tolerance = RANGE_FLOOR
     bits: int | None = None
     step: Tolerance | None = None
@@ -51,17 +56,24 @@ class Settings:
     tolerance: Tolerance | None = None
     interpolation: Interpolation = "linear"
     digest: bool = False
+    vectors: Literal["possible", "required"] = "possible"
 
     def __post_init__(self) -> None:
+        for name in ("k", "cluster"):
+            object.__setattr__(self, name, exact(getattr(self, name)))
+        for name in ("floor", "step", "tolerance"):
+            object.__setattr__(self, name, amount(getattr(self, name)))
+        if self.interpolation not in INTERPOLATIONS:
+            raise ParameterError(f"knots are joined by one of {', '.join(INTERPOLATIONS)}")
         if self.preset not in PRESETS:
             raise ParameterError(f"a preset is one of {', '.join(PRESETS)}")
-        if not 0 <= self.weber <= 65535:
+        if not 0 <= self.k <= 65535:
             raise ParameterError("the Weber fraction k lies between 0 and 65535")
         if self.bits is not None and self.bits and self.bits not in BITS:
             raise ParameterError("bits are 0 (no residual) or 2 to 16")
         if self.bits is not None and self.step is not None:
             raise ParameterError("give the bits or the step of the residual, not both")
-        if not 0 < self.cutoff_hz < float("inf"):
+        if not (isinstance(self.cutoff_hz, Real) and 0 < self.cutoff_hz < inf):
             raise ParameterError("the cutoff is a positive frequency")
         if self.cluster <= 0:
             raise ParameterError("clusters have a positive length")
@@ -92,7 +104,7 @@ class Settings:
     def describe(self) -> str:
         """For the file's metadata: what was asked for, as the command line says it."""
         parts = {
-            "k": float(self.weber),
+            "k": float(self.k),
             "floor": text_of(self.floor),
             "bits": self.bits,
             "step": text_of(self.step),
@@ -103,6 +115,13 @@ class Settings:
         }
         given = [f"{name}={value}" for name, value in parts.items() if value is not None]
         return " ".join([self.preset, *given])
+
+
+def amount(value: Any) -> Tolerance | None:
+    """An amount as the caller gives it: None, a Tolerance, its text, or a number in the unit."""
+    if value is None or isinstance(value, Tolerance):
+        return value
+    return Tolerance.parse(value) if isinstance(value, str) else Tolerance(float(exact(value)))
 
 
 def text_of(amount: Tolerance | None) -> str | None:

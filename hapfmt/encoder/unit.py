@@ -119,7 +119,7 @@ def bound_of(source: Source, settings: Settings) -> Bound:
     ]
     # The axes of a vector share one floor: relative to a range, that of the longest axis.
     floor = min(int(max(floors)), FLOOR_LIMIT)
-    ratio = settings.weber.limit_denominator(FRACTION_LIMIT)
+    ratio = settings.k.limit_denominator(FRACTION_LIMIT)
     band = Deadband(
         ratio.numerator,
         ratio.denominator,

@@ -1,0 +1,31 @@
+"""Numbers as people write them, exactly, and never larger than the text deserves."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+from numbers import Rational, Real
+from typing import Any
+
+from .errors import ParameterError
+
+_DECIMAL = r"[0-9]{1,40}(?:\.[0-9]{0,40})?|\.[0-9]{1,40}"
+_NUMBER = re.compile(rf"[+-]?(?:{_DECIMAL})(?:e[+-]?[0-9]{{1,3}})?(?:/[0-9]{{1,40}})?", re.I)
+"""1000, .5, 44100/7, 1e-3: forty digits and three of exponent are more than any format here holds,
+and keep the arithmetic short."""
+
+
+def exact(value: Any) -> Fraction:
+    """A text, an integer, a fraction, or a float, which stands for its shortest decimal: 0.1 is one
+    tenth. ParameterError for anything else."""
+    if isinstance(value, Rational):
+        return Fraction(value)
+    text = value
+    if isinstance(value, Real):
+        text = repr(float(value)) if isinstance(value, float) else str(value)
+    if isinstance(text, str) and _NUMBER.fullmatch(text.strip()):
+        try:
+            return Fraction(text.strip())
+        except (ValueError, ZeroDivisionError):
+            pass
+    raise ParameterError(f"{value!r} is not a number")

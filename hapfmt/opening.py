@@ -1,0 +1,143 @@
+"""Opening a file: by its index, or by walking through it (SPEC 6.5 and clause 12)."""
+
+from __future__ import annotations
+
+from .catalogue import Catalogue, ChunkRef
+from .container.index import FIRST_OFFSET, Index, IndexEntry, parse_foot, parse_index
+from .container.source import Source
+from .container.walk import Chunk, read_chunk, walk
+from .container.wire import HEADER_SIZE, SIGNATURE
+from .errors import FormatError, HapfmtError
+
+FOOT_SIZE = HEADER_SIZE + 32
+LATER = frozenset({"DATA", "aTTc", "dGST"})
+"""Chunks that are read when somebody asks for them."""
+
+
+def open_catalogue(source: Source, *, scan: bool = False) -> Catalogue:
+    """By the index where there is one and it holds, else by walking; ``scan`` always walks."""
+    try:
+        if not scan:
+            found = from_index(source)
+            if found is not None:
+                return found
+        return from_walk(source)
+    except HapfmtError as error:
+        raise error.at(path=source.path) from None
+
+
+def from_index(source: Source) -> Catalogue | None:
+    """None where anything about the index is not as it should be (IDX-003)."""
+    catalogue = Catalogue(source, indexed=True)
+    try:
+        if source.size < FIRST_OFFSET + FOOT_SIZE or source.read_at(0, 8) != SIGNATURE:
+            return None
+        first = read_chunk(source, FIRST_OFFSET)
+        if first is None or not first.intact or first.header.type != "HEAD":
+            return None
+        file_id = first.header.file_id
+        last = read_chunk(source, source.size - FOOT_SIZE, file_id)
+        if last is None or not last.intact or last.header.type != "fOOT":
+            return None
+        catalogue.foot = parse_foot(last.payload, last.payload_offset)
+        stop = FIRST_OFFSET
+        for entry in index_entries(source, catalogue.foot.index_offset, file_id):
+            if entry.offset < stop:
+                return None
+            catalogue.chunks.append(
+                ChunkRef(entry.type, entry.offset, entry.start_ns, entry.stop_ns)
+            )
+            if entry.type in LATER:
+                continue
+            chunk = read_chunk(source, entry.offset, file_id)
+            if chunk is None or not chunk.intact or chunk.header.type != entry.type:
+                return None
+            catalogue.learn(chunk)
+            # Chunks do not overlap: so the index costs no more than the file is long.
+            stop = chunk.stop
+    except FormatError:
+        return None
+    return catalogue if catalogue.head else None
+
+
+def index_entries(source: Source, offset: int, file_id: int) -> list[IndexEntry]:
+    """All entries, oldest first, by the chain of indexes that ends at ``offset``."""
+    parts: list[Index] = []
+    position = offset
+    while True:
+        chunk = read_chunk(source, position, file_id)
+        if chunk is None or not chunk.intact or chunk.header.type != "iNDX":
+            raise FormatError(
+                "no index where one should be", requirement="IDX-004", offset=position
+            )
+        index = parse_index(chunk.payload, position, chunk.payload_offset)
+        parts.append(index)
+        if index.covers_from == FIRST_OFFSET:
+            break
+        position = index.previous
+    entries: list[IndexEntry] = []
+    stops = [part.covers_from for part in parts[-2::-1]] + [1 << 64]
+    for index, stop in zip(reversed(parts), stops, strict=True):
+        entries += [entry for entry in index.entries if entry.offset < stop]
+    return entries
+
+
+def from_walk(source: Source) -> Catalogue:
+    """Every chunk that can be found, in the order of the file; damage becomes findings.
+
+    A broken rule is raised where there is no damage anywhere, else it counts as damage (clause 14).
+    """
+    catalogue = Catalogue(source)
+    broken: list[tuple[Chunk, FormatError]] = []
+    for chunk in walk(source, catalogue.findings):
+        header = chunk.header
+        ref = ChunkRef(
+            header.type if header.known else f"{header.type}?",
+            chunk.offset,
+            sequence=header.sequence,
+            size=header.payload_size,
+        )
+        catalogue.foot = None
+        if chunk.intact:
+            try:
+                ref = catalogue.learn(chunk) or ref
+            except FormatError as error:
+                broken.append((chunk, error))
+        catalogue.chunks.append(ref)
+    if broken and not catalogue.damaged:
+        raise broken[0][1]
+    for chunk, fault in broken:
+        lose_chunk(catalogue, chunk, fault)
+    check_found(catalogue)
+    return catalogue
+
+
+def lose_chunk(catalogue: Catalogue, chunk: Chunk, error: HapfmtError) -> None:
+    """In a damaged file a chunk that fits nothing is part of the damage."""
+    catalogue.lose(
+        "bad-chunk",
+        chunk.offset,
+        chunk.stop - chunk.offset,
+        f"{chunk.header.type} chunk: {error.message}",
+        error.requirement or "REC-003",
+    )
+
+
+def check_found(catalogue: Catalogue) -> None:
+    """What only the end of the walk tells."""
+    source = catalogue.source
+    if not catalogue.chunks:
+        rule, message = ("FIL-001", "not a hapf file: no signature")
+        if source.read_at(0, len(SIGNATURE)) == SIGNATURE:
+            rule, message = ("HED-001", "a signature without any chunk")
+        raise FormatError(message, requirement=rule, offset=0)
+    if catalogue.head is None:
+        catalogue.lose("missing-head", FIRST_OFFSET, 0, "no HEAD chunk that holds", "HED-001")
+    if catalogue.foot is None:
+        catalogue.lose(
+            "not-closed",
+            source.size,
+            0,
+            "the file was not closed: its end may be missing",
+            "FIL-003",
+        )
