@@ -39,6 +39,8 @@ class ChunkRef:
     stop_ns: int | None = None
     sequence: int | None = None
     size: int | None = None
+    known: bool = True
+    """False where its type, or a critical flag, is not known."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ class Catalogue:
     @property
     def data(self) -> list[ChunkRef]:
         """DATA chunks in order of their sequence numbers, which is order of time."""
-        found = [chunk for chunk in self.chunks if chunk.type == "DATA"]
+        found = [chunk for chunk in self.chunks if chunk.type == "DATA" and chunk.known]
         if not self.indexed:
             found.sort(key=lambda chunk: -1 if chunk.sequence is None else chunk.sequence)
         return found

@@ -36,7 +36,10 @@ def dump(source: Source, *, counts: bool = False) -> Iterator[dict[str, Any]]:
         except HapfmtError as error:
             entry["error"] = str(error)
         yield entry
-    yield {"findings": [finding.as_json() for finding in catalogue.findings]}
+    yield {
+        "findings": [finding.as_json() for finding in catalogue.findings],
+        "exit_code": catalogue.exit_code,
+    }
 
 
 def content(catalogue: Catalogue, chunk: Chunk, counts: bool) -> dict[str, Any]:

@@ -92,10 +92,11 @@ def from_walk(source: Source) -> Catalogue:
     for chunk in walk(source, catalogue.findings):
         header = chunk.header
         ref = ChunkRef(
-            header.type if header.known else f"{header.type}?",
+            header.type,
             chunk.offset,
             sequence=header.sequence,
             size=header.payload_size,
+            known=header.known,
         )
         catalogue.foot = None
         if chunk.intact:

@@ -10,6 +10,7 @@ import uuid as _uuid
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from operator import index
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,8 +52,11 @@ class Calibration:
     d: int = 1
 
     def __post_init__(self) -> None:
-        if not all(isinstance(term, int) for term in (self.a, self.b, self.d)):
-            raise ParameterError("a calibration holds three integers")
+        try:
+            for name in ("a", "b", "d"):
+                object.__setattr__(self, name, index(getattr(self, name)))
+        except TypeError:
+            raise ParameterError("a calibration holds three integers") from None
         if not (0 < abs(self.a) <= EXACT_LIMIT and abs(self.b) <= EXACT_LIMIT):
             raise ParameterError("calibration needs 0 < |A| <= 2^53 and |B| <= 2^53")
         if not 1 <= self.d <= EXACT_LIMIT:

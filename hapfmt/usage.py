@@ -52,6 +52,7 @@ class Usage:
     file: int
     causes: dict[str, int] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0))
     tracks: dict[int, TrackUsage] = field(default_factory=dict)
+    exit_code: int = 0
 
     @property
     def payload(self) -> int:
@@ -69,10 +70,9 @@ class Usage:
 def measure(source: Source) -> Usage:
     """Walks through the whole file; decodes nothing."""
     catalogue = open_catalogue(source, scan=True)
-    usage = Usage(source.size)
-    residual_labels = {t.id: t for t in catalogue.tracks.values()}
+    usage = Usage(source.size, exit_code=catalogue.exit_code)
     for track in catalogue.tracks.values():
-        described = residual_labels.get(track.base, track) if track.base is not None else track
+        described = track if track.base is None else catalogue.tracks.get(track.base, track)
         usage.tracks[track.id] = TrackUsage(
             track.id,
             track.kind,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import BinaryIO
 
-from .atomic import atomic_write
+from .atomic import atomic_write, refuse
 from .container.cluster import Packet, build_cluster, entry_size
 from .container.extras import Attachment, build_attachment, build_metadata
 from .container.index import (
@@ -28,7 +28,14 @@ from .container.index import (
 )
 from .container.series import build_series
 from .container.track import Track, series_of
-from .container.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk
+from .container.wire import (
+    HEADER_SIZE,
+    NO_TRACK,
+    SIGNATURE,
+    UNKNOWN_EPOCH,
+    Head,
+    build_chunk,
+)
 from .decoder import TrackDecoder, TrackDigest
 from .encoder.encode import Decision, Encoded, encode
 from .encoder.settings import Settings
@@ -199,7 +206,6 @@ class Summary:
     payload_size: int
     sample_count: int
     decisions: tuple[Decision, ...]
-    notes: tuple[str, ...] = ()
 
 
 def write(
@@ -222,11 +228,19 @@ def write(
     settings = settings or Settings()
     if canonical is not None and not 0 <= canonical < 1 << 32:
         raise ParameterError("a file id lies between 0 and 2^32 - 1")
+    check_epoch(recording)
+    if isinstance(file, (str, os.PathLike)):
+        refuse(os.fspath(file), force)
     encoded = encode(recording, settings, progress=progress)
     made_by = f"hapfmt {__version__}: {settings.describe()}"
+    if not isinstance(recording.metadata, dict):
+        raise ParameterError("metadata is a JSON object, a dict in Python")
     metadata = {**recording.metadata, "encoder": made_by}
-    attached = [Attachment(name, *rest) for name, rest in recording.attachments.items()]
-    extras = [build_metadata(metadata), *(build_attachment(a) for a in attached)]
+    try:
+        attached = [Attachment(name, *rest) for name, rest in recording.attachments.items()]
+        extras = [build_metadata(metadata), *(build_attachment(a) for a in attached)]
+    except (TypeError, AttributeError):
+        raise ParameterError("attachments are {name: (media type, bytes)}") from None
     level = encoded.level
     if max(len(payload) for payload in extras) > level.payload_size:
         level = LEVELS[2]
@@ -254,8 +268,16 @@ def write(
         sum(len(packet.data) for packet in encoded.packets),
         recording.sample_count,
         tuple(encoded.decisions),
-        tuple(str(note) for note in metadata.get("notes", ()) if isinstance(note, str)),
     )
+
+
+def check_epoch(recording: Recording) -> None:
+    """Whether the fields of HEAD can hold it."""
+    low, high = -(1 << 63), (1 << 63) - 1
+    if recording.epoch_ns is not None and not low <= recording.epoch_ns <= high:
+        raise ParameterError("the epoch lies within 2^63 nanoseconds of 1970")
+    if not 0 <= recording.epoch_uncertainty_ns < UNKNOWN_EPOCH:
+        raise ParameterError("the uncertainty of the epoch lies between 0 and 2^64 - 2 ns")
 
 
 def clusters(encoded: Encoded, seconds: Fraction) -> Iterator[list[Packet]]:

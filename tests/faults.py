@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import forge as f
 
-from hapfmt.catalogue import index_entries
 from hapfmt.codecs.huffman import parse_codebook
 from hapfmt.codecs.knots import KnotParameters, decode_knots
 from hapfmt.codecs.quantised import QuanParameters, decode_quantised
@@ -23,11 +22,11 @@ from hapfmt.container.index import IndexEntry, check_listing, parse_foot, parse_
 from hapfmt.container.series import parse_series
 from hapfmt.container.source import BytesSource
 from hapfmt.container.tlv import parse_strings, parse_tlvs
-from hapfmt.container.track import add_series
+from hapfmt.container.track import TrackTable
 from hapfmt.container.wire import parse_head, parse_header
 from hapfmt.integers import parse_varint
 from hapfmt.limits import LEVELS, Limits
-from hapfmt.opening import open_catalogue
+from hapfmt.opening import index_entries, open_catalogue
 from hapfmt.reader import Reader
 from hapfmt.verifier import verify
 
@@ -57,16 +56,18 @@ def series(*args: Any, first: int = 0, **fields: Any) -> Callable[[], Any]:
 
 def added(*payloads: bytes) -> Callable[[], Any]:
     def call() -> None:
-        known: dict[int, Any] = {}
+        table = TrackTable()
         for number, payload in enumerate(payloads):
-            add_series(known, parse_series(payload, number % 2, ONE, AT))
+            if table.is_new(number % 2, payload, AT):
+                table.add(parse_series(payload, number % 2, ONE, AT))
 
     return call
 
 
-TRACKS: dict[int, Any] = {}
-add_series(TRACKS, parse_series(f.trak(), 0, ONE, 0))
-add_series(TRACKS, parse_series(f.trak(component_count=200, first_channel=1), 1, ONE, 0))
+TABLE = TrackTable()
+TABLE.add(parse_series(f.trak(), 0, ONE, 0))
+TABLE.add(parse_series(f.trak(component_count=200, first_channel=1), 1, ONE, 0))
+TRACKS = TABLE.tracks
 
 
 def cluster(payload: bytes) -> Callable[[], Any]:
@@ -199,6 +200,8 @@ FAULTS = [
     Fault("TRK-009", 100, "HF with a label", series(f.tlv(2, f.strings("")), kind=2, base=0)),
     Fault("TRK-010", 124, "channel 65535", series(first_channel=65535)),
     Fault("TRK-010", 124, "channel taken", added(f.trak(), f.trak())),
+    Fault("TRK-012", TRACK_AT + 32, "LF alone", judged(
+        f.closed(HEAD, ("TRAK", f.trak(kind=1), {"track": 0}), DATA))),
     Fault("TRK-010", END + 168, "a hole", judged(
         f.closed(HEAD, ("TRAK", f.trak(first_channel=1), {"track": 0}), DATA))),
     # 6.4
@@ -232,6 +235,9 @@ FAULTS = [
     Fault("IDX-006", 100, "stops too early", listed(("HEAD", 8, 0, 0), ("DATA", 88, 5, 8))),
     Fault("FOT-001", 100, "footer cut short", lambda: parse_foot(b"", AT)),
     Fault("FOT-001", 108, "another end", lambda: parse_foot(bytes(32), AT)),
+    Fault("IDX-004", END + 40, "previous is no index", judged(f.minimal(
+        ahead={"entries": [("DATA", DATA_AT, 0, 10**12)], "covers_from": DATA_AT,
+               "previous": DATA_AT}))),
     Fault("FOT-002", END + 168, "another index", judged(f.minimal(index_offset=8))),
     Fault("FOT-003", END + 184, "clusters", judged(f.minimal(data_count=2))),
     Fault("FOT-003", END + 184, "tracks", judged(f.minimal(track_count=2))),

@@ -17,6 +17,7 @@ from hapfmt.codecs.knots import KnotParameters
 from hapfmt.codecs.quantised import QuanParameters
 from hapfmt.encoder.codebook import choose_codebook
 from hapfmt.encoder.encode import encode
+from hapfmt.encoder.groups import share_lattice
 from hapfmt.encoder.source import cut, declared_range
 from hapfmt.encoder.tolerance import Tolerance
 from hapfmt.limits import LEVELS
@@ -170,13 +171,36 @@ def test_one_knot_clock_for_the_axes_of_a_vector():
 def test_what_is_no_vector_is_coded_apart(change):
     a = force(noise(40), axis="x", group="tip")
     other = {"rate": Fraction(999), "group": "palm", "axis": "x", "coverage": (Span(1, 41),),
-             "step": Calibration(1, 0, 7)}[change]  # fmt: skip
+             "step": Calibration(1, 0, 2**40 + 1)}[change]  # fmt: skip
     given = {"axis": "y", "group": "tip", change: other}
     calibration = given.pop("step", Calibration(1, 0, 1000))
     b = Channel(noise(40, seed=2).astype(np.int32), given.pop("rate", Fraction(1000)),
                 given.pop("coverage", ()), calibration, unit="N", **given)  # fmt: skip
     made = encode(Recording((a, b)))
     assert {len(track.components) for track in made.tracks} == {1}
+
+
+@given(
+    st.lists(st.tuples(st.integers(-50, 50).filter(bool), st.integers(-99, 99),
+                       st.integers(1, 60)), min_size=2, max_size=6)
+)  # fmt: skip
+def test_one_lattice_for_all_axes_keeps_every_value(terms):
+    axes = [Channel(noise(30, seed=i), Fraction(1), calibration=Calibration(*t), axis=str(i),
+                    group="g") for i, t in enumerate(terms)]  # fmt: skip
+    shared = share_lattice(axes)
+    if isinstance(shared, str):
+        assert "common measure" in shared
+        return
+    assert len({abs(channel.calibration.step) for channel in shared}) == 1
+    for before, after in zip(axes, shared, strict=True):
+        assert before.physical().tobytes() == after.physical().tobytes()
+
+
+def test_a_vector_that_cannot_be_is_refused_where_it_is_asked_for():
+    a = force(noise(40), axis="x", group="tip", label="fx")
+    b = Channel.from_physical(np.random.default_rng(1).normal(size=40), 1000, axis="y", group="tip")
+    with pytest.raises(hapfmt.ParameterError, match="cannot be one vector: they differ in unit"):
+        encode(Recording((a, b)), Settings(vectors="required"))
 
 
 @given(st.integers(0, 10**6), st.integers(1, 10**5), st.sampled_from([Fraction(1, 3), Fraction(10)]),

@@ -93,6 +93,7 @@ def test_tracks(fault):
     TRK-007: An HF track MUST name a base track that is described before it, is of kind LF, and has the same component count, rate (as a ratio) and first channel; no two HF tracks have the same base.
     TRK-008: `base` MUST be 0xFFFF in tracks of other kinds.
     TRK-009: An HF track MUST carry no TLV of types 2 to 14 and 18: it has those of its base.
+    TRK-012: In a closed file every track of kind LF MUST be the base of an HF track; an LF part that stands alone is of kind full band.
     TRK-010: Channel numbers MUST be different for different components, and those of all tracks that are not HF together are 0, 1, 2 ... without a hole once the file is closed; the highest is 65534.
     """
     assert_reported(fault)

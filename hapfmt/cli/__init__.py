@@ -67,6 +67,8 @@ def main() -> None:
         sys.stdout.flush()
     except click.ClickException as error:
         error.show()
+        if "--json" in sys.argv:
+            click.echo(json.dumps({"error": error.format_message(), "exit_code": ERROR}))
         code = ERROR
     except (click.Abort, KeyboardInterrupt):
         click.echo("hapfmt: interrupted", err=True)

@@ -7,12 +7,15 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
+from ..atomic import refuse
 from ..errors import ParameterError
+from ..numbers import exact
 
 if TYPE_CHECKING:
     from ..encoder.tolerance import Tolerance
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
 
 HAPF = ".hapf"
 SHOWN_LINES = 20
+BITS = frozenset(str(bits) for bits in (0, *range(2, 17)))
 LONG_SECONDS = 0.5
 """Work shorter than this shows no progress."""
 
@@ -29,7 +33,16 @@ force_option = click.option("-f", "--force", is_flag=True, help="Replace an exis
 
 
 def echo_json(value: Any) -> None:
-    click.echo(json.dumps(value, sort_keys=True, ensure_ascii=False))
+    """One line of JSON; numbers that are not finite become null."""
+    click.echo(json.dumps(finite(value), sort_keys=True, allow_nan=False))
+
+
+def finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: finite(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(inner) for inner in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def table(headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
@@ -100,9 +113,9 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
 def fraction(text: str) -> Fraction:
     """A number as it is written: 0.1 is 1/10, and 44100/7 is allowed."""
     try:
-        return Fraction(text)
-    except (ValueError, ZeroDivisionError):
-        raise click.BadParameter(f"{text!r} is not a number") from None
+        return exact(text)
+    except ParameterError as error:
+        raise click.BadParameter(error.message) from None
 
 
 class FractionType(click.ParamType[Fraction]):
@@ -111,12 +124,21 @@ class FractionType(click.ParamType[Fraction]):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> Fraction:
-        if isinstance(value, Fraction):
-            return value
         try:
-            return Fraction(str(value))
-        except (ValueError, ZeroDivisionError):
-            self.fail(f"{value!r} is not a number", param, ctx)
+            return exact(value)
+        except ParameterError as error:
+            self.fail(error.message, param, ctx)
+
+
+class BitsType(click.ParamType[int]):
+    """0, or 2 to 16."""
+
+    name = "bits"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        if str(value) not in BITS:
+            self.fail(f"{value!r} is not 0 or 2 to 16", param, ctx)
+        return int(value)
 
 
 class AmountType(click.ParamType["Tolerance"]):
@@ -144,14 +166,17 @@ def parse_time(text: str | None) -> tuple[Fraction | None, Fraction | None]:
     start, colon, stop = text.partition(":")
     if not colon:
         raise click.BadParameter("a time range is START:STOP in seconds, such as 1.5:2 or :10")
-    return (fraction(start) if start else None, fraction(stop) if stop else None)
+    first, last = fraction(start) if start else None, fraction(stop) if stop else None
+    if last is not None and (first or 0) >= last:
+        raise click.BadParameter(f"the time range {text} is empty")
+    return first, last
 
 
-def parse_channels(text: str | None) -> list[str | int] | None:
-    """Labels or numbers with commas between them."""
-    if text is None:
+def parse_channels(texts: Sequence[str], labels: Sequence[str]) -> list[str] | None:
+    """Labels or numbers, with commas between them unless a label has one itself."""
+    if not texts:
         return None
-    return [int(part) if part.isdigit() else part for part in text.split(",")]
+    return [part for text in texts for part in ([text] if text in labels else text.split(","))]
 
 
 def input_of(name: str) -> str | BinaryIO:
@@ -164,6 +189,17 @@ def output_of(name: str) -> str | BinaryIO:
             raise ParameterError("binary output goes to a file or a pipe, not to a terminal")
         return sys.stdout.buffer
     return name
+
+
+def refuse_target(name: str, force: bool) -> None:
+    """Before any work: whether a .hapf file may be written there."""
+    from ..convert import FORMATS
+
+    if name == "-":
+        return
+    if Path(name).suffix.lower() in FORMATS:
+        raise ParameterError(f"{name} would be a hapf file under the name of another format")
+    refuse(name, force)
 
 
 def suffix_of(name: str, format_: str | None, default: str | None = None) -> str:

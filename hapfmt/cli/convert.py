@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import click
 
+from ..atomic import refuse
 from ..errors import ParameterError
 from .common import (
     HAPF,
+    echo_json,
     force_option,
+    json_option,
     load_recording,
+    notes_of,
     output_of,
     save_recording,
     suffix_of,
@@ -23,22 +27,41 @@ from .common import (
 @click.option("--from", "from_", help="Format of the input, for a pipe.")
 @click.option("--to", "to", help="Format of the output, for a pipe.")
 @force_option
+@json_option
 def convert(
-    source: str, target: str, rate: str | None, from_: str | None, to: str | None, force: bool
+    source: str,
+    target: str,
+    rate: str | None,
+    from_: str | None,
+    to: str | None,
+    force: bool,
+    as_json: bool,
 ) -> int:
     """Convert IN to OUT by their suffixes: .npz .npy .csv .wav .hapf.
 
-    To .hapf it encodes with the default preset (encode has the options). What the output format
-    cannot hold is said on standard error.
+    Nothing is lost on the way to .hapf (encode makes it smaller, within a deadband). What the
+    output format cannot hold is said on standard error.
     """
     if suffix_of(source, from_) == suffix_of(target, to) == HAPF:
         raise ParameterError("both are .hapf: copy the file, or encode it anew with encode")
+    if target != "-":
+        refuse(target, force)
     recording, code = load_recording(source, from_, rate)
     tell_notes(recording)
     if suffix_of(target, to) == HAPF:
+        from ..encoder.settings import Settings
         from ..writer import write
 
-        write(recording, output_of(target), force=force)
+        write(recording, output_of(target), Settings.of(step="1lsb"), force=force)
     else:
         save_recording(recording, target, to, force)
+    if as_json and target != "-":
+        echo_json(
+            {
+                "channel_count": len(recording),
+                "sample_count": recording.sample_count,
+                "duration_s": float(recording.duration),
+                "notes": notes_of(recording),
+            }
+        )
     return code

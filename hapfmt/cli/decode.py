@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, cast
 
 import click
 
+from ..atomic import refuse
 from .common import (
     echo_json,
     force_option,
@@ -26,7 +27,11 @@ if TYPE_CHECKING:
 @click.command(short_help="Decode a .hapf file, or a part of it.")
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="OUT")
-@click.option("--channels", help="Labels or numbers: force_x,force_y or 0,3. [all]")
+@click.option(
+    "--channels",
+    multiple=True,
+    help="Labels or numbers: force_x,force_y or 0,3; may be given several times. [all]",
+)
 @click.option("--time", "time_", metavar="START:STOP", help="Seconds START <= t < STOP. [all]")
 @click.option(
     "--band",
@@ -41,7 +46,7 @@ if TYPE_CHECKING:
 def decode(
     source: str,
     target: str,
-    channels: str | None,
+    channels: tuple[str, ...],
     time_: str | None,
     band: str,
     format_: str | None,
@@ -60,11 +65,12 @@ def decode(
     from ..reader import Reader
 
     suffix_of(target, format_)
+    if target != "-":
+        refuse(target, force)
     start, stop = parse_time(time_)
     with Reader(input_of(source)) as reader, progress("decoding") as advance:
-        recording = reader.read(
-            parse_channels(channels), start, stop, band=cast("Band", band), progress=advance
-        )
+        names = parse_channels(channels, [ref.label for ref in reader.channels])
+        recording = reader.read(names, start, stop, band=cast("Band", band), progress=advance)
         save_recording(recording, target, format_, force)
         code = tell_losses(reader)
         if as_json and target != "-":

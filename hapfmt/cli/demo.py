@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import FractionType, echo_json, force_option, json_option, printable, table
+from .common import BitsType, FractionType, echo_json, force_option, json_option, printable, table
 
 if TYPE_CHECKING:
     from ..recording import Recording
@@ -46,7 +46,7 @@ class Outcome:
 @click.option("--seconds", type=click.FloatRange(0.1, 600), default=4.0, show_default=True)
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
 @click.option("--k", "k", type=FractionType(), default="0.1", show_default=True)
-@click.option("--bits", type=click.IntRange(0, 16), default=5, show_default=True)
+@click.option("--bits", type=BitsType(), default=5, show_default=True)
 @click.option("--out", type=click.Path(path_type=Path), help="Keep the .hapf file of --bits here.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Write a picture: .png .svg .pdf.")
 @force_option
@@ -183,8 +183,10 @@ def draw(path: Path, recording: Recording, chosen: Outcome, k: Fraction, force: 
     import numpy as np
 
     from ..codecs.knots import parse_knots
+    from ..codecs.quantised import QuanParameters
     from ..container.cluster import Packet
     from ..encoder.perception import FORCE_FLOOR_N
+    from ..limits import LEVELS
     from ..plotting import plot_demo
     from ..reader import Reader
 
@@ -199,7 +201,7 @@ def draw(path: Path, recording: Recording, chosen: Outcome, k: Fraction, force: 
     half = np.maximum(float(k) * np.abs(d), float(FORCE_FLOOR_N))
     step = None
     if base.residual is not None and full.calibration is not None and last is not None:
-        step = int.from_bytes(base.residual.parameters[:4], "little")
+        step = QuanParameters.parse(base.residual.parameters, LEVELS[2], 0).step
     plot_demo(
         path,
         original=recording.channels[0].physical(),

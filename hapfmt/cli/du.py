@@ -22,7 +22,7 @@ def du(file: str, as_json: bool) -> int:
         source.close()
     if as_json:
         echo_json(usage.as_json())
-        return 0
+        return usage.exit_code
     rows = [
         [cause, str(size), f"{100 * size / max(usage.file, 1):.2f}"]
         for cause, size in usage.causes.items()
@@ -46,4 +46,4 @@ def du(file: str, as_json: bool) -> int:
                "b/sample"]  # fmt: skip
     table(headers, tracks)
     click.echo(printable(file) + f": payload {usage.payload} of {usage.file} bytes")
-    return 0
+    return usage.exit_code

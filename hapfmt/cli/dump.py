@@ -23,12 +23,13 @@ def dump(file: str, counts: bool) -> int:
     source = open_source(input_of(file))
     code = 0
     try:
-        click.echo("[", nl=False)
-        for place, entry in enumerate(dump_chunks(source, counts=counts)):
-            click.echo(",\n" if place else "\n", nl=False)
-            click.echo(json.dumps(entry, sort_keys=True, separators=(",", ":")), nl=False)
-            if entry.get("findings"):
-                code = 3
+        before = "[\n"
+        for entry in dump_chunks(source, counts=counts):
+            # Nothing is printed before the file was opened: an error leaves no half of a JSON.
+            text = json.dumps(entry, sort_keys=True, separators=(",", ":"), allow_nan=False)
+            click.echo(before + text, nl=False)
+            before = ",\n"
+            code = entry.get("exit_code", code)
         click.echo("\n]")
     finally:
         source.close()

@@ -12,15 +12,16 @@ import click
 from ..errors import ParameterError
 from .common import (
     AmountType,
+    BitsType,
     FractionType,
     echo_json,
     force_option,
     json_option,
     load_recording,
     output_of,
-    parse_channels,
     printable,
     progress,
+    refuse_target,
     table,
     tell_notes,
 )
@@ -43,7 +44,8 @@ ORIGINAL_BITS = 64
     default="default",
     show_default=True,
     help="default: every sample within its deadband, texture kept with an explicit step. "
-    "paper: Brandi, Chaudhari and Steinbach to the letter.",
+    "paper: Brandi, Chaudhari and Steinbach to the letter (their online deadband of the whole "
+    "signal: --bits 0 --interpolation hold, and a --cutoff above half the rate).",
 )
 @click.option("--k", "k", type=FractionType(), help="Weber fraction of the deadband [0.1].")
 @click.option(
@@ -54,8 +56,9 @@ ORIGINAL_BITS = 64
 )
 @click.option(
     "--bits",
-    type=click.IntRange(0, 16),
-    help="Bits of the residual's quantiser, step from its range; 0: no residual [paper: 5].",
+    type=BitsType(),
+    help="Bits of the residual's quantiser, 2 to 16, step from its range; 0: no residual "
+    "[paper: 5].",
 )
 @click.option(
     "--step", type=AmountType(), help="Step of the residual: 0.005, 1lsb, 0.1% [2 x floor]."
@@ -66,7 +69,7 @@ ORIGINAL_BITS = 64
     "--tolerance",
     type=AmountType(),
     help="Put true doubles on a lattice this close: 1e-6, 0.5lsb, 0.01%. Without it they are kept "
-    "bit for bit, which costs 50 bits a sample.",
+    "bit for bit, which costs 50 bits a sample; preset paper takes a 32nd of the floor.",
 )
 @click.option(
     "--interpolation", type=click.Choice(["linear", "hold"]), help="How knots are joined [linear]."
@@ -113,11 +116,13 @@ def encode(
     from ..encoder.settings import Settings
     from ..writer import write
 
-    settings = Settings.of(preset, **{k: v for k, v in given.items() if v is not None})
+    refuse_target(target, force)
+    given["vectors"] = "required" if vectors else None
+    settings = Settings.of(preset, **given)
     recording, code = load_recording(source, format_, rate)
     tell_notes(recording)
     for place, names in enumerate(vectors):
-        recording = with_vector(recording, parse_channels(names) or [], f"vector {place + 1}")
+        recording = with_vector(recording, names.split(","), f"vector {place + 1}")
     began = time.perf_counter()
     with progress("encoding") as advance:
         summary = write(
@@ -132,20 +137,28 @@ def encode(
     if as_json and target != "-":
         echo_json(summary_json(summary, recording.duration, seconds))
     elif target != "-":
-        show(summary, target, seconds)
+        show(summary, target, seconds, tolerant=settings.tolerance is not None)
     return code
 
 
-def with_vector(recording: Recording, names: list[str | int], group: str) -> Recording:
+def with_vector(recording: Recording, names: list[str], group: str) -> Recording:
     """The recording with these channels as the axes x, y, z ... of one group."""
     channels = list(recording.channels)
     labels = [channel.label for channel in channels]
     if not 2 <= len(names) <= len(AXES):
-        raise ParameterError(f"a vector has 2 to {len(AXES)} axes: {names}")
-    for name, axis in zip(names, AXES, strict=False):
-        place = labels.index(name) if name in labels else name
-        if not isinstance(place, int) or place >= len(channels):
+        raise ParameterError(f"a vector has 2 to {len(AXES)} axes: {','.join(names)}")
+    places = []
+    for name in names:
+        place = labels.index(name) if name in labels else int(name) if name.isdecimal() else -1
+        if not 0 <= place < len(channels):
             raise ParameterError(f"no channel {name!r}; there are: {', '.join(labels)}")
+        places.append(place)
+    if places != list(range(places[0], places[0] + len(places))):
+        raise ParameterError(
+            f"the axes of a vector stand side by side in the recording, in their order: "
+            f"{','.join(names)} are channels {places}"
+        )
+    for place, axis in zip(places, AXES, strict=False):
         channels[place] = replace(channels[place], group=group, axis=axis)
     return replace(recording, channels=tuple(channels))
 
@@ -161,15 +174,17 @@ def summary_json(summary: Summary, duration: Fraction, seconds: float) -> dict[s
     }
 
 
-def show(summary: Summary, target: str, seconds: float) -> None:
+def show(summary: Summary, target: str, seconds: float, *, tolerant: bool) -> None:
+    from ..encoder.unit import WORDS_REASON
+
     rows = [
         [
             str(d.channel),
             d.label,
             str(d.sample_count),
             f"{8 * d.size / d.sample_count:.3f}" if d.sample_count else "-",
-            "yes" if d.guaranteed else "no",
-            f"{d.chosen}: {d.reason}",
+            "exact" if d.exact else "yes" if d.within else "no",
+            f"{d.chosen}: {d.reason}" + (f", {d.axis_count} axes" if d.axis_count > 1 else ""),
             d.lattice,
         ]
         for d in summary.decisions
@@ -184,9 +199,9 @@ def show(summary: Summary, target: str, seconds: float) -> None:
             f"{bits:.3f} bits a sample with everything, {ORIGINAL_BITS / bits:.1f} times smaller "
             f"than doubles, in {seconds:.2f} s"
         )
-    raw = [d for d in summary.decisions if d.chosen == "raw"]
-    if raw:
+    words = [d for d in summary.decisions if d.reason == WORDS_REASON]
+    if words and not tolerant:
         click.echo(
-            f"{len(raw)} of {len(summary.decisions)} channels are true doubles and were kept bit "
+            f"{len(words)} of {len(summary.decisions)} channels are true doubles and were kept bit "
             "for bit; --tolerance 0.01% puts them on a lattice, if that error is no loss to you"
         )

@@ -37,7 +37,6 @@ def info(file: str, as_json: bool) -> int:
 def describe(catalogue: Catalogue) -> dict[str, Any]:
     """Everything that info tells, for JSON."""
     head = catalogue.head
-    code = 3 if catalogue.damaged else 4 if catalogue.unsupported else 0
     return {
         "file_size": catalogue.source.size,
         "version": f"{head.major}.{head.minor}" if head else None,
@@ -60,7 +59,7 @@ def describe(catalogue: Catalogue) -> dict[str, Any]:
         "unknown_chunks": [header.type for header in catalogue.unknown],
         "unsupported": str(catalogue.unsupported) if catalogue.unsupported else None,
         "findings": [finding.as_json() for finding in catalogue.findings],
-        "exit_code": code,
+        "exit_code": catalogue.exit_code,
     }
 
 
@@ -133,7 +132,9 @@ def channel_row(ref: ChannelRef) -> list[str]:
     promise = "-"
     if contract:
         word = "guaranteed" if contract.guaranteed else "aimed at"
-        promise = f"k {contract.kn / contract.kd:.4g}, floor {contract.floor[ref.index]}, {word}"
+        shape = "vector, " if contract.vector else ""
+        width = f"k {contract.kn / contract.kd:.4g}, floor {contract.floor[ref.index]}"
+        promise = f"{shape}{width}, {word}"
     return [
         str(ref.number),
         component.label,

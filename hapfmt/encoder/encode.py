@@ -13,10 +13,11 @@ from ..container.track import Track
 from ..errors import ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..recording import Channel, Recording
+from .groups import group_units
 from .lattice import to_counts
 from .settings import Settings
 from .source import Source, cut
-from .unit import Unit, encode_counts, encode_words
+from .unit import WORDS_REASON, Unit, encode_counts, encode_words
 
 WORDS = {
     np.dtype(np.int64): "int64",
@@ -29,15 +30,22 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Decision:
-    """What became of one channel; sizes in bytes, of packets and codebooks."""
+    """What became of one channel.
+
+    ``exact``: stored without loss (on its lattice, see ``lattice``); ``within``: every sample was
+    found within its deadband. ``axis_count`` channels share a vector. ``size`` in bytes, of packets
+    and codebooks.
+    """
 
     channel: int
     label: str
     sample_count: int
+    axis_count: int
     chosen: str
     reason: str
     lattice: str
-    guaranteed: bool
+    exact: bool
+    within: bool
     size: int
 
     def as_json(self) -> dict[str, Any]:
@@ -69,58 +77,37 @@ def encode(
     ]
     units: list[Unit] = []
     decisions: list[Decision] = []
-    done = 0
-    for size in unit_sizes([channel for channel, _ in prepared]):
-        members = prepared[done : done + size]
-        unit = encode_unit([channel for channel, _ in members], done, settings)
+    groups = group_units(
+        [channel for channel, _ in prepared], required=settings.vectors == "required"
+    )
+    for members in groups:
+        unit = encode_unit(members, len(decisions), settings)
         units.append(unit)
-        for i, (channel, lattice) in enumerate(members):
-            last = (unit.residual or unit.base).track
-            exact = unit.base.track.number_format != "counts" or unit.reason == "constant"
-            decisions.append(
-                Decision(
-                    done + i,
-                    channel.label,
-                    int(channel.values.size),
-                    unit.chosen,
-                    unit.reason,
-                    lattice,
-                    bool(exact or (last.contract and last.contract.guaranteed)),
-                    unit.size // size,
-                )
-            )
-        done += size
+        decisions += decide(unit, members, [why for _, why in prepared[len(decisions) :]])
         if progress:
-            progress(done, len(prepared))
+            progress(len(decisions), len(prepared))
     tracks, packets = number_tracks(units)
     return Encoded(tracks, packets, decisions, choose_level(tracks))
 
 
-def unit_sizes(channels: list[Channel]) -> Iterator[int]:
-    """How many neighbouring channels each unit takes: the axes of one vector, or one channel."""
-    at = 0
-    while at < len(channels):
-        first = channels[at]
-        size = 1
-        if first.group and first.calibration:
-            while at + size < len(channels) and same_vector(first, channels[at + size]):
-                size += 1
-        yield size
-        at += size
-
-
-def same_vector(a: Channel, b: Channel) -> bool:
-    """Whether two channels are axes of one vector that one knot clock can serve."""
-    return (
-        a.group == b.group
-        and a.axis != b.axis
-        and a.unit == b.unit
-        and a.rate == b.rate
-        and a.coverage == b.coverage
-        and a.calibration is not None
-        and b.calibration is not None
-        and abs(a.calibration.step) == abs(b.calibration.step)
-    )
+def decide(unit: Unit, members: list[Channel], lattices: list[str]) -> Iterator[Decision]:
+    """What is told of each channel of a unit; its bytes in equal parts."""
+    last = (unit.residual or unit.base).track
+    contract = last.contract
+    within = unit.exact or bool(contract and contract.guaranteed)
+    for place, (channel, lattice) in enumerate(zip(members, lattices, strict=False)):
+        yield Decision(
+            channel=unit.base.track.first_channel + place,
+            label=channel.label,
+            sample_count=int(channel.values.size),
+            axis_count=len(members),
+            chosen=unit.chosen,
+            reason=unit.reason,
+            lattice=lattice,
+            exact=unit.exact,
+            within=within,
+            size=unit.size // len(members),
+        )
 
 
 def encode_unit(channels: list[Channel], first_channel: int, settings: Settings) -> Unit:
@@ -137,7 +124,7 @@ def encode_unit(channels: list[Channel], first_channel: int, settings: Settings)
                 f"channel {channel.label!r} holds {channel.values.dtype}: give it a calibration, "
                 "or one of int64, uint64, float16, float32, float64"
             )
-        return encode_words(channel, spans, first_channel, kind, "true doubles, bit for bit")
+        return encode_words(channel, spans, first_channel, kind, WORDS_REASON)
     counts = np.column_stack([each.values.astype(np.int64) for each in channels])
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")

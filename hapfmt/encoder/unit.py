@@ -19,7 +19,7 @@ from ..codecs.quantised import encode_quantised, quantise
 from ..codecs.raw import RawParameters, encode_raw
 from ..container.cluster import Packet
 from ..container.track import Component, Contract, Track
-from ..deadband import ZERO_LIMIT, Deadband
+from ..deadband import FRACTION_LIMIT, ZERO_LIMIT, Deadband
 from ..decoder import TrackDecoder
 from ..errors import ParameterError
 from ..integers import clamp
@@ -41,12 +41,11 @@ COARSER = (4, 16)
 """Floors of the knots that are tried in place of the deadband's own: noise near zero, which no
 knot should follow, costs up to 8 bits a sample there."""
 
-STEP_LIMIT = 1 << 24
-"""As the level allows (SPEC clause 15, level 1)."""
+STEP_LIMIT = LEVELS[1].step
 
 FLOOR_LIMIT = (1 << 31) - 1
-FRACTION_LIMIT = (1 << 16) - 1
-"""Fields of the contract (SPEC clause 11)."""
+
+WORDS_REASON = "no lattice, kept bit for bit"
 
 
 @dataclass
@@ -69,6 +68,8 @@ class Unit:
     residual: Coded | None = None
     chosen: str = ""
     reason: str = ""
+    exact: bool = False
+    """Whether it was stored without loss, and needs no contract (SPEC DBC-004)."""
 
     @property
     def size(self) -> int:
@@ -119,7 +120,7 @@ def bound_of(source: Source, settings: Settings) -> Bound:
     ]
     # The axes of a vector share one floor: relative to a range, that of the longest axis.
     floor = min(int(max(floors)), FLOOR_LIMIT)
-    ratio = settings.k.limit_denominator(FRACTION_LIMIT)
+    ratio = settings.k.limit_denominator(FRACTION_LIMIT - 1)
     band = Deadband(
         ratio.numerator,
         ratio.denominator,
@@ -192,7 +193,7 @@ def residual_step(
     if settings.step is not None:
         calibration = source.channels[0].calibration
         assert calibration is not None
-        extent = int(np.ptp(source.counts)) if source.counts.size else 0
+        extent = int(np.ptp(source.counts, axis=0).max())
         return whole_counts(counts_of(settings.step, calibration, extent), STEP_LIMIT)
     if settings.bits is not None:
         if settings.bits == 0:
@@ -304,7 +305,7 @@ def encode_constant(source: Source, base: Track) -> Unit:
     for span, rows in source.pieces(source.counts):
         data = build_knots(np.zeros(1, np.int64), rows[:1])
         coded.packets.append(Packet(0, span.start, span.ticks, data))
-    return Unit(coded, None, "knots", "constant" if source.spans else "no samples")
+    return Unit(coded, None, "knots", "constant" if source.spans else "no samples", exact=True)
 
 
 def encode_raw_counts(source: Source, base: Track, reason: str) -> Unit:
@@ -314,7 +315,7 @@ def encode_raw_counts(source: Source, base: Track, reason: str) -> Unit:
     coded = Coded(replace(base, codec="RAWB", parameters=RawParameters(size).build()))
     for span, rows in source.pieces(source.counts):
         coded.packets.append(Packet(0, span.start, span.ticks, encode_raw(rows, size)))
-    return Unit(coded, None, "raw", reason)
+    return Unit(coded, None, "raw", reason, exact=True)
 
 
 def encode_words(
@@ -339,4 +340,4 @@ def encode_words(
             Packet(0, span.start, span.ticks, encode_raw(rows, channel.values.dtype.itemsize))
         )
         at += span.ticks
-    return Unit(coded, None, "raw", reason)
+    return Unit(coded, None, "raw", reason, exact=True)
