@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .codecs.knots import KnotParameters, decode_knots
+from .codecs.predicted import LpcParameters, decode_predicted
 from .codecs.quantised import QuanParameters, decode_quantised
 from .codecs.raw import RawParameters, decode_raw
 from .container.cluster import Packet
@@ -16,6 +17,8 @@ from .container.track import Track
 from .errors import FormatError, HapfmtError, UnsupportedError
 from .limits import Level
 from .recording import Span, append_span
+
+Parameters = KnotParameters | QuanParameters | RawParameters | LpcParameters
 
 
 class TrackDecoder:
@@ -31,13 +34,19 @@ class TrackDecoder:
         self.path = path
         self.parameters = self.parse_parameters()
 
-    def parse_parameters(self) -> KnotParameters | QuanParameters | RawParameters:
+    def parse_parameters(self) -> Parameters:
         track = self.track
         try:
             if track.codec == "KNOT":
                 return KnotParameters.parse(track.parameters, self.level, track.offset)
             if track.codec == "QUAN":
                 return QuanParameters.parse(track.parameters, self.level, track.offset)
+            if track.codec == "LPCR":
+                if len(track.components) != 1:
+                    raise FormatError(
+                        "LPCR with several components", requirement="LPC-001", offset=track.offset
+                    )
+                return LpcParameters.parse(track.parameters, self.level, track.offset)
             return RawParameters.parse(track.parameters, track.number_format, track.offset)
         except HapfmtError as error:
             raise error.at(path=self.path) from None
@@ -57,6 +66,10 @@ class TrackDecoder:
             elif isinstance(parameters, KnotParameters):
                 numbers = decode_knots(
                     packet.data, parameters, packet.span, size, self.level, packet.offset
+                )
+            elif isinstance(parameters, LpcParameters):
+                numbers = decode_predicted(
+                    packet.data, parameters, packet.span, self.level, packet.offset
                 )
             else:
                 numbers = decode_quantised(

@@ -40,12 +40,19 @@ ORIGINAL_BITS = 64
 @click.argument("target", metavar="OUT")
 @click.option(
     "--preset",
-    type=click.Choice(["default", "paper"]),
+    type=click.Choice(["default", "paper", "deadband", "archive", "near-lossless"]),
     default="default",
     show_default=True,
     help="default: every sample within its deadband, texture kept with an explicit step. "
     "paper: Brandi, Chaudhari and Steinbach to the letter (their online deadband of the whole "
-    "signal: --bits 0 --interpolation hold, and a --cutoff above half the rate).",
+    "signal: --bits 0 --interpolation hold, and a --cutoff above half the rate). "
+    "deadband: every sample within it, as small as can be, texture beyond it not kept. "
+    "archive: lossless. near-lossless: nothing further than --max-error.",
+)
+@click.option(
+    "--max-error",
+    type=AmountType(),
+    help="Of preset near-lossless: 0.01 (in the unit), 2lsb, 0.1%.",
 )
 @click.option("--k", "k", type=FractionType(), help="Weber fraction of the deadband [0.1].")
 @click.option(

@@ -127,6 +127,15 @@ RAWB_PARAMETERS = Struct(
     "reserved" / Bytes(3) * "0",
 )
 
+LPCR_PARAMETERS = Struct(
+    "grid" / Int8ul * "0 uniform, 1 deadband",
+    "reserved" / Bytes(3) * "0",
+    "step" / Int32ul * "counts per index; deadband grid: the floor in counts",
+    "kn" / Int16ul * "deadband grid: numerator of the Weber fraction; else 0",
+    "kd" / Int16ul * "deadband grid: denominator of the Weber fraction; else 1",
+    "zero" / Int32sl * "count of index 0",
+)
+
 TABLES: dict[str, Construct] = {
     "chunk header": CHUNK_HEADER,
     "HEAD": HEAD,
@@ -142,5 +151,6 @@ TABLES: dict[str, Construct] = {
     "KNOT parameters": KNOT_PARAMETERS,
     "QUAN parameters": QUAN_PARAMETERS,
     "RAWB parameters": RAWB_PARAMETERS,
+    "LPCR parameters": LPCR_PARAMETERS,
 }
 """Name of each table in SPEC.md and its declaration, in the order of the SPEC."""

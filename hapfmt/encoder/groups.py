@@ -16,16 +16,19 @@ from ..recording import Calibration, Channel
 COUNT_LIMIT = 1 << 31
 
 
-def group_units(channels: Sequence[Channel], *, required: bool) -> Iterator[list[Channel]]:
+def group_units(
+    channels: Sequence[Channel], *, required: bool, apart: bool = False
+) -> Iterator[list[Channel]]:
     """The channels in their order, neighbours of one group together where they can be one vector.
 
-    ``required``: ParameterError, with the reason, where a group cannot.
+    ``apart``: never. ``required``: ParameterError, with the reason, where a group cannot.
     """
     at = 0
     while at < len(channels):
         size = 1
         while (
             channels[at].group
+            and not apart
             and at + size < len(channels)
             and channels[at + size].group == channels[at].group
         ):

@@ -17,8 +17,11 @@ from ..recording import Calibration, Channel
 from .perception import FORCE_FLOOR_N, FORCE_WEBER, LF_CUTOFF_HZ
 from .tolerance import Tolerance
 
-Preset = Literal["default", "paper"]
-PRESETS: tuple[Preset, ...] = ("default", "paper")
+Preset = Literal["default", "paper", "deadband", "archive", "near-lossless"]
+PRESETS: tuple[Preset, ...] = ("default", "paper", "deadband", "archive", "near-lossless")
+
+WITHIN = frozenset({"deadband", "archive", "near-lossless"})
+"""Presets that keep every sample within a bound by construction."""
 
 BITS = range(2, 17)
 """Quantiser of the paper: 2**b - 1 levels; one bit would leave level 0 only."""
@@ -56,17 +59,22 @@ class Settings:
     tolerance: Tolerance | None = None
     interpolation: Interpolation = "linear"
     digest: bool = False
+    max_error: Tolerance | None = None
     vectors: Literal["possible", "required"] = "possible"
 
     def __post_init__(self) -> None:
         for name in ("k", "cluster"):
             object.__setattr__(self, name, exact(getattr(self, name)))
-        for name in ("floor", "step", "tolerance"):
+        for name in ("floor", "step", "tolerance", "max_error"):
             object.__setattr__(self, name, amount(getattr(self, name)))
         if self.interpolation not in INTERPOLATIONS:
             raise ParameterError(f"knots are joined by one of {', '.join(INTERPOLATIONS)}")
         if self.preset not in PRESETS:
             raise ParameterError(f"a preset is one of {', '.join(PRESETS)}")
+        if (self.preset == "near-lossless") != (self.max_error is not None):
+            raise ParameterError("the largest error goes with preset near-lossless: 2lsb, 0.1%")
+        if self.preset in WITHIN and (self.bits is not None or self.step is not None):
+            raise ParameterError(f"preset {self.preset} has no bits and no step to choose")
         if not 0 <= self.k <= 65535:
             raise ParameterError("the Weber fraction k lies between 0 and 65535")
         if self.bits is not None and self.bits and self.bits not in BITS:
@@ -112,6 +120,7 @@ class Settings:
             "cluster": float(self.cluster),
             "tolerance": text_of(self.tolerance),
             "interpolation": self.interpolation,
+            "max-error": text_of(self.max_error),
         }
         given = [f"{name}={value}" for name, value in parts.items() if value is not None]
         return " ".join([self.preset, *given])

@@ -27,7 +27,7 @@ from ..limits import EXACT_LIMIT, LEVELS
 from ..recording import Channel, Span
 from .codebook import choose_codebook
 from .knots import knot_values, select_knots
-from .settings import Settings, counts_of, whole_counts
+from .settings import WITHIN, Settings, counts_of, whole_counts
 from .source import Source, component_of, declared_range, make_track
 from .split import low_pass
 
@@ -226,6 +226,10 @@ def encode_counts(source: Source, first_channel: int, settings: Settings) -> Uni
     )
     if not len(x) or (x == x[0]).all():
         return encode_constant(source, base)
+    if settings.preset in WITHIN:
+        from .indexed import encode_within
+
+        return encode_within(source, base, settings)
     bound = bound_of(source, settings)
     slow = slow_part(source, settings)
     lf = code_knots(source, slow, bound.band, settings, base)

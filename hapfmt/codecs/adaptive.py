@@ -1,0 +1,214 @@
+"""Adaptive binary range coding, and the integer model on top of it (SPEC 9.4).
+
+The readable twin: bit by bit, in the order of the page. kernels/ holds the same in C.
+"""
+
+from __future__ import annotations
+
+from ..errors import FormatError
+
+PROBABILITY_BITS = 16
+LEAST, MOST = 64, 65472
+COUNT_LIMIT = 250
+FAST_FROM = 8
+RATES = tuple(131072 // (2 * n + 3) for n in range(COUNT_LIMIT + 1))
+"""R of SPEC 9.4 for each n."""
+
+CONTEXTS, BUCKETS = 40, 80
+TOP = 1 << 24
+WORD = (1 << 32) - 1
+
+
+class BitModel:
+    """Probability of a 1: slow and counted (p, n), and fast (q)."""
+
+    __slots__ = ("n", "p", "q")
+
+    def __init__(self) -> None:
+        self.p = self.q = 32768
+        self.n = 0
+
+    def probability(self) -> int:
+        mixed = self.p if self.n < FAST_FROM else (3 * self.p + self.q) // 4
+        return LEAST if mixed < LEAST else MOST if mixed > MOST else mixed
+
+    def update(self, bit: int) -> None:
+        t = 65535 * bit
+        self.p += ((t - self.p) * RATES[self.n]) >> PROBABILITY_BITS
+        self.q += (t - self.q) >> 4
+        if self.n < COUNT_LIMIT:
+            self.n += 1
+
+
+def end_of(x1: int, x2: int) -> bytes:
+    """The last bytes of a packet whose coder stands at x1, x2 (RNG-001)."""
+    for size in range(5):
+        unit = 1 << (32 - 8 * size)
+        value = -(-x1 // unit) * unit
+        if value <= x2:
+            return value.to_bytes(5, "big")[1 : 1 + size]
+    raise AssertionError("x1 itself fits four bytes")
+
+
+class RangeEncoder:
+    """Bits to bytes."""
+
+    def __init__(self) -> None:
+        self.x1, self.x2 = 0, WORD
+        self.out = bytearray()
+
+    def bit(self, bit: int, model: BitModel) -> None:
+        self.split(bit, model.probability())
+        model.update(bit)
+
+    def split(self, bit: int, probability: int) -> None:
+        r = self.x2 - self.x1
+        m = self.x1 + (r >> 16) * probability + ((r & 0xFFFF) * probability >> 16)
+        if bit:
+            self.x2 = m
+        else:
+            self.x1 = m + 1
+        while self.x1 >> 24 == self.x2 >> 24:
+            self.out.append(self.x2 >> 24)
+            self.x1 = (self.x1 << 8) & WORD
+            self.x2 = (self.x2 << 8) & WORD | 255
+
+    def raw(self, value: int, bits: int) -> None:
+        """``bits`` bits of ``value``, the highest first."""
+        for at in range(bits - 1, -1, -1):
+            self.split(value >> at & 1, 1 << 15)
+
+    def finish(self) -> bytes:
+        return bytes(self.out) + end_of(self.x1, self.x2)
+
+
+class RangeDecoder:
+    """Bytes to bits; ``offset`` is where ``data`` stands in the file."""
+
+    def __init__(self, data: bytes, offset: int = 0) -> None:
+        self.data = data
+        self.offset = offset
+        self.x1, self.x2 = 0, WORD
+        self.x = int.from_bytes(data[:4].ljust(4, b"\0"), "big")
+        self.shifts = 0
+
+    def bit(self, model: BitModel) -> int:
+        bit = self.split(model.probability())
+        model.update(bit)
+        return bit
+
+    def split(self, probability: int) -> int:
+        r = self.x2 - self.x1
+        m = self.x1 + (r >> 16) * probability + ((r & 0xFFFF) * probability >> 16)
+        bit = int(self.x <= m)
+        if bit:
+            self.x2 = m
+        else:
+            self.x1 = m + 1
+        while self.x1 >> 24 == self.x2 >> 24:
+            at = self.shifts + 4
+            self.x1 = (self.x1 << 8) & WORD
+            self.x2 = (self.x2 << 8) & WORD | 255
+            self.x = (self.x << 8) & WORD | (self.data[at] if at < len(self.data) else 0)
+            self.shifts += 1
+        return bit
+
+    def raw(self, bits: int) -> int:
+        value = 0
+        for _ in range(bits):
+            value = value << 1 | self.split(1 << 15)
+        return value
+
+    def finish(self) -> None:
+        """RNG-001."""
+        check_end(self.data, self.shifts, self.x1, self.x2, self.offset)
+
+
+def check_end(data: bytes, shifts: int, x1: int, x2: int, offset: int) -> None:
+    last = end_of(x1, x2)
+    if len(data) != shifts + len(last) or data[shifts:] != last:
+        raise FormatError(
+            "the coded bits do not end with their packet",
+            requirement="RNG-001",
+            offset=offset + min(shifts, len(data)),
+        )
+
+
+class IntegerModel:
+    """Signed integers by the scale of those before them."""
+
+    def __init__(self) -> None:
+        self.f = self.s = self.t = self.g = 0
+        self.buckets = [[BitModel() for _ in range(BUCKETS)] for _ in range(CONTEXTS)]
+        self.halves = [[BitModel() for _ in range(BUCKETS)] for _ in range(CONTEXTS)]
+        self.signs = [BitModel() for _ in range(3)]
+
+    def scale(self) -> tuple[int, int]:
+        """(h, c) of SPEC 9.4."""
+        mean = (self.f + self.s) >> 1
+        lg = max(mean.bit_length() - 1, 0)
+        fr = (mean >> (lg - 2) if lg >= 2 else mean << (2 - lg)) & 3
+        h = max(0, lg - 10)
+        return h, 36 + fr if h else min(max(4 * lg + fr - 8, 0), 35)
+
+    def learn(self, e: int) -> None:
+        u = abs(e) << 8
+        self.g = (e > 0) - (e < 0)
+        self.f += (u - self.f) >> 3
+        self.s += (u - self.s) >> min(7, (self.t + 1).bit_length())
+        self.t += 1
+
+    def encode(self, coder: RangeEncoder, e: int) -> None:
+        h, c = self.scale()
+        u = abs(e)
+        w = u >> h
+        k, low, bits = bucket_of(w)
+        models = self.buckets[c]
+        for i in range(k):
+            coder.bit(1, models[i])
+        coder.bit(0, models[k])
+        coder.raw(low, bits)
+        if h:
+            coder.bit(u >> (h - 1) & 1, self.halves[c][k])
+            coder.raw(u & ((1 << (h - 1)) - 1), h - 1)
+        if u:
+            coder.bit(int(e < 0), self.signs[self.g + 1])
+        self.learn(e)
+
+    def decode(self, coder: RangeDecoder) -> int:
+        h, c = self.scale()
+        models = self.buckets[c]
+        k = 0
+        while coder.bit(models[k]):
+            k += 1
+            if k == BUCKETS:
+                raise FormatError(
+                    "a bucket of 80", requirement="RNG-002", offset=coder.offset + coder.shifts
+                )
+        if k < 12:
+            w = k
+        else:
+            exponent = (k - 8) >> 1
+            v = (2 + (k & 1)) << (exponent - 1)
+            w = (v | coder.raw(exponent - 1)) + 8
+        u = w << h
+        if h:
+            u |= coder.bit(self.halves[c][k]) << (h - 1)
+            u |= coder.raw(h - 1)
+        if u >> 34:
+            raise FormatError(
+                "index beyond the grid", requirement="LPC-003", offset=coder.offset + coder.shifts
+            )
+        e = -u if u and coder.bit(self.signs[self.g + 1]) else u
+        self.learn(e)
+        return e
+
+
+def bucket_of(w: int) -> tuple[int, int, int]:
+    """(k, the low bits of v, how many they are)."""
+    if w < 12:
+        return w, 0, 0
+    v = w - 8
+    exponent = v.bit_length() - 1
+    half = v >> (exponent - 1) & 1
+    return 2 * exponent + 8 + half, v & ((1 << (exponent - 1)) - 1), exponent - 1

@@ -1,0 +1,319 @@
+"""LPCR: indices of a grid, linear prediction, adaptive coding (SPEC 9.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..container.layout import LPCR_PARAMETERS
+from ..container.wire import parse_fixed
+from ..errors import FormatError, TruncatedError
+from ..integers import build_svarint, parse_varint
+from ..kernels import compiled
+from ..limits import Level
+from .adaptive import BitModel, IntegerModel, RangeDecoder, RangeEncoder
+from .sine import SINES
+
+UNIFORM, DEADBAND = 0, 1
+ORDER_LIMIT, DIFFERENCE_LIMIT = 32, 4
+REPEATS, CONSTANT = 8, 16
+STEP_UP_LIMIT = 1 << 36
+COEFFICIENT_LIMIT = 1 << 21
+SHIFT = 13
+STATUS = {
+    1: ("RNG-002", "a bucket of 80"),
+    2: ("LPC-003", "index beyond the grid"),
+    3: ("RNG-001", "the coded bits do not end with their packet"),
+}
+"""What the compiled loop returns."""
+
+
+@dataclass(frozen=True)
+class LpcParameters:
+    """The grid: which count each index stands for."""
+
+    step: int = 1
+    zero: int = 0
+    kn: int = 0
+    kd: int = 1
+
+    @property
+    def grid(self) -> int:
+        return DEADBAND if self.kn else UNIFORM
+
+    def build(self) -> bytes:
+        return bytes(
+            LPCR_PARAMETERS.build(
+                {
+                    "grid": self.grid,
+                    "reserved": bytes(3),
+                    "step": self.step,
+                    "kn": self.kn,
+                    "kd": self.kd,
+                    "zero": self.zero,
+                }
+            )
+        )
+
+    @classmethod
+    def parse(cls, data: bytes, level: Level, offset: int) -> LpcParameters:
+        raw = parse_fixed(LPCR_PARAMETERS, data, 0, "COD-002", offset)
+        if len(data) != LPCR_PARAMETERS.sizeof():
+            raise FormatError("LPCR parameters too long", requirement="COD-002", offset=offset)
+        if any(raw.reserved):
+            raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=offset + 1)
+        if raw.grid == UNIFORM:
+            fits = raw.kn == 0 and raw.kd == 1 and raw.step > 0
+        else:
+            fits = raw.grid == DEADBAND and raw.kn > 0 and raw.kd > 0
+        if not fits:
+            raise FormatError("a grid that is not defined", requirement="LPC-002", offset=offset)
+        level.check("step", raw.step, "LPC-002", offset + 4)
+        return cls(raw.step, raw.zero, raw.kn, raw.kd)
+
+    @cached_property
+    def half_levels(self) -> dict[int, NDArray[np.int64]]:
+        return {}
+
+    def levels(self, bound: int) -> NDArray[np.int64]:
+        """y(0), y(1) ... of the deadband grid, up to the first that reaches ``bound``."""
+        if bound not in self.half_levels:
+            self.half_levels[bound] = np.array(deadband_levels(self, bound), np.int64)
+        return self.half_levels[bound]
+
+    def counts(self, indices: NDArray[np.int64], bound: int) -> NDArray[np.int64]:
+        """Counts of indices that lie on the grid."""
+        if self.grid == UNIFORM:
+            return self.zero + indices * self.step
+        levels = self.levels(bound)
+        return self.zero + np.sign(indices) * levels[np.abs(indices)]
+
+    def index_limit(self, bound: int) -> int:
+        """Largest magnitude of an index (LPC-003)."""
+        if self.grid == UNIFORM:
+            return bound // self.step
+        return min(self.levels(bound).size - 1, bound)
+
+
+def deadband_levels(grid: LpcParameters, bound: int) -> list[int]:
+    """The recurrence of SPEC 9.5."""
+    levels = [0]
+    while levels[-1] < bound:
+        y = levels[-1]
+        if grid.kn >= grid.kd:
+            break
+        c = max(y + grid.step, y * grid.kd // (grid.kd - grid.kn)) + 1
+        levels.append(c + max(grid.kn * c // grid.kd, grid.step))
+    return levels
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """The header of a packet: difference order, reflection coefficients, base, repeats."""
+
+    difference: int = 0
+    reflections: tuple[int, ...] = ()
+    base: int = 0
+    repeats: bool = False
+
+    def build(self) -> bytes:
+        flags = self.difference | self.repeats * REPEATS
+        ks = bytes(k & 0xFF for k in self.reflections)
+        return bytes([flags, len(self.reflections)]) + ks + build_svarint(self.base)
+
+    @cached_property
+    def coefficients(self) -> list[int] | None:
+        """c[1..m], or None where LPC-005 is broken."""
+        return step_up(self.reflections)
+
+
+def step_up(reflections: Sequence[int]) -> list[int] | None:
+    """Reflection coefficients to predictor coefficients, in integers; None: out of range."""
+    steps: list[list[int] | None] = [[], *step_ups(reflections)]
+    return steps[-1]
+
+
+def step_ups(reflections: Sequence[int]) -> Iterator[list[int] | None]:
+    """The same for the first one, the first two, and so on; it ends with a step out of range.
+
+    Products stay below 2**51 by LPC-005, so 64-bit integers are exact.
+    """
+    p = np.zeros(0, np.int64)
+    for index in reflections:
+        k = SINES[index] if index >= 0 else -SINES[-index]
+        p = np.append(p - ((2 * k * p[::-1] + (1 << 15)) >> 16), k << 5)
+        if np.abs(p).max() > STEP_UP_LIMIT:
+            yield None
+            return
+        c = (2 * p + (1 << 7)) >> 8
+        yield None if np.abs(c).max() > COEFFICIENT_LIMIT else c.tolist()
+
+
+def parse_header(data: bytes, offset: int) -> tuple[Predictor, bool, int]:
+    """The header, whether the packet is constant, and where the coded bits begin."""
+    if len(data) < 2 or len(data) < 2 + data[1]:
+        raise TruncatedError(
+            "the packet ends within its header", requirement="LPC-006", offset=offset
+        )
+    flags, order = data[0], data[1]
+    difference, constant = flags & 7, bool(flags & CONSTANT)
+    ks = tuple(byte - 256 if byte > 127 else byte for byte in data[2 : 2 + order])
+    wrong = (
+        flags & ~(7 | REPEATS | CONSTANT)
+        or difference > (1 if order else DIFFERENCE_LIMIT)
+        or order > ORDER_LIMIT
+        or -128 in ks
+        or (constant and (order or flags != CONSTANT))
+    )
+    if wrong:
+        raise FormatError("a predictor that is not defined", requirement="LPC-004", offset=offset)
+    number, position = parse_varint(data, 2 + order, offset)
+    base = number >> 1 if number % 2 == 0 else -(number >> 1) - 1
+    return Predictor(difference, ks, base, bool(flags & REPEATS)), constant, position
+
+
+def encode_indices(indices: NDArray[np.int64], predictor: Predictor) -> bytes:
+    """The packet; a constant one where all indices are the same."""
+    if (indices == indices[0]).all():
+        return bytes([CONSTANT, 0]) + build_svarint(int(indices[0]))
+    c = predictor.coefficients
+    assert c is not None
+    if compiled is not None:
+        return predictor.build() + encode_compiled(indices, predictor, c)
+    return predictor.build() + encode_coded(indices, predictor, c)
+
+
+def encode_compiled(indices: NDArray[np.int64], predictor: Predictor, c: list[int]) -> bytes:
+    """``encode_coded``, in C; a packet that does not fit its buffer is written once more."""
+    assert compiled is not None
+    size = 2 * indices.size + 64
+    plain = np.ascontiguousarray(indices, np.int64)
+    while True:
+        out = bytearray(size)
+        status, size = compiled.lpcr_encode(
+            out, np.array(c, np.int32), predictor.difference, predictor.repeats, predictor.base,
+            0, plain,
+        )  # fmt: skip
+        if status == 0:
+            return bytes(out[:size])
+
+
+def encode_coded(indices: NDArray[np.int64], predictor: Predictor, c: list[int]) -> bytes:
+    """The coded bits, in the order of the SPEC; kernels/ has the same in C."""
+    coder, model = RangeEncoder(), IntegerModel()
+    repeats = [BitModel() for _ in range(4)]
+    y = differences(indices - predictor.base, predictor.difference).tolist()
+    history = [0] * len(c)
+    recent = 0
+    previous = None
+    for t, index in enumerate(indices.tolist()):
+        same = index == previous
+        if predictor.repeats and t:
+            coder.bit(int(same), repeats[recent])
+            recent = 2 * same + (recent >> 1)
+        if not (predictor.repeats and t and same):
+            model.encode(coder, y[t] - predict(c, history))
+        if c:
+            history = [y[t], *history[:-1]]
+        previous = index
+    return coder.finish()
+
+
+def differences(z: NDArray[np.int64], order: int) -> NDArray[np.int64]:
+    """D^g z, with zeros before the first."""
+    for _ in range(order):
+        z = np.diff(z, prepend=0)
+    return z
+
+
+def predict(c: list[int], history: list[int]) -> int:
+    return (sum(a * b for a, b in zip(c, history, strict=True)) + (1 << (SHIFT - 1))) >> SHIFT
+
+
+def decode_indices(data: bytes, span: int, limit: int, offset: int) -> NDArray[np.int64]:
+    """Indices [span], each of a magnitude of at most ``limit``."""
+    predictor, constant, position = parse_header(data, offset)
+    check_index(predictor.base, limit, offset)
+    if constant:
+        if position != len(data):
+            raise FormatError(
+                "bytes left over after a constant", requirement="COD-001", offset=offset + position
+            )
+        return np.full(span, predictor.base, np.int64)
+    c = predictor.coefficients
+    if c is None:
+        raise FormatError("predictor out of range", requirement="LPC-005", offset=offset + 2)
+    coded, at = data[position:], offset + position
+    if compiled is not None:
+        return decode_compiled(coded, predictor, c, span, limit, at)
+    return np.array(decode_coded(coded, predictor, c, span, limit, at), np.int64)
+
+
+def decode_compiled(
+    data: bytes, predictor: Predictor, c: list[int], span: int, limit: int, offset: int
+) -> NDArray[np.int64]:
+    """``decode_coded``, in C."""
+    assert compiled is not None
+    out = np.empty(span, np.int64)
+    status, shifts = compiled.lpcr_decode(
+        data, np.array(c, np.int32), predictor.difference, predictor.repeats, predictor.base,
+        limit, out,
+    )  # fmt: skip
+    if status:
+        requirement, message = STATUS[status]
+        at = min(shifts, len(data)) if requirement == "RNG-001" else shifts
+        raise FormatError(message, requirement=requirement, offset=offset + at)
+    return out
+
+
+def decode_coded(
+    data: bytes, predictor: Predictor, c: list[int], span: int, limit: int, offset: int
+) -> list[int]:
+    """The readable loop; kernels/ has the same in C."""
+    coder, model = RangeDecoder(data, offset), IntegerModel()
+    repeats = [BitModel() for _ in range(4)]
+    # sums[i] is D^i z at the tick before.
+    sums = [0] * (predictor.difference + 1)
+    history = [0] * len(c)
+    indices: list[int] = []
+    recent = 0
+    for t in range(span):
+        same = 0
+        if predictor.repeats and t:
+            same = coder.bit(repeats[recent])
+            recent = 2 * same + (recent >> 1)
+        if same:
+            new = [sums[0]]
+            for before in sums[:-1]:
+                new.append(new[-1] - before)
+        else:
+            y = predict(c, history) + model.decode(coder)
+            new = [0] * len(sums)
+            new[-1] = y
+            for i in range(len(sums) - 2, -1, -1):
+                new[i] = new[i + 1] + sums[i]
+        sums = new
+        check_index(sums[0] + predictor.base, limit, offset + coder.shifts)
+        if c:
+            history = [sums[-1], *history[:-1]]
+        indices.append(sums[0] + predictor.base)
+    coder.finish()
+    return indices
+
+
+def check_index(index: int, limit: int, offset: int) -> None:
+    if abs(index) > limit:
+        raise FormatError("index beyond the grid", requirement="LPC-003", offset=offset)
+
+
+def decode_predicted(
+    data: bytes, parameters: LpcParameters, span: int, level: Level, offset: int
+) -> NDArray[np.int64]:
+    """The packet ``data``, which stands at ``offset``, as counts [span, 1]."""
+    limit = parameters.index_limit(level.count_bound)
+    indices = decode_indices(data, span, limit, offset)
+    return parameters.counts(indices, level.count_bound)[:, None]
