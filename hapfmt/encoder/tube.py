@@ -38,6 +38,12 @@ FEW = 6
 Short links are where whole ticks matter (measured on random tubes: 3 % too many knots without)."""
 
 NEAR = 1
+BEFORE = 2
+SAMPLES = 4
+SHORT = 0
+KEEP = 2
+NARROW = 4
+SLACK = 64
 """..."""
 
 VERIFIED = 17
@@ -76,6 +82,9 @@ class Knot(NamedTuple):
     high: int
     parts: tuple[tuple[int, int, Knot], ...] = ()
     """(low, high, the knot before) in order: which of the values are reached from where."""
+
+
+Way = tuple[Knot, Sweep]
 
 
 def fewest_hold(
@@ -172,48 +181,56 @@ class _Tube:
 
     def last_knot(self) -> Knot:
         """The knot at the tube's end, and through its parts all knots before it."""
-        layer = [Knot(0, self.lows[0], self.highs[0])]
-        while layer[0].tick < self.size - 1:
-            layer = self.next_layer(layer)
-        return layer[0]
+        ways = [self.way(Knot(0, self.lows[0], self.highs[0]))]
+        while ways[0][0].tick < self.size - 1:
+            ways = self.next_ways(ways)
+        return ways[0][0]
 
-    def sweep(self, knot: Knot) -> Sweep:
+    def way(self, knot: Knot) -> Way:
         """All lines that begin at ``knot``."""
         floor, ceiling = self.upright
         below, above = [(knot.tick, 2 * knot.low)], [(knot.tick, 2 * knot.high)]
-        return _sweep(floor, ceiling, knot.tick + 1, below, above)
+        return knot, _sweep(floor, ceiling, knot.tick + 1, below, above)
 
-    def next_layer(self, layer: list[Knot]) -> list[Knot]:
-        """The knots that lines from ``layer`` reach and that the next ones should start at; one
-        knot where that is the tube's end."""
-        ways = [(knot, self.sweep(knot)) for knot in layer]
-        furthest = max(ways, key=lambda way: way[1].stop)
-        sweep = furthest[1]
+    def next_ways(self, ways: list[Way]) -> list[Way]:
+        """The knots that ``ways`` reach and that the next ones should start at, with their lines;
+        one knot where that is the tube's end."""
+        furthest, sweep = max(ways, key=lambda way: way[1].stop)
         last = sweep.stop - 1
         if not sweep.side:
             end = self.meet(ways, last)
             if end:
-                return [end]
-        first = max(layer[0].tick + 1, min(self.touch(sweep), last))
-        if last - first < FEW:
-            ticks = range(first, last + 1)
-        else:
-            at = self.crossing(sweep, first)
-            ticks = range(max(at - NEAR, first), min(at + NEAR, last) + 1)
-        found = [knot for tick in reversed(ticks) if (knot := self.meet(ways, tick))]
-        tick = first
+                return [(end, sweep)]
+        first = max(furthest.tick + 1, min(self.touch(sweep), last))
+        early = max(furthest.tick + 1, first - BEFORE)
+        goal = self.size
+        goal, at = self.crossing(sweep, first)
+        goal -= (goal - last) // SLACK
+        step = max((last - first) // SAMPLES, 1)
+        order = [at, at + 1, at - 1, at + 2, at - 2, last, *range(first - 1, early - 1, -1), *range(first, last, step)]
+        order = [t for t in dict.fromkeys(order) if early <= t <= last]
+        found = []
+        for tick in order:
+            knot = self.meet(ways, tick)
+            if knot:
+                found.append(self.way(knot))
+                if len(found) >= (KEEP if last - furthest.tick >= SHORT else KEEP + 1) and max(w[1].stop for w in found) >= goal:
+                    break
+        tick = early
         while not found:
             tick -= 1
-            found = [knot] if (knot := self.meet(ways, tick)) else []
+            knot = self.meet(ways, tick)
+            found = [self.way(knot)] if knot else []
         return found
 
-    def meet(self, ways: list[tuple[Knot, Sweep]], tick: int) -> Knot | None:
+    def meet(self, ways: list[Way], tick: int) -> Knot | None:
         """A knot at ``tick``: the most values without a gap that lines reach."""
-        parts = sorted(
+        parts = [
             part
             for knot, sweep in ways
             if knot.tick < tick < sweep.stop and (part := self.arrive(knot, sweep, tick))
-        )
+        ]
+        parts.sort(key=lambda part: part[0])
         best: Knot | None = None
         begin = 0
         high = 0
@@ -231,7 +248,7 @@ class _Tube:
         x, _, dx, _ = (sweep.lowest if sweep.side > 0 else sweep.highest)[-1][1]
         return x + dx
 
-    def crossing(self, sweep: Sweep, first: int) -> int:
+    def crossing(self, sweep: Sweep, first: int) -> tuple[int, int]:
         """How far a line gets that crosses the extreme one at or after ``first``, and where the
         furthest does: the last tick before it."""
         last = sweep.stop - 1
@@ -255,7 +272,7 @@ class _Tube:
                 low = middle
             else:
                 high = middle - 1
-        return low
+        return ahead.stop, low
 
     def arrive(self, knot: Knot, sweep: Sweep, tick: int) -> tuple[int, int, Knot] | None:
         """The values at ``tick`` that whole values of ``knot`` reach; None where there is none."""
@@ -263,21 +280,31 @@ class _Tube:
         if tick == knot.tick + 1:
             return low, high, knot
         # Before this tick only, for its own bound is that of whole values.
-        highest, lowest = _line_at(sweep.highest, tick - 1), _line_at(sweep.lowest, tick - 1)
-        low = max(low, -(_at((lowest[0], -lowest[1], lowest[2], -lowest[3]), tick) // 2))
-        high = min(high, _at(highest, tick) // 2)
+        x, y, dx, dy = _line_at(sweep.highest, tick - 1)
+        high = min(high, (y - 1 - (-dy * (tick - x) // dx)) // 2)
+        x, y, dx, dy = _line_at(sweep.lowest, tick - 1)
+        low = max(low, -((-dy * (tick - x) // dx - y) // 2))
+        if knot.low == knot.high:
+            return (low, high, knot) if low <= high else None
+        if low > high:
+            return None
         # Where lines start at two whole values or more at both ends they start at one at least in
         # between, for the pairs of values are convex.
-        enough = 1 if knot.low == knot.high else 2
-        for _ in range(2):
-            if low > high:
-                return None
-            a, b = self.origins(knot, tick, low)
-            c, d = self.origins(knot, tick, high)
-            if b - a + 1 >= enough <= d - c + 1:
-                return low, high, knot
-            low += b < a
-            high -= d < c
+        middle = (low + high) // 2
+        ends: list[int] = []
+        for end, step in ((low, 1), (high, -1)) if high - low >= NARROW else ():
+            value = end
+            while (middle - value) * step >= 0:
+                a, b = self.origins(knot, tick, value)
+                if b > a:
+                    ends.append(value)
+                    break
+                value = end + step
+                step *= 2
+            if not ends:
+                break
+        if len(ends) == 2:
+            return ends[0], ends[1], knot
         cut = max(high - low - VERIFIED, 0) // 2
         best = run = end = 0
         for value in range(low + cut, high - cut + 1):
