@@ -78,7 +78,9 @@ def encode(
     units: list[Unit] = []
     decisions: list[Decision] = []
     groups = group_units(
-        [channel for channel, _ in prepared], required=settings.vectors == "required"
+        [channel for channel, _ in prepared],
+        recording.channels,
+        required=settings.vectors == "required",
     )
     for members in groups:
         unit = encode_unit(members, len(decisions), settings)
