@@ -127,14 +127,15 @@ class Catalogue:
     def attachments(self) -> dict[str, Attachment]:
         """By name; a name that comes again gets a number."""
         found: dict[str, Attachment] = {}
+        counts: dict[str, int] = {}
         for ref in self.chunks:
             chunk = read_chunk(self.source, ref.offset) if ref.type == "aTTc" else None
             if chunk is not None and chunk.intact and chunk.header.known:
                 attachment = parse_attachment(chunk.payload, chunk.payload_offset)
-                name, count = attachment.name, 1
+                name = attachment.name
                 while name in found:
-                    count += 1
-                    name = f"{attachment.name} ({count})"
+                    counts[attachment.name] = counts.get(attachment.name, 1) + 1
+                    name = f"{attachment.name} ({counts[attachment.name]})"
                 found[name] = attachment
         return found
 

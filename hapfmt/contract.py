@@ -87,6 +87,8 @@ class Pair:
     invented: int
     largest_error: float
     moved: float
+    far: int
+    """Samples of x that are near no count: outside, whatever the deadband."""
 
 
 def check_contracts(reader: Reader, against: Recording) -> list[ContractCheck]:
@@ -127,7 +129,7 @@ def check_track(members: Sequence[tuple[ChannelRef, Channel, Channel]]) -> list[
     return [
         ContractCheck(
             ref.number, ref.label, contract, int(pair.x.size), pair.missing, pair.invented,
-            outside, ratio, pair.largest_error, pair.moved,
+            outside + pair.far, ratio, pair.largest_error, pair.moved,
             y.deviation.largest if y.deviation else 0.0,
         )
         for (ref, _, y), pair, (outside, ratio) in zip(members, pairs, judged, strict=True)
@@ -154,14 +156,18 @@ def pair_up(original: Channel, decoded: Channel) -> Pair:
     with np.errstate(all="ignore"):
         errors = np.where(same, 0.0, np.abs(physical_x - physical_y))
     y = decoded.values[at_y]
-    moved = 0.0
+    moved, far = 0.0, 0
     if decoded.calibration is None:
-        x, y = physical_x.view(np.int64), physical_y.view(np.int64)
+        x, y = comparable(original.values[at_x], y)
     elif original.calibration == decoded.calibration:
         x = original.values[at_x]
     else:
-        x = nearest_counts(physical_x, decoded.calibration)
-        moved = float(np.abs(physical_x - physical_of(x, decoded.calibration)).max(initial=0.0))
+        near = reachable(physical_x, decoded.calibration)
+        far = int(physical_x.size - near.sum())
+        x = np.where(near, 0, y).astype(np.int64)
+        x[near] = nearest_counts(physical_x[near], decoded.calibration)
+        away = np.abs(physical_x[near] - physical_of(x[near], decoded.calibration))
+        moved = float(away.max(initial=0.0))
     return Pair(
         x,
         y,
@@ -169,16 +175,31 @@ def pair_up(original: Channel, decoded: Channel) -> Pair:
         decoded.values.size - at_y.size,
         float(errors.max(initial=0.0)),
         moved,
+        far,
     )
 
 
-def nearest_counts(physical: NDArray[np.float64], calibration: Calibration) -> NDArray[np.int64]:
-    """The count nearest to each physical value; exact for values on the lattice."""
-    a, b, d = calibration.a, calibration.b, calibration.d
+def comparable(x: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Words as numbers that differ exactly where the words do."""
+    if x.dtype == y.dtype:
+        kind = f"u{x.dtype.itemsize}"
+        return x.view(kind), y.view(kind)
+    if x.dtype.kind in "iu" and y.dtype.kind in "iu":
+        return x.astype(object), y.astype(object)
+    return x.astype(np.float64).view(np.int64), y.astype(np.float64).view(np.int64)
+
+
+def reachable(physical: NDArray[np.float64], calibration: Calibration) -> NDArray[np.bool_]:
+    """Where a value is near any count at all: finite, and within 32 bits."""
     with np.errstate(all="ignore"):
-        guess = np.rint((physical * d - b) / a)
-    if not (np.isfinite(guess) & (np.abs(guess) < 1 << 32)).all():
-        raise ParameterError("the original has values far outside the file's range")
+        guess = (physical * calibration.d - calibration.b) / calibration.a
+        return np.isfinite(guess) & (np.abs(guess) < (1 << 32) - 1)
+
+
+def nearest_counts(physical: NDArray[np.float64], calibration: Calibration) -> NDArray[np.int64]:
+    """The count nearest to each physical value, which is ``reachable``; exact on the lattice."""
+    a, b, d = calibration.a, calibration.b, calibration.d
+    guess = np.rint((physical * d - b) / a)
     # With a large B the product above is rounded: the neighbours may be nearer.
     tried = [guess.astype(np.int64) + shift for shift in (0, -1, 1)]
     away = [np.abs(physical - physical_of(counts, calibration)) for counts in tried]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from .catalogue import Catalogue, ChunkRef
 from .container.index import FIRST_OFFSET, Index, IndexEntry, parse_foot, parse_index
 from .container.source import Source
-from .container.walk import Chunk, read_chunk, walk
+from .container.walk import Chunk, end_at, read_chunk, walk
 from .container.wire import HEADER_SIZE, SIGNATURE
 from .errors import FormatError, HapfmtError
 
@@ -42,8 +42,11 @@ def from_index(source: Source) -> Catalogue | None:
         catalogue.foot = parse_foot(last.payload, last.payload_offset)
         stop = FIRST_OFFSET
         for entry in index_entries(source, catalogue.foot.index_offset, file_id):
-            if entry.offset < stop:
+            # Chunks do not overlap: so the index costs no more than the file is long.
+            end = end_at(source, entry.offset, file_id)
+            if end is None or entry.offset < stop:
                 return None
+            stop = end
             catalogue.chunks.append(
                 ChunkRef(entry.type, entry.offset, entry.start_ns, entry.stop_ns)
             )
@@ -53,8 +56,6 @@ def from_index(source: Source) -> Catalogue | None:
             if chunk is None or not chunk.intact or chunk.header.type != entry.type:
                 return None
             catalogue.learn(chunk)
-            # Chunks do not overlap: so the index costs no more than the file is long.
-            stop = chunk.stop
     except FormatError:
         return None
     return catalogue if catalogue.head else None
@@ -63,7 +64,7 @@ def from_index(source: Source) -> Catalogue | None:
 def index_entries(source: Source, offset: int, file_id: int) -> list[IndexEntry]:
     """All entries, oldest first, by the chain of indexes that ends at ``offset``."""
     parts: list[Index] = []
-    position = offset
+    position = position_after = offset
     while True:
         chunk = read_chunk(source, position, file_id)
         if chunk is None or not chunk.intact or chunk.header.type != "iNDX":
@@ -71,10 +72,12 @@ def index_entries(source: Source, offset: int, file_id: int) -> list[IndexEntry]
                 "no index where one should be", requirement="IDX-004", offset=position
             )
         index = parse_index(chunk.payload, position, chunk.payload_offset)
+        if parts and chunk.stop > position_after:
+            raise FormatError("indexes overlap", requirement="IDX-004", offset=position)
         parts.append(index)
         if index.covers_from == FIRST_OFFSET:
             break
-        position = index.previous
+        position, position_after = index.previous, position
     entries: list[IndexEntry] = []
     stops = [part.covers_from for part in parts[-2::-1]] + [1 << 64]
     for index, stop in zip(reversed(parts), stops, strict=True):
@@ -106,9 +109,17 @@ def from_walk(source: Source) -> Catalogue:
                 broken.append((chunk, error))
         catalogue.chunks.append(ref)
     if broken and not catalogue.damaged:
-        raise broken[0][1]
+        raise catalogue.unsupported or broken[0][1]
     for chunk, fault in broken:
         lose_chunk(catalogue, chunk, fault)
+    for track in catalogue.table.drop_strangers() if catalogue.damaged else ():
+        catalogue.lose(
+            "bad-chunk",
+            track.offset,
+            0,
+            f"HF track {track.id} does not match its base track {track.base}",
+            "TRK-007",
+        )
     check_found(catalogue)
     return catalogue
 

@@ -15,7 +15,7 @@ from .catalogue import Catalogue, ChannelRef
 from .container.cluster import Packet
 from .container.extras import Attachment
 from .container.source import open_source
-from .container.track import Track
+from .container.track import Track, lone_lf
 from .container.walk import Finding
 from .decoder import TrackDecoder
 from .errors import ChecksumError, FormatError, ParameterError, TruncatedError
@@ -166,7 +166,7 @@ class Reader:
             self.limits.check_samples(samples)
             decoded[piece.track.id].add(piece.start, piece.numbers)
         if band == "full":
-            self.lost.extend(lost_residuals(chosen))
+            self.lost.extend(self.lost_residuals(chosen))
         return self.assemble(chosen, decoded, band)
 
     def assemble(
@@ -259,17 +259,18 @@ class Reader:
         self.lost = current.lost
         return current.packets(ranges, start, stop, progress)
 
+    def lost_residuals(self, chosen: Sequence[ChannelRef]) -> list[LostSpan]:
+        """LF tracks without their HF track: nothing of their channels can be given (DEC-006)."""
+        bare = {r.track.id: r.track for r in chosen if r.track.kind == "lf" and not r.residual}
+        if bare and self.catalogue.closed and not self.catalogue.damaged:
+            raise lone_lf(next(iter(bare.values()))).at(path=self.source.path)
+        return [LostSpan(id_, 0, None) for id_ in sorted(bare)]
+
     def lose_packet(self, packet: Packet, error: FormatError) -> None:
         size = len(packet.data)
         rule = error.requirement or "COD-001"
         self.catalogue.lose("bad-packet", packet.offset, size, error.message, rule)
         self.lost.append(LostSpan(packet.track, packet.start, packet.stop))
-
-
-def lost_residuals(chosen: Sequence[ChannelRef]) -> list[LostSpan]:
-    """LF tracks whose HF track is not known: nothing of their channels can be given (DEC-006)."""
-    ids = {r.track.id for r in chosen if r.track.kind == "lf" and r.residual is None}
-    return [LostSpan(id_, 0, None) for id_ in sorted(ids)]
 
 
 def wanted_tracks(chosen: Sequence[ChannelRef], band: Band) -> list[Track]:

@@ -15,6 +15,7 @@ from .container.index import (
     check_listing,
     parse_index,
 )
+from .container.track import lone_lf
 from .container.walk import read_chunk
 from .contract import ContractCheck, check_contracts
 from .decoder import TrackDigest
@@ -51,8 +52,8 @@ class Report:
         return VERDICTS[self.exit_code]
 
     def worsen(self, code: int) -> None:
-        """Damage before broken rules before unknown parts (SPEC clause 14)."""
-        order = (INTACT, UNSUPPORTED, NONCONFORMING, DAMAGED)
+        """Damage before unknown parts before broken rules (SPEC clause 14)."""
+        order = (INTACT, NONCONFORMING, UNSUPPORTED, DAMAGED)
         self.exit_code = max(self.exit_code, code, key=order.index)
 
     def as_json(self) -> dict[str, Any]:
@@ -149,11 +150,7 @@ def check_structure(catalogue: Catalogue) -> None:
         raise FormatError("footer counts differ", requirement="FOT-003", offset=at + 16)
     bare = [t for t in catalogue.tracks.values() if t.kind == "lf" and t.id not in bases]
     if bare:
-        raise FormatError(
-            f"LF track {bare[0].id} without an HF track",
-            requirement="TRK-012",
-            offset=bare[0].offset,
-        )
+        raise lone_lf(bare[0])
     numbers = [channel.number for channel in catalogue.channels]
     if numbers != list(range(len(numbers))):
         raise FormatError("channel numbers leave a hole", requirement="TRK-010", offset=at)

@@ -145,7 +145,7 @@ class TestPaper:
 
 
 def test_missing_samples_are_never_stored():
-    """WRT-004: An encoder MUST NOT store a value for a sample that its source marks as missing, NaN included."""
+    """WRT-004: An encoder MUST NOT store a value for a sample that its source marks as missing; in text and array files NaN is such a mark, as a word of a recording in memory it is a value."""
     x = np.array([1.0, np.nan, 2.0, 3.0, np.nan, np.nan, 4.0])
     back = hapfmt.read(encoded(Recording((Channel.from_physical(x, 10),))))
     assert back.channels[0].coverage == (Span(0, 1), Span(2, 4), Span(6, 7))
@@ -187,13 +187,27 @@ def test_what_is_no_vector_is_coded_apart(change):
 def test_one_lattice_for_all_axes_keeps_every_value(terms):
     axes = [Channel(noise(30, seed=i), Fraction(1), calibration=Calibration(*t), axis=str(i),
                     group="g") for i, t in enumerate(terms)]  # fmt: skip
-    shared = share_lattice(axes)
-    if isinstance(shared, str):
-        assert "common measure" in shared
+    try:
+        shared = share_lattice(axes, axes)
+    except hapfmt.ParameterError as error:
+        assert "common measure" in error.message
         return
     assert len({abs(channel.calibration.step) for channel in shared}) == 1
     for before, after in zip(axes, shared, strict=True):
         assert before.physical().tobytes() == after.physical().tobytes()
+
+
+def test_axes_that_were_rounded_are_rounded_anew_on_their_common_lattice():
+    rng = np.random.default_rng(1)
+    axes = tuple(
+        Channel.from_physical(rng.normal(scale=scale, size=900), 1000, unit="N", axis=a, group="g")
+        for a, scale in (("x", 1), ("y", 50))
+    )
+    settings = Settings(tolerance="1%", floor="0.5", k=0, vectors="required")
+    data = encoded(Recording(axes), settings)
+    report = hapfmt.verify(data, against=Recording(axes))
+    assert report.verdict == "intact" and report.contracts[0].contract.vector
+    assert all(0 < check.moved <= check.stated for check in report.contracts)
 
 
 def test_a_vector_that_cannot_be_is_refused_where_it_is_asked_for():

@@ -37,8 +37,8 @@ DAMAGED = ("mETa", b"{}", {"crc": 0})
         ([BROKEN], "nonconforming", 2),
         ([DAMAGED], "damaged", 3),
         ([UNKNOWN], "unsupported", 4),
-        ([UNKNOWN, BROKEN], "nonconforming", 2),
-        ([BROKEN, UNKNOWN], "nonconforming", 2),
+        ([UNKNOWN, BROKEN], "unsupported", 4),
+        ([BROKEN, UNKNOWN], "unsupported", 4),
         ([UNKNOWN, DAMAGED], "damaged", 3),
         ([DAMAGED, BROKEN, UNKNOWN], "damaged", 3),
     ],
@@ -251,3 +251,47 @@ def test_usage_adds_up(recording, data):
     assert sum(usage.causes.values()) == len(file)
     assert min(usage.causes.values()) >= 0
     assert usage.payload == sum(track.packets_size for track in usage.tracks.values())
+
+
+class TestOriginalsThatDoNotFit:
+    """What ``--against`` finds where the original holds other numbers than counts can."""
+
+    @pytest.mark.parametrize("odd", [np.inf, -np.inf, 1e300])
+    def test_values_near_no_count_are_outside(self, odd):
+        channel = Channel(np.array([5.0, odd, 5.0, 5.0]), Fraction(1000))
+        (check,) = verify(f.minimal(), against=Recording((channel,))).contracts
+        assert (check.outside, check.samples, check.broken) == (1, 4, True)
+
+    @pytest.mark.parametrize("dtype", [np.int64, np.uint64])
+    def test_words_are_compared_exactly(self, dtype):
+        one, two = (np.array([2**60 + d, 2**62 - 1, 2**62 + 1], dtype) for d in (0, 1))
+        words, other = (Channel(x, Fraction(1)) for x in (one, two))
+        out = io.BytesIO()
+        hapfmt.write(Recording((words,)), out, canonical=1)
+        report = verify(out.getvalue(), against=Recording((other,)))
+        assert report.contracts[0].outside == 1 and report.verdict == "damaged"
+        assert verify(out.getvalue(), against=Recording((words,))).verdict == "intact"
+
+
+def test_an_lf_track_alone_is_refused_by_readers_too():
+    data = f.closed(HEAD, ("TRAK", f.trak(kind=1), {"track": 0}), f.DATA_0)
+    with pytest.raises(hapfmt.FormatError, match="TRK-012"):
+        hapfmt.read(data)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_an_hf_track_whose_base_came_later_is_matched_then(count):
+    """The first LF description is damaged; another, with as many components or more, follows."""
+    hf = f.trak(f.tlv(1, f.quan_parameters(b"\x10")), kind=2, base=0, codec=b"QUAN")
+    late = f.trak(kind=1, component_count=count)
+    data = f.closed(
+        HEAD,
+        ("TRAK", f.trak(kind=1), {"track": 0, "crc": 0}),
+        ("TRAK", hf, {"track": 1}),
+        ("DATA", f.cluster((1, 0, 4, b""))),
+        ("TRAK", late, {"track": 0}),
+    )
+    with hapfmt.Reader(data) as reader:
+        assert (1 in reader.catalogue.tracks) == (count == 1)
+        assert len(reader.read()) == count
+        assert reader.findings

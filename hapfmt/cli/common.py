@@ -236,7 +236,7 @@ def tell_losses(reader: Reader) -> int:
     """What is wrong with a file that was read, on standard error; 3 if anything is (SPEC 14)."""
     tell_some([f"{reader.source.path or 'input'}: {finding}" for finding in reader.findings])
     tell_some([lost_text(lost, reader) for lost in reader.lost])
-    return 3 if reader.findings else 0
+    return 3 if reader.findings or reader.lost else 0
 
 
 def tell_some(lines: Sequence[str]) -> None:

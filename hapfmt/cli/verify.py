@@ -33,8 +33,9 @@ def verify(
     """Check FILE: checksums, structure, every packet decoded, digests, index, limits.
 
     With --against, each sample of the original is compared in integers: how many lie outside the
-    deadband that the file states, and the worst ratio (1 is the edge). A guarantee that does not
-    hold ends with exit code 3.
+    deadband that the file states, and the worst ratio (1 is the edge). Exit code 3 where a
+    guarantee does not hold, where a channel without a contract differs at all, where samples are
+    missing or invented, or where the original is further from its lattice than the file states.
     """
     from ..verifier import verify as check
 
@@ -79,6 +80,13 @@ def show(file: str, report: Report) -> None:
         headers = ["channel", "label", "contract", "samples", "outside", "worst ratio",
                    "largest error", "missing", "invented"]  # fmt: skip
         table(headers, rows)
+        for c in report.contracts:
+            if c.moved > c.stated:
+                click.echo(
+                    f"hapfmt: channel {c.channel}: the original is up to {c.moved:.6g} away from "
+                    f"its lattice, the file states {c.stated:.6g}",
+                    err=True,
+                )
 
 
 def lost_line(lost: dict[str, Any]) -> str:

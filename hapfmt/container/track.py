@@ -115,6 +115,12 @@ def series_of(tracks: Sequence[Track]) -> Iterator[list[Track]]:
         yield series
 
 
+def lone_lf(track: Track) -> FormatError:
+    return FormatError(
+        f"LF track {track.id} without an HF track", requirement="TRK-012", offset=track.offset
+    )
+
+
 class TrackTable:
     """The tracks described so far, and what must hold between them (TRK-003, 007 and 010)."""
 
@@ -156,6 +162,21 @@ class TrackTable:
             if track.base is not None:
                 self.bases.add(track.base)
             self.tracks[track.id] = track
+
+    def drop_strangers(self) -> list[Track]:
+        """In a damaged file: HF tracks whose base came later, or never, and does not match."""
+        dropped = []
+        self.bases.clear()
+        for track in [track for track in self.tracks.values() if track.kind == "hf"]:
+            try:
+                if track.unsupported is None and track.base in self.tracks:
+                    self.check_base(track)
+            except FormatError:
+                dropped.append(self.tracks.pop(track.id))
+                continue
+            if track.base is not None:
+                self.bases.add(track.base)
+        return dropped
 
     def check_base(self, track: Track) -> None:
         base = self.tracks.get(-1 if track.base is None else track.base)

@@ -69,6 +69,17 @@ def header_at(source: Source, offset: int, file_id: int | None) -> ChunkHeader |
     return header if file_id is None or header.file_id == file_id else None
 
 
+def end_at(source: Source, offset: int, file_id: int) -> int | None:
+    """Where the chunk at ``offset`` ends, None where no header of this file stands; no more is
+    looked at, since an index may list very many chunks."""
+    data = source.read_at(offset, HEADER_SIZE)
+    if data[:4] != SYNC or data[28:] != crc32(data[:28]).to_bytes(4, "little"):
+        return None
+    if int.from_bytes(data[8:12], "little") != file_id:
+        return None
+    return offset + HEADER_SIZE + int.from_bytes(data[16:20], "little")
+
+
 def read_chunk(source: Source, offset: int, file_id: int | None = None) -> Chunk | None:
     """The chunk at ``offset``, or None where no valid header stands there."""
     header = header_at(source, offset, file_id)
@@ -136,12 +147,12 @@ def walk(source: Source, findings: list[Finding]) -> Iterator[Chunk]:
         if header.sequence != last + 1:
             findings.append(order_finding(header.sequence, last, offset))
         last = header.sequence
-        work -= HEADER_SIZE + header.payload_size
+        payload = source.read_at(payload_offset, header.payload_size)
+        work -= HEADER_SIZE + len(payload)
         if work < 0:
             raise LimitError(
                 "too many chunks inside damaged chunks", requirement="REC-005", offset=offset
             )
-        payload = source.read_at(payload_offset, header.payload_size)
         whole = len(payload) == header.payload_size
         intact = whole and crc32(payload) == header.payload_crc
         if not intact:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from fractions import Fraction
 
-    from ..recording import Recording
+    from ..recording import Channel, Recording
 
 
 class Format(NamedTuple):
@@ -98,9 +98,17 @@ def save(
         converter = _converter(_suffix(path, format))
         if path is None:
             stream = cast(BinaryIO, target)
-            return tuple(converter.write(recording, stream, max_memory=max_memory))
-        with atomic_write(path, force=force) as stream:
-            return tuple(converter.write(recording, stream, max_memory=max_memory))
+            notes = converter.write(recording, stream, max_memory=max_memory)
+        else:
+            with atomic_write(path, force=force) as stream:
+                notes = converter.write(recording, stream, max_memory=max_memory)
+    nans = [c.label or str(i) for i, c in enumerate(recording.channels) if _holds_nan(c)]
+    more = [f"NaN values of {', '.join(nans)} cannot be told from gaps there"] if nans else []
+    return (*notes, *more)
+
+
+def _holds_nan(channel: Channel) -> bool:
+    return channel.values.dtype.kind == "f" and bool((channel.values != channel.values).any())
 
 
 def _path_of(place: str | os.PathLike[str] | BinaryIO) -> Path | None:

@@ -9,19 +9,26 @@ from math import gcd, lcm
 import numpy as np
 
 from ..container.track import SERIES_SIZE
+from ..contract import nearest_counts
 from ..errors import ParameterError
 from ..limits import EXACT_LIMIT
-from ..recording import Calibration, Channel
+from ..recording import Calibration, Channel, Deviation
 
 COUNT_LIMIT = 1 << 31
 
 
 def group_units(
-    channels: Sequence[Channel], *, required: bool, apart: bool = False
+    channels: Sequence[Channel],
+    originals: Sequence[Channel],
+    *,
+    required: bool,
+    apart: bool = False,
 ) -> Iterator[list[Channel]]:
     """The channels in their order, neighbours of one group together where they can be one vector.
 
-    ``apart``: never. ``required``: ParameterError, with the reason, where a group cannot.
+    Channels of one step are; others too where it is ``required``, on a lattice that all of them
+    share (an "lsb" is then a step of that one), or ParameterError says why they cannot.
+    ``originals`` are the channels before they were put on lattices; ``apart``: none are grouped.
     """
     at = 0
     while at < len(channels):
@@ -34,23 +41,27 @@ def group_units(
         ):
             size += 1
         members = list(channels[at : at + size])
-        vector = share_lattice(members) if size > 1 else members
-        if isinstance(vector, str):
-            if required:
-                labels = ", ".join(repr(channel.label) for channel in members)
-                raise ParameterError(f"{labels} cannot be one vector: {vector}")
-            yield from ([channel] for channel in members)
+        why = why_apart(members) if size > 1 else None
+        if why is None and size > 1 and required:
+            members = share_lattice(members, originals[at : at + size])
+        elif why is None and len({abs(c.calibration.step) for c in members if c.calibration}) > 1:
+            why = "they differ in step"
+        if why is None:
+            yield members
+        elif required:
+            raise no_vector(members, why)
         else:
-            yield vector
+            yield from ([channel] for channel in members)
         at += size
 
 
-def share_lattice(members: list[Channel]) -> list[Channel] | str:
-    """The same samples as counts of one step, or why that cannot be.
+def no_vector(members: Sequence[Channel], why: str) -> ParameterError:
+    labels = ", ".join(repr(channel.label) for channel in members)
+    return ParameterError(f"{labels} cannot be one vector: {why}")
 
-    With D the least common multiple of all denominators, and A what divides all steps then, every
-    count grows by a whole factor; physical values stay the same rational numbers.
-    """
+
+def why_apart(members: Sequence[Channel]) -> str | None:
+    """What keeps channels from being the axes of one vector, whatever their steps."""
     first = members[0]
     if len({channel.axis for channel in members}) != len(members):
         return "two have the same axis"
@@ -59,23 +70,36 @@ def share_lattice(members: list[Channel]) -> list[Channel] | str:
     for name in ("rate", "coverage", "unit"):
         if any(getattr(channel, name) != getattr(first, name) for channel in members):
             return f"they differ in {name}"
-    calibrations = [c.calibration for c in members if c.calibration is not None]
-    if len(calibrations) != len(members):
+    if any(channel.calibration is None for channel in members):
         return "one is kept as doubles (a tolerance would put it on a lattice)"
+    return None
+
+
+def share_lattice(members: Sequence[Channel], originals: Sequence[Channel]) -> list[Channel]:
+    """The same samples as counts of one step; ParameterError where that cannot be.
+
+    With D the least common multiple of all denominators, and A what divides all steps then, every
+    count grows by a whole factor; physical values stay the same rational numbers. What was rounded
+    to its own lattice is rounded anew, to this one.
+    """
+    calibrations = [c.calibration for c in members if c.calibration is not None]
     d = lcm(*(c.d for c in calibrations))
     steps = [c.a * (d // c.d) for c in calibrations]
     a = gcd(*steps)
     shared = []
-    for channel, old, step in zip(members, calibrations, steps, strict=True):
+    for channel, source, old, step in zip(members, originals, calibrations, steps, strict=True):
         factor = abs(step) // a
-        sign = 1 if step > 0 else -1
-        reach = int(np.abs(channel.values.astype(np.int64)).max(initial=0)) * factor
         b = old.b * (d // old.d)
+        reach = (int(np.abs(channel.values.astype(np.int64)).max(initial=0)) + 1) * factor
         if reach >= COUNT_LIMIT or max(a, abs(b), d) > EXACT_LIMIT:
-            return "their steps have no common measure in 32-bit counts"
-        calibration = Calibration(sign * a, b, d)
+            raise no_vector(members, "their steps have no common measure in 32-bit counts")
+        calibration = Calibration(a if step > 0 else -a, b, d)
         if not calibration.covers(-reach, reach):
-            return "their steps have no common measure that stays exact"
-        counts = channel.values.astype(np.int64) * factor
-        shared.append(replace(channel, values=counts, calibration=calibration))
+            raise no_vector(members, "their steps have no common measure that stays exact")
+        counts, deviation = channel.values.astype(np.int64) * factor, channel.deviation
+        if deviation is not None:
+            counts = nearest_counts(source.physical(), calibration)
+            away = float(np.abs(source.physical() - calibration.physical(counts)).max(initial=0))
+            deviation = Deviation(deviation.declared, min(away, deviation.declared))
+        shared.append(replace(channel, values=counts, calibration=calibration, deviation=deviation))
     return shared

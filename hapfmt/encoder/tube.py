@@ -207,14 +207,26 @@ class _Tube:
         goal, at = self.crossing(sweep, first)
         goal -= (goal - last) // SLACK
         step = max((last - first) // SAMPLES, 1)
-        order = [at, at + 1, at - 1, at + 2, at - 2, last, *range(first - 1, early - 1, -1), *range(first, last, step)]
+        order = [
+            at,
+            at + 1,
+            at - 1,
+            at + 2,
+            at - 2,
+            last,
+            *range(first - 1, early - 1, -1),
+            *range(first, last, step),
+        ]
         order = [t for t in dict.fromkeys(order) if early <= t <= last]
         found = []
         for tick in order:
             knot = self.meet(ways, tick)
             if knot:
                 found.append(self.way(knot))
-                if len(found) >= (KEEP if last - furthest.tick >= SHORT else KEEP + 1) and max(w[1].stop for w in found) >= goal:
+                if (
+                    len(found) >= (KEEP if last - furthest.tick >= SHORT else KEEP + 1)
+                    and max(w[1].stop for w in found) >= goal
+                ):
                     break
         tick = early
         while not found:
