@@ -79,11 +79,9 @@ def encode(
     decisions: list[Decision] = []
     groups = group_units(
         [channel for channel, _ in prepared],
-        [channel for channel, _ in prepared],
         recording.channels,
         required=settings.vectors == "required",
         apart=settings.preset in ("archive", "near-lossless"),
-    )
     )
     for members in groups:
         unit = encode_unit(members, len(decisions), settings)

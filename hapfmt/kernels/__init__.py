@@ -6,18 +6,47 @@
 from __future__ import annotations
 
 import os
-from types import ModuleType
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
 
 
-def load() -> ModuleType | None:
+class Loop(Protocol):
+    """(packet, coefficients int32, difference, repeats, base, limit, indices int64) -> (status,
+    bytes of the packet read or written); the last argument, or for encoding the first, is filled.
+    """
+
+    def __call__(
+        self,
+        packet: Buffer,
+        coefficients: Buffer,
+        difference: int,
+        repeats: bool,
+        base: int,
+        limit: int,
+        indices: Buffer,
+        /,
+    ) -> tuple[int, int]: ...
+
+
+class Kernels(Protocol):
+    """What the extension module has."""
+
+    @property
+    def lpcr_decode(self) -> Loop: ...
+    @property
+    def lpcr_encode(self) -> Loop: ...
+
+
+def load() -> Kernels | None:
     if os.environ.get("HAPFMT_PURE"):
         return None
     try:
-        from . import _kernels  # type: ignore[attr-defined]
+        from . import _kernels
     except ImportError:
         return None
-    module: ModuleType = _kernels
-    return module
+    return _kernels
 
 
 compiled = load()

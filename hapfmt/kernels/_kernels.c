@@ -1,6 +1,13 @@
 /* The hot loops of LPCR in C99. The readable twin is hapfmt/codecs/adaptive.py and predicted.py;
-   property tests hold both equal, bit for bit. The input is hostile: every index is bounded here.
-   Nothing is allocated, no Python object is touched while the GIL is released. */
+   property tests hold both equal, bit for bit. Nothing is allocated, no Python object is touched
+   while the GIL is released.
+
+   The input is hostile. What keeps every signed sum within 64 bits, whatever the bytes say:
+   valid() admits |base| <= limit <= 2^32, |c| <= 2^21, at most 32 of them, and g <= 1 with them; each
+   |e| < 2^34 and each |index| <= limit is checked before it is used. So |z| <= 2^33; sums[i], its i-th
+   differences, 2^37; with coefficients |y| <= 2^34, predictions 2^5 * 2^21 * 2^34 = 2^60 before the
+   shift; averages of 256 * |e| 2^42. Negative numbers are shifted to the right only, which rounds
+   down on every compiler that builds CPython. */
 #define Py_LIMITED_API 0x030B0000
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
@@ -9,7 +16,9 @@
 
 enum { LEAST = 64, MOST = 65472, COUNT_LIMIT = 250, FAST_FROM = 8 };
 enum { CONTEXTS = 40, BUCKETS = 80, ORDERS = 32, DIFFERENCES = 4, SHIFT = 13 };
-enum { DONE = 0, BAD_BUCKET = 1, BAD_INDEX = 2, BAD_END = 3, NO_ROOM = 4 };
+enum { DONE = 0, BAD_BUCKET = 1, BAD_ERROR = 2, BAD_INDEX = 3, BAD_END = 4, NO_ROOM = 5 };
+enum { ERROR_BITS = 34, COEFFICIENT_LIMIT = 1 << 21 };
+static const int64_t INDEX_LIMIT = (int64_t)1 << 32;
 
 typedef struct { uint16_t p, q; uint8_t n; } bit_model;
 
@@ -44,7 +53,6 @@ static inline uint32_t probability(const bit_model *m)
     return mixed < LEAST ? LEAST : mixed > MOST ? MOST : mixed;
 }
 
-/* Shifts of negative numbers round down on every compiler that builds CPython. */
 static inline void update(bit_model *m, int bit)
 {
     int32_t t = bit ? 65535 : 0;
@@ -127,21 +135,19 @@ static int end_of(uint32_t x1, uint32_t x2, uint8_t *last)
 
 static inline int bit_length(uint64_t v)
 {
+#if defined(__GNUC__)
+    return v ? 64 - __builtin_clzll(v) : 0;
+#else
     int bits = 0;
     while (v) { v >>= 1; bits++; }
     return bits;
-}
-
-#if defined(__GNUC__)
-#define BIT_LENGTH(v) ((v) ? 64 - __builtin_clzll((uint64_t)(v)) : 0)
-#else
-#define BIT_LENGTH(v) bit_length((uint64_t)(v))
 #endif
+}
 
 static inline int scale(const integer_model *m, int *context)
 {
     uint64_t mean = (uint64_t)(m->f + m->s) >> 1;
-    int lg = BIT_LENGTH(mean) - 1, h, c;
+    int lg = bit_length(mean) - 1, h, c;
     if (lg < 0) lg = 0;
     int fr = (int)((lg >= 2 ? mean >> (lg - 2) : mean << (2 - lg)) & 3);
     h = lg > 10 ? lg - 10 : 0;
@@ -153,21 +159,22 @@ static inline int scale(const integer_model *m, int *context)
 static inline void learn(integer_model *m, int64_t e)
 {
     int64_t u = (e < 0 ? -e : e) << 8;
-    int a = m->t >= 63 ? 7 : BIT_LENGTH(m->t + 1);
+    int a = m->t >= 63 ? 7 : bit_length((uint64_t)m->t + 1);
     m->g = (e > 0) - (e < 0);
     m->f += (u - m->f) >> 3;
     m->s += (u - m->s) >> (a < 7 ? a : 7);
     m->t++;
 }
 
-static inline void put_integer(coder *c, integer_model *m, int64_t e)
+static inline int put_integer(coder *c, integer_model *m, int64_t e)
 {
     int context, h = scale(m, &context), k, bits = 0;
     uint64_t u = (uint64_t)(e < 0 ? -e : e), w = u >> h, v = 0;
+    if (u >> ERROR_BITS) return BAD_ERROR;
     if (w < 12) k = (int)w;
     else {
         v = w - 8;
-        int l = BIT_LENGTH(v) - 1;
+        int l = bit_length(v) - 1;
         k = 2 * l + 8 + (int)(v >> (l - 1) & 1);
         bits = l - 1;
     }
@@ -181,6 +188,7 @@ static inline void put_integer(coder *c, integer_model *m, int64_t e)
     }
     if (u) put_bit(c, e < 0, &m->signs[m->g + 1]);
     learn(m, e);
+    return DONE;
 }
 
 static inline int get_integer(coder *c, integer_model *m, int64_t *e)
@@ -194,13 +202,13 @@ static inline int get_integer(coder *c, integer_model *m, int64_t *e)
         int l = (k - 8) >> 1;
         w = ((uint64_t)(2 + (k & 1)) << (l - 1) | get_raw(c, l - 1)) + 8;
     }
+    /* h <= 31. Not after the shift: w has up to 36 bits, and a sum of 67 would wrap to a small u. */
+    if (w >> (ERROR_BITS - h)) return BAD_ERROR;
     uint64_t u = w << h;
     if (h) {
         u |= (uint64_t)get_bit(c, &m->halves[context][k]) << (h - 1);
         u |= get_raw(c, h - 1);
     }
-    /* Far beyond any index: the caller stops there, before anything can wrap. */
-    if (u >> 34) return BAD_INDEX;
     *e = u && get_bit(c, &m->signs[m->g + 1]) ? -(int64_t)u : (int64_t)u;
     learn(m, *e);
     return DONE;
@@ -227,7 +235,7 @@ static int decode(coder *c, integer_model *m, const plan *p, int64_t *out)
     int64_t *now = history + ORDERS - 1;
     int recent = 0, g = p->difference;
     for (int64_t t = 0; t < p->span; t++) {
-        int64_t fresh[DIFFERENCES + 1];
+        int64_t fresh[DIFFERENCES + 1] = {0};
         int same = 0;
         if (p->repeats && t) {
             same = get_bit(c, &m->repeats[recent]);
@@ -263,11 +271,13 @@ static int decode(coder *c, integer_model *m, const plan *p, int64_t *out)
 
 static int encode(coder *c, integer_model *m, const plan *p, const int64_t *indices)
 {
+    for (int64_t t = 0; t < p->span; t++)
+        if (indices[t] > p->limit || indices[t] < -p->limit) return BAD_INDEX;
     int64_t sums[DIFFERENCES + 1] = {0}, history[ORDERS + RING] = {0};
     int64_t *now = history + ORDERS - 1;
     int recent = 0, g = p->difference;
     for (int64_t t = 0; t < p->span; t++) {
-        int64_t fresh[DIFFERENCES + 1];
+        int64_t fresh[DIFFERENCES + 1] = {0};
         int same = t && indices[t] == indices[t - 1];
         fresh[0] = indices[t] - p->base;
         for (int i = 1; i <= g; i++) fresh[i] = fresh[i - 1] - sums[i - 1];
@@ -276,7 +286,10 @@ static int encode(coder *c, integer_model *m, const plan *p, const int64_t *indi
             put_bit(c, same, &m->repeats[recent]);
             recent = 2 * same + (recent >> 1);
         }
-        if (!(p->repeats && same)) put_integer(c, m, sums[g] - predict(p, now));
+        if (!(p->repeats && same)) {
+            int status = put_integer(c, m, sums[g] - predict(p, now));
+            if (status) return status;
+        }
         if (p->order) {
             if (++now == history + ORDERS + RING) {
                 memcpy(history, now - ORDERS, ORDERS * sizeof *history);
@@ -292,6 +305,18 @@ static int encode(coder *c, integer_model *m, const plan *p, const int64_t *indi
     return c->shifts > c->size ? NO_ROOM : DONE;
 }
 
+static int valid(const plan *p, const Py_buffer *coefficients, const Py_buffer *indices)
+{
+    int fits = coefficients->len % 4 == 0 && (uintptr_t)coefficients->buf % 4 == 0 &&
+               indices->len % 8 == 0 && (uintptr_t)indices->buf % 8 == 0 &&
+               coefficients->len <= 4 * ORDERS && p->difference >= 0 &&
+               p->difference <= (p->order ? 1 : DIFFERENCES) && p->limit >= 0 &&
+               p->limit <= INDEX_LIMIT && p->base <= p->limit && p->base >= -p->limit;
+    for (int j = 0; fits && j < p->order; j++)
+        fits = p->coefficients[j] <= COEFFICIENT_LIMIT && p->coefficients[j] >= -COEFFICIENT_LIMIT;
+    return fits;
+}
+
 /* (bytes or writable buffer, coefficients int32, difference, repeats, base, limit, indices int64)
    -> (status, bytes read or written) */
 static PyObject *run(PyObject *args, int decoding)
@@ -303,12 +328,16 @@ static PyObject *run(PyObject *args, int decoding)
     if (!PyArg_ParseTuple(args, format, &data, &coefficients, &difference, &repeats, &base, &limit,
                           &indices))
         return NULL;
+    PyObject *result = NULL;
     integer_model *m = PyMem_Malloc(sizeof *m);
     coder c = {0, 0xFFFFFFFFu, 0, data.buf, data.buf, data.len, 0};
     plan p = {difference, (int)(coefficients.len / 4), repeats, base, limit, indices.len / 8,
               coefficients.buf};
-    int fits = m && difference >= 0 && difference <= DIFFERENCES && p.order <= ORDERS;
-    if (fits) {
+    if (!m)
+        PyErr_NoMemory();
+    else if (!valid(&p, &coefficients, &indices))
+        PyErr_SetString(PyExc_ValueError, "not a predictor, or not arrays of its integers");
+    else {
         Py_BEGIN_ALLOW_THREADS
         model_init(m);
         if (decoding) {
@@ -317,16 +346,13 @@ static PyObject *run(PyObject *args, int decoding)
         } else
             status = encode(&c, m, &p, indices.buf);
         Py_END_ALLOW_THREADS
+        result = Py_BuildValue("iL", status, (long long)c.shifts);
     }
     PyMem_Free(m);
     PyBuffer_Release(&data);
     PyBuffer_Release(&coefficients);
     PyBuffer_Release(&indices);
-    if (!fits) {
-        PyErr_SetString(PyExc_ValueError, "difference at most 4, at most 32 coefficients");
-        return NULL;
-    }
-    return Py_BuildValue("iL", status, (long long)c.shifts);
+    return result;
 }
 
 static PyObject *lpcr_decode(PyObject *self, PyObject *args) { (void)self; return run(args, 1); }

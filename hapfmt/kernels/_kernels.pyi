@@ -1,0 +1,22 @@
+from typing_extensions import Buffer
+
+def lpcr_decode(
+    data: Buffer,
+    coefficients: Buffer,
+    difference: int,
+    repeats: bool,
+    base: int,
+    limit: int,
+    indices: Buffer,
+    /,
+) -> tuple[int, int]: ...
+def lpcr_encode(
+    out: Buffer,
+    coefficients: Buffer,
+    difference: int,
+    repeats: bool,
+    base: int,
+    limit: int,
+    indices: Buffer,
+    /,
+) -> tuple[int, int]: ...
