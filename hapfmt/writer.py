@@ -258,7 +258,7 @@ def write(
         out.metadata(metadata)
         for attachment in attached:
             out.attach(attachment)
-        for packets in clusters(encoded, settings.cluster):
+        for packets in clusters(encoded, settings.cluster_of(recording)):
             out.cluster(packets)
         if settings.digest:
             out.digest(digests_of(encoded))

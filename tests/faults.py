@@ -10,9 +10,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import forge as f
+import page
 
 from hapfmt.codecs.huffman import parse_codebook
 from hapfmt.codecs.knots import KnotParameters, decode_knots
+from hapfmt.codecs.predicted import LpcParameters, decode_indices
 from hapfmt.codecs.quantised import QuanParameters, decode_quantised
 from hapfmt.codecs.raw import RawParameters, decode_raw
 from hapfmt.codecs.varints import parse_varints
@@ -93,6 +95,14 @@ def levels(data: bytes, ticks: int, parameters: bytes = BITS) -> Callable[[], An
 
 def words(data: bytes, ticks: int = 2) -> Callable[[], Any]:
     return lambda: decode_raw(data, RawParameters(1), "counts", ticks, 1, AT)
+
+
+def grid(data: bytes) -> Callable[[], Any]:
+    return lambda: LpcParameters.parse(data, ONE, AT)
+
+
+def predicted(data: bytes, span: int = 1) -> Callable[[], Any]:
+    return lambda: decode_indices(data, span, ONE.count_bound, AT)
 
 
 def deflated(data: bytes) -> bytes:
@@ -329,6 +339,38 @@ FAULTS = [
         "TRAK", f.trak(f.tlv(1, f.raw_parameters(1)), codec=b"RAWB"), {"track": 0}),
         ("DATA", f.cluster((0, 0, 1, b"\0\x7f")))))),
     Fault("RAW-004", 101, "bytes after it", words(deflated(bytes(2)) + b"\0")),
+    # 9.4 and 9.5
+    Fault("RNG-001", 103, "a byte too much", predicted(page.encode([1]) + b"\0")),
+    Fault("RNG-002", 103, "80 ones", predicted(b"\0\0\0")),
+    Fault("RNG-003", 116, "2^34", predicted(page.encode([2**34], forge=True))),
+    Fault("COD-002", 100, "LPCR cut short", grid(b"")),
+    Fault("COD-002", 100, "LPCR too long", grid(f.lpcr_parameters() + b"\0")),
+    Fault("HED-005", 101, "LPCR reserved", grid(f.lpcr_parameters(reserved=b"\0\0\1"))),
+    Fault("LPC-001", TRACK_AT + 32, "LPCR of a vector", judged(f.closed(
+        HEAD, ("TRAK", f.trak(f.tlv(1, f.lpcr_parameters()), component_count=2, codec=b"LPCR"),
+               {"track": 0}), DATA))),
+    Fault("LPC-002", 100, "grid 2", grid(f.lpcr_parameters(2))),
+    Fault("LPC-002", 100, "step 0", grid(f.lpcr_parameters(step=0))),
+    Fault("LPC-002", 100, "uniform with kn", grid(f.lpcr_parameters(kn=1))),
+    Fault("LPC-002", 100, "uniform with kd = 2", grid(f.lpcr_parameters(kd=2))),
+    Fault("LPC-002", 100, "kn = 0", grid(f.lpcr_parameters(1))),
+    Fault("LPC-002", 100, "kd = 0", grid(f.lpcr_parameters(1, kn=1, kd=0))),
+    Fault("LPC-002", 104, "step 2^24 + 1", grid(f.lpcr_parameters(step=2**24 + 1))),
+    Fault("LPC-003", 100, "base 2^24 + 1", predicted(b"\0\0" + f.svarint(2**24 + 1))),
+    Fault("LPC-003", 112, "index 2^24 + 1", predicted(page.encode([2**24 + 1]))),
+    Fault("LPC-004", 100, "difference 5", predicted(b"\5\0\0")),
+    Fault("LPC-004", 100, "difference 2, order 1", predicted(b"\2\1\0\0")),
+    Fault("LPC-004", 100, "order 33", predicted(b"\0\x21" + bytes(34))),
+    Fault("LPC-004", 100, "k = -128", predicted(b"\0\1\x80\0")),
+    Fault("LPC-004", 100, "flag bit 5", predicted(b"\x20\0\0")),
+    Fault("LPC-004", 100, "constant with repeats", predicted(b"\x18\0\0")),
+    Fault("LPC-004", 100, "constant with order 1", predicted(b"\x10\1\0\0")),
+    Fault("LPC-005", 102, "p above 2^36", predicted(b"\0\x20" + b"\x7f\x81" * 16 + b"\0")),
+    Fault("LPC-005", 102, "c above 2^21", predicted(b"\0\x0b" + b"\x81" * 11 + b"\0")),
+    Fault("LPC-006", 100, "no flags", predicted(b"")),
+    Fault("LPC-006", 100, "coefficients cut short", predicted(b"\0\1")),
+    Fault("CNV-002", 102, "no base", predicted(b"\0\0")),
+    Fault("COD-001", 103, "bytes after a constant", predicted(b"\x10\0\0\0")),
     # clauses 12 and 15
     Fault("LIM-003", None, "one sample allowed",
           lambda: Reader(f.minimal(), limits=Limits(samples=1)).read()),

@@ -88,6 +88,11 @@ def raw_parameters(word_size: int, reserved: bytes = bytes(3)) -> bytes:
     return struct.pack("<B3s", word_size, reserved)
 
 
+def lpcr_parameters(grid: int = 0, reserved: bytes = bytes(3), *, step: int = 1, kn: int = 0,
+                    kd: int = 1, zero: int = 0) -> bytes:  # fmt: skip
+    return struct.pack("<B3sIHHi", grid, reserved, step, kn, kd, zero)
+
+
 HOLD = tlv(1, knot_parameters())
 
 

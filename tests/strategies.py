@@ -9,6 +9,13 @@ from hypothesis import strategies as st
 
 from hapfmt.codecs.huffman import code_lengths
 from hapfmt.codecs.knots import KnotParameters, build_knots
+from hapfmt.codecs.predicted import (
+    DIFFERENCE_LIMIT,
+    INDEX_LIMIT,
+    LpcParameters,
+    Predictor,
+    encode_indices,
+)
 from hapfmt.codecs.quantised import Alphabet, QuanParameters, encode_quantised
 from hapfmt.codecs.raw import DTYPES, RawParameters, encode_raw
 from hapfmt.container.cluster import Packet
@@ -127,6 +134,7 @@ def series(draw, level=LEVELS[2]):
         codec, parameters = "RAWB", RawParameters(WORD_SIZES[number_format])
     else:
         codec, parameters = draw(codec_parameters(level))
+    size = 1 if codec == "LPCR" else size
     alike = draw(st.booleans())
     described = [draw(components(count_range)) for _ in range(1 if alike else track_count * size)]
     if kind == "hf":
@@ -164,9 +172,11 @@ def series(draw, level=LEVELS[2]):
 @st.composite
 def codec_parameters(draw, level=LEVELS[2]):
     """(codec, parameters) of a track of counts."""
-    codec = draw(st.sampled_from(["KNOT", "QUAN", "RAWB"]))
+    codec = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR"]))
     if codec == "KNOT":
         return codec, draw(knot_parameters(level))
+    if codec == "LPCR":
+        return codec, draw(lpc_parameters(level))
     if codec == "QUAN":
         return codec, draw(quan_parameters(level))
     return codec, RawParameters(draw(st.sampled_from([1, 2, 3, 4])))
@@ -195,6 +205,56 @@ def knots(draw, parameters, level=LEVELS[2]):
     values = st.sampled_from([0, 1, -1, bound, -bound]) | st.integers(-bound, bound)
     rows = [[draw(values) for _ in range(width)] for _ in ticks]
     return np.array(ticks, np.int64), np.array(rows, np.int64), span
+
+
+@st.composite
+def lpc_parameters(draw, level=LEVELS[2]):
+    """Uniform grids, and those of any deadband but the finest, whose levels take long to list."""
+    steps = st.sampled_from([1, 2, 20, level.step]) | st.integers(1, level.step)
+    zero = draw(st.sampled_from([0, 1, -(2**31), 2**31 - 1]) | st.integers(-1000, 1000))
+    if draw(st.booleans()):
+        return LpcParameters(draw(steps), zero)
+    kn, kd = draw(
+        st.sampled_from([(1, 10), (1, 1), (65535, 65534), (65534, 65535), (1, 99), (300, 301)])
+    )
+    return LpcParameters(draw(st.just(0) | steps), zero, kn, kd)
+
+
+@st.composite
+def predictors(draw, index_limit=INDEX_LIMIT):
+    """Of any order, stable or not; LPC-005 is kept."""
+    base = draw(st.sampled_from([0, 1, index_limit, -index_limit]) | st.integers(-99, 99))
+    base = max(-index_limit, min(index_limit, base))
+    width = draw(st.sampled_from([3, 40, 100, 127]))
+    ks = st.lists(st.integers(-width, width) | st.just(0), max_size=32)
+    reflections = tuple(draw(st.just([]) | ks))
+    difference = draw(st.integers(0, 1 if reflections else DIFFERENCE_LIMIT))
+    predictor = Predictor(difference, reflections, base, draw(st.booleans()))
+    if predictor.coefficients is None:
+        predictor = Predictor(difference, reflections[:2], base, predictor.repeats)
+    return predictor
+
+
+@st.composite
+def index_arrays(draw, index_limit=INDEX_LIMIT):
+    """Silence, noise, walks, steps and extremes; runs of the same."""
+    size = draw(st.sampled_from([1, 2, 3, 70, 200]) | st.integers(1, 60))
+    generator = np.random.default_rng(draw(st.integers(0, 2**32)))
+    width = min(draw(st.sampled_from([1, 2, 50, 2**15, 2**32])), index_limit)
+    kind = draw(st.sampled_from(["noise", "walk", "ends", "sparse", "listed"]))
+    if kind == "walk":
+        x = np.cumsum(generator.integers(-width, width + 1, size))
+    elif kind == "ends":
+        x = np.array([width, -width, 0])[generator.integers(0, 3, size)]
+    elif kind == "sparse":
+        x = generator.integers(-width, width + 1, size) * (generator.random(size) < 0.1)
+    elif kind == "listed":
+        x = np.array(draw(st.lists(st.integers(-width, width), min_size=1, max_size=9)))
+    else:
+        x = generator.integers(-width, width + 1, size)
+    if draw(st.booleans()):
+        x = np.repeat(x, draw(st.sampled_from([1, 2, 5])))
+    return x.clip(-index_limit, index_limit).astype(np.int64)
 
 
 alphabets = st.sampled_from(
@@ -270,7 +330,7 @@ def raw_arrays(draw):
 def packets(draw, track_id=0):
     """(track, packets in order of time, the counts or words of each) at level 1."""
     level = LEVELS[1]
-    kind = draw(st.sampled_from(["KNOT", "QUAN", "RAWB"]))
+    kind = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR"]))
     start, made, numbers = draw(st.sampled_from([0, 0, 7, 2**40])), [], []
     if kind == "RAWB":
         number_format, size, array = draw(raw_arrays())
@@ -282,6 +342,12 @@ def packets(draw, track_id=0):
         number_format, parameters = "counts", draw(knot_parameters(level))
         ticks, values, span = draw(knots(parameters, level))
         arrays = [(build_knots(ticks, values), span, values * parameters.quantum)]
+    elif kind == "LPCR":
+        number_format, parameters = "counts", draw(lpc_parameters(level))
+        limit = parameters.index_limit(level.count_bound)
+        indices = draw(index_arrays(limit))
+        data = encode_indices(indices, Predictor())
+        arrays = [(data, len(indices), parameters.counts(indices, level.count_bound)[:, None])]
     else:
         number_format, alphabet = "counts", Alphabet(3, 3, 8)
         array = draw(level_arrays(alphabet))
@@ -411,7 +477,12 @@ def recordings(draw):
 @st.composite
 def encoder_settings(draw):
     """Presets, bits or step, hold or linear, clusters short and long, with and without digests."""
-    quantiser = draw(st.sampled_from([{}, {"bits": 0}, {"bits": 5}, {"step": Tolerance(1, "lsb")}]))
+    quantiser = draw(
+        st.sampled_from(
+            [{}, {"bits": 0}, {"bits": 5}, {"step": Tolerance(1, "lsb")}, {"preset": "archive"},
+             {"preset": "deadband"}, {"preset": "near-lossless", "max_error": Tolerance(7, "lsb")}]
+        )
+    )  # fmt: skip
     floors = st.sampled_from(
         [Tolerance(0.5, "lsb"), Tolerance(10, "lsb"), Tolerance(0.01, "range")]
     )

@@ -15,8 +15,8 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-DECODE = """atomic catalogue codecs container contract deadband decoder dump errors integers limits
-packets reader reconstruct recording usage verifier"""
+DECODE = """atomic catalogue codecs container contract deadband decoder dump errors integers kernels
+limits packets reader reconstruct recording usage verifier"""
 ENCODE = "cli convert encoder plotting scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 ONLY_IN = {

@@ -71,7 +71,11 @@ ORIGINAL_BITS = 64
     "--step", type=AmountType(), help="Step of the residual: 0.005, 1lsb, 0.1% [2 x floor]."
 )
 @click.option("--cutoff", "cutoff_hz", type=float, help="Split between slow and fast, Hz [20].")
-@click.option("--cluster", type=FractionType(), help="Length of a cluster in seconds [10].")
+@click.option(
+    "--cluster",
+    type=FractionType(),
+    help="Length of a cluster in seconds [10; presets that predict: up to 120 at slow rates].",
+)
 @click.option(
     "--tolerance",
     type=AmountType(),

@@ -15,8 +15,14 @@ RATES = tuple(131072 // (2 * n + 3) for n in range(COUNT_LIMIT + 1))
 """R of SPEC 9.4 for each n."""
 
 CONTEXTS, BUCKETS = 40, 80
-TOP = 1 << 24
+ERROR_BITS = 34
+"""Bits of a magnitude that the integer model takes (RNG-003)."""
+
 WORD = (1 << 32) - 1
+
+
+OUT_OF_RANGE = "a prediction error of 2^34 or more, or an index beyond 2^32"
+"""What an encoder must not ask for."""
 
 
 class BitModel:
@@ -83,7 +89,7 @@ class RangeEncoder:
 
 
 class RangeDecoder:
-    """Bytes to bits; ``offset`` is where ``data`` stands in the file."""
+    """Bytes to bits; ``data`` stands at ``offset`` of the file, ``shifts`` is the n of RNG-001."""
 
     def __init__(self, data: bytes, offset: int = 0) -> None:
         self.data = data
@@ -119,19 +125,19 @@ class RangeDecoder:
             value = value << 1 | self.split(1 << 15)
         return value
 
+    @property
+    def place(self) -> int:
+        """Where an error is reported: what was shifted out lies before it."""
+        return self.offset + min(self.shifts, len(self.data))
+
     def finish(self) -> None:
         """RNG-001."""
-        check_end(self.data, self.shifts, self.x1, self.x2, self.offset)
-
-
-def check_end(data: bytes, shifts: int, x1: int, x2: int, offset: int) -> None:
-    last = end_of(x1, x2)
-    if len(data) != shifts + len(last) or data[shifts:] != last:
-        raise FormatError(
-            "the coded bits do not end with their packet",
-            requirement="RNG-001",
-            offset=offset + min(shifts, len(data)),
-        )
+        if self.data[self.shifts :] != end_of(self.x1, self.x2) or self.shifts > len(self.data):
+            raise FormatError(
+                "the coded bits do not end with their packet",
+                requirement="RNG-001",
+                offset=self.place,
+            )
 
 
 class IntegerModel:
@@ -159,8 +165,10 @@ class IntegerModel:
         self.t += 1
 
     def encode(self, coder: RangeEncoder, e: int) -> None:
-        h, c = self.scale()
         u = abs(e)
+        if u >> ERROR_BITS:
+            raise ValueError(OUT_OF_RANGE)
+        h, c = self.scale()
         w = u >> h
         k, low, bits = bucket_of(w)
         models = self.buckets[c]
@@ -182,23 +190,21 @@ class IntegerModel:
         while coder.bit(models[k]):
             k += 1
             if k == BUCKETS:
-                raise FormatError(
-                    "a bucket of 80", requirement="RNG-002", offset=coder.offset + coder.shifts
-                )
+                raise FormatError("a bucket of 80", requirement="RNG-002", offset=coder.place)
         if k < 12:
             w = k
         else:
             exponent = (k - 8) >> 1
             v = (2 + (k & 1)) << (exponent - 1)
             w = (v | coder.raw(exponent - 1)) + 8
+        if w >> (ERROR_BITS - h):
+            raise FormatError(
+                "a magnitude of 2^34 or more", requirement="RNG-003", offset=coder.place
+            )
         u = w << h
         if h:
             u |= coder.bit(self.halves[c][k]) << (h - 1)
             u |= coder.raw(h - 1)
-        if u >> 34:
-            raise FormatError(
-                "index beyond the grid", requirement="LPC-003", offset=coder.offset + coder.shifts
-            )
         e = -u if u and coder.bit(self.signs[self.g + 1]) else u
         self.learn(e)
         return e

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from ..errors import FormatError, TruncatedError
 from ..integers import build_svarint, parse_varint
 from ..kernels import compiled
 from ..limits import Level
-from .adaptive import BitModel, IntegerModel, RangeDecoder, RangeEncoder
+from .adaptive import OUT_OF_RANGE, BitModel, IntegerModel, RangeDecoder, RangeEncoder
 from .sine import SINES
 
 UNIFORM, DEADBAND = 0, 1
@@ -24,12 +24,21 @@ REPEATS, CONSTANT = 8, 16
 STEP_UP_LIMIT = 1 << 36
 COEFFICIENT_LIMIT = 1 << 21
 SHIFT = 13
+"""Coefficients are multiples of 2**-13."""
+
+INDEX_LIMIT = 1 << 32
+"""Largest magnitude of an index at any level."""
+
 STATUS = {
     1: ("RNG-002", "a bucket of 80"),
-    2: ("LPC-003", "index beyond the grid"),
-    3: ("RNG-001", "the coded bits do not end with their packet"),
+    2: ("RNG-003", "a magnitude of 2^34 or more"),
+    3: ("LPC-003", "index beyond the grid"),
+    4: ("RNG-001", "the coded bits do not end with their packet"),
 }
-"""What the compiled loop returns."""
+"""What the compiled loop returns, as the readable one says it."""
+
+NO_ROOM = 5
+"""The encoder's buffer was too small; the size it takes is returned."""
 
 
 @dataclass(frozen=True)
@@ -75,40 +84,36 @@ class LpcParameters:
         level.check("step", raw.step, "LPC-002", offset + 4)
         return cls(raw.step, raw.zero, raw.kn, raw.kd)
 
-    @cached_property
-    def half_levels(self) -> dict[int, NDArray[np.int64]]:
-        return {}
-
-    def levels(self, bound: int) -> NDArray[np.int64]:
-        """y(0), y(1) ... of the deadband grid, up to the first that reaches ``bound``."""
-        if bound not in self.half_levels:
-            self.half_levels[bound] = np.array(deadband_levels(self, bound), np.int64)
-        return self.half_levels[bound]
-
     def counts(self, indices: NDArray[np.int64], bound: int) -> NDArray[np.int64]:
         """Counts of indices that lie on the grid."""
         if self.grid == UNIFORM:
             return self.zero + indices * self.step
-        levels = self.levels(bound)
+        levels = deadband_levels(self, bound)[0]
         return self.zero + np.sign(indices) * levels[np.abs(indices)]
 
     def index_limit(self, bound: int) -> int:
         """Largest magnitude of an index (LPC-003)."""
         if self.grid == UNIFORM:
             return bound // self.step
-        return min(self.levels(bound).size - 1, bound)
+        return deadband_levels(self, bound)[0].size - 1
 
 
-def deadband_levels(grid: LpcParameters, bound: int) -> list[int]:
-    """The recurrence of SPEC 9.5."""
-    levels = [0]
-    while levels[-1] < bound:
+@lru_cache(maxsize=8)
+def deadband_levels(grid: LpcParameters, bound: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """y(i) and top(y(i)) of SPEC 9.5 for i = 0 ... N; a top without bound is ``bound``.
+
+    At most 450 000 of them: steps of 1 up to kd, and from there on by a factor of 1 + 2 / kd.
+    """
+    levels, tops = [0], []
+    while True:
         y = levels[-1]
-        if grid.kn >= grid.kd:
-            break
-        c = max(y + grid.step, y * grid.kd // (grid.kd - grid.kn)) + 1
+        room = grid.kd - grid.kn
+        top = max(y + grid.step, y * grid.kd // room) if room > 0 else bound
+        tops.append(top)
+        if top >= bound:
+            return np.array(levels, np.int64), np.array(tops, np.int64)
+        c = top + 1
         levels.append(c + max(grid.kn * c // grid.kd, grid.step))
-    return levels
 
 
 @dataclass(frozen=True)
@@ -140,7 +145,7 @@ def step_up(reflections: Sequence[int]) -> list[int] | None:
 def step_ups(reflections: Sequence[int]) -> Iterator[list[int] | None]:
     """The same for the first one, the first two, and so on; it ends with a step out of range.
 
-    Products stay below 2**51 by LPC-005, so 64-bit integers are exact.
+    Twice a product stays below 2**53 by LPC-005, so 64-bit integers are exact.
     """
     p = np.zeros(0, np.int64)
     for index in reflections:
@@ -177,11 +182,17 @@ def parse_header(data: bytes, offset: int) -> tuple[Predictor, bool, int]:
 
 
 def encode_indices(indices: NDArray[np.int64], predictor: Predictor) -> bytes:
-    """The packet; a constant one where all indices are the same."""
+    """The packet; a constant one where all indices are the same.
+
+    ValueError where an index is beyond 2**32, or a prediction error needs 34 bits and more.
+    """
+    if max(-int(indices.min()), int(indices.max()), abs(predictor.base)) > INDEX_LIMIT:
+        raise ValueError(OUT_OF_RANGE)
     if (indices == indices[0]).all():
         return bytes([CONSTANT, 0]) + build_svarint(int(indices[0]))
     c = predictor.coefficients
-    assert c is not None
+    if c is None:
+        raise ValueError("a predictor out of range")
     if compiled is not None:
         return predictor.build() + encode_compiled(indices, predictor, c)
     return predictor.build() + encode_coded(indices, predictor, c)
@@ -190,16 +201,17 @@ def encode_indices(indices: NDArray[np.int64], predictor: Predictor) -> bytes:
 def encode_compiled(indices: NDArray[np.int64], predictor: Predictor, c: list[int]) -> bytes:
     """``encode_coded``, in C; a packet that does not fit its buffer is written once more."""
     assert compiled is not None
-    size = 2 * indices.size + 64
+    size, status = 2 * indices.size + 64, NO_ROOM
     plain = np.ascontiguousarray(indices, np.int64)
-    while True:
+    while status == NO_ROOM:
         out = bytearray(size)
         status, size = compiled.lpcr_encode(
             out, np.array(c, np.int32), predictor.difference, predictor.repeats, predictor.base,
-            0, plain,
+            INDEX_LIMIT, plain,
         )  # fmt: skip
-        if status == 0:
-            return bytes(out[:size])
+    if status:
+        raise ValueError(OUT_OF_RANGE)
+    return bytes(out[:size])
 
 
 def encode_coded(indices: NDArray[np.int64], predictor: Predictor, c: list[int]) -> bytes:
@@ -265,8 +277,8 @@ def decode_compiled(
     )  # fmt: skip
     if status:
         requirement, message = STATUS[status]
-        at = min(shifts, len(data)) if requirement == "RNG-001" else shifts
-        raise FormatError(message, requirement=requirement, offset=offset + at)
+        place = offset + min(shifts, len(data))
+        raise FormatError(message, requirement=requirement, offset=place)
     return out
 
 
@@ -297,7 +309,7 @@ def decode_coded(
             for i in range(len(sums) - 2, -1, -1):
                 new[i] = new[i + 1] + sums[i]
         sums = new
-        check_index(sums[0] + predictor.base, limit, offset + coder.shifts)
+        check_index(sums[0] + predictor.base, limit, coder.place)
         if c:
             history = [sums[-1], *history[:-1]]
         indices.append(sums[0] + predictor.base)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
+from ..codecs.predicted import LpcParameters
 from ..container.cluster import Packet
 from ..container.track import Track
 from ..errors import ParameterError
@@ -75,6 +77,7 @@ def encode(
     prepared = [
         to_counts(channel, settings.tolerance_for(channel)) for channel in recording.channels
     ]
+    cluster = settings.cluster_of(recording)
     units: list[Unit] = []
     decisions: list[Decision] = []
     groups = group_units(
@@ -84,7 +87,7 @@ def encode(
         apart=settings.preset in ("archive", "near-lossless"),
     )
     for members in groups:
-        unit = encode_unit(members, len(decisions), settings)
+        unit = encode_unit(members, len(decisions), settings, cluster)
         units.append(unit)
         decisions += decide(unit, members, [why for _, why in prepared[len(decisions) :]])
         if progress:
@@ -113,13 +116,15 @@ def decide(unit: Unit, members: list[Channel], lattices: list[str]) -> Iterator[
         )
 
 
-def encode_unit(channels: list[Channel], first_channel: int, settings: Settings) -> Unit:
+def encode_unit(
+    channels: list[Channel], first_channel: int, settings: Settings, cluster: Fraction
+) -> Unit:
     channel = channels[0]
     if channel.rate.numerator >> 32 or channel.rate.denominator >> 32:
         raise ParameterError(
             f"rate {channel.rate} of channel {channel.label!r} needs more than 32 bits"
         )
-    spans = tuple(cut(channel.coverage, channel.rate, settings.cluster, len(channels)))
+    spans = tuple(cut(channel.coverage, channel.rate, cluster, len(channels)))
     if channel.calibration is None:
         kind = WORDS.get(channel.values.dtype)
         if kind is None:
@@ -157,4 +162,9 @@ def choose_level(tracks: list[Track]) -> Level:
         bound = 1 << (bits - 1)
         if track.count_min < -bound or track.count_max >= bound:
             return LEVELS[2]
+        if track.codec == "LPCR":
+            # The levels of a deadband grid are counted from the physical 0, which may lie far off.
+            zero = LpcParameters.parse(track.parameters, LEVELS[2], 0).zero
+            if max(zero - track.count_min, track.count_max - zero) > one.count_bound:
+                return LEVELS[2]
     return one

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.knots import Interpolation, KnotParameters, build_knots
-from ..codecs.predicted import LpcParameters
+from ..codecs.predicted import LpcParameters, deadband_levels
 from ..container.cluster import Packet
 from ..container.track import Contract, Track
-from ..deadband import Deadband
+from ..deadband import ZERO_LIMIT, Deadband
+from ..integers import clamp
 from ..limits import LEVELS
 from .knots import select_knots
 from .predict import encode_best
@@ -27,6 +28,7 @@ from .unit import Bound, Coded, Unit, bound_of, decode_all
 
 Indices = NDArray[np.int64]
 STEP_LIMIT = LEVELS[1].step
+"""Steps that every level allows; larger tolerances are seldom asked for, and knots keep them."""
 
 
 def encode_within(source: Source, base: Track, settings: Settings) -> Unit:
@@ -49,15 +51,9 @@ def encode_near(source: Source, base: Track, settings: Settings) -> Unit:
     coded = code_grid(source, base, grid, nearest_uniform)
     if not error:
         return Unit(coded, None, "predicted", "the error is below one count: lossless", exact=True)
-    band = Deadband(0, 1, (error,), (clamped_zero(source),))
+    band = Deadband(0, 1, (error,), (clamp(calibration.zero, -ZERO_LIMIT, ZERO_LIMIT - 1),))
     coded.track = replace(coded.track, contract=kept(source, coded, band))
     return Unit(coded, None, "predicted", f"within {error} counts")
-
-
-def clamped_zero(source: Source) -> int:
-    calibration = source.channels[0].calibration
-    assert calibration is not None
-    return min(max(calibration.zero, -(1 << 31)), (1 << 31) - 1)
 
 
 def encode_deadband(source: Source, base: Track, settings: Settings) -> Unit:
@@ -96,9 +92,9 @@ def vector_steps(rows: Indices, band: Deadband) -> tuple[Indices, Indices]:
 
 def scalar_ways(source: Source, bound: Bound) -> list[Way]:
     """(why it is smaller, how to code it) of one channel."""
-    grid = LpcParameters(bound.slack, bound.band.zero[0], bound.band.kn, bound.band.kd)
-    levels = grid.levels(LEVELS[2].count_bound) if grid.kn else np.zeros(0, np.int64)
-    even = LpcParameters(2 * bound.slack + 1)
+    step = min(bound.slack, STEP_LIMIT // 2 - 1)
+    grid = LpcParameters(step, bound.band.zero[0], bound.band.kn, bound.band.kd)
+    even = LpcParameters(2 * step + 1)
 
     def tube(rows: Indices) -> tuple[Indices, Indices]:
         width = tolerances(rows[:, 0], bound)
@@ -106,7 +102,7 @@ def scalar_ways(source: Source, bound: Bound) -> list[Way]:
 
     ways: list[Way] = [
         (
-            f"prediction within {bound.slack} counts",
+            f"prediction within {step} counts",
             lambda base: code_grid(source, base, even, nearest_uniform),
         ),
         ("fewest held steps", lambda base: code_knots_by(
@@ -117,9 +113,9 @@ def scalar_ways(source: Source, bound: Bound) -> list[Way]:
     if grid.kn:
         ways += [
             ("prediction on the deadband's grid", lambda base: code_grid(
-                source, base, grid, lambda x, g: nearest_level(x, g, levels))),
+                source, base, grid, nearest_level)),
             ("held levels of the deadband's grid", lambda base: code_grid(
-                source, base, grid, lambda x, g: held_levels(x, g, levels, bound))),
+                source, base, grid, lambda x, g: held_levels(x, g, bound))),
         ]  # fmt: skip
     return ways
 
@@ -131,7 +127,7 @@ def column(knots: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
 def tolerances(x: Indices, bound: Bound) -> Indices:
     """Largest error of each count that keeps the deadband, the slack being the floor."""
     weber = np.abs(x - bound.band.zero[0]) * bound.band.kn // bound.band.kd
-    return np.maximum(weber, bound.slack)
+    return np.asarray(np.maximum(weber, bound.slack))
 
 
 def code_grid(
@@ -165,23 +161,18 @@ def nearest_uniform(x: Indices, grid: LpcParameters) -> Indices:
     return (2 * (x - grid.zero) + grid.step) // (2 * grid.step)
 
 
-def nearest_level(x: Indices, grid: LpcParameters, levels: Indices) -> Indices:
+def nearest_level(x: Indices, grid: LpcParameters) -> Indices:
     """The index whose cell holds each count: cells end at top(y) of SPEC 9.5."""
     c = x - grid.zero
-    cells: Indices = np.searchsorted(tops(grid, levels), np.abs(c))
-    return np.sign(c) * cells
+    _, tops = deadband_levels(grid, int(np.abs(c).max()))
+    cells: Indices = np.searchsorted(tops, np.abs(c)).astype(np.int64)
+    return np.asarray(np.sign(c) * cells)
 
 
-def tops(grid: LpcParameters, levels: Indices) -> Indices:
-    """The largest count of each cell."""
-    if grid.kn >= grid.kd:
-        return np.full(levels.size, np.iinfo(np.int64).max)
-    return np.maximum(levels + grid.step, levels * grid.kd // (grid.kd - grid.kn))
-
-
-def held_levels(x: Indices, grid: LpcParameters, levels: Indices, bound: Bound) -> Indices:
+def held_levels(x: Indices, grid: LpcParameters, bound: Bound) -> Indices:
     """Indices that change as rarely as they can: any level within the deadband will do."""
     width = tolerances(x, bound)
+    levels, _ = deadband_levels(grid, int(np.abs(x - grid.zero).max()))
     signed = np.concatenate((-levels[:0:-1], levels)) + grid.zero
     low = np.searchsorted(signed, x - width) - (levels.size - 1)
     high = np.searchsorted(signed, x + width, side="right") - levels.size

@@ -12,6 +12,7 @@ from math import asin, pi
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codecs.adaptive import ERROR_BITS
 from ..codecs.predicted import (
     DIFFERENCE_LIMIT,
     ORDER_LIMIT,
@@ -28,7 +29,12 @@ ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 20, 24, 32)
 FINALISTS = 3
 """Predictors whose packets are really written, the smallest is kept: the estimate is within 2 %."""
 
+ERROR_LIMIT = 1 << ERROR_BITS
+"""Prediction errors beyond it cannot be coded (SPEC RNG-003): differences of 32-bit extremes."""
+
 BLOCK = 32
+"""Samples whose scale is taken to be the same."""
+
 REPEAT_SHARE = 0.02
 """From this share of unchanged samples on, coding them as such is tried."""
 
@@ -58,16 +64,18 @@ def candidates(indices: NDArray[np.int64]) -> Iterator[tuple[float, Predictor]]:
     first, mean = int(indices[0]), int(np.floor(indices.mean() + 0.5))
     for order in range(DIFFERENCE_LIMIT + 1):
         predictor = Predictor(order, (), first if order else mean)
-        yield estimate(differences(indices - predictor.base, order)), predictor
+        e = differences(indices - predictor.base, order)
+        if np.abs(e).max() < ERROR_LIMIT:
+            yield estimate(e), predictor
     for order, base in ((0, mean), (1, first)):
         y = differences(indices - base, order)
         reflections = levinson(y)
         for used, c in enumerate(step_ups(reflections), 1):
             if used not in ORDERS or c is None:
                 continue
-            e = prediction_errors(y, c)
-            if e is not None:
-                yield estimate(e) + 8 * used, Predictor(order, tuple(reflections[:used]), base)
+            left = prediction_errors(y, c)
+            if left is not None and np.abs(left).max() < ERROR_LIMIT:
+                yield estimate(left) + 8 * used, Predictor(order, tuple(reflections[:used]), base)
 
 
 def prediction_errors(y: NDArray[np.int64], c: list[int]) -> NDArray[np.int64] | None:
@@ -94,13 +102,13 @@ def levinson(y: NDArray[np.int64]) -> list[int]:
     """Indices of the quantised reflection coefficients, up to order 32; fewer where the
     recursion has nothing left to predict."""
     # An exact power of two keeps squares of 32-bit counts within float64.
-    x = np.ldexp(y.astype(np.float64), -int(np.abs(y).max()).bit_length())
+    bits = int(np.abs(y).max()).bit_length()
+    x = np.ldexp(y.astype(np.float64), -bits)
     n = x.size
     orders = min(ORDER_LIMIT, n - 1)
     # Not np.dot: threads of a BLAS wait longer for each other than these sums take.
     r = np.array([np.einsum("i,i->", x[: n - lag], x[lag:]) for lag in range(orders + 1)])
-    scale = 4.0 ** -int(np.abs(y).max()).bit_length()
-    error = r[0] * (1 + NOISE) + n * scale / 12
+    error = r[0] * (1 + NOISE) + n * 4.0**-bits / 12
     p = np.zeros(0)
     found: list[int] = []
     for order in range(1, orders + 1):

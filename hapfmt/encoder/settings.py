@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from math import inf
+from math import ceil, inf
 from numbers import Real
 from typing import Any, Literal
 
@@ -13,7 +13,7 @@ import numpy as np
 from ..codecs.knots import INTERPOLATIONS, Interpolation
 from ..errors import ParameterError
 from ..numbers import exact
-from ..recording import Calibration, Channel
+from ..recording import Calibration, Channel, Recording
 from .perception import FORCE_FLOOR_N, FORCE_WEBER, LF_CUTOFF_HZ
 from .tolerance import Tolerance
 
@@ -33,6 +33,10 @@ lattice adds is a 32nd of what the floor already allows."""
 ARCHIVE_CLUSTER = Fraction(10)
 """Seconds (SPEC clause 13)."""
 
+LEARNING, LONGEST_CLUSTER = 4096, Fraction(120)
+"""Samples after which adaptive models have learned most (shorter packets cost 1-4 % more, measured),
+and the seconds that a slow channel may wait for them."""
+
 RANGE_FLOOR = Tolerance(0.002, "range")
 """0.2 % of the channel's own range: a floor for any quantity, not only for forces."""
 
@@ -43,7 +47,7 @@ class Settings:
 
     k: the Weber fraction. floor: absolute floor of the deadband. bits: the paper's
     range-derived quantiser (0: no HF track, None: use ``step``). step: explicit step of the
-    residual. cutoff_hz of the split. cluster: seconds. tolerance: allows true doubles to be put on
+    residual. cutoff_hz of the split. cluster: seconds (None: as the preset needs). tolerance: allows true doubles to be put on
     a lattice. interpolation of the knots. digest: write SHA-256 of the decoded tracks. vectors:
     "required" raises where channels of one group cannot be coded as one vector, "possible" codes
     them apart. Amounts may be given as their texts ("0.2%", "1lsb"), numbers as any number.
@@ -55,7 +59,7 @@ class Settings:
     bits: int | None = None
     step: Tolerance | None = None
     cutoff_hz: float = LF_CUTOFF_HZ
-    cluster: Fraction = ARCHIVE_CLUSTER
+    cluster: Fraction | None = None
     tolerance: Tolerance | None = None
     interpolation: Interpolation = "linear"
     digest: bool = False
@@ -63,8 +67,9 @@ class Settings:
     vectors: Literal["possible", "required"] = "possible"
 
     def __post_init__(self) -> None:
-        for name in ("k", "cluster"):
-            object.__setattr__(self, name, exact(getattr(self, name)))
+        object.__setattr__(self, "k", exact(self.k))
+        if self.cluster is not None:
+            object.__setattr__(self, "cluster", exact(self.cluster))
         for name in ("floor", "step", "tolerance", "max_error"):
             object.__setattr__(self, name, amount(getattr(self, name)))
         if self.interpolation not in INTERPOLATIONS:
@@ -83,13 +88,16 @@ class Settings:
             raise ParameterError("give the bits or the step of the residual, not both")
         if not (isinstance(self.cutoff_hz, Real) and 0 < self.cutoff_hz < inf):
             raise ParameterError("the cutoff is a positive frequency")
-        if self.cluster <= 0:
+        if self.cluster is not None and self.cluster <= 0:
             raise ParameterError("clusters have a positive length")
 
     @classmethod
     def of(cls, preset: str = "default", **given: Any) -> Settings:
         """The preset's settings with those that are given and not None in their place."""
         chosen = {name: value for name, value in given.items() if value is not None}
+        if preset == "near-lossless":
+            # It cannot be without the error that is allowed.
+            return cls("near-lossless", **chosen)
         if preset == "paper":
             # The paper's floor is that of a force in newtons, its step comes from the range.
             base = cls("paper", floor=Tolerance(float(FORCE_FLOOR_N)))
@@ -98,6 +106,16 @@ class Settings:
         else:
             base = cls(preset)  # type: ignore[arg-type]
         return replace(base, **chosen)
+
+    def cluster_of(self, recording: Recording) -> Fraction:
+        """Seconds of a cluster: as asked for; else ten, and where packets learn as they go, as many
+        as give the fastest channel enough to learn from."""
+        if self.cluster is not None:
+            return self.cluster
+        fastest = max((channel.rate for channel in recording.channels), default=Fraction(1))
+        if self.preset not in WITHIN:
+            return ARCHIVE_CLUSTER
+        return min(max(ARCHIVE_CLUSTER, Fraction(ceil(LEARNING / fastest))), LONGEST_CLUSTER)
 
     def tolerance_for(self, channel: Channel) -> Tolerance | None:
         """What may be lost by putting true doubles on a lattice; None: nothing."""
@@ -117,7 +135,7 @@ class Settings:
             "bits": self.bits,
             "step": text_of(self.step),
             "cutoff": self.cutoff_hz,
-            "cluster": float(self.cluster),
+            "cluster": float(self.cluster) if self.cluster else None,
             "tolerance": text_of(self.tolerance),
             "interpolation": self.interpolation,
             "max-error": text_of(self.max_error),

@@ -45,6 +45,10 @@ STEP_LIMIT = LEVELS[1].step
 
 FLOOR_LIMIT = (1 << 31) - 1
 
+MARGIN = Fraction(101, 100)
+"""A range is measured on counts too, each end up to the deviation off: with a floor of at most a
+200th of it that is 1 % of the deviation."""
+
 WORDS_REASON = "no lattice, kept bit for bit"
 
 
@@ -119,16 +123,51 @@ def bound_of(source: Source, settings: Settings) -> Bound:
         for calibration, extent in zip(calibrations, extents, strict=True)
     ]
     # The axes of a vector share one floor: relative to a range, that of the longest axis.
-    floor = min(int(max(floors)), FLOOR_LIMIT)
-    ratio = settings.k.limit_denominator(FRACTION_LIMIT - 1)
+    floor, k = max(floors), settings.k
+    if settings.preset in WITHIN:
+        floor, k = for_the_source(source.channels, floor, k)
+    whole = min(int(floor), FLOOR_LIMIT)
+    ratio = at_most(k)
     band = Deadband(
         ratio.numerator,
         ratio.denominator,
-        (max(floor, 1),) * len(calibrations),
+        (max(whole, 1),) * len(calibrations),
         tuple(clamp(c.zero, -ZERO_LIMIT, ZERO_LIMIT - 1) for c in calibrations),
         len(calibrations) > 1,
     )
-    return Bound(band, floor)
+    return Bound(band, whole)
+
+
+def for_the_source(
+    channels: Sequence[Channel], floor: Fraction, k: Fraction
+) -> tuple[Fraction, Fraction]:
+    """Floor in counts, and Weber fraction, that keep the source itself within its deadband.
+
+    A source that was put on a lattice is up to d counts away from its count, and the count of the
+    physical 0 may be half a count from it: m = (1 + k) d + k / 2 is the room that takes. Below the
+    floor F, F - m leaves it. Weber's part counts from the larger of F and one count on, G / k counts
+    from 0: there k' = k (G - m) / G leaves it.
+    """
+    moved = max(
+        (
+            Fraction(c.deviation.largest) / abs(c.calibration.step)
+            for c in channels
+            if c.deviation and c.calibration
+        ),
+        default=Fraction(0),
+    )
+    beside = any(c.calibration.b % c.calibration.a for c in channels if c.calibration)
+    margin = (1 + k) * moved * MARGIN + (k / 2 if beside else 0)
+    if not margin:
+        return floor, k
+    largest = max(floor, Fraction(1))
+    return max(floor - margin, Fraction(0)), k * max(largest - margin, Fraction(0)) / largest
+
+
+def at_most(k: Fraction) -> Fraction:
+    """k as a fraction of 16-bit terms, never larger where it does not fit."""
+    ratio = k.limit_denominator(FRACTION_LIMIT - 1)
+    return ratio if ratio <= k else Fraction(int(k * (FRACTION_LIMIT - 1)), FRACTION_LIMIT - 1)
 
 
 def contract_of(band: Deadband, x: NDArray[np.int64], y: NDArray[np.int64]) -> Contract:

@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Protocol
+from typing import Any, Protocol
 
-if TYPE_CHECKING:
-    from typing_extensions import Buffer
+from numpy.typing import NDArray
+
+Buffer = bytes | bytearray | NDArray[Any]
 
 
 class Loop(Protocol):

@@ -1,0 +1,293 @@
+"""SPEC 9.4 and 9.5 a second time, read from the page alone; imports nothing from hapfmt."""
+
+from __future__ import annotations
+
+import re
+from math import floor, log2
+
+from spec import TEXT
+
+ANNEX_D = TEXT[TEXT.index("## Annex D") :]
+K = [int(number) for number in re.findall(r"\d+", ANNEX_D.split("```")[1])]
+"""The sine table."""
+
+DIGEST = re.search(r"`([0-9a-f]{64})`", ANNEX_D)[1]
+
+
+class BrokenRule(Exception):  # noqa: N818
+    """The argument is its id."""
+
+
+def rdiv(n: int, d: int) -> int:
+    return (2 * n + d) // (2 * d)
+
+
+def clamp(x: int, low: int, high: int) -> int:
+    return max(low, min(high, x))
+
+
+class Bit:
+    """A bit model."""
+
+    def __init__(self):
+        self.p = self.q = 32768
+        self.n = 0
+
+    def chance(self) -> int:
+        return clamp(self.p if self.n < 8 else (3 * self.p + self.q) // 4, 64, 65472)
+
+    def learn(self, b: int) -> None:
+        t, r = 65535 * b, 131072 // (2 * self.n + 3)
+        self.p = self.p + ((t - self.p) * r) // 65536
+        self.q = self.q + (t - self.q) // 16
+        self.n = min(self.n + 1, 250)
+
+
+class Range:
+    """The decoder where there are coded bytes; else the encoder, which is told each bit."""
+
+    def __init__(self, coded: bytes | None = None):
+        self.coded, self.out, self.n = coded, bytearray(), 0
+        self.x1, self.x2 = 0, 2**32 - 1
+        self.x = 0
+        for at in range(4):
+            self.x = 256 * self.x + self.byte(at)
+
+    def byte(self, at: int) -> int:
+        return self.coded[at] if self.coded is not None and at < len(self.coded) else 0
+
+    def code(self, model: Bit | None, b: int | None = None) -> int:
+        chance = model.chance() if model else 32768
+        r = self.x2 - self.x1
+        m = self.x1 + (r // 65536) * chance + ((r % 65536) * chance) // 65536
+        if self.coded is not None:
+            b = 1 if self.x <= m else 0
+        if b:
+            self.x2 = m
+        else:
+            self.x1 = m + 1
+        while self.x1 // 2**24 == self.x2 // 2**24:
+            self.out.append(self.x1 // 2**24)
+            self.x1 = (self.x1 % 2**24) * 256
+            self.x2 = (self.x2 % 2**24) * 256 + 255
+            self.x = (self.x % 2**24) * 256 + self.byte(self.n + 4)
+            self.n += 1
+        if model:
+            model.learn(b)
+        return b
+
+    def number(self, bits: int, value: int | None = None) -> int:
+        """Raw bits, highest first."""
+        out = 0
+        for i in range(bits - 1, -1, -1):
+            out = 2 * out + self.code(None, None if value is None else value // 2**i % 2)
+        return out
+
+    def end(self) -> bytes:
+        for k in range(5):
+            unit = 2 ** (32 - 8 * k)
+            v = -(-self.x1 // unit) * unit
+            if v <= self.x2:
+                return (v // unit).to_bytes(k, "big")
+        raise AssertionError
+
+    def finish(self) -> bytes:
+        """All coded bytes; RNG-001."""
+        whole = bytes(self.out) + self.end()
+        if self.coded is not None and (
+            len(self.coded) != self.n + len(self.end()) or self.coded[self.n :] != self.end()
+        ):
+            raise BrokenRule("RNG-001")
+        return whole
+
+
+def bits_of(v: int) -> int:
+    return 0 if v == 0 else floor(log2(v)) + 1
+
+
+class Integers:
+    """The integer model."""
+
+    def __init__(self):
+        self.f = self.s = self.t = self.g = 0
+        self.z = [[Bit() for _ in range(80)] for _ in range(40)]
+        self.m = [[Bit() for _ in range(80)] for _ in range(40)]
+        self.signs = [Bit() for _ in range(3)]
+
+    def code(self, coder: Range, e: int | None = None) -> int:
+        """The next integer; the one that is given, where ``coder`` encodes."""
+        u = None if e is None else abs(e)
+        mean = (self.f + self.s) // 2
+        lg = floor(log2(mean)) if mean else 0
+        fr = (mean // 2 ** (lg - 2)) % 4 if lg >= 2 else (mean * 2 ** (2 - lg)) % 4
+        h = max(0, lg - 10)
+        c = 36 + fr if h > 0 else clamp(4 * lg + fr - 8, 0, 35)
+        # 1 and 2
+        k = 0
+        target = None if u is None else self.bucket(u // 2**h)
+        while coder.code(self.z[c][k], None if u is None else int(k < target)):
+            k += 1
+            if k == 80:
+                raise BrokenRule("RNG-002")
+        w = k
+        if k >= 12:
+            half = (k - 8) // 2
+            rest = None if u is None else (u // 2**h - 8) % 2 ** (half - 1)
+            w = 8 + (2 + k % 2) * 2 ** (half - 1) + coder.number(half - 1, rest)
+        if w >= 2 ** (34 - h):
+            raise BrokenRule("RNG-003")
+        # 3
+        got = w * 2**h
+        if h > 0:
+            top = coder.code(self.m[c][k], None if u is None else u // 2 ** (h - 1) % 2)
+            low = None if u is None else u % 2 ** (h - 1)
+            got += top * 2 ** (h - 1) + coder.number(h - 1, low)
+        # 4
+        sign = 0
+        if got > 0:
+            sign = -1 if coder.code(self.signs[self.g + 1], None if e is None else e < 0) else 1
+        self.g = sign
+        a = min(7, bits_of(self.t + 1))
+        self.f += (256 * got - self.f) // 8
+        self.s += (256 * got - self.s) // 2**a
+        self.t += 1
+        return sign * got
+
+    @staticmethod
+    def bucket(w: int) -> int:
+        if w < 12:
+            return w
+        v = w - 8
+        half = floor(log2(v))
+        return 2 * half + 8 + (v // 2 ** (half - 1)) % 2
+
+
+def step_up(ks: list[int]) -> list[int]:
+    """c[1..m]"""
+    p: list[int] = []
+    for k in ks:
+        sine = K[k] if k >= 0 else -K[-k]
+        n = len(p) + 1
+        p = [p[j - 1] - rdiv(sine * p[n - j - 1], 32768) for j in range(1, n)] + [sine * 32]
+        if max(map(abs, p)) > 2**36:
+            raise BrokenRule("LPC-005")
+    c = [rdiv(x, 128) for x in p]
+    if c and max(map(abs, c)) > 2**21:
+        raise BrokenRule("LPC-005")
+    return c
+
+
+def code_samples(coder, span, g, c, base, repeats, last, indices=None):
+    """The loop over the ticks of a packet that is not constant; the indices."""
+    model, q = Integers(), [Bit() for _ in range(4)]
+    out, z, y, r = [], [], [], []
+
+    def difference(row, order, t):
+        """(D^order row)[t]"""
+        if t < 0:
+            return 0
+        if order == 0:
+            return row[t]
+        return difference(row, order - 1, t) - difference(row, order - 1, t - 1)
+
+    for t in range(span):
+        bit = 0
+        if repeats and t >= 1:
+            r1, r2 = (r[t - 1], r[t - 2] if t >= 2 else 0)
+            bit = coder.code(
+                q[2 * r1 + r2], None if indices is None else indices[t] == indices[t - 1]
+            )
+        r.append(bit)
+        if bit:
+            z.append(z[-1])
+        else:
+            pred = (sum(c[j - 1] * y[t - j] for j in range(1, min(len(c), t) + 1)) + 4096) // 8192
+            e = None
+            if indices is not None:
+                z.append(indices[t] - base)
+                e = difference(z, g, t) - pred
+                z.pop()
+            now = pred + model.code(coder, e)
+            # y[t] is the g-th difference of z: solve for z[t].
+            z.append(0)
+            z[t] = now - difference(z, g, t)
+        y.append(difference(z, g, t))
+        out.append(z[t] + base)
+        if abs(out[-1]) > last:
+            raise BrokenRule("LPC-003")
+    return out
+
+
+def decode(data: bytes, span: int, last: int) -> list[int]:
+    """The indices of a packet, ``last`` being the largest magnitude of one (LPC-003)."""
+    if len(data) < 2 or len(data) < 2 + data[1]:
+        raise BrokenRule("LPC-006")
+    flags, m = data[:2]
+    g, repeats, constant = flags % 8, flags // 8 % 2, flags // 16 % 2
+    ks = [byte - 256 * (byte > 127) for byte in data[2 : 2 + m]]
+    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks or flags >= 32:
+        raise BrokenRule("LPC-004")
+    if constant and (g or m or repeats):
+        raise BrokenRule("LPC-004")
+    number, at = 0, 2 + m
+    for group in range(9):
+        if group == 8 or at + group >= len(data):
+            raise BrokenRule("CNV-002")
+        byte = data[at + group]
+        number += byte % 128 * 128**group
+        if byte < 128:
+            break
+    if group and byte == 0:
+        raise BrokenRule("CNV-003")
+    if number >= 2**53:
+        raise BrokenRule("CNV-002")
+    base = number // 2 if number % 2 == 0 else -(number + 1) // 2
+    if abs(base) > last:
+        raise BrokenRule("LPC-003")
+    coded = data[at + group + 1 :]
+    if constant:
+        if coded:
+            raise BrokenRule("COD-001")
+        return [base] * span
+    coder = Range(coded)
+    out = code_samples(coder, span, g, step_up(ks), base, repeats, last)
+    coder.finish()
+    return out
+
+
+def encode(indices: list[int], g=0, ks=(), base=0, repeats=False, *, last=2**32, forge=False):
+    """A packet that is not constant; ``forge``: it may end with what breaks a rule."""
+    coder = Range()
+    try:
+        code_samples(coder, len(indices), g, step_up(ks), base, repeats, last, indices)
+    except BrokenRule:
+        if not forge:
+            raise
+    number = 2 * base if base >= 0 else -2 * base - 1
+    varint = bytearray()
+    while number > 127:
+        varint.append(number % 128 + 128)
+        number //= 128
+    header = bytes([g + 8 * repeats, len(ks)]) + bytes(k % 256 for k in ks)
+    return header + bytes([*varint, number]) + coder.finish()
+
+
+def tolerance(c: int, kn: int, kd: int, step: int) -> int:
+    return max(kn * c // kd, step)
+
+
+def grid_levels(kn: int, kd: int, step: int, bound: int) -> list[int]:
+    """y(0) to y(N)"""
+    y = [0]
+    while kn < kd and max(y[-1] + step, y[-1] * kd // (kd - kn)) < bound:
+        c = max(y[-1] + step, y[-1] * kd // (kd - kn)) + 1
+        y.append(c + tolerance(c, kn, kd, step))
+    return y
+
+
+def tops_by_search(kn: int, kd: int, step: int, bound: int) -> list[int]:
+    """The largest c <= bound with c - tol(c) <= y, for each level: count by count."""
+    return [
+        max(c for c in range(bound + 1) if c - tolerance(c, kn, kd, step) <= y)
+        for y in grid_levels(kn, kd, step, bound)
+    ]

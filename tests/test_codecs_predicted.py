@@ -1,0 +1,329 @@
+"""Clause 9.5: grids, predictors and packets, against the page."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from fractions import Fraction
+from math import pi, sin
+
+import numpy as np
+import page
+import pytest
+import strategies
+from forge import svarint
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapfmt.codecs.predicted import (
+    INDEX_LIMIT,
+    LpcParameters,
+    Predictor,
+    deadband_levels,
+    decode_indices,
+    decode_predicted,
+    encode_indices,
+)
+from hapfmt.codecs.sine import SINES
+from hapfmt.container.cluster import Packet
+from hapfmt.container.track import Component, Track
+from hapfmt.deadband import Deadband
+from hapfmt.decoder import TrackDecoder
+from hapfmt.encoder.predict import encode_best
+from hapfmt.errors import FormatError, HapfmtError
+from hapfmt.limits import LEVELS
+
+ONE, TWO = LEVELS[1], LEVELS[2]
+cases = st.tuples(strategies.index_arrays(), strategies.predictors())
+
+
+def packet_of(indices, predictor):
+    """None where a prediction error cannot be coded."""
+    try:
+        return encode_indices(indices, predictor)
+    except ValueError:
+        return None
+
+
+def decoded(data, span, limit=INDEX_LIMIT):
+    """Indices, or the id of the rule that was broken."""
+    try:
+        return decode_indices(data, span, limit, 0).tolist()
+    except FormatError as error:
+        return error.requirement
+
+
+def decoded_as_the_page_says(data, span, limit=INDEX_LIMIT):
+    try:
+        return page.decode(data, span, limit)
+    except page.BrokenRule as rule:
+        return str(rule)
+
+
+class TestParameters:
+    @given(strategies.levels.flatmap(lambda v: st.tuples(st.just(v), strategies.lpc_parameters(v))))
+    def test_come_back(self, case):
+        """LPC-002: `grid` MUST be 0 or 1; `step` at most what the level allows; on the uniform grid `step` at least 1, `kn` 0 and `kd` 1; on the deadband grid `kn` and `kd` at least 1 (`step` may be 0)."""
+        level, parameters = case
+        data = parameters.build()
+        assert LpcParameters.parse(data, level, 0) == parameters
+        for other in (data[:-1], data + b"\0", b"", b"\2" + data[1:]):
+            with pytest.raises(FormatError):
+                LpcParameters.parse(other, level, 0)
+
+    @given(st.binary(min_size=15, max_size=17) | st.binary(max_size=20))
+    def test_any_bytes(self, data):
+        with contextlib.suppress(FormatError):
+            assert LpcParameters.parse(data, TWO, 0).build() == data
+
+    def test_one_component_only(self):
+        """LPC-001: `component_count` MUST be 1."""
+        track = Track(id=0, kind="full", codec="LPCR", rate=Fraction(1), first_channel=0,
+                      components=(Component(),) * 2, parameters=LpcParameters().build())  # fmt: skip
+        with pytest.raises(FormatError, match="LPC-001"):
+            TrackDecoder(track, ONE)
+
+
+class TestPackets:
+    @given(cases)
+    def test_indices_come_back(self, case):
+        indices, predictor = case
+        data = packet_of(indices, predictor)
+        if data is not None:
+            assert decoded(data, indices.size) == indices.tolist()
+
+    @given(cases)
+    def test_as_the_page_says(self, case):
+        """
+        LPC-004: g MUST be at most 4, at most 1 where m > 0; m at most 32; k[i] at least -127; undefined flags 0; and of a constant packet g, m and the other flags 0.
+        LPC-006: A packet MUST hold at least `flags`, `m` and m coefficients.
+        """
+        indices, predictor = case
+        row = indices[:60].tolist()
+        given = (predictor.difference, predictor.reflections, predictor.base, predictor.repeats)
+        try:
+            expected = page.encode(row, *given)
+        except page.BrokenRule as rule:
+            assert str(rule) == "RNG-003"
+            expected = None
+        if len(set(row)) > 1:
+            assert packet_of(np.array(row), predictor) == expected
+        if expected is not None:
+            assert decoded(expected, len(row)) == row
+            assert decoded_as_the_page_says(expected, len(row)) == row
+
+    @given(cases, st.sampled_from([0, 3, 2**24, 2**32]), st.data())
+    def test_mutated(self, case, limit, data):
+        """LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the level's count bound (clause 15); deadband, |i| at most N."""
+        indices, predictor = case
+        packet = bytearray(packet_of(indices[:40], predictor) or b"\0\0\0")
+        at = data.draw(st.integers(0, len(packet) - 1))
+        packet[at : at + data.draw(st.integers(0, 2))] = data.draw(st.binary(max_size=2))
+        span = data.draw(st.sampled_from([indices[:40].size, 1, 41]))
+        expected = decoded_as_the_page_says(bytes(packet), span, limit)
+        assert decoded(bytes(packet), span, limit) == expected
+
+    @given(
+        st.lists(st.sampled_from([0, 1, 2, 8, 9, 0x10, 0x7F, 0x80, 0xFF]), max_size=14).map(bytes),
+        st.integers(1, 12),
+        st.sampled_from([0, 7, 2**32]),
+    )
+    def test_any_bytes(self, data, span, limit):
+        assert decoded(data, span, limit) == decoded_as_the_page_says(data, span, limit)
+
+    @given(cases)
+    def test_prefixes_and_trailing_bytes(self, case):
+        indices, predictor = case
+        data = packet_of(indices[:30], predictor)
+        if data is None:
+            return
+        span = indices[:30].size
+        for size in range(len(data)):
+            assert decoded(data[:size], span) != indices[:30].tolist()
+        for extra in (b"\0", b"\xff", data):
+            assert decoded(data + extra, span) != indices[:30].tolist()
+
+    def test_damage_seldom_goes_unseen(self):
+        """What RNG-001 alone lets pass as other numbers; a packet has its CRC besides."""
+        generator = np.random.default_rng(3)
+        unseen = tried = 0
+        for width in (3, 100, 5000):
+            x = np.cumsum(generator.integers(-width, width + 1, 60))
+            data = encode_indices(x, Predictor(1))
+            flipped = [bytearray(data) for _ in range(8 * 3, 8 * len(data))]
+            for at, packet in enumerate(flipped, 8 * 3):
+                packet[at // 8] ^= 1 << at % 8
+            for packet in flipped + [data[:size] for size in range(len(data))]:
+                back = decoded(bytes(packet), 60)
+                tried += 1
+                assert back != x.tolist()
+                unseen += isinstance(back, list)
+        assert unseen / tried < 0.1
+
+    @given(st.integers(1, 70), strategies.svarints.filter(lambda v: abs(v) <= INDEX_LIMIT))
+    def test_constant(self, span, value):
+        data = encode_indices(np.full(span, value), Predictor())
+        assert len(data) <= 2 + 5
+        assert decoded(data, span) == [value] * span
+
+    @given(strategies.index_arrays())
+    def test_the_chosen_predictor_can_be_decoded(self, indices):
+        assert decoded(encode_best(indices), indices.size) == indices.tolist()
+
+    @pytest.mark.parametrize("size", range(2, 7))
+    def test_differences_of_extremes(self, size):
+        for seed in range(20):
+            ends = np.random.default_rng(seed).choice([-INDEX_LIMIT, INDEX_LIMIT], size)
+            assert decoded(encode_best(ends), size) == ends.tolist()
+
+    @pytest.mark.parametrize("index", [INDEX_LIMIT + 1, -INDEX_LIMIT - 1])
+    def test_an_index_beyond_the_format_is_not_coded(self, index):
+        for row in ([index, index], [0, index]):
+            with pytest.raises(ValueError, match="2\\^32"):
+                encode_indices(np.array(row), Predictor())
+
+    def test_a_shift_that_would_wrap(self):
+        """RNG-003: The magnitude u MUST be less than 2^34: a decoder stops after step 2 where w is 2^(34 - h) or more."""
+        far = 2**32 - 1
+        row = [far, -far] * 100
+        row += [2**65 + 2 * row[-1] - row[-2]]
+        data = page.encode(row, 2, last=2**99, forge=True)
+        assert decoded(data, len(row)) == decoded_as_the_page_says(data, len(row)) == "RNG-003"
+
+
+class TestPredictor:
+    def test_sines(self):
+        assert list(SINES) == page.K
+        assert [round(32768 * sin(pi * k / 256)) for k in range(128)] == page.K
+        assert all(abs(32768 * sin(pi * k / 256) % 1 - 0.5) > 0.001 for k in range(128))
+        assert hashlib.sha256(np.array(SINES, "<u2").tobytes()).hexdigest() == page.DIGEST
+
+    @given(st.lists(st.sampled_from([127, -127, 0]) | st.integers(-127, 127), max_size=32))
+    def test_step_up(self, ks):
+        """LPC-005: Every |p[j]| after each n MUST be at most 2^36, and every |c[j]| at most 2^21."""
+        try:
+            expected = page.step_up(ks)
+        except page.BrokenRule:
+            expected = None
+        assert Predictor(reflections=tuple(ks)).coefficients == expected
+
+    @pytest.mark.parametrize("index", [1, 40, 127, -127])
+    def test_a_first_order_predictor_is_a_sine(self, index):
+        (c,) = Predictor(reflections=(index,)).coefficients
+        assert abs(c / 8192 - sin(pi * index / 256)) < 1e-4
+
+
+fractions = st.sampled_from([(1, 10), (1, 1), (3, 2), (65534, 65535), (1, 65535)]) | st.tuples(
+    st.integers(1, 40), st.integers(1, 40)
+)
+
+
+class TestDeadbandGrid:
+    @given(fractions, st.integers(0, 30), st.integers(1, 300))
+    def test_levels_as_the_page_says(self, ratio, step, bound):
+        levels, tops = deadband_levels(LpcParameters(step, 0, *ratio), bound)
+        assert levels.tolist() == page.grid_levels(*ratio, step, bound)
+        assert np.minimum(tops, bound).tolist() == page.tops_by_search(*ratio, step, bound)
+        assert (np.diff(levels) > 0).all()
+
+    @given(fractions, st.integers(0, 30), st.integers(1, 300))
+    def test_cells_hold_their_counts_and_no_more(self, ratio, step, bound):
+        """Each count keeps the deadband at its level; a cell that took one count more would not."""
+        grid = LpcParameters(step, 0, *ratio)
+        levels, tops = deadband_levels(grid, bound)
+        bottom = 0
+        for level, top in zip(levels.tolist(), tops.tolist(), strict=True):
+            for c in range(bottom, min(top, bound) + 1):
+                assert abs(c - level) <= page.tolerance(c, *ratio, step)
+            if top < bound:
+                assert top + 1 - level > page.tolerance(top + 1, *ratio, step)
+            if bottom:
+                assert level + 1 - bottom > page.tolerance(bottom, *ratio, step)
+            bottom = top + 1
+
+    @given(strategies.levels, st.data())
+    def test_any_count_is_within_its_deadband(self, level, data):
+        parameters = data.draw(strategies.lpc_parameters(level).filter(lambda p: p.grid))
+        bound = level.count_bound
+        c = np.array(data.draw(st.lists(st.integers(-bound, bound), min_size=1, max_size=9)))
+        levels, tops = deadband_levels(parameters, bound)
+        indices = np.sign(c) * np.searchsorted(tops, np.abs(c))
+        assert np.abs(indices).max() <= parameters.index_limit(bound) == levels.size - 1
+        y = parameters.counts(indices, bound) - parameters.zero
+        weber = [abs(x) * parameters.kn // parameters.kd for x in c.tolist()]
+        assert (np.abs(c - y) <= np.maximum(weber, parameters.step)).all()
+        if parameters.step:
+            band = Deadband(parameters.kn, parameters.kd, (parameters.step,), (0,))
+            inside = np.abs(c) < 1 << 32
+            assert not band.outside(
+                c[inside], np.clip(y, 1 - (1 << 32), (1 << 32) - 1)[inside]
+            ).any()
+
+    def test_levels_of_a_finest_grid_are_few_enough(self):
+        assert deadband_levels(LpcParameters(0, 0, 1, 65535), TWO.count_bound)[0].size < 450_000
+
+    @pytest.mark.parametrize("level", [ONE, TWO])
+    @pytest.mark.parametrize("ratio", [(1, 10), (65534, 65535), (7, 7)])
+    def test_the_last_level_and_no_further(self, level, ratio):
+        grid = LpcParameters(3, -5, *ratio)
+        last = grid.index_limit(level.count_bound)
+        data = bytes([16, 0]) + svarint(last)
+        assert decode_predicted(data, grid, 1, level, 0)[0, 0] == grid.counts(
+            np.array([last]), level.count_bound
+        )
+        data = encode_indices(np.array([last + 1, last + 1]), Predictor())
+        with pytest.raises(FormatError, match="LPC-003"):
+            decode_predicted(data, grid, 2, level, 0)
+
+
+@given(strategies.levels, st.sampled_from([1, 2, 7, 2**24]), st.integers(-9, 9), st.data())
+def test_uniform_counts(level, step, zero, data):
+    grid = LpcParameters(step, zero)
+    limit = level.count_bound // step
+    indices = data.draw(strategies.index_arrays(limit))
+    packet = encode_indices(indices, Predictor())
+    counts = decode_predicted(packet, grid, indices.size, level, 0)
+    assert (counts.shape, counts.dtype) == ((indices.size, 1), np.int64)
+    assert counts[:, 0].tolist() == [zero + i * step for i in indices.tolist()]
+    beyond = page.encode([0, limit + 1], last=2 * limit)
+    with pytest.raises(FormatError, match="LPC-003"):
+        decode_predicted(beyond, grid, 2, level, 0)
+
+
+@given(strategies.packets().filter(lambda case: case[0].codec == "LPCR"), st.binary(max_size=9))
+def test_a_track_decodes_or_says_why(case, other):
+    track, packets, numbers = case
+    decoder = TrackDecoder(track, ONE)
+    for packet, counts in zip(packets, numbers, strict=True):
+        clamped = counts.clip(track.count_min, track.count_max)
+        assert (decoder.decode(packet) == clamped).all()
+    with contextlib.suppress(HapfmtError):
+        decoder.decode(Packet(0, 0, 3, other))
+
+
+FROZEN = [
+    ([5, 5, 5, 5], 0, [], 5, False,
+     "10000a"),
+    ([1, -1], 0, [], 0, False,
+     "00000068"),
+    ([0, 1, 4, 9, 16, 25, 36, 49], 2, [], 0, False,
+     "020000910df4"),
+    ([7, 7, 7, 9, 9, 9, 9, -3, -3], 0, [], 7, True,
+     "08000e9102f9"),
+    ([0, 38, 71, 92, 100, 92, 71, 38, 0, -38, -71, -92, -100], 0, [120, -110], 0, False,
+     "000278920080000cb0198b06dd1afe05856e21"),
+    ([4294967296, -4294967296, 4294967296, 0], 1, [64], 0, False,
+     "010140000000000000000000010000001e000072bdffffc19c53d281ab2262cde0c4"),
+    ([1000, 2000, 4000, 8000, 16000, 32000, 64000, 128000, 256000, -512000], 4, [], 1000, True,
+     "0c00d00fc00000017f74c686869ff4ddee2fc560ee9a8640a2f2e99c66a270e2db95"),
+    ([1000000, -1000000, 1000000, -1000000, 3, 1000000, -4000000], 1, [-90, 20, 5], 1000000, True,
+     "0903a6140580897ac00000000000065266b3090bb8bf358586f2b8cb5e5bdfe91c035de03e"),
+]  # fmt: skip
+"""(indices, difference, reflection coefficients, base, repeats, packet)"""
+
+
+@pytest.mark.parametrize(("indices", "difference", "ks", "base", "repeats", "text"), FROZEN)
+def test_frozen_bitstreams(indices, difference, ks, base, repeats, text):
+    predictor = Predictor(difference, tuple(ks), base, repeats)
+    assert encode_indices(np.array(indices), predictor).hex() == text
+    assert decoded(bytes.fromhex(text), len(indices)) == indices

@@ -1,0 +1,202 @@
+"""Presets archive, near-lossless and deadband: what they promise holds for any signal."""
+
+from __future__ import annotations
+
+import io
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import recordings
+
+import hapfmt
+from hapfmt import Calibration, Channel, Recording, Settings
+from hapfmt.codecs.predicted import LpcParameters, decode_predicted
+from hapfmt.deadband import Deadband
+from hapfmt.decoder import TrackDecoder
+from hapfmt.encoder.encode import encode
+from hapfmt.encoder.indexed import scalar_ways
+from hapfmt.encoder.source import Source, cut, make_track
+from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.encoder.unit import bound_of
+from hapfmt.limits import LEVELS
+
+
+def shapes(size, seed):
+    """Awkward signals of ``size`` counts."""
+    g = np.random.default_rng(seed)
+    t = np.arange(size)
+    return {
+        "noise": g.integers(-300, 300, size),
+        "walk": g.integers(-20, 21, size).cumsum(),
+        "steps": g.integers(-3, 4, size // 9 + 1).repeat(9)[:size] * 1000,
+        "ramps": np.abs(t % 80 - 40) * 25 - 300,
+        "sine": np.round(20000 * np.sin(t / 9)).astype(np.int64),
+        "ends": np.array([-(2**31), 2**31 - 1])[g.integers(0, 2, size)],
+        "taps": (g.random(size) < 0.02) * 30000 + g.integers(-1, 2, size),
+        "near zero": g.integers(-2, 3, size),
+    }
+
+
+signals = st.builds(
+    lambda name, size, seed: shapes(size, seed)[name],
+    st.sampled_from(sorted(shapes(1, 0))),
+    st.sampled_from([1, 2, 3, 150, 400]),
+    st.integers(0, 2**32),
+)
+webers = st.sampled_from(
+    [Fraction(0), Fraction(1, 10), Fraction(1, 100), Fraction(1), Fraction(3, 2), Fraction(65535)]
+)
+floors = st.sampled_from(["0.5lsb", "1lsb", "20lsb", "1.5lsb", "1%", "100%", "1e9"]).map(
+    Tolerance.parse
+)
+calibrations = st.sampled_from(
+    [Calibration(1, 0, 1000), Calibration(-3, 1, 7), Calibration(1, 10**8, 1),
+     Calibration(1, -(10**12), 1000)]
+)  # fmt: skip
+
+
+def channel(counts, calibration, **described):
+    return Channel(
+        np.asarray(counts), Fraction(1000), calibration=calibration, unit="N", **described
+    )
+
+
+def encoded(recording, settings):
+    stream = io.BytesIO()
+    hapfmt.write(recording, stream, settings, canonical=3)
+    return stream.getvalue()
+
+
+def assert_intact(recording, settings):
+    """The recording as it comes back; every guarantee checked against the original."""
+    data = encoded(recording, settings)
+    report = hapfmt.verify(data, against=recording)
+    assert report.verdict == "intact", (report.error, report.findings)
+    assert not any(check.outside for check in report.contracts if check.contract)
+    return hapfmt.read(data)
+
+
+class TestArchive:
+    @given(recordings())
+    def test_any_recording_comes_back(self, recording):
+        back = assert_intact(recording, Settings.of("archive"))
+        for before, after in zip(recording.channels, back.channels, strict=True):
+            assert after.coverage == before.coverage
+            assert after.physical().tobytes() == before.physical().tobytes()
+
+    @given(signals, calibrations)
+    def test_counts_come_back(self, x, calibration):
+        back = assert_intact(Recording((channel(x, calibration),)), Settings.of("archive"))
+        assert back.channels[0].values.tolist() == x.tolist()
+
+    def test_everything_is_predicted(self):
+        made = encode(
+            Recording((channel(shapes(99, 1)["noise"], Calibration()),)), Settings.of("archive")
+        )
+        assert [(t.codec, d.exact) for t, d in zip(made.tracks, made.decisions, strict=True)] == [
+            ("LPCR", True)
+        ]
+
+
+class TestNearLossless:
+    @given(
+        signals, calibrations, st.sampled_from(["0.5lsb", "1lsb", "7lsb", "10%", "1e12", "0.003"])
+    )
+    def test_never_beyond_the_error(self, x, calibration, text):
+        settings = Settings.of("near-lossless", max_error=text)
+        recording = Recording((channel(x, calibration),))
+        y = assert_intact(recording, settings).channels[0].values.astype(np.int64)
+        error = Tolerance.parse(text)
+        allowed = {
+            "lsb": Fraction(error.value),
+            "range": Fraction(error.value) * int(np.ptp(x)),
+            "unit": Fraction(error.value) / abs(calibration.step),
+        }.get(error.kind, Fraction(error.value) / abs(calibration.step))
+        assert int(np.abs(x - y).max()) <= allowed
+
+    def test_the_error_goes_with_the_preset(self):
+        with pytest.raises(hapfmt.ParameterError, match="near-lossless"):
+            Settings.of("near-lossless")
+        for preset in ("default", "archive", "deadband"):
+            with pytest.raises(hapfmt.ParameterError, match="near-lossless"):
+                Settings.of(preset, max_error="1lsb")
+
+    def test_below_one_count_is_lossless(self):
+        recording = Recording((channel([1, 5, 2], Calibration()),))
+        made = encode(recording, Settings.of("near-lossless", max_error="0.9lsb"))
+        assert made.decisions[0].exact and made.tracks[0].contract is None
+
+
+class TestDeadband:
+    @given(signals, calibrations, webers, floors)
+    def test_no_sample_outside(self, x, calibration, k, floor):
+        """DBC-002: With flag *guaranteed*, every sample MUST keep the contract: scalar form `|x - y| * kd <= max(kn * |x - zero|, floor * kd)` for each component; vector form the same with Euclidean norms over the components, compared by their squares, and the floor of the first component."""
+        settings = Settings("deadband", k=k, floor=floor)
+        recording = Recording((channel(x, calibration),))
+        y = assert_intact(recording, settings).channels[0].values.astype(np.int64)
+        band = Deadband.from_physical(k, 1, [calibration])
+        whole = {"lsb": floor.value, "range": floor.value * int(np.ptp(x))}.get(
+            floor.kind, floor.value / float(abs(calibration.step))
+        )
+        wide = Deadband(band.kn, band.kd, (max(min(int(whole), 2**31 - 1), 1),), band.zero)
+        assert not wide.outside(x, y).any()
+
+    @given(signals, calibrations, webers, floors)
+    def test_every_way_keeps_it_and_can_be_read(self, x, calibration, k, floor):
+        """Also the ways that lost by size."""
+        one = channel(x, calibration)
+        spans = tuple(cut(one.coverage, one.rate, Fraction(10), 1))
+        source = Source((one,), x[:, None].astype(np.int64), spans)
+        bound = bound_of(source, Settings("deadband", k=k, floor=floor))
+        base = make_track(source, 0, kind="full", codec="KNOT", count_min=-(2**31),
+                          count_max=2**31 - 1)  # fmt: skip
+        for _, way in scalar_ways(source, bound):
+            coded = way(base)
+            decoder = TrackDecoder(coded.track, LEVELS[2])
+            y = np.concatenate([decoder.decode(packet) for packet in coded.packets])
+            assert not bound.band.outside(source.counts, y.astype(np.int64)).any()
+            if not bound.slack:
+                weber = np.abs(x - bound.band.zero[0]) * bound.band.kn // bound.band.kd
+                assert (np.abs(x - y[:, 0]) <= weber).all()
+
+    @given(st.integers(0, 2**32), webers, floors, st.sampled_from(["noise", "walk", "near zero"]))
+    def test_vectors(self, seed, k, floor, name):
+        axes = tuple(
+            channel(shapes(200, seed + i)[name], Calibration(1, 0, 1000), axis=a, group="tip")
+            for i, a in enumerate("xyz")
+        )
+        assert_intact(Recording(axes), Settings("deadband", k=k, floor=floor))
+
+    @given(recordings(), webers, floors)
+    def test_any_recording(self, recording, k, floor):
+        assert_intact(recording, Settings("deadband", k=k, floor=floor))
+
+    def test_a_grid_far_from_zero_needs_level_2(self):
+        """Levels are counted from the physical 0, here 10^8 counts off."""
+        x = shapes(400, 5)["noise"]
+        recording = Recording((channel(x, Calibration(1, 10**8, 1)),))
+        made = encode(
+            recording, Settings("deadband", k=Fraction(1, 10**6), floor=Tolerance(30, "lsb"))
+        )
+        for track, packet in zip(made.tracks, made.packets, strict=True):
+            if track.codec == "LPCR":
+                grid = LpcParameters.parse(track.parameters, made.level, 0)
+                decode_predicted(packet.data, grid, packet.span, made.level, 0)
+                assert grid.kn == 0 or made.level.number == 2
+
+    @pytest.mark.parametrize("preset", ["archive", "deadband"])
+    @pytest.mark.parametrize("wrong", [{"bits": 5}, {"step": "1lsb"}])
+    def test_no_residual_to_choose(self, preset, wrong):
+        with pytest.raises(hapfmt.ParameterError, match="no bits and no step"):
+            Settings.of(preset, **wrong)
+
+    def test_smaller_than_default(self):
+        recording = Recording((channel(shapes(400, 2)["walk"], Calibration(1, 0, 1000)),))
+        sizes = [
+            encode(recording, Settings(preset)).decisions[0].size
+            for preset in ("default", "deadband")
+        ]
+        assert sizes[1] <= sizes[0]

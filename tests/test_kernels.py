@@ -1,0 +1,210 @@
+"""The compiled loops are their readable twins, bit for bit, and refuse what they were not made for."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import page
+import pytest
+import strategies
+from hypothesis import given
+from hypothesis import strategies as st
+from spec import ROOT
+
+from hapfmt.codecs import predicted
+from hapfmt.codecs.predicted import INDEX_LIMIT, Predictor, decode_indices, encode_indices
+from hapfmt.errors import FormatError
+from hapfmt.kernels import compiled
+
+built = pytest.mark.skipif(compiled is None, reason="the extension is not built, or HAPFMT_PURE=1")
+cases = st.tuples(strategies.index_arrays(), strategies.predictors())
+
+
+def decoded(data, span, limit):
+    """Indices, or all that an error tells."""
+    try:
+        return decode_indices(data, span, limit, 1000).tolist()
+    except FormatError as error:
+        return error.requirement, error.offset, error.message
+
+
+def encoded(indices, predictor):
+    try:
+        return encode_indices(indices, predictor)
+    except ValueError as error:
+        return str(error)
+
+
+def both(call, *arguments):
+    """(what the extension does, what the readable loop does)"""
+    fast = call(*arguments)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(predicted, "compiled", None)
+        return fast, call(*arguments)
+
+
+def assert_same(call, *arguments):
+    fast, slow = both(call, *arguments)
+    assert fast == slow
+    return fast
+
+
+@built
+class TestTwins:
+    @given(cases)
+    def test_encode_and_decode(self, case):
+        indices, predictor = case
+        data = assert_same(encoded, indices, predictor)
+        if isinstance(data, bytes):
+            assert assert_same(decoded, data, indices.size, INDEX_LIMIT) == indices.tolist()
+
+    @given(cases, st.sampled_from([0, 1, 2**24, 2**32]), st.data())
+    def test_mutated(self, case, limit, data):
+        """Indices, or rule, offset and words of the error."""
+        indices, predictor = case
+        whole = encoded(indices, predictor)
+        packet = bytearray(whole if isinstance(whole, bytes) else b"\0\0\0")
+        for _ in range(data.draw(st.integers(1, 3))):
+            at = data.draw(st.integers(0, len(packet)))
+            packet[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))
+        span = data.draw(st.sampled_from([indices.size, 1, 300]))
+        assert_same(decoded, bytes(packet), span, limit)
+
+    @given(
+        st.sampled_from(
+            [b"\0\0\0", b"\x0c\0\0", b"\x08\0\1", b"\1\2\x60\xa0\0", b"\0\3\x7f\x81\x7f\0"]
+        ),
+        st.binary(max_size=60),
+        st.integers(1, 200),
+        st.sampled_from([0, 5, 2**32]),
+    )
+    def test_any_coded_bytes(self, header, coded, span, limit):
+        assert_same(decoded, header + coded, span, limit)
+
+    @given(
+        st.sampled_from([0, 64, 127]), st.sampled_from([0, 1, 2, 4]), st.integers(35, 90), st.data()
+    )
+    def test_what_is_too_large_for_64_bits(self, k, g, bits, data):
+        """Magnitudes beyond every bound, behind numbers that bring the model to its widest scale."""
+        far = data.draw(st.sampled_from([2**32, 2**32 - 1, 2**31]))
+        ks = [k] * (k > 0)
+        g = min(g, 1) if ks else g
+        row = [far, -far] * data.draw(st.sampled_from([0, 20]))
+        row.append(2**bits + data.draw(st.integers(-(2**36), 2**36)))
+        packet = page.encode(row, g, ks, last=2**99, forge=True)
+        assert isinstance(assert_same(decoded, packet, len(row), INDEX_LIMIT), tuple)
+
+    @pytest.mark.parametrize("size", [4095, 4096, 4097, 4129, 9000])
+    def test_long_packets_of_the_highest_order(self, size):
+        """The history of the compiled loop is a ring of 4096."""
+        x = np.random.default_rng(size).integers(-300, 300, size).cumsum()
+        predictor = Predictor(1, tuple(range(-16, 16)), 5)
+        data = assert_same(encoded, x, predictor)
+        assert assert_same(decoded, data, size, INDEX_LIMIT) == x.tolist()
+
+    def test_a_packet_larger_than_its_first_buffer(self):
+        x = np.random.default_rng(1).integers(-INDEX_LIMIT, INDEX_LIMIT, 500)
+        data = assert_same(encoded, x, Predictor())
+        assert len(data) > 2 * x.size + 64
+
+    def test_messages_are_those_of_the_twin(self):
+        source = "".join(
+            (ROOT / "hapfmt" / "codecs" / name).read_text(encoding="utf-8")
+            for name in ("adaptive.py", "predicted.py")
+        )
+        for requirement, message in predicted.STATUS.values():
+            assert source.count(f'"{message}"') == 2
+            assert source.count(f'"{requirement}"') >= 2
+
+
+ARGUMENTS = {
+    "data": bytes(8),
+    "coefficients": np.array([8192], np.int32),
+    "difference": 1,
+    "repeats": False,
+    "base": 0,
+    "limit": 9,
+    "indices": np.zeros(4, np.int64),
+}
+
+
+@built
+class TestArguments:
+    @pytest.mark.parametrize(
+        "wrong",
+        [
+            {"coefficients": bytes(3)},
+            {"coefficients": np.zeros(33, np.int32)},
+            {"coefficients": np.array([2**21 + 1], np.int32)},
+            {"coefficients": np.array([-(2**31)], np.int32)},
+            {"coefficients": memoryview(bytes(9))[1:]},
+            {"difference": 2},
+            {"difference": -1},
+            {"difference": 5, "coefficients": b""},
+            {"base": 10},
+            {"base": -10},
+            {"limit": -1},
+            {"limit": 2**32 + 1},
+            {"indices": bytearray(7)},
+            {"indices": memoryview(bytearray(9))[1:]},
+        ],
+        ids=str,
+    )
+    def test_what_would_overflow_is_refused(self, wrong):
+        given = ARGUMENTS | wrong
+        with pytest.raises(ValueError, match="not a predictor"):
+            compiled.lpcr_decode(*given.values())
+        given["data"] = bytearray(8)
+        with pytest.raises(ValueError, match="not a predictor"):
+            compiled.lpcr_encode(*given.values())
+
+    @pytest.mark.parametrize(
+        "wrong",
+        [{"data": "text"}, {"indices": bytes(8)}, {"base": 2**64}, {"difference": 2**40},
+         {"coefficients": np.zeros((4, 2), np.int32)[:, 0]}],
+        ids=str,
+    )  # fmt: skip
+    def test_wrong_types(self, wrong):
+        with pytest.raises((TypeError, OverflowError, BufferError, ValueError)):
+            compiled.lpcr_decode(*(ARGUMENTS | wrong).values())
+        with pytest.raises(TypeError):
+            compiled.lpcr_decode(b"")
+
+    def test_nothing_at_all(self):
+        given = ARGUMENTS | {"data": b"", "indices": np.zeros(0, np.int64), "coefficients": b""}
+        assert compiled.lpcr_decode(*given.values()) == (0, 0)
+        assert compiled.lpcr_encode(*(given | {"data": bytearray()}).values()) == (0, 0)
+
+    def test_indices_that_no_packet_holds(self):
+        for index in (10, -10, 2**63 - 1, -(2**63)):
+            given = ARGUMENTS | {"data": bytearray(8), "indices": np.array([0, index])}
+            assert compiled.lpcr_encode(*given.values())[0] == 3
+
+
+PURE = """
+import io, numpy, hapfmt
+from hapfmt.kernels import compiled
+x = numpy.random.default_rng(1).integers(-40, 40, 300).cumsum().astype(numpy.int32)
+channel = hapfmt.Channel(x, 1000, calibration=hapfmt.Calibration(1, 0, 1000))
+stream = io.BytesIO()
+hapfmt.write(hapfmt.Recording((channel,)), stream, hapfmt.Settings.of("archive"), canonical=1)
+back = hapfmt.read(stream.getvalue()).channels[0].values
+print(compiled is None, bool((back == x).all()), stream.getvalue().hex())
+"""
+
+
+def test_without_the_extension():
+    """The same bytes, by the readable loops."""
+
+    def told(pure):
+        environment = {k: v for k, v in os.environ.items() if k != "HAPFMT_PURE"} | pure
+        done = subprocess.run([sys.executable, "-c", PURE], cwd=ROOT, env=environment,
+                              capture_output=True, text=True, check=True)  # fmt: skip
+        return done.stdout.split()
+
+    pure, other = told({"HAPFMT_PURE": "1"}), told({})
+    assert pure[:2] == ["True", "True"]
+    assert pure[1:] == other[1:]

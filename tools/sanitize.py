@@ -1,0 +1,83 @@
+"""Run the tests of the compiled loops under the sanitizers for addresses and undefined behaviour.
+
+python tools/sanitize.py [arguments of pytest]
+
+Builds hapfmt/kernels/_kernels.c with -fsanitize=address,undefined into a copy of the package in a
+temporary folder. Says why where it cannot: no compiler, or one without sanitizers.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+TESTS = ["tests/test_kernels.py", "tests/test_codecs_predicted.py"]
+FLAGS = "-std=c99 -g -O1 -Wall -Wextra -Werror -fno-omit-frame-pointer -shared -fPIC".split()
+SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+CHECK = "from hapfmt.kernels import compiled; print(compiled.__file__)"
+
+
+def compiler() -> list[str]:
+    return shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")
+
+
+def asked(command: list[str], **given: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, check=False, capture_output=True, text=True, **given)
+
+
+def build(target: Path) -> str | None:
+    """None, or why not."""
+    include = sysconfig.get_path("include")
+    source = str(ROOT / "hapfmt" / "kernels" / "_kernels.c")
+    command = [*compiler(), *FLAGS, *SANITIZERS, f"-I{include}", source, "-o", str(target)]
+    try:
+        done = asked(command)
+    except OSError as error:
+        return str(error)
+    return done.stderr.strip() or "the compiler failed" if done.returncode else None
+
+
+def runtimes() -> str:
+    """The libraries that must be loaded before Python itself."""
+    names = ("libasan.so", "libubsan.so")
+    found = [asked([*compiler(), f"-print-file-name={name}"]) for name in names]
+    return " ".join(path for each in found if os.sep in (path := each.stdout.strip()))
+
+
+def main() -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("hapfmt", "tests", "conformance"):
+            shutil.copytree(ROOT / name, Path(folder) / name,
+                            ignore=shutil.ignore_patterns("*.so", "*.pyd", "__pycache__"))  # fmt: skip
+        for name in ("SPEC.md", "README.md", "pyproject.toml"):
+            shutil.copy(ROOT / name, folder)
+        why = build(Path(folder) / "hapfmt" / "kernels" / "_kernels.abi3.so")
+        if why:
+            print(f"not run: {why}")
+            return 0
+        environment = os.environ | {
+            "LD_PRELOAD": runtimes(),
+            "ASAN_OPTIONS": "detect_leaks=0:abort_on_error=1",
+            "UBSAN_OPTIONS": "print_stacktrace=1:halt_on_error=1",
+            "PYTHONPATH": folder,
+            "PYTHONMALLOC": "malloc",
+        }
+        environment.pop("HAPFMT_PURE", None)
+        told = asked([sys.executable, "-c", CHECK], cwd=folder, env=environment)
+        if not told.stdout.startswith(folder):
+            print(f"not run: {(told.stderr or told.stdout).strip()}")
+            return 0
+        command = [sys.executable, "-m", "pytest", *(sys.argv[1:] or TESTS)]
+        return subprocess.run(command, check=False, cwd=folder, env=environment).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())
