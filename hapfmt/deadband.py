@@ -101,6 +101,9 @@ class Deadband:
         """
         try:
             ratio = Fraction(weber).limit_denominator(FRACTION_LIMIT - 1)
+            if ratio >= 1:
+                # Terms of 16 bits: above 1 it is the numerator that must fit.
+                ratio = 1 / Fraction(1 / Fraction(weber)).limit_denominator(FRACTION_LIMIT - 1)
             absolute = Fraction(floor)
         except (ValueError, ArithmeticError) as error:
             raise ParameterError(f"a deadband needs finite numbers: {error}") from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import re
 from fractions import Fraction
 from math import pi, sin
 
@@ -150,10 +151,11 @@ class TestPackets:
         for width in (3, 100, 5000):
             x = np.cumsum(generator.integers(-width, width + 1, 60))
             data = encode_indices(x, Predictor(1))
-            flipped = [bytearray(data) for _ in range(8 * 3, 8 * len(data))]
-            for at, packet in enumerate(flipped, 8 * 3):
-                packet[at // 8] ^= 1 << at % 8
-            for packet in flipped + [data[:size] for size in range(len(data))]:
+            damaged = [data[:size] for size in range(0, len(data), 5)]
+            for at in range(8 * 3, 8 * len(data), 5):
+                damaged.append(bytearray(data))
+                damaged[-1][at // 8] ^= 1 << at % 8
+            for packet in damaged:
                 back = decoded(bytes(packet), 60)
                 tried += 1
                 assert back != x.tolist()
@@ -320,6 +322,25 @@ FROZEN = [
      "0903a6140580897ac00000000000065266b3090bb8bf358586f2b8cb5e5bdfe91c035de03e"),
 ]  # fmt: skip
 """(indices, difference, reflection coefficients, base, repeats, packet)"""
+
+
+EXAMPLE = re.compile(r"^\| `([0-9A-F]{2}(?: [0-9A-F]{2})*)` \| ([-0-9, ]+?)(?: \(.*)? \|$", re.M)
+
+
+def test_examples_of_the_page():
+    examples = EXAMPLE.findall(page.TEXT)
+    assert len(examples) == 5
+    for text, numbers in examples:
+        indices = [int(number) for number in numbers.split(", ")]
+        data = bytes.fromhex(text)
+        assert (
+            decoded(data, len(indices)) == decoded_as_the_page_says(data, len(indices)) == indices
+        )
+    levels = [
+        int(y) for y in re.search(r"y\(1\), \.\.\. are ([0-9, ]+)\.", page.TEXT)[1].split(", ")
+    ]
+    assert page.grid_levels(1, 10, 20, 9999)[: len(levels)] == levels
+    assert Predictor(reflections=(120, -110)).coefficients == [16107, -7993]
 
 
 @pytest.mark.parametrize(("indices", "difference", "ks", "base", "repeats", "text"), FROZEN)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -13,14 +14,14 @@ from strategies import recordings
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
-from hapfmt.codecs.predicted import LpcParameters, decode_predicted
+from hapfmt.codecs.predicted import LpcParameters
 from hapfmt.deadband import Deadband
 from hapfmt.decoder import TrackDecoder
-from hapfmt.encoder.encode import encode
-from hapfmt.encoder.indexed import scalar_ways
+from hapfmt.encoder.encode import choose_level, encode
+from hapfmt.encoder.indexed import nearest_level, scalar_ways
 from hapfmt.encoder.source import Source, cut, make_track
 from hapfmt.encoder.tolerance import Tolerance
-from hapfmt.encoder.unit import bound_of
+from hapfmt.encoder.unit import at_most, bound_of
 from hapfmt.limits import LEVELS
 
 
@@ -47,8 +48,9 @@ signals = st.builds(
     st.integers(0, 2**32),
 )
 webers = st.sampled_from(
-    [Fraction(0), Fraction(1, 10), Fraction(1, 100), Fraction(1), Fraction(3, 2), Fraction(65535)]
-)
+    [Fraction(0), Fraction(1, 10), Fraction(1, 100), Fraction(1), Fraction(3, 2), Fraction(65535),
+     Fraction(314159265, 10**8), Fraction(1, 10**6)]
+)  # fmt: skip
 floors = st.sampled_from(["0.5lsb", "1lsb", "20lsb", "1.5lsb", "1%", "100%", "1e9"]).map(
     Tolerance.parse
 )
@@ -130,6 +132,13 @@ class TestNearLossless:
         assert made.decisions[0].exact and made.tracks[0].contract is None
 
 
+@given(st.fractions(0, 65535))
+def test_a_weber_fraction_of_16_bits_is_never_larger(k):
+    ratio = at_most(k)
+    assert ratio <= k and max(ratio.numerator, ratio.denominator) < 1 << 16
+    assert k - ratio <= max(Fraction(1, 65535), k * k / 65535)
+
+
 class TestDeadband:
     @given(signals, calibrations, webers, floors)
     def test_no_sample_outside(self, x, calibration, k, floor):
@@ -137,7 +146,7 @@ class TestDeadband:
         settings = Settings("deadband", k=k, floor=floor)
         recording = Recording((channel(x, calibration),))
         y = assert_intact(recording, settings).channels[0].values.astype(np.int64)
-        band = Deadband.from_physical(k, 1, [calibration])
+        band = Deadband.from_physical(at_most(k), 1, [calibration])
         whole = {"lsb": floor.value, "range": floor.value * int(np.ptp(x))}.get(
             floor.kind, floor.value / float(abs(calibration.step))
         )
@@ -174,18 +183,17 @@ class TestDeadband:
     def test_any_recording(self, recording, k, floor):
         assert_intact(recording, Settings("deadband", k=k, floor=floor))
 
-    def test_a_grid_far_from_zero_needs_level_2(self):
-        """Levels are counted from the physical 0, here 10^8 counts off."""
-        x = shapes(400, 5)["noise"]
-        recording = Recording((channel(x, Calibration(1, 10**8, 1)),))
-        made = encode(
-            recording, Settings("deadband", k=Fraction(1, 10**6), floor=Tolerance(30, "lsb"))
-        )
-        for track, packet in zip(made.tracks, made.packets, strict=True):
-            if track.codec == "LPCR":
-                grid = LpcParameters.parse(track.parameters, made.level, 0)
-                decode_predicted(packet.data, grid, packet.span, made.level, 0)
-                assert grid.kn == 0 or made.level.number == 2
+    @pytest.mark.parametrize(("offset", "level"), [(2**24 - 400, 1), (2**25, 2)])
+    def test_a_grid_far_from_zero_needs_level_2(self, offset, level):
+        """Levels are counted from the physical 0."""
+        source = Source((channel(shapes(40, 5)["noise"], Calibration(1, offset, 1)),),
+                        shapes(40, 5)["noise"][:, None], ())  # fmt: skip
+        track = make_track(source, 0, kind="full", codec="LPCR", count_min=-300, count_max=300)
+        grid = LpcParameters(9, -offset, 1, 10)
+        chosen = choose_level([replace(track, parameters=grid.build())])
+        assert chosen.number == level
+        farthest = nearest_level(np.array([300]), grid)
+        assert (farthest <= grid.index_limit(LEVELS[1].count_bound)) == (level == 1)
 
     @pytest.mark.parametrize("preset", ["archive", "deadband"])
     @pytest.mark.parametrize("wrong", [{"bits": 5}, {"step": "1lsb"}])

@@ -20,7 +20,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 TESTS = ["tests/test_kernels.py", "tests/test_codecs_predicted.py"]
-FLAGS = "-std=c99 -g -O1 -Wall -Wextra -Werror -fno-omit-frame-pointer -shared -fPIC".split()
+FLAGS = ["-std=c99", "-g", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
 SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 CHECK = "from hapfmt.kernels import compiled; print(compiled.__file__)"
 
@@ -55,8 +55,8 @@ def runtimes() -> str:
 def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         for name in ("hapfmt", "tests", "conformance"):
-            shutil.copytree(ROOT / name, Path(folder) / name,
-                            ignore=shutil.ignore_patterns("*.so", "*.pyd", "__pycache__"))  # fmt: skip
+            built = shutil.ignore_patterns("*.so", "*.pyd", "__pycache__")
+            shutil.copytree(ROOT / name, Path(folder) / name, ignore=built)
         for name in ("SPEC.md", "README.md", "pyproject.toml"):
             shutil.copy(ROOT / name, folder)
         why = build(Path(folder) / "hapfmt" / "kernels" / "_kernels.abi3.so")
@@ -75,7 +75,7 @@ def main() -> int:
         if not told.stdout.startswith(folder):
             print(f"not run: {(told.stderr or told.stdout).strip()}")
             return 0
-        command = [sys.executable, "-m", "pytest", *(sys.argv[1:] or TESTS)]
+        command = [sys.executable, "-m", "pytest", "--capture=sys", *(sys.argv[1:] or TESTS)]
         return subprocess.run(command, check=False, cwd=folder, env=environment).returncode
 
 

@@ -17,18 +17,23 @@ import numpy as np
 from measured import best_of, print_origin, print_table
 
 import hapfmt
+from hapfmt.codecs import predicted
 from hapfmt.codecs.knots import KnotParameters, build_knots, decode_knots
+from hapfmt.codecs.predicted import decode_indices
 from hapfmt.codecs.quantised import decode_quantised, encode_quantised, quantise
 from hapfmt.codecs.raw import RawParameters, decode_raw, encode_raw
 from hapfmt.deadband import Deadband
 from hapfmt.encoder.codebook import choose_codebook
 from hapfmt.encoder.knots import select_knots
+from hapfmt.encoder.predict import encode_best
 from hapfmt.encoder.split import low_pass
 from hapfmt.limits import LEVELS
 from hapfmt.scenes.stylus import simulate
 
 LEVEL = LEVELS[2]
 SAMPLES = 480_000
+TWIN_SAMPLES = 20_000
+"""Of them, for the loops that take microseconds a sample."""
 
 
 def codecs(counts: np.ndarray, rate: float) -> list[list[object]]:
@@ -65,6 +70,26 @@ def codecs(counts: np.ndarray, rate: float) -> list[list[object]]:
     return rows
 
 
+def predictions(counts: np.ndarray) -> list[list[object]]:
+    """LPCR, lossless: the compiled loops, where they are built, and their readable twins."""
+    rows = []
+    built = predicted.compiled
+    for name, kernel, n in (("compiled", built, len(counts)), ("readable", None, TWIN_SAMPLES)):
+        if name == "compiled" and not built:
+            continue
+        predicted.compiled = kernel
+        x = np.ascontiguousarray(counts[:n, 0])
+        data = encode_best(x)
+        predictor, _, _ = predicted.parse_header(data, 0)
+        rows.append(
+            [f"predicted, {name}", f"{8 * len(data) / n:.3f}",
+             speed(n, lambda v=x, p=predictor: predicted.encode_indices(v, p), 3),
+             speed(n, lambda d=data, m=n: decode_indices(d, m, LEVEL.count_bound, 0), 3)]
+        )  # fmt: skip
+    predicted.compiled = built
+    return rows
+
+
 def whole(recording: hapfmt.Recording) -> list[list[object]]:
     """Files, with analysis, choice of codec and framing."""
     n = recording.sample_count
@@ -73,6 +98,8 @@ def whole(recording: hapfmt.Recording) -> list[list[object]]:
         ("file, default", hapfmt.Settings.of("default")),
         ("file, paper b=5", hapfmt.Settings.of("paper")),
         ("file, paper b=none", hapfmt.Settings.of("paper", bits=0)),
+        ("file, archive", hapfmt.Settings.of("archive")),
+        ("file, deadband", hapfmt.Settings.of("deadband")),
     ):
         stream = io.BytesIO()
         hapfmt.write(recording, stream, settings, canonical=1)
@@ -102,7 +129,8 @@ def flac(counts: np.ndarray, rate: int) -> list[object]:
 
 
 def speed(samples: int, work: object, repeats: int = 5) -> str:
-    return f"{samples / 1e6 / best_of(work, repeats):.1f}"
+    rate = samples / 1e6 / best_of(work, repeats)
+    return f"{rate:.1f}" if rate >= 1 else f"{rate:.3f}"
 
 
 def starts(path: str) -> list[list[object]]:
@@ -132,7 +160,7 @@ def main() -> None:
     counts = recording.channels[0].values.astype(np.int64)[:, None]
     print(f"one channel, {SAMPLES} samples of a simulated texture at 8 kHz; million samples a "
           "second of CPU time\n")  # fmt: skip
-    rows = [*codecs(counts, 8000.0), *whole(recording), flac(counts, 8000)]
+    rows = [*codecs(counts, 8000.0), *predictions(counts), *whole(recording), flac(counts, 8000)]
     print_table(["codec", "b/sample", "encode Ms/s", "decode Ms/s"], rows)
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "one.hapf")

@@ -5,21 +5,28 @@ The readable twin: bit by bit, in the order of the page. kernels/ holds the same
 
 from __future__ import annotations
 
+from collections import defaultdict
+
 from ..errors import FormatError
 
 PROBABILITY_BITS = 16
 LEAST, MOST = 64, 65472
+"""No bit costs less than 0.0014 bits or more than 10."""
+
 COUNT_LIMIT = 250
+"""From here on p moves by 1/252 of the way; q always by 1/16."""
+
 FAST_FROM = 8
+"""Bits that p alone has learned from before q is mixed in."""
+
 RATES = tuple(131072 // (2 * n + 3) for n in range(COUNT_LIMIT + 1))
 """R of SPEC 9.4 for each n."""
 
-CONTEXTS, BUCKETS = 40, 80
+BUCKETS = 80
 ERROR_BITS = 34
 """Bits of a magnitude that the integer model takes (RNG-003)."""
 
 WORD = (1 << 32) - 1
-
 
 OUT_OF_RANGE = "a prediction error of 2^34 or more, or an index beyond 2^32"
 """What an encoder must not ask for."""
@@ -140,13 +147,18 @@ class RangeDecoder:
             )
 
 
+def row_of_models() -> list[BitModel]:
+    return [BitModel() for _ in range(BUCKETS)]
+
+
 class IntegerModel:
     """Signed integers by the scale of those before them."""
 
     def __init__(self) -> None:
         self.f = self.s = self.t = self.g = 0
-        self.buckets = [[BitModel() for _ in range(BUCKETS)] for _ in range(CONTEXTS)]
-        self.halves = [[BitModel() for _ in range(BUCKETS)] for _ in range(CONTEXTS)]
+        # Z and M of SPEC 9.4, by context; the most of the 40 are never met within a packet.
+        self.buckets: defaultdict[int, list[BitModel]] = defaultdict(row_of_models)
+        self.halves: defaultdict[int, list[BitModel]] = defaultdict(row_of_models)
         self.signs = [BitModel() for _ in range(3)]
 
     def scale(self) -> tuple[int, int]:

@@ -24,7 +24,7 @@ from .predict import encode_best
 from .settings import Settings, counts_of
 from .source import Source
 from .tube import fewest_hold, fewest_linear
-from .unit import Bound, Coded, Unit, bound_of, decode_all
+from .unit import Bound, Coded, Unit, bound_of, code_steps, decode_all
 
 Indices = NDArray[np.int64]
 STEP_LIMIT = LEVELS[1].step
@@ -80,6 +80,9 @@ Way = tuple[str, Callable[[Track], Coded]]
 
 def vector_ways(source: Source, bound: Bound) -> Iterable[Way]:
     def held(base: Track) -> Coded:
+        if not bound.slack:
+            # A floor below one count allows no error at all.
+            return code_steps(source, bound, base)
         return code_knots_by(source, base, "hold", lambda rows: vector_steps(rows, bound.band))
 
     return [("held steps of the vector", held)]

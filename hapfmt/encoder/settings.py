@@ -34,8 +34,8 @@ ARCHIVE_CLUSTER = Fraction(10)
 """Seconds (SPEC clause 13)."""
 
 LEARNING, LONGEST_CLUSTER = 4096, Fraction(120)
-"""Samples after which adaptive models have learned most (shorter packets cost 1-4 % more, measured),
-and the seconds that a slow channel may wait for them."""
+"""Samples after which adaptive models have learned most (shorter packets cost 1-4 % more,
+measured), and the seconds that a slow channel may wait for them."""
 
 RANGE_FLOOR = Tolerance(0.002, "range")
 """0.2 % of the channel's own range: a floor for any quantity, not only for forces."""
@@ -47,10 +47,11 @@ class Settings:
 
     k: the Weber fraction. floor: absolute floor of the deadband. bits: the paper's
     range-derived quantiser (0: no HF track, None: use ``step``). step: explicit step of the
-    residual. cutoff_hz of the split. cluster: seconds (None: as the preset needs). tolerance: allows true doubles to be put on
-    a lattice. interpolation of the knots. digest: write SHA-256 of the decoded tracks. vectors:
-    "required" raises where channels of one group cannot be coded as one vector, "possible" codes
-    them apart. Amounts may be given as their texts ("0.2%", "1lsb"), numbers as any number.
+    residual. cutoff_hz of the split. cluster: seconds (None: as the preset needs). tolerance:
+    allows true doubles to be put on a lattice. interpolation of the knots. digest: write SHA-256
+    of the decoded tracks. max_error: of preset near-lossless. vectors: "required" raises where
+    channels of one group cannot be coded as one vector, "possible" codes them apart. Amounts
+    may be given as their texts ("0.2%", "1lsb"), numbers as any number.
     """
 
     preset: Preset = "default"
@@ -128,20 +129,33 @@ class Settings:
         return Tolerance(allowed * float(PAPER_TOLERANCE)) if allowed else None
 
     def describe(self) -> str:
-        """For the file's metadata: what was asked for, as the command line says it."""
-        parts = {
-            "k": float(self.k),
-            "floor": text_of(self.floor),
-            "bits": self.bits,
-            "step": text_of(self.step),
-            "cutoff": self.cutoff_hz,
-            "cluster": float(self.cluster) if self.cluster else None,
-            "tolerance": text_of(self.tolerance),
-            "interpolation": self.interpolation,
-            "max-error": text_of(self.max_error),
-        }
-        given = [f"{name}={value}" for name, value in parts.items() if value is not None]
-        return " ".join([self.preset, *given])
+        """For the file's metadata: the preset and what departs from it, as the command line says
+        it."""
+        usual = Settings.of(self.preset, max_error=self.max_error)
+        departs = [
+            f"--{option} {written(getattr(self, name))}"
+            for name, option in OPTIONS.items()
+            if getattr(self, name) != getattr(usual, name)
+            or (name == "max_error" and self.max_error)
+        ]
+        return " ".join([self.preset, *departs])
+
+
+OPTIONS = {
+    "k": "k",
+    "floor": "floor",
+    "bits": "bits",
+    "step": "step",
+    "max_error": "max-error",
+    "cutoff_hz": "cutoff",
+    "cluster": "cluster",
+    "tolerance": "tolerance",
+    "interpolation": "interpolation",
+}
+
+
+def written(value: object) -> str:
+    return text_of(value) or "" if isinstance(value, Tolerance) else str(value)
 
 
 def amount(value: Any) -> Tolerance | None:

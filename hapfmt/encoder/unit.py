@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from math import isqrt
+from math import ceil, isqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,8 +145,8 @@ def for_the_source(
 
     A source that was put on a lattice is up to d counts away from its count, and the count of the
     physical 0 may be half a count from it: m = (1 + k) d + k / 2 is the room that takes. Below the
-    floor F, F - m leaves it. Weber's part counts from the larger of F and one count on, G / k counts
-    from 0: there k' = k (G - m) / G leaves it.
+    floor F, F - m leaves it. Weber's part counts from G, the larger of F and one count, on, G / k
+    counts from 0: there k' = k (G - m) / G leaves it.
     """
     moved = max(
         (
@@ -166,8 +166,11 @@ def for_the_source(
 
 def at_most(k: Fraction) -> Fraction:
     """k as a fraction of 16-bit terms, never larger where it does not fit."""
-    ratio = k.limit_denominator(FRACTION_LIMIT - 1)
-    return ratio if ratio <= k else Fraction(int(k * (FRACTION_LIMIT - 1)), FRACTION_LIMIT - 1)
+    largest = FRACTION_LIMIT - 1
+    ratio = k.limit_denominator(largest)
+    if ratio <= k and ratio.numerator <= largest:
+        return ratio
+    return Fraction(int(k * largest), largest) if k < 1 else Fraction(largest, ceil(largest / k))
 
 
 def contract_of(band: Deadband, x: NDArray[np.int64], y: NDArray[np.int64]) -> Contract:
