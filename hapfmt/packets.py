@@ -10,7 +10,7 @@ from typing import NamedTuple
 from .catalogue import Catalogue, ChunkRef
 from .container.cluster import Packet, parse_cluster, salvage_cluster
 from .container.walk import header_at, read_chunk
-from .errors import FormatError
+from .errors import ChecksumError, FormatError
 from .numbers import exact
 
 Seconds = Fraction | float | int
@@ -104,7 +104,11 @@ class PacketPass:
         """The packets of one DATA chunk; damaged ones are reported instead."""
         catalogue = self.catalogue
         chunk = read_chunk(catalogue.source, ref.offset)
-        assert chunk is not None, "holds() looked at every header"
+        if chunk is None:
+            # Its header stood there when the file was opened.
+            raise ChecksumError(
+                "the file changed while it was read", offset=ref.offset, path=catalogue.source.path
+            )
         at, size = chunk.payload_offset, len(chunk.payload)
         if chunk.intact:
             try:

@@ -208,3 +208,14 @@ class TestDeadband:
             for preset in ("default", "deadband")
         ]
         assert sizes[1] <= sizes[0]
+
+
+def test_near_lossless_counts_the_deviation_of_the_lattice():
+    x = np.random.default_rng(1).normal(size=900)
+    recording = Recording((Channel.from_physical(x, 1000, unit="N"),))
+    settings = Settings.of("near-lossless", max_error="0.01", tolerance="0.004")
+    stream = io.BytesIO()
+    hapfmt.write(recording, stream, settings, canonical=1)
+    back = hapfmt.read(stream.getvalue()).channels[0]
+    assert back.deviation is not None and back.deviation.largest > 0.001
+    assert np.abs(back.physical() - x).max() <= 0.01

@@ -429,3 +429,16 @@ class TestStrict:
         with pytest.raises(FormatError) as error:
             hapfmt.read(path)
         assert str(error.value) == f"{path}:0x0: not a hapf file: no signature [FIL-001]"
+
+
+def test_a_file_that_changes_while_it_is_read(tmp_path):
+    path = tmp_path / "a.hapf"
+    path.write_bytes(f.minimal())
+    with Reader(path) as reader:
+        pieces = reader.pieces(list(reader.catalogue.tracks.values()))
+        reader.scan()
+        with path.open("r+b") as stream:
+            stream.seek(reader.catalogue.data[0].offset)
+            stream.write(b"gone")
+        with pytest.raises(FormatError, match="changed while it was read"):
+            list(pieces)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,11 +43,14 @@ def encode_within(source: Source, base: Track, settings: Settings) -> Unit:
 
 
 def encode_near(source: Source, base: Track, settings: Settings) -> Unit:
-    """No sample further than ``max_error`` away."""
-    calibration = source.channels[0].calibration
+    """No sample of the source further than ``max_error`` away, its lattice's deviation included."""
+    channel = source.channels[0]
+    calibration = channel.calibration
     assert settings.max_error is not None and calibration is not None
-    extent = int(np.ptp(source.counts))
-    error = min(int(counts_of(settings.max_error, calibration, extent)), STEP_LIMIT // 2 - 1)
+    allowed = counts_of(settings.max_error, calibration, int(np.ptp(source.counts)))
+    if channel.deviation is not None:
+        allowed -= Fraction(channel.deviation.largest) / abs(calibration.step)
+    error = min(max(int(allowed), 0), STEP_LIMIT // 2 - 1)
     grid = LpcParameters(step=2 * error + 1)
     coded = code_grid(source, base, grid, nearest_uniform)
     if not error:
