@@ -52,3 +52,9 @@ def parse_varint(data: bytes, position: int, base: int = 0) -> tuple[int, int]:
 
 def build_svarint(value: int) -> bytes:
     return build_varint(2 * value if value >= 0 else -2 * value - 1)
+
+
+def parse_svarint(data: bytes, position: int, base: int = 0) -> tuple[int, int]:
+    """As parse_varint, signed."""
+    number, after = parse_varint(data, position, base)
+    return (number >> 1) ^ -(number & 1), after

@@ -94,3 +94,9 @@ TICK_LIMIT = 1 << 48
 
 EXACT_LIMIT = 1 << 53
 """Integers up to here are exact in IEEE 754 binary64."""
+
+AFFINE_LIMIT = 1 << 52
+"""A and B of a calibration stay below, so that a svarint holds them (SPEC VAL-001)."""
+
+SINGLE_MAX = 2.0**128 - 2.0**104
+"""Largest binary32."""

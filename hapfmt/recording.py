@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import LimitError, ParameterError
-from .limits import EXACT_LIMIT, TICK_LIMIT
+from .limits import AFFINE_LIMIT, EXACT_LIMIT, TICK_LIMIT
 from .numbers import exact
 
 
@@ -44,7 +44,7 @@ class Calibration:
     """Physical value = (count * a + b) / d, exact as a Fraction; d >= 1, a != 0.
 
     As float64 it is one correctly rounded division, the same on every machine, since
-    ``|count * a + b|`` and d are at most 2**53.
+    ``|count * a + b|`` is at most 2**53, and d less.
     """
 
     a: int = 1
@@ -57,10 +57,10 @@ class Calibration:
                 object.__setattr__(self, name, index(getattr(self, name)))
         except TypeError:
             raise ParameterError("a calibration holds three integers") from None
-        if not (0 < abs(self.a) <= EXACT_LIMIT and abs(self.b) <= EXACT_LIMIT):
-            raise ParameterError("calibration needs 0 < |A| <= 2^53 and |B| <= 2^53")
-        if not 1 <= self.d <= EXACT_LIMIT:
-            raise ParameterError("calibration needs 1 <= D <= 2^53")
+        if not (0 < abs(self.a) < AFFINE_LIMIT and abs(self.b) < AFFINE_LIMIT):
+            raise ParameterError("calibration needs 0 < |A| < 2^52 and |B| < 2^52")
+        if not 1 <= self.d < EXACT_LIMIT:
+            raise ParameterError("calibration needs 1 <= D < 2^53")
 
     @property
     def step(self) -> Fraction:

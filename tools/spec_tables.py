@@ -23,7 +23,7 @@ def type_name(field: object) -> str:
     if code is None:
         return f"byte[{inner.sizeof()}]"
     return {
-        "<B": "u8", "<H": "u16", "<L": "u32", "<Q": "u64", "<l": "i32", "<q": "i64", "<d": "f64",
+        "<B": "u8", "<H": "u16", "<L": "u32", "<Q": "u64", "<l": "i32", "<q": "i64", "<f": "f32",
     }[code]  # fmt: skip
 
 

@@ -9,10 +9,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.layout import LPCR_PARAMETERS
-from ..container.wire import parse_fixed
 from ..errors import FormatError, TruncatedError
-from ..integers import build_svarint, parse_varint
+from ..integers import build_svarint, build_varint, parse_svarint, parse_varint
 from ..kernels import compiled
 from ..limits import Level
 from .adaptive import OUT_OF_RANGE, BitModel, IntegerModel, RangeDecoder, RangeEncoder
@@ -25,6 +23,8 @@ STEP_UP_LIMIT = 1 << 36
 COEFFICIENT_LIMIT = 1 << 21
 SHIFT = 13
 """Coefficients are multiples of 2**-13."""
+
+ZERO_LIMIT, FRACTION_LIMIT = 1 << 31, 1 << 16
 
 INDEX_LIMIT = 1 << 32
 """Largest magnitude of an index at any level."""
@@ -55,34 +55,29 @@ class LpcParameters:
         return DEADBAND if self.kn else UNIFORM
 
     def build(self) -> bytes:
-        return bytes(
-            LPCR_PARAMETERS.build(
-                {
-                    "grid": self.grid,
-                    "reserved": bytes(3),
-                    "step": self.step,
-                    "kn": self.kn,
-                    "kd": self.kd,
-                    "zero": self.zero,
-                }
-            )
-        )
+        out = bytes([self.grid]) + build_varint(self.step) + build_svarint(self.zero)
+        return out + build_varint(self.kn) + build_varint(self.kd) if self.grid else out
 
     @classmethod
     def parse(cls, data: bytes, level: Level, offset: int) -> LpcParameters:
-        raw = parse_fixed(LPCR_PARAMETERS, data, 0, "COD-002", offset)
-        if len(data) != LPCR_PARAMETERS.sizeof():
-            raise FormatError("LPCR parameters too long", requirement="COD-002", offset=offset)
-        if any(raw.reserved):
-            raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=offset + 1)
-        if raw.grid == UNIFORM:
-            fits = raw.kn == 0 and raw.kd == 1 and raw.step > 0
-        else:
-            fits = raw.grid == DEADBAND and raw.kn > 0 and raw.kd > 0
+        if not data:
+            raise TruncatedError("no LPCR parameters", requirement="COD-002", offset=offset)
+        grid, kn, kd = data[0], 0, 1
+        step, position = parse_varint(data, 1, offset)
+        zero, position = parse_svarint(data, position, offset)
+        fits = grid in (UNIFORM, DEADBAND) and -ZERO_LIMIT <= zero < ZERO_LIMIT
+        if grid == UNIFORM:
+            fits = fits and step > 0
+        elif fits:
+            kn, position = parse_varint(data, position, offset)
+            kd, position = parse_varint(data, position, offset)
+            fits = 0 < kn < FRACTION_LIMIT and 0 < kd < FRACTION_LIMIT
         if not fits:
             raise FormatError("a grid that is not defined", requirement="LPC-002", offset=offset)
-        level.check("step", raw.step, "LPC-002", offset + 4)
-        return cls(raw.step, raw.zero, raw.kn, raw.kd)
+        if position != len(data):
+            raise FormatError("LPCR parameters too long", requirement="COD-002", offset=offset)
+        level.check("step", step, "LPC-002", offset + 1)
+        return cls(step, zero, kn, kd)
 
     def counts(self, indices: NDArray[np.int64], bound: int) -> NDArray[np.int64]:
         """Counts of indices that lie on the grid."""
@@ -176,8 +171,7 @@ def parse_header(data: bytes, offset: int) -> tuple[Predictor, bool, int]:
     )
     if wrong:
         raise FormatError("a predictor that is not defined", requirement="LPC-004", offset=offset)
-    number, position = parse_varint(data, 2 + order, offset)
-    base = number >> 1 if number % 2 == 0 else -(number >> 1) - 1
+    base, position = parse_svarint(data, 2 + order, offset)
     return Predictor(difference, ks, base, bool(flags & REPEATS)), constant, position
 
 

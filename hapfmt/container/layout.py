@@ -9,7 +9,7 @@ from __future__ import annotations
 from construct import (
     Bytes,
     Construct,
-    Float64l,
+    Float32l,
     Int8ul,
     Int16ul,
     Int32sl,
@@ -52,12 +52,14 @@ TRAK = Struct(
     "component_count" / Int8ul * "components of each track",
     "kind" / Int8ul * "0 full band, 1 LF, 2 HF residual, 3 events (reserved)",
     "number_format" / Int8ul * "0 counts, 1 int64, 2 uint64, 3 binary16, 4 binary32, 5 binary64",
-    "codec" / Bytes(4) * "codec, four ASCII characters",
+    "codec" / Bytes(4) * "codec, four ASCII characters; with setups that of the first track",
     "rate_num" / Int32ul * "numerator of the rate in ticks per second",
     "rate_den" / Int32ul * "denominator of the rate",
-    "count_min" / Int32sl * "declared range of a decoded count, lowest",
-    "count_max" / Int32sl * "declared range of a decoded count, highest",
-    "first_channel" / Int16ul * "channel number of the first component; the others follow on",
+    "count_min" / Int32sl * "declared range of a decoded count, lowest of all tracks",
+    "count_max" / Int32sl * "declared range of a decoded count, highest of all tracks",
+    "first_channel"
+    / Int16ul
+    * "channel number of the first component; the others follow on, unless listed",
     "base" / Int16ul * "HF: id of the first track's base track; else 0xFFFF",
 )
 
@@ -66,26 +68,9 @@ TLV = Struct(
     "size" / Int16ul * "size of the value in bytes",
 )
 
-CALIBRATION = Struct(
-    "a" / Int64sl * "A",
-    "b" / Int64sl * "B",
-    "d" / Int64ul * "D",
-)
-
-DEADBAND = Struct(
-    "kn" / Int16ul * "numerator of the Weber fraction",
-    "kd" / Int16ul * "denominator of the Weber fraction",
-    "flags" / Int8ul * "bit 0 vector form, bit 1 guaranteed; others 0",
-)
-
-DEADBAND_ENTRY = Struct(
-    "floor" / Int32ul * "absolute floor in counts",
-    "zero" / Int32sl * "count of the physical value 0",
-)
-
 DEVIATION = Struct(
-    "declared" / Float64l * "tolerance that the caller declared, in the unit of the channel",
-    "largest" / Float64l * "largest deviation found, in the unit of the channel",
+    "declared" / Float32l * "tolerance that the caller declared, in the unit of the channel",
+    "largest" / Float32l * "largest deviation found, in the unit of the channel",
 )
 
 INDEX = Struct(
@@ -127,23 +112,11 @@ RAWB_PARAMETERS = Struct(
     "reserved" / Bytes(3) * "0",
 )
 
-LPCR_PARAMETERS = Struct(
-    "grid" / Int8ul * "0 uniform, 1 deadband",
-    "reserved" / Bytes(3) * "0",
-    "step" / Int32ul * "counts per index; deadband grid: the floor in counts",
-    "kn" / Int16ul * "deadband grid: numerator of the Weber fraction; else 0",
-    "kd" / Int16ul * "deadband grid: denominator of the Weber fraction; else 1",
-    "zero" / Int32sl * "count of index 0",
-)
-
 TABLES: dict[str, Construct] = {
     "chunk header": CHUNK_HEADER,
     "HEAD": HEAD,
     "TRAK": TRAK,
     "TLV": TLV,
-    "calibration": CALIBRATION,
-    "deadband": DEADBAND,
-    "deadband entry": DEADBAND_ENTRY,
     "deviation": DEVIATION,
     "iNDX": INDEX,
     "iNDX entry": INDEX_ENTRY,
@@ -151,6 +124,5 @@ TABLES: dict[str, Construct] = {
     "KNOT parameters": KNOT_PARAMETERS,
     "QUAN parameters": QUAN_PARAMETERS,
     "RAWB parameters": RAWB_PARAMETERS,
-    "LPCR parameters": LPCR_PARAMETERS,
 }
 """Name of each table in SPEC.md and its declaration, in the order of the SPEC."""

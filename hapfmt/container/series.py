@@ -5,16 +5,30 @@ What this reader does not understand of a track does not stop it: ``Track.unsupp
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any
 
-from construct import Struct
-
 from ..errors import FormatError, ParameterError
 from ..limits import EXACT_LIMIT, LAST_TRACK_ID, Level
-from .layout import CALIBRATION, DEADBAND, DEADBAND_ENTRY, DEVIATION, TRAK
+from .layout import TRAK
+from .lists import (
+    Range,
+    Setup,
+    build_calibration,
+    build_channels,
+    build_contracts,
+    build_deviation,
+    build_range,
+    build_setups,
+    entries_of,
+    parse_calibration,
+    parse_channels,
+    parse_contract,
+    parse_deviation,
+    parse_ranges,
+    parse_setups,
+)
 from .tlv import build_strings, build_tlvs, parse_strings, parse_text, parse_tlvs, share, spread
 from .track import (
     CODECS,
@@ -29,8 +43,10 @@ from .track import (
 )
 from .wire import NO_TRACK, parse_fixed
 
-PARAMETERS, LABEL, CALIBRATIONS, UNIT, QUANTITY, AXIS, GROUP = 1, 2, 3, 4, 6, 8, 10
-BODY_SITE, DEVICE, CONTRACT, DEVIATIONS, WEIGHTS, PROVENANCE = 12, 14, 16, 18, 20, 22
+PARAMETERS, LABEL, CALIBRATIONS, UNIT, SETUPS, QUANTITY, RANGES = 1, 2, 3, 4, 5, 6, 7
+AXIS, CHANNELS, GROUP, BODY_SITE, DEVICE, CONTRACT = 8, 9, 10, 12, 14, 16
+DEVIATIONS, WEIGHTS, PROVENANCE = 18, 20, 22
+CRITICAL = (PARAMETERS, CALIBRATIONS, SETUPS, RANGES, CHANNELS)
 STRINGS = {
     LABEL: "label",
     UNIT: "unit",
@@ -41,6 +57,8 @@ STRINGS = {
     DEVICE: "device",
 }
 INHERITED = frozenset(STRINGS) | {CALIBRATIONS, DEVIATIONS}
+RANGE_OFFSET, CHANNEL_OFFSET = 16, 24
+"""Of count_min and first_channel in the layout."""
 
 Tlvs = dict[int, tuple[int, bytes]]
 
@@ -51,22 +69,11 @@ def build_series(series: Sequence[Track]) -> bytes:
     components = [component for track in series for component in track.components]
     if len(components) > SERIES_SIZE:
         raise ParameterError("a track has at most 255 components")
-    values = {PARAMETERS: first.parameters} if first.parameters else {}
+    values = build_what_differs(series)
     if first.base is None:
-        calibrations = share([component.calibration for component in components])
-        if list(calibrations) != [IDENTITY]:
-            values[CALIBRATIONS] = b"".join(CALIBRATION.build(c._asdict()) for c in calibrations)
-        for type_, name in STRINGS.items():
-            items = [getattr(component, name) for component in components]
-            if any(item != getattr(Component, name) for item in items):
-                values[type_] = build_strings(items)
-        deviations = share([component.deviation or (0.0, 0.0) for component in components])
-        if any(component.deviation for component in components):
-            values[DEVIATIONS] = b"".join(
-                DEVIATION.build({"declared": d, "largest": x}) for d, x in deviations
-            )
-    if first.contract:
-        values[CONTRACT] = build_contract([t.contract for t in series if t.contract])
+        values |= build_described(components)
+    if any(track.contract for track in series):
+        values[CONTRACT] = build_contracts([track.contract for track in series])
     if first.provenance:
         values[PROVENANCE] = first.provenance.encode("utf-8")
     fixed = TRAK.build(
@@ -78,8 +85,8 @@ def build_series(series: Sequence[Track]) -> bytes:
             "codec": first.codec.encode("ascii"),
             "rate_num": first.rate.numerator,
             "rate_den": first.rate.denominator,
-            "count_min": first.count_min,
-            "count_max": first.count_max,
+            "count_min": min(track.count_min for track in series),
+            "count_max": max(track.count_max for track in series),
             "first_channel": first.first_channel,
             "base": NO_TRACK if first.base is None else first.base,
         }
@@ -87,13 +94,39 @@ def build_series(series: Sequence[Track]) -> bytes:
     return bytes(fixed) + build_tlvs(values)
 
 
-def build_contract(contracts: Sequence[Contract]) -> bytes:
-    first = contracts[0]
-    entries = share([pair for c in contracts for pair in zip(c.floor, c.zero, strict=True)])
-    flags = first.vector | first.guaranteed << 1
-    return bytes(DEADBAND.build({"kn": first.kn, "kd": first.kd, "flags": flags})) + b"".join(
-        DEADBAND_ENTRY.build({"floor": floor, "zero": zero}) for floor, zero in entries
-    )
+def build_what_differs(series: Sequence[Track]) -> dict[int, bytes]:
+    """Codec parameters, and what a track may have of its own: TLVs 1, 5, 7 and 9."""
+    first, values = series[0], {}
+    if len({(track.codec, track.parameters) for track in series}) > 1:
+        values[SETUPS] = build_setups(series)
+    elif first.parameters:
+        values[PARAMETERS] = first.parameters
+    if len({(track.count_min, track.count_max) for track in series}) > 1:
+        values[RANGES] = b"".join(build_range(t.count_min, t.count_max) for t in series)
+    firsts = [track.first_channel for track in series]
+    if firsts != follow_on(firsts[0], len(first.components), len(series)):
+        values[CHANNELS] = build_channels(firsts)
+    return values
+
+
+def follow_on(first: int, step: int, count: int) -> list[int]:
+    return [first + step * i for i in range(count)]
+
+
+def build_described(components: Sequence[Component]) -> dict[int, bytes]:
+    """What is listed per component."""
+    values = {}
+    calibrations = share([component.calibration for component in components])
+    if list(calibrations) != [IDENTITY]:
+        values[CALIBRATIONS] = b"".join(map(build_calibration, calibrations))
+    for type_, name in STRINGS.items():
+        items = [getattr(component, name) for component in components]
+        if any(item != getattr(Component, name) for item in items):
+            values[type_] = build_strings(items)
+    deviations = share([component.deviation for component in components])
+    if any(deviations):
+        values[DEVIATIONS] = b"".join(map(build_deviation, deviations))
+    return values
 
 
 def parse_series(payload: bytes, first_id: int, level: Level, offset: int) -> list[Track]:
@@ -101,15 +134,18 @@ def parse_series(payload: bytes, first_id: int, level: Level, offset: int) -> li
     raw = parse_fixed(TRAK, payload, 0, "TLV-002", offset)
     if min(raw.track_count, raw.component_count, raw.rate_num, raw.rate_den) < 1:
         raise FormatError("a count or a rate of 0", requirement="TRK-002", offset=offset)
-    total = raw.track_count * raw.component_count
-    if total > SERIES_SIZE:
-        raise FormatError(f"{total} components in one series", requirement="TRK-002", offset=offset)
-    if first_id + raw.track_count - 1 > LAST_TRACK_ID:
+    count, size = raw.track_count, raw.component_count
+    if count * size > SERIES_SIZE:
+        raise FormatError(
+            f"{count * size} components in one series", requirement="TRK-002", offset=offset
+        )
+    if first_id + count - 1 > LAST_TRACK_ID:
         raise FormatError("track id above 65533", requirement="TRK-003", offset=offset)
-    if raw.first_channel + total > NO_TRACK:
-        raise FormatError("channel number above 65534", requirement="TRK-010", offset=offset + 24)
     tlvs = parse_tlvs(payload, TRAK.sizeof(), offset)
-    unsupported = find_unsupported(raw, tlvs)
+    setups = setups_of(raw, tlvs)
+    ranges = ranges_of(raw, tlvs, offset)
+    firsts = channels_of(raw, tlvs, offset)
+    unknown = find_unsupported(raw, tlvs)
     kind = KINDS[raw.kind] if raw.kind < len(KINDS) else f"kind {raw.kind}"
     format_ = (
         NUMBER_FORMATS[raw.number_format]
@@ -117,92 +153,148 @@ def parse_series(payload: bytes, first_id: int, level: Level, offset: int) -> li
         else f"format {raw.number_format}"
     )
     base = None if raw.base == NO_TRACK else raw.base
-    components = tuple(parse_components(tlvs, total))
-    contract = parse_contract(tlvs, total)
-    if unsupported is None:
-        check_kind(raw, tlvs, level, offset)
-        if contract is not None and format_ != "counts":
-            raise FormatError("a deadband contract on words", requirement="TRK-006", offset=offset)
-        check_range(raw, components, offset)
-    size = raw.component_count
+    components = tuple(parse_components(tlvs, count * size))
+    contracts = contracts_of(tlvs, count, size)
     text_offset, text = tlvs.get(PROVENANCE, (0, b""))
-    return [
+    tracks = [
         Track(
             id=first_id + i,
             kind=kind,
-            codec=raw.codec.decode("latin-1"),
+            codec=setups[i][0].decode("latin-1"),
             rate=Fraction(raw.rate_num, raw.rate_den),
-            first_channel=raw.first_channel + i * size,
+            first_channel=firsts[i],
             components=components[i * size : (i + 1) * size],
-            parameters=tlvs.get(PARAMETERS, (0, b""))[1],
+            parameters=setups[i][1],
             number_format=format_,
-            count_min=raw.count_min,
-            count_max=raw.count_max,
+            count_min=ranges[i][0],
+            count_max=ranges[i][1],
             base=None if base is None else base + i,
-            contract=contract and cut_contract(contract, i * size, size),
+            contract=contracts[i],
             provenance=parse_text(text, text_offset),
-            unsupported=unsupported,
+            unsupported=unknown or unknown_codec(setups[i][0]),
             offset=offset,
         )
-        for i in range(raw.track_count)
+        for i in range(count)
     ]
+    for track in tracks:
+        if track.unsupported is None:
+            check_kind(track, tlvs, level, offset)
+            check_exact(track, offset)
+    return tracks
+
+
+def setups_of(raw: Any, tlvs: Tlvs) -> list[Setup]:
+    """TRK-013."""
+    if SETUPS not in tlvs:
+        return [(raw.codec, tlvs.get(PARAMETERS, (0, b""))[1])] * int(raw.track_count)
+    offset, value = tlvs[SETUPS]
+    setups = parse_setups(value, offset, raw.track_count)
+    if PARAMETERS in tlvs or setups[0][0] != raw.codec:
+        raise FormatError(
+            "setups beside other codec parameters, or another first codec",
+            requirement="TRK-013",
+            offset=offset,
+        )
+    return setups
+
+
+def ranges_of(raw: Any, tlvs: Tlvs, offset: int) -> list[Range]:
+    """TRK-014."""
+    hull = raw.count_min, raw.count_max
+    if RANGES not in tlvs:
+        return [hull] * int(raw.track_count)
+    at, value = tlvs[RANGES]
+    ranges = parse_ranges(value, at, raw.track_count)
+    if hull != (min(low for low, _ in ranges), max(high for _, high in ranges)):
+        raise FormatError(
+            "count_min and count_max are not the ends of all ranges",
+            requirement="TRK-014",
+            offset=offset + RANGE_OFFSET,
+        )
+    return ranges
+
+
+def channels_of(raw: Any, tlvs: Tlvs, offset: int) -> list[int]:
+    """The first channel number of each track (TRK-010, TRK-015)."""
+    count, size = raw.track_count, raw.component_count
+    if CHANNELS in tlvs:
+        at, value = tlvs[CHANNELS]
+        firsts = parse_channels(value, at, count)
+        if firsts[0] != raw.first_channel:
+            raise FormatError(
+                "first_channel and the list of channels differ", requirement="TRK-015", offset=at
+            )
+    else:
+        at, firsts = offset + CHANNEL_OFFSET, follow_on(raw.first_channel, size, count)
+    if max(firsts) + size > NO_TRACK:
+        raise FormatError("channel number above 65534", requirement="TRK-010", offset=at)
+    return firsts
+
+
+def contracts_of(tlvs: Tlvs, count: int, size: int) -> Sequence[Contract | None]:
+    if CONTRACT not in tlvs:
+        return [None] * count
+    offset, value = tlvs[CONTRACT]
+    found = list(entries_of(value, offset, lambda cursor: parse_contract(cursor, size)))
+    return spread(found, count, offset)
 
 
 def find_unsupported(raw: Any, tlvs: Tlvs) -> str | None:
-    """What of a track this reader does not know (TRK-004, TRK-011, TLV-003)."""
-    kind, format_, codec = raw.kind, raw.number_format, raw.codec
-    if kind >= len(KINDS):
-        return f"kind {kind} [TRK-004]"
-    if format_ >= len(NUMBER_FORMATS):
-        return f"number format {format_} [TRK-004]"
-    if codec not in [name.encode() for name in CODECS]:
-        return f"codec {codec.decode('latin-1')!r} [TRK-011]"
-    critical = [type_ for type_ in tlvs if type_ % 2 and type_ not in (PARAMETERS, CALIBRATIONS)]
+    """What of all tracks this reader does not know (TRK-004, TLV-003)."""
+    if raw.kind >= len(KINDS):
+        return f"kind {raw.kind} [TRK-004]"
+    if raw.number_format >= len(NUMBER_FORMATS):
+        return f"number format {raw.number_format} [TRK-004]"
+    critical = [type_ for type_ in tlvs if type_ % 2 and type_ not in CRITICAL]
     return f"critical TLV {critical[0]} [TLV-003]" if critical else None
 
 
-def check_kind(
-    raw: Any,
-    tlvs: Tlvs,
-    level: Level,
-    offset: int,
-) -> None:
+def unknown_codec(codec: bytes) -> str | None:
+    """TRK-011."""
+    if codec in [name.encode() for name in CODECS]:
+        return None
+    return f"codec {codec.decode('latin-1')!r} [TRK-011]"
+
+
+def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
     """TRK-005 to TRK-009, as far as one chunk tells."""
-    low, high, base = raw.count_min, raw.count_max, raw.base
-    kind, counts = KINDS[raw.kind], raw.number_format == 0
-    bound = 1 << ((level.residual_bits if kind == "hf" else level.count_bits) - 1)
+    low, high, hf = track.count_min, track.count_max, track.kind == "hf"
+    bound = 1 << ((level.residual_bits if hf else level.count_bits) - 1)
     if low > high or low < -bound or high >= bound:
         raise FormatError(
             f"declared range {low} to {high} does not fit level {level.number}",
             requirement="TRK-005",
-            offset=offset + 16,
+            offset=offset + RANGE_OFFSET,
         )
-    if not counts and (
-        kind != "full" or raw.codec != b"RAWB" or low or high or CALIBRATIONS in tlvs
+    words = track.number_format != "counts"
+    if words and (
+        (track.kind, track.codec) != ("full", "RAWB") or low or high or CALIBRATIONS in tlvs
     ):
         raise FormatError(
             "words need kind full band, codec RAWB, range 0, no calibration",
             requirement="TRK-006",
             offset=offset,
         )
-    if kind == "hf" and base == NO_TRACK:
+    if words and track.contract is not None:
+        raise FormatError("a deadband contract on words", requirement="TRK-006", offset=offset)
+    if hf and track.base is None:
         raise FormatError(
             "HF track without a base track", requirement="TRK-007", offset=offset + 26
         )
-    if kind != "hf" and base != NO_TRACK:
+    if not hf and track.base is not None:
         raise FormatError(
             "base track named by a track that is not HF", requirement="TRK-008", offset=offset + 26
         )
-    if kind == "hf" and INHERITED & tlvs.keys():
+    if hf and INHERITED & tlvs.keys():
         raise FormatError(
             "HF track describes what it has from its base", requirement="TRK-009", offset=offset
         )
 
 
-def check_range(raw: Any, components: Sequence[Component], offset: int) -> None:
+def check_exact(track: Track, offset: int) -> None:
     """VAL-002."""
-    ends = (raw.count_min, raw.count_max)
-    for a, b, _ in {component.calibration for component in components}:
+    ends = (track.count_min, track.count_max)
+    for a, b, _ in {component.calibration for component in track.components}:
         if max(max(abs(end * a), abs(end * a + b)) for end in ends) > EXACT_LIMIT:
             raise FormatError(
                 "count * A + B above 2^53 within the declared range",
@@ -212,8 +304,14 @@ def check_range(raw: Any, components: Sequence[Component], offset: int) -> None:
 
 
 def parse_components(tlvs: Tlvs, count: int) -> Iterator[Component]:
-    calibrations = parse_calibrations(tlvs, count)
-    deviations = parse_deviations(tlvs, count)
+    calibrations: Sequence[Affine] = [IDENTITY] * count
+    if CALIBRATIONS in tlvs:
+        offset, value = tlvs[CALIBRATIONS]
+        calibrations = spread(list(entries_of(value, offset, parse_calibration)), count, offset)
+    deviations: Sequence[tuple[float, float] | None] = [None] * count
+    if DEVIATIONS in tlvs:
+        offset, value = tlvs[DEVIATIONS]
+        deviations = spread(list(entries_of(value, offset, parse_deviation)), count, offset)
     strings = {
         name: parse_strings(tlvs[type_][1], count, tlvs[type_][0]) if type_ in tlvs else None
         for type_, name in STRINGS.items()
@@ -221,68 +319,3 @@ def parse_components(tlvs: Tlvs, count: int) -> Iterator[Component]:
     for i in range(count):
         named = {name: items[i] for name, items in strings.items() if items}
         yield Component(calibrations[i], deviation=deviations[i], **named)
-
-
-def parse_calibrations(tlvs: Tlvs, count: int) -> Sequence[Affine]:
-    if CALIBRATIONS not in tlvs:
-        return [IDENTITY] * count
-    offset, value = tlvs[CALIBRATIONS]
-    entries = []
-    for raw, at in entries_of(CALIBRATION, value, 0, offset):
-        if not 1 <= raw.d <= EXACT_LIMIT or raw.a == 0 or max(abs(raw.a), abs(raw.b)) > EXACT_LIMIT:
-            raise FormatError("calibration out of its bounds", requirement="VAL-001", offset=at)
-        entries.append(Affine(raw.a, raw.b, raw.d))
-    return spread(entries, count, offset)
-
-
-def parse_deviations(tlvs: Tlvs, count: int) -> Sequence[tuple[float, float] | None]:
-    if DEVIATIONS not in tlvs:
-        return [None] * count
-    offset, value = tlvs[DEVIATIONS]
-    entries: list[tuple[float, float] | None] = []
-    for raw, at in entries_of(DEVIATION, value, 0, offset):
-        finite = math.isfinite(raw.declared) and math.isfinite(raw.largest)
-        if not (finite and 0 <= raw.largest <= raw.declared):
-            raise FormatError("deviation above what was declared", requirement="TLV-005", offset=at)
-        entries.append((raw.declared, raw.largest) if raw.declared else None)
-    return spread(entries, count, offset)
-
-
-def parse_contract(tlvs: Tlvs, count: int) -> Contract | None:
-    if CONTRACT not in tlvs:
-        return None
-    offset, value = tlvs[CONTRACT]
-    raw = parse_fixed(DEADBAND, value, 0, "DBC-001", offset)
-    if raw.kd < 1 or raw.flags & ~3:
-        raise FormatError("kd of 0 or an undefined flag", requirement="DBC-001", offset=offset)
-    entries = []
-    for entry, at in entries_of(DEADBAND_ENTRY, value, DEADBAND.sizeof(), offset):
-        if entry.floor < 1:
-            raise FormatError("a deadband floor of 0", requirement="DBC-001", offset=at)
-        entries.append((entry.floor, entry.zero))
-    pairs = spread(entries, count, offset)
-    return Contract(
-        raw.kn,
-        raw.kd,
-        bool(raw.flags & 1),
-        bool(raw.flags & 2),
-        tuple(floor for floor, _ in pairs),
-        tuple(zero for _, zero in pairs),
-    )
-
-
-def cut_contract(contract: Contract, start: int, size: int) -> Contract:
-    """The part of a series' contract that speaks of one of its tracks."""
-    stop = start + size
-    return contract._replace(floor=contract.floor[start:stop], zero=contract.zero[start:stop])
-
-
-def entries_of(layout: Struct, value: bytes, position: int, base: int) -> Iterator[tuple[Any, int]]:
-    """Each whole layout from ``position`` on with its file offset."""
-    size = layout.sizeof()
-    if (len(value) - position) % size:
-        raise FormatError(
-            "a list ends within an entry", requirement="TLV-002", offset=base + position
-        )
-    for at in range(position, len(value), size):
-        yield layout.parse(value[at : at + size]), base + at

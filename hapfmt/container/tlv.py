@@ -11,7 +11,8 @@ from .layout import TLV
 TLV_SIZE = 4
 T = TypeVar("T")
 VALUE_SIZE = 0xFFFF
-STRING_SIZE = 0xFF
+STRING_SIZE, SAME = 0xFE, 0xFF
+"""Texts are at most 254 bytes; a length of 255 stands for the text before."""
 
 
 def parse_tlvs(payload: bytes, position: int, base: int) -> dict[int, tuple[int, bytes]]:
@@ -67,6 +68,14 @@ def parse_strings(value: bytes, count: int, offset: int) -> tuple[str, ...]:
     items: list[str] = []
     position = 0
     while position < len(value):
+        if value[position] == SAME:
+            if not items:
+                raise FormatError(
+                    "no text before the first", requirement="CNV-005", offset=offset + position
+                )
+            items.append(items[-1])
+            position += 1
+            continue
         stop = position + 1 + value[position]
         if stop > len(value):
             raise FormatError(
@@ -79,9 +88,11 @@ def parse_strings(value: bytes, count: int, offset: int) -> tuple[str, ...]:
 
 def build_strings(items: Sequence[str]) -> bytes:
     out = bytearray()
+    before = None
     for item in share(items):
         raw = encode_text(item)
-        out += bytes([len(raw)]) + raw
+        out += bytes([SAME]) if raw and raw == before else bytes([len(raw)]) + raw
+        before = raw
     return bytes(out)
 
 
@@ -93,7 +104,7 @@ def encode_text(text: str) -> bytes:
         raw = b"\0"
     if len(raw) > STRING_SIZE or 0 in raw:
         raise ParameterError(
-            f"texts are at most 255 bytes of UTF-8 without U+0000, unlike {str(text)[:40]!r}"
+            f"texts are at most 254 bytes of UTF-8 without U+0000, unlike {str(text)[:40]!r}"
         )
     return raw
 

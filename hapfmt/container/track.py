@@ -15,6 +15,10 @@ NUMBER_FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64
 WORD_SIZES = {"int64": 8, "uint64": 8, "binary16": 2, "binary32": 4, "binary64": 8}
 CODECS = ("KNOT", "QUAN", "RAWB", "LPCR")
 SERIES_SIZE = 255
+SETUP_SIZE = 12
+"""Bytes of a setup beside its parameters, at most."""
+VALUE_SIZE = 0xFFFF
+"""Of a TLV."""
 
 
 class Affine(NamedTuple):
@@ -82,21 +86,16 @@ class Track:
     @property
     def shared(self) -> tuple[object, ...]:
         """What all tracks of a series have in common."""
-        bare = self.contract._replace(floor=(), zero=()) if self.contract else None
-        listed = all(c.deviation is None for c in self.components)
         return (
-            self.kind, self.codec, self.rate, len(self.components), self.parameters,
-            self.number_format, self.count_min, self.count_max, bare, self.provenance,
-            self.base is None, listed, self.unsupported,
+            self.kind, self.rate, len(self.components), self.number_format, self.provenance,
+            self.base is None, self.unsupported,
         )  # fmt: skip
 
     def follows(self, before: Track) -> bool:
         """Whether this track can continue the series that ends with ``before``."""
-        size = len(before.components)
         return (
             self.shared == before.shared
             and self.id == before.id + 1
-            and self.first_channel == before.first_channel + size
             and (self.base is None or before.base is None or self.base == before.base + 1)
         )
 
@@ -104,13 +103,17 @@ class Track:
 def series_of(tracks: Sequence[Track]) -> Iterator[list[Track]]:
     """Tracks in order of their ids, cut into series that one TRAK chunk can describe."""
     series: list[Track] = []
+    room = 0
     for track in tracks:
-        size = len(track.components)
-        fits = (len(series) + 1) * size <= SERIES_SIZE
+        weight = len(track.parameters) + SETUP_SIZE
+        fits = (len(series) + 1) * len(track.components) <= SERIES_SIZE and weight <= room
         if series and not (fits and track.follows(series[-1])):
             yield series
             series = []
+        if not series:
+            room = VALUE_SIZE
         series.append(track)
+        room -= weight
     if series:
         yield series
 

@@ -140,16 +140,18 @@ def encode_unit(
 
 
 def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:
-    """Ids: the base tracks in order of their channels, then the HF tracks in the same order."""
+    """Ids: the base tracks, those together that can share a series, then the HF tracks in the
+    order of their bases."""
+    places: dict[tuple[object, ...], list[Unit]] = {}
+    for unit in units:
+        places.setdefault(unit.base.track.shared, []).append(unit)
+    ordered = [unit for alike in places.values() for unit in alike]
+    numbered = [(unit.base, None) for unit in ordered]
+    numbered += [(unit.residual, id_) for id_, unit in enumerate(ordered) if unit.residual]
     tracks: list[Track] = []
     packets: list[Packet] = []
-    bases = [unit.base for unit in units]
-    residuals = [(unit.residual, place) for place, unit in enumerate(units) if unit.residual]
-    for id_, coded in enumerate(bases):
-        tracks.append(replace(coded.track, id=id_))
-        packets += [replace(packet, track=id_) for packet in coded.packets]
-    for id_, (coded, place) in enumerate(residuals, len(bases)):
-        tracks.append(replace(coded.track, id=id_, base=place))
+    for id_, (coded, base) in enumerate(numbered):
+        tracks.append(replace(coded.track, id=id_, base=base))
         packets += [replace(packet, track=id_) for packet in coded.packets]
     return tracks, packets
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..container.track import SERIES_SIZE
 from ..contract import nearest_counts
 from ..errors import ParameterError
-from ..limits import EXACT_LIMIT
+from ..limits import AFFINE_LIMIT, EXACT_LIMIT
 from ..recording import Calibration, Channel, Deviation
 
 COUNT_LIMIT = 1 << 31
@@ -91,7 +91,7 @@ def share_lattice(members: Sequence[Channel], originals: Sequence[Channel]) -> l
         factor = abs(step) // a
         b = old.b * (d // old.d)
         reach = (int(np.abs(channel.values.astype(np.int64)).max(initial=0)) + 1) * factor
-        if reach >= COUNT_LIMIT or max(a, abs(b), d) > EXACT_LIMIT:
+        if reach >= COUNT_LIMIT or max(a, abs(b)) >= AFFINE_LIMIT or d >= EXACT_LIMIT:
             raise no_vector(members, "their steps have no common measure in 32-bit counts")
         calibration = Calibration(a if step > 0 else -a, b, d)
         if not calibration.covers(-reach, reach):

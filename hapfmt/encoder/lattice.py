@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ParameterError
-from ..limits import EXACT_LIMIT
+from ..limits import EXACT_LIMIT, SINGLE_MAX
 from ..recording import Calibration, Channel, Deviation
 from .common_step import Steps, near_steps
 from .rational import (
@@ -201,6 +201,7 @@ def _snap(
         return "no step was found to measure the tolerance with; declare it in the channel's unit"
     if allowed == inf:
         return "the tolerance is beyond float64 in the channel's unit"
+    allowed = min(allowed, SINGLE_MAX)
     if steps:
         found = _within(x, u, _natural(u, steps, allowed), allowed, bits)
         if found:

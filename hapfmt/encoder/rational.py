@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..integers import rdiv
-from ..limits import EXACT_LIMIT, LEVELS
+from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..recording import Calibration
 from .common_step import Steps, exact_steps, simplest_fraction
 
@@ -203,7 +203,9 @@ def place(ratio: Ratio, bits: int) -> Placed | None:
     step = int(np.gcd.reduce(np.diff(n))) if last > first else lone_step
     phase = first % step
     common = gcd(step, phase, d)
-    if max(-first, last, step // common) > EXACT_LIMIT or d // common > EXACT_LIMIT:
+    if max(-first, last) > EXACT_LIMIT or d // common >= EXACT_LIMIT:
+        return None
+    if step // common >= AFFINE_LIMIT:
         return None
     if 2 * phase > step:
         phase -= step
@@ -213,8 +215,10 @@ def place(ratio: Ratio, bits: int) -> Placed | None:
         for shift in _shifts(low, high):
             b = phase + shift * step
             reach = max(shift - low, high - shift)
-            if reach <= limit and max(reach * (step // common), abs(b)) <= EXACT_LIMIT:
-                calibration = Calibration(step // common, b // common, d // common)
+            offset = b // common
+            fits = max(reach * (step // common), abs(b)) <= EXACT_LIMIT
+            if reach <= limit and fits and abs(offset) < AFFINE_LIMIT:
+                calibration = Calibration(step // common, offset, d // common)
                 return Placed(calibration, (n - b) // step, how)
     return None
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..container.lists import round_up
 from ..container.track import Affine, Component, Track
 from ..recording import Channel, Span
 
@@ -74,7 +75,9 @@ def component_of(channel: Channel) -> Component:
         channel.group,
         channel.body_site,
         channel.device,
-        (channel.deviation.declared, channel.deviation.largest) if channel.deviation else None,
+        (round_up(channel.deviation.declared), round_up(channel.deviation.largest))
+        if channel.deviation
+        else None,
     )
 
 

@@ -45,6 +45,9 @@ STEP_LIMIT = LEVELS[1].step
 
 FLOOR_LIMIT = (1 << 31) - 1
 
+SHORT, SHORTER = 1 << 14, 10_000
+"""Terms of a Weber fraction that a varint of two bytes holds; and what that may cost."""
+
 MARGIN = Fraction(101, 100)
 """A range is measured on counts too, each end up to the deviation off: with a floor of at most a
 200th of it that is 1 % of the deviation."""
@@ -165,7 +168,13 @@ def for_the_source(
 
 
 def at_most(k: Fraction) -> Fraction:
-    """k as a fraction of 16-bit terms, never larger where it does not fit."""
+    """k as a fraction of 16-bit terms, never larger; one of 14 bits, which is shorter in a file,
+    where that costs at most a SHORTER-th."""
+    shorter = k.limit_denominator(SHORT - 1)
+    if shorter != k:
+        shorter = (k * (1 - Fraction(1, SHORTER))).limit_denominator(SHORT - 1)
+    if shorter <= k <= shorter * (1 + Fraction(2, SHORTER)) and shorter.numerator < SHORT:
+        return shorter
     largest = FRACTION_LIMIT - 1
     ratio = k.limit_denominator(largest)
     if ratio <= k and ratio.numerator <= largest:
