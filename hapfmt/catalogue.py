@@ -13,7 +13,7 @@ from typing import Any
 
 from .container.cluster import parse_count, parse_entry
 from .container.extras import Attachment, parse_attachment, parse_metadata
-from .container.index import FIRST_OFFSET, Foot, ceil_ns, floor_ns, parse_foot
+from .container.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
 from .container.series import parse_series
 from .container.source import Source
 from .container.track import Track, TrackTable
@@ -120,8 +120,10 @@ class Catalogue:
     @property
     def duration(self) -> Fraction:
         """Seconds to the end of the last packet, to the nanosecond above."""
+        if self.indexed and self.foot:
+            return Fraction(self.foot.duration_ns, 10**9)
         stop = max((chunk.stop_ns or 0 for chunk in self.data), default=0)
-        return Fraction(stop, 10**9)
+        return Fraction(min(stop, NS_LIMIT), 10**9)
 
     @cached_property
     def attachments(self) -> dict[str, Attachment]:
@@ -216,4 +218,4 @@ class Catalogue:
                 )
             earliest = min(earliest, entry.start / track.rate)
             latest = max(latest, (entry.start + entry.span) / track.rate)
-        return floor_ns(Fraction(earliest)), ceil_ns(Fraction(latest))
+        return math.floor(Fraction(earliest) * 10**9), math.ceil(Fraction(latest) * 10**9)

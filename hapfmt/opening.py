@@ -9,6 +9,8 @@ from .container.walk import Chunk, end_at, read_chunk, walk
 from .container.wire import HEADER_SIZE, SIGNATURE
 from .errors import FormatError, HapfmtError
 
+MS = 10**6
+"""Nanoseconds."""
 FOOT_SIZE = HEADER_SIZE + 32
 LATER = frozenset({"DATA", "aTTc", "dGST"})
 """Chunks that are read when somebody asks for them."""
@@ -48,7 +50,7 @@ def from_index(source: Source) -> Catalogue | None:
                 return None
             stop = end
             catalogue.chunks.append(
-                ChunkRef(entry.type, entry.offset, entry.start_ns, entry.stop_ns)
+                ChunkRef(entry.type, entry.offset, entry.start_ms * MS, entry.stop_ms * MS)
             )
             if entry.type in LATER:
                 continue

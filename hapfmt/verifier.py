@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import Any, BinaryIO
 
 from .catalogue import Catalogue
@@ -12,7 +13,9 @@ from .container.index import (
     FIRST_OFFSET,
     INDEX_EVERY,
     IndexEntry,
+    ceil_ms,
     check_listing,
+    floor_ms,
     parse_index,
 )
 from .container.track import lone_lf
@@ -114,7 +117,12 @@ def check_structure(catalogue: Catalogue) -> None:
     if catalogue.damaged or catalogue.unsupported:
         return
     listing = [
-        IndexEntry(ref.type, ref.offset, ref.start_ns or 0, ref.stop_ns or 0)
+        IndexEntry(
+            ref.type,
+            ref.offset,
+            floor_ms(Fraction(ref.start_ns or 0, 10**9)),
+            ceil_ms(Fraction(ref.stop_ns or 0, 10**9)),
+        )
         for ref in catalogue.chunks
     ]
     last_index = indexed_to = 0
@@ -145,7 +153,7 @@ def check_structure(catalogue: Catalogue) -> None:
     if not last_index or foot.index_offset != last_index:
         raise FormatError("footer names another index", requirement="FOT-002", offset=at)
     counts = (len(catalogue.data), len(catalogue.tracks))
-    stop_ns = max((ref.stop_ns or 0 for ref in catalogue.data), default=0)
+    stop_ns = int(catalogue.duration * 10**9)
     if (foot.data_count, foot.track_count, foot.duration_ns) != (*counts, stop_ns):
         raise FormatError("footer counts differ", requirement="FOT-003", offset=at + 16)
     bare = [t for t in catalogue.tracks.values() if t.kind == "lf" and t.id not in bases]

@@ -15,7 +15,7 @@ from .atomic import atomic_write, refuse
 from .container.cluster import Packet, build_cluster, entry_size
 from .container.extras import Attachment, build_attachment, build_metadata
 from .container.index import (
-    ENTRY_SIZE,
+    ENTRY_SIZES,
     FIRST_OFFSET,
     INDEX_EVERY,
     Foot,
@@ -23,8 +23,9 @@ from .container.index import (
     IndexEntry,
     build_foot,
     build_index,
+    ceil_ms,
     ceil_ns,
-    floor_ns,
+    floor_ms,
 )
 from .container.series import build_series
 from .container.track import Track, series_of
@@ -155,14 +156,14 @@ class FileWriter:
         start = min(packet.start / rates[packet.track] for packet in packets)
         stop = max(packet.stop / rates[packet.track] for packet in packets)
         payload = build_cluster(packets)
-        self.chunk("DATA", payload, times=(floor_ns(start), ceil_ns(stop)))
+        self.chunk("DATA", payload, times=(floor_ms(start), ceil_ms(stop)))
         self.data_count += 1
         self.stop = max(self.stop, stop)
 
     def index(self, *, everything: bool = False) -> None:
         """An index of what was not indexed yet, or of everything where that fits a payload."""
         entries, covers_from = self.entries[self.indexed_entries :], self.indexed_to
-        if everything and len(self.entries) * ENTRY_SIZE < self.level.payload_size // 2:
+        if everything and len(self.entries) * ENTRY_SIZES[1] < self.level.payload_size // 2:
             entries, covers_from = self.entries, FIRST_OFFSET
         payload = build_index(Index(covers_from, self.last_index, tuple(entries)))
         self.last_index, self.indexed_to = self.offset, self.offset

@@ -135,8 +135,9 @@ UP_TO_HF = f.trak(kind=1)
 RESIDUAL = f.trak(kind=2, base=0)
 
 
-def at_index(*rows: tuple[Any, ...], **given: Any) -> Callable[[], Any]:
-    return lambda: parse_index(f.index(rows, **given), 500, AT)
+def at_index(*rows: tuple[Any, ...], cut: int = 0, **given: Any) -> Callable[[], Any]:
+    data = f.index(rows, **given)
+    return lambda: parse_index(data[: len(data) - cut], 500, AT)
 
 
 def listed(*rows: tuple[Any, ...]) -> Callable[[], Any]:
@@ -155,6 +156,7 @@ FAULTS = [
     Fault("CNV-003", 100, "row: not minimal", lambda: parse_varints(b"\x80\0", AT)),
     Fault("CNV-004", 101, "not UTF-8", lambda: parse_strings(b"\1\xff", 1, AT)),
     Fault("CNV-004", 101, "U+0000", lambda: parse_strings(b"\1\0", 1, AT)),
+    Fault("CNV-005", 100, "the text before the first", lambda: parse_strings(b"\xff", 1, AT)),
     # clause 5
     Fault("FIL-001", 0, "empty file", judged(b"")),
     Fault("FIL-002", 100, "header cut short", lambda: parse_header(b"", AT)),
@@ -182,11 +184,22 @@ FAULTS = [
     Fault("TLV-002", 100, "half a TLV", lambda: parse_tlvs(b"\0", 0, AT)),
     Fault("TLV-002", 100, "TLV too long", lambda: parse_tlvs(b"\0\0\1\0", 0, AT)),
     Fault("TLV-002", 100, "string too long", lambda: parse_strings(b"\1", 1, AT)),
-    Fault("TLV-002", 132, "half a calibration", series(f.tlv(3, b"\0"), codec=b"RAWB")),
+    Fault("CNV-002", 133, "half a calibration", series(f.tlv(3, b"\2"), codec=b"RAWB")),
     Fault("TLV-002", 100, "TRAK cut short", lambda: parse_series(b"", 0, ONE, AT)),
     Fault("TLV-004", 100, "two for three", lambda: parse_strings(f.strings("", ""), 3, AT)),
     Fault("TLV-005", 132, "deviation", series(f.tlv(18, f.deviation(1.0, 2.0)))),
     Fault("TLV-005", 132, "infinite", series(f.tlv(18, f.deviation(float("inf"), 1.0)))),
+    Fault("TLV-004", 132, "two contracts for three", series(f.tlv(16, b"\0\0"), track_count=3)),
+    Fault("TLV-007", 132, "half a deviation", series(f.tlv(18, bytes(7)))),
+    Fault("TLV-007", 133, "half a codec", series(f.tlv(5, b"\1KNO"))),
+    Fault("TLV-007", 139, "half a setup", series(f.tlv(5, b"\1KNOT\1\1"))),
+    Fault("TLV-007", 140, "a byte after setups",
+          series(f.tlv(5, f.setups([(b"KNOT", [b""])], [0]) + b"\0"))),
+    Fault("TLV-007", 133, "a range too many", series(f.tlv(7, b"\7\7"), count_min=0, count_max=127)),
+    Fault("TLV-007", 133, "a range too few",
+          series(f.tlv(7, b"\7"), count_min=0, count_max=127, track_count=2)),
+    Fault("TLV-007", 133, "a channel too many", series(f.tlv(9, b"\0\0"))),
+    Fault("CNV-002", 133, "a channel too few", series(f.tlv(9, b"\0"), track_count=2)),
     # 6.3
     Fault("TRK-002", 100, "no track", series(track_count=0)),
     Fault("TRK-002", 100, "no component", series(component_count=0)),
@@ -212,8 +225,27 @@ FAULTS = [
     Fault("TRK-010", 124, "channel taken", added(f.trak(), f.trak())),
     Fault("TRK-012", TRACK_AT + 32, "LF alone", judged(
         f.closed(HEAD, ("TRAK", f.trak(kind=1), {"track": 0}), DATA))),
-    Fault("TRK-010", END + 168, "a hole", judged(
+    Fault("TRK-010", END + 105, "a hole", judged(
         f.closed(HEAD, ("TRAK", f.trak(first_channel=1), {"track": 0}), DATA))),
+    Fault("TRK-010", 132, "channel 65534 of two", series(
+        f.tlv(9, f.varint(0) + f.varint(65534)), track_count=2, component_count=2)),
+    Fault("TRK-010", 124, "channel listed twice", added(f.trak(f.tlv(9, b"\0\0"), track_count=2))),
+    Fault("TRK-013", 132, "no codec", series(f.tlv(5, b"\0"))),
+    Fault("TRK-013", 132, "more codecs than tracks", series(f.tlv(5, b"\2"))),
+    Fault("TRK-013", 137, "a codec without setup", series(f.tlv(5, b"\1KNOT\0"))),
+    Fault("TRK-013", 137, "more setups than tracks", series(f.tlv(5, b"\1KNOT\2"))),
+    Fault("TRK-013", 139, "no setup 1", series(f.tlv(5, f.setups([(b"KNOT", [b""])], [1])))),
+    Fault("TRK-013", 132, "another first codec",
+          series(f.tlv(5, f.setups([(b"QUAN", [b""])], [0])))),
+    Fault("TRK-013", 136, "beside TLV 1",
+          series(f.tlv(1, b"") + f.tlv(5, f.setups([(b"KNOT", [b""])], [0])))),
+    Fault("TRK-014", 132, "range code 32", series(f.tlv(7, b"\x20"))),
+    Fault("TRK-014", 132, "range code 96", series(f.tlv(7, b"\x60"))),
+    Fault("TRK-014", 132, "range code 254", series(f.tlv(7, b"\xfe"))),
+    Fault("TRK-014", 116, "other ends", series(f.tlv(7, b"\x07"))),
+    Fault("TRK-005", 116, "25 bits listed",
+          series(f.tlv(7, b"\x18"), count_min=0, count_max=2**24 - 1)),
+    Fault("TRK-015", 132, "another first channel", series(f.tlv(9, b"\1"))),
     # 6.4
     Fault("DAT-001", 100, "no packet", cluster(b"\0")),
     Fault("DAT-001", 100, "2^14 + 1 packets", cluster(f.varint(2**14 + 1))),
@@ -233,8 +265,11 @@ FAULTS = [
     # 6.5, 6.6
     Fault("IDX-001", 100, "index cut short", lambda: parse_index(b"", 500, AT)),
     Fault("IDX-001", 100, "entries missing", at_index(count=1)),
-    Fault("IDX-002", 120, "before covers_from", at_index(("HEAD", 7, 0, 0))),
-    Fault("IDX-002", 148, "same twice", at_index(("HEAD", 8, 0, 0), ("TRAK", 8, 0, 0))),
+    Fault("IDX-001", 120, "entries too many", at_index(("HEAD", 8, 0, 0), count=0)),
+    Fault("CNV-002", 130, "an entry without times", at_index(("aaaa", 8, 0, 0), ("DATA", 9, 0, 0),
+                                                             cut=2)),
+    Fault("IDX-002", 120, "behind the index", at_index(("HEAD", 500, 0, 0))),
+    Fault("IDX-002", 125, "same twice", at_index(("HEAD", 8, 0, 0), ("TRAK", 8, 0, 0))),
     Fault("IDX-002", 100, "chunk not listed", listed(("HEAD", 8, 0, 0))),
     Fault("IDX-004", 100, "covers the signature", at_index(covers_from=7)),
     Fault("IDX-004", 108, "previous behind", at_index(covers_from=9, previous=501)),
@@ -248,9 +283,9 @@ FAULTS = [
     Fault("IDX-004", END + 40, "previous is no index", judged(f.minimal(
         ahead={"entries": [("DATA", DATA_AT, 0, 10**12)], "covers_from": DATA_AT,
                "previous": DATA_AT}))),
-    Fault("FOT-002", END + 168, "another index", judged(f.minimal(index_offset=8))),
-    Fault("FOT-003", END + 184, "clusters", judged(f.minimal(data_count=2))),
-    Fault("FOT-003", END + 184, "tracks", judged(f.minimal(track_count=2))),
+    Fault("FOT-002", END + 105, "another index", judged(f.minimal(index_offset=8))),
+    Fault("FOT-003", END + 121, "clusters", judged(f.minimal(data_count=2))),
+    Fault("FOT-003", END + 121, "tracks", judged(f.minimal(track_count=2))),
     # 6.7 to 6.9
     Fault("MET-001", 100, "no JSON", lambda: parse_metadata(b"", AT)),
     Fault("MET-001", 100, "no object", lambda: parse_metadata(b"[]", AT)),
@@ -264,16 +299,24 @@ FAULTS = [
     # clauses 8 and 11
     Fault("VAL-001", 132, "A = 0", series(f.tlv(3, f.calibration(0)))),
     Fault("VAL-001", 132, "D = 0", series(f.tlv(3, f.calibration(d=0)))),
-    Fault("VAL-001", 132, "D = 2^53 + 1", series(f.tlv(3, f.calibration(d=2**53 + 1)))),
-    Fault("VAL-001", 132, "B = 2^53 + 1", series(f.tlv(3, f.calibration(b=2**53 + 1)))),
-    Fault("VAL-002", 100, "count * A + B", series(f.tlv(3, f.calibration(2**53)))),
+    Fault("CNV-002", 134, "D = 2^53", series(f.tlv(3, f.calibration(d=2**53)))),
+    Fault("CNV-002", 133, "B = 2^52", series(f.tlv(3, f.calibration(b=2**52)))),
+    Fault("VAL-001", 132, "A = -2^52", series(f.tlv(3, f.calibration(-(2**52))))),
+    Fault("VAL-001", 132, "B = -2^52", series(f.tlv(3, f.calibration(b=-(2**52))))),
+    Fault("VAL-002", 100, "count * A + B", series(f.tlv(3, f.calibration(2**52 - 1)))),
     Fault("VAL-002", 116, "count * A of HF",
           added(f.trak(f.tlv(3, f.calibration(2**46)), kind=1),
                 f.trak(kind=2, base=0, count_max=129))),
-    Fault("DBC-001", 132, "contract cut short", series(f.tlv(16, b""))),
-    Fault("DBC-001", 132, "kd = 0", series(f.tlv(16, f.deadband(kd=0)))),
+    Fault("TLV-004", 132, "no contract", series(f.tlv(16, b""))),
+    Fault("TLV-007", 134, "no flags", series(f.tlv(16, f.deadband()[:2]))),
+    Fault("CNV-002", 135, "no floor", series(f.tlv(16, f.deadband(entries=[])))),
+    Fault("DBC-001", 132, "kd = 2^16", series(f.tlv(16, f.deadband(kd=2**16)))),
+    Fault("DBC-001", 132, "kn = 2^16", series(f.tlv(16, f.deadband(2**16)))),
     Fault("DBC-001", 132, "flag bit 2", series(f.tlv(16, f.deadband(flags=4)))),
-    Fault("DBC-001", 137, "floor of 0", series(f.tlv(16, f.deadband(entries=[(0, 0)])))),
+    Fault("DBC-001", 132, "floor of 0", series(f.tlv(16, f.deadband(entries=[(0, 0)])))),
+    Fault("DBC-001", 132, "floor of 2^32", series(f.tlv(16, f.deadband(entries=[(2**32, 0)])))),
+    Fault("DBC-001", 132, "zero of 2^31", series(f.tlv(16, f.deadband(entries=[(1, 2**31)])))),
+    Fault("DBC-001", 132, "zero below", series(f.tlv(16, f.deadband(entries=[(1, -(2**31) - 1)])))),
     # 9.1
     Fault("COD-002", 100, "KNOT cut short", lambda: KnotParameters.parse(b"", ONE, AT)),
     Fault("COD-002", 100, "KNOT too long", lambda: KnotParameters.parse(bytes(9), ONE, AT)),
@@ -345,17 +388,19 @@ FAULTS = [
     Fault("RNG-003", 116, "2^34", predicted(page.encode([2**34], forge=True))),
     Fault("COD-002", 100, "LPCR cut short", grid(b"")),
     Fault("COD-002", 100, "LPCR too long", grid(f.lpcr_parameters() + b"\0")),
-    Fault("HED-005", 101, "LPCR reserved", grid(f.lpcr_parameters(reserved=b"\0\0\1"))),
+    Fault("CNV-002", 102, "LPCR without zero", grid(b"\0\1")),
     Fault("LPC-001", TRACK_AT + 32, "LPCR of a vector", judged(f.closed(
         HEAD, ("TRAK", f.trak(f.tlv(1, f.lpcr_parameters()), component_count=2, codec=b"LPCR"),
                {"track": 0}), DATA))),
     Fault("LPC-002", 100, "grid 2", grid(f.lpcr_parameters(2))),
     Fault("LPC-002", 100, "step 0", grid(f.lpcr_parameters(step=0))),
-    Fault("LPC-002", 100, "uniform with kn", grid(f.lpcr_parameters(kn=1))),
-    Fault("LPC-002", 100, "uniform with kd = 2", grid(f.lpcr_parameters(kd=2))),
+    Fault("LPC-002", 100, "zero of 2^31", grid(f.lpcr_parameters(zero=2**31))),
+    Fault("LPC-002", 100, "zero below", grid(f.lpcr_parameters(zero=-(2**31) - 1))),
+    Fault("LPC-002", 100, "kn = 2^16", grid(f.lpcr_parameters(1, kn=2**16))),
+    Fault("LPC-002", 100, "kd = 2^16", grid(f.lpcr_parameters(1, kn=1, kd=2**16))),
     Fault("LPC-002", 100, "kn = 0", grid(f.lpcr_parameters(1))),
     Fault("LPC-002", 100, "kd = 0", grid(f.lpcr_parameters(1, kn=1, kd=0))),
-    Fault("LPC-002", 104, "step 2^24 + 1", grid(f.lpcr_parameters(step=2**24 + 1))),
+    Fault("LPC-002", 101, "step 2^24 + 1", grid(f.lpcr_parameters(step=2**24 + 1))),
     Fault("LPC-003", 100, "base 2^24 + 1", predicted(b"\0\0" + f.svarint(2**24 + 1))),
     Fault("LPC-003", 112, "index 2^24 + 1", predicted(page.encode([2**24 + 1]))),
     Fault("LPC-004", 100, "difference 5", predicted(b"\5\0\0")),

@@ -12,7 +12,7 @@ FILE_ID = 7
 DURATION_NS = 4_000_000
 """Of files whose last packet ends at tick 4 of 1 kHz, as DATA_0 does."""
 
-LATE_NS = 10**15
+LATE_MS = 10**9
 """Where an index says that a cluster ends: not earlier than it does."""
 
 Chunk = tuple[str, bytes, dict]
@@ -64,16 +64,25 @@ def strings(*items: str) -> bytes:
 
 
 def calibration(a: int = 1, b: int = 0, d: int = 1) -> bytes:
-    return struct.pack("<qqQ", a, b, d)
+    return svarint(a) + svarint(b) + varint(d)
 
 
 def deviation(declared: float, largest: float) -> bytes:
-    return struct.pack("<dd", declared, largest)
+    return struct.pack("<ff", declared, largest)
 
 
 def deadband(kn: int = 1, kd: int = 10, flags: int = 0, entries=((1, 0),)) -> bytes:
-    pairs = (struct.pack("<Ii", floor, zero) for floor, zero in entries)
-    return struct.pack("<HHB", kn, kd, flags) + b"".join(pairs)
+    pairs = (varint(floor) + svarint(zero) for floor, zero in entries)
+    return varint(kd) + varint(kn) + bytes([flags]) + b"".join(pairs)
+
+
+def setups(codecs, places) -> bytes:
+    """Value of TLV 5: [(codec, [parameters])], and the place of each track's setup."""
+    out = varint(len(codecs))
+    for codec, parameters in codecs:
+        out += codec + varint(len(parameters))
+        out += b"".join(varint(len(each)) + each for each in parameters)
+    return out + b"".join(map(varint, places))
 
 
 def knot_parameters(interpolation: int = 0, quantum: int = 1, reserved: bytes = bytes(3)) -> bytes:
@@ -88,9 +97,10 @@ def raw_parameters(word_size: int, reserved: bytes = bytes(3)) -> bytes:
     return struct.pack("<B3s", word_size, reserved)
 
 
-def lpcr_parameters(grid: int = 0, reserved: bytes = bytes(3), *, step: int = 1, kn: int = 0,
-                    kd: int = 1, zero: int = 0) -> bytes:  # fmt: skip
-    return struct.pack("<B3sIHHi", grid, reserved, step, kn, kd, zero)
+def lpcr_parameters(grid: int = 0, *, step: int = 1, zero: int = 0, kn: int = 0,
+                    kd: int = 1) -> bytes:  # fmt: skip
+    out = bytes([grid]) + varint(step) + svarint(zero)
+    return out + varint(kn) + varint(kd) if grid else out
 
 
 HOLD = tlv(1, knot_parameters())
@@ -118,10 +128,14 @@ def cluster(*packets: tuple[int, int, int, bytes]) -> bytes:
 
 
 def index(entries, *, covers_from: int = 8, previous: int = 0, count=None) -> bytes:
-    """iNDX payload of (type, offset, start ns, stop ns)."""
+    """iNDX payload of (type, offset, start ms, stop ms)."""
     count = len(entries) if count is None else count
-    rows = (struct.pack("<4sQqq", type_.encode(), *rest) for type_, *rest in entries)
-    return struct.pack("<QQI", covers_from, previous, count) + b"".join(rows)
+    out, before = struct.pack("<QQI", covers_from, previous, count), covers_from
+    for type_, offset, start, stop in entries:
+        out += type_.encode() + varint(offset - before)
+        out += varint(start) + varint(stop - start) if type_ == "DATA" else b""
+        before = offset
+    return out
 
 
 def foot(index_offset: int, stop_offset: int, data_count: int, track_count: int,
@@ -142,7 +156,7 @@ def closed(*chunks: Chunk | tuple[str, bytes], ahead: dict | None = None, **chan
     body = file(*chunks)
     at, rows, tracks = len(SIGNATURE), [], set()
     for type_, payload, *given in chunks:
-        rows.append((type_, at, 0, LATE_NS if type_ == "DATA" else 0))
+        rows.append((type_, at, 0, LATE_MS if type_ == "DATA" else 0))
         if type_ == "TRAK":
             first = given[0].get("track", 0) if given else 0
             tracks |= set(range(first, first + payload[0]))

@@ -20,7 +20,7 @@ limits packets reader reconstruct recording usage verifier"""
 ENCODE = "cli convert encoder plotting scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 ONLY_IN = {
-    "construct": ("container.layout", "container.wire", "container.series"),
+    "construct": ("container.layout", "container.wire"),
     "matplotlib": ("plotting",),
     "soundfile": ("convert.wav",),
 }
@@ -56,11 +56,6 @@ def test_packages_that_stay_where_they_are(package):
 
 def test_every_decoding_module_exists():
     assert {name.split(".")[0] for name in DECODE_SIDE} == set(DECODE.split())
-
-
-def test_series_imports_construct_for_a_type_only():
-    names = [x for x in imports("container.series") if x.startswith("construct")]
-    assert sorted(names) == ["construct", "construct.Struct"]
 
 
 @pytest.mark.parametrize("name", MODULES)

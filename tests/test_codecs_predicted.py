@@ -64,7 +64,7 @@ def decoded_as_the_page_says(data, span, limit=INDEX_LIMIT):
 class TestParameters:
     @given(strategies.levels.flatmap(lambda v: st.tuples(st.just(v), strategies.lpc_parameters(v))))
     def test_come_back(self, case):
-        """LPC-002: `grid` MUST be 0 or 1; `step` at most what the level allows; on the uniform grid `step` at least 1, `kn` 0 and `kd` 1; on the deadband grid `kn` and `kd` at least 1 (`step` may be 0)."""
+        """LPC-002: `grid` MUST be 0 or 1; `step` at most what the level allows, and on the uniform grid at least 1; `zero` a signed number of 32 bits; `kn` and `kd` at least 1 and less than 2^16."""
         level, parameters = case
         data = parameters.build()
         assert LpcParameters.parse(data, level, 0) == parameters

@@ -231,14 +231,19 @@ class TestTlv:
     @given(st.lists(strategies.texts, min_size=1, max_size=4))
     def test_string_lists(self, items):
         """
-        TLV-004: A list MUST have one entry, which speaks for all components, or one entry for each component of each track: the components of the first track, then those of the second, and so on.
+        TLV-004: A list MUST have one entry, which speaks for all, or one entry for each component of each track: the components of the first track, then those of the second, and so on; the list of deadband contracts, which speak of whole tracks, has one entry or one for each track.
         CNV-004: Text MUST be well-formed UTF-8 (RFC 3629) without U+0000.
         """
         assert parse_strings(f.strings(*items), len(items), 0) == tuple(items)
         assert parse_strings(build_strings(items), len(items), 0) == tuple(items)
         assert parse_strings(f.strings(items[0]), 7, 0) == (items[0],) * 7
 
-    @pytest.mark.parametrize("text", ["a" * 256, "a\0b", "µ" * 128])
+    def test_a_text_that_comes_again(self):
+        items = ("N", "N", "N.m", "", "", "N")
+        raw = f.strings("N") + b"\xff" + f.strings("N.m", "", "", "N")
+        assert build_strings(items) == raw and parse_strings(raw, 6, 0) == items
+
+    @pytest.mark.parametrize("text", ["a" * 255, "a\0b", "µ" * 128])
     def test_texts_that_do_not_fit(self, text):
         with pytest.raises(ParameterError):
             build_strings([text])

@@ -1,4 +1,4 @@
-"""DBC-002: ``|x - y| * kd <= max(kn * |x - zero|, floor * kd)`` in integers, at every sample."""
+"""DBC-002: With flag *guaranteed*, every sample MUST keep the contract: scalar form `|x - y| * kd <= max(kn * |x - zero|, floor * kd)` for each component; vector form the same with Euclidean norms over the components, compared by their squares, and the floor of the first component."""
 
 from __future__ import annotations
 

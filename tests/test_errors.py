@@ -43,6 +43,7 @@ def test_conventions(fault):
     CNV-002: A varint MUST be at most 8 bytes long and less than 2^53.
     CNV-003: A varint MUST be minimal: its last byte is not 0 unless it is its only byte.
     CNV-004: Text MUST be well-formed UTF-8 (RFC 3629) without U+0000.
+    CNV-005: The first entry of a string list MUST NOT be the byte 255.
     """
     assert_reported(fault)
 
@@ -77,8 +78,9 @@ def test_tlv(fault):
     """
     TLV-001: TLVs MUST stand in strictly increasing order of their type.
     TLV-002: A TLV MUST end within its chunk, and no byte may be left over after the last one.
-    TLV-004: A list MUST have one entry, which speaks for all components, or one entry for each component of each track: the components of the first track, then those of the second, and so on.
+    TLV-004: A list MUST have one entry, which speaks for all, or one entry for each component of each track: the components of the first track, then those of the second, and so on; the list of deadband contracts, which speak of whole tracks, has one entry or one for each track.
     TLV-005: Both numbers of a deviation MUST be finite, and `largest` at most `declared`.
+    TLV-007: A value that is a list MUST end with the last byte of its last entry.
     """
     assert_reported(fault)
 
@@ -92,9 +94,12 @@ def test_tracks(fault):
     TRK-006: A track whose number format is not counts MUST be of kind full band, with codec `RAWB`, count_min and count_max 0, no calibration and no deadband contract.
     TRK-007: An HF track MUST name a base track that is described before it, is of kind LF, and has the same component count, rate (as a ratio) and first channel; no two HF tracks have the same base.
     TRK-008: `base` MUST be 0xFFFF in tracks of other kinds.
-    TRK-009: An HF track MUST carry no TLV of types 2 to 14 and 18: it has those of its base.
+    TRK-009: An HF track MUST carry no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base.
     TRK-012: In a closed file every track of kind LF MUST be the base of an HF track; an LF part that stands alone is of kind full band.
     TRK-010: Channel numbers MUST be different for different components, and those of all tracks that are not HF together are 0, 1, 2 ... without a hole once the file is closed; the highest is 65534.
+    TRK-013: Setups MUST stand only where TLV 1 does not, with at least one codec, at least one setup for each, no more setups than tracks, and the place of one of them for each track; the codec of the first track is `codec`.
+    TRK-014: Each w MUST be of this table, and `count_min` and `count_max` the lowest and the highest of all ranges.
+    TRK-015: The first number MUST be `first_channel`.
     """
     assert_reported(fault)
 
@@ -117,10 +122,10 @@ def test_clusters(fault):
 @each("IDX", "FOT")
 def test_index_and_footer(fault):
     """
-    IDX-001: The payload MUST be as long as the header and `entry_count` entries.
+    IDX-001: The payload MUST end with the last byte of the last of its `entry_count` entries.
     IDX-002: The entries MUST list every chunk but `iNDX` and `fOOT` whose offset is at least `covers_from` and less than that of the index itself, in order of their offsets.
     IDX-004: `covers_from` MUST be at least 8; unless it is 8, `previous` MUST point to an `iNDX` chunk with a smaller offset, at or after `covers_from`.
-    IDX-006: For a `DATA` chunk `start_ns` MUST NOT be later than its earliest sample and `stop_ns` not earlier than the end of its latest; times beyond the range of i64 are set to its ends.
+    IDX-006: For a `DATA` chunk `start_ms` MUST NOT be later than its earliest sample and `start_ms + length_ms` not earlier than the end of its latest; times of 2^53 and more are set to 2^53 - 1.
     FOT-001: The payload MUST be as long as the layout, and `stop_offset` the offset of its own end.
     FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it.
     FOT-003: In the last `fOOT`, `data_count` and `track_count` MUST be the numbers of `DATA` chunks and of described tracks in the file, and `duration_ns` the end of the latest packet, rounded up, at most the largest i64, 0 without packets.
@@ -141,9 +146,9 @@ def test_extras(fault):
 @each("VAL", "DBC")
 def test_values_and_contracts(fault):
     """
-    VAL-001: D MUST be at least 1 and at most 2^53, A MUST NOT be 0, and `|A|` and `|B|` are at most 2^53.
+    VAL-001: D MUST be at least 1, A MUST NOT be 0, and `|A|` and `|B|` are less than 2^52.
     VAL-002: `|count * A|` and `|count * A + B|` MUST be at most 2^53 for every count from count_min to count_max, and `|count * A|` also for the declared range of the HF track.
-    DBC-001: `kd` and every `floor` MUST be at least 1, and undefined flag bits 0.
+    DBC-001: `kn` and `kd` MUST be less than 2^16, every `floor` at least 1 and less than 2^32, every `zero` a signed number of 32 bits, and undefined flag bits 0.
     """
     assert_reported(fault)
 
@@ -165,7 +170,7 @@ def test_knots(fault):
 def test_quantised(fault):
     """
     COD-001: A decoder MUST use up all bytes of a packet, and report an error where bytes are missing or left over.
-    COD-002: The codec parameters (TLV 1) MUST be present and as long as their layout; those of `QUAN` may be longer by the codebook.
+    COD-002: The codec parameters (TLV 1, or a setup) MUST be present and as long as their layout; those of `QUAN` may be longer by the codebook.
     QNT-001: `step` MUST be at least 1 and at most what the level allows, and `2M + R + C + 1` at most 4096, R at most 24 and C at most 32.
     QNT-002: The codebook MUST NOT describe more symbols than there are.
     QNT-003: The code words MUST be complete: over the symbols that have one, 2^-length adds up to 1; or exactly one symbol has one, and its length is 1.
@@ -183,7 +188,7 @@ def test_predicted(fault):
     RNG-002: A bucket MUST be less than 80: a decoder stops at the 80th 1.
     RNG-003: The magnitude u MUST be less than 2^34: a decoder stops after step 2 where w is 2^(34 - h) or more.
     LPC-001: `component_count` MUST be 1.
-    LPC-002: `grid` MUST be 0 or 1; `step` at most what the level allows; on the uniform grid `step` at least 1, `kn` 0 and `kd` 1; on the deadband grid `kn` and `kd` at least 1 (`step` may be 0).
+    LPC-002: `grid` MUST be 0 or 1; `step` at most what the level allows, and on the uniform grid at least 1; `zero` a signed number of 32 bits; `kn` and `kd` at least 1 and less than 2^16.
     LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the level's count bound (clause 15); deadband, |i| at most N.
     LPC-004: g MUST be at most 4, at most 1 where m > 0; m at most 32; k[i] at least -127; undefined flags 0; and of a constant packet g, m and the other flags 0.
     LPC-005: Every |p[j]| after each n MUST be at most 2^36, and every |c[j]| at most 2^21.

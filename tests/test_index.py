@@ -19,8 +19,9 @@ from hapfmt.container.index import (
     IndexEntry,
     build_foot,
     build_index,
+    ceil_ms,
     ceil_ns,
-    floor_ns,
+    floor_ms,
     parse_foot,
     parse_index,
 )
@@ -38,16 +39,20 @@ u64 = st.integers(0, 2**64 - 1)
 
 @st.composite
 def indexes(draw):
-    offsets = sorted(draw(st.sets(st.integers(8, 2**63), max_size=4)))
+    offsets = sorted(draw(st.sets(st.integers(8, 2**53 - 1), max_size=4)))
     types = st.sampled_from(["HEAD", "TRAK", "DATA", "mETa"])
-    rows = tuple(IndexEntry(draw(types), at, draw(i64), draw(i64)) for at in offsets)
+    ms = st.integers(0, 2**53 - 1)
+    rows = tuple(
+        IndexEntry(kind, at, *(sorted((draw(ms), draw(ms))) if kind == "DATA" else (0, 0)))
+        for kind, at in [(draw(types), at) for at in offsets]
+    )
     return Index(8, draw(u64), rows)
 
 
 @given(indexes())
 def test_an_index_comes_back(index):
     """
-    IDX-001: The payload MUST be as long as the header and `entry_count` entries.
+    IDX-001: The payload MUST end with the last byte of the last of its `entry_count` entries.
     """
     data = build_index(index)
     rows = [tuple(entry) for entry in index.entries]
@@ -80,17 +85,23 @@ def test_entries_that_are_not_there(count):
 
 
 @given(st.fractions(min_value=0, max_value=9 * 10**9))
+def test_milliseconds_hold_the_time(seconds):
+    assert Fraction(floor_ms(seconds), 1000) <= seconds <= Fraction(ceil_ms(seconds), 1000)
+    assert ceil_ms(seconds) - floor_ms(seconds) <= 1
+
+
+@given(st.fractions(min_value=0, max_value=9 * 10**9))
 def test_nanoseconds_hold_the_time(seconds):
-    assert Fraction(floor_ns(seconds), 10**9) <= seconds <= Fraction(ceil_ns(seconds), 10**9)
-    assert ceil_ns(seconds) - floor_ns(seconds) <= 1
+    assert Fraction(ceil_ns(seconds) - 1, 10**9) < seconds <= Fraction(ceil_ns(seconds), 10**9)
 
 
-def test_nanoseconds_beyond_i64():
+def test_times_beyond_their_range():
     """
-    IDX-006: For a `DATA` chunk `start_ns` MUST NOT be later than its earliest sample and `stop_ns` not earlier than the end of its latest; times beyond the range of i64 are set to its ends.
+    IDX-006: For a `DATA` chunk `start_ms` MUST NOT be later than its earliest sample and `start_ms + length_ms` not earlier than the end of its latest; times of 2^53 and more are set to 2^53 - 1.
     """
     far = Fraction(2**48 * 2**32)
-    assert (floor_ns(far), ceil_ns(far)) == (2**63 - 1, 2**63 - 1)
+    assert ceil_ns(far) == 2**63 - 1
+    assert (floor_ms(far), ceil_ms(far)) == (2**53 - 1, 2**53 - 1)
 
 
 def two_indexes(**changes) -> bytes:
@@ -156,7 +167,7 @@ class TestListing:
         assert rule(f.minimal(ahead={"entries": rows})) == ("nonconforming", "IDX-002")
 
     def test_times(self):
-        for start, stop in [(1, 10**12), (0, 3_999_999)]:
+        for start, stop in [(1, 10**12), (0, 3)]:
             rows = (*self.ROWS[:2], ("DATA", 160, start, stop))
             assert rule(f.minimal(ahead={"entries": rows})) == ("nonconforming", "IDX-006")
 

@@ -136,7 +136,7 @@ class TestNearLossless:
 def test_a_weber_fraction_of_16_bits_is_never_larger(k):
     ratio = at_most(k)
     assert ratio <= k and max(ratio.numerator, ratio.denominator) < 1 << 16
-    assert k - ratio <= max(Fraction(1, 65535), k * k / 65535)
+    assert k - ratio <= max(Fraction(1, 65535), k / 5000, k * k / 65535)
 
 
 class TestDeadband:

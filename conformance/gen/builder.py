@@ -125,13 +125,19 @@ class File:
             u64(0, "no index before"),
             u32(len(rows), f"{len(rows)} entries"),
         ]
+        before = 8
         for offset, type_, start, stop in rows:
             payload += [
                 raw(type_.encode(), f"a {type_} chunk"),
-                u64(offset, f"at offset {offset}"),
-                i64(start, f"start {start} ns"),
-                i64(stop, f"stop {stop} ns"),
+                varint(offset - before, f"{offset - before} bytes on, at offset {offset}"),
             ]
+            if type_ == "DATA":
+                first, last = start // 10**6, -(-stop // 10**6)
+                payload += [
+                    varint(first, f"start {first} ms"),
+                    varint(last - first, f"{last - first} ms long"),
+                ]
+            before = offset
         self.chunk("iNDX", payload)
         stop = max((b for _, _, b in data), default=0)
         self.chunk(

@@ -7,24 +7,27 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from ..errors import FormatError
-from .layout import FOOT, INDEX, INDEX_ENTRY
+from ..integers import build_varint, parse_varint
+from .layout import FOOT, INDEX
 from .wire import parse_fixed
 
 FIRST_OFFSET = 8
 INDEX_EVERY = 1 << 22
 """Bytes of chunks after which an index is due (SPEC IDX-005)."""
-I64 = (-(1 << 63), (1 << 63) - 1)
-ENTRY_SIZE: int = INDEX_ENTRY.sizeof()
+NS_LIMIT = (1 << 63) - 1
+MS_LIMIT = (1 << 53) - 1
+ENTRY_SIZES = (5, 28)
+"""The smallest and the largest number of bytes that an entry takes."""
 INDEX_SIZE: int = INDEX.sizeof()
 
 
 class IndexEntry(NamedTuple):
-    """A chunk's type and offset; for DATA the nanoseconds that its packets lie within."""
+    """A chunk's type and offset; for DATA the milliseconds that its packets lie within."""
 
     type: str
     offset: int
-    start_ns: int = 0
-    stop_ns: int = 0
+    start_ms: int = 0
+    stop_ms: int = 0
 
 
 class Index(NamedTuple):
@@ -41,12 +44,16 @@ class Foot(NamedTuple):
     duration_ns: int
 
 
-def floor_ns(seconds: Fraction) -> int:
-    return min(max(seconds.numerator * 10**9 // seconds.denominator, I64[0]), I64[1])
-
-
 def ceil_ns(seconds: Fraction) -> int:
-    return min(max(-(-seconds.numerator * 10**9 // seconds.denominator), I64[0]), I64[1])
+    return min(-(-seconds.numerator * 10**9 // seconds.denominator), NS_LIMIT)
+
+
+def floor_ms(seconds: Fraction) -> int:
+    return min(seconds.numerator * 1000 // seconds.denominator, MS_LIMIT)
+
+
+def ceil_ms(seconds: Fraction) -> int:
+    return min(-(-seconds.numerator * 1000 // seconds.denominator), MS_LIMIT)
 
 
 def build_index(index: Index) -> bytes:
@@ -57,16 +64,20 @@ def build_index(index: Index) -> bytes:
             "entry_count": len(index.entries),
         }
     )
-    return bytes(head) + b"".join(
-        INDEX_ENTRY.build({**entry._asdict(), "type": entry.type.encode("ascii")})
-        for entry in index.entries
-    )
+    out = bytearray(head)
+    before = index.covers_from
+    for entry in index.entries:
+        out += entry.type.encode("ascii") + build_varint(entry.offset - before)
+        if entry.type == "DATA":
+            out += build_varint(entry.start_ms) + build_varint(entry.stop_ms - entry.start_ms)
+        before = entry.offset
+    return bytes(out)
 
 
 def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
     """The iNDX payload at ``offset``, whose chunk starts at ``own_offset``."""
     raw = parse_fixed(INDEX, payload, 0, "IDX-001", offset)
-    if len(payload) != INDEX_SIZE + raw.entry_count * ENTRY_SIZE:
+    if len(payload) < INDEX_SIZE + raw.entry_count * ENTRY_SIZES[0]:
         raise FormatError(
             "index length and entry count differ", requirement="IDX-001", offset=offset
         )
@@ -74,17 +85,25 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
         raise FormatError("index covers the signature", requirement="IDX-004", offset=offset)
     if raw.covers_from != FIRST_OFFSET and not raw.covers_from <= raw.previous < own_offset:
         raise FormatError("previous index out of place", requirement="IDX-004", offset=offset + 8)
-    entries = []
-    last = raw.covers_from - 1
-    for at in range(INDEX_SIZE, len(payload), ENTRY_SIZE):
-        entry = INDEX_ENTRY.parse(payload[at : at + ENTRY_SIZE])
-        if not last < entry.offset < own_offset:
+    entries: list[IndexEntry] = []
+    position, chunk_offset = INDEX_SIZE, raw.covers_from
+    for _ in range(raw.entry_count):
+        at = position
+        type_ = payload[at : at + 4].decode("latin-1")
+        further, position = parse_varint(payload, at + 4, offset)
+        chunk_offset += further
+        if chunk_offset >= own_offset or (entries and not further):
             raise FormatError(
                 "index offsets out of order", requirement="IDX-002", offset=offset + at
             )
-        last = entry.offset
-        entries.append(
-            IndexEntry(entry.type.decode("latin-1"), entry.offset, entry.start_ns, entry.stop_ns)
+        start_ms = span_ms = 0
+        if type_ == "DATA":
+            start_ms, position = parse_varint(payload, position, offset)
+            span_ms, position = parse_varint(payload, position, offset)
+        entries.append(IndexEntry(type_, chunk_offset, start_ms, start_ms + span_ms))
+    if position != len(payload):
+        raise FormatError(
+            "bytes left over after an index", requirement="IDX-001", offset=offset + position
         )
     return Index(raw.covers_from, raw.previous, tuple(entries))
 
@@ -114,7 +133,7 @@ def check_listing(index: Index, own_offset: int, chunks: Sequence[IndexEntry], o
     for listed, found in zip(index.entries, expected, strict=False):
         if (listed.type, listed.offset) != (found.type, found.offset):
             break
-        if listed.start_ns > found.start_ns or listed.stop_ns < found.stop_ns:
+        if listed.start_ms > found.start_ms or listed.stop_ms < found.stop_ms:
             raise FormatError("index times miss samples", requirement="IDX-006", offset=offset)
     else:
         if len(expected) == len(index.entries):

@@ -79,13 +79,6 @@ INDEX = Struct(
     "entry_count" / Int32ul * "number of entries",
 )
 
-INDEX_ENTRY = Struct(
-    "type" / Bytes(4) * "type of the chunk",
-    "offset" / Int64ul * "offset of its header",
-    "start_ns" / Int64sl * "DATA: start of the earliest packet, rounded down; else 0",
-    "stop_ns" / Int64sl * "DATA: end of the latest packet, rounded up; else 0",
-)
-
 FOOT = Struct(
     "index_offset" / Int64ul * "offset of the last iNDX chunk",
     "stop_offset" / Int64ul * "offset of the first byte after this chunk",
@@ -119,7 +112,6 @@ TABLES: dict[str, Construct] = {
     "TLV": TLV,
     "deviation": DEVIATION,
     "iNDX": INDEX,
-    "iNDX entry": INDEX_ENTRY,
     "fOOT": FOOT,
     "KNOT parameters": KNOT_PARAMETERS,
     "QUAN parameters": QUAN_PARAMETERS,

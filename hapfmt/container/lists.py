@@ -113,8 +113,8 @@ def parse_setups(value: bytes, offset: int, count: int) -> list[Setup]:
     setups: list[Setup] = []
     for _ in range(some(cursor, count)):
         codec = cursor.take(4)
-        for _ in range(some(cursor, count - len(setups))):
-            setups.append((codec, cursor.take(cursor.varint())))
+        number = some(cursor, count - len(setups))
+        setups += [(codec, cursor.take(cursor.varint())) for _ in range(number)]
     chosen = []
     for _ in range(count):
         at, index = cursor.place, cursor.varint()
@@ -206,9 +206,7 @@ def parse_contract(cursor: Cursor, size: int) -> Contract | None:
     fits = max(kn, kd) < FRACTION_LIMIT and flags <= VECTOR | GUARANTEED
     fits = fits and all(1 <= floor < FLOOR_LIMIT for floor, _ in pairs)
     if not fits or any(not -ZERO_LIMIT <= zero < ZERO_LIMIT for _, zero in pairs):
-        raise FormatError(
-            "a deadband that is out of its bounds", requirement="DBC-001", offset=at
-        )
+        raise FormatError("a deadband that is out of its bounds", requirement="DBC-001", offset=at)
     return Contract(
         kn,
         kd,

@@ -19,7 +19,7 @@ from .groups import group_units
 from .lattice import to_counts
 from .settings import Settings
 from .source import Source, cut
-from .unit import WORDS_REASON, Unit, encode_counts, encode_words
+from .unit import WORDS_REASON, Coded, Unit, encode_counts, encode_words
 
 WORDS = {
     np.dtype(np.int64): "int64",
@@ -146,7 +146,7 @@ def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:
     for unit in units:
         places.setdefault(unit.base.track.shared, []).append(unit)
     ordered = [unit for alike in places.values() for unit in alike]
-    numbered = [(unit.base, None) for unit in ordered]
+    numbered: list[tuple[Coded, int | None]] = [(unit.base, None) for unit in ordered]
     numbered += [(unit.residual, id_) for id_, unit in enumerate(ordered) if unit.residual]
     tracks: list[Track] = []
     packets: list[Packet] = []

@@ -24,6 +24,9 @@ from .common_step import Steps, exact_steps, simplest_fraction
 PLACES = 15
 """10**15 is the last power of ten below 2**53."""
 
+LONE_STEP = 1 << 31
+"""A of a constant whose numerator is too large for B: half of its bits are the count then."""
+
 PROBES = 64
 """Values that have to pass before all are looked at."""
 
@@ -70,11 +73,13 @@ def constant(u: NDArray[np.float64]) -> Ratio:
     shortest = Decimal(repr(value)).normalize()
     places = max(0, -int(shortest.as_tuple().exponent))
     numerator = int(shortest.scaleb(places))
-    if places <= PLACES and abs(numerator) <= EXACT_LIMIT:
-        return Ratio(np.array([numerator]), 10**places, "constant")
-    ratio = shortest_fraction(abs(value))
-    sign = -1 if value < 0 else 1
-    return Ratio(np.array([sign * ratio.numerator]), ratio.denominator, "constant")
+    denominator = 10**places
+    if places > PLACES or abs(numerator) > EXACT_LIMIT:
+        ratio = shortest_fraction(abs(value))
+        numerator, denominator = ratio.as_integer_ratio()
+        numerator *= -1 if value < 0 else 1
+    step = 1 if abs(numerator) < AFFINE_LIMIT else LONE_STEP
+    return Ratio(np.array([numerator]), denominator, "constant", step)
 
 
 def dyadic(u: NDArray[np.float64]) -> Ratio | None:
