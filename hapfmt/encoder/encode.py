@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -12,14 +12,15 @@ import numpy as np
 from ..codecs.predicted import LpcParameters
 from ..container.cluster import Packet
 from ..container.track import Track
-from ..errors import ParameterError
+from ..decoder import TrackDecoder
+from ..errors import FormatError, ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..recording import Channel, Recording
 from .groups import group_units
 from .lattice import to_counts
 from .settings import Settings
 from .source import Source, cut
-from .unit import WORDS_REASON, Coded, Unit, encode_counts, encode_words
+from .unit import ENCODE_LEVEL, WORDS_REASON, Coded, Unit, encode_counts, encode_words
 
 WORDS = {
     np.dtype(np.int64): "int64",
@@ -28,6 +29,10 @@ WORDS = {
     np.dtype(np.float32): "binary32",
     np.dtype(np.float64): "binary64",
 }
+
+
+JOINED_TICKS = 1 << 19
+"""Of a constant packet with one component, at most: eight of them fill a cluster of level 1."""
 
 
 @dataclass(frozen=True)
@@ -152,8 +157,47 @@ def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:
     packets: list[Packet] = []
     for id_, (coded, base) in enumerate(numbered):
         tracks.append(replace(coded.track, id=id_, base=base))
-        packets += [replace(packet, track=id_) for packet in coded.packets]
+        packets += [replace(packet, track=id_) for packet in join_constant(coded)]
     return tracks, packets
+
+
+def join_constant(coded: Coded) -> Iterator[Packet]:
+    """Neighbours that are the same constant as one packet, so that silence costs next to nothing:
+    a packet alone takes ten bytes of a cluster's table."""
+    decoder = TrackDecoder(coded.track, ENCODE_LEVEL)
+    for run in alike(coded.packets, JOINED_TICKS // len(coded.track.components)):
+        joint = replace(run[0], span=run[-1].stop - run[0].start)
+        if len(run) > 1 and is_constant(decoder, joint, run[0]):
+            yield joint
+        else:
+            yield from run
+
+
+def alike(packets: Sequence[Packet], limit: int) -> Iterator[list[Packet]]:
+    """Runs of adjacent packets of the same bytes, of ``limit`` ticks together at most."""
+    run: list[Packet] = []
+    for packet in packets:
+        if run and (
+            packet.data != run[-1].data
+            or packet.start != run[-1].stop
+            or packet.stop - run[0].start > limit
+        ):
+            yield run
+            run = []
+        run.append(packet)
+    if run:
+        yield run
+
+
+def is_constant(decoder: TrackDecoder, joint: Packet, part: Packet) -> bool:
+    """Whether the joint packet, of the bytes of a part, is the constant that the part is."""
+    first = decoder.decode(part)
+    if (first != first[0]).any():
+        return False
+    try:
+        return bool((decoder.decode(joint) == first[0]).all())
+    except FormatError:
+        return False
 
 
 def choose_level(tracks: list[Track]) -> Level:
