@@ -16,6 +16,7 @@ from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.codecs.knots import KnotParameters
 from hapfmt.codecs.quantised import QuanParameters
 from hapfmt.container.lists import round_up
+from hapfmt.container.track import series_of
 from hapfmt.encoder.codebook import choose_codebook
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.groups import share_lattice
@@ -284,3 +285,46 @@ def test_settings_that_make_no_sense_are_refused(wrong):
 def test_what_does_not_fit_the_format_is_refused(channel):
     with pytest.raises(hapfmt.ParameterError):
         encoded(Recording((channel,)))
+
+
+def test_channels_of_a_rate_share_one_series():
+    """Whatever their codecs, ranges, steps and order; HF tracks follow in the order of their bases."""
+    rng = np.random.default_rng(3)
+    t = np.arange(600)
+    shapes = [np.rint(900 * np.sin(t / 40)), rng.normal(0, 50, 600), 0 * t + 7, 30 * (t // 100)]
+    channels = [
+        Channel(
+            np.rint(shapes[i % 4] * (i + 1)).astype(np.int32), Fraction(1000 if i % 3 else 500),
+            calibration=Calibration(1, 0, 100 + i), label=f"f{i}", unit="N",
+        )
+        for i in range(16)
+    ]  # fmt: skip
+    for preset in ("deadband", "archive", "default"):
+        made = encode(Recording(tuple(channels)), Settings.of(preset))
+        series = list(series_of(made.tracks))
+        assert len(series) == len({(t.kind, t.rate) for t in made.tracks})
+        bases = [track.base for track in made.tracks if track.kind == "hf"]
+        assert bases == [track.id for track in made.tracks if track.kind == "lf"]
+        back = hapfmt.read(encoded(Recording(tuple(channels)), Settings.of(preset)))
+        assert [c.label for c in back.channels] == [c.label for c in channels]
+
+
+class TestConstantStretches:
+    def packets(self, values, **given):
+        channel = Channel(np.array(values), Fraction(10), calibration=Calibration(), **given)
+        settings = Settings.of("archive", cluster=Fraction(1))
+        made = encode(Recording((channel,)), settings)
+        back = hapfmt.read(encoded(Recording((channel,)), settings)).channels[0]
+        assert np.array_equal(back.values, channel.values) and back.coverage == channel.coverage
+        return [(packet.start, packet.span) for packet in made.packets]
+
+    def test_one_packet(self):
+        assert self.packets([7] * 95) == [(0, 95)]
+
+    def test_a_gap_parts_them(self):
+        coverage = (Span(0, 40), Span(41, 96))
+        assert self.packets([7] * 95, coverage=coverage) == [(0, 40), (41, 55)]
+
+    def test_only_what_is_constant_is_joined(self):
+        ramp = [*range(10)]
+        assert self.packets(ramp * 2 + [3] * 30 + ramp) == [(0, 10), (10, 10), (20, 30), (50, 10)]
