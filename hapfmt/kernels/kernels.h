@@ -1,0 +1,14 @@
+/* What every file of the extension module shares: the limited API, and its table of functions. */
+#ifndef HAPFMT_KERNELS_H
+#define HAPFMT_KERNELS_H
+
+#define Py_LIMITED_API 0x030B0000
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include <stdint.h>
+#include <string.h>
+
+extern PyMethodDef hapfmt_lpcr_methods[];
+void hapfmt_lpcr_prepare(void);
+
+#endif
