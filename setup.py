@@ -6,8 +6,8 @@ setup(
     ext_modules=[
         Extension(
             "hapfmt.kernels._kernels",
-            [f"hapfmt/kernels/{name}.c" for name in ("module", "lpcr")],
-            depends=["hapfmt/kernels/kernels.h"],
+            [f"hapfmt/kernels/{name}.c" for name in ("module", "lpcr", "sweep", "tube")],
+            depends=["hapfmt/kernels/kernels.h", "hapfmt/kernels/tube.h"],
             extra_compile_args=["-O3", "-std=c99"],
             py_limited_api=True,
             optional=True,

@@ -31,6 +31,12 @@ class Loop(Protocol):
     ) -> tuple[int, int]: ...
 
 
+class TubeLoop(Protocol):
+    """(lower, upper, ticks, values: int64 [ticks]) -> number of knots; the last two are filled."""
+
+    def __call__(self, lower: Buffer, upper: Buffer, ticks: Buffer, values: Buffer, /) -> int: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -38,6 +44,10 @@ class Kernels(Protocol):
     def lpcr_decode(self) -> Loop: ...
     @property
     def lpcr_encode(self) -> Loop: ...
+    @property
+    def fewest_hold(self) -> TubeLoop: ...
+    @property
+    def fewest_linear(self) -> TubeLoop: ...
 
 
 def load() -> Kernels | None:

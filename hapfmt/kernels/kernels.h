@@ -9,6 +9,7 @@
 #include <string.h>
 
 extern PyMethodDef hapfmt_lpcr_methods[];
+extern PyMethodDef hapfmt_tube_methods[];
 void hapfmt_lpcr_prepare(void);
 
 #endif

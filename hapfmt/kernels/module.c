@@ -4,7 +4,7 @@
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_kernels", NULL, 0, NULL,
                                     NULL, NULL, NULL, NULL};
 
-static PyMethodDef *const tables[] = {hapfmt_lpcr_methods};
+static PyMethodDef *const tables[] = {hapfmt_lpcr_methods, hapfmt_tube_methods};
 
 PyMODINIT_FUNC PyInit__kernels(void)
 {
