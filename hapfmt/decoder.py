@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .codecs.knots import KnotParameters, decode_knots
+from .codecs.knots import KnotParameters, decode_within
 from .codecs.predicted import LpcParameters, decode_predicted
 from .codecs.quantised import QuanParameters, decode_quantised
 from .codecs.raw import RawParameters, decode_raw
@@ -64,9 +64,10 @@ class TrackDecoder:
                     return numbers
                 self.check_range(numbers, packet.offset)
             elif isinstance(parameters, KnotParameters):
-                numbers = decode_knots(
-                    packet.data, parameters, packet.span, size, self.level, packet.offset
-                )
+                return decode_within(
+                    packet.data, parameters, packet.span, size, self.level, packet.offset,
+                    track.count_min, track.count_max,
+                )  # fmt: skip
             elif isinstance(parameters, LpcParameters):
                 numbers = decode_predicted(
                     packet.data, parameters, packet.span, self.level, packet.offset

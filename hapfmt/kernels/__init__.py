@@ -37,6 +37,45 @@ class TubeLoop(Protocol):
     def __call__(self, lower: Buffer, upper: Buffer, ticks: Buffer, values: Buffer, /) -> int: ...
 
 
+class KnotsDecode(Protocol):
+    """(packet, quantum, components, lines, largest tick, largest value, least and largest count,
+    int64 [2 * components], int32 [ticks * components]) -> whether it keeps the rules of SPEC 9.1;
+    the last argument is filled with counts, the one before is used up."""
+
+    def __call__(
+        self,
+        packet: Buffer,
+        quantum: int,
+        components: int,
+        lines: bool,
+        tick_limit: int,
+        bound: int,
+        low: int,
+        high: int,
+        values: Buffer,
+        counts: Buffer,
+        /,
+    ) -> bool: ...
+
+
+class SelectKnots(Protocol):
+    """(int64 [ticks, components], zero, floor: int64, kn, kd, vector, by sample, int64 [ticks])
+    -> number of knots; the last argument is filled with their ticks."""
+
+    def __call__(
+        self,
+        table: Buffer,
+        zero: Buffer,
+        floor: Buffer,
+        kn: int,
+        kd: int,
+        vector: bool,
+        by_sample: bool,
+        ticks: Buffer,
+        /,
+    ) -> int: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -48,6 +87,10 @@ class Kernels(Protocol):
     def fewest_hold(self) -> TubeLoop: ...
     @property
     def fewest_linear(self) -> TubeLoop: ...
+    @property
+    def knots_decode(self) -> KnotsDecode: ...
+    @property
+    def select_knots(self) -> SelectKnots: ...
 
 
 def load() -> Kernels | None:

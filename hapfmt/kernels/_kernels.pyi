@@ -26,3 +26,27 @@ def lpcr_encode(
 ) -> tuple[int, int]: ...
 def fewest_hold(lower: Buffer, upper: Buffer, ticks: Buffer, values: Buffer, /) -> int: ...
 def fewest_linear(lower: Buffer, upper: Buffer, ticks: Buffer, values: Buffer, /) -> int: ...
+def knots_decode(
+    packet: Buffer,
+    quantum: int,
+    components: int,
+    lines: bool,
+    tick_limit: int,
+    bound: int,
+    low: int,
+    high: int,
+    values: Buffer,
+    counts: Buffer,
+    /,
+) -> bool: ...
+def select_knots(
+    table: Buffer,
+    zero: Buffer,
+    floor: Buffer,
+    kn: int,
+    kd: int,
+    vector: bool,
+    by_sample: bool,
+    ticks: Buffer,
+    /,
+) -> int: ...

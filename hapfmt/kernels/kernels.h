@@ -10,6 +10,8 @@
 
 extern PyMethodDef hapfmt_lpcr_methods[];
 extern PyMethodDef hapfmt_tube_methods[];
+extern PyMethodDef hapfmt_knots_methods[];
+extern PyMethodDef hapfmt_select_methods[];
 void hapfmt_lpcr_prepare(void);
 
 #endif

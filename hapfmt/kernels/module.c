@@ -4,7 +4,9 @@
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_kernels", NULL, 0, NULL,
                                     NULL, NULL, NULL, NULL};
 
-static PyMethodDef *const tables[] = {hapfmt_lpcr_methods, hapfmt_tube_methods};
+static PyMethodDef *const tables[] = {
+    hapfmt_lpcr_methods, hapfmt_tube_methods, hapfmt_knots_methods, hapfmt_select_methods,
+};
 
 PyMODINIT_FUNC PyInit__kernels(void)
 {
