@@ -6,7 +6,10 @@ setup(
     ext_modules=[
         Extension(
             "hapfmt.kernels._kernels",
-            [f"hapfmt/kernels/{name}.c" for name in ("module", "lpcr", "sweep", "tube", "knots", "select")],
+            [
+                f"hapfmt/kernels/{name}.c"
+                for name in ("module", "lpcr", "sweep", "tube", "knots", "select", "huffman")
+            ],
             depends=["hapfmt/kernels/kernels.h", "hapfmt/kernels/tube.h"],
             extra_compile_args=["-O3", "-std=c99"],
             py_limited_api=True,

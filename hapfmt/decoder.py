@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .codecs.knots import KnotParameters, decode_within
+from .codecs import knots, quantised
+from .codecs.knots import KnotParameters
 from .codecs.predicted import LpcParameters, decode_predicted
-from .codecs.quantised import QuanParameters, decode_quantised
+from .codecs.quantised import QuanParameters
 from .codecs.raw import RawParameters, decode_raw
 from .container.cluster import Packet
 from .container.track import Track
@@ -64,7 +65,7 @@ class TrackDecoder:
                     return numbers
                 self.check_range(numbers, packet.offset)
             elif isinstance(parameters, KnotParameters):
-                return decode_within(
+                return knots.decode_within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
                     track.count_min, track.count_max,
                 )  # fmt: skip
@@ -73,9 +74,10 @@ class TrackDecoder:
                     packet.data, parameters, packet.span, self.level, packet.offset
                 )
             else:
-                numbers = decode_quantised(
-                    packet.data, parameters, packet.span, size, self.level, packet.offset
-                )
+                return quantised.decode_within(
+                    packet.data, parameters, packet.span, size, self.level, packet.offset,
+                    track.count_min, track.count_max,
+                )  # fmt: skip
         except HapfmtError as error:
             raise error.at(path=self.path) from None
         clamped: NDArray[np.int32] = np.clip(numbers, track.count_min, track.count_max).astype(

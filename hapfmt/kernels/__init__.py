@@ -76,6 +76,43 @@ class SelectKnots(Protocol):
     ) -> int: ...
 
 
+class QuanDecode(Protocol):
+    """(packet, code word lengths uint8 [symbols], direct levels, run classes, escape classes, step,
+    largest level, least and largest count, int32 [levels]) -> whether it keeps the rules of
+    SPEC 9.2; the last argument is filled with counts."""
+
+    def __call__(
+        self,
+        packet: Buffer,
+        lengths: Buffer,
+        direct_levels: int,
+        run_classes: int,
+        escape_classes: int,
+        step: int,
+        bound: int,
+        low: int,
+        high: int,
+        counts: Buffer,
+        /,
+    ) -> bool: ...
+
+
+class QuanEncode(Protocol):
+    """(levels int64, code word lengths uint8 [symbols], direct levels, run classes, escape classes,
+    packet) -> bytes of the packet, which is filled as far as it goes; -1: a level has no word."""
+
+    def __call__(
+        self,
+        levels: Buffer,
+        lengths: Buffer,
+        direct_levels: int,
+        run_classes: int,
+        escape_classes: int,
+        packet: Buffer,
+        /,
+    ) -> int: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -91,6 +128,10 @@ class Kernels(Protocol):
     def knots_decode(self) -> KnotsDecode: ...
     @property
     def select_knots(self) -> SelectKnots: ...
+    @property
+    def quan_decode(self) -> QuanDecode: ...
+    @property
+    def quan_encode(self) -> QuanEncode: ...
 
 
 def load() -> Kernels | None:

@@ -50,3 +50,25 @@ def select_knots(
     ticks: Buffer,
     /,
 ) -> int: ...
+def quan_decode(
+    packet: Buffer,
+    lengths: Buffer,
+    direct_levels: int,
+    run_classes: int,
+    escape_classes: int,
+    step: int,
+    bound: int,
+    low: int,
+    high: int,
+    counts: Buffer,
+    /,
+) -> bool: ...
+def quan_encode(
+    levels: Buffer,
+    lengths: Buffer,
+    direct_levels: int,
+    run_classes: int,
+    escape_classes: int,
+    packet: Buffer,
+    /,
+) -> int: ...

@@ -12,6 +12,7 @@ extern PyMethodDef hapfmt_lpcr_methods[];
 extern PyMethodDef hapfmt_tube_methods[];
 extern PyMethodDef hapfmt_knots_methods[];
 extern PyMethodDef hapfmt_select_methods[];
+extern PyMethodDef hapfmt_huffman_methods[];
 void hapfmt_lpcr_prepare(void);
 
 #endif
