@@ -8,7 +8,16 @@ setup(
             "hapfmt.kernels._kernels",
             [
                 f"hapfmt/kernels/{name}.c"
-                for name in ("module", "lpcr", "sweep", "tube", "knots", "select", "huffman")
+                for name in (
+                    "module",
+                    "lpcr",
+                    "sweep",
+                    "tube",
+                    "knots",
+                    "select",
+                    "huffman",
+                    "levels",
+                )
             ],
             depends=["hapfmt/kernels/kernels.h", "hapfmt/kernels/tube.h"],
             extra_compile_args=["-O3", "-std=c99"],

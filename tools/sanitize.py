@@ -19,7 +19,13 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-TESTS = ["tests/test_kernels.py", "tests/test_codecs_predicted.py"]
+TESTS = [
+    *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "tests").glob("test_kernels*.py")),
+    "tests/test_codecs_predicted.py",
+    "tests/test_codecs_knots.py",
+    "tests/test_codecs_quantised.py",
+    "tests/test_tube.py",
+]
 FLAGS = ["-std=c99", "-g", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
 SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 CHECK = "from hapfmt.kernels import compiled; print(compiled.__file__)"

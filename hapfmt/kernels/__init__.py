@@ -113,6 +113,15 @@ class QuanEncode(Protocol):
     ) -> int: ...
 
 
+class DeadbandLevels(Protocol):
+    """(step, kn, kd, bound, levels, tops) -> how many of the int64 rows were filled; -1: they have
+    no room for all."""
+
+    def __call__(
+        self, step: int, kn: int, kd: int, bound: int, levels: Buffer, tops: Buffer, /
+    ) -> int: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -132,6 +141,8 @@ class Kernels(Protocol):
     def quan_decode(self) -> QuanDecode: ...
     @property
     def quan_encode(self) -> QuanEncode: ...
+    @property
+    def deadband_levels(self) -> DeadbandLevels: ...
 
 
 def load() -> Kernels | None:

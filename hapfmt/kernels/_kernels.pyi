@@ -72,3 +72,6 @@ def quan_encode(
     packet: Buffer,
     /,
 ) -> int: ...
+def deadband_levels(
+    step: int, kn: int, kd: int, bound: int, levels: Buffer, tops: Buffer, /
+) -> int: ...

@@ -13,6 +13,7 @@ extern PyMethodDef hapfmt_tube_methods[];
 extern PyMethodDef hapfmt_knots_methods[];
 extern PyMethodDef hapfmt_select_methods[];
 extern PyMethodDef hapfmt_huffman_methods[];
+extern PyMethodDef hapfmt_levels_methods[];
 void hapfmt_lpcr_prepare(void);
 
 #endif
