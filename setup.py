@@ -6,7 +6,20 @@ setup(
     ext_modules=[
         Extension(
             "hapfmt.kernels._kernels",
-            ["hapfmt/kernels/_kernels.c"],
+            [
+                f"hapfmt/kernels/{name}.c"
+                for name in (
+                    "module",
+                    "lpcr",
+                    "sweep",
+                    "tube",
+                    "knots",
+                    "select",
+                    "huffman",
+                    "levels",
+                )
+            ],
+            depends=["hapfmt/kernels/kernels.h", "hapfmt/kernels/tube.h"],
             extra_compile_args=["-O3", "-std=c99"],
             py_limited_api=True,
             optional=True,

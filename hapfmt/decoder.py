@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .codecs.knots import KnotParameters, decode_knots
+from .codecs import knots, quantised
+from .codecs.knots import KnotParameters
 from .codecs.predicted import LpcParameters, decode_predicted
-from .codecs.quantised import QuanParameters, decode_quantised
+from .codecs.quantised import QuanParameters
 from .codecs.raw import RawParameters, decode_raw
 from .container.cluster import Packet
 from .container.track import Track
@@ -64,17 +65,19 @@ class TrackDecoder:
                     return numbers
                 self.check_range(numbers, packet.offset)
             elif isinstance(parameters, KnotParameters):
-                numbers = decode_knots(
-                    packet.data, parameters, packet.span, size, self.level, packet.offset
-                )
+                return knots.decode_within(
+                    packet.data, parameters, packet.span, size, self.level, packet.offset,
+                    track.count_min, track.count_max,
+                )  # fmt: skip
             elif isinstance(parameters, LpcParameters):
                 numbers = decode_predicted(
                     packet.data, parameters, packet.span, self.level, packet.offset
                 )
             else:
-                numbers = decode_quantised(
-                    packet.data, parameters, packet.span, size, self.level, packet.offset
-                )
+                return quantised.decode_within(
+                    packet.data, parameters, packet.span, size, self.level, packet.offset,
+                    track.count_min, track.count_max,
+                )  # fmt: skip
         except HapfmtError as error:
             raise error.at(path=self.path) from None
         clamped: NDArray[np.int32] = np.clip(numbers, track.count_min, track.count_max).astype(

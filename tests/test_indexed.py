@@ -163,7 +163,7 @@ class TestDeadband:
         base = make_track(source, 0, kind="full", codec="KNOT", count_min=-(2**31),
                           count_max=2**31 - 1)  # fmt: skip
         for _, way in scalar_ways(source, bound):
-            coded = way(base)
+            coded = way(base, None)
             decoder = TrackDecoder(coded.track, LEVELS[2])
             y = np.concatenate([decoder.decode(packet) for packet in coded.packets])
             assert not bound.band.outside(source.counts, y.astype(np.int64)).any()

@@ -2,7 +2,7 @@
 
 python tools/sanitize.py [arguments of pytest]
 
-Builds hapfmt/kernels/_kernels.c with -fsanitize=address,undefined into a copy of the package in a
+Builds hapfmt/kernels/*.c with -fsanitize=address,undefined into a copy of the package in a
 temporary folder. Says why where it cannot: no compiler, or one without sanitizers.
 """
 
@@ -19,7 +19,13 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-TESTS = ["tests/test_kernels.py", "tests/test_codecs_predicted.py"]
+TESTS = [
+    *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "tests").glob("test_kernels*.py")),
+    "tests/test_codecs_predicted.py",
+    "tests/test_codecs_knots.py",
+    "tests/test_codecs_quantised.py",
+    "tests/test_tube.py",
+]
 FLAGS = ["-std=c99", "-g", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
 SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 CHECK = "from hapfmt.kernels import compiled; print(compiled.__file__)"
@@ -36,8 +42,8 @@ def asked(command: list[str], **given: Any) -> subprocess.CompletedProcess[str]:
 def build(target: Path) -> str | None:
     """None, or why not."""
     include = sysconfig.get_path("include")
-    source = str(ROOT / "hapfmt" / "kernels" / "_kernels.c")
-    command = [*compiler(), *FLAGS, *SANITIZERS, f"-I{include}", source, "-o", str(target)]
+    sources = [str(path) for path in sorted((ROOT / "hapfmt" / "kernels").glob("*.c"))]
+    command = [*compiler(), *FLAGS, *SANITIZERS, f"-I{include}", *sources, "-o", str(target)]
     try:
         done = asked(command)
     except OSError as error:

@@ -29,6 +29,9 @@ ZERO_LIMIT, FRACTION_LIMIT = 1 << 31, 1 << 16
 INDEX_LIMIT = 1 << 32
 """Largest magnitude of an index at any level."""
 
+LEVELS_LIMIT = 1 << 19
+"""More than any deadband's grid has: about 444 000."""
+
 STATUS = {
     1: ("RNG-002", "a bucket of 80"),
     2: ("RNG-003", "a magnitude of 2^34 or more"),
@@ -99,6 +102,10 @@ def deadband_levels(grid: LpcParameters, bound: int) -> tuple[NDArray[np.int64],
 
     At most 450 000 of them: steps of 1 up to kd, and from there on by a factor of 1 + 2 / kd.
     """
+    if compiled is not None:
+        rows = np.empty((2, LEVELS_LIMIT), np.int64)
+        count = compiled.deadband_levels(grid.step, grid.kn, grid.kd, bound, rows[0], rows[1])
+        return rows[0, :count].copy(), rows[1, :count].copy()
     levels, tops = [0], []
     while True:
         y = levels[-1]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..container.layout import QUAN_PARAMETERS
 from ..container.wire import parse_fixed
 from ..errors import FormatError, TruncatedError
+from ..kernels import compiled
 from ..limits import Level
 from .bits import pack_bits
 from .huffman import Codebook, build_codebook, decode_blocks, parse_codebook, read_bits
@@ -18,6 +19,7 @@ from .huffman import Codebook, build_codebook, decode_blocks, parse_codebook, re
 SYMBOL_LIMIT = 4096
 RUN_LIMIT = 24
 ESCAPE_LIMIT = 32
+NO_WORD = "a level has no code word in this codebook"
 
 
 def quantise(e: NDArray[np.int64], step: int) -> NDArray[np.int64]:
@@ -124,6 +126,17 @@ class QuanParameters:
     def book(self) -> Codebook:
         return Codebook(self.lengths, self.alphabet.extra_bits)
 
+    @cached_property
+    def given(self) -> tuple[NDArray[np.uint8], int, int, int]:
+        """Lengths and alphabet, as the compiled loops take them."""
+        alphabet = self.alphabet
+        return (
+            self.lengths.astype(np.uint8),
+            alphabet.direct_levels,
+            alphabet.run_classes,
+            alphabet.escape_classes,
+        )
+
     def build(self) -> bytes:
         fixed = QUAN_PARAMETERS.build(
             {
@@ -154,15 +167,31 @@ class QuanParameters:
 
 def encode_quantised(levels: NDArray[np.int64], parameters: QuanParameters) -> bytes:
     """The packet of levels [ticks, components]; each must have a symbol with a code word."""
-    symbols, extra = parameters.alphabet.tokenise(levels.T.reshape(-1))
+    row = np.ascontiguousarray(levels.T).reshape(-1)
+    if compiled is not None:
+        return encode_compiled(row, parameters)
+    symbols, extra = parameters.alphabet.tokenise(row)
     book = parameters.book
     if (symbols.size and symbols.max() >= parameters.alphabet.size) or not parameters.lengths[
         symbols
     ].all():
-        raise ValueError("a level has no code word in this codebook")
+        raise ValueError(NO_WORD)
     values = np.column_stack((book.codes[symbols], extra)).reshape(-1)
     widths = np.column_stack((book.widths[symbols], book.extra_bits[symbols])).reshape(-1)
     return pack_bits(values, widths)
+
+
+def encode_compiled(row: NDArray[np.int64], parameters: QuanParameters) -> bytes:
+    """The same in C; a packet that does not fit its buffer is written once more."""
+    assert compiled is not None
+    room, size = 0, row.size + 64
+    while size > room:
+        room = size
+        out = bytearray(room)
+        size = compiled.quan_encode(row, *parameters.given, out)
+    if size < 0:
+        raise ValueError(NO_WORD)
+    return bytes(out[:size])
 
 
 def decode_levels(
@@ -237,3 +266,26 @@ def decode_quantised(
     if max(int(levels.max()), -int(levels.min())) > bound:
         raise FormatError("level times step out of range", requirement="QNT-006", offset=offset)
     return (levels * parameters.step).reshape(components, span).T
+
+
+def decode_within(
+    data: bytes,
+    parameters: QuanParameters,
+    span: int,
+    components: int,
+    level: Level,
+    offset: int,
+    low: int,
+    high: int,
+) -> NDArray[np.int32]:
+    """``decode_quantised``, each count clamped to low ... high (DEC-001)."""
+    if compiled is not None:
+        out = np.empty((components, span), np.int32)
+        bound = 2 * level.count_bound // parameters.step
+        if compiled.quan_decode(
+            data, *parameters.given, parameters.step, bound, low, high, out
+        ):  # fmt: skip
+            return out.T
+    # In Python, and so is a broken rule told.
+    counts = decode_quantised(data, parameters, span, components, level, offset)
+    return np.clip(counts, low, high).astype(np.int32)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..deadband import MARGIN, Deadband, norm_sq
 from ..errors import ParameterError
+from ..kernels import compiled
 
 Reference = Literal["last", "sample"]
 
@@ -77,6 +78,18 @@ def select_knots(
     n = table.shape[0]
     if not n:
         return np.zeros(0, dtype=np.int64)
+    if compiled is not None:
+        found = np.empty(n + 1, np.int64)
+        floor = deadband.floor[: 1 if deadband.vector else None]
+        count = compiled.select_knots(
+            np.ascontiguousarray(table), np.array(deadband.zero, np.int64),
+            np.array(floor, np.int64), deadband.kn,
+            deadband.kd, deadband.vector, reference == "sample", found[:n],
+        )  # fmt: skip
+        if keep_last and found[count - 1] != n - 1:
+            found[count] = n - 1
+            count += 1
+        return found[:count].copy()
     search: _Search = (_Ball if deadband.vector else _Box)(table, deadband, reference)
     ticks = [0]
     sparse = max(_DENSE // table.shape[1], 4)

@@ -59,6 +59,13 @@ def encode_best(indices: NDArray[np.int64]) -> bytes:
     return best
 
 
+def quick_estimate(indices: NDArray[np.int64]) -> float:
+    """Bits of a packet by the best of the first three fixed polynomials."""
+    first, mean = int(indices[0]), int(np.floor(indices.mean() + 0.5))
+    bases = mean, first, first
+    return min(estimate(differences(indices - base, order)) for order, base in enumerate(bases))
+
+
 def candidates(indices: NDArray[np.int64]) -> Iterator[tuple[float, Predictor]]:
     """(estimated bits, predictor)"""
     first, mean = int(indices[0]), int(np.floor(indices.mean() + 0.5))

@@ -12,6 +12,8 @@ Computer Vision, Graphics, and Image Processing 35, 1986). So the next link is s
 that cross it; knots are tried on whole ticks around the place where the furthest of them does, and
 all values are kept until the end is reached. Then one is chosen at each knot, backwards.
 
+Where the extension is built, kernels/tube.c and sweep.c take the same steps.
+
 Widths, with |count| <= 2**32 and at most 2**24 ticks: half counts stay below 2**33 + 2, their
 differences below 2**34 + 4, products with ticks (2**59); no more than two of these are added, which
 an int64 holds.
@@ -25,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ParameterError
+from ..kernels import TubeLoop, compiled
 from ..limits import LEVELS
 from .sweep import Point, Sweep, append, line_at, round_at, sweep_lines
 
@@ -92,7 +95,10 @@ def fewest_hold(
     No choice of knots has fewer: each piece goes on as long as one value fits. Of the values that
     fit the one closest to the piece before is taken, and differences stay small.
     """
-    lows, highs = _bounds(lower, upper)
+    low_row, high_row = _bounds(lower, upper)
+    if compiled is not None:
+        return _run(compiled.fewest_hold, low_row, high_row)
+    lows, highs = low_row.tolist(), high_row.tolist()
     ticks, pieces = [0], []
     low, high = -COUNT_BOUND, COUNT_BOUND
     for tick, (least, most) in enumerate(zip(lows, highs, strict=True)):
@@ -128,10 +134,12 @@ def fewest_linear(
     few ticks are reached exactly. A deadband's floor is a count or more, and leaves three.
     """
     lows, highs = _bounds(lower, upper)
-    low, high = max(lows), min(highs)
+    if compiled is not None:
+        return _run(compiled.fewest_linear, lows, highs)
+    low, high = int(lows.max()), int(highs.min())
     if low <= high:
         return np.zeros(1, dtype=np.int64), np.array([(low + high) // 2], dtype=np.int64)
-    tube = _Tube(lows, highs)
+    tube = _Tube(lows.tolist(), highs.tolist())
     knot = tube.last_knot()
     value = (knot.low + knot.high) // 2
     ticks, values = [knot.tick], [value]
@@ -144,7 +152,9 @@ def fewest_linear(
     return np.array(ticks[::-1], dtype=np.int64), np.array(values[::-1], dtype=np.int64)
 
 
-def _bounds(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> tuple[list[int], list[int]]:
+def _bounds(
+    lower: NDArray[np.int64], upper: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     integers = lower.dtype.kind in "iu" and upper.dtype.kind in "iu"
     if not integers or lower.ndim != 1 or lower.shape != upper.shape:
         raise ParameterError("a tube is two rows of integer counts, equally long")
@@ -153,7 +163,15 @@ def _bounds(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> tuple[list[in
     low, high = np.maximum(lower, -COUNT_BOUND), np.minimum(upper, COUNT_BOUND)
     if (low > high).any():
         raise ParameterError(f"a tube has lower <= upper, and counts of at most {COUNT_BOUND}")
-    return low.tolist(), high.tolist()
+    return np.ascontiguousarray(low, np.int64), np.ascontiguousarray(high, np.int64)
+
+
+def _run(
+    loop: TubeLoop, lower: NDArray[np.int64], upper: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    ticks, values = np.empty_like(lower), np.empty_like(lower)
+    count = loop(lower, upper, ticks, values)
+    return ticks[:count].copy(), values[:count].copy()
 
 
 class _Tube:

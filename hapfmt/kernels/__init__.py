@@ -31,6 +31,97 @@ class Loop(Protocol):
     ) -> tuple[int, int]: ...
 
 
+class TubeLoop(Protocol):
+    """(lower, upper, ticks, values: int64 [ticks]) -> number of knots; the last two are filled."""
+
+    def __call__(self, lower: Buffer, upper: Buffer, ticks: Buffer, values: Buffer, /) -> int: ...
+
+
+class KnotsDecode(Protocol):
+    """(packet, quantum, components, lines, largest tick, largest value, least and largest count,
+    int64 [2 * components], int32 [ticks * components]) -> whether it keeps the rules of SPEC 9.1;
+    the last argument is filled with counts, the one before is used up."""
+
+    def __call__(
+        self,
+        packet: Buffer,
+        quantum: int,
+        components: int,
+        lines: bool,
+        tick_limit: int,
+        bound: int,
+        low: int,
+        high: int,
+        values: Buffer,
+        counts: Buffer,
+        /,
+    ) -> bool: ...
+
+
+class SelectKnots(Protocol):
+    """(int64 [ticks, components], zero, floor: int64, kn, kd, vector, by sample, int64 [ticks])
+    -> number of knots; the last argument is filled with their ticks."""
+
+    def __call__(
+        self,
+        table: Buffer,
+        zero: Buffer,
+        floor: Buffer,
+        kn: int,
+        kd: int,
+        vector: bool,
+        by_sample: bool,
+        ticks: Buffer,
+        /,
+    ) -> int: ...
+
+
+class QuanDecode(Protocol):
+    """(packet, code word lengths uint8 [symbols], direct levels, run classes, escape classes, step,
+    largest level, least and largest count, int32 [levels]) -> whether it keeps the rules of
+    SPEC 9.2; the last argument is filled with counts."""
+
+    def __call__(
+        self,
+        packet: Buffer,
+        lengths: Buffer,
+        direct_levels: int,
+        run_classes: int,
+        escape_classes: int,
+        step: int,
+        bound: int,
+        low: int,
+        high: int,
+        counts: Buffer,
+        /,
+    ) -> bool: ...
+
+
+class QuanEncode(Protocol):
+    """(levels int64, code word lengths uint8 [symbols], direct levels, run classes, escape classes,
+    packet) -> bytes of the packet, which is filled as far as it goes; -1: a level has no word."""
+
+    def __call__(
+        self,
+        levels: Buffer,
+        lengths: Buffer,
+        direct_levels: int,
+        run_classes: int,
+        escape_classes: int,
+        packet: Buffer,
+        /,
+    ) -> int: ...
+
+
+class DeadbandLevels(Protocol):
+    """(step, kn, kd, bound, levels, tops) -> how many of the int64 rows were filled; -1: they have
+    no room for all."""
+
+    def __call__(
+        self, step: int, kn: int, kd: int, bound: int, levels: Buffer, tops: Buffer, /
+    ) -> int: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -38,6 +129,20 @@ class Kernels(Protocol):
     def lpcr_decode(self) -> Loop: ...
     @property
     def lpcr_encode(self) -> Loop: ...
+    @property
+    def fewest_hold(self) -> TubeLoop: ...
+    @property
+    def fewest_linear(self) -> TubeLoop: ...
+    @property
+    def knots_decode(self) -> KnotsDecode: ...
+    @property
+    def select_knots(self) -> SelectKnots: ...
+    @property
+    def quan_decode(self) -> QuanDecode: ...
+    @property
+    def quan_encode(self) -> QuanEncode: ...
+    @property
+    def deadband_levels(self) -> DeadbandLevels: ...
 
 
 def load() -> Kernels | None:

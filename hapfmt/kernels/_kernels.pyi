@@ -24,3 +24,54 @@ def lpcr_encode(
     indices: Buffer,
     /,
 ) -> tuple[int, int]: ...
+def fewest_hold(lower: Buffer, upper: Buffer, ticks: Buffer, values: Buffer, /) -> int: ...
+def fewest_linear(lower: Buffer, upper: Buffer, ticks: Buffer, values: Buffer, /) -> int: ...
+def knots_decode(
+    packet: Buffer,
+    quantum: int,
+    components: int,
+    lines: bool,
+    tick_limit: int,
+    bound: int,
+    low: int,
+    high: int,
+    values: Buffer,
+    counts: Buffer,
+    /,
+) -> bool: ...
+def select_knots(
+    table: Buffer,
+    zero: Buffer,
+    floor: Buffer,
+    kn: int,
+    kd: int,
+    vector: bool,
+    by_sample: bool,
+    ticks: Buffer,
+    /,
+) -> int: ...
+def quan_decode(
+    packet: Buffer,
+    lengths: Buffer,
+    direct_levels: int,
+    run_classes: int,
+    escape_classes: int,
+    step: int,
+    bound: int,
+    low: int,
+    high: int,
+    counts: Buffer,
+    /,
+) -> bool: ...
+def quan_encode(
+    levels: Buffer,
+    lengths: Buffer,
+    direct_levels: int,
+    run_classes: int,
+    escape_classes: int,
+    packet: Buffer,
+    /,
+) -> int: ...
+def deadband_levels(
+    step: int, kn: int, kd: int, bound: int, levels: Buffer, tops: Buffer, /
+) -> int: ...

@@ -8,11 +8,7 @@
    differences, 2^37; with coefficients |y| <= 2^34, predictions 2^5 * 2^21 * 2^34 = 2^60 before the
    shift; averages of 256 * |e| 2^42. Negative numbers are shifted to the right only, which rounds
    down on every compiler that builds CPython. */
-#define Py_LIMITED_API 0x030B0000
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
-#include <stdint.h>
-#include <string.h>
+#include "kernels.h"
 
 enum { LEAST = 64, MOST = 65472, COUNT_LIMIT = 250, FAST_FROM = 8 };
 enum { CONTEXTS = 40, BUCKETS = 80, ORDERS = 32, DIFFERENCES = 4, SHIFT = 13 };
@@ -358,17 +354,13 @@ static PyObject *run(PyObject *args, int decoding)
 static PyObject *lpcr_decode(PyObject *self, PyObject *args) { (void)self; return run(args, 1); }
 static PyObject *lpcr_encode(PyObject *self, PyObject *args) { (void)self; return run(args, 0); }
 
-static PyMethodDef methods[] = {
+PyMethodDef hapfmt_lpcr_methods[] = {
     {"lpcr_decode", lpcr_decode, METH_VARARGS, NULL},
     {"lpcr_encode", lpcr_encode, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
 
-static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_kernels", NULL, 0, methods,
-                                    NULL, NULL, NULL, NULL};
-
-PyMODINIT_FUNC PyInit__kernels(void)
+void hapfmt_lpcr_prepare(void)
 {
     for (int n = 0; n <= COUNT_LIMIT; n++) rates[n] = (uint16_t)(131072 / (2 * n + 3));
-    return PyModule_Create(&module);
 }

@@ -1,0 +1,19 @@
+/* What every file of the extension module shares: the limited API, and its table of functions. */
+#ifndef HAPFMT_KERNELS_H
+#define HAPFMT_KERNELS_H
+
+#define Py_LIMITED_API 0x030B0000
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include <stdint.h>
+#include <string.h>
+
+extern PyMethodDef hapfmt_lpcr_methods[];
+extern PyMethodDef hapfmt_tube_methods[];
+extern PyMethodDef hapfmt_knots_methods[];
+extern PyMethodDef hapfmt_select_methods[];
+extern PyMethodDef hapfmt_huffman_methods[];
+extern PyMethodDef hapfmt_levels_methods[];
+void hapfmt_lpcr_prepare(void);
+
+#endif

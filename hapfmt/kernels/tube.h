@@ -1,0 +1,64 @@
+/* Tubes and the lines in them: tube.c chooses knots, sweep.c sweeps the lines of one link. */
+#ifndef HAPFMT_TUBE_H
+#define HAPFMT_TUBE_H
+
+#include "kernels.h"
+
+/* Counts, lower[t] <= upper[t], |count| <= 2^32, at most 2^24 ticks. */
+typedef struct {
+    const int64_t *lower, *upper;
+    int32_t size;
+} tube;
+
+/* Through (x, y) with direction (dx >= 0, dy); y in half counts. */
+typedef struct {
+    int64_t y, dy;
+    int32_t x, dx;
+} line;
+
+typedef struct {
+    int64_t y;
+    int32_t x;
+} point;
+
+typedef struct {
+    line is;
+    int32_t from;
+} entry;
+
+typedef struct {
+    entry *entries;
+    size_t size, room;
+} line_log;
+
+typedef struct {
+    int32_t stop;
+    int side;
+    line_log highest, lowest;
+} sweep;
+
+/* One side of a convex hull; room for a point per tick and two. */
+typedef struct {
+    point *points;
+    int64_t size;
+} hull;
+
+static inline int64_t floor_div(int64_t n, int64_t d)
+{
+    int64_t q = n / d;
+    return q - (n % d < 0);
+}
+
+static inline int64_t round_at(const line *l, int32_t tick)
+{
+    return l->y + floor_div(l->dy * (tick - l->x), l->dx);
+}
+
+static inline const line *last_line(const line_log *log) { return &log->entries[log->size - 1].is; }
+
+void hapfmt_hull_append(hull *h, int32_t tick, int64_t y);
+/* 0, or -1 where memory ran out. sign -1: the tube upside down. */
+int hapfmt_sweep_lines(const tube *t, int sign, int32_t first, hull *below, hull *above,
+                       sweep *out);
+
+#endif
