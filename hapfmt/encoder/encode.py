@@ -15,6 +15,7 @@ from ..container.track import Track
 from ..errors import ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..recording import Channel, Recording
+from .auto import NOTHING, Plan, encode_auto, plan_channel, plan_unit
 from .groups import group_units
 from .lattice import to_counts
 from .settings import Settings
@@ -36,7 +37,7 @@ class Decision:
 
     ``exact``: stored without loss (on its lattice, see ``lattice``); ``within``: every sample was
     found within its deadband. ``axis_count`` channels share a vector. ``size`` in bytes, of packets
-    and codebooks.
+    and codebooks. ``left_out``: told by preset auto.
     """
 
     channel: int
@@ -49,6 +50,7 @@ class Decision:
     exact: bool
     within: bool
     size: int
+    left_out: str = ""
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -74,8 +76,10 @@ def encode(
     settings = settings or Settings()
     if len(recording) > LAST_TRACK_ID // 2:
         raise ParameterError(f"a recording has at most {LAST_TRACK_ID // 2} channels")
+    plans = [plan_channel(channel, settings) for channel in recording.channels]
     prepared = [
-        to_counts(channel, settings.tolerance_for(channel)) for channel in recording.channels
+        to_counts(channel, plan.settings.tolerance_for(channel))
+        for channel, plan in zip(recording.channels, plans, strict=True)
     ]
     cluster = settings.cluster_of(recording)
     units: list[Unit] = []
@@ -84,10 +88,13 @@ def encode(
         [channel for channel, _ in prepared],
         recording.channels,
         required=settings.vectors == "required",
-        apart=settings.preset in ("archive", "near-lossless"),
+        apart=settings.preset in ("archive", "near-lossless")
+        or (settings.preset == "auto" and settings.vectors != "required"),
     )
     for members in groups:
-        unit = encode_unit(members, len(decisions), settings, cluster)
+        first = len(decisions)
+        plan = plan_unit(plans[first : first + len(members)], settings)
+        unit = encode_unit(members, first, plan, cluster)
         units.append(unit)
         decisions += decide(unit, members, [why for _, why in prepared[len(decisions) :]])
         if progress:
@@ -113,12 +120,11 @@ def decide(unit: Unit, members: list[Channel], lattices: list[str]) -> Iterator[
             exact=unit.exact,
             within=within,
             size=unit.size // len(members),
+            left_out=unit.left_out,
         )
 
 
-def encode_unit(
-    channels: list[Channel], first_channel: int, settings: Settings, cluster: Fraction
-) -> Unit:
+def encode_unit(channels: list[Channel], first_channel: int, plan: Plan, cluster: Fraction) -> Unit:
     channel = channels[0]
     if channel.rate.numerator >> 32 or channel.rate.denominator >> 32:
         raise ParameterError(
@@ -132,11 +138,15 @@ def encode_unit(
                 f"channel {channel.label!r} holds {channel.values.dtype}: give it a calibration, "
                 "or one of int64, uint64, float16, float32, float64"
             )
-        return encode_words(channel, spans, first_channel, kind, WORDS_REASON)
+        unit = encode_words(channel, spans, first_channel, kind, WORDS_REASON)
+        return replace(unit, left_out=NOTHING) if plan.why else unit
     counts = np.column_stack([each.values.astype(np.int64) for each in channels])
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
-    return encode_counts(Source(tuple(channels), counts, spans), first_channel, settings)
+    source = Source(tuple(channels), counts, spans)
+    if plan.why:
+        return encode_auto(source, first_channel, plan)
+    return encode_counts(source, first_channel, plan.settings)
 
 
 def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:
