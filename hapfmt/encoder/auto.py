@@ -29,6 +29,7 @@ from .unit import (
     bound_of,
     code_knots,
     decode_all,
+    decoded_pieces,
     encode_counts,
     slow_part,
     with_residual,
@@ -190,7 +191,8 @@ def encode_auto(source: Source, first_channel: int, plan: Plan) -> Unit:
         else:
             why += ", no texture above it"
             left_out += f", and all texture above {cutoff:g} Hz"
-    if np.array_equal(decoded(unit, len(source.channels)), source.counts):
+    tracks = [unit.base, *([unit.residual] if unit.residual else [])]
+    if all(np.array_equal(x, y) for x, y in decoded_pieces(source, *tracks)):
         left_out = NOTHING
     return told(unit, why, left_out)
 
@@ -217,13 +219,3 @@ def split_ways(
         if unit and contract and contract.guaranteed:
             found.append(unit)
     return found
-
-
-def decoded(unit: Unit, components: int) -> NDArray[np.int64]:
-    """What a decoder makes of the unit."""
-    y = decode_all(unit.base, components)
-    if unit.residual is None:
-        return y
-    track = unit.base.track
-    total = y + decode_all(unit.residual, components)
-    return np.asarray(np.clip(total, track.count_min, track.count_max))

@@ -19,7 +19,7 @@ from .auto import NOTHING, Plan, encode_auto, plan_channel, plan_unit
 from .groups import group_units
 from .lattice import to_counts
 from .settings import Settings
-from .source import Source, cut
+from .source import Source, cut, side_by_side
 from .unit import WORDS_REASON, Unit, encode_counts, encode_words
 
 WORDS = {
@@ -125,7 +125,7 @@ def decide(unit: Unit, members: list[Channel], lattices: list[str]) -> Iterator[
 
 
 def encode_unit(channels: list[Channel], first_channel: int, plan: Plan, cluster: Fraction) -> Unit:
-    channel = channels[0]
+    channel, settings = channels[0], plan.settings
     if channel.rate.numerator >> 32 or channel.rate.denominator >> 32:
         raise ParameterError(
             f"rate {channel.rate} of channel {channel.label!r} needs more than 32 bits"
@@ -140,13 +140,13 @@ def encode_unit(channels: list[Channel], first_channel: int, plan: Plan, cluster
             )
         unit = encode_words(channel, spans, first_channel, kind, WORDS_REASON)
         return replace(unit, left_out=NOTHING) if plan.why else unit
-    counts = np.column_stack([each.values.astype(np.int64) for each in channels])
+    counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
     source = Source(tuple(channels), counts, spans)
     if plan.why:
         return encode_auto(source, first_channel, plan)
-    return encode_counts(source, first_channel, plan.settings)
+    return encode_counts(source, first_channel, settings)
 
 
 def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:

@@ -25,7 +25,7 @@ from .predict import encode_best
 from .settings import Settings, counts_of
 from .source import Source
 from .tube import fewest_hold, fewest_linear
-from .unit import Bound, Coded, Unit, bound_of, code_steps, decode_all
+from .unit import Bound, Coded, Unit, bound_of, code_steps, decoded_pieces
 
 Indices = NDArray[np.int64]
 STEP_LIMIT = LEVELS[1].step
@@ -47,7 +47,7 @@ def encode_near(source: Source, base: Track, settings: Settings) -> Unit:
     channel = source.channels[0]
     calibration = channel.calibration
     assert settings.max_error is not None and calibration is not None
-    allowed = counts_of(settings.max_error, calibration, int(np.ptp(source.counts)))
+    allowed = counts_of(settings.max_error, calibration, source.extents[0])
     if channel.deviation is not None:
         allowed -= Fraction(channel.deviation.largest) / abs(calibration.step)
     error = min(max(int(allowed), 0), STEP_LIMIT // 2 - 1)
@@ -73,8 +73,7 @@ def encode_deadband(source: Source, base: Track, settings: Settings) -> Unit:
 
 def kept(source: Source, coded: Coded, band: Deadband) -> Contract:
     """The contract, guaranteed: checked against what the decoder makes of it."""
-    y = decode_all(coded, len(source.channels))
-    if band.outside(source.counts, y).any():
+    if any(band.outside(x, y).any() for x, y in decoded_pieces(source, coded)):
         raise AssertionError("an encoder that guarantees a deadband left it")
     return Contract(band.kn, band.kd, band.vector, True, band.floor, band.zero)
 

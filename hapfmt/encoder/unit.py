@@ -6,7 +6,7 @@ LF packets (SPEC WRT-003), so the two cannot drift apart.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import ceil, isqrt
@@ -120,7 +120,7 @@ class Bound:
 def bound_of(source: Source, settings: Settings) -> Bound:
     """The deadband that the settings ask for, in counts of this source."""
     calibrations = [c.calibration for c in source.channels if c.calibration]
-    extents: list[int] = np.ptp(source.counts, axis=0).tolist()
+    extents = source.extents
     floors = [
         counts_of(settings.floor, calibration, extent)
         for calibration, extent in zip(calibrations, extents, strict=True)
@@ -189,6 +189,20 @@ def decode_all(coded: Coded, components: int) -> NDArray[np.int64]:
     return np.concatenate([np.zeros((0, components), np.int64), *parts])
 
 
+def decoded_pieces(
+    source: Source, *tracks: Coded
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Packet by packet the counts [ticks, components], and what a decoder makes of the tracks."""
+    first = tracks[0].track
+    decoders = [TrackDecoder(coded.track, ENCODE_LEVEL) for coded in tracks]
+    packets = zip(*(coded.packets for coded in tracks), strict=True)
+    for (_, rows), same_span in zip(source.pieces(source.counts), packets, strict=True):
+        y = np.zeros_like(rows)
+        for decoder, packet in zip(decoders, same_span, strict=True):
+            y += decoder.decode(packet)
+        yield rows, np.clip(y, first.count_min, first.count_max) if len(tracks) > 1 else y
+
+
 def code_knots(
     source: Source, slow: NDArray[np.int64], band: Deadband, settings: Settings, track: Track
 ) -> Coded:
@@ -238,7 +252,7 @@ def residual_step(
     if settings.step is not None:
         calibration = source.channels[0].calibration
         assert calibration is not None
-        extent = int(np.ptp(source.counts, axis=0).max())
+        extent = max(source.extents)
         return whole_counts(counts_of(settings.step, calibration, extent), STEP_LIMIT)
     if settings.bits is not None:
         if settings.bits == 0:
@@ -250,7 +264,7 @@ def residual_step(
 
 def slow_part(source: Source, settings: Settings) -> NDArray[np.int64]:
     """The low-passed counts, segment by segment: a gap is no signal."""
-    out = np.zeros_like(source.counts)
+    out = np.zeros(source.counts.shape, np.int64)
     for rows in source.segments():
         x = source.counts[rows].astype(np.float64)
         slow = low_pass(x, float(source.rate), settings.cutoff_hz)
