@@ -189,7 +189,7 @@ def summary_json(summary: Summary, duration: Fraction, seconds: float) -> dict[s
 
 
 def show(summary: Summary, target: str, seconds: float, *, tolerant: bool) -> None:
-    from ..encoder.unit import WORDS_REASON
+    from ..encoder.words import WORDS_REASON
 
     rows = [
         [

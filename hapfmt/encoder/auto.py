@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..container.track import Track
 from ..recording import Channel
+from .check import decoded_pieces
 from .perception import FORCE_FLOORS, QUANTITY_OF_UNIT, WEBER_LIMITS
 from .settings import Settings, text_of
 from .source import Source
@@ -29,7 +30,6 @@ from .unit import (
     bound_of,
     code_knots,
     decode_all,
-    decoded_pieces,
     encode_counts,
     slow_part,
     with_residual,

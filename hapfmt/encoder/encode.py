@@ -20,7 +20,8 @@ from .groups import group_units
 from .lattice import to_counts
 from .settings import Settings
 from .source import Source, cut, side_by_side
-from .unit import WORDS_REASON, Unit, encode_counts, encode_words
+from .unit import Unit, encode_counts
+from .words import WORDS_REASON, encode_words
 
 WORDS = {
     np.dtype(np.int64): "int64",

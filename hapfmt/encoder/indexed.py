@@ -20,12 +20,13 @@ from ..container.track import Contract, Track
 from ..deadband import ZERO_LIMIT, Deadband
 from ..integers import clamp
 from ..limits import LEVELS
+from .check import decoded_pieces
 from .knots import select_knots
 from .predict import encode_best
 from .settings import Settings, counts_of
 from .source import Source
 from .tube import fewest_hold, fewest_linear
-from .unit import Bound, Coded, Unit, bound_of, code_steps, decoded_pieces
+from .unit import Bound, Coded, Unit, bound_of, code_steps
 
 Indices = NDArray[np.int64]
 STEP_LIMIT = LEVELS[1].step

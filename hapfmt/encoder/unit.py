@@ -6,7 +6,7 @@ LF packets (SPEC WRT-003), so the two cannot drift apart.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import ceil, isqrt
@@ -24,11 +24,11 @@ from ..decoder import TrackDecoder
 from ..errors import ParameterError
 from ..integers import clamp
 from ..limits import EXACT_LIMIT, LEVELS
-from ..recording import Channel, Span
+from ..recording import Channel
 from .codebook import choose_codebook
 from .knots import knot_values, select_knots
 from .settings import WITHIN, Settings, counts_of, whole_counts
-from .source import Source, component_of, declared_range, make_track
+from .source import Source, declared_range, make_track
 from .split import low_pass
 
 ENCODE_LEVEL = LEVELS[2]
@@ -48,8 +48,6 @@ FLOOR_LIMIT = (1 << 31) - 1
 MARGIN = Fraction(101, 100)
 """A range is measured on counts too, each end up to the deviation off: with a floor of at most a
 200th of it that is 1 % of the deviation."""
-
-WORDS_REASON = "no lattice, kept bit for bit"
 
 
 @dataclass
@@ -187,20 +185,6 @@ def decode_all(coded: Coded, components: int) -> NDArray[np.int64]:
     decoder = TrackDecoder(coded.track, ENCODE_LEVEL)
     parts = [decoder.decode(packet).astype(np.int64) for packet in coded.packets]
     return np.concatenate([np.zeros((0, components), np.int64), *parts])
-
-
-def decoded_pieces(
-    source: Source, *tracks: Coded
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Packet by packet the counts [ticks, components], and what a decoder makes of the tracks."""
-    first = tracks[0].track
-    decoders = [TrackDecoder(coded.track, ENCODE_LEVEL) for coded in tracks]
-    packets = zip(*(coded.packets for coded in tracks), strict=True)
-    for (_, rows), same_span in zip(source.pieces(source.counts), packets, strict=True):
-        y = np.zeros_like(rows)
-        for decoder, packet in zip(decoders, same_span, strict=True):
-            y += decoder.decode(packet)
-        yield rows, np.clip(y, first.count_min, first.count_max) if len(tracks) > 1 else y
 
 
 def code_knots(
@@ -384,29 +368,4 @@ def encode_raw_counts(source: Source, base: Track, reason: str) -> Unit:
     coded = Coded(replace(base, codec="RAWB", parameters=RawParameters(size).build()))
     for span, rows in source.pieces(source.counts):
         coded.packets.append(Packet(0, span.start, span.ticks, encode_raw(rows, size)))
-    return Unit(coded, None, "raw", reason, exact=True)
-
-
-def encode_words(
-    channel: Channel, spans: Sequence[Span], first_channel: int, number_format: str, reason: str
-) -> Unit:
-    """RAWB words, bit for bit."""
-    track = Track(
-        id=0,
-        kind="full",
-        codec="RAWB",
-        rate=channel.rate,
-        first_channel=first_channel,
-        components=(component_of(channel),),
-        parameters=RawParameters(channel.values.dtype.itemsize).build(),
-        number_format=number_format,
-    )
-    coded = Coded(track)
-    at = 0
-    for span in spans:
-        rows = channel.values[at : at + span.ticks, None]
-        coded.packets.append(
-            Packet(0, span.start, span.ticks, encode_raw(rows, channel.values.dtype.itemsize))
-        )
-        at += span.ticks
     return Unit(coded, None, "raw", reason, exact=True)
