@@ -25,7 +25,7 @@ from peers.exact import Coder, double_coders, integer_coders
 from peers.packages import PACKAGES, left_out, versions
 from peers.relative import Recipe, outside, recipes
 from peers.zipped import coded_size, file_size
-from results import OURS, Row, cells, print_broken, print_sizes, print_speeds, print_summary
+from results import OURS, Cell, Row, cells, print_broken, print_sizes, print_speeds, print_summary
 from results import write_csv as save_csv
 from rich.console import Console
 from rich.progress import Progress
@@ -180,10 +180,9 @@ def presets_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
         "default": {},
         "default, 0.01%": {"tolerance": Tolerance(1e-4, "range")},
         "default, 1lsb": {"step": Tolerance(1.0, "lsb")},
+        "auto": {"preset": "auto"},
     }
-    ours = {
-        how: (recording, hapfmt.Settings.of("default", **given)) for how, given in asked.items()
-    }
+    ours = {how: (recording, hapfmt.Settings.of(**given)) for how, given in asked.items()}
     yield Job(name, "presets", ours, lambda _channel: [], arrays, check)
 
 
@@ -312,17 +311,12 @@ def jobs_of(
                 yield from presets_jobs(name, recording)
 
 
-def tell(rows: Sequence[Row], ks: Sequence[str]) -> None:
+def tell(rows: Sequence[Row]) -> None:
     """All tables."""
-    kinds = {f"deadband k={k}": "deadband" for k in ks} | {
-        "lossless": "archive",
-        "doubles": "archive",
-    }
-    groups = {
-        task: [cell for cell in cells(rows, ours) if cell.ours.task == task]
-        for task, ours in kinds.items()
-    }
-    shown = [cell for group in groups.values() for cell in group]
+    shown = cells(rows)
+    groups: dict[str, list[Cell]] = {}
+    for cell in shown:
+        groups.setdefault(cell.what, []).append(cell)
     if shown:
         print("sizes in bits a sample; outside and largest error: in counts / in float64\n")
         print_sizes(shown)
@@ -330,7 +324,7 @@ def tell(rows: Sequence[Row], ks: Sequence[str]) -> None:
         print_speeds(shown, ALWAYS)
     print_presets([row for row in rows if row.task == "presets"])
     print_broken(rows)
-    together = [cell for k in ks for cell in groups[f"deadband k={k}"]]
+    together = [cell for cell in shown if cell.ours.task.startswith("deadband")]
     print_summary({**groups, "deadband, all k": together})
 
 
@@ -388,7 +382,7 @@ def main(
             bar.update(work, description=f"{job.task} {job.recording[-30:]}")
             rows += run(job, repeats)
             bar.advance(work)
-    tell(rows, weber)
+    tell(rows)
     print(origin())
     print("peers: " + (", ".join(f"{name} {v}" for name, v in versions().items()) or "none"))
     if missing := left_out():

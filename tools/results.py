@@ -69,6 +69,12 @@ class Cell(NamedTuple):
     peers: list[Row]
 
     @property
+    def what(self) -> str:
+        """Task, and our coder where its name says more."""
+        known = self.ours.task.startswith(self.ours.coder)
+        return self.ours.task if known else f"{self.ours.task}: {self.ours.coder}"
+
+    @property
     def best(self) -> Row:
         return min(self.peers, key=lambda row: row.coded_size)
 
@@ -82,17 +88,16 @@ class Cell(NamedTuple):
         return self.ours.coded_size / min(sizes) if sizes else None
 
 
-def cells(rows: Iterable[Row], ours: str) -> list[Cell]:
-    """The coder ``ours`` beside the peers, for each recording and task that has both."""
+def cells(rows: Iterable[Row]) -> list[Cell]:
+    """Each of our coders beside the peers on the same recording and task, where there are any."""
     by_place: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         by_place.setdefault((row.recording, row.task), []).append(row)
     found = []
     for members in by_place.values():
-        mine = [row for row in members if row.coder == ours]
         peers = [row for row in members if row.family != OURS and row.held]
-        if mine and peers:
-            found.append(Cell(mine[0], peers))
+        if peers:
+            found += [Cell(row, peers) for row in members if row.family == OURS]
     return found
 
 
@@ -105,7 +110,7 @@ def print_sizes(table: Sequence[Cell]) -> None:
     """Bits a sample of ours and of the best peer, packets alone and whole files."""
     rows = [
         [
-            cell.ours.recording[:NAME], cell.ours.task, cell.ours.channels,
+            cell.ours.recording[:NAME], cell.what, cell.ours.channels,
             f"{cell.ours.coded:.4f}", f"{cell.ours.file:.4f}", cell.best.coder,
             f"{cell.best.coded:.4f}", f"{cell.best_file.file:.4f}",
             f"{cell.ours.coded_size / cell.best.coded_size:.3f}",
@@ -125,7 +130,7 @@ def print_speeds(table: Sequence[Cell], beside: str) -> None:
     rows = []
     for cell in table:
         fixed = [row for row in cell.peers if row.coder.endswith(beside)]
-        row: list[object] = [cell.ours.recording[:NAME], cell.ours.task]
+        row: list[object] = [cell.ours.recording[:NAME], cell.what]
         for shown in (cell.ours, cell.best, *fixed[:1]):
             row += [shown.speed(shown.encode_s), shown.speed(shown.decode_s)]
         rows.append([*row, *["-"] * (8 - len(row)), cell.best.coder, cell.ours.runs])
