@@ -14,13 +14,41 @@ from .container.track import Component, Track
 from .recording import Calibration, Channel, Deviation, Span, append_span
 
 
+class Growing:
+    """Rows that come piece by piece and end as one array, without both in memory at once.
+
+    The room grows by an eighth; a large block is moved by the operating system, not copied.
+    """
+
+    def __init__(self) -> None:
+        self.room: NDArray[Any] | None = None
+        self.used = 0
+
+    def append(self, rows: NDArray[Any]) -> None:
+        """rows [ticks, components], of one dtype and width throughout."""
+        stop = self.used + len(rows)
+        if self.room is None:
+            self.room = np.empty(rows.shape, rows.dtype)
+        elif stop > len(self.room):
+            size = max(stop, len(self.room) * 9 // 8)
+            self.room.resize((size, rows.shape[1]), refcheck=False)
+        self.room[self.used : stop] = rows
+        self.used = stop
+
+    def joined(self) -> NDArray[Any] | None:
+        """All rows; None where there were none. Nothing is appended after that."""
+        if self.room is not None and len(self.room) > self.used:
+            self.room.resize((self.used, self.room.shape[1]), refcheck=False)
+        return self.room
+
+
 @dataclass
 class Decoded:
     """Decoded packets of one track in order of time."""
 
     track: Track
     spans: list[Span] = field(default_factory=list)
-    pieces: list[NDArray[Any]] = field(default_factory=list)
+    pieces: Growing = field(default_factory=Growing)
 
     def add(self, start: int, numbers: NDArray[Any]) -> None:
         """numbers [ticks, components] from tick ``start`` on."""
@@ -31,12 +59,11 @@ class Decoded:
 
     def numbers(self) -> NDArray[Any]:
         """[samples, components]"""
-        if not self.pieces:
+        joined = self.pieces.joined()
+        if joined is None:
             dtype = DTYPES.get(self.track.number_format, np.dtype(np.int32))
             return np.zeros((0, len(self.track.components)), dtype)
-        if len(self.pieces) > 1:
-            self.pieces = [np.concatenate(self.pieces)]
-        return self.pieces[0]
+        return joined
 
 
 def add_residual(lf: Decoded, hf: Decoded) -> Decoded:

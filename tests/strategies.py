@@ -480,7 +480,7 @@ def encoder_settings(draw):
     quantiser = draw(
         st.sampled_from(
             [{}, {"bits": 0}, {"bits": 5}, {"step": Tolerance(1, "lsb")}, {"preset": "archive"},
-             {"preset": "deadband"}, {"preset": "near-lossless", "max_error": Tolerance(7, "lsb")}]
+             {"preset": "deadband"}, {"preset": "auto"}, {"preset": "near-lossless", "max_error": Tolerance(7, "lsb")}]
         )
     )  # fmt: skip
     floors = st.sampled_from(

@@ -1,4 +1,5 @@
-"""What every table of measurements says first: machine, versions, commit; and how it is printed."""
+"""What every table of measurements says of itself: machine, versions, commit; how it is printed,
+and how work is timed."""
 
 from __future__ import annotations
 
@@ -8,30 +9,46 @@ import subprocess
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
+from hapfmt.kernels import compiled
 from hapfmt.version import __version__
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT.parent / "shared" / "data"
+Result = TypeVar("Result")
+
+
+def commit() -> str:
+    """As ``git describe`` names it, with a + where the tree differs."""
+    git = ["git", "-C", str(ROOT), "describe", "--always", "--tags", "--dirty=+"]
+    done = subprocess.run(git, capture_output=True, text=True, check=False)
+    return done.stdout.strip() or "unknown"
+
+
+def machine() -> str:
+    info = Path("/proc/cpuinfo")
+    names = [
+        line.partition(":")[2].strip()
+        for line in (info.read_text("utf-8").splitlines() if info.exists() else ())
+        if line.startswith("model name")
+    ]
+    return f"{names[0] if names else platform.machine()}, {os.cpu_count()} cores"
+
+
+def origin() -> str:
+    """One line: versions, commit, machine, and whether the loops are compiled."""
+    loops = "compiled loops" if compiled else "readable loops: no extension"
+    return (
+        f"hapfmt {__version__}, commit {commit()}, {loops}, Python {platform.python_version()}, "
+        f"NumPy {np.__version__}, {machine()}"
+    )
 
 
 def print_origin() -> None:
-    """Machine, versions, commit."""
-    git = ["git", "-C", str(ROOT)]
-    commit = subprocess.run(
-        [*git, "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
-    )
-    changed = subprocess.run(
-        [*git, "status", "--porcelain"], capture_output=True, text=True, check=False
-    )
-    mark = "+" if changed.stdout else ""
-    print(
-        f"hapfmt {__version__}, commit {commit.stdout.strip() or 'unknown'}{mark}, "
-        f"Python {platform.python_version()}, NumPy {np.__version__}, "
-        f"{platform.machine()}, {os.cpu_count()} cores\n"
-    )
+    print(f"{origin()}\n")
 
 
 def print_table(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
@@ -46,16 +63,16 @@ def print_table(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> Non
     print()
 
 
-def best_of(work: Callable[[], object], repeats: int = 5) -> float:
-    """Shortest CPU time of several runs, in seconds."""
+def timed(work: Callable[[], Result], repeats: int = 1) -> tuple[Result, float]:
+    """What the work gives, and the shortest CPU time of so many runs, in seconds."""
     times = []
     for _ in range(repeats):
         began = time.process_time()
-        work()
+        result = work()
         times.append(time.process_time() - began)
-    return min(times)
+    return result, min(times)
 
 
-def recordings() -> list[Path]:
-    """The recordings beside the repository, or none."""
-    return sorted(DATA.rglob("*.npz"))
+def best_of(work: Callable[[], object], repeats: int = 5) -> float:
+    """Shortest CPU time of several runs, in seconds."""
+    return timed(work, repeats)[1]

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from measured import best_of, print_origin, print_table
+from peers.exact import flac_decode, flac_encode
 
 import hapfmt
 from hapfmt.codecs import predicted
@@ -114,18 +115,10 @@ def whole(recording: hapfmt.Recording) -> list[list[object]]:
 
 def flac(counts: np.ndarray, rate: int) -> list[object]:
     """flac at its highest level through soundfile."""
-    import soundfile
-
-    def encode() -> bytes:
-        stream = io.BytesIO()
-        soundfile.write(stream, counts[:, 0].astype(np.int16), rate, "PCM_16", format="FLAC",
-                        compression_level=1.0)  # fmt: skip
-        return stream.getvalue()
-
-    data = encode()
-    n = len(counts)
-    decode = speed(n, lambda: soundfile.read(io.BytesIO(data), dtype="int16"))
-    return ["flac -8 (lossless)", f"{8 * len(data) / n:.3f}", speed(n, encode), decode]
+    data, n = flac_encode(counts[:, 0], rate), len(counts)
+    encode = speed(n, lambda: flac_encode(counts[:, 0], rate))
+    decode = speed(n, lambda: flac_decode(data, n))
+    return ["flac -8 (lossless)", f"{8 * len(data) / n:.3f}", encode, decode]
 
 
 def speed(samples: int, work: object, repeats: int = 5) -> str:

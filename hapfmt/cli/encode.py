@@ -40,10 +40,13 @@ ORIGINAL_BITS = 64
 @click.argument("target", metavar="OUT")
 @click.option(
     "--preset",
-    type=click.Choice(["default", "paper", "deadband", "archive", "near-lossless"]),
+    type=click.Choice(["default", "auto", "paper", "deadband", "archive", "near-lossless"]),
     default="default",
     show_default=True,
     help="default: every sample within its deadband, texture kept with an explicit step. "
+    "auto: for each channel by its quantity and values: a deadband where the zero is felt (force, "
+    "torque, pressure, acceleration, velocity), the floor alone for positions, volts and raw "
+    "counts, lossless for clocks, counters and states; says what was left out. "
     "paper: Brandi, Chaudhari and Steinbach to the letter (their online deadband of the whole "
     "signal: --bits 0 --interpolation hold, and a --cutoff above half the rate). "
     "deadband: every sample within it, as small as can be, texture beyond it not kept. "
@@ -186,7 +189,7 @@ def summary_json(summary: Summary, duration: Fraction, seconds: float) -> dict[s
 
 
 def show(summary: Summary, target: str, seconds: float, *, tolerant: bool) -> None:
-    from ..encoder.unit import WORDS_REASON
+    from ..encoder.words import WORDS_REASON
 
     rows = [
         [
@@ -201,6 +204,9 @@ def show(summary: Summary, target: str, seconds: float, *, tolerant: bool) -> No
         for d in summary.decisions
     ]
     headers = ["channel", "label", "samples", "b/sample", "within", "coded as", "values"]
+    if any(d.left_out for d in summary.decisions):
+        headers.append("left out")
+        rows = [[*row, d.left_out] for row, d in zip(rows, summary.decisions, strict=True)]
     table(headers, rows)
     samples = summary.sample_count
     if samples:

@@ -16,11 +16,13 @@ from ..decoder import TrackDecoder
 from ..errors import FormatError, ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..recording import Channel, Recording
+from .auto import NOTHING, Plan, encode_auto, plan_channel, plan_unit
 from .groups import group_units
 from .lattice import to_counts
 from .settings import Settings
-from .source import Source, cut
-from .unit import ENCODE_LEVEL, WORDS_REASON, Coded, Unit, encode_counts, encode_words
+from .source import Source, cut, side_by_side
+from .unit import ENCODE_LEVEL, Coded, Unit, encode_counts
+from .words import WORDS_REASON, encode_words
 
 WORDS = {
     np.dtype(np.int64): "int64",
@@ -41,7 +43,7 @@ class Decision:
 
     ``exact``: stored without loss (on its lattice, see ``lattice``); ``within``: every sample was
     found within its deadband. ``axis_count`` channels share a vector. ``size`` in bytes, of packets
-    and codebooks.
+    and codebooks. ``left_out``: told by preset auto.
     """
 
     channel: int
@@ -54,6 +56,7 @@ class Decision:
     exact: bool
     within: bool
     size: int
+    left_out: str = ""
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -79,8 +82,10 @@ def encode(
     settings = settings or Settings()
     if len(recording) > LAST_TRACK_ID // 2:
         raise ParameterError(f"a recording has at most {LAST_TRACK_ID // 2} channels")
+    plans = [plan_channel(channel, settings) for channel in recording.channels]
     prepared = [
-        to_counts(channel, settings.tolerance_for(channel)) for channel in recording.channels
+        to_counts(channel, plan.settings.tolerance_for(channel))
+        for channel, plan in zip(recording.channels, plans, strict=True)
     ]
     cluster = settings.cluster_of(recording)
     units: list[Unit] = []
@@ -89,10 +94,13 @@ def encode(
         [channel for channel, _ in prepared],
         recording.channels,
         required=settings.vectors == "required",
-        apart=settings.preset in ("archive", "near-lossless"),
+        apart=settings.preset in ("archive", "near-lossless")
+        or (settings.preset == "auto" and settings.vectors != "required"),
     )
     for members in groups:
-        unit = encode_unit(members, len(decisions), settings, cluster)
+        first = len(decisions)
+        plan = plan_unit(plans[first : first + len(members)], settings)
+        unit = encode_unit(members, first, plan, cluster)
         units.append(unit)
         decisions += decide(unit, members, [why for _, why in prepared[len(decisions) :]])
         if progress:
@@ -118,13 +126,12 @@ def decide(unit: Unit, members: list[Channel], lattices: list[str]) -> Iterator[
             exact=unit.exact,
             within=within,
             size=unit.size // len(members),
+            left_out=unit.left_out,
         )
 
 
-def encode_unit(
-    channels: list[Channel], first_channel: int, settings: Settings, cluster: Fraction
-) -> Unit:
-    channel = channels[0]
+def encode_unit(channels: list[Channel], first_channel: int, plan: Plan, cluster: Fraction) -> Unit:
+    channel, settings = channels[0], plan.settings
     if channel.rate.numerator >> 32 or channel.rate.denominator >> 32:
         raise ParameterError(
             f"rate {channel.rate} of channel {channel.label!r} needs more than 32 bits"
@@ -137,11 +144,15 @@ def encode_unit(
                 f"channel {channel.label!r} holds {channel.values.dtype}: give it a calibration, "
                 "or one of int64, uint64, float16, float32, float64"
             )
-        return encode_words(channel, spans, first_channel, kind, WORDS_REASON)
-    counts = np.column_stack([each.values.astype(np.int64) for each in channels])
+        unit = encode_words(channel, spans, first_channel, kind, WORDS_REASON)
+        return replace(unit, left_out=NOTHING) if plan.why else unit
+    counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
-    return encode_counts(Source(tuple(channels), counts, spans), first_channel, settings)
+    source = Source(tuple(channels), counts, spans)
+    if plan.why:
+        return encode_auto(source, first_channel, plan)
+    return encode_counts(source, first_channel, settings)
 
 
 def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:

@@ -20,12 +20,13 @@ from ..container.track import Contract, Track
 from ..deadband import ZERO_LIMIT, Deadband
 from ..integers import clamp
 from ..limits import LEVELS
+from .check import decoded_pieces
 from .knots import select_knots
 from .predict import encode_best, quick_estimate
 from .settings import Settings, counts_of
 from .source import Source
 from .tube import fewest_hold, fewest_linear
-from .unit import Bound, Coded, Unit, bound_of, code_steps, decode_all
+from .unit import Bound, Coded, Unit, bound_of, code_steps
 
 Indices = NDArray[np.int64]
 HOPE = 0.4
@@ -51,7 +52,7 @@ def encode_near(source: Source, base: Track, settings: Settings) -> Unit:
     channel = source.channels[0]
     calibration = channel.calibration
     assert settings.max_error is not None and calibration is not None
-    allowed = counts_of(settings.max_error, calibration, int(np.ptp(source.counts)))
+    allowed = counts_of(settings.max_error, calibration, source.extents[0])
     if channel.deviation is not None:
         allowed -= Fraction(channel.deviation.largest) / abs(calibration.step)
     error = min(max(int(allowed), 0), STEP_LIMIT // 2 - 1)
@@ -82,8 +83,7 @@ def encode_deadband(source: Source, base: Track, settings: Settings) -> Unit:
 
 def kept(source: Source, coded: Coded, band: Deadband) -> Contract:
     """The contract, guaranteed: checked against what the decoder makes of it."""
-    y = decode_all(coded, len(source.channels))
-    if band.outside(source.counts, y).any():
+    if any(band.outside(x, y).any() for x, y in decoded_pieces(source, coded)):
         raise AssertionError("an encoder that guarantees a deadband left it")
     return Contract(band.kn, band.kd, band.vector, True, band.floor, band.zero)
 

@@ -1,7 +1,9 @@
 """What people can feel: the psychophysical constants behind the encoder's defaults.
 
 They are opinions of this encoder, never part of the format: a file states the deadband that it was
-written with, and a reader checks that one. Other quantities have no default yet, on purpose.
+written with, and a reader checks that one. Preset auto takes Weber's law for quantities whose zero
+is nothing felt; where a zero is a matter of the frame, the scale or the amplifier, a fraction of
+the value means nothing, and only the absolute floor stays.
 """
 
 from __future__ import annotations
@@ -26,3 +28,36 @@ LF_CUTOFF_HZ = 20.0
 
 The rate of an encoded texture is flat within 5 % for cutoffs of 10-30 Hz (measured), so the value
 is not critical."""
+
+VELOCITY_WEBER = Fraction(8, 100)
+"""Just noticeable difference of limb movement, 8 %: L. A. Jones, I. W. Hunter, "Differential
+thresholds for limb movement measured using adaptive techniques", Perception & Psychophysics 52,
+1992, https://doi.org/10.3758/BF03206714. (A position has a fraction of 9 % there too, but of the
+movement made, not of a coordinate.)"""
+
+WEBER_LIMITS: dict[str, Fraction | None] = {
+    "force": None,
+    "torque": None,
+    "pressure": None,
+    "acceleration": None,
+    "velocity": VELOCITY_WEBER,
+}
+"""Quantities with a zero that is felt, and the largest Weber fraction each may be given (None: the
+caller's). Amplitudes of vibration are told apart from about 20 % on, above the 10 % of a force."""
+
+QUANTITY_OF_UNIT = {
+    **dict.fromkeys(("N", "mN", "uN", "kN", "gf", "kgf", "[lbf_av]"), "force"),
+    **dict.fromkeys(("N.m", "mN.m", "N.mm", "N.cm", "uN.m", "kN.m"), "torque"),
+    **dict.fromkeys(("Pa", "hPa", "kPa", "MPa", "bar", "mbar", "[psi]", "mm[Hg]"), "pressure"),
+    **dict.fromkeys(("m/s2", "mm/s2", "[g]", "m[g]", "rad/s2", "deg/s2"), "acceleration"),
+    **dict.fromkeys(("m/s", "mm/s", "cm/s", "rad/s", "deg/s", "{rev}/min"), "velocity"),
+    **dict.fromkeys(("m", "cm", "mm", "um", "rad", "mrad", "deg", "{rev}"), "position"),
+    **dict.fromkeys(("Cel", "K", "[degF]"), "temperature"),
+    **dict.fromkeys(("V", "mV", "uV"), "voltage"),
+    **dict.fromkeys(("A", "mA", "uA"), "current"),
+    **dict.fromkeys(("s", "ms", "us", "ns", "min", "h", "d"), "time"),
+}
+"""By UCUM code, where a channel does not name its quantity."""
+
+FORCE_FLOORS = {"N": FORCE_FLOOR_N, "mN": 1000 * FORCE_FLOOR_N, "kN": FORCE_FLOOR_N / 1000}
+"""FORCE_FLOOR_N in the units that forces are given in."""

@@ -17,18 +17,20 @@ from ..recording import Calibration, Channel, Recording
 from .perception import FORCE_FLOOR_N, FORCE_WEBER, LF_CUTOFF_HZ
 from .tolerance import Tolerance
 
-Preset = Literal["default", "paper", "deadband", "archive", "near-lossless"]
-PRESETS: tuple[Preset, ...] = ("default", "paper", "deadband", "archive", "near-lossless")
+Preset = Literal["default", "auto", "paper", "deadband", "archive", "near-lossless"]
+PRESETS: tuple[Preset, ...] = (
+    "default", "auto", "paper", "deadband", "archive", "near-lossless"
+)  # fmt: skip
 
-WITHIN = frozenset({"deadband", "archive", "near-lossless"})
+WITHIN = frozenset({"auto", "deadband", "archive", "near-lossless"})
 """Presets that keep every sample within a bound by construction."""
 
 BITS = range(2, 17)
 """Quantiser of the paper: 2**b - 1 levels; one bit would leave level 0 only."""
 
 PAPER_TOLERANCE = Fraction(1, 32)
-"""Preset paper puts true doubles on a lattice this fine against its floor: the error that the
-lattice adds is a 32nd of what the floor already allows."""
+"""Presets paper and auto put true doubles on a lattice this fine against their floor: the error
+that the lattice adds is a 32nd of what the floor already allows."""
 
 ARCHIVE_CLUSTER = Fraction(10)
 """Seconds (SPEC clause 13)."""
@@ -121,8 +123,14 @@ class Settings:
 
     def tolerance_for(self, channel: Channel) -> Tolerance | None:
         """What may be lost by putting true doubles on a lattice; None: nothing."""
-        if self.tolerance is not None or self.preset != "paper" or channel.is_counts:
+        if self.tolerance is not None or self.preset != "paper":
             return self.tolerance
+        return self.share_of_floor(channel)
+
+    def share_of_floor(self, channel: Channel) -> Tolerance | None:
+        """The tolerance that the floor itself leaves room for."""
+        if channel.is_counts:
+            return None
         finite = channel.physical()
         finite = finite[np.isfinite(finite)]
         extent = float(finite.max() - finite.min()) if finite.size else 0.0

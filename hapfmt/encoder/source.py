@@ -21,10 +21,13 @@ PACKET_SAMPLES = 1 << 16
 
 @dataclass(frozen=True)
 class Source:
-    """Channels of one unit side by side: counts [ticks, components], and the spans they are for."""
+    """Channels of one unit side by side: counts [ticks, components], and the spans they are for.
+
+    Counts are as narrow as the channel holds them; packet by packet they are int64.
+    """
 
     channels: tuple[Channel, ...]
-    counts: NDArray[np.int64]
+    counts: NDArray[Any]
     spans: tuple[Span, ...]
     """Coverage, cut into packets."""
 
@@ -32,11 +35,17 @@ class Source:
     def rate(self) -> Fraction:
         return self.channels[0].rate
 
-    def pieces(self, rows: NDArray[np.int64]) -> Iterator[tuple[Span, NDArray[np.int64]]]:
+    @property
+    def extents(self) -> list[int]:
+        """The largest count minus the smallest, of each component."""
+        low, high = self.counts.min(axis=0).tolist(), self.counts.max(axis=0).tolist()
+        return [b - a for a, b in zip(low, high, strict=True)]
+
+    def pieces(self, rows: NDArray[Any]) -> Iterator[tuple[Span, NDArray[np.int64]]]:
         """Rows [ticks, components], for the same ticks as ``counts``, packet by packet."""
         at = 0
         for span in self.spans:
-            yield span, rows[at : at + span.ticks]
+            yield span, rows[at : at + span.ticks].astype(np.int64, copy=False)
             at += span.ticks
 
     def segments(self) -> list[slice]:
@@ -46,6 +55,14 @@ class Source:
             out.append(slice(at, at + span.ticks))
             at += span.ticks
         return out
+
+
+def side_by_side(channels: Sequence[Channel]) -> NDArray[Any]:
+    """Counts [ticks, components]; of one channel a view of its own values."""
+    values = channels[0].values
+    if len(channels) == 1 and values.dtype.kind == "i":
+        return values[:, None]
+    return np.column_stack([channel.values.astype(np.int64) for channel in channels])
 
 
 def cut(coverage: Sequence[Span], rate: Fraction, cluster: Fraction, components: int) -> list[Span]:
@@ -81,7 +98,7 @@ def component_of(channel: Channel) -> Component:
     )
 
 
-def declared_range(counts: NDArray[np.int64]) -> tuple[int, int]:
+def declared_range(counts: NDArray[Any]) -> tuple[int, int]:
     """The smallest range of whole bits that holds all counts, without a sign where none occurs.
 
     Whole bits, so that channels of a kind share one description.

@@ -24,11 +24,11 @@ from ..decoder import TrackDecoder
 from ..errors import ParameterError
 from ..integers import clamp
 from ..limits import EXACT_LIMIT, LEVELS
-from ..recording import Channel, Span
+from ..recording import Channel
 from .codebook import choose_codebook
 from .knots import knot_values, select_knots
 from .settings import WITHIN, Settings, counts_of, whole_counts
-from .source import Source, component_of, declared_range, make_track
+from .source import Source, declared_range, make_track
 from .split import low_pass
 
 ENCODE_LEVEL = LEVELS[2]
@@ -51,8 +51,6 @@ SHORT, SHORTER = 1 << 14, 10_000
 MARGIN = Fraction(101, 100)
 """A range is measured on counts too, each end up to the deviation off: with a floor of at most a
 200th of it that is 1 % of the deviation."""
-
-WORDS_REASON = "no lattice, kept bit for bit"
 
 
 @dataclass
@@ -77,6 +75,9 @@ class Unit:
     reason: str = ""
     exact: bool = False
     """Whether it was stored without loss, and needs no contract (SPEC DBC-004)."""
+
+    left_out: str = ""
+    """What of the channel is not in the file, where a preset decides that by itself."""
 
     @property
     def size(self) -> int:
@@ -120,7 +121,7 @@ class Bound:
 def bound_of(source: Source, settings: Settings) -> Bound:
     """The deadband that the settings ask for, in counts of this source."""
     calibrations = [c.calibration for c in source.channels if c.calibration]
-    extents: list[int] = np.ptp(source.counts, axis=0).tolist()
+    extents = source.extents
     floors = [
         counts_of(settings.floor, calibration, extent)
         for calibration, extent in zip(calibrations, extents, strict=True)
@@ -244,7 +245,7 @@ def residual_step(
     if settings.step is not None:
         calibration = source.channels[0].calibration
         assert calibration is not None
-        extent = int(np.ptp(source.counts, axis=0).max())
+        extent = max(source.extents)
         return whole_counts(counts_of(settings.step, calibration, extent), STEP_LIMIT)
     if settings.bits is not None:
         if settings.bits == 0:
@@ -256,7 +257,7 @@ def residual_step(
 
 def slow_part(source: Source, settings: Settings) -> NDArray[np.int64]:
     """The low-passed counts, segment by segment: a gap is no signal."""
-    out = np.zeros_like(source.counts)
+    out = np.zeros(source.counts.shape, np.int64)
     for rows in source.segments():
         x = source.counts[rows].astype(np.float64)
         slow = low_pass(x, float(source.rate), settings.cutoff_hz)
@@ -264,17 +265,23 @@ def slow_part(source: Source, settings: Settings) -> NDArray[np.int64]:
     return out
 
 
-def encode_counts(source: Source, first_channel: int, settings: Settings) -> Unit:
-    """Slow part as knots, fast part as quantised residual; or what is smaller at the same bound."""
+def base_track(source: Source, first_channel: int) -> Track:
+    """The description of one track that holds all of a unit; its codec is still open."""
     x = source.counts
     low, high = declared_range(x)
     if not all(c.calibration.covers(low, high) for c in source.channels if c.calibration):
         low, high = int(x.min(initial=0)), int(x.max(initial=0))
         if not all(c.calibration.covers(low, high) for c in source.channels if c.calibration):
             raise ParameterError("count * A or count * A + B is above 2^53: use a smaller A and D")
-    base = make_track(
+    return make_track(
         source, first_channel, kind="full", codec="KNOT", count_min=low, count_max=high
     )
+
+
+def encode_counts(source: Source, first_channel: int, settings: Settings) -> Unit:
+    """Slow part as knots, fast part as quantised residual; or what is smaller at the same bound."""
+    x = source.counts
+    base = base_track(source, first_channel)
     if not len(x) or (x == x[0]).all():
         return encode_constant(source, base)
     if settings.preset in WITHIN:
@@ -370,29 +377,4 @@ def encode_raw_counts(source: Source, base: Track, reason: str) -> Unit:
     coded = Coded(replace(base, codec="RAWB", parameters=RawParameters(size).build()))
     for span, rows in source.pieces(source.counts):
         coded.packets.append(Packet(0, span.start, span.ticks, encode_raw(rows, size)))
-    return Unit(coded, None, "raw", reason, exact=True)
-
-
-def encode_words(
-    channel: Channel, spans: Sequence[Span], first_channel: int, number_format: str, reason: str
-) -> Unit:
-    """RAWB words, bit for bit."""
-    track = Track(
-        id=0,
-        kind="full",
-        codec="RAWB",
-        rate=channel.rate,
-        first_channel=first_channel,
-        components=(component_of(channel),),
-        parameters=RawParameters(channel.values.dtype.itemsize).build(),
-        number_format=number_format,
-    )
-    coded = Coded(track)
-    at = 0
-    for span in spans:
-        rows = channel.values[at : at + span.ticks, None]
-        coded.packets.append(
-            Packet(0, span.start, span.ticks, encode_raw(rows, channel.values.dtype.itemsize))
-        )
-        at += span.ticks
     return Unit(coded, None, "raw", reason, exact=True)

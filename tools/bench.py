@@ -1,0 +1,395 @@
+"""Sizes, errors and speeds beside what PyPI offers: same recordings, same bound, same run.
+
+python tools/bench.py [DATA]          a folder of recordings, or one; without: ../shared/data
+python tools/bench.py --simulated     no data needed
+
+Bits a sample (b/s) of packets, and of whole files. A peer's are the bytes of its own format and 4
+for each channel; its whole file is a zip of them with names, rates and units. Every sample of every
+coder is checked against the bound. A peer whose package is missing is named, and left out.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+from measured import DATA, origin, timed
+from peers.exact import Coder, double_coders, integer_coders
+from peers.packages import PACKAGES, left_out, versions
+from peers.relative import Recipe, outside, recipes
+from peers.zipped import coded_size, file_size
+from results import OURS, Cell, Row, cells, print_broken, print_sizes, print_speeds, print_summary
+from results import write_csv as save_csv
+from rich.console import Console
+from rich.progress import Progress
+
+import hapfmt
+from hapfmt.convert import FORMATS
+from hapfmt.encoder.lattice import find_lattice
+from hapfmt.encoder.tolerance import Tolerance
+
+TASKS = ("deadband", "lossless", "doubles", "presets")
+FLOOR = 0.002
+"""Of each channel's range."""
+
+DOUBLES_TOLERANCE = Tolerance(1e-5, "range")
+"""For our deadband preset on true doubles, taken off the bound."""
+
+ALWAYS = "flac -8"
+COUNT_LIMIT = 1 << 31
+SEEN_RATIOS = 1 << 20
+"""Denominators of calibrations in task lossless, where only the counts are the truth."""
+
+Peer = Coder | Recipe
+Check = Callable[[Sequence[np.ndarray]], tuple[int, float]]
+
+
+class Job(NamedTuple):
+    """One recording and task: what we write, what peers get, and the bound."""
+
+    recording: str
+    task: str
+    ours: dict[str, tuple[hapfmt.Recording, hapfmt.Settings]]
+    peers: Callable[[int], list[Peer]]
+    """Of one channel."""
+
+    arrays: list[np.ndarray]
+    check: Check
+
+
+def load_all(data: Path, only: str, rate: str | None) -> Iterator[tuple[str, hapfmt.Recording]]:
+    """(name, recording) of what can be read in a folder; what cannot is told."""
+    paths = [data] if data.is_file() else sorted(data.rglob("*"))
+    root = data.parent if data.is_file() else data
+    for path in paths:
+        name = str(path.relative_to(root).with_suffix(""))
+        if path.suffix.lower() not in (*FORMATS, ".hapf") or only not in name:
+            continue
+        try:
+            yield (
+                name,
+                hapfmt.read(path) if path.suffix == ".hapf" else hapfmt.load(path, rate=rate),
+            )
+        except hapfmt.HapfmtError as error:
+            click.echo(f"left out: {error}", err=True)
+
+
+def deadband_jobs(name: str, recording: hapfmt.Recording, ks: Sequence[str]) -> Iterator[Job]:
+    """The Weber fractions, each with the floor."""
+    kept = [c for c in recording.channels if c.values.size and np.isfinite(c.physical()).all()]
+    arrays = [channel.physical() for channel in kept]
+    if not kept:
+        return
+    # The peers' bound is each channel's own, so ours is: no vectors.
+    ours = replace(recording, channels=tuple(replace(channel, group="") for channel in kept))
+    floors = [FLOOR * float(np.ptp(x)) for x in arrays]
+    for k in ks:
+        settings = hapfmt.Settings.of(
+            "deadband", k=k, floor=Tolerance(FLOOR, "range"), tolerance=DOUBLES_TOLERANCE
+        )
+        value = float(Fraction(k))
+
+        def check(found: Sequence[np.ndarray], k: float = value) -> tuple[int, float]:
+            each = [
+                outside(x, y, k, f) if f else (int((x != y).sum()), 0.0)
+                for x, y, f in zip(arrays, found, floors, strict=True)
+            ]
+            return sum(count for count, _ in each), max(worst for _, worst in each)
+
+        yield Job(
+            name, f"deadband k={k}", {"deadband": (ours, settings)},
+            lambda channel, k=value: recipes(k, floors[channel]), arrays, check,
+        )  # fmt: skip
+
+
+def counts_of(channel: hapfmt.Channel, *, search: bool) -> np.ndarray | None:
+    """Integer counts of a channel that is on a lattice: its own, or by the file's step."""
+    if channel.is_counts:
+        return channel.values.astype(np.int64)
+    x = channel.physical()
+    if not x.size or not np.isfinite(x).all():
+        return None
+    if channel.lsb is not None and isfinite(channel.lsb) and channel.lsb > 0:
+        steps = np.rint((x - x[0]) / channel.lsb) + round(x[0] / channel.lsb)
+        return steps.astype(np.int64) if np.abs(steps).max() < COUNT_LIMIT else None
+    found = find_lattice(x) if search else None
+    return found.counts if found else None
+
+
+def counted(channel: hapfmt.Channel, counts: np.ndarray) -> hapfmt.Channel:
+    """The channel as these counts, its calibration near enough to cost what the real one costs."""
+    given = channel.calibration
+    if given is None:
+        step = Fraction(channel.lsb or 1.0).limit_denominator(SEEN_RATIOS) or Fraction(1)
+        given = hapfmt.Calibration(step.numerator, 0, step.denominator)
+        if not given.covers(int(counts.min()), int(counts.max())):
+            given = hapfmt.Calibration()
+    return replace(channel, values=counts, calibration=given, lsb=None)
+
+
+def lossless_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
+    """Integer counts."""
+    search = all(channel.lsb is None for channel in recording.channels)
+    found = [(c, counts_of(c, search=search)) for c in recording.channels if c.values.size]
+    known = [(channel, counts) for channel, counts in found if counts is not None]
+    if not known:
+        return
+    arrays = [counts for _, counts in known]
+    ours = replace(recording, channels=tuple(counted(*pair) for pair in known))
+    yield Job(
+        name, "lossless", {"archive": (ours, hapfmt.Settings.of("archive"))},
+        lambda _channel: list(integer_coders()), arrays, lambda found: same(arrays, found),
+    )  # fmt: skip
+
+
+def doubles_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
+    """The doubles of the file, bit for bit."""
+    kept = [c for c in recording.channels if c.values.dtype == np.float64 and c.values.size]
+    if not kept:
+        return
+    ours = replace(recording, channels=tuple(kept))
+    arrays = [channel.values for channel in kept]
+    yield Job(
+        name, "doubles", {"archive": (ours, hapfmt.Settings.of("archive"))},
+        lambda _channel: list(double_coders()), arrays, lambda found: same(arrays, found),
+    )  # fmt: skip
+
+
+def presets_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
+    """Our presets beside each other, no peers; errors in % of each channel's range."""
+    arrays = [channel.physical() for channel in recording.channels]
+    if not recording.sample_count or not all(np.isfinite(x).all() for x in arrays):
+        return
+
+    def check(found: Sequence[np.ndarray]) -> tuple[int, float]:
+        errors = [
+            100 * float(np.abs(x - y).max()) / float(np.ptp(x))
+            for x, y in zip(arrays, found, strict=True)
+            if x.size and np.ptp(x)
+        ]
+        return 0, max(errors, default=0.0)
+
+    asked: dict[str, dict[str, Any]] = {
+        "default": {},
+        "default, 0.01%": {"tolerance": Tolerance(1e-4, "range")},
+        "default, 1lsb": {"step": Tolerance(1.0, "lsb")},
+        "auto": {"preset": "auto"},
+    }
+    ours = {how: (recording, hapfmt.Settings.of(**given)) for how, given in asked.items()}
+    yield Job(name, "presets", ours, lambda _channel: [], arrays, check)
+
+
+def same(arrays: Sequence[np.ndarray], found: Sequence[np.ndarray]) -> tuple[int, float]:
+    """Samples that differ in any bit."""
+    return sum(
+        x.size if x.shape != y.shape else int((x.view(np.int64) != y.view(np.int64)).sum())
+        for x, y in zip(arrays, found, strict=True)
+    ), 0.0
+
+
+def measure_ours(job: Job, coder: str, repeats: int) -> Row:
+    """Through the whole package: lattice, choice, file; read back and verified."""
+    recording, settings = job.ours[coder]
+
+    def encode() -> tuple[bytes, int]:
+        stream = io.BytesIO()
+        summary = hapfmt.write(recording, stream, settings, canonical=1)
+        return stream.getvalue(), summary.payload_size
+
+    (data, payload), encode_s = timed(encode, repeats)
+    back, decode_s = timed(lambda: hapfmt.read(data), repeats)
+    if job.task == "lossless":
+        found = [channel.values.astype(np.int64) for channel in back.channels]
+    else:
+        found = [channel.physical() for channel in back.channels]
+    report = hapfmt.verify(data, against=recording)
+    if report.verdict != "intact":
+        raise AssertionError(f"{job.recording}, {coder}: {report.error or report.findings}")
+    return Row(
+        job.recording, job.task, coder, OURS, len(recording), recording.sample_count, payload,
+        len(data), *job.check(found), encode_s, decode_s, repeats,
+        sum(check.outside for check in report.contracts if check.promised),
+        max((float(check.worst_ratio) for check in report.contracts), default=0.0),
+    )  # fmt: skip
+
+
+def measure_peer(job: Job, place: int, repeats: int) -> Row | None:
+    """One coder on all channels; None where one of them does not fit its format."""
+    recording, _ = next(iter(job.ours.values()))
+    rates = [float(channel.rate) for channel in recording.channels]
+    # A constant channel is its value, which counts as side information.
+    flat = [bool((x == x[0]).all()) for x in job.arrays]
+    coders: list[Peer | None] = [
+        None if flat[i] else job.peers(i)[place] for i in range(len(job.arrays))
+    ]
+    known = next((coder for coder in coders if coder is not None), None)
+    if known is None:
+        return None
+
+    def encode() -> list[bytes | None]:
+        return [
+            b"" if coder is None else coder.encode(x, rate)
+            for coder, x, rate in zip(coders, job.arrays, rates, strict=True)
+        ]
+
+    blobs, encode_s = timed(encode, repeats)
+    given = [blob for blob in blobs if blob is not None]
+    if len(given) < len(blobs):
+        return None
+
+    def decode() -> list[np.ndarray]:
+        return [
+            x.copy() if coder is None else coder.decode(blob, x.size)
+            for coder, blob, x in zip(coders, given, job.arrays, strict=True)
+        ]
+
+    found, decode_s = timed(decode, repeats)
+    labels = [channel.label for channel in recording.channels]
+    description = {
+        "rates": sorted(set(rates)),
+        "units": [channel.unit for channel in recording.channels],
+        "coder": known.name,
+        "task": job.task,
+    }
+    return Row(
+        job.recording, job.task, known.name, getattr(known, "family", "exact"), len(labels),
+        sum(x.size for x in job.arrays), coded_size(given),
+        file_size(given, unique(labels), description), *job.check(found), encode_s, decode_s,
+        repeats,
+    )  # fmt: skip
+
+
+def unique(labels: Sequence[str]) -> list[str]:
+    """Names of members of a zip."""
+    return [
+        label if label and labels.count(label) == 1 else f"{label}{place}"
+        for place, label in enumerate(labels)
+    ]
+
+
+def run(job: Job, repeats: int) -> list[Row]:
+    """Every coder once; ours, the best peer and FLAC as often as asked."""
+    rows = [measure_ours(job, coder, repeats) for coder in job.ours]
+    varied = next((i for i, x in enumerate(job.arrays) if (x != x[0]).any()), None)
+    places = range(len(job.peers(varied))) if varied is not None else range(0)
+    peers = {place: row for place in places if (row := measure_peer(job, place, 1)) is not None}
+    kept = [place for place, row in peers.items() if row.held]
+    best = min(kept, key=lambda place: peers[place].coded_size, default=None)
+    for place, row in peers.items():
+        if repeats > 1 and (place == best or row.coder.endswith(ALWAYS)):
+            peers[place] = measure_peer(job, place, repeats) or row
+    return [*rows, *peers.values()]
+
+
+def warm_up() -> None:
+    """Imports and first calls are no part of a measurement."""
+    t = np.arange(500) / 100
+    recording = hapfmt.Recording((hapfmt.Channel.from_physical(np.sin(t), 100, lsb=0.001),))
+    for job in jobs_of([("", recording)], TASKS, ["0.1"]):
+        run(job, 1)
+
+
+def jobs_of(
+    recordings: Sequence[tuple[str, hapfmt.Recording]], tasks: Sequence[str], ks: Sequence[str]
+) -> Iterator[Job]:
+    for task in tasks:
+        for name, recording in recordings:
+            if task == "deadband":
+                yield from deadband_jobs(name, recording, ks)
+            elif task == "lossless":
+                yield from lossless_jobs(name, recording)
+            elif task == "doubles":
+                yield from doubles_jobs(name, recording)
+            else:
+                yield from presets_jobs(name, recording)
+
+
+def tell(rows: Sequence[Row]) -> None:
+    """All tables."""
+    shown = cells(rows)
+    groups: dict[str, list[Cell]] = {}
+    for cell in shown:
+        groups.setdefault(cell.what, []).append(cell)
+    if shown:
+        print("sizes in bits a sample; outside and largest error: in counts / in float64\n")
+        print_sizes(shown)
+        print("million samples a second of CPU time, best of n\n")
+        print_speeds(shown, ALWAYS)
+    print_presets([row for row in rows if row.task == "presets"])
+    print_broken(rows)
+    together = [cell for cell in shown if cell.ours.task.startswith("deadband")]
+    print_summary({**groups, "deadband, all k": together})
+
+
+def print_presets(rows: Sequence[Row]) -> None:
+    """One line a recording, the presets beside each other."""
+    from measured import print_table
+
+    by_name: dict[str, list[Row]] = {}
+    for row in rows:
+        by_name.setdefault(row.recording, []).append(row)
+    if not by_name:
+        return
+    print("whole files in bits a sample; largest error in % of the channel's range\n")
+    coders = [row.coder for row in next(iter(by_name.values()))]
+    table = [
+        [name[:40], found[0].channels,
+         *(text for row in found for text in (f"{row.file:.3f}", f"{row.worst:.3f}"))]
+        for name, found in by_name.items()
+    ]  # fmt: skip
+    headers = [text for coder in coders for text in (coder, "largest %")]
+    print_table(["recording", "channels", *headers], table)
+
+
+@click.command(help=__doc__)
+@click.argument("data", required=False, type=click.Path(exists=True, path_type=Path))
+@click.option("--simulated", is_flag=True, help="Simulated recordings in place of DATA.")
+@click.option("--seconds", default=10.0, help="Length of the simulated ones.")
+@click.option("--task", default="deadband,lossless,doubles", help=f"Of {', '.join(TASKS)}.")
+@click.option("--k", "ks", default="0.02,0.1,0.3", help="Weber fractions of the deadband.")
+@click.option("--only", default="", help="Recordings whose name contains this.")
+@click.option("--rate", help="Of files that do not hold one.")
+@click.option("--repeats", default=3, type=click.IntRange(1), help="Runs, the best counts.")
+@click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="A row for each coder.")
+def main(
+    data: Path | None, simulated: bool, seconds: float, task: str, ks: str, only: str,
+    rate: str | None, repeats: int, csv_path: Path | None,
+) -> None:  # fmt: skip
+    tasks, weber = task.split(","), ks.split(",")
+    if unknown := set(tasks) - set(TASKS):
+        raise click.BadParameter(f"no task {', '.join(sorted(unknown))}; there are {TASKS}")
+    if not all(0 < float(Fraction(k)) < 1 for k in weber):
+        raise click.BadParameter("a Weber fraction lies between 0 and 1")
+    if simulated or not (data or DATA.exists()):
+        from simulated import recordings as scenes
+
+        found = [(name, scene) for name, scene in scenes(seconds).items() if only in name]
+    else:
+        found = list(load_all(data or DATA, only, rate))
+    warm_up()
+    rows: list[Row] = []
+    jobs = list(jobs_of(found, tasks, weber))
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        work = bar.add_task("measuring", total=len(jobs))
+        for job in jobs:
+            bar.update(work, description=f"{job.task} {job.recording[-30:]}")
+            rows += run(job, repeats)
+            bar.advance(work)
+    tell(rows)
+    print(origin())
+    print("peers: " + (", ".join(f"{name} {v}" for name, v in versions().items()) or "none"))
+    if missing := left_out():
+        print(f"left out, of {len(PACKAGES)}: pip install {' '.join(missing)}")
+    if csv_path:
+        save_csv(rows, csv_path, origin())
+
+
+if __name__ == "__main__":
+    main()
