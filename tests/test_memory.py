@@ -35,9 +35,9 @@ def peak_of(work: Callable[[], object]) -> int:
 
 
 SETTINGS = {
-    "archive": Settings.of("archive"),
-    "near-lossless": Settings.of("near-lossless", max_error="1lsb"),
-    "deadband": Settings.of("deadband", k=0, floor="2lsb"),
+    "archive": Settings.of("archive", cluster=10),
+    "near-lossless": Settings.of("near-lossless", max_error="1lsb", cluster=10),
+    "deadband": Settings.of("deadband", k=0, floor="2lsb", cluster=10),
 }
 
 
