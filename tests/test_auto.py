@@ -153,6 +153,19 @@ def test_nothing_left_out_where_the_floor_is_below_a_count():
     assert np.array_equal(back.values, np.rint(NOISE * 1000))
 
 
+def test_a_tolerance_of_the_caller_is_told():
+    clock, settings = doubles(np.sqrt(T + 0.1), "s"), Settings.of("auto", tolerance="1e-6")
+    decision, back, _ = decided(clock, settings)
+    assert decision.exact
+    assert decision.left_out == "less than 1e-06 s"
+    assert 0 < np.abs(back.physical() - clock.physical()).max() <= 1e-6
+
+
+def test_a_weber_fraction_of_nothing_leaves_the_floor():
+    decision, _, _ = decided(counted(PUSH + 0.2 * NOISE, "N"), Settings.of("auto", k=0))
+    assert "(force: the floor alone)" in decision.reason
+
+
 def test_axes_of_a_group_are_apart_unless_they_must_not_be():
     recording = simulate("cork", 1.0, axes=3)
     summary = hapfmt.write(recording, io.BytesIO(), AUTO, canonical=1)
