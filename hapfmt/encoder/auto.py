@@ -164,8 +164,8 @@ def amount_text(floor: Tolerance, channel: Channel) -> str:
 def encode_auto(source: Source, first_channel: int, plan: Plan) -> Unit:
     """One unit by its plan, and what was left out of it.
 
-    Knots of the slow part with a residual are not tried: at the same deadband they were 1.03 to 90
-    times larger than the smallest other way, on every channel measured.
+    Knots of the slow part with a residual are not tried: at the same deadband they were 1.3 to 10
+    times as large as the smallest other way on 30 recorded channels with texture.
     """
     unit = encode_counts(source, first_channel, plan.settings)
     why, left_out = "" if plan.why == unit.reason else plan.why, plan.left_out
