@@ -108,6 +108,9 @@ def test_elsewhere_only_the_floor_stays(unit):
 
 def test_what_is_named_goes_before_the_unit():
     assert quantity_of(counted(PUSH, "V", quantity="Force")) == "force"
+    assert quantity_of(counted(PUSH, "N", quantity="normal force")) == "force"
+    assert quantity_of(counted(PUSH, "1", quantity="bend")) == "bend"
+    assert quantity_of(counted(PUSH)) == ""
     assert "deadband of 10 %" in decided(counted(PUSH, "V", quantity="force"))[0].reason
 
 

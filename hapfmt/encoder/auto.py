@@ -36,6 +36,8 @@ CLOCK_LABEL = re.compile(
     r"(^|[\W_])(time(stamps?)?|clock|counter|seq(uence)?|frame|index)($|[\W_])", re.IGNORECASE
 )
 
+KNOWN_QUANTITIES = frozenset(QUANTITY_OF_UNIT.values())
+
 NOTHING = "nothing"
 NO_TEXTURE = ", no texture above it"
 
@@ -136,8 +138,13 @@ def few_values(x: NDArray[np.float64]) -> bool:
 
 
 def quantity_of(channel: Channel) -> str:
-    """The quantity as the channel names it, else by its unit; empty where neither tells."""
-    return channel.quantity.strip().lower() or QUANTITY_OF_UNIT.get(channel.unit, "")
+    """The quantity as the channel names it, else by its unit; empty where neither tells.
+
+    A name that is not known here ("normal force") gives way to a unit that is.
+    """
+    named = channel.quantity.strip().lower()
+    by_unit = QUANTITY_OF_UNIT.get(channel.unit, "")
+    return named if named in KNOWN_QUANTITIES else by_unit or named
 
 
 def absolute_threshold(channel: Channel, settings: Settings) -> Tolerance | None:
