@@ -108,6 +108,9 @@ def test_elsewhere_only_the_floor_stays(unit):
 
 def test_what_is_named_goes_before_the_unit():
     assert quantity_of(counted(PUSH, "V", quantity="Force")) == "force"
+    assert quantity_of(counted(PUSH, "N", quantity="normal force")) == "force"
+    assert quantity_of(counted(PUSH, "1", quantity="bend")) == "bend"
+    assert quantity_of(counted(PUSH)) == ""
     assert "deadband of 10 %" in decided(counted(PUSH, "V", quantity="force"))[0].reason
 
 
@@ -150,6 +153,19 @@ def test_nothing_left_out_where_the_floor_is_below_a_count():
     decision, back, _ = decided(counted(NOISE, "V"), Settings.of("auto", floor="0.3lsb"))
     assert decision.left_out == NOTHING
     assert np.array_equal(back.values, np.rint(NOISE * 1000))
+
+
+def test_a_tolerance_of_the_caller_is_told():
+    clock, settings = doubles(np.sqrt(T + 0.1), "s"), Settings.of("auto", tolerance="1e-6")
+    decision, back, _ = decided(clock, settings)
+    assert decision.exact
+    assert decision.left_out == "less than 1e-06 s"
+    assert 0 < np.abs(back.physical() - clock.physical()).max() <= 1e-6
+
+
+def test_a_weber_fraction_of_nothing_leaves_the_floor():
+    decision, _, _ = decided(counted(PUSH + 0.2 * NOISE, "N"), Settings.of("auto", k=0))
+    assert "(force: the floor alone)" in decision.reason
 
 
 def test_axes_of_a_group_are_apart_unless_they_must_not_be():

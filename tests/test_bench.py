@@ -100,7 +100,7 @@ def run(*arguments: str, without: str = "") -> str:
     blocked = f"import sys; sys.modules.update(dict.fromkeys({without.split()!r}));"
     code = f"{blocked} sys.argv[0] = 'bench.py'; import bench; bench.main()"
     done = subprocess.run(
-        [sys.executable, "-c", code, "--simulated", "--seconds", "0.5", *arguments],
+        [sys.executable, "-c", code, "--simulated", "--seconds", "0.2", *arguments],
         cwd=ROOT / "tools", env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True,
         text=True, check=False,
     )  # fmt: skip

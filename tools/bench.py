@@ -378,10 +378,13 @@ def main(
     jobs = list(jobs_of(found, tasks, weber))
     with Progress(console=Console(stderr=True), transient=True) as bar:
         work = bar.add_task("measuring", total=len(jobs))
-        for job in jobs:
-            bar.update(work, description=f"{job.task} {job.recording[-30:]}")
-            rows += run(job, repeats)
-            bar.advance(work)
+        try:
+            for job in jobs:
+                bar.update(work, description=f"{job.task} {job.recording[-30:]}")
+                rows += run(job, repeats)
+                bar.advance(work)
+        except KeyboardInterrupt:
+            click.echo(f"interrupted: {int(bar.tasks[0].completed)} of {len(jobs)} jobs", err=True)
     tell(rows)
     print(origin())
     print("peers: " + (", ".join(f"{name} {v}" for name, v in versions().items()) or "none"))

@@ -1,11 +1,10 @@
-"""Speed of each codec, beside FLAC in the same run; and what a start costs.
+"""Speed of each codec alone, beside FLAC in the same run; and what a start costs.
 
-python tools/throughput.py
+python tools/throughput.py      whole files: tools/bench.py
 """
 
 from __future__ import annotations
 
-import io
 import statistics
 import subprocess
 import sys
@@ -91,28 +90,6 @@ def predictions(counts: np.ndarray) -> list[list[object]]:
     return rows
 
 
-def whole(recording: hapfmt.Recording) -> list[list[object]]:
-    """Files, with analysis, choice of codec and framing."""
-    n = recording.sample_count
-    rows = []
-    for name, settings in (
-        ("file, default", hapfmt.Settings.of("default")),
-        ("file, paper b=5", hapfmt.Settings.of("paper")),
-        ("file, paper b=none", hapfmt.Settings.of("paper", bits=0)),
-        ("file, archive", hapfmt.Settings.of("archive")),
-        ("file, deadband", hapfmt.Settings.of("deadband")),
-    ):
-        stream = io.BytesIO()
-        hapfmt.write(recording, stream, settings, canonical=1)
-        data = stream.getvalue()
-        rows.append(
-            [name, f"{8 * len(data) / n:.3f}",
-             speed(n, lambda s=settings: hapfmt.write(recording, io.BytesIO(), s, canonical=1), 3),
-             speed(n, lambda d=data: hapfmt.read(d), 3)]
-        )  # fmt: skip
-    return rows
-
-
 def flac(counts: np.ndarray, rate: int) -> list[object]:
     """flac at its highest level through soundfile."""
     data, n = flac_encode(counts[:, 0], rate), len(counts)
@@ -153,7 +130,7 @@ def main() -> None:
     counts = recording.channels[0].values.astype(np.int64)[:, None]
     print(f"one channel, {SAMPLES} samples of a simulated texture at 8 kHz; million samples a "
           "second of CPU time\n")  # fmt: skip
-    rows = [*codecs(counts, 8000.0), *predictions(counts), *whole(recording), flac(counts, 8000)]
+    rows = [*codecs(counts, 8000.0), *predictions(counts), flac(counts, 8000)]
     print_table(["codec", "b/sample", "encode Ms/s", "decode Ms/s"], rows)
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "one.hapf")

@@ -13,14 +13,10 @@ from .unit import ENCODE_LEVEL, Coded
 
 
 def decoded_pieces(
-    source: Source, *tracks: Coded
+    source: Source, coded: Coded
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Packet by packet the counts [ticks, components], and what a decoder makes of the tracks."""
-    first = tracks[0].track
-    decoders = [TrackDecoder(coded.track, ENCODE_LEVEL) for coded in tracks]
-    packets = zip(*(coded.packets for coded in tracks), strict=True)
-    for (_, rows), same_span in zip(source.pieces(source.counts), packets, strict=True):
-        y = np.zeros_like(rows)
-        for decoder, packet in zip(decoders, same_span, strict=True):
-            y += decoder.decode(packet)
-        yield rows, np.clip(y, first.count_min, first.count_max) if len(tracks) > 1 else y
+    """Packet by packet the counts [ticks, components], and what a decoder makes of them."""
+    decoder = TrackDecoder(coded.track, ENCODE_LEVEL)
+    pieces = source.pieces(source.counts)
+    for packet, (_, rows) in zip(coded.packets, pieces, strict=True):
+        yield rows, decoder.decode(packet).astype(np.int64)

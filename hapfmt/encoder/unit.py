@@ -265,23 +265,17 @@ def slow_part(source: Source, settings: Settings) -> NDArray[np.int64]:
     return out
 
 
-def base_track(source: Source, first_channel: int) -> Track:
-    """The description of one track that holds all of a unit; its codec is still open."""
+def encode_counts(source: Source, first_channel: int, settings: Settings) -> Unit:
+    """Slow part as knots, fast part as quantised residual; or what is smaller at the same bound."""
     x = source.counts
     low, high = declared_range(x)
     if not all(c.calibration.covers(low, high) for c in source.channels if c.calibration):
         low, high = int(x.min(initial=0)), int(x.max(initial=0))
         if not all(c.calibration.covers(low, high) for c in source.channels if c.calibration):
             raise ParameterError("count * A or count * A + B is above 2^53: use a smaller A and D")
-    return make_track(
+    base = make_track(
         source, first_channel, kind="full", codec="KNOT", count_min=low, count_max=high
     )
-
-
-def encode_counts(source: Source, first_channel: int, settings: Settings) -> Unit:
-    """Slow part as knots, fast part as quantised residual; or what is smaller at the same bound."""
-    x = source.counts
-    base = base_track(source, first_channel)
     if not len(x) or (x == x[0]).all():
         return encode_constant(source, base)
     if settings.preset in WITHIN:
