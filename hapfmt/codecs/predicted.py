@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,14 +76,7 @@ class LpcParameters:
             raise FormatError("LPCR parameters too long", requirement="COD-002", offset=offset)
         if any(raw.reserved):
             raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=offset + 1)
-        if raw.grid == UNIFORM:
-            fits = raw.kn == 0 and raw.kd == 1 and raw.step > 0
-        else:
-            fits = raw.grid == DEADBAND and raw.kn > 0 and raw.kd > 0
-        if not fits:
-            raise FormatError("a grid that is not defined", requirement="LPC-002", offset=offset)
-        level.check("step", raw.step, "LPC-002", offset + 4)
-        return cls(raw.step, raw.zero, raw.kn, raw.kd)
+        return grid_of(raw, level, offset)
 
     def counts(self, indices: NDArray[np.int64], bound: int) -> NDArray[np.int64]:
         """Counts of indices that lie on the grid."""
@@ -96,6 +90,18 @@ class LpcParameters:
         if self.grid == UNIFORM:
             return bound // self.step
         return deadband_levels(self, bound)[0].size - 1
+
+
+def grid_of(raw: Any, level: Level, offset: int) -> LpcParameters:
+    """The grid that the parameters of a codec describe (LPC-002)."""
+    if raw.grid == UNIFORM:
+        fits = raw.kn == 0 and raw.kd == 1 and raw.step > 0
+    else:
+        fits = raw.grid == DEADBAND and raw.kn > 0 and raw.kd > 0
+    if not fits:
+        raise FormatError("a grid that is not defined", requirement="LPC-002", offset=offset)
+    level.check("step", raw.step, "LPC-002", offset + 4)
+    return LpcParameters(raw.step, raw.zero, raw.kn, raw.kd)
 
 
 @lru_cache(maxsize=8)

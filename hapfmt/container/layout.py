@@ -136,6 +136,16 @@ LPCR_PARAMETERS = Struct(
     "zero" / Int32sl * "count of index 0",
 )
 
+KNTE_PARAMETERS = Struct(
+    "grid" / Int8ul * "0 uniform, 1 deadband",
+    "interpolation" / Int8ul * "0 hold, 1 linear",
+    "reserved" / Bytes(2) * "0",
+    "step" / Int32ul * "counts per index; deadband grid: the floor in counts",
+    "kn" / Int16ul * "deadband grid: numerator of the Weber fraction; else 0",
+    "kd" / Int16ul * "deadband grid: denominator of the Weber fraction; else 1",
+    "zero" / Int32sl * "count of index 0",
+)
+
 TABLES: dict[str, Construct] = {
     "chunk header": CHUNK_HEADER,
     "HEAD": HEAD,
@@ -152,5 +162,6 @@ TABLES: dict[str, Construct] = {
     "QUAN parameters": QUAN_PARAMETERS,
     "RAWB parameters": RAWB_PARAMETERS,
     "LPCR parameters": LPCR_PARAMETERS,
+    "KNTE parameters": KNTE_PARAMETERS,
 }
 """Name of each table in SPEC.md and its declaration, in the order of the SPEC."""

@@ -6,30 +6,23 @@ of them a track gets is a matter of size alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..codecs.knots import Interpolation, KnotParameters, build_knots
-from ..codecs.predicted import LpcParameters, deadband_levels
+from ..codecs.predicted import LpcParameters
 from ..container.cluster import Packet
 from ..container.track import Contract, Track
 from ..deadband import ZERO_LIMIT, Deadband
 from ..integers import clamp
-from ..limits import LEVELS
-from .knots import select_knots
+from .grids import STEP_LIMIT, Indices, grid_within, nearest_level, nearest_uniform
 from .predict import encode_best
 from .settings import Settings, counts_of
 from .source import Source
-from .tube import fewest_hold, fewest_linear
-from .unit import Bound, Coded, Unit, bound_of, code_steps, decode_all
-
-Indices = NDArray[np.int64]
-STEP_LIMIT = LEVELS[1].step
-"""Steps that every level allows; larger tolerances are seldom asked for, and knots keep them."""
+from .tubed import Way, code_held, code_held_levels, code_lines, fewest_held, vector_ways
+from .unit import Bound, Coded, Unit, bound_of, decode_all
 
 
 def encode_within(source: Source, base: Track, settings: Settings) -> Unit:
@@ -79,44 +72,19 @@ def kept(source: Source, coded: Coded, band: Deadband) -> Contract:
     return Contract(band.kn, band.kd, band.vector, True, band.floor, band.zero)
 
 
-Way = tuple[str, Callable[[Track], Coded]]
-
-
-def vector_ways(source: Source, bound: Bound) -> Iterable[Way]:
-    def held(base: Track) -> Coded:
-        if not bound.slack:
-            # A floor below one count allows no error at all.
-            return code_steps(source, bound, base)
-        return code_knots_by(source, base, "hold", lambda rows: vector_steps(rows, bound.band))
-
-    return [("held steps of the vector", held)]
-
-
-def vector_steps(rows: Indices, band: Deadband) -> tuple[Indices, Indices]:
-    ticks = select_knots(rows, band, reference="sample", keep_last=False)
-    return ticks, rows[ticks]
-
-
 def scalar_ways(source: Source, bound: Bound) -> list[Way]:
     """(why it is smaller, how to code it) of one channel."""
     step = min(bound.slack, STEP_LIMIT // 2 - 1)
-    grid = LpcParameters(step, bound.band.zero[0], bound.band.kn, bound.band.kd)
-    even = LpcParameters(2 * step + 1)
-
-    def tube(rows: Indices) -> tuple[Indices, Indices]:
-        width = tolerances(rows[:, 0], bound)
-        return rows[:, 0] - width, rows[:, 0] + width
-
+    even, grid = LpcParameters(2 * step + 1), grid_within(bound)
     ways: list[Way] = [
         (
             f"prediction within {step} counts",
             lambda base: code_grid(source, base, even, nearest_uniform),
         ),
-        ("fewest held steps", lambda base: code_knots_by(
-            source, base, "hold", lambda rows: column(fewest_hold(*tube(rows))))),
-        ("fewest lines", lambda base: code_knots_by(
-            source, base, "linear", lambda rows: column(fewest_linear(*tube(rows))))),
-    ]  # fmt: skip
+        ("fewest held steps", lambda base: code_held(source, base, bound)),
+        ("fewest held levels", lambda base: code_held_levels(source, base, bound)),
+        ("fewest lines", lambda base: code_lines(source, base, bound)),
+    ]
     if grid.kn:
         ways += [
             ("prediction on the deadband's grid", lambda base: code_grid(
@@ -125,16 +93,6 @@ def scalar_ways(source: Source, bound: Bound) -> list[Way]:
                 source, base, grid, lambda x, g: held_levels(x, g, bound))),
         ]  # fmt: skip
     return ways
-
-
-def column(knots: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
-    return knots[0], knots[1][:, None]
-
-
-def tolerances(x: Indices, bound: Bound) -> Indices:
-    """Largest error of each count that keeps the deadband, the slack being the floor."""
-    weber = np.abs(x - bound.band.zero[0]) * bound.band.kn // bound.band.kd
-    return np.asarray(np.maximum(weber, bound.slack))
 
 
 def code_grid(
@@ -150,38 +108,7 @@ def code_grid(
     return coded
 
 
-def code_knots_by(
-    source: Source,
-    base: Track,
-    interpolation: Interpolation,
-    find: Callable[[Indices], tuple[Indices, Indices]],
-) -> Coded:
-    parameters = KnotParameters(interpolation).build()
-    coded = Coded(replace(base, codec="KNOT", parameters=parameters))
-    for span, rows in source.pieces(source.counts):
-        ticks, values = find(rows)
-        coded.packets.append(Packet(0, span.start, span.ticks, build_knots(ticks, values)))
-    return coded
-
-
-def nearest_uniform(x: Indices, grid: LpcParameters) -> Indices:
-    return (2 * (x - grid.zero) + grid.step) // (2 * grid.step)
-
-
-def nearest_level(x: Indices, grid: LpcParameters) -> Indices:
-    """The index whose cell holds each count: cells end at top(y) of SPEC 9.5."""
-    c = x - grid.zero
-    _, tops = deadband_levels(grid, int(np.abs(c).max()))
-    cells: Indices = np.searchsorted(tops, np.abs(c)).astype(np.int64)
-    return np.asarray(np.sign(c) * cells)
-
-
 def held_levels(x: Indices, grid: LpcParameters, bound: Bound) -> Indices:
     """Indices that change as rarely as they can: any level within the deadband will do."""
-    width = tolerances(x, bound)
-    levels, _ = deadband_levels(grid, int(np.abs(x - grid.zero).max()))
-    signed = np.concatenate((-levels[:0:-1], levels)) + grid.zero
-    low = np.searchsorted(signed, x - width) - (levels.size - 1)
-    high = np.searchsorted(signed, x + width, side="right") - levels.size
-    ticks, values = fewest_hold(low, high)
+    ticks, values = fewest_held(x, grid, bound)
     return np.repeat(values, np.diff(np.append(ticks, x.size)))
