@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import forge as f
 import page
 
+from hapfmt.codecs import knots_coded
 from hapfmt.codecs.huffman import parse_codebook
 from hapfmt.codecs.knots import KnotParameters, decode_knots
 from hapfmt.codecs.predicted import LpcParameters, decode_indices
@@ -103,6 +104,14 @@ def grid(data: bytes) -> Callable[[], Any]:
 
 def predicted(data: bytes, span: int = 1) -> Callable[[], Any]:
     return lambda: decode_indices(data, span, ONE.count_bound, AT)
+
+
+def coded(data: bytes) -> Callable[[], Any]:
+    return lambda: knots_coded.CodedKnotParameters.parse(data, ONE, AT)
+
+
+def further(data: bytes, span: int = 2) -> Callable[[], Any]:
+    return lambda: knots_coded.decode_indices(data, "hold", span, 1, ONE.count_bound, AT)
 
 
 def deflated(data: bytes) -> bytes:
@@ -371,6 +380,23 @@ FAULTS = [
     Fault("LPC-006", 100, "coefficients cut short", predicted(b"\0\1")),
     Fault("CNV-002", 102, "no base", predicted(b"\0\0")),
     Fault("COD-001", 103, "bytes after a constant", predicted(b"\x10\0\0\0")),
+    # 9.6
+    Fault("COD-002", 100, "KNTE cut short", coded(b"")),
+    Fault("COD-002", 100, "KNTE too long", coded(f.knte_parameters() + b"\0")),
+    Fault("KTE-001", 101, "interpolation 2", coded(f.knte_parameters(2))),
+    Fault("HED-005", 102, "KNTE reserved", coded(f.knte_parameters(0, b"\0\1"))),
+    Fault("LPC-002", 100, "KNTE on grid 2", coded(f.knte_parameters(grid=2))),
+    Fault("CNV-002", 100, "no first index", further(b"")),
+    Fault("LPC-003", 100, "first index 2^24 + 1", further(f.svarint(2**24 + 1))),
+    Fault("KTE-002", 101, "no knot follows", further(b"\0\0")),
+    Fault("KTE-002", 101, "as many follow as there are ticks", further(b"\0\2")),
+    Fault("KTE-003", 103, "a gap of 25 bits", further(b"\0\1\0")),
+    Fault("KTE-004", 102, "a knot at tick 2 of 2",
+          further(page.encode_knots([(0, [0]), (2, [1])], False, 2, forge=True))),
+    Fault("LPC-003", 108, "index 2^24 + 1",
+          further(page.encode_knots([(0, [0]), (1, [2**24 + 1])], False, 2, forge=True))),
+    Fault("RNG-001", 102, "a byte after the knots",
+          further(page.encode_knots([(0, [0]), (1, [1])], False, 2) + b"\0")),
     # clauses 12 and 15
     Fault("LIM-003", None, "one sample allowed",
           lambda: Reader(f.minimal(), limits=Limits(samples=1)).read()),

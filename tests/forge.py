@@ -93,6 +93,11 @@ def lpcr_parameters(grid: int = 0, reserved: bytes = bytes(3), *, step: int = 1,
     return struct.pack("<B3sIHHi", grid, reserved, step, kn, kd, zero)
 
 
+def knte_parameters(interpolation: int = 0, reserved: bytes = bytes(2), *, grid: int = 0,
+                    step: int = 1, kn: int = 0, kd: int = 1, zero: int = 0) -> bytes:  # fmt: skip
+    return struct.pack("<BB2sIHHi", grid, interpolation, reserved, step, kn, kd, zero)
+
+
 HOLD = tlv(1, knot_parameters())
 
 

@@ -157,7 +157,7 @@ def decode_indices(
             # Each of those that follow needs a tick too.
             if tick >= span - left:
                 raise FormatError(
-                    "knot beyond its packet", requirement="KTE-004", offset=coder.place
+                    "more knots than the ticks left", requirement="KTE-004", offset=coder.place
                 )
         row = [index + model.decode(coder, i) for i, index in enumerate(row)]
         for index in row:
