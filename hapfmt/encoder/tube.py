@@ -95,7 +95,7 @@ def fewest_hold(
     No choice of knots has fewer: each piece goes on as long as one value fits. Of the values that
     fit the one closest to the piece before is taken, and differences stay small.
     """
-    lows, highs = _bounds(lower, upper)
+    lows, highs = bounds(lower, upper)
     ticks, pieces = [0], []
     low, high = -COUNT_BOUND, COUNT_BOUND
     for tick, (least, most) in enumerate(zip(lows, highs, strict=True)):
@@ -133,8 +133,8 @@ def fewest_linear(
     width at all may take many more (a ramp of one count per 100 ticks: 200 knots for 4): there only
     few ticks are reached exactly. A deadband's floor is a count or more, and leaves three.
     """
-    lows, highs = _bounds(lower, upper)
-    tube = _Tube(lows, highs, range(min(lows), max(highs) + 1) if grid is None else grid)
+    lows, highs = bounds(lower, upper)
+    tube = Tube(lows, highs, range(min(lows), max(highs) + 1) if grid is None else grid)
     low, high = max(tube.lows), min(tube.highs)
     if low <= high:
         middle = tube.grid[(low + high) // 2]
@@ -152,7 +152,8 @@ def fewest_linear(
     return np.array(ticks[::-1], dtype=np.int64), np.array(values[::-1], dtype=np.int64)
 
 
-def _bounds(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> tuple[list[int], list[int]]:
+def bounds(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> tuple[list[int], list[int]]:
+    """The tube as lists, no wider than a knot may lie; ParameterError where it is none."""
     integers = lower.dtype.kind in "iu" and upper.dtype.kind in "iu"
     if not integers or lower.ndim != 1 or lower.shape != upper.shape:
         raise ParameterError("a tube is two rows of integer counts, equally long")
@@ -164,7 +165,7 @@ def _bounds(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> tuple[list[in
     return low.tolist(), high.tolist()
 
 
-class _Tube:
+class Tube:
     """A tube in places on the grid of values, and in half counts upright and upside down."""
 
     def __init__(self, lows: list[int], highs: list[int], grid: Sequence[int]) -> None:

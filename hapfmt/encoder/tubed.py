@@ -25,6 +25,7 @@ from .knots import select_knots
 from .source import Source
 from .tube import fewest_hold, fewest_linear
 from .unit import Bound, Coded, code_steps
+from .vectors import held_grid, held_vectors, joined_grid, joined_vectors
 
 Way = tuple[str, Callable[[Track], Coded]]
 
@@ -60,13 +61,19 @@ def fewest_joined(x: Indices, grid: LpcParameters, bound: Bound) -> tuple[Indice
 def code_held_levels(source: Source, base: Track, bound: Bound) -> Coded:
     grid = grid_within(bound)
     parameters = CodedKnotParameters("hold", grid)
-    return code_with(source, base, parameters, lambda x: fewest_held(x, grid, bound))
+    return code_with(source, base, parameters, lambda x: column(fewest_held(x[:, 0], grid, bound)))
 
 
 def code_lines(source: Source, base: Track, bound: Bound) -> Coded:
     grid = grid_within(bound, HALF)
     parameters = CodedKnotParameters("linear", grid)
-    return code_with(source, base, parameters, lambda x: fewest_joined(x, grid, bound))
+    return code_with(
+        source, base, parameters, lambda x: column(fewest_joined(x[:, 0], grid, bound))
+    )
+
+
+def column(knots: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
+    return knots[0], knots[1][:, None]
 
 
 def code_with(
@@ -75,11 +82,11 @@ def code_with(
     parameters: CodedKnotParameters,
     find: Callable[[Indices], tuple[Indices, Indices]],
 ) -> Coded:
-    """KNTE packets of one channel; ``find`` gives ticks and indices."""
+    """KNTE packets; ``find`` gives ticks [knots] and indices [knots, components]."""
     coded = Coded(replace(base, codec="KNTE", parameters=parameters.build()))
     for span, rows in source.pieces(source.counts):
-        ticks, indices = find(rows[:, 0])
-        data = encode_knots(ticks, indices[:, None], parameters.interpolation)
+        ticks, indices = find(rows)
+        data = encode_knots(ticks, indices, parameters.interpolation)
         coded.packets.append(Packet(0, span.start, span.ticks, data))
     return coded
 
@@ -88,8 +95,7 @@ def code_held(source: Source, base: Track, bound: Bound) -> Coded:
     """KNOT packets of one channel: where there are few knots, varints are as short."""
 
     def find(rows: Indices) -> tuple[Indices, Indices]:
-        ticks, values = fewest_hold(*tube_of(rows[:, 0], bound))
-        return ticks, values[:, None]
+        return column(fewest_hold(*tube_of(rows[:, 0], bound)))
 
     return code_knots_by(source, base, "hold", find)
 
@@ -101,7 +107,25 @@ def vector_ways(source: Source, bound: Bound) -> list[Way]:
             return code_steps(source, bound, base)
         return code_knots_by(source, base, "hold", lambda rows: vector_steps(rows, bound.band))
 
-    return [("held steps of the vector", held)]
+    ways: list[Way] = [("held steps of the vector", held)]
+    if bound.slack:
+        ways += [
+            ("fewest held points", lambda base: code_points(source, base, bound)),
+            ("fewest lines of the vector", lambda base: code_joined(source, base, bound)),
+        ]
+    return ways
+
+
+def code_points(source: Source, base: Track, bound: Bound) -> Coded:
+    grid = held_grid(bound)
+    parameters = CodedKnotParameters("hold", grid)
+    return code_with(source, base, parameters, lambda rows: held_vectors(rows, grid, bound))
+
+
+def code_joined(source: Source, base: Track, bound: Bound) -> Coded:
+    grid = joined_grid(bound)
+    parameters = CodedKnotParameters("linear", grid)
+    return code_with(source, base, parameters, lambda rows: joined_vectors(rows, grid, bound))
 
 
 def vector_steps(rows: Indices, band: Deadband) -> tuple[Indices, Indices]:
