@@ -18,11 +18,12 @@ from ..container.track import Contract, Track
 from ..deadband import ZERO_LIMIT, Deadband
 from ..integers import clamp
 from .grids import STEP_LIMIT, Indices, grid_within, nearest_level, nearest_uniform
+from .packed import Coded
 from .predict import encode_best
 from .settings import Settings, counts_of
 from .source import Source
 from .tubed import Way, code_held, code_held_levels, code_lines, fewest_held, vector_ways
-from .unit import Bound, Coded, Unit, bound_of, decode_all
+from .unit import Bound, Unit, bound_of, decode_all
 
 
 def encode_within(source: Source, base: Track, settings: Settings) -> Unit:

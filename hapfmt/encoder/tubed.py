@@ -9,22 +9,20 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable
-from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 
-from ..codecs.knots import Interpolation, KnotParameters, build_knots
-from ..codecs.knots_coded import CodedKnotParameters, encode_knots
+from ..codecs.knots_coded import CodedKnotParameters
 from ..codecs.predicted import LpcParameters
-from ..container.cluster import Packet
 from ..container.track import Track
 from ..deadband import Deadband
 from .grids import Indices, grid_within, levels_of, places
 from .knots import select_knots
+from .packed import Coded, coded_knots, plain_knots
 from .source import Source
 from .tube import fewest_hold, fewest_linear
-from .unit import Bound, Coded, code_steps
+from .unit import Bound, code_steps
 from .vectors import held_grid, held_vectors, joined_grid, joined_vectors
 
 Way = tuple[str, Callable[[Track], Coded]]
@@ -83,12 +81,9 @@ def code_with(
     find: Callable[[Indices], tuple[Indices, Indices]],
 ) -> Coded:
     """KNTE packets; ``find`` gives ticks [knots] and indices [knots, components]."""
-    coded = Coded(replace(base, codec="KNTE", parameters=parameters.build()))
-    for span, rows in source.pieces(source.counts):
-        ticks, indices = find(rows)
-        data = encode_knots(ticks, indices, parameters.interpolation)
-        coded.packets.append(Packet(0, span.start, span.ticks, data))
-    return coded
+    return coded_knots(
+        base, parameters, ((span, *find(rows)) for span, rows in source.pieces(source.counts))
+    )
 
 
 def code_held(source: Source, base: Track, bound: Bound) -> Coded:
@@ -97,7 +92,7 @@ def code_held(source: Source, base: Track, bound: Bound) -> Coded:
     def find(rows: Indices) -> tuple[Indices, Indices]:
         return column(fewest_hold(*tube_of(rows[:, 0], bound)))
 
-    return code_knots_by(source, base, "hold", find)
+    return code_plain(source, base, find)
 
 
 def vector_ways(source: Source, bound: Bound) -> list[Way]:
@@ -105,7 +100,7 @@ def vector_ways(source: Source, bound: Bound) -> list[Way]:
         if not bound.slack:
             # A floor below one count allows no error at all.
             return code_steps(source, bound, base)
-        return code_knots_by(source, base, "hold", lambda rows: vector_steps(rows, bound.band))
+        return code_plain(source, base, lambda rows: vector_steps(rows, bound.band))
 
     ways: list[Way] = [("held steps of the vector", held)]
     if bound.slack:
@@ -133,15 +128,10 @@ def vector_steps(rows: Indices, band: Deadband) -> tuple[Indices, Indices]:
     return ticks, rows[ticks]
 
 
-def code_knots_by(
-    source: Source,
-    base: Track,
-    interpolation: Interpolation,
-    find: Callable[[Indices], tuple[Indices, Indices]],
+def code_plain(
+    source: Source, base: Track, find: Callable[[Indices], tuple[Indices, Indices]]
 ) -> Coded:
-    parameters = KnotParameters(interpolation).build()
-    coded = Coded(replace(base, codec="KNOT", parameters=parameters))
-    for span, rows in source.pieces(source.counts):
-        ticks, values = find(rows)
-        coded.packets.append(Packet(0, span.start, span.ticks, build_knots(ticks, values)))
-    return coded
+    """KNOT packets, held."""
+    return plain_knots(
+        base, "hold", 1, ((span, *find(rows)) for span, rows in source.pieces(source.counts))
+    )

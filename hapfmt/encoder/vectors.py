@@ -98,6 +98,9 @@ class Pieces:
                 return point
             centre = self.points[start + at]
             length = float(outside[at] + self.radii[start + at])
+            if length <= 0:
+                # Rounding to the grid may take all of the ball.
+                return None
             # A little further than its border, or the border is approached for ever.
             part = min(1.0, 1.05 * float(outside[at]) / length)
             point = point + (centre - point) * part
