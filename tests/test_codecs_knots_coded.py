@@ -32,7 +32,8 @@ FAR = 2**32
 def decoded(data, interpolation, span, width, limit=FAR):
     """(tick, indices) of each knot, or the id of the rule that was broken."""
     try:
-        return list(zip(*decode_indices(data, interpolation, span, width, limit, 0), strict=True))
+        ticks, indices = decode_indices(data, interpolation, span, width, limit, 0)
+        return list(zip(ticks.tolist(), indices.tolist(), strict=True))
     except HapfmtError as error:
         return error.requirement
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass
 
 import numpy as np
@@ -132,16 +133,17 @@ def encode_knots(
 
 def decode_indices(
     data: bytes, interpolation: Interpolation, span: int, components: int, limit: int, offset: int
-) -> tuple[list[int], list[list[int]]]:
-    """Ticks [knots], and indices [knots][components] of a magnitude of at most ``limit``."""
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Ticks [knots], and indices [knots, components] of a magnitude of at most ``limit``."""
     position, row = 0, []
     for _ in range(components):
         number, position = parse_varint(data, position, offset)
         row.append(number >> 1 if number % 2 == 0 else -(number >> 1) - 1)
         check_index(row[-1], limit, offset)
-    ticks, rows = [0], [row]
+    # Eight bytes a number, taken as knots are found: a hostile packet may promise many.
+    ticks, rows = array("q", [0]), array("q", row)
     if position == len(data):
-        return ticks, rows
+        return knot_table(ticks, rows)
     further, coded = parse_varint(data, position, offset)
     if not 0 < further < span:
         raise FormatError(
@@ -163,9 +165,14 @@ def decode_indices(
         for index in row:
             check_index(index, limit, coder.place)
         ticks.append(tick)
-        rows.append(row)
+        rows.extend(row)
     coder.finish()
-    return ticks, rows
+    return knot_table(ticks, rows)
+
+
+def knot_table(ticks: array[int], rows: array[int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Both as NumPy has them."""
+    return np.array(ticks, np.int64), np.array(rows, np.int64).reshape(len(ticks), -1)
 
 
 def decode_coded_knots(
@@ -180,5 +187,4 @@ def decode_coded_knots(
     grid, bound = parameters.grid, level.count_bound
     limit = grid.index_limit(bound)
     ticks, rows = decode_indices(data, parameters.interpolation, span, components, limit, offset)
-    counts = grid.counts(np.array(rows, np.int64), bound)
-    return interpolate(np.array(ticks, np.int64), counts, span, parameters.interpolation)
+    return interpolate(ticks, grid.counts(rows, bound), span, parameters.interpolation)

@@ -1,6 +1,6 @@
 """Presets archive, near-lossless and deadband: every sample within its bound, by construction.
 
-A guarantee, not an aim: the grid of LPCR, and knots inside the tube, leave no sample outside. Which
+A guarantee, not an aim: grids, and knots inside the tube, leave no sample outside. Which
 of them a track gets is a matter of size alone.
 """
 
@@ -22,7 +22,7 @@ from .packed import Coded
 from .predict import encode_best
 from .settings import Settings, counts_of
 from .source import Source
-from .tubed import Way, code_held, code_held_levels, code_lines, fewest_held, vector_ways
+from .tubed import Way, code_held, code_held_levels, code_lines, vector_ways
 from .unit import Bound, Unit, bound_of, decode_all
 
 
@@ -87,12 +87,8 @@ def scalar_ways(source: Source, bound: Bound) -> list[Way]:
         ("fewest lines", lambda base: code_lines(source, base, bound)),
     ]
     if grid.kn:
-        ways += [
-            ("prediction on the deadband's grid", lambda base: code_grid(
-                source, base, grid, nearest_level)),
-            ("held levels of the deadband's grid", lambda base: code_grid(
-                source, base, grid, lambda x, g: held_levels(x, g, bound))),
-        ]  # fmt: skip
+        why = "prediction on the deadband's grid"
+        ways.append((why, lambda base: code_grid(source, base, grid, nearest_level)))
     return ways
 
 
@@ -107,9 +103,3 @@ def code_grid(
         data = encode_best(to_indices(rows[:, 0], grid))
         coded.packets.append(Packet(0, span.start, span.ticks, data))
     return coded
-
-
-def held_levels(x: Indices, grid: LpcParameters, bound: Bound) -> Indices:
-    """Indices that change as rarely as they can: any level within the deadband will do."""
-    ticks, values = fewest_held(x, grid, bound)
-    return np.repeat(values, np.diff(np.append(ticks, x.size)))
