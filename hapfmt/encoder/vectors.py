@@ -84,8 +84,11 @@ class Pieces:
 
     def distances(self, point: NDArray[np.float64], start: int, stop: int) -> NDArray[np.float64]:
         """How far outside each ball the point is."""
-        away = self.points[start:stop] - point
-        return np.asarray(np.sqrt(np.einsum("ij,ij->i", away, away)) - self.radii[start:stop])
+        # Axis by axis: the same sum on any machine.
+        square = np.zeros(stop - start)
+        for axis, at in zip(self.points[start:stop].T, point.tolist(), strict=True):
+            square += (axis - at) * (axis - at)
+        return np.asarray(np.sqrt(square) - self.radii[start:stop])
 
     def common(
         self, point: NDArray[np.float64], start: int, stop: int
