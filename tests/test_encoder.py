@@ -162,7 +162,7 @@ def test_words_keep_every_bit():
 
 def test_one_knot_clock_for_the_axes_of_a_vector():
     recording = simulate("sand", 1.0, axes=3)
-    made = encode(recording, Settings(bits=8))
+    made = encode(recording)
     assert [(t.kind, len(t.components)) for t in made.tracks] == [("lf", 3), ("hf", 3)]
     assert made.tracks[0].contract is None and made.tracks[1].contract.vector
 

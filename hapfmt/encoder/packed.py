@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,6 +29,10 @@ class Coded:
     @property
     def size(self) -> int:
         return len(self.track.parameters) + sum(len(packet.data) for packet in self.packets)
+
+
+Packing = Callable[[Track, Interpolation, int, list[Knots]], Coded]
+"""(track, interpolation, quantum, knots of its packets)."""
 
 
 def plain_knots(
