@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .codecs import knots, quantised
 from .codecs.knots import KnotParameters
+from .codecs.knots_coded import CodedKnotParameters, decode_coded_knots
 from .codecs.predicted import LpcParameters, decode_predicted
 from .codecs.quantised import QuanParameters
 from .codecs.raw import RawParameters, decode_raw
@@ -19,7 +20,7 @@ from .errors import FormatError, HapfmtError, UnsupportedError
 from .limits import Level
 from .recording import Span, append_span
 
-Parameters = KnotParameters | QuanParameters | RawParameters | LpcParameters
+Parameters = KnotParameters | QuanParameters | RawParameters | LpcParameters | CodedKnotParameters
 
 
 class TrackDecoder:
@@ -48,6 +49,8 @@ class TrackDecoder:
                         "LPCR with several components", requirement="LPC-001", offset=track.offset
                     )
                 return LpcParameters.parse(track.parameters, self.level, track.offset)
+            if track.codec == "KNTE":
+                return CodedKnotParameters.parse(track.parameters, self.level, track.offset)
             return RawParameters.parse(track.parameters, track.number_format, track.offset)
         except HapfmtError as error:
             raise error.at(path=self.path) from None
@@ -72,6 +75,10 @@ class TrackDecoder:
             elif isinstance(parameters, LpcParameters):
                 numbers = decode_predicted(
                     packet.data, parameters, packet.span, self.level, packet.offset
+                )
+            elif isinstance(parameters, CodedKnotParameters):
+                numbers = decode_coded_knots(
+                    packet.data, parameters, packet.span, size, self.level, packet.offset
                 )
             else:
                 return quantised.decode_within(

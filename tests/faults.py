@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import forge as f
 import page
 
+from hapfmt.codecs import knots_coded
 from hapfmt.codecs.huffman import parse_codebook
 from hapfmt.codecs.knots import KnotParameters, decode_knots
 from hapfmt.codecs.predicted import LpcParameters, decode_indices
@@ -103,6 +104,14 @@ def grid(data: bytes) -> Callable[[], Any]:
 
 def predicted(data: bytes, span: int = 1) -> Callable[[], Any]:
     return lambda: decode_indices(data, span, ONE.count_bound, AT)
+
+
+def coded(data: bytes) -> Callable[[], Any]:
+    return lambda: knots_coded.CodedKnotParameters.parse(data, ONE, AT)
+
+
+def further(data: bytes, span: int = 2) -> Callable[[], Any]:
+    return lambda: knots_coded.decode_indices(data, "hold", span, 1, ONE.count_bound, AT)
 
 
 def deflated(data: bytes) -> bytes:
@@ -319,15 +328,14 @@ FAULTS = [
     Fault("DBC-001", 132, "zero below", series(f.tlv(16, f.deadband(entries=[(1, -(2**31) - 1)])))),
     # 9.1
     Fault("COD-002", 100, "KNOT cut short", lambda: KnotParameters.parse(b"", ONE, AT)),
-    Fault("COD-002", 100, "KNOT too long", lambda: KnotParameters.parse(bytes(9), ONE, AT)),
+    Fault("COD-002", 100, "KNOT too long", lambda: KnotParameters.parse(b"\0\1\0", ONE, AT)),
+    Fault("CNV-002", 101, "KNOT without quantum", lambda: KnotParameters.parse(b"\0", ONE, AT)),
     Fault("KNT-001", 100, "interpolation 2",
           lambda: KnotParameters.parse(f.knot_parameters(2), ONE, AT)),
     Fault("KNT-001", 100, "quantum 0",
           lambda: KnotParameters.parse(f.knot_parameters(0, 0), ONE, AT)),
-    Fault("KNT-001", 104, "quantum above level 1",
+    Fault("KNT-001", 101, "quantum above level 1",
           lambda: KnotParameters.parse(f.knot_parameters(0, 2**24 + 1), ONE, AT)),
-    Fault("HED-005", 101, "KNOT reserved",
-          lambda: KnotParameters.parse(f.knot_parameters(reserved=b"\0\0\1"), ONE, AT)),
     Fault("KNT-002", 100, "no knot", knots(b"")),
     Fault("KNT-002", 100, "half a knot", knots(b"\0\1")),
     Fault("KNT-003", 100, "same tick", knots(b"\0\0\0")),
@@ -378,7 +386,7 @@ FAULTS = [
     Fault("RAW-003", 101, "inflates too short", words(deflated(b"\0"))),
     Fault("RAW-003", 101, "inflates too long", words(deflated(bytes(3)))),
     Fault("RAW-004", 101, "no DEFLATE", words(b"\1\xff")),
-    Fault("RAW-005", DATA_AT - 4 + 32 + 9, "count outside its range", judged(f.file(HEAD, (
+    Fault("RAW-005", DATA_AT + 2 + 32 + 9, "count outside its range", judged(f.file(HEAD, (
         "TRAK", f.trak(f.tlv(1, f.raw_parameters(1)), codec=b"RAWB"), {"track": 0}),
         ("DATA", f.cluster((0, 0, 1, b"\0\x7f")))))),
     Fault("RAW-004", 101, "bytes after it", words(deflated(bytes(2)) + b"\0")),
@@ -416,6 +424,23 @@ FAULTS = [
     Fault("LPC-006", 100, "coefficients cut short", predicted(b"\0\1")),
     Fault("CNV-002", 102, "no base", predicted(b"\0\0")),
     Fault("COD-001", 103, "bytes after a constant", predicted(b"\x10\0\0\0")),
+    # 9.6
+    Fault("COD-002", 100, "KNTE cut short", coded(b"")),
+    Fault("COD-002", 101, "KNTE too long", coded(f.knte_parameters() + b"\0")),
+    Fault("COD-002", 101, "KNTE without a grid", coded(b"\0")),
+    Fault("KTE-001", 100, "interpolation 2", coded(f.knte_parameters(2))),
+    Fault("LPC-002", 101, "KNTE on grid 2", coded(f.knte_parameters(grid=2))),
+    Fault("CNV-002", 100, "no first index", further(b"")),
+    Fault("LPC-003", 100, "first index 2^24 + 1", further(f.svarint(2**24 + 1))),
+    Fault("KTE-002", 101, "no knot follows", further(b"\0\0")),
+    Fault("KTE-002", 101, "as many follow as there are ticks", further(b"\0\2")),
+    Fault("KTE-003", 103, "a gap of 25 bits", further(b"\0\1\0")),
+    Fault("KTE-004", 102, "a knot at tick 2 of 2",
+          further(page.encode_knots([(0, [0]), (2, [1])], False, 2, forge=True))),
+    Fault("LPC-003", 108, "index 2^24 + 1",
+          further(page.encode_knots([(0, [0]), (1, [2**24 + 1])], False, 2, forge=True))),
+    Fault("RNG-001", 102, "a byte after the knots",
+          further(page.encode_knots([(0, [0]), (1, [1])], False, 2) + b"\0")),
     # clauses 12 and 15
     Fault("LIM-003", None, "one sample allowed",
           lambda: Reader(f.minimal(), limits=Limits(samples=1)).read()),

@@ -85,8 +85,8 @@ def setups(codecs, places) -> bytes:
     return out + b"".join(map(varint, places))
 
 
-def knot_parameters(interpolation: int = 0, quantum: int = 1, reserved: bytes = bytes(3)) -> bytes:
-    return struct.pack("<B3sI", interpolation, reserved, quantum)
+def knot_parameters(interpolation: int = 0, quantum: int = 1) -> bytes:
+    return bytes([interpolation]) + varint(quantum)
 
 
 def quan_parameters(codebook: bytes, *, step: int = 1, m: int = 0, r: int = 0, c: int = 0) -> bytes:
@@ -101,6 +101,10 @@ def lpcr_parameters(grid: int = 0, *, step: int = 1, zero: int = 0, kn: int = 0,
                     kd: int = 1) -> bytes:  # fmt: skip
     out = bytes([grid]) + varint(step) + svarint(zero)
     return out + varint(kn) + varint(kd) if grid else out
+
+
+def knte_parameters(interpolation: int = 0, **grid: int) -> bytes:
+    return bytes([interpolation]) + lpcr_parameters(**grid)
 
 
 HOLD = tlv(1, knot_parameters())

@@ -1,4 +1,4 @@
-"""SPEC 9.4 and 9.5 a second time, read from the page alone; imports nothing from hapfmt."""
+"""SPEC 9.4 to 9.6 a second time, read from the page alone; imports nothing from hapfmt."""
 
 from __future__ import annotations
 
@@ -218,18 +218,9 @@ def code_samples(coder, span, g, c, base, repeats, last, indices=None):
     return out
 
 
-def decode(data: bytes, span: int, last: int) -> list[int]:
-    """The indices of a packet, ``last`` being the largest magnitude of one (LPC-003)."""
-    if len(data) < 2 or len(data) < 2 + data[1]:
-        raise BrokenRule("LPC-006")
-    flags, m = data[:2]
-    g, repeats, constant = flags % 8, flags // 8 % 2, flags // 16 % 2
-    ks = [byte - 256 * (byte > 127) for byte in data[2 : 2 + m]]
-    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks or flags >= 32:
-        raise BrokenRule("LPC-004")
-    if constant and (g or m or repeats):
-        raise BrokenRule("LPC-004")
-    number, at = 0, 2 + m
+def varint(data: bytes, at: int) -> tuple[int, int]:
+    """The number, and where it ends."""
+    number = 0
     for group in range(9):
         if group == 8 or at + group >= len(data):
             raise BrokenRule("CNV-002")
@@ -241,10 +232,41 @@ def decode(data: bytes, span: int, last: int) -> list[int]:
         raise BrokenRule("CNV-003")
     if number >= 2**53:
         raise BrokenRule("CNV-002")
-    base = number // 2 if number % 2 == 0 else -(number + 1) // 2
+    return number, at + group + 1
+
+
+def signed(number: int) -> int:
+    return number // 2 if number % 2 == 0 else -(number + 1) // 2
+
+
+def varint_bytes(number: int) -> bytes:
+    out = bytearray()
+    while number > 127:
+        out.append(number % 128 + 128)
+        number //= 128
+    return bytes([*out, number])
+
+
+def svarint_bytes(v: int) -> bytes:
+    return varint_bytes(2 * v if v >= 0 else -2 * v - 1)
+
+
+def decode(data: bytes, span: int, last: int) -> list[int]:
+    """The indices of a packet, ``last`` being the largest magnitude of one (LPC-003)."""
+    if len(data) < 2 or len(data) < 2 + data[1]:
+        raise BrokenRule("LPC-006")
+    flags, m = data[:2]
+    g, repeats, constant = flags % 8, flags // 8 % 2, flags // 16 % 2
+    ks = [byte - 256 * (byte > 127) for byte in data[2 : 2 + m]]
+    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks or flags >= 32:
+        raise BrokenRule("LPC-004")
+    if constant and (g or m or repeats):
+        raise BrokenRule("LPC-004")
+    number, at = varint(data, 2 + m)
+    base = signed(number)
     if abs(base) > last:
         raise BrokenRule("LPC-003")
-    coded = data[at + group + 1 :]
+    coded = data[at:]
     if constant:
         if coded:
             raise BrokenRule("COD-001")
@@ -263,13 +285,8 @@ def encode(indices: list[int], g=0, ks=(), base=0, repeats=False, *, last=2**32,
     except BrokenRule:
         if not forge:
             raise
-    number = 2 * base if base >= 0 else -2 * base - 1
-    varint = bytearray()
-    while number > 127:
-        varint.append(number % 128 + 128)
-        number //= 128
     header = bytes([g + 8 * repeats, len(ks)]) + bytes(k % 256 for k in ks)
-    return header + bytes([*varint, number]) + coder.finish()
+    return header + svarint_bytes(base) + coder.finish()
 
 
 def tolerance(c: int, kn: int, kd: int, step: int) -> int:
@@ -291,3 +308,87 @@ def tops_by_search(kn: int, kd: int, step: int, bound: int) -> list[int]:
         max(c for c in range(bound + 1) if c - tolerance(c, kn, kd, step) <= y)
         for y in grid_levels(kn, kd, step, bound)
     ]
+
+
+class Magnitudes:
+    """The magnitude model of length n."""
+
+    def __init__(self, n: int):
+        self.n = n
+        self.ls = [Bit() for _ in range(n + 1)]
+        self.hs = [Bit() for _ in range(n + 1)]
+
+    def code(self, coder: Range, u: int | None = None) -> int:
+        b = 0
+        while coder.code(self.ls[b], None if u is None else int(b < bits_of(u))):
+            b += 1
+            if b > self.n:
+                raise BrokenRule("KTE-003")
+        if b < 2:
+            return b
+        high = coder.code(self.hs[b], None if u is None else u // 2 ** (b - 2) % 2)
+        return (2 + high) * 2 ** (b - 2) + coder.number(b - 2, u)
+
+
+def code_knots(coder, f, linear, span, first, last, knots=None):
+    """Ticks and rows of indices, the first knot's too."""
+    gaps, differences = Magnitudes(24), Magnitudes(34)
+    s, signs = [Bit() for _ in range(3)], [0] * len(first)
+    out = [(0, first)]
+    for number in range(1, f + 1):
+        tick, row = out[-1]
+        following = f - number
+        told = None if knots is None else knots[number]
+        if linear and following == 0:
+            tick = span - 1
+        else:
+            tick += 1 + gaps.code(coder, told and told[0] - tick - 1)
+        if tick >= span - following:
+            raise BrokenRule("KTE-004")
+        new = []
+        for i, before in enumerate(row):
+            d = told and told[1][i] - before
+            u = differences.code(coder, told and abs(d))
+            sign = 0
+            if u:
+                sign = -1 if coder.code(s[signs[i] + 1], told and int(d < 0)) else 1
+            signs[i] = sign
+            new.append(before + sign * u)
+        if any(abs(index) > last for index in new):
+            raise BrokenRule("LPC-003")
+        out.append((tick, new))
+    return out
+
+
+def decode_knots(data: bytes, linear: bool, span: int, width: int, last: int):
+    """(tick, indices) of each knot of a packet of KNTE."""
+    first, at = [], 0
+    for _ in range(width):
+        number, at = varint(data, at)
+        first.append(signed(number))
+        if abs(first[-1]) > last:
+            raise BrokenRule("LPC-003")
+    if at == len(data):
+        return [(0, first)]
+    f, at = varint(data, at)
+    if not 1 <= f < span:
+        raise BrokenRule("KTE-002")
+    coder = Range(data[at:])
+    out = code_knots(coder, f, linear, span, first, last)
+    coder.finish()
+    return out
+
+
+def encode_knots(knots, linear: bool, span: int, *, last=2**32, forge=False) -> bytes:
+    """The packet of (tick, indices); ``forge``: it may end with what breaks a rule."""
+    first = knots[0][1]
+    head = b"".join(map(svarint_bytes, first))
+    if len(knots) == 1:
+        return head
+    coder = Range()
+    try:
+        code_knots(coder, len(knots) - 1, linear, span, first, last, knots)
+    except BrokenRule:
+        if not forge:
+            raise
+    return head + varint_bytes(len(knots) - 1) + coder.finish()

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from hapfmt.codecs.huffman import code_lengths
 from hapfmt.codecs.knots import KnotParameters, build_knots
+from hapfmt.codecs.knots_coded import CodedKnotParameters, encode_knots
 from hapfmt.codecs.predicted import (
     DIFFERENCE_LIMIT,
     INDEX_LIMIT,
@@ -172,11 +173,13 @@ def series(draw, level=LEVELS[2]):
 @st.composite
 def codec_parameters(draw, level=LEVELS[2]):
     """(codec, parameters) of a track of counts."""
-    codec = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR"]))
+    codec = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "KNTE"]))
     if codec == "KNOT":
         return codec, draw(knot_parameters(level))
     if codec == "LPCR":
         return codec, draw(lpc_parameters(level))
+    if codec == "KNTE":
+        return codec, draw(coded_knots(level))
     if codec == "QUAN":
         return codec, draw(quan_parameters(level))
     return codec, RawParameters(draw(st.sampled_from([1, 2, 3, 4])))
@@ -218,6 +221,28 @@ def lpc_parameters(draw, level=LEVELS[2]):
         st.sampled_from([(1, 10), (1, 1), (65535, 65534), (65534, 65535), (1, 99), (300, 301)])
     )
     return LpcParameters(draw(st.just(0) | steps), zero, kn, kd)
+
+
+@st.composite
+def coded_knots(draw, level=LEVELS[2]):
+    grid = draw(lpc_parameters(level))
+    return CodedKnotParameters(draw(st.sampled_from(["hold", "linear"])), grid)
+
+
+@st.composite
+def knot_rows(draw, index_limit=INDEX_LIMIT, interpolation=None):
+    """(interpolation, ticks [knots], indices [knots, components], span) of one packet of KNTE."""
+    interpolation = interpolation or draw(st.sampled_from(["hold", "linear"]))
+    ticks, _, span = draw(knots(KnotParameters(interpolation)))
+    if interpolation == "linear" and ticks.size > 1:
+        ticks = np.append(ticks[:-1], span - 1)
+    width = draw(st.sampled_from([1, 1, 2, 3]))
+    generator = np.random.default_rng(draw(st.integers(0, 2**32)))
+    reach = min(draw(st.sampled_from([0, 1, 5, 300, 2**32])), index_limit)
+    indices = generator.integers(-reach, reach + 1, (ticks.size, width))
+    if draw(st.booleans()):
+        indices = np.cumsum(indices, axis=0).clip(-index_limit, index_limit)
+    return interpolation, ticks, indices, span
 
 
 @st.composite
@@ -330,7 +355,7 @@ def raw_arrays(draw):
 def packets(draw, track_id=0):
     """(track, packets in order of time, the counts or words of each) at level 1."""
     level = LEVELS[1]
-    kind = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR"]))
+    kind = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "KNTE"]))
     start, made, numbers = draw(st.sampled_from([0, 0, 7, 2**40])), [], []
     if kind == "RAWB":
         number_format, size, array = draw(raw_arrays())
@@ -342,6 +367,12 @@ def packets(draw, track_id=0):
         number_format, parameters = "counts", draw(knot_parameters(level))
         ticks, values, span = draw(knots(parameters, level))
         arrays = [(build_knots(ticks, values), span, values * parameters.quantum)]
+    elif kind == "KNTE":
+        number_format, parameters = "counts", draw(coded_knots(level))
+        limit = parameters.grid.index_limit(level.count_bound)
+        _, ticks, rows, span = draw(knot_rows(limit, parameters.interpolation))
+        data = encode_knots(ticks, rows, parameters.interpolation)
+        arrays = [(data, span, parameters.grid.counts(rows, level.count_bound))]
     elif kind == "LPCR":
         number_format, parameters = "counts", draw(lpc_parameters(level))
         limit = parameters.index_limit(level.count_bound)

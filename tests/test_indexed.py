@@ -21,7 +21,8 @@ from hapfmt.encoder.encode import choose_level, encode
 from hapfmt.encoder.indexed import nearest_level, scalar_ways
 from hapfmt.encoder.source import Source, cut, make_track
 from hapfmt.encoder.tolerance import Tolerance
-from hapfmt.encoder.unit import at_most, bound_of
+from hapfmt.encoder.tubed import vector_ways
+from hapfmt.encoder.unit import at_most, bound_of, decode_all
 from hapfmt.limits import LEVELS
 
 
@@ -178,6 +179,40 @@ class TestDeadband:
             for i, a in enumerate("xyz")
         )
         assert_intact(Recording(axes), Settings("deadband", k=k, floor=floor))
+
+    @given(
+        st.integers(0, 2**32),
+        webers,
+        floors,
+        st.sampled_from(sorted(shapes(1, 0))),
+        st.integers(2, 4),
+        st.sampled_from([1, 2, 40, 300]),
+    )
+    def test_every_way_of_a_vector(self, seed, k, floor, name, width, size):
+        calibration = Calibration(1, 5, 1000)
+        axes = tuple(channel(shapes(size, seed + i)[name], calibration) for i in range(width))
+        rows = np.column_stack([axis.values for axis in axes]).astype(np.int64)
+        source = Source(axes, rows, tuple(cut(axes[0].coverage, axes[0].rate, Fraction(10), width)))
+        bound = bound_of(source, Settings("deadband", k=k, floor=floor))
+        base = make_track(source, 0, kind="full", codec="KNOT", count_min=-(2**31),
+                          count_max=2**31 - 1)  # fmt: skip
+        for _, way in vector_ways(source, bound):
+            y = decode_all(way(base, None), width)
+            assert not bound.band.outside(rows, y).any()
+
+    def test_vectors_need_few_knots(self):
+        """A turning force: one clock for its axes, lines where it moves evenly."""
+        t = np.arange(2000)
+        rows = np.column_stack([np.round(9000 * np.sin(t / 150 + turn)) for turn in (0, 1, 2)])
+        axes = tuple(channel(row.astype(np.int64), Calibration(1, 0, 1000)) for row in rows.T)
+        spans = tuple(cut(axes[0].coverage, axes[0].rate, Fraction(10), 3))
+        source = Source(axes, rows.astype(np.int64), spans)
+        bound = bound_of(source, Settings("deadband", k=Fraction(1, 10), floor="0.5%"))
+        base = make_track(source, 0, kind="full", codec="KNOT", count_min=-(2**31),
+                          count_max=2**31 - 1)  # fmt: skip
+        plain, held, lines = [way(base, None).size for _, way in vector_ways(source, bound)]
+        assert lines < held < plain
+        assert held < 0.5 * plain
 
     @given(recordings(), webers, floors)
     def test_any_recording(self, recording, k, floor):

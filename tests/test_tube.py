@@ -10,7 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapfmt.codecs.knots import INTERPOLATIONS, KnotParameters, build_knots, decode_knots
+from hapfmt.codecs.knots_coded import CodedKnotParameters, decode_coded_knots, encode_knots
+from hapfmt.codecs.predicted import LpcParameters
 from hapfmt.deadband import Deadband
+from hapfmt.encoder.grids import levels_of
 from hapfmt.encoder.knots import select_knots
 from hapfmt.encoder.split import low_pass
 from hapfmt.encoder.tube import COUNT_BOUND, SPAN_BOUND, fewest_hold, fewest_linear
@@ -104,6 +107,32 @@ def test_no_count_leaves_a_tube_of_any_size(tube, scale):
     lower, upper = (np.clip(bound, -40, 40) * scale for bound in tube)
     for interpolation in INTERPOLATIONS:
         inside(lower, upper, interpolation)
+
+
+grids = st.builds(
+    LpcParameters,
+    st.sampled_from([1, 2, 5, 9]),
+    st.sampled_from([0, -7, 100]),
+    st.sampled_from([0, 1, 2]),
+    st.sampled_from([3, 10]),
+).map(lambda grid: grid if grid.kn else LpcParameters(2 * grid.step + 1, grid.zero))
+
+
+@given(tubes(), grids, st.sampled_from([0, 0, 1, 30]))
+def test_lines_between_values_of_a_grid(tube, grid, wider):
+    """Each count's own cell, or more of the tube."""
+    x = np.clip(tube[0], -(2**20), 2**20)
+    c = np.abs(x - grid.zero)
+    width = np.maximum(grid.kn * c // grid.kd, grid.step if grid.kn else grid.step // 2) + wider
+    first, levels = levels_of(x, grid)
+    ticks, values = fewest_linear(x - width, x + width, levels)
+    places = [levels.index(value) for value in values.tolist()]
+    indices = np.array(places, dtype=np.int64) + first
+    assert (grid.counts(indices, 2**24) == values).all()
+    parameters = CodedKnotParameters("linear", grid)
+    packet = encode_knots(ticks, indices[:, None], "linear")
+    y = decode_coded_knots(packet, parameters, x.size, 1, LEVELS[1], 0)[:, 0]
+    assert (np.abs(x - y) <= width).all()
 
 
 @given(tube=tubes())

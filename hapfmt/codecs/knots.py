@@ -8,9 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.layout import KNOT_PARAMETERS
-from ..container.wire import parse_fixed
-from ..errors import FormatError
+from ..errors import FormatError, TruncatedError
+from ..integers import build_varint, parse_varint
 from ..kernels import compiled
 from ..limits import Level
 from .varints import build_varints, from_signed, parse_varints, to_signed
@@ -28,29 +27,21 @@ class KnotParameters:
     quantum: int = 1
 
     def build(self) -> bytes:
-        return bytes(
-            KNOT_PARAMETERS.build(
-                {
-                    "interpolation": INTERPOLATIONS.index(self.interpolation),
-                    "reserved": bytes(3),
-                    "quantum": self.quantum,
-                }
-            )
-        )
+        return bytes([INTERPOLATIONS.index(self.interpolation)]) + build_varint(self.quantum)
 
     @classmethod
     def parse(cls, data: bytes, level: Level, offset: int) -> KnotParameters:
-        raw = parse_fixed(KNOT_PARAMETERS, data, 0, "COD-002", offset)
-        if len(data) != KNOT_PARAMETERS.sizeof():
+        if not data:
+            raise TruncatedError("no KNOT parameters", requirement="COD-002", offset=offset)
+        quantum, position = parse_varint(data, 1, offset)
+        if position != len(data):
             raise FormatError("KNOT parameters too long", requirement="COD-002", offset=offset)
-        if raw.interpolation >= len(INTERPOLATIONS) or raw.quantum < 1:
+        if data[0] >= len(INTERPOLATIONS) or quantum < 1:
             raise FormatError(
                 "unknown interpolation or quantum 0", requirement="KNT-001", offset=offset
             )
-        if any(raw.reserved):
-            raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=offset + 1)
-        level.check("step", raw.quantum, "KNT-001", offset + 4)
-        return cls(INTERPOLATIONS[raw.interpolation], raw.quantum)
+        level.check("step", quantum, "KNT-001", offset + 1)
+        return cls(INTERPOLATIONS[data[0]], quantum)
 
 
 def parse_knots(

@@ -64,7 +64,7 @@ class LpcParameters:
     @classmethod
     def parse(cls, data: bytes, level: Level, offset: int) -> LpcParameters:
         if not data:
-            raise TruncatedError("no LPCR parameters", requirement="COD-002", offset=offset)
+            raise TruncatedError("no grid in the parameters", requirement="COD-002", offset=offset)
         grid, kn, kd = data[0], 0, 1
         step, position = parse_varint(data, 1, offset)
         zero, position = parse_svarint(data, position, offset)
@@ -78,7 +78,9 @@ class LpcParameters:
         if not fits:
             raise FormatError("a grid that is not defined", requirement="LPC-002", offset=offset)
         if position != len(data):
-            raise FormatError("LPCR parameters too long", requirement="COD-002", offset=offset)
+            raise FormatError(
+                "bytes after the grid's parameters", requirement="COD-002", offset=offset
+            )
         level.check("step", step, "LPC-002", offset + 1)
         return cls(step, zero, kn, kd)
 

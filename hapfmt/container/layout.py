@@ -87,12 +87,6 @@ FOOT = Struct(
     "duration_ns" / Int64sl * "end of the latest packet, rounded up",
 )
 
-KNOT_PARAMETERS = Struct(
-    "interpolation" / Int8ul * "0 hold, 1 linear",
-    "reserved" / Bytes(3) * "0",
-    "quantum" / Int32ul * "counts per unit of a knot value",
-)
-
 QUAN_PARAMETERS = Struct(
     "step" / Int32ul * "counts per level",
     "direct_levels" / Int16ul * "M: levels -M to M have symbols of their own",
@@ -113,7 +107,6 @@ TABLES: dict[str, Construct] = {
     "deviation": DEVIATION,
     "iNDX": INDEX,
     "fOOT": FOOT,
-    "KNOT parameters": KNOT_PARAMETERS,
     "QUAN parameters": QUAN_PARAMETERS,
     "RAWB parameters": RAWB_PARAMETERS,
 }

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..decoder import TrackDecoder
+from .packed import Coded
 from .source import Source
-from .unit import ENCODE_LEVEL, Coded
+from .unit import ENCODE_LEVEL
 
 
 def decoded_pieces(

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..codecs.knots_coded import CodedKnotParameters
 from ..codecs.predicted import LpcParameters
 from ..container.cluster import Packet
 from ..container.track import Track
@@ -19,9 +20,10 @@ from ..recording import Channel, Recording
 from .auto import NOTHING, Plan, encode_auto, plan_channel, plan_unit
 from .groups import group_units
 from .lattice import to_counts
+from .packed import Coded
 from .settings import Settings
 from .source import Source, cut, side_by_side
-from .unit import ENCODE_LEVEL, Coded, Unit, encode_counts
+from .unit import ENCODE_LEVEL, Unit, encode_counts
 from .words import WORDS_REASON, encode_words
 
 WORDS = {
@@ -219,9 +221,15 @@ def choose_level(tracks: list[Track]) -> Level:
         bound = 1 << (bits - 1)
         if track.count_min < -bound or track.count_max >= bound:
             return LEVELS[2]
-        if track.codec == "LPCR":
+        if track.codec in ("LPCR", "KNTE"):
             # The levels of a deadband grid are counted from the physical 0, which may lie far off.
-            zero = LpcParameters.parse(track.parameters, LEVELS[2], 0).zero
+            zero = grid_of(track).zero
             if max(zero - track.count_min, track.count_max - zero) > one.count_bound:
                 return LEVELS[2]
     return one
+
+
+def grid_of(track: Track) -> LpcParameters:
+    if track.codec == "KNTE":
+        return CodedKnotParameters.parse(track.parameters, LEVELS[2], 0).grid
+    return LpcParameters.parse(track.parameters, LEVELS[2], 0)

@@ -1,39 +1,32 @@
 """Presets archive, near-lossless and deadband: every sample within its bound, by construction.
 
-A guarantee, not an aim: the grid of LPCR, and knots inside the tube, leave no sample outside. Which
+A guarantee, not an aim: grids, and knots inside the tube, leave no sample outside. Which
 of them a track gets is a matter of size alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ..codecs.knots import Interpolation, KnotParameters, build_knots
-from ..codecs.predicted import LpcParameters, deadband_levels
+from ..codecs.predicted import LpcParameters
 from ..container.cluster import Packet
 from ..container.track import Contract, Track
 from ..deadband import ZERO_LIMIT, Deadband
 from ..integers import clamp
-from ..limits import LEVELS
+from ..recording import Span
 from .check import decoded_pieces
-from .knots import select_knots
+from .grids import STEP_LIMIT, Indices, grid_within, nearest_level, nearest_uniform
+from .packed import Coded
 from .predict import encode_best, quick_estimate
 from .settings import Settings, counts_of
 from .source import Source
-from .tube import fewest_hold, fewest_linear
-from .unit import Bound, Coded, Unit, bound_of, code_steps
+from .tubed import Way, code_held, code_held_levels, code_lines, vector_ways
+from .unit import Bound, Unit, bound_of
 
-Indices = NDArray[np.int64]
 HOPE = 0.4
 """Packets of LPCR take 0.46 to 1.5 times the bits of their quick estimate, on recordings."""
-
-STEP_LIMIT = LEVELS[1].step
-"""Steps that every level allows; larger tolerances are seldom asked for, and knots keep them."""
 
 
 def encode_within(source: Source, base: Track, settings: Settings) -> Unit:
@@ -88,57 +81,21 @@ def kept(source: Source, coded: Coded, band: Deadband) -> Contract:
     return Contract(band.kn, band.kd, band.vector, True, band.floor, band.zero)
 
 
-Way = tuple[str, Callable[[Track, int | None], Coded | None]]
-"""Why it is smaller, and how to code; given the smallest size so far, None where it will not be."""
-
-
-def vector_ways(source: Source, bound: Bound) -> Iterable[Way]:
-    def held(base: Track, _: int | None) -> Coded:
-        if not bound.slack:
-            # A floor below one count allows no error at all.
-            return code_steps(source, bound, base)
-        return code_knots_by(source, base, "hold", lambda rows: vector_steps(rows, bound.band))
-
-    return [("held steps of the vector", held)]
-
-
-def vector_steps(rows: Indices, band: Deadband) -> tuple[Indices, Indices]:
-    ticks = select_knots(rows, band, reference="sample", keep_last=False)
-    return ticks, rows[ticks]
-
-
 def scalar_ways(source: Source, bound: Bound) -> list[Way]:
     """Of one channel; what is soon tried comes first."""
     step = min(bound.slack, STEP_LIMIT // 2 - 1)
-    grid = LpcParameters(step, bound.band.zero[0], bound.band.kn, bound.band.kd)
-    even = LpcParameters(2 * step + 1)
-
-    def tube(rows: Indices) -> tuple[Indices, Indices]:
-        width = tolerances(rows[:, 0], bound)
-        return rows[:, 0] - width, rows[:, 0] + width
-
+    even, grid = LpcParameters(2 * step + 1), grid_within(bound)
     ways: list[Way] = [
-        ("fewest held steps", lambda base, _: code_knots_by(
-            source, base, "hold", lambda rows: column(fewest_hold(*tube(rows))))),
-        ("fewest lines", lambda base, _: code_knots_by(
-            source, base, "linear", lambda rows: column(fewest_linear(*tube(rows))))),
-    ]  # fmt: skip
+        ("fewest held steps", lambda base, _: code_held(source, base, bound)),
+        ("fewest held levels", lambda base, _: code_held_levels(source, base, bound)),
+        ("fewest lines", lambda base, _: code_lines(source, base, bound)),
+    ]
     if grid.kn:
         ways.append(("prediction on the deadband's grid", lambda base, smallest: code_grid(
             source, base, grid, nearest_level, smallest)))  # fmt: skip
     ways.append((f"prediction within {step} counts", lambda base, smallest: code_grid(
         source, base, even, nearest_uniform, smallest)))  # fmt: skip
     return ways
-
-
-def column(knots: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
-    return knots[0], knots[1][:, None]
-
-
-def tolerances(x: Indices, bound: Bound) -> Indices:
-    """Largest error of each count that keeps the deadband, the slack being the floor."""
-    weber = np.abs(x - bound.band.zero[0]) * bound.band.kn // bound.band.kd
-    return np.asarray(np.maximum(weber, bound.slack))
 
 
 def code_grid(
@@ -149,41 +106,25 @@ def code_grid(
     smallest: int | None = None,
 ) -> Coded | None:
     """None where it is sure to be larger than ``smallest``."""
-    coded = Coded(replace(base, codec="LPCR", parameters=grid.build()))
-    pieces = [(span, to_indices(rows[:, 0], grid)) for span, rows in source.pieces(source.counts)]
-    if smallest is not None and hopeless([indices for _, indices in pieces], smallest):
+
+    def pieces() -> Iterator[tuple[Span, Indices]]:
+        # Put on the grid anew each time: kept, they would be a second recording in memory.
+        for span, rows in source.pieces(source.counts):
+            yield span, to_indices(rows[:, 0], grid)
+
+    if smallest is not None and hopeless((indices for _, indices in pieces()), smallest):
         return None
-    for span, indices in pieces:
+    coded = Coded(replace(base, codec="LPCR", parameters=grid.build()))
+    for span, indices in pieces():
         coded.packets.append(Packet(0, span.start, span.ticks, encode_best(indices)))
     return coded
 
 
-def hopeless(pieces: list[Indices], size: int) -> bool:
+def hopeless(pieces: Iterable[Indices], size: int) -> bool:
     """Whether packets of these indices are far larger than ``size`` bytes, by a quick estimate."""
-    return HOPE * sum(quick_estimate(indices) for indices in pieces) > 8 * size
-
-
-def code_knots_by(
-    source: Source,
-    base: Track,
-    interpolation: Interpolation,
-    find: Callable[[Indices], tuple[Indices, Indices]],
-) -> Coded:
-    parameters = KnotParameters(interpolation).build()
-    coded = Coded(replace(base, codec="KNOT", parameters=parameters))
-    for span, rows in source.pieces(source.counts):
-        ticks, values = find(rows)
-        coded.packets.append(Packet(0, span.start, span.ticks, build_knots(ticks, values)))
-    return coded
-
-
-def nearest_uniform(x: Indices, grid: LpcParameters) -> Indices:
-    return (2 * (x - grid.zero) + grid.step) // (2 * grid.step)
-
-
-def nearest_level(x: Indices, grid: LpcParameters) -> Indices:
-    """The index whose cell holds each count: cells end at top(y) of SPEC 9.5."""
-    c = x - grid.zero
-    _, tops = deadband_levels(grid, int(np.abs(c).max()))
-    cells: Indices = np.searchsorted(tops, np.abs(c)).astype(np.int64)
-    return np.asarray(np.sign(c) * cells)
+    estimate = 0.0
+    for indices in pieces:
+        estimate += quick_estimate(indices)
+        if HOPE * estimate > 8 * size:
+            return True
+    return False

@@ -21,6 +21,8 @@ an int64 holds.
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +31,7 @@ from numpy.typing import NDArray
 from ..errors import ParameterError
 from ..kernels import TubeLoop, compiled
 from ..limits import LEVELS
+from .grids import places
 from .sweep import Point, Sweep, append, line_at, round_at, sweep_lines
 
 COUNT_BOUND = max(level.count_bound for level in LEVELS.values())
@@ -67,17 +70,17 @@ VERIFIED = 17
 
 
 class Knot(NamedTuple):
-    """A tick where a knot may stand, and the interval of its values, all of which are reached."""
+    """A tick where a knot may stand, and the interval of its places, all of which are reached."""
 
     tick: int
     low: int
     high: int
     parts: tuple[tuple[int, int, Knot], ...] = ()
-    """Which of the values are reached from where."""
+    """Which of them are reached from where."""
 
 
 Part = tuple[int, int, Knot]
-"""The least and the largest value, and the knot before."""
+"""The least and the largest place, and the knot before."""
 
 
 Way = tuple[Knot, Sweep]
@@ -95,7 +98,7 @@ def fewest_hold(
     No choice of knots has fewer: each piece goes on as long as one value fits. Of the values that
     fit the one closest to the piece before is taken, and differences stay small.
     """
-    low_row, high_row = _bounds(lower, upper)
+    low_row, high_row = bounds(lower, upper)
     if compiled is not None:
         return _run(compiled.fewest_hold, low_row, high_row)
     lows, highs = low_row.tolist(), high_row.tolist()
@@ -119,12 +122,15 @@ def fewest_hold(
 
 
 def fewest_linear(
-    lower: NDArray[np.int64], upper: NDArray[np.int64]
+    lower: NDArray[np.int64], upper: NDArray[np.int64], grid: Sequence[int] | None = None
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Knots for lines: ticks int64 [knots], from 0 to the last tick, and values int64 [knots].
 
     lower, upper
         counts, integers [ticks], lower <= upper; at least one tick.
+    grid
+        counts in ascending order, one at least within the tube at every tick: the values that a
+        knot may have; without it every count.
 
     One knot where a constant fits. Every decoded count is inside the tube. The number of knots is
     the minimum or close to it (0.3 % more on random and recorded tubes, against dynamic programming
@@ -133,28 +139,33 @@ def fewest_linear(
     width at all may take many more (a ramp of one count per 100 ticks: 200 knots for 4): there only
     few ticks are reached exactly. A deadband's floor is a count or more, and leaves three.
     """
-    lows, highs = _bounds(lower, upper)
-    if compiled is not None:
+    lows, highs = bounds(lower, upper)
+    if compiled is not None and grid is None:
         return _run(compiled.fewest_linear, lows, highs)
-    low, high = int(lows.max()), int(highs.min())
+    if grid is None:
+        grid = range(int(lows.min()), int(highs.max()) + 1)
+    tube = Tube(lows, highs, grid)
+    low, high = max(tube.lows), min(tube.highs)
     if low <= high:
-        return np.zeros(1, dtype=np.int64), np.array([(low + high) // 2], dtype=np.int64)
-    tube = _Tube(lows.tolist(), highs.tolist())
+        middle = tube.grid[(low + high) // 2]
+        return np.zeros(1, dtype=np.int64), np.array([middle], dtype=np.int64)
     knot = tube.last_knot()
-    value = (knot.low + knot.high) // 2
-    ticks, values = [knot.tick], [value]
+    place = (knot.low + knot.high) // 2
+    ticks, values = [knot.tick], [tube.grid[place]]
     while knot.parts:
-        before = next(part[2] for part in knot.parts if part[0] <= value <= part[1])
-        low, high = tube.origins(before, knot.tick, value)
-        knot, value = before, (low + high) // 2
+        before = next(part[2] for part in knot.parts if part[0] <= place <= part[1])
+        low, high = tube.origins(before, knot.tick, place)
+        # The place nearest to that of the next knot: small differences are coded in few bits.
+        knot, place = before, min(max(place, low), high)
         ticks.append(knot.tick)
-        values.append(value)
+        values.append(tube.grid[place])
     return np.array(ticks[::-1], dtype=np.int64), np.array(values[::-1], dtype=np.int64)
 
 
-def _bounds(
+def bounds(
     lower: NDArray[np.int64], upper: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The tube, no wider than a knot may lie; ParameterError where it is none."""
     integers = lower.dtype.kind in "iu" and upper.dtype.kind in "iu"
     if not integers or lower.ndim != 1 or lower.shape != upper.shape:
         raise ParameterError("a tube is two rows of integer counts, equally long")
@@ -174,12 +185,16 @@ def _run(
     return ticks[:count].copy(), values[:count].copy()
 
 
-class _Tube:
-    """A tube in counts, and in half counts upright and upside down."""
+class Tube:
+    """A tube in places on the grid of values, and in half counts upright and upside down."""
 
-    def __init__(self, lows: list[int], highs: list[int]) -> None:
-        self.lows, self.highs, self.size = lows, highs, len(lows)
-        floor, ceiling = [2 * v - 1 for v in lows], [2 * v + 1 for v in highs]
+    def __init__(
+        self, lower: NDArray[np.int64], upper: NDArray[np.int64], grid: Sequence[int]
+    ) -> None:
+        self.grid, self.size = grid, len(lower)
+        low, high = places(lower, upper, grid)
+        self.lows, self.highs = low.tolist(), high.tolist()
+        floor, ceiling = (2 * lower - 1).tolist(), (2 * upper + 1).tolist()
         self.upright = floor, ceiling
         self.mirrored = [-v for v in ceiling], [-v for v in floor]
 
@@ -193,7 +208,8 @@ class _Tube:
     def way(self, knot: Knot) -> Way:
         """All lines that begin at ``knot``."""
         floor, ceiling = self.upright
-        below, above = [(knot.tick, 2 * knot.low)], [(knot.tick, 2 * knot.high)]
+        least, most = self.grid[knot.low], self.grid[knot.high]
+        below, above = [(knot.tick, 2 * least)], [(knot.tick, 2 * most)]
         return knot, sweep_lines(floor, ceiling, knot.tick + 1, below, above)
 
     def next_ways(self, ways: list[Way]) -> list[Way]:
@@ -272,7 +288,7 @@ class _Tube:
         return low, ahead.stop
 
     def meet(self, ways: list[Way], tick: int) -> Knot | None:
-        """A knot at ``tick``: the most values without a gap that lines reach."""
+        """A knot at ``tick``: the most places without a gap that lines reach."""
         parts = [
             part
             for knot, sweep in ways
@@ -290,16 +306,18 @@ class _Tube:
         return best
 
     def arrive(self, knot: Knot, sweep: Sweep, tick: int) -> Part | None:
-        """The values at ``tick`` that whole values of ``knot`` reach; None where there is none."""
+        """The places at ``tick`` that those of ``knot`` reach; None where there is none."""
         low, high = self.lows[tick], self.highs[tick]
         if tick == knot.tick + 1:
             return low, high, knot
         # The lines before this tick, for its own bound is that of whole values. Steep ones touch
         # a ceiling and stay below it.
         x, y, dx, dy = line_at(sweep.highest, tick - 1)
-        high = min(high, (y - 1 - (-dy * (tick - x) // dx)) // 2)
+        most = (y - 1 - (-dy * (tick - x) // dx)) // 2
+        high = min(high, bisect_right(self.grid, most) - 1)
         x, y, dx, dy = line_at(sweep.lowest, tick - 1)
-        low = max(low, -((-dy * (tick - x) // dx - y) // 2))
+        least = -((-dy * (tick - x) // dx - y) // 2)
+        low = max(low, bisect_left(self.grid, least))
         if low > high:
             return None
         if knot.low == knot.high:
@@ -307,19 +325,22 @@ class _Tube:
         return self.verified(knot, tick, low, high)
 
     def verified(self, knot: Knot, tick: int, low: int, high: int) -> Part | None:
-        """The part of [low, high] that lines from whole values reach without a gap.
+        """The part of the places [low, high] that lines from places of ``knot`` reach without a
+        gap.
 
-        The pairs of real values that lines join are a convex polygon: where two whole values or
-        more at ``knot`` go with each end, one at least goes with every value in between.
+        The pairs of real values that lines join are a convex polygon: where at ``knot`` as much
+        goes with each end as its places are apart at most, one at least goes with every value in
+        between.
         """
         ends: list[int] = []
+        grid, apart = self.grid, self.apart(knot)
         if high - low >= NARROW:
             middle = (low + high) // 2
             for end, step in (low, 1), (high, -1):
                 value, wider = end, step
                 while (middle - value) * step >= 0:
                     least, most = self.origins(knot, tick, value)
-                    if most > least:
+                    if least <= most and grid[most] - grid[least] >= apart:
                         ends.append(value)
                         break
                     value, wider = end + wider, 2 * wider
@@ -334,19 +355,26 @@ class _Tube:
                 best, end = run, value
         return (end - best + 1, end, knot) if best else None
 
-    def origins(self, knot: Knot, tick: int, value: int) -> tuple[int, int]:
-        """The least and the largest value of ``knot`` from which the line to ``value`` at ``tick``
+    def apart(self, knot: Knot) -> int:
+        """The widest step between places of ``knot``, grids being finest at one place."""
+        grid = self.grid
+        low, high = knot.low, knot.high
+        return max(grid[low + 1] - grid[low], grid[high] - grid[high - 1])
+
+    def origins(self, knot: Knot, tick: int, place: int) -> tuple[int, int]:
+        """The least and the largest place of ``knot`` from which the line to ``place`` at ``tick``
         decodes inside the tube; least > largest where there is none."""
         floor, ceiling = self.upright
-        low, high = knot.low, knot.high
+        low, high = self.grid[knot.low], self.grid[knot.high]
+        value = 2 * self.grid[place]
         run = rest = tick - knot.tick
         along = 0
         for t in range(knot.tick + 1, tick):
             rest -= 1
-            along += 2 * value
+            along += value
             # With v0 the value sought, run * floor[t] <= 2 * rest * v0 + along < run * ceiling[t].
             least = -((along - run * floor[t]) // (2 * rest))
             low = least if least > low else low
             most = (run * ceiling[t] - along - 1) // (2 * rest)
             high = most if most < high else high
-        return low, high
+        return bisect_left(self.grid, low), bisect_right(self.grid, high) - 1

@@ -8,8 +8,9 @@ from ..codecs.raw import RawParameters, encode_raw
 from ..container.cluster import Packet
 from ..container.track import Track
 from ..recording import Channel, Span
+from .packed import Coded
 from .source import component_of
-from .unit import Coded, Unit
+from .unit import Unit
 
 WORDS_REASON = "no lattice, kept bit for bit"
 

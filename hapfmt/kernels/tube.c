@@ -362,8 +362,9 @@ static int64_t choose(const search *s, int64_t *ticks, int64_t *values)
         while (value < p->low || value > p->high) p++;
         const knot *before = &s->knots[p->knot];
         origins(s, before, k->tick, value, 0, &low, &high);
+        /* The value nearest to that of the next knot: small differences are coded in few bits. */
         k = before;
-        value = (low + high) >> 1;
+        value = clamp(value, low, high);
         ticks[count] = k->tick;
         values[count++] = value;
     }

@@ -1,0 +1,66 @@
+"""Grids of counts (SPEC 9.5), and the index that stands for a count."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..codecs.predicted import LpcParameters, deadband_levels
+from ..limits import LEVELS
+from .unit import Bound, at_most
+
+Indices = NDArray[np.int64]
+
+STEP_LIMIT = LEVELS[1].step
+"""Steps that every level allows; larger tolerances are seldom asked for, and held steps keep
+them."""
+
+
+def grid_within(bound: Bound, part: Fraction = Fraction(1)) -> LpcParameters:
+    """The grid that has a value within that part of the deadband of every count."""
+    step = min(int(bound.slack * part), STEP_LIMIT // 2 - 1)
+    ratio = at_most(Fraction(bound.band.kn, bound.band.kd) * part)
+    if not ratio:
+        return LpcParameters(2 * step + 1)
+    return LpcParameters(step, bound.band.zero[0], ratio.numerator, ratio.denominator)
+
+
+def nearest(x: Indices, grid: LpcParameters) -> Indices:
+    return nearest_level(x, grid) if grid.kn else nearest_uniform(x, grid)
+
+
+def nearest_uniform(x: Indices, grid: LpcParameters) -> Indices:
+    return (2 * (x - grid.zero) + grid.step) // (2 * grid.step)
+
+
+def nearest_level(x: Indices, grid: LpcParameters) -> Indices:
+    """The index whose cell holds each count: cells end at top(y) of SPEC 9.5."""
+    c = x - grid.zero
+    _, tops = deadband_levels(grid, int(np.abs(c).max()))
+    cells: Indices = np.searchsorted(tops, np.abs(c)).astype(np.int64)
+    return np.asarray(np.sign(c) * cells)
+
+
+def levels_of(x: Indices, grid: LpcParameters) -> tuple[int, Sequence[int]]:
+    """The counts that the nearest indices of x lie between, and the index of the first."""
+    first, last = nearest(np.array([x.min(), x.max()]), grid).tolist()
+    if not grid.kn:
+        step, zero = grid.step, grid.zero
+        return first, range(first * step + zero, last * step + zero + 1, step)
+    levels = deadband_levels(grid, int(np.abs(x - grid.zero).max()))[0].tolist()
+    return first, [
+        grid.zero + (levels[i] if i >= 0 else -levels[-i]) for i in range(first, last + 1)
+    ]
+
+
+def places(lower: Indices, upper: Indices, levels: Sequence[int]) -> tuple[Indices, Indices]:
+    """The first and the last of ascending ``levels`` within [lower, upper]."""
+    if isinstance(levels, range):
+        low = -((levels.start - lower) // levels.step)
+        high = (upper - levels.start) // levels.step
+        return np.maximum(low, 0), np.minimum(high, len(levels) - 1)
+    table = np.array(levels, np.int64)
+    return np.searchsorted(table, lower), np.searchsorted(table, upper, side="right") - 1

@@ -1,0 +1,65 @@
+"""A track in the making, and its packets of knots: varints, or coded where that is smaller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..codecs.knots import Interpolation, KnotParameters, build_knots
+from ..codecs.knots_coded import CodedKnotParameters, encode_knots
+from ..codecs.predicted import LpcParameters
+from ..container.cluster import Packet
+from ..container.track import Track
+from ..recording import Span
+
+Knots = tuple[Span, NDArray[np.int64], NDArray[np.int64]]
+"""Ticks [knots] from the start of a span, and values [knots, components]."""
+
+
+@dataclass
+class Coded:
+    """One track, its id still open, and its packets."""
+
+    track: Track
+    packets: list[Packet] = field(default_factory=list)
+
+    @property
+    def size(self) -> int:
+        return len(self.track.parameters) + sum(len(packet.data) for packet in self.packets)
+
+
+Packing = Callable[[Track, Interpolation, int, list[Knots]], Coded]
+"""(track, interpolation, quantum, knots of its packets)."""
+
+
+def plain_knots(
+    track: Track, interpolation: Interpolation, quantum: int, pieces: Iterable[Knots]
+) -> Coded:
+    """KNOT: values in multiples of the quantum."""
+    parameters = KnotParameters(interpolation, quantum)
+    coded = Coded(replace(track, codec="KNOT", parameters=parameters.build()))
+    for span, ticks, values in pieces:
+        coded.packets.append(Packet(0, span.start, span.ticks, build_knots(ticks, values)))
+    return coded
+
+
+def coded_knots(track: Track, parameters: CodedKnotParameters, pieces: Iterable[Knots]) -> Coded:
+    """KNTE: values are indices of the grid, and the last line ends with its span."""
+    coded = Coded(replace(track, codec="KNTE", parameters=parameters.build()))
+    for span, ticks, indices in pieces:
+        data = encode_knots(ticks, indices, parameters.interpolation)
+        coded.packets.append(Packet(0, span.start, span.ticks, data))
+    return coded
+
+
+def smaller_knots(
+    track: Track, interpolation: Interpolation, quantum: int, pieces: list[Knots]
+) -> Coded:
+    """KNOT or KNTE; the counts are the same."""
+    plain = plain_knots(track, interpolation, quantum, pieces)
+    parameters = CodedKnotParameters(interpolation, LpcParameters(quantum))
+    coded = coded_knots(track, parameters, pieces)
+    return coded if coded.size < plain.size else plain
