@@ -20,7 +20,7 @@ from .sine import SINES
 
 UNIFORM, DEADBAND = 0, 1
 ORDER_LIMIT, DIFFERENCE_LIMIT = 32, 4
-REPEATS, CONSTANT = 8, 16
+REPEATS, CONSTANT, RAW_SIGNS = 8, 16, 32
 STEP_UP_LIMIT = 1 << 36
 COEFFICIENT_LIMIT = 1 << 21
 SHIFT = 13
@@ -30,7 +30,6 @@ INDEX_LIMIT = 1 << 32
 """Largest magnitude of an index at any level."""
 
 STATUS = {
-    1: ("RNG-002", "a bucket of 80"),
     2: ("RNG-003", "a magnitude of 2^34 or more"),
     3: ("LPC-003", "index beyond the grid"),
     4: ("RNG-001", "the coded bits do not end with their packet"),
@@ -118,15 +117,17 @@ def deadband_levels(grid: LpcParameters, bound: int) -> tuple[NDArray[np.int64],
 
 @dataclass(frozen=True)
 class Predictor:
-    """The header of a packet: difference order, reflection coefficients, base, repeats."""
+    """The header of a packet: difference order, reflection coefficients, base, and how unchanged
+    samples and signs are coded."""
 
     difference: int = 0
     reflections: tuple[int, ...] = ()
     base: int = 0
     repeats: bool = False
+    raw_signs: bool = False
 
     def build(self) -> bytes:
-        flags = self.difference | self.repeats * REPEATS
+        flags = self.difference | self.repeats * REPEATS | self.raw_signs * RAW_SIGNS
         ks = bytes(k & 0xFF for k in self.reflections)
         return bytes([flags, len(self.reflections)]) + ks + build_svarint(self.base)
 
@@ -168,7 +169,7 @@ def parse_header(data: bytes, offset: int) -> tuple[Predictor, bool, int]:
     difference, constant = flags & 7, bool(flags & CONSTANT)
     ks = tuple(byte - 256 if byte > 127 else byte for byte in data[2 : 2 + order])
     wrong = (
-        flags & ~(7 | REPEATS | CONSTANT)
+        flags & ~(7 | REPEATS | CONSTANT | RAW_SIGNS)
         or difference > (1 if order else DIFFERENCE_LIMIT)
         or order > ORDER_LIMIT
         or -128 in ks
@@ -178,7 +179,8 @@ def parse_header(data: bytes, offset: int) -> tuple[Predictor, bool, int]:
         raise FormatError("a predictor that is not defined", requirement="LPC-004", offset=offset)
     number, position = parse_varint(data, 2 + order, offset)
     base = number >> 1 if number % 2 == 0 else -(number >> 1) - 1
-    return Predictor(difference, ks, base, bool(flags & REPEATS)), constant, position
+    predictor = Predictor(difference, ks, base, bool(flags & REPEATS), bool(flags & RAW_SIGNS))
+    return predictor, constant, position
 
 
 def encode_indices(indices: NDArray[np.int64], predictor: Predictor) -> bytes:
@@ -206,8 +208,8 @@ def encode_compiled(indices: NDArray[np.int64], predictor: Predictor, c: list[in
     while status == NO_ROOM:
         out = bytearray(size)
         status, size = compiled.lpcr_encode(
-            out, np.array(c, np.int32), predictor.difference, predictor.repeats, predictor.base,
-            INDEX_LIMIT, plain,
+            out, np.array(c, np.int32), predictor.difference, predictor.repeats,
+            predictor.raw_signs, predictor.base, INDEX_LIMIT, plain,
         )  # fmt: skip
     if status:
         raise ValueError(OUT_OF_RANGE)
@@ -216,7 +218,7 @@ def encode_compiled(indices: NDArray[np.int64], predictor: Predictor, c: list[in
 
 def encode_coded(indices: NDArray[np.int64], predictor: Predictor, c: list[int]) -> bytes:
     """The coded bits, in the order of the SPEC; kernels/ has the same in C."""
-    coder, model = RangeEncoder(), IntegerModel()
+    coder, model = RangeEncoder(), IntegerModel(raw_signs=predictor.raw_signs)
     repeats = [BitModel() for _ in range(4)]
     y = differences(indices - predictor.base, predictor.difference).tolist()
     history = [0] * len(c)
@@ -271,13 +273,13 @@ def decode_compiled(
     """``decode_coded``, in C."""
     assert compiled is not None
     out = np.empty(span, np.int64)
-    status, shifts = compiled.lpcr_decode(
-        data, np.array(c, np.int32), predictor.difference, predictor.repeats, predictor.base,
-        limit, out,
+    status, taken = compiled.lpcr_decode(
+        data, np.array(c, np.int32), predictor.difference, predictor.repeats,
+        predictor.raw_signs, predictor.base, limit, out,
     )  # fmt: skip
     if status:
         requirement, message = STATUS[status]
-        place = offset + min(shifts, len(data))
+        place = offset + min(taken, len(data))
         raise FormatError(message, requirement=requirement, offset=place)
     return out
 
@@ -286,7 +288,8 @@ def decode_coded(
     data: bytes, predictor: Predictor, c: list[int], span: int, limit: int, offset: int
 ) -> list[int]:
     """The readable loop; kernels/ has the same in C."""
-    coder, model = RangeDecoder(data, offset), IntegerModel()
+    coder = RangeDecoder(data, offset)
+    model = IntegerModel(raw_signs=predictor.raw_signs)
     repeats = [BitModel() for _ in range(4)]
     # sums[i] is D^i z at the tick before.
     sums = [0] * (predictor.difference + 1)
