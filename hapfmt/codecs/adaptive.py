@@ -31,8 +31,11 @@ ESCAPE = SYMBOLS - 1
 CONTEXTS, SCALED = 36, 10
 """Contexts, and the lg from which on magnitudes are divided by a power of two."""
 
-CONFIDENCE, ESCAPE_CONFIDENCE = 16, 2
+CONFIDENCE, ESCAPE_CONFIDENCE = 10, 2
 """n at the start: how many symbols the first table is worth."""
+
+FIRST_SCALE = 32
+"""An eighth, times 256: packets begin with what the base leaves, often nothing."""
 
 ERROR_BITS = 34
 """Bits of a magnitude that the integer model takes (RNG-003)."""
@@ -227,13 +230,13 @@ class RangeDecoder:
 
     @property
     def taken(self) -> int:
-        """N of SPEC 9.4: bits of the coded number in use."""
+        """N of SPEC 9.4: bits of the coded number that were read."""
         return 8 * self.at - self.left
 
     @property
     def place(self) -> int:
-        """Where an error is reported: what was taken from the front lies before it."""
-        return self.offset + min(self.taken // 8, len(self.data))
+        """Where an error is reported: what was decoded lies before it, but for raw bits."""
+        return self.offset + min((self.taken - 15) // 8, len(self.data))
 
     def finish(self) -> None:
         """RNG-001."""
@@ -271,7 +274,8 @@ class IntegerModel:
     """Signed integers by the scale of those before them; ``raw_signs``: signs are raw bits."""
 
     def __init__(self, *, raw_signs: bool = False) -> None:
-        self.f = self.s = self.t = self.g = 0
+        self.f = self.s = FIRST_SCALE
+        self.t = self.g = 0
         # Z of SPEC 9.4, by context; most of the 36 are never met within a packet.
         self.tables: dict[int, SymbolModel] = {}
         self.lengths = SymbolModel(EVEN, ESCAPE_CONFIDENCE)

@@ -42,7 +42,7 @@ static PyObject *run(PyObject *args, int decoding)
             decoder d;
             decoder_init(&d, data.buf, data.len);
             status = decode(&d, m, &p, indices.buf);
-            size = bits_taken(&d) / 8;
+            size = (bits_taken(&d) - 15) / 8;
         } else {
             encoder e;
             encoder_init(&e, data.buf, data.len);

@@ -25,7 +25,7 @@
 
 enum { LEAST = 64, MOST = 65472, COUNT_LIMIT = 250, FAST_FROM = 8 };
 enum { SYMBOLS = 16, ESCAPE = 15, CONTEXTS = 36, SCALED = 10, HALF = 1 << 15 };
-enum { CONFIDENCE = 16, ESCAPE_CONFIDENCE = 2, ERROR_BITS = 34 };
+enum { CONFIDENCE = 10, ESCAPE_CONFIDENCE = 2, ERROR_BITS = 34 };
 enum { DONE = 0, BAD_ERROR = 2, BAD_INDEX = 3, BAD_END = 4, NO_ROOM = 5 };
 
 typedef struct { uint16_t p, q; uint8_t n; } bit_model;
@@ -33,6 +33,7 @@ typedef struct { uint16_t z[SYMBOLS], n, unused[15]; } symbol_model;
 
 /* What the integers before leave behind; the models beside it are shared by nobody else. */
 typedef struct { int64_t f, s, t; int g; } scale_state;
+#define FRESH_SCALES {32, 32, 0, 0}
 
 typedef struct {
     symbol_model tables[CONTEXTS], lengths;

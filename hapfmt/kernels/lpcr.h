@@ -95,7 +95,7 @@ INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int6
     double real_history[ORDERS + RING];
     if (kind == 1) memset(history, 0, sizeof history);
     if (kind == 2) memset(real_history, 0, sizeof real_history);
-    scale_state scales = {0, 0, 0, 0};
+    scale_state scales = FRESH_SCALES;
     int recent = 0, g = p->difference, now = ORDERS;
     int64_t base = p->base, limit = p->limit;
     for (int64_t t = 0; t < p->span; t++) {
@@ -206,7 +206,7 @@ INLINE int encode_as(encoder *coder, models *m, const plan *p, const int64_t *in
 {
     filter f;
     int64_t y[ORDERS + PIECE] = {0}, e[PIECE];
-    scale_state scales = {0, 0, 0, 0};
+    scale_state scales = FRESH_SCALES;
     int recent = 0;
     filter_init(&f, p);
     for (int64_t from = 0; from < p->span; from += PIECE) {
