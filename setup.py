@@ -7,8 +7,8 @@ setup(
         Extension(
             "hapfmt.kernels._kernels",
             ["hapfmt/kernels/_kernels.c"],
-            depends=["hapfmt/kernels/coder.h", "hapfmt/kernels/lpcr.h"],
-            extra_compile_args=["-O3", "-std=c99"],
+            depends=[f"hapfmt/kernels/{name}.h" for name in ("coder", "lpcr", "search")],
+            extra_compile_args=["-O3", "-std=c99", "-ffp-contract=off"],
             py_limited_api=True,
             optional=True,
         )

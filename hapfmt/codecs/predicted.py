@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..container.layout import LPCR_PARAMETERS
 from ..container.wire import parse_fixed
 from ..errors import FormatError, TruncatedError
-from ..integers import build_svarint, parse_varint
+from ..integers import build_svarint, parse_varint, rdiv
 from ..kernels import compiled
 from ..limits import Level
 from .adaptive import OUT_OF_RANGE, BitModel, IntegerModel, RangeDecoder, RangeEncoder
@@ -25,6 +25,8 @@ STEP_UP_LIMIT = 1 << 36
 COEFFICIENT_LIMIT = 1 << 21
 SHIFT = 13
 """Coefficients are multiples of 2**-13."""
+
+TABLE = np.array(SINES, np.int32)
 
 INDEX_LIMIT = 1 << 32
 """Largest magnitude of an index at any level."""
@@ -139,24 +141,18 @@ class Predictor:
 
 def step_up(reflections: Sequence[int]) -> list[int] | None:
     """Reflection coefficients to predictor coefficients, in integers; None: out of range."""
-    steps: list[list[int] | None] = [[], *step_ups(reflections)]
-    return steps[-1]
-
-
-def step_ups(reflections: Sequence[int]) -> Iterator[list[int] | None]:
-    """The same for the first one, the first two, and so on; it ends with a step out of range.
-
-    Twice a product stays below 2**53 by LPC-005, so 64-bit integers are exact.
-    """
-    p = np.zeros(0, np.int64)
+    if compiled is not None:
+        out = np.zeros(len(reflections), np.int32)
+        fits = compiled.step_up(np.array(reflections, np.int8), TABLE, out)
+        return out.tolist() if fits else None
+    p: list[int] = []
     for index in reflections:
         k = SINES[index] if index >= 0 else -SINES[-index]
-        p = np.append(p - ((2 * k * p[::-1] + (1 << 15)) >> 16), k << 5)
-        if np.abs(p).max() > STEP_UP_LIMIT:
-            yield None
-            return
-        c = (2 * p + (1 << 7)) >> 8
-        yield None if np.abs(c).max() > COEFFICIENT_LIMIT else c.tolist()
+        p = [x - rdiv(k * y, 1 << 15) for x, y in zip(p, reversed(p), strict=True)] + [k << 5]
+        if max(map(abs, p)) > STEP_UP_LIMIT:
+            return None
+    c = [rdiv(x, 1 << 7) for x in p]
+    return c if max(map(abs, c), default=0) <= COEFFICIENT_LIMIT else None
 
 
 def parse_header(data: bytes, offset: int) -> tuple[Predictor, bool, int]:

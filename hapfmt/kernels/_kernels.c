@@ -4,7 +4,7 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
-#include "lpcr.h"
+#include "search.h"
 
 static int whole(const Py_buffer *buffer, Py_ssize_t size)
 {
@@ -61,9 +61,117 @@ static PyObject *run(PyObject *args, int decoding)
 static PyObject *lpcr_decode(PyObject *self, PyObject *args) { (void)self; return run(args, 1); }
 static PyObject *lpcr_encode(PyObject *self, PyObject *args) { (void)self; return run(args, 0); }
 
+/* (reflections int8, sines int32, coefficients int32) -> whether LPC-005 holds */
+static PyObject *step_up_(PyObject *self, PyObject *args)
+{
+    (void)self;
+    Py_buffer reflections, sines, out;
+    if (!PyArg_ParseTuple(args, "y*y*w*", &reflections, &sines, &out)) return NULL;
+    PyObject *result = NULL;
+    int8_t *k = reflections.buf;
+    int fits = reflections.len <= ORDERS && out.len == 4 * reflections.len && sines.len == 4 * 128 &&
+               whole(&sines, 4) && whole(&out, 4);
+    for (int i = 0; fits && i < reflections.len; i++) fits = k[i] > -128;
+    for (int i = 0; fits && i < 128; i++) {
+        int32_t sine = ((int32_t *)sines.buf)[i];
+        fits = sine >= 0 && sine < 32768;
+    }
+    if (!fits) PyErr_SetString(PyExc_ValueError, "not reflection coefficients");
+    else result = PyBool_FromLong(step_up(k, (int)reflections.len, sines.buf, out.buf));
+    PyBuffer_Release(&reflections);
+    PyBuffer_Release(&sines);
+    PyBuffer_Release(&out);
+    return result;
+}
+
+/* (indices int64, difference, base, sums int64 [33]) */
+static PyObject *autocorrelate_(PyObject *self, PyObject *args)
+{
+    (void)self;
+    Py_buffer indices, sums;
+    plan p = {0};
+    long long base;
+    if (!PyArg_ParseTuple(args, "y*iLw*", &indices, &p.difference, &base, &sums)) return NULL;
+    PyObject *result = NULL;
+    p.base = base;
+    p.limit = INDEX_LIMIT;
+    if (!whole(&indices, 8) || !whole(&sums, 8) || sums.len != 8 * LAGS || !valid(&p) ||
+        !within(indices.buf, indices.len / 8, INDEX_LIMIT))
+        PyErr_SetString(PyExc_ValueError, "not indices, or no room for their sums");
+    else {
+        Py_BEGIN_ALLOW_THREADS
+        autocorrelate(indices.buf, indices.len / 8, p.difference, p.base, sums.buf);
+        Py_END_ALLOW_THREADS
+        Py_INCREF(Py_None);
+        result = Py_None;
+    }
+    PyBuffer_Release(&indices);
+    PyBuffer_Release(&sums);
+    return result;
+}
+
+/* (sums float64 [33], orders, limits float64 [127], reflections int8 [32], energies float64 [32]) ->
+   how many there are */
+static PyObject *levinson_(PyObject *self, PyObject *args)
+{
+    (void)self;
+    Py_buffer sums, limits, found, energies;
+    int orders;
+    if (!PyArg_ParseTuple(args, "y*iy*w*w*", &sums, &orders, &limits, &found, &energies)) return NULL;
+    PyObject *result = NULL;
+    if (!whole(&sums, 8) || !whole(&limits, 8) || !whole(&energies, 8) || sums.len != 8 * LAGS ||
+        limits.len != 8 * 127 || found.len != ORDERS || energies.len != 8 * ORDERS || orders < 0 ||
+        orders > ORDERS)
+        PyErr_SetString(PyExc_ValueError, "not the arrays of a recursion of order 32");
+    else
+        result = PyLong_FromLong(levinson(sums.buf, orders, limits.buf, found.buf, energies.buf));
+    PyBuffer_Release(&sums);
+    PyBuffer_Release(&limits);
+    PyBuffer_Release(&found);
+    PyBuffer_Release(&energies);
+    return result;
+}
+
+/* (coefficients int32, difference, base, limit, indices int64, signs int64 [6]) -> 256 times the
+   bits, or -1 */
+static PyObject *estimate_(PyObject *self, PyObject *args)
+{
+    (void)self;
+    Py_buffer coefficients, indices, signs;
+    plan p = {0};
+    long long base, limit;
+    int64_t cost = -1;
+    if (!PyArg_ParseTuple(args, "y*iLLy*w*", &coefficients, &p.difference, &base, &limit, &indices,
+                          &signs))
+        return NULL;
+    PyObject *result = NULL;
+    p.order = coefficients.len > 4 * ORDERS ? ORDERS + 1 : (int)(coefficients.len / 4);
+    p.base = base;
+    p.limit = limit;
+    p.span = indices.len / 8;
+    p.coefficients = coefficients.buf;
+    if (!whole(&coefficients, 4) || !whole(&indices, 8) || !whole(&signs, 8) || signs.len != 48 ||
+        !valid(&p) || !within(indices.buf, p.span, p.limit))
+        PyErr_SetString(PyExc_ValueError, "not a predictor, or not arrays of its integers");
+    else {
+        Py_BEGIN_ALLOW_THREADS
+        cost = estimate(&p, indices.buf, signs.buf);
+        Py_END_ALLOW_THREADS
+        result = PyLong_FromLongLong(cost);
+    }
+    PyBuffer_Release(&coefficients);
+    PyBuffer_Release(&indices);
+    PyBuffer_Release(&signs);
+    return result;
+}
+
 static PyMethodDef methods[] = {
     {"lpcr_decode", lpcr_decode, METH_VARARGS, NULL},
     {"lpcr_encode", lpcr_encode, METH_VARARGS, NULL},
+    {"step_up", step_up_, METH_VARARGS, NULL},
+    {"autocorrelate", autocorrelate_, METH_VARARGS, NULL},
+    {"levinson", levinson_, METH_VARARGS, NULL},
+    {"estimate", estimate_, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
 

@@ -38,6 +38,13 @@ static int valid(const plan *p)
     return fits;
 }
 
+static int within(const int64_t *indices, int64_t count, int64_t limit)
+{
+    int fits = 1;
+    for (int64_t t = 0; t < count; t++) fits &= indices[t] <= limit && indices[t] >= -limit;
+    return fits;
+}
+
 static void filter_init(filter *f, const plan *p)
 {
     int64_t sum = 0, largest = 2 * p->limit;
@@ -231,8 +238,7 @@ INLINE int encode_as(encoder *coder, models *m, const plan *p, const int64_t *in
 static int encode(encoder *e, models *m, const plan *p, const int64_t *indices, int64_t *written)
 {
     int status;
-    for (int64_t t = 0; t < p->span; t++)
-        if (indices[t] > p->limit || indices[t] < -p->limit) return BAD_INDEX;
+    if (!within(indices, p->span, p->limit)) return BAD_INDEX;
     status = p->repeats ? encode_as(e, m, p, indices, 1, p->raw_signs)
              : p->raw_signs ? encode_as(e, m, p, indices, 0, 1)
                             : encode_as(e, m, p, indices, 0, 0);
