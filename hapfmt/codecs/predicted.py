@@ -88,7 +88,8 @@ class LpcParameters:
     def counts(self, indices: NDArray[np.int64], bound: int) -> NDArray[np.int64]:
         """Counts of indices that lie on the grid."""
         if self.grid == UNIFORM:
-            return self.zero + indices * self.step
+            scaled = indices if self.step == 1 else indices * self.step
+            return scaled + self.zero if self.zero else scaled
         levels = deadband_levels(self, bound)[0]
         return self.zero + np.sign(indices) * levels[np.abs(indices)]
 

@@ -7,9 +7,8 @@ give the same numbers.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from math import log2, pi, sin
+from dataclasses import replace
+from math import inf, log2, pi, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +29,9 @@ Indices = NDArray[np.int64]
 ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 20, 24, 28, 32)
 """LPC orders that are weighed; between them the size hardly changes."""
 
-LOW_ORDER = 8
-"""Loud parts of a packet ask for more coefficients than the quiet rest repays: the best of these
-orders is tried as well."""
+TRIED = (3, 8, 20)
+"""Loud parts of a packet ask for more coefficients than the quiet rest repays: these orders are
+tried as well."""
 
 COEFFICIENT_COST = 8
 """Bits."""
@@ -40,7 +39,7 @@ COEFFICIENT_COST = 8
 REPEAT_SHARE = 0.02
 """From this share of unchanged samples on, coding them as such is tried."""
 
-SIGN_SHARE = 0.004
+SIGN_SHARE = 0.002
 """Signs are raw bits, which take no time, where modelling them saves less than this."""
 
 SCALED_BITS, SUM_BLOCK, COST_BLOCK = 18, 4096, 32
@@ -53,33 +52,12 @@ LIMITS = np.array([sin(pi * (2 * k + 1) / 512) for k in range(127)])
 """Where one reflection coefficient ends and the next begins."""
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """What the prediction errors will take.
-
-    ``bits`` of a Laplacian whose scale is that of its block, header and all; ``saved`` of them
-    by modelling the signs.
-    """
-
-    bits: float
-    saved: float
-
-
 def encode_best(indices: Indices) -> bytes:
     """The smallest packet found."""
     if (indices == indices[0]).all():
         return encode_indices(indices, Predictor())
     plain = np.ascontiguousarray(indices, np.int64)
-    extent = max(-int(plain.min()), int(plain.max()))
-    estimates = [
-        (found, predictor)
-        for predictor in candidates(plain)
-        if (found := estimate(plain, predictor, extent))
-    ]
-    if not estimates:
-        raise AssertionError("the differences of 33 bits always fit")
-    found, predictor = min(estimates, key=lambda pair: pair[0].bits)
-    predictor = replace(predictor, raw_signs=found.saved < SIGN_SHARE * found.bits)
+    predictor = choose_predictor(plain)
     best = encode_indices(plain, predictor)
     unchanged = np.count_nonzero(plain[1:] == plain[:-1]) / plain.size
     if unchanged > REPEAT_SHARE:
@@ -87,22 +65,54 @@ def encode_best(indices: Indices) -> bytes:
     return best
 
 
-def candidates(indices: Indices) -> Iterator[Predictor]:
+def choose_predictor(indices: Indices) -> Predictor:
+    """Fixed polynomials while each is better than the one before, then LPC of either difference."""
+    extent = max(-int(indices.min()), int(indices.max()))
     first, mean = int(indices[0]), int(np.floor(indices.mean() + 0.5))
-    for order in range(DIFFERENCE_LIMIT + 1):
-        yield Predictor(order, (), first if order else mean)
-    for order, base in ((0, mean), (1, first)):
-        reflections, energies = levinson(autocorrelations(indices, order, base), indices.size)
-        weighed = [
-            (indices.size / 2 * log2(energies[m - 1]) + COEFFICIENT_COST * m, m)
-            for m in ORDERS
-            if m <= len(energies) and energies[m - 1] > 0
-        ]
-        low = [pair for pair in weighed if pair[1] <= LOW_ORDER]
-        for used in sorted({min(some)[1] for some in (weighed, low) if some}):
-            predictor = Predictor(order, tuple(reflections[:used]), base)
-            if predictor.coefficients is not None:
-                yield predictor
+    best = (inf, 0.0, Predictor())
+
+    def weigh(predictor: Predictor) -> float:
+        nonlocal best
+        bits, saved = estimate(indices, predictor, extent)
+        if bits < best[0]:
+            best = (bits, saved, predictor)
+        return bits
+
+    before = inf
+    for difference in range(DIFFERENCE_LIMIT + 1):
+        bits = weigh(Predictor(difference, (), first if difference else mean))
+        if bits >= before:
+            break
+        before = bits
+    tried = [
+        (weigh(predictor), reflections)
+        for predictor, reflections in (
+            linear_predictor(indices, 0, mean),
+            linear_predictor(indices, 1, first),
+        )
+        if reflections
+    ]
+    if tried:
+        _, reflections = min(tried, key=lambda pair: pair[0])
+        better = 0 if reflections is tried[0][1] else 1
+        for order in TRIED:
+            weigh(Predictor(better, tuple(reflections[:order]), first if better else mean))
+    bits, saved, predictor = best
+    return replace(predictor, raw_signs=saved < SIGN_SHARE * bits)
+
+
+def linear_predictor(
+    indices: Indices, difference: int, base: int
+) -> tuple[Predictor, list[int]]:
+    """The best by the energies that the recursion leaves, and all its reflection coefficients."""
+    reflections, energies = levinson(autocorrelations(indices, difference, base), indices.size)
+    weighed = [
+        (indices.size / 2 * log2(energies[m - 1]) + COEFFICIENT_COST * m, m)
+        for m in ORDERS
+        if m <= len(energies) and energies[m - 1] > 0
+    ]
+    order = min(weighed)[1] if weighed else 0
+    return Predictor(difference, tuple(reflections[:order]), base), reflections
 
 
 def autocorrelations(indices: Indices, order: int, base: int) -> list[int]:
@@ -152,9 +162,15 @@ def levinson(sums: list[int], size: int) -> tuple[list[int], list[float]]:
     return reflections, energies
 
 
-def estimate(indices: Indices, predictor: Predictor, extent: int) -> Estimate | None:
-    """None where a prediction error cannot be coded (SPEC RNG-003)."""
-    c = predictor.coefficients or []
+def estimate(indices: Indices, predictor: Predictor, extent: int) -> tuple[float, float]:
+    """(bits, those that modelling the signs saves), all samples being within ``extent`` of 0.
+
+    The bits are those of Laplacian prediction errors whose scale is that of their block, infinite
+    where one of them cannot be coded (SPEC RNG-003, LPC-005).
+    """
+    c = predictor.coefficients
+    if c is None:
+        return inf, 0.0
     if predicted.compiled is not None:
         signs = np.zeros(6, np.int64)
         cost = predicted.compiled.estimate(
@@ -168,10 +184,9 @@ def estimate(indices: Indices, predictor: Predictor, extent: int) -> Estimate | 
         cost = -1 if int(np.abs(e).max()) >> ERROR_BITS else cost_of(np.abs(e))
         counts = sign_counts(e)
     if cost < 0:
-        return None
+        return inf, 0.0
     saved = sum(saving(*counts[at : at + 2]) for at in (0, 2, 4))
-    bits = cost / 256 + sum(counts) - saved + COEFFICIENT_COST * len(c)
-    return Estimate(bits, saved)
+    return cost / 256 + sum(counts) - saved + COEFFICIENT_COST * len(c), saved
 
 
 def prediction_errors(y: Indices, c: list[int]) -> Indices:

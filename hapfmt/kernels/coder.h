@@ -260,8 +260,8 @@ INLINE int get_symbol(decoder *d, symbol_model *m)
     return symbol;
 }
 
-/* At most 57 bits; zeros before the first byte. */
-INLINE uint64_t get_raw(decoder *d, int bits)
+/* The next raw bits, 57 and more; zeros before the first byte. */
+INLINE uint64_t raw_word(const decoder *d)
 {
     int64_t passed = d->raw >> 3, size = d->end - d->in;
     uint64_t word = 0;
@@ -270,7 +270,12 @@ INLINE uint64_t get_raw(decoder *d, int bits)
             word |= (uint64_t)d->end[-1 - passed - i] << (8 * i);
     } else
         word = load_big(d->end - 8 - passed);
-    word >>= d->raw & 7;
+    return word >> (d->raw & 7);
+}
+
+INLINE uint64_t get_raw(decoder *d, int bits)
+{
+    uint64_t word = raw_word(d);
     d->raw += bits;
     return word & (((uint64_t)1 << bits) - 1);
 }
@@ -426,7 +431,7 @@ INLINE int put_integer(encoder *e, models *m, scale_state *s, int64_t value, int
 INLINE int get_integer(decoder *d, models *m, scale_state *s, int64_t *value, int raw_signs)
 {
     int context, h = scale(s, &context);
-    int k = get_symbol(d, &m->tables[context]);
+    int k = get_symbol(d, &m->tables[context]), negative = 0;
     uint64_t u;
     if (RARE(k == ESCAPE)) {
         int length = get_symbol(d, &m->lengths);
@@ -434,12 +439,23 @@ INLINE int get_integer(decoder *d, models *m, scale_state *s, int64_t *value, in
         uint64_t w = ((uint64_t)1 << length | get_raw(d, length)) + edges[ESCAPE] - 1;
         if (w >> (ERROR_BITS - h)) return BAD_ERROR;
         u = w << h | get_raw(d, h);
-    } else
-        u = ((uint64_t)edges[k] << h) + get_raw(d, extra[k] + h);
-    if (RARE(u >> ERROR_BITS)) return BAD_ERROR;
+        if (raw_signs) negative = (int)get_raw(d, 1);
+    } else {
+        int bits = extra[k] + h;
+        uint64_t word = raw_word(d);
+        u = ((uint64_t)edges[k] << h) + (word & (((uint64_t)1 << bits) - 1));
+        if (RARE(u >> ERROR_BITS)) return BAD_ERROR;
+        if (raw_signs) {
+            /* But for k = 0 the place of the next raw bits needs not wait for these. */
+            int some = k > 0;
+            if (RARE(!some && h)) some = u != 0;
+            negative = (int)(word >> bits) & some;
+            bits += some;
+        }
+        d->raw += bits;
+    }
     /* A model of its own for no sign at all: that is quicker than a branch. */
-    int negative = raw_signs ? (int)get_raw(d, u != 0)
-                             : get_bit_if(d, &m->signs[u ? s->g + 1 : 3], u != 0);
+    if (!raw_signs) negative = get_bit_if(d, &m->signs[u ? s->g + 1 : 3], u != 0);
     *value = negative ? -(int64_t)u : (int64_t)u;
     learn(s, u, negative);
     return DONE;

@@ -179,7 +179,7 @@ static int decode(decoder *d, models *m, const plan *p, int64_t *out)
 /* ---- encoding ---- */
 
 /* y of a piece after the ORDERS ones before it: differences of indices[from] ... of the packet. */
-static void differences(const int64_t *indices, int64_t from, int64_t count, int g, int64_t base,
+INLINE void differences(const int64_t *indices, int64_t from, int64_t count, int g, int64_t base,
                         int64_t *y)
 {
     int64_t z[PIECE + DIFFERENCES];
@@ -190,7 +190,7 @@ static void differences(const int64_t *indices, int64_t from, int64_t count, int
 }
 
 /* Prediction errors of a piece; y [ORDERS + count], the history first. */
-static void errors_of(const filter *f, const int64_t *y, int64_t count, int64_t *e)
+INLINE void errors_of(const filter *f, const int64_t *y, int64_t count, int64_t *e)
 {
     if (!f->width) {
         memcpy(e, y + ORDERS, (size_t)count * sizeof *e);

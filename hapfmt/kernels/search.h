@@ -7,12 +7,32 @@
 #include "lpcr.h"
 
 enum { SCALED_BITS = 18, SUM_BLOCK = 4096, COST_BLOCK = 32, LAGS = ORDERS + 1 };
+enum { LANES = 12, ROOM = 36 };
+
+/* sums[k] of now[i] * then[i + k] */
+INLINE void products(const double *now, const double *then, int64_t n, double *sums)
+{
+#ifdef VECTORS
+    __m128d a[LANES / 2];
+    for (int k = 0; k < LANES / 2; k++) a[k] = _mm_setzero_pd();
+    for (int64_t i = 0; i < n; i++) {
+        __m128d x = _mm_set1_pd(now[i]);
+        for (int k = 0; k < LANES / 2; k++)
+            a[k] = _mm_add_pd(a[k], _mm_mul_pd(x, _mm_loadu_pd(then + i + 2 * k)));
+    }
+    for (int k = 0; k < LANES / 2; k++) _mm_storeu_pd(sums + 2 * k, a[k]);
+#else
+    for (int k = 0; k < LANES; k++) sums[k] = 0;
+    for (int64_t i = 0; i < n; i++)
+        for (int k = 0; k < LANES; k++) sums[k] += now[i] * then[i + k];
+#endif
+}
 
 /* Sums of x[i] * x[i + lag], x being the differences shifted to at most 18 bits: products below 2^36,
    4096 of them below 2^48, so doubles are exact in any order. */
 static void autocorrelate(const int64_t *indices, int64_t count, int g, int64_t base, int64_t *sums)
 {
-    double x[SUM_BLOCK + LAGS];
+    double x[ROOM + SUM_BLOCK];
     int64_t y[PIECE];
     uint64_t most = 0;
     memset(sums, 0, LAGS * sizeof *sums);
@@ -26,32 +46,18 @@ static void autocorrelate(const int64_t *indices, int64_t count, int g, int64_t 
     memset(x, 0, sizeof x);
     for (int64_t from = 0; from < count; from += SUM_BLOCK) {
         int64_t n = count - from < SUM_BLOCK ? count - from : SUM_BLOCK;
-        /* x[LAGS] ... are the block, the LAGS before it those that they are multiplied with. */
+        /* x[ROOM] ... are the block, the ROOM before it those that they are multiplied with. */
         for (int64_t at = 0; at < n; at += PIECE) {
             int64_t some = n - at < PIECE ? n - at : PIECE;
             differences(indices, from + at, some, g, base, y);
-            for (int64_t i = 0; i < some; i++) x[LAGS + at + i] = (double)(y[i] >> shift);
+            for (int64_t i = 0; i < some; i++) x[ROOM + at + i] = (double)(y[i] >> shift);
         }
-        for (int lag = 0; lag < LAGS; lag += 3) {
-            double a[2] = {0, 0}, b[2] = {0, 0}, c[2] = {0, 0};
-            const double *now = x + LAGS, *then = x + LAGS - lag;
-            int64_t i = 0;
-            for (; i + 1 < n; i += 2)
-                for (int k = 0; k < 2; k++) {
-                    a[k] += now[i + k] * then[i + k];
-                    b[k] += now[i + k] * then[i + k - 1];
-                    c[k] += now[i + k] * then[i + k - 2];
-                }
-            if (i < n) {
-                a[0] += now[i] * then[i];
-                b[0] += now[i] * then[i - 1];
-                c[0] += now[i] * then[i - 2];
-            }
-            sums[lag] += (int64_t)(a[0] + a[1]);
-            sums[lag + 1] += (int64_t)(b[0] + b[1]);
-            sums[lag + 2] += (int64_t)(c[0] + c[1]);
+        for (int lag = 0; lag < ROOM; lag += LANES) {
+            double a[LANES];
+            products(x + ROOM, x + ROOM - lag - (LANES - 1), n, a);
+            for (int k = 0; k < LANES && lag + k < LAGS; k++) sums[lag + k] += (int64_t)a[LANES - 1 - k];
         }
-        memmove(x, x + n, LAGS * sizeof *x);
+        memmove(x, x + n, ROOM * sizeof *x);
     }
 }
 
