@@ -39,6 +39,9 @@ COEFFICIENT_COST = 8
 REPEAT_SHARE = 0.02
 """From this share of unchanged samples on, coding them as such is tried."""
 
+DOUBT = 0.1
+"""Where the estimates with and without it are nearer than this, both packets are written."""
+
 SIGN_SHARE = 0.002
 """Signs are raw bits, which take no time, where modelling them saves less than this."""
 
@@ -57,16 +60,18 @@ def encode_best(indices: Indices) -> bytes:
     if (indices == indices[0]).all():
         return encode_indices(indices, Predictor())
     plain = np.ascontiguousarray(indices, np.int64)
-    predictor = choose_predictor(plain)
-    best = encode_indices(plain, predictor)
-    unchanged = np.count_nonzero(plain[1:] == plain[:-1]) / plain.size
-    if unchanged > REPEAT_SHARE:
-        best = min(best, encode_indices(plain, replace(predictor, repeats=True)), key=len)
-    return best
+    bits, predictor = choose_predictor(plain)
+    ways = [predictor]
+    if np.count_nonzero(plain[1:] == plain[:-1]) > REPEAT_SHARE * plain.size:
+        marked = replace(predictor, repeats=True)
+        other, _ = estimate(plain, marked, max(-int(plain.min()), int(plain.max())))
+        if other < (1 + DOUBT) * bits:
+            ways = [marked] if other < (1 - DOUBT) * bits else [predictor, marked]
+    return min((encode_indices(plain, way) for way in ways), key=len)
 
 
-def choose_predictor(indices: Indices) -> Predictor:
-    """Fixed polynomials while each is better than the one before, then LPC of either difference."""
+def choose_predictor(indices: Indices) -> tuple[float, Predictor]:
+    """(bits, predictor): fixed polynomials while each is better than the one before, then LPC of either difference."""
     extent = max(-int(indices.min()), int(indices.max()))
     first, mean = int(indices[0]), int(np.floor(indices.mean() + 0.5))
     best = (inf, 0.0, Predictor())
@@ -98,7 +103,7 @@ def choose_predictor(indices: Indices) -> Predictor:
         for order in TRIED:
             weigh(Predictor(better, tuple(reflections[:order]), first if better else mean))
     bits, saved, predictor = best
-    return replace(predictor, raw_signs=saved < SIGN_SHARE * bits)
+    return bits, replace(predictor, raw_signs=saved < SIGN_SHARE * bits)
 
 
 def linear_predictor(
@@ -171,22 +176,49 @@ def estimate(indices: Indices, predictor: Predictor, extent: int) -> tuple[float
     c = predictor.coefficients
     if c is None:
         return inf, 0.0
+    counts = np.zeros(14, np.int64)
     if predicted.compiled is not None:
-        signs = np.zeros(6, np.int64)
         cost = predicted.compiled.estimate(
-            np.array(c, np.int32), predictor.difference, predictor.base,
-            max(extent, abs(predictor.base)), indices, signs,
+            np.array(c, np.int32), predictor.difference, predictor.repeats, predictor.base,
+            max(extent, abs(predictor.base)), indices, counts,
         )  # fmt: skip
-        counts = signs.tolist()
     else:
-        y = differences(indices - predictor.base, predictor.difference)
-        e = prediction_errors(y, c)
-        cost = -1 if int(np.abs(e).max()) >> ERROR_BITS else cost_of(np.abs(e))
-        counts = sign_counts(e)
+        cost = cost_of(indices, predictor, c, counts)
     if cost < 0:
         return inf, 0.0
-    saved = sum(saving(*counts[at : at + 2]) for at in (0, 2, 4))
-    return cost / 256 + sum(counts) - saved + COEFFICIENT_COST * len(c), saved
+    pairs = counts.reshape(7, 2).tolist()
+    saved = sum(saving(*pair) for pair in pairs[:3])
+    # What is modelled takes what raw bits would, less what that saves.
+    marks = sum(sum(pair) - saving(*pair) for pair in pairs[3:])
+    signs = sum(sum(pair) for pair in pairs[:3]) - saved
+    return cost / 256 + signs + marks + COEFFICIENT_COST * len(c), saved
+
+
+def cost_of(indices: Indices, predictor: Predictor, c: list[int], counts: Indices) -> int:
+    """256 times the bits without signs and repeats, log2(1 + 2e * mean) for each of a block; -1
+    where an error cannot be coded.
+
+    ``counts`` [14]: positive and negative ones after a negative one, none, a positive one; then
+    the zeros and ones that say that a sample repeats, for each of their models.
+    """
+    y = differences(indices - predictor.base, predictor.difference)
+    e = prediction_errors(y, c)
+    blocks = np.arange(e.size) // COST_BLOCK
+    if predictor.repeats:
+        same = np.concatenate(([0], (indices[1:] == indices[:-1]).astype(np.int64)))
+        models = 2 * same[:-1] + np.concatenate(([0], same[:-2]))
+        counts[6:] = np.bincount(2 * models + same[1:], minlength=8)
+        e, blocks = e[same == 0], blocks[same == 0]
+    magnitudes, signs = np.abs(e), np.sign(e)
+    if int(magnitudes.max()) >> ERROR_BITS:
+        return -1
+    some = signs != 0
+    after = np.concatenate(([0], signs[:-1]))[some]
+    counts[:6] = np.bincount(2 * after + 2 + (signs[some] < 0), minlength=6)
+    first = np.flatnonzero(np.diff(blocks, prepend=-1))
+    sums = np.add.reduceat(magnitudes, first)
+    sizes = np.diff(np.append(first, e.size))
+    return int((sizes * (logs(16 * sizes + 87 * sums) - logs(16 * sizes))).sum())
 
 
 def prediction_errors(y: Indices, c: list[int]) -> Indices:
@@ -201,14 +233,6 @@ def prediction_errors(y: Indices, c: list[int]) -> Indices:
     return y - predictions
 
 
-def cost_of(magnitudes: Indices) -> int:
-    """256 times the bits, without signs: log2(1 + 2e * mean) for each of a block."""
-    sums = np.add.reduceat(magnitudes, range(0, magnitudes.size, COST_BLOCK))
-    sizes = np.full(sums.size, COST_BLOCK)
-    sizes[-1] = magnitudes.size - COST_BLOCK * (sums.size - 1)
-    return int((sizes * (logs(16 * sizes + 87 * sums) - logs(16 * sizes))).sum())
-
-
 def logs(v: Indices) -> Indices:
     """256 times the binary logarithm, the mantissa taken for its own logarithm."""
     lg = np.frexp(v.astype(np.float64))[1].astype(np.int64) - 1
@@ -216,14 +240,7 @@ def logs(v: Indices) -> Indices:
     return np.asarray(256 * lg + (mantissa & 255))
 
 
-def sign_counts(e: Indices) -> list[int]:
-    """Positive and negative ones after a negative one, none, a positive one."""
-    signs = np.sign(e)
-    after = np.concatenate(([0], signs[:-1]))
-    return [int(np.count_nonzero((after == g) & (signs == s))) for g in (-1, 0, 1) for s in (1, -1)]
-
-
 def saving(a: int, b: int) -> float:
-    """Bits below one each that a + b signs take when they are modelled."""
+    """Bits that modelling a + b bits saves, a of them zeros."""
     n = a + b
     return n + sum(x * log2(x / n) for x in (a, b) if x) if n else 0.0

@@ -132,17 +132,17 @@ static PyObject *levinson_(PyObject *self, PyObject *args)
     return result;
 }
 
-/* (coefficients int32, difference, base, limit, indices int64, signs int64 [6]) -> 256 times the
-   bits, or -1 */
+/* (coefficients int32, difference, repeats, base, limit, indices int64, counts int64 [14]) -> 256
+   times the bits, or -1 */
 static PyObject *estimate_(PyObject *self, PyObject *args)
 {
     (void)self;
-    Py_buffer coefficients, indices, signs;
+    Py_buffer coefficients, indices, counts;
     plan p = {0};
     long long base, limit;
     int64_t cost = -1;
-    if (!PyArg_ParseTuple(args, "y*iLLy*w*", &coefficients, &p.difference, &base, &limit, &indices,
-                          &signs))
+    if (!PyArg_ParseTuple(args, "y*ipLLy*w*", &coefficients, &p.difference, &p.repeats, &base, &limit,
+                          &indices, &counts))
         return NULL;
     PyObject *result = NULL;
     p.order = coefficients.len > 4 * ORDERS ? ORDERS + 1 : (int)(coefficients.len / 4);
@@ -150,18 +150,18 @@ static PyObject *estimate_(PyObject *self, PyObject *args)
     p.limit = limit;
     p.span = indices.len / 8;
     p.coefficients = coefficients.buf;
-    if (!whole(&coefficients, 4) || !whole(&indices, 8) || !whole(&signs, 8) || signs.len != 48 ||
+    if (!whole(&coefficients, 4) || !whole(&indices, 8) || !whole(&counts, 8) || counts.len != 8 * COUNTS ||
         !valid(&p) || !within(indices.buf, p.span, p.limit))
         PyErr_SetString(PyExc_ValueError, "not a predictor, or not arrays of its integers");
     else {
         Py_BEGIN_ALLOW_THREADS
-        cost = estimate(&p, indices.buf, signs.buf);
+        cost = estimate(&p, indices.buf, counts.buf);
         Py_END_ALLOW_THREADS
         result = PyLong_FromLongLong(cost);
     }
     PyBuffer_Release(&coefficients);
     PyBuffer_Release(&indices);
-    PyBuffer_Release(&signs);
+    PyBuffer_Release(&counts);
     return result;
 }
 

@@ -94,14 +94,18 @@ INLINE int64_t log_of(uint64_t v)
     return 256 * lg + (int64_t)((lg >= 8 ? v >> (lg - 8) : v << (8 - lg)) & 255);
 }
 
+enum { COUNTS = 14 };
+
 /* 256 times the bits of the prediction errors without their signs, -1 where one cannot be coded; and
-   how many are positive and negative after a negative one, none, a positive one. */
-static int64_t estimate(const plan *p, const int64_t *indices, int64_t signs[6])
+   how many are positive and negative after a negative one, none, a positive one. With repeats
+   unchanged samples are left out, and then follow how many of the bits that say so are 0 and 1 with
+   each of their models. */
+static int64_t estimate(const plan *p, const int64_t *indices, int64_t *counts)
 {
     filter f;
     int64_t y[ORDERS + PIECE] = {0}, e[PIECE], cost = 0;
-    int last = 0;
-    memset(signs, 0, 6 * sizeof *signs);
+    int last = 0, recent = 0;
+    memset(counts, 0, COUNTS * sizeof *counts);
     filter_init(&f, p);
     for (int64_t from = 0; from < p->span; from += PIECE) {
         int64_t count = p->span - from < PIECE ? p->span - from : PIECE;
@@ -109,20 +113,26 @@ static int64_t estimate(const plan *p, const int64_t *indices, int64_t signs[6])
         errors_of(&f, y, count, e);
         memmove(y, y + count, ORDERS * sizeof *y);
         for (int64_t at = 0; at < count; at += COST_BLOCK) {
-            int64_t some = count - at < COST_BLOCK ? count - at : COST_BLOCK;
+            int64_t end = count - at < COST_BLOCK ? count : at + COST_BLOCK, some = 0;
             uint64_t sum = 0, most = 0;
-            for (int64_t i = at; i < at + some; i++) {
+            for (int64_t i = at; i < end; i++) {
+                if (p->repeats && from + i) {
+                    int same = indices[from + i] == indices[from + i - 1];
+                    counts[6 + 2 * recent + same]++;
+                    recent = 2 * same + (recent >> 1);
+                    if (same) continue;
+                }
                 uint64_t u = (uint64_t)(e[i] < 0 ? -e[i] : e[i]);
+                int sign = (e[i] > 0) - (e[i] < 0);
                 most |= u;
                 sum += u;
+                some++;
+                counts[2 * last + 2 + (sign < 0)] += sign != 0;
+                last = sign;
             }
             if (most >> ERROR_BITS) return -1;
-            cost += some * (log_of(16 * (uint64_t)some + 87 * sum) - log_of(16 * (uint64_t)some));
-        }
-        for (int64_t i = 0; i < count; i++) {
-            int sign = (e[i] > 0) - (e[i] < 0);
-            signs[2 * last + 2 + (sign < 0)] += sign != 0;
-            last = sign;
+            if (some)
+                cost += some * (log_of(16 * (uint64_t)some + 87 * sum) - log_of(16 * (uint64_t)some));
         }
     }
     return cost;
