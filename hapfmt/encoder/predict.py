@@ -64,7 +64,8 @@ def encode_best(indices: Indices) -> bytes:
     ways = [predictor]
     if np.count_nonzero(plain[1:] == plain[:-1]) > REPEAT_SHARE * plain.size:
         marked = replace(predictor, repeats=True)
-        other, _ = estimate(plain, marked, max(-int(plain.min()), int(plain.max())))
+        extent = max(-int(plain.min()), int(plain.max()))
+        other, _ = estimate(plain, marked, extent, counted=True)
         if other < (1 + DOUBT) * bits:
             ways = [marked] if other < (1 - DOUBT) * bits else [predictor, marked]
     return min((encode_indices(plain, way) for way in ways), key=len)
@@ -74,13 +75,13 @@ def choose_predictor(indices: Indices) -> tuple[float, Predictor]:
     """(bits, predictor): fixed polynomials while each is better than the one before, then LPC of either difference."""
     extent = max(-int(indices.min()), int(indices.max()))
     first, mean = int(indices[0]), int(np.floor(indices.mean() + 0.5))
-    best = (inf, 0.0, Predictor())
+    least, best = inf, Predictor()
 
     def weigh(predictor: Predictor) -> float:
-        nonlocal best
-        bits, saved = estimate(indices, predictor, extent)
-        if bits < best[0]:
-            best = (bits, saved, predictor)
+        nonlocal least, best
+        bits, _ = estimate(indices, predictor, extent)
+        if bits < least:
+            least, best = bits, predictor
         return bits
 
     before = inf
@@ -102,8 +103,8 @@ def choose_predictor(indices: Indices) -> tuple[float, Predictor]:
         better = 0 if reflections is tried[0][1] else 1
         for order in TRIED:
             weigh(Predictor(better, tuple(reflections[:order]), first if better else mean))
-    bits, saved, predictor = best
-    return bits, replace(predictor, raw_signs=saved < SIGN_SHARE * bits)
+    bits, saved = estimate(indices, best, extent, counted=True)
+    return bits, replace(best, raw_signs=saved < SIGN_SHARE * bits)
 
 
 def linear_predictor(
@@ -167,39 +168,44 @@ def levinson(sums: list[int], size: int) -> tuple[list[int], list[float]]:
     return reflections, energies
 
 
-def estimate(indices: Indices, predictor: Predictor, extent: int) -> tuple[float, float]:
+def estimate(
+    indices: Indices, predictor: Predictor, extent: int, *, counted: bool = False
+) -> tuple[float, float]:
     """(bits, those that modelling the signs saves), all samples being within ``extent`` of 0.
 
     The bits are those of Laplacian prediction errors whose scale is that of their block, infinite
-    where one of them cannot be coded (SPEC RNG-003, LPC-005).
+    where one of them cannot be coded (SPEC RNG-003, LPC-005). ``counted``: signs and repeats by
+    what their models make of them, which takes longer; else a sign is a bit.
     """
     c = predictor.coefficients
     if c is None:
         return inf, 0.0
-    counts = np.zeros(14, np.int64)
+    counts = np.zeros(15, np.int64)
     if predicted.compiled is not None:
         cost = predicted.compiled.estimate(
-            np.array(c, np.int32), predictor.difference, predictor.repeats, predictor.base,
-            max(extent, abs(predictor.base)), indices, counts,
+            np.array(c, np.int32), predictor.difference, predictor.repeats, counted,
+            predictor.base, max(extent, abs(predictor.base)), indices, counts,
         )  # fmt: skip
     else:
-        cost = cost_of(indices, predictor, c, counts)
+        cost = cost_of(indices, predictor, c, counts, counted=counted)
     if cost < 0:
         return inf, 0.0
-    pairs = counts.reshape(7, 2).tolist()
+    pairs = counts[:-1].reshape(7, 2).tolist()
     saved = sum(saving(*pair) for pair in pairs[:3])
     # What is modelled takes what raw bits would, less what that saves.
     marks = sum(sum(pair) - saving(*pair) for pair in pairs[3:])
-    signs = sum(sum(pair) for pair in pairs[:3]) - saved
-    return cost / 256 + signs + marks + COEFFICIENT_COST * len(c), saved
+    return cost / 256 + int(counts[-1]) - saved + marks + COEFFICIENT_COST * len(c), saved
 
 
-def cost_of(indices: Indices, predictor: Predictor, c: list[int], counts: Indices) -> int:
+def cost_of(
+    indices: Indices, predictor: Predictor, c: list[int], counts: Indices, *, counted: bool
+) -> int:
     """256 times the bits without signs and repeats, log2(1 + 2e * mean) for each of a block; -1
     where an error cannot be coded.
 
-    ``counts`` [14]: positive and negative ones after a negative one, none, a positive one; then
-    the zeros and ones that say that a sample repeats, for each of their models.
+    ``counts`` [15]: positive and negative ones after a negative one, none, a positive one; then
+    the zeros and ones that say that a sample repeats, for each of their models; and all that are
+    not 0. Where they are not ``counted``, the last alone.
     """
     y = differences(indices - predictor.base, predictor.difference)
     e = prediction_errors(y, c)
@@ -207,14 +213,16 @@ def cost_of(indices: Indices, predictor: Predictor, c: list[int], counts: Indice
     if predictor.repeats:
         same = np.concatenate(([0], (indices[1:] == indices[:-1]).astype(np.int64)))
         models = 2 * same[:-1] + np.concatenate(([0], same[:-2]))
-        counts[6:] = np.bincount(2 * models + same[1:], minlength=8)
+        counts[6:-1] = np.bincount(2 * models + same[1:], minlength=8)
         e, blocks = e[same == 0], blocks[same == 0]
     magnitudes, signs = np.abs(e), np.sign(e)
     if int(magnitudes.max()) >> ERROR_BITS:
         return -1
     some = signs != 0
-    after = np.concatenate(([0], signs[:-1]))[some]
-    counts[:6] = np.bincount(2 * after + 2 + (signs[some] < 0), minlength=6)
+    counts[-1] = np.count_nonzero(some)
+    if counted:
+        after = np.concatenate(([0], signs[:-1]))[some]
+        counts[:6] = np.bincount(2 * after + 2 + (signs[some] < 0), minlength=6)
     first = np.flatnonzero(np.diff(blocks, prepend=-1))
     sums = np.add.reduceat(magnitudes, first)
     sizes = np.diff(np.append(first, e.size))

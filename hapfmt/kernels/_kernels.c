@@ -132,16 +132,17 @@ static PyObject *levinson_(PyObject *self, PyObject *args)
     return result;
 }
 
-/* (coefficients int32, difference, repeats, base, limit, indices int64, counts int64 [14]) -> 256
-   times the bits, or -1 */
+/* (coefficients int32, difference, repeats, counted, base, limit, indices int64, counts int64 [15])
+   -> 256 times the bits, or -1 */
 static PyObject *estimate_(PyObject *self, PyObject *args)
 {
     (void)self;
     Py_buffer coefficients, indices, counts;
     plan p = {0};
+    int counted;
     long long base, limit;
     int64_t cost = -1;
-    if (!PyArg_ParseTuple(args, "y*ipLLy*w*", &coefficients, &p.difference, &p.repeats, &base, &limit,
+    if (!PyArg_ParseTuple(args, "y*ippLLy*w*", &coefficients, &p.difference, &p.repeats, &counted, &base, &limit,
                           &indices, &counts))
         return NULL;
     PyObject *result = NULL;
@@ -155,7 +156,7 @@ static PyObject *estimate_(PyObject *self, PyObject *args)
         PyErr_SetString(PyExc_ValueError, "not a predictor, or not arrays of its integers");
     else {
         Py_BEGIN_ALLOW_THREADS
-        cost = estimate(&p, indices.buf, counts.buf);
+        cost = estimate(&p, counted, indices.buf, counts.buf);
         Py_END_ALLOW_THREADS
         result = PyLong_FromLongLong(cost);
     }

@@ -341,12 +341,16 @@ INLINE void encoder_narrow(encoder *e, uint32_t lower, uint32_t width)
     if (e->bits >= 40) put_bytes(e, (e->bits - 16) >> 3);
 }
 
-INLINE void put_bit(encoder *e, int bit, bit_model *m)
+/* ``on`` 0: nothing is coded. */
+INLINE void put_bit_if(encoder *e, int bit, bit_model *m, int on)
 {
     uint32_t at = e->width * probability(m) >> 16, other = (uint32_t)(bit != 0) - 1;
-    encoder_narrow(e, at & other, at + ((e->width - 2 * at) & other));
+    uint32_t lower = at & other, width = at + ((e->width - 2 * at) & other);
+    encoder_narrow(e, on ? lower : 0, on ? width : e->width);
     update(m, bit);
 }
+
+INLINE void put_bit(encoder *e, int bit, bit_model *m) { put_bit_if(e, bit, m, 1); }
 
 INLINE void put_symbol(encoder *e, int symbol, symbol_model *m)
 {
@@ -356,23 +360,38 @@ INLINE void put_symbol(encoder *e, int symbol, symbol_model *m)
     learn_symbol(m, symbol);
 }
 
-/* At most 56 bits. */
-INLINE void put_raw(encoder *e, uint64_t value, int bits)
+static inline void put_back(encoder *e)
+{
+    if (e->front + e->back < e->size) e->out[e->size - 1 - e->back] = (uint8_t)e->tail;
+    e->back++;
+    e->tail >>= 8;
+    e->tail_bits -= 8;
+}
+
+/* At most 32 bits. */
+INLINE void put_some(encoder *e, uint64_t value, int bits)
 {
     e->tail |= (value & (((uint64_t)1 << bits) - 1)) << e->tail_bits;
     e->tail_bits += bits;
-    while (e->tail_bits >= 8) {
-        if (e->front + e->back < e->size) e->out[e->size - 1 - e->back] = (uint8_t)e->tail;
-        e->back++;
-        e->tail >>= 8;
-        e->tail_bits -= 8;
+    if (e->tail_bits >= 32)
+        for (int i = 0; i < 4; i++) put_back(e);
+}
+
+INLINE void put_raw(encoder *e, uint64_t value, int bits)
+{
+    if (RARE(bits > 32)) {
+        put_some(e, value, 32);
+        value >>= 32;
+        bits -= 32;
     }
+    put_some(e, value, bits);
 }
 
 /* Both ends are brought together; the bytes of the packet, or of what it needs. */
 static int64_t encoder_finish(encoder *e)
 {
     int r;
+    while (e->tail_bits >= 8) put_back(e);
     uint64_t v = end_of(e->low, e->width, &r);
     int count = (e->bits - r + e->tail_bits + 7) / 8, grow = 8 * count - e->bits;
     e->low = grow >= 0 ? v << grow : v >> -grow;
@@ -422,8 +441,8 @@ INLINE int put_integer(encoder *e, models *m, scale_state *s, int64_t value, int
         put_raw(e, u, h);
     } else
         put_raw(e, u - ((uint64_t)edges[k] << h), extra[k] + h);
-    if (raw_signs) put_raw(e, (uint64_t)negative, u != 0);
-    else if (u) put_bit(e, negative, &m->signs[s->g + 1]);
+    if (raw_signs) put_some(e, (uint64_t)negative, u != 0);
+    else put_bit_if(e, negative, &m->signs[u ? s->g + 1 : 3], u != 0);
     learn(s, u, negative);
     return DONE;
 }

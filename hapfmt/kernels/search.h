@@ -94,13 +94,14 @@ INLINE int64_t log_of(uint64_t v)
     return 256 * lg + (int64_t)((lg >= 8 ? v >> (lg - 8) : v << (8 - lg)) & 255);
 }
 
-enum { COUNTS = 14 };
+enum { COUNTS = 15 };
 
-/* 256 times the bits of the prediction errors without their signs, -1 where one cannot be coded; and
-   how many are positive and negative after a negative one, none, a positive one. With repeats
-   unchanged samples are left out, and then follow how many of the bits that say so are 0 and 1 with
-   each of their models. */
-static int64_t estimate(const plan *p, const int64_t *indices, int64_t *counts)
+/* 256 times the bits of the prediction errors without their signs, -1 where one cannot be coded. The
+   last of the counts is how many are not 0. ``counted``: the first are how many are positive and
+   negative after a negative one, none, a positive one. With repeats, which go with it, unchanged
+   samples are left out, and between stands how many of the bits that say so are 0 and 1 with each of
+   their models. */
+static int64_t estimate(const plan *p, int counted, const int64_t *indices, int64_t *counts)
 {
     filter f;
     int64_t y[ORDERS + PIECE] = {0}, e[PIECE], cost = 0;
@@ -115,7 +116,17 @@ static int64_t estimate(const plan *p, const int64_t *indices, int64_t *counts)
         for (int64_t at = 0; at < count; at += COST_BLOCK) {
             int64_t end = count - at < COST_BLOCK ? count : at + COST_BLOCK, some = 0;
             uint64_t sum = 0, most = 0;
-            for (int64_t i = at; i < end; i++) {
+            if (!counted) {
+                uint64_t zeros = 0;
+                for (int64_t i = at; i < end; i++) {
+                    uint64_t u = (uint64_t)(e[i] < 0 ? -e[i] : e[i]);
+                    most |= u;
+                    sum += u;
+                    zeros += u == 0;
+                }
+                some = end - at;
+                counts[COUNTS - 1] += some - (int64_t)zeros;
+            } else for (int64_t i = at; i < end; i++) {
                 if (p->repeats && from + i) {
                     int same = indices[from + i] == indices[from + i - 1];
                     counts[6 + 2 * recent + same]++;
@@ -128,6 +139,7 @@ static int64_t estimate(const plan *p, const int64_t *indices, int64_t *counts)
                 sum += u;
                 some++;
                 counts[2 * last + 2 + (sign < 0)] += sign != 0;
+                counts[COUNTS - 1] += sign != 0;
                 last = sign;
             }
             if (most >> ERROR_BITS) return -1;
