@@ -19,8 +19,11 @@ setup(
                     "levels",
                 )
             ],
-            depends=["hapfmt/kernels/kernels.h", "hapfmt/kernels/tube.h"],
-            extra_compile_args=["-O3", "-std=c99"],
+            depends=[
+                f"hapfmt/kernels/{name}.h"
+                for name in ("kernels", "coder", "lpcr", "search", "tube")
+            ],
+            extra_compile_args=["-O3", "-std=c99", "-ffp-contract=off"],
             py_limited_api=True,
             optional=True,
         )

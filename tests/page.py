@@ -43,123 +43,163 @@ class Bit:
         self.n = min(self.n + 1, 250)
 
 
+class Symbols:
+    """A symbol model."""
+
+    def __init__(self, z: list[int], n: int):
+        self.z, self.n = list(z), n
+
+    def learn(self, s: int) -> None:
+        r = 131072 // (2 * self.n + 3)
+        for i in range(15):
+            if i < s:
+                self.z[i] = self.z[i] + ((65535 - self.z[i]) * r) // 65536
+            else:
+                self.z[i] = self.z[i] - (self.z[i] * r) // 65536
+        self.n = min(self.n + 1, 250)
+
+
 class Range:
-    """The decoder where there are coded bytes; else the encoder, which is told each bit."""
+    """The decoder where there are coded bytes; else the encoder, which is told each bit.
+
+    The number is one integer, and raw bits are a list: slow, and nothing to get wrong.
+    """
 
     def __init__(self, coded: bytes | None = None):
-        self.coded, self.out, self.n = coded, bytearray(), 0
-        self.x1, self.x2 = 0, 2**32 - 1
-        self.x = 0
-        for at in range(4):
-            self.x = 256 * self.x + self.byte(at)
+        self.coded, self.n, self.width, self.low = coded, 15, 32768, 0
+        self.raw: list[int] = []
+        self.x = self.read(15) if coded is not None else 0
 
-    def byte(self, at: int) -> int:
-        return self.coded[at] if self.coded is not None and at < len(self.coded) else 0
+    def read(self, n: int) -> int:
+        """The first n bits of the number."""
+        number = int.from_bytes(self.coded, "big")
+        over = n - 8 * len(self.coded)
+        return number << over if over >= 0 else number >> -over
 
-    def code(self, model: Bit | None, b: int | None = None) -> int:
-        chance = model.chance() if model else 32768
-        r = self.x2 - self.x1
-        m = self.x1 + (r // 65536) * chance + ((r % 65536) * chance) // 65536
+    def take(self, lower: int, width: int) -> None:
+        self.low, self.x, self.width = self.low + lower, self.x - lower, width
+        while self.width < 32768:
+            self.width, self.low, self.n = 2 * self.width, 2 * self.low, self.n + 1
+            if self.coded is not None:
+                self.x = 2 * self.x + self.read(self.n) % 2
+
+    def code(self, model: Bit, b: int | None = None) -> int:
+        m = (self.width * model.chance()) // 65536
         if self.coded is not None:
-            b = 1 if self.x <= m else 0
-        if b:
-            self.x2 = m
-        else:
-            self.x1 = m + 1
-        while self.x1 // 2**24 == self.x2 // 2**24:
-            self.out.append(self.x1 // 2**24)
-            self.x1 = (self.x1 % 2**24) * 256
-            self.x2 = (self.x2 % 2**24) * 256 + 255
-            self.x = (self.x % 2**24) * 256 + self.byte(self.n + 4)
-            self.n += 1
-        if model:
-            model.learn(b)
+            b = 1 if self.x < m else 0
+        self.take(*((0, m) if b else (m, self.width - m)))
+        model.learn(b)
         return b
 
+    def symbol(self, model: Symbols, s: int | None = None) -> int:
+        v = [((self.width - 16) * model.z[i]) // 65536 + 15 - i for i in range(15)] + [0]
+        if self.coded is not None:
+            s = next(i for i in range(16) if self.x >= v[i])
+        self.take(v[s], (v[s - 1] if s > 0 else self.width) - v[s])
+        model.learn(s)
+        return s
+
     def number(self, bits: int, value: int | None = None) -> int:
-        """Raw bits, highest first."""
+        """Raw bits, lowest first."""
         out = 0
-        for i in range(bits - 1, -1, -1):
-            out = 2 * out + self.code(None, None if value is None else value // 2**i % 2)
+        for i in range(bits):
+            if self.coded is None:
+                bit = value // 2**i % 2
+            else:
+                at = len(self.raw)
+                byte = self.coded[-1 - at // 8] if at // 8 < len(self.coded) else 0
+                bit = byte // 2 ** (at % 8) % 2
+            self.raw.append(bit)
+            out += bit * 2**i
         return out
 
     def end(self) -> bytes:
-        for k in range(5):
-            unit = 2 ** (32 - 8 * k)
-            v = -(-self.x1 // unit) * unit
-            if v <= self.x2:
-                return (v // unit).to_bytes(k, "big")
-        raise AssertionError
+        """All coded bytes."""
+        for r in (15, 14):
+            v = -(-self.low // 2**r) * 2**r
+            if v + 2**r <= self.low + self.width:
+                break
+        size = -(-(self.n - r + len(self.raw)) // 8)
+        whole = v // 2**r * 2 ** (8 * size - self.n + r)
+        return (whole + sum(bit * 2**i for i, bit in enumerate(self.raw))).to_bytes(size, "big")
 
     def finish(self) -> bytes:
         """All coded bytes; RNG-001."""
-        whole = bytes(self.out) + self.end()
-        if self.coded is not None and (
-            len(self.coded) != self.n + len(self.end()) or self.coded[self.n :] != self.end()
-        ):
+        if self.coded is not None and self.coded != self.end():
             raise BrokenRule("RNG-001")
-        return whole
+        return self.end()
 
 
 def bits_of(v: int) -> int:
     return 0 if v == 0 else floor(log2(v)) + 1
 
 
+EDGES = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 20, 28, 44]
+EXTRA = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 2, 3, 4]
+
+
+def first(c: int) -> list[int]:
+    lg, fr = (c + 8) // 4, (c + 8) % 4
+    m = ((9 + 2 * fr) * 2**lg) // 8 + 5
+    t = (65536 * m) // (m + 256)
+    tail = [65536]
+    for w in range(1, 45):
+        tail.append(tail[w - 1] * t // 65536)
+    return [tail[EDGES[i + 1]] for i in range(15)]
+
+
 class Integers:
     """The integer model."""
 
-    def __init__(self):
-        self.f = self.s = self.t = self.g = 0
-        self.z = [[Bit() for _ in range(80)] for _ in range(40)]
-        self.m = [[Bit() for _ in range(80)] for _ in range(40)]
+    def __init__(self, raw_signs: bool = False):
+        self.f = self.s = 32
+        self.t = self.g = 0
+        self.z = [Symbols(first(c), 10) for c in range(36)]
+        self.y = Symbols([4096 * (15 - i) for i in range(15)], 2)
         self.signs = [Bit() for _ in range(3)]
+        self.raw_signs = raw_signs
 
     def code(self, coder: Range, e: int | None = None) -> int:
         """The next integer; the one that is given, where ``coder`` encodes."""
         u = None if e is None else abs(e)
         mean = (self.f + self.s) // 2
         lg = floor(log2(mean)) if mean else 0
-        fr = (mean // 2 ** (lg - 2)) % 4 if lg >= 2 else (mean * 2 ** (2 - lg)) % 4
+        fr = ((mean * 4) // 2**lg) % 4
         h = max(0, lg - 10)
-        c = 36 + fr if h > 0 else clamp(4 * lg + fr - 8, 0, 35)
-        # 1 and 2
-        k = 0
-        target = None if u is None else self.bucket(u // 2**h)
-        while coder.code(self.z[c][k], None if u is None else int(k < target)):
-            k += 1
-            if k == 80:
-                raise BrokenRule("RNG-002")
-        w = k
-        if k >= 12:
-            half = (k - 8) // 2
-            rest = None if u is None else (u // 2**h - 8) % 2 ** (half - 1)
-            w = 8 + (2 + k % 2) * 2 ** (half - 1) + coder.number(half - 1, rest)
-        if w >= 2 ** (34 - h):
-            raise BrokenRule("RNG-003")
+        c = max(0, 4 * min(lg, 10) + fr - 8)
+        # 1
+        w = None if u is None else u // 2**h
+        k = coder.symbol(
+            self.z[c], None if u is None else max(i for i in range(16) if EDGES[i] <= w)
+        )
+        # 2
+        if k == 15:
+            length = None if u is None else floor(log2(w - 43))
+            some = coder.symbol(self.y, None if u is None else min(length, 15))
+            if some == 15:
+                some += coder.number(5, None if u is None else length - 15)
+            rest = coder.number(some, None if u is None else w - 43 - 2**some)
+            got = (2**some + rest + 43) * 2**h + coder.number(h, None if u is None else u % 2**h)
         # 3
-        got = w * 2**h
-        if h > 0:
-            top = coder.code(self.m[c][k], None if u is None else u // 2 ** (h - 1) % 2)
-            low = None if u is None else u % 2 ** (h - 1)
-            got += top * 2 ** (h - 1) + coder.number(h - 1, low)
+        else:
+            low = EDGES[k] * 2**h
+            got = low + coder.number(EXTRA[k] + h, None if u is None else u - low)
+        if got >= 2**34:
+            raise BrokenRule("RNG-003")
         # 4
         sign = 0
         if got > 0:
-            sign = -1 if coder.code(self.signs[self.g + 1], None if e is None else e < 0) else 1
+            minus = None if e is None else int(e < 0)
+            if self.raw_signs:
+                sign = -1 if coder.number(1, minus) else 1
+            else:
+                sign = -1 if coder.code(self.signs[self.g + 1], minus) else 1
         self.g = sign
         a = min(7, bits_of(self.t + 1))
         self.f += (256 * got - self.f) // 8
         self.s += (256 * got - self.s) // 2**a
         self.t += 1
         return sign * got
-
-    @staticmethod
-    def bucket(w: int) -> int:
-        if w < 12:
-            return w
-        v = w - 8
-        half = floor(log2(v))
-        return 2 * half + 8 + (v // 2 ** (half - 1)) % 2
 
 
 def step_up(ks: list[int]) -> list[int]:
@@ -177,9 +217,9 @@ def step_up(ks: list[int]) -> list[int]:
     return c
 
 
-def code_samples(coder, span, g, c, base, repeats, last, indices=None):
+def code_samples(coder, span, g, c, base, repeats, raw_signs, last, indices=None):
     """The loop over the ticks of a packet that is not constant; the indices."""
-    model, q = Integers(), [Bit() for _ in range(4)]
+    model, q = Integers(raw_signs), [Bit() for _ in range(4)]
     out, z, y, r = [], [], [], []
 
     def difference(row, order, t):
@@ -256,11 +296,11 @@ def decode(data: bytes, span: int, last: int) -> list[int]:
     if len(data) < 2 or len(data) < 2 + data[1]:
         raise BrokenRule("LPC-006")
     flags, m = data[:2]
-    g, repeats, constant = flags % 8, flags // 8 % 2, flags // 16 % 2
+    g, repeats, constant, raw_signs = flags % 8, flags // 8 % 2, flags // 16 % 2, flags // 32 % 2
     ks = [byte - 256 * (byte > 127) for byte in data[2 : 2 + m]]
-    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks or flags >= 32:
+    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks or flags >= 64:
         raise BrokenRule("LPC-004")
-    if constant and (g or m or repeats):
+    if constant and (g or m or repeats or raw_signs):
         raise BrokenRule("LPC-004")
     number, at = varint(data, 2 + m)
     base = signed(number)
@@ -272,20 +312,20 @@ def decode(data: bytes, span: int, last: int) -> list[int]:
             raise BrokenRule("COD-001")
         return [base] * span
     coder = Range(coded)
-    out = code_samples(coder, span, g, step_up(ks), base, repeats, last)
+    out = code_samples(coder, span, g, step_up(ks), base, repeats, raw_signs, last)
     coder.finish()
     return out
 
 
-def encode(indices: list[int], g=0, ks=(), base=0, repeats=False, *, last=2**32, forge=False):
+def encode(indices, g=0, ks=(), base=0, repeats=False, raw_signs=False, *, last=2**32, forge=False):
     """A packet that is not constant; ``forge``: it may end with what breaks a rule."""
     coder = Range()
     try:
-        code_samples(coder, len(indices), g, step_up(ks), base, repeats, last, indices)
+        code_samples(coder, len(indices), g, step_up(ks), base, repeats, raw_signs, last, indices)
     except BrokenRule:
         if not forge:
             raise
-    header = bytes([g + 8 * repeats, len(ks)]) + bytes(k % 256 for k in ks)
+    header = bytes([g + 8 * repeats + 32 * raw_signs, len(ks)]) + bytes(k % 256 for k in ks)
     return header + svarint_bytes(base) + coder.finish()
 
 
@@ -327,7 +367,7 @@ class Magnitudes:
         if b < 2:
             return b
         high = coder.code(self.hs[b], None if u is None else u // 2 ** (b - 2) % 2)
-        return (2 + high) * 2 ** (b - 2) + coder.number(b - 2, u)
+        return (2 + high) * 2 ** (b - 2) + coder.number(b - 2, None if u is None else u % 2 ** (b - 2))
 
 
 def code_knots(coder, f, linear, span, first, last, knots=None):

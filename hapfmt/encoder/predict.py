@@ -1,17 +1,19 @@
 """Which predictor a packet of LPCR gets: fixed polynomials and LPC, by description length.
 
 Reflection coefficients are quantised in the arcsine domain, where steps are finest near 1 (J. D.
-Markel, A. H. Gray, "Linear Prediction of Speech", Springer 1976).
+Markel, A. H. Gray, "Linear Prediction of Speech", Springer 1976). The loops are in kernels/ too, and
+give the same numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from math import asin, pi
+from dataclasses import replace
+from math import inf, log2, pi, sin
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codecs import predicted
 from ..codecs.adaptive import ERROR_BITS
 from ..codecs.predicted import (
     DIFFERENCE_LIMIT,
@@ -20,109 +22,244 @@ from ..codecs.predicted import (
     Predictor,
     differences,
     encode_indices,
-    step_ups,
 )
 
-ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 20, 24, 32)
-"""LPC orders that are tried; between them the size hardly changes."""
+Indices = NDArray[np.int64]
 
-FINALISTS = 3
-"""Predictors whose packets are really written, the smallest is kept: the estimate is within 2 %."""
+ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 20, 24, 28, 32)
+"""LPC orders that are weighed; between them the size hardly changes."""
 
-ERROR_LIMIT = 1 << ERROR_BITS
-"""Prediction errors beyond it cannot be coded (SPEC RNG-003): differences of 32-bit extremes."""
+TRIED = (3, 8, 20)
+"""Loud parts of a packet ask for more coefficients than the quiet rest repays: these orders are
+tried as well."""
 
-BLOCK = 32
-"""Samples whose scale is taken to be the same."""
+COEFFICIENT_COST = 8
+"""Bits."""
 
 REPEAT_SHARE = 0.02
 """From this share of unchanged samples on, coding them as such is tried."""
+
+DOUBT = 0.1
+"""Where the estimates with and without it are nearer than this, both packets are written."""
+
+SIGN_SHARE = 0.002
+"""Signs are raw bits, which take no time, where modelling them saves less than this."""
+
+SCALED_BITS, SUM_BLOCK, COST_BLOCK = 18, 4096, 32
 
 NOISE = 1e-9
 """Added to the autocorrelation at lag 0, relatively, beside the rounding noise of 1/12 a sample:
 near-singular signals (a sine, 20 Hz at 10 kHz) have reflections of magnitude 1 otherwise."""
 
+LIMITS = np.array([sin(pi * (2 * k + 1) / 512) for k in range(127)])
+"""Where one reflection coefficient ends and the next begins."""
 
-def encode_best(indices: NDArray[np.int64]) -> bytes:
+
+def encode_best(indices: Indices) -> bytes:
     """The smallest packet found."""
     if (indices == indices[0]).all():
         return encode_indices(indices, Predictor())
-    ranked = sorted(candidates(indices), key=lambda pair: pair[0])[:FINALISTS]
-    tried = [predictor for _, predictor in ranked]
-    packets = [(encode_indices(indices, predictor), predictor) for predictor in tried]
-    best, predictor = min(packets, key=lambda pair: len(pair[0]))
-    unchanged = np.count_nonzero(np.diff(indices) == 0) / indices.size
-    if unchanged > REPEAT_SHARE:
-        marked = Predictor(predictor.difference, predictor.reflections, predictor.base, True)
-        other = encode_indices(indices, marked)
-        best = min(best, other, key=len)
-    return best
+    plain = np.ascontiguousarray(indices, np.int64)
+    bits, predictor = choose_predictor(plain)
+    ways = [predictor]
+    if np.count_nonzero(plain[1:] == plain[:-1]) > REPEAT_SHARE * plain.size:
+        marked = replace(predictor, repeats=True)
+        extent = max(-int(plain.min()), int(plain.max()))
+        other, _ = estimate(plain, marked, extent, counted=True)
+        if other < (1 + DOUBT) * bits:
+            ways = [marked] if other < (1 - DOUBT) * bits else [predictor, marked]
+    return min((encode_indices(plain, way) for way in ways), key=len)
 
 
-def quick_estimate(indices: NDArray[np.int64]) -> float:
+def quick_estimate(indices: Indices) -> float:
     """Bits of a packet by the best of the first three fixed polynomials."""
+    plain = np.ascontiguousarray(indices, np.int64)
+    extent = max(-int(plain.min()), int(plain.max()))
+    first, mean = int(plain[0]), int(np.floor(plain.mean() + 0.5))
+    return min(
+        estimate(plain, Predictor(order, (), base), extent)[0]
+        for order, base in enumerate((mean, first, first))
+    )
+
+
+def choose_predictor(indices: Indices) -> tuple[float, Predictor]:
+    """(bits, predictor): fixed polynomials while each is better than the one before, then LPC of either difference."""
+    extent = max(-int(indices.min()), int(indices.max()))
     first, mean = int(indices[0]), int(np.floor(indices.mean() + 0.5))
-    bases = mean, first, first
-    return min(estimate(differences(indices - base, order)) for order, base in enumerate(bases))
+    least, best = inf, Predictor()
+
+    def weigh(predictor: Predictor) -> float:
+        nonlocal least, best
+        bits, _ = estimate(indices, predictor, extent)
+        if bits < least:
+            least, best = bits, predictor
+        return bits
+
+    before = inf
+    for difference in range(DIFFERENCE_LIMIT + 1):
+        bits = weigh(Predictor(difference, (), first if difference else mean))
+        if bits >= before:
+            break
+        before = bits
+    tried = [
+        (weigh(predictor), reflections)
+        for predictor, reflections in (
+            linear_predictor(indices, 0, mean),
+            linear_predictor(indices, 1, first),
+        )
+        if reflections
+    ]
+    if tried:
+        _, reflections = min(tried, key=lambda pair: pair[0])
+        better = 0 if reflections is tried[0][1] else 1
+        for order in TRIED:
+            weigh(Predictor(better, tuple(reflections[:order]), first if better else mean))
+    bits, saved = estimate(indices, best, extent, counted=True)
+    return bits, replace(best, raw_signs=saved < SIGN_SHARE * bits)
 
 
-def candidates(indices: NDArray[np.int64]) -> Iterator[tuple[float, Predictor]]:
-    """(estimated bits, predictor)"""
-    first, mean = int(indices[0]), int(np.floor(indices.mean() + 0.5))
-    for order in range(DIFFERENCE_LIMIT + 1):
-        predictor = Predictor(order, (), first if order else mean)
-        e = differences(indices - predictor.base, order)
-        if np.abs(e).max() < ERROR_LIMIT:
-            yield estimate(e), predictor
-    for order, base in ((0, mean), (1, first)):
-        y = differences(indices - base, order)
-        reflections = levinson(y)
-        for used, c in enumerate(step_ups(reflections), 1):
-            if used not in ORDERS or c is None:
-                continue
-            left = prediction_errors(y, c)
-            if left is not None and np.abs(left).max() < ERROR_LIMIT:
-                yield estimate(left) + 8 * used, Predictor(order, tuple(reflections[:used]), base)
+def linear_predictor(
+    indices: Indices, difference: int, base: int
+) -> tuple[Predictor, list[int]]:
+    """The best by the energies that the recursion leaves, and all its reflection coefficients."""
+    reflections, energies = levinson(autocorrelations(indices, difference, base), indices.size)
+    weighed = [
+        (indices.size / 2 * log2(energies[m - 1]) + COEFFICIENT_COST * m, m)
+        for m in ORDERS
+        if m <= len(energies) and energies[m - 1] > 0
+    ]
+    order = min(weighed)[1] if weighed else 0
+    return Predictor(difference, tuple(reflections[:order]), base), reflections
 
 
-def prediction_errors(y: NDArray[np.int64], c: list[int]) -> NDArray[np.int64] | None:
-    """What is left of y; float64 sums are exact below 2**53, in any order."""
-    if np.abs(y).max() * np.abs(c).sum() >= 1 << 52:
-        return None
-    sums = np.convolve(y[:-1].astype(np.float64), np.array(c, np.float64))[: y.size - 1]
-    predicted = np.zeros(y.size, np.int64)
-    predicted[1:] = (sums.astype(np.int64) + (1 << (SHIFT - 1))) >> SHIFT
-    return y - predicted
+def autocorrelations(indices: Indices, order: int, base: int) -> list[int]:
+    """Sums of x[i] * x[i + lag], lag 0 to 32, x being the differences scaled to 18 bits."""
+    if predicted.compiled is not None:
+        sums = np.zeros(ORDER_LIMIT + 1, np.int64)
+        predicted.compiled.autocorrelate(indices, order, base, sums)
+        return sums.tolist()
+    y = differences(indices - base, order)
+    bits = int(np.bitwise_or.reduce(np.abs(y))).bit_length()
+    x = np.concatenate((np.zeros(ORDER_LIMIT), y >> max(bits - SCALED_BITS, 0)))
+    found = [0] * (ORDER_LIMIT + 1)
+    for start in range(ORDER_LIMIT, x.size, SUM_BLOCK):
+        now = x[start : start + SUM_BLOCK]
+        for lag in range(ORDER_LIMIT + 1):
+            # Not np.dot: threads of a BLAS wait longer for each other than these sums take.
+            then = x[start - lag : start - lag + now.size]
+            found[lag] += int(np.einsum("i,i->", now, then))
+    return found
 
 
-def estimate(e: NDArray[np.int64]) -> float:
-    """Bits of Laplacian prediction errors whose scale is that of their block."""
-    whole = e.size // BLOCK * BLOCK
-    magnitude = np.abs(e).astype(np.float64)
-    means = magnitude[:whole].reshape(-1, BLOCK).mean(axis=1)
-    bits = BLOCK * np.log2(1 + 2 * np.e * means).sum()
-    rest = magnitude[whole:]
-    return float(bits + (rest.size * np.log2(1 + 2 * np.e * rest.mean()) if rest.size else 0))
-
-
-def levinson(y: NDArray[np.int64]) -> list[int]:
-    """Indices of the quantised reflection coefficients, up to order 32; fewer where the
-    recursion has nothing left to predict."""
-    # An exact power of two keeps squares of 32-bit counts within float64.
-    bits = int(np.abs(y).max()).bit_length()
-    x = np.ldexp(y.astype(np.float64), -bits)
-    n = x.size
-    orders = min(ORDER_LIMIT, n - 1)
-    # Not np.dot: threads of a BLAS wait longer for each other than these sums take.
-    r = np.array([np.einsum("i,i->", x[: n - lag], x[lag:]) for lag in range(orders + 1)])
-    error = r[0] * (1 + NOISE) + n * 4.0**-bits / 12
-    p = np.zeros(0)
-    found: list[int] = []
-    for order in range(1, orders + 1):
-        k = (r[order] - float((p * r[order - 1 : 0 : -1]).sum())) / error if error > 0 else 0.0
+def levinson(sums: list[int], size: int) -> tuple[list[int], list[float]]:
+    """Indices of the quantised reflection coefficients, fewer than 32 where the recursion has
+    nothing left to predict; and the energy that each leaves."""
+    r = [float(s) for s in sums]
+    r[0] = r[0] * (1 + NOISE) + size / 12
+    orders = min(ORDER_LIMIT, size - 1)
+    if predicted.compiled is not None:
+        found, left = np.zeros(ORDER_LIMIT, np.int8), np.zeros(ORDER_LIMIT)
+        order = predicted.compiled.levinson(np.array(r), orders, LIMITS, found, left)
+        return found[:order].tolist(), left[:order].tolist()
+    reflections: list[int] = []
+    energies: list[float] = []
+    error, p = r[0], [0.0] * 0
+    for order in range(orders):
+        total = 0.0
+        for j in range(order):
+            total += p[j] * r[order - j]
+        k = (r[order + 1] - total) / error if error > 0 else 1.0
         if not abs(k) < 1:
             break
-        found.append(min(max(round(asin(k) * 256 / pi), -127), 127))
-        p = np.append(p - k * p[::-1], k)
+        index = int(np.searchsorted(LIMITS, abs(k), side="right"))
+        reflections.append(-index if k < 0 else index)
+        p = [p[j] - k * p[order - 1 - j] for j in range(order)] + [k]
         error *= 1 - k * k
-    return found
+        energies.append(error)
+    return reflections, energies
+
+
+def estimate(
+    indices: Indices, predictor: Predictor, extent: int, *, counted: bool = False
+) -> tuple[float, float]:
+    """(bits, those that modelling the signs saves), all samples being within ``extent`` of 0.
+
+    The bits are those of Laplacian prediction errors whose scale is that of their block, infinite
+    where one of them cannot be coded (SPEC RNG-003, LPC-005). ``counted``: signs and repeats by
+    what their models make of them, which takes longer; else a sign is a bit.
+    """
+    c = predictor.coefficients
+    if c is None:
+        return inf, 0.0
+    counts = np.zeros(15, np.int64)
+    if predicted.compiled is not None:
+        cost = predicted.compiled.estimate(
+            np.array(c, np.int32), predictor.difference, predictor.repeats, counted,
+            predictor.base, max(extent, abs(predictor.base)), indices, counts,
+        )  # fmt: skip
+    else:
+        cost = cost_of(indices, predictor, c, counts, counted=counted)
+    if cost < 0:
+        return inf, 0.0
+    pairs = counts[:-1].reshape(7, 2).tolist()
+    saved = sum(saving(*pair) for pair in pairs[:3])
+    # What is modelled takes what raw bits would, less what that saves.
+    marks = sum(sum(pair) - saving(*pair) for pair in pairs[3:])
+    return cost / 256 + int(counts[-1]) - saved + marks + COEFFICIENT_COST * len(c), saved
+
+
+def cost_of(
+    indices: Indices, predictor: Predictor, c: list[int], counts: Indices, *, counted: bool
+) -> int:
+    """256 times the bits without signs and repeats, log2(1 + 2e * mean) for each of a block; -1
+    where an error cannot be coded.
+
+    ``counts`` [15]: positive and negative ones after a negative one, none, a positive one; then
+    the zeros and ones that say that a sample repeats, for each of their models; and all that are
+    not 0. Where they are not ``counted``, the last alone.
+    """
+    y = differences(indices - predictor.base, predictor.difference)
+    e = prediction_errors(y, c)
+    blocks = np.arange(e.size) // COST_BLOCK
+    if predictor.repeats:
+        same = np.concatenate(([0], (indices[1:] == indices[:-1]).astype(np.int64)))
+        models = 2 * same[:-1] + np.concatenate(([0], same[:-2]))
+        counts[6:-1] = np.bincount(2 * models + same[1:], minlength=8)
+        e, blocks = e[same == 0], blocks[same == 0]
+    magnitudes, signs = np.abs(e), np.sign(e)
+    if int(magnitudes.max()) >> ERROR_BITS:
+        return -1
+    some = signs != 0
+    counts[-1] = np.count_nonzero(some)
+    if counted:
+        after = np.concatenate(([0], signs[:-1]))[some]
+        counts[:6] = np.bincount(2 * after + 2 + (signs[some] < 0), minlength=6)
+    first = np.flatnonzero(np.diff(blocks, prepend=-1))
+    sums = np.add.reduceat(magnitudes, first)
+    sizes = np.diff(np.append(first, e.size))
+    return int((sizes * (logs(16 * sizes + 87 * sums) - logs(16 * sizes))).sum())
+
+
+def prediction_errors(y: Indices, c: list[int]) -> Indices:
+    """What is left of y; float64 sums are exact below 2**53, in any order."""
+    if not c:
+        return y
+    exact = int(np.abs(y).max()) * sum(map(abs, c)) < 1 << 52
+    dtype = np.float64 if exact else np.int64
+    sums = np.convolve(y[:-1].astype(dtype), np.array(c, dtype))[: y.size - 1]
+    predictions = np.zeros(y.size, np.int64)
+    predictions[1:] = (sums.astype(np.int64) + (1 << (SHIFT - 1))) >> SHIFT
+    return y - predictions
+
+
+def logs(v: Indices) -> Indices:
+    """256 times the binary logarithm, the mantissa taken for its own logarithm."""
+    lg = np.frexp(v.astype(np.float64))[1].astype(np.int64) - 1
+    mantissa = np.where(lg >= 8, v >> np.maximum(lg - 8, 0), v << np.maximum(8 - lg, 0))
+    return np.asarray(256 * lg + (mantissa & 255))
+
+
+def saving(a: int, b: int) -> float:
+    """Bits that modelling a + b bits saves, a of them zeros."""
+    n = a + b
+    return n + sum(x * log2(x / n) for x in (a, b) if x) if n else 0.0

@@ -14,8 +14,9 @@ Buffer = bytes | bytearray | NDArray[Any]
 
 
 class Loop(Protocol):
-    """(packet, coefficients int32, difference, repeats, base, limit, indices int64) -> (status,
-    bytes of the packet read or written); the last argument, or for encoding the first, is filled.
+    """(packet, coefficients int32, difference, repeats, raw signs, base, limit, indices int64) ->
+    (status, bytes of the packet read or written); the last argument, or for encoding the first,
+    is filled.
     """
 
     def __call__(
@@ -24,6 +25,7 @@ class Loop(Protocol):
         coefficients: Buffer,
         difference: int,
         repeats: bool,
+        raw_signs: bool,
         base: int,
         limit: int,
         indices: Buffer,

@@ -1,0 +1,174 @@
+/* What the encoder asks about a packet before it writes it. The readable twin is
+   hapfmt/encoder/predict.py; both give the same numbers, bit for bit: sums are exact, and the few
+   steps in floating point are taken in the same order. */
+#ifndef HAPFMT_SEARCH_H
+#define HAPFMT_SEARCH_H
+
+#include "lpcr.h"
+
+enum { SCALED_BITS = 18, SUM_BLOCK = 4096, COST_BLOCK = 32, LAGS = ORDERS + 1 };
+enum { LANES = 12, ROOM = 36 };
+
+/* sums[k] of now[i] * then[i + k] */
+INLINE void products(const double *now, const double *then, int64_t n, double *sums)
+{
+#ifdef VECTORS
+    __m128d a[LANES / 2];
+    for (int k = 0; k < LANES / 2; k++) a[k] = _mm_setzero_pd();
+    for (int64_t i = 0; i < n; i++) {
+        __m128d x = _mm_set1_pd(now[i]);
+        for (int k = 0; k < LANES / 2; k++)
+            a[k] = _mm_add_pd(a[k], _mm_mul_pd(x, _mm_loadu_pd(then + i + 2 * k)));
+    }
+    for (int k = 0; k < LANES / 2; k++) _mm_storeu_pd(sums + 2 * k, a[k]);
+#else
+    for (int k = 0; k < LANES; k++) sums[k] = 0;
+    for (int64_t i = 0; i < n; i++)
+        for (int k = 0; k < LANES; k++) sums[k] += now[i] * then[i + k];
+#endif
+}
+
+/* Sums of x[i] * x[i + lag], x being the differences shifted to at most 18 bits: products below 2^36,
+   4096 of them below 2^48, so doubles are exact in any order. */
+static void autocorrelate(const int64_t *indices, int64_t count, int g, int64_t base, int64_t *sums)
+{
+    double x[ROOM + SUM_BLOCK];
+    int64_t y[PIECE];
+    uint64_t most = 0;
+    memset(sums, 0, LAGS * sizeof *sums);
+    for (int64_t from = 0; from < count; from += PIECE) {
+        int64_t n = count - from < PIECE ? count - from : PIECE;
+        differences(indices, from, n, g, base, y);
+        for (int64_t i = 0; i < n; i++) most |= (uint64_t)(y[i] < 0 ? -y[i] : y[i]);
+    }
+    int shift = bit_length(most) - SCALED_BITS;
+    if (shift < 0) shift = 0;
+    memset(x, 0, sizeof x);
+    for (int64_t from = 0; from < count; from += SUM_BLOCK) {
+        int64_t n = count - from < SUM_BLOCK ? count - from : SUM_BLOCK;
+        /* x[ROOM] ... are the block, the ROOM before it those that they are multiplied with. */
+        for (int64_t at = 0; at < n; at += PIECE) {
+            int64_t some = n - at < PIECE ? n - at : PIECE;
+            differences(indices, from + at, some, g, base, y);
+            for (int64_t i = 0; i < some; i++) x[ROOM + at + i] = (double)(y[i] >> shift);
+        }
+        for (int lag = 0; lag < ROOM; lag += LANES) {
+            double a[LANES];
+            products(x + ROOM, x + ROOM - lag - (LANES - 1), n, a);
+            for (int k = 0; k < LANES && lag + k < LAGS; k++) sums[lag + k] += (int64_t)a[LANES - 1 - k];
+        }
+        memmove(x, x + n, ROOM * sizeof *x);
+    }
+}
+
+/* Reflection coefficients nearest in the arcsine domain, ``limits`` being the middles between them,
+   and the energy left after each; how many there are. */
+static int levinson(const double *r, int orders, const double *limits, int8_t *found, double *energies)
+{
+    double p[ORDERS], before[ORDERS], error = r[0];
+    int order = 0;
+    while (order < orders && error > 0) {
+        double sum = 0;
+        for (int j = 0; j < order; j++) sum += p[j] * r[order - j];
+        double k = (r[order + 1] - sum) / error, magnitude = k < 0 ? -k : k;
+        if (!(magnitude < 1)) break;
+        int low = 0, high = 127;
+        while (low < high) {
+            int middle = (low + high) / 2;
+            if (magnitude < limits[middle]) high = middle; else low = middle + 1;
+        }
+        found[order] = (int8_t)(k < 0 ? -low : low);
+        memcpy(before, p, (size_t)order * sizeof *p);
+        for (int j = 0; j < order; j++) p[j] = before[j] - k * before[order - 1 - j];
+        p[order] = k;
+        error *= 1 - k * k;
+        energies[order++] = error;
+    }
+    return order;
+}
+
+/* 256 times the binary logarithm, the mantissa taken for its own logarithm. */
+INLINE int64_t log_of(uint64_t v)
+{
+    int lg = bit_length(v) - 1;
+    return 256 * lg + (int64_t)((lg >= 8 ? v >> (lg - 8) : v << (8 - lg)) & 255);
+}
+
+enum { COUNTS = 15 };
+
+/* 256 times the bits of the prediction errors without their signs, -1 where one cannot be coded. The
+   last of the counts is how many are not 0. ``counted``: the first are how many are positive and
+   negative after a negative one, none, a positive one. With repeats, which go with it, unchanged
+   samples are left out, and between stands how many of the bits that say so are 0 and 1 with each of
+   their models. */
+static int64_t estimate(const plan *p, int counted, const int64_t *indices, int64_t *counts)
+{
+    filter f;
+    int64_t y[ORDERS + PIECE] = {0}, e[PIECE], cost = 0;
+    int last = 0, recent = 0;
+    memset(counts, 0, COUNTS * sizeof *counts);
+    filter_init(&f, p);
+    for (int64_t from = 0; from < p->span; from += PIECE) {
+        int64_t count = p->span - from < PIECE ? p->span - from : PIECE;
+        differences(indices, from, count, p->difference, p->base, y + ORDERS);
+        errors_of(&f, y, count, e);
+        memmove(y, y + count, ORDERS * sizeof *y);
+        for (int64_t at = 0; at < count; at += COST_BLOCK) {
+            int64_t end = count - at < COST_BLOCK ? count : at + COST_BLOCK, some = 0;
+            uint64_t sum = 0, most = 0;
+            if (!counted) {
+                uint64_t zeros = 0;
+                for (int64_t i = at; i < end; i++) {
+                    uint64_t u = (uint64_t)(e[i] < 0 ? -e[i] : e[i]);
+                    most |= u;
+                    sum += u;
+                    zeros += u == 0;
+                }
+                some = end - at;
+                counts[COUNTS - 1] += some - (int64_t)zeros;
+            } else for (int64_t i = at; i < end; i++) {
+                if (p->repeats && from + i) {
+                    int same = indices[from + i] == indices[from + i - 1];
+                    counts[6 + 2 * recent + same]++;
+                    recent = 2 * same + (recent >> 1);
+                    if (same) continue;
+                }
+                uint64_t u = (uint64_t)(e[i] < 0 ? -e[i] : e[i]);
+                int sign = (e[i] > 0) - (e[i] < 0);
+                most |= u;
+                sum += u;
+                some++;
+                counts[2 * last + 2 + (sign < 0)] += sign != 0;
+                counts[COUNTS - 1] += sign != 0;
+                last = sign;
+            }
+            if (most >> ERROR_BITS) return -1;
+            if (some)
+                cost += some * (log_of(16 * (uint64_t)some + 87 * sum) - log_of(16 * (uint64_t)some));
+        }
+    }
+    return cost;
+}
+
+/* c[1..m] of SPEC 9.5; 0 where LPC-005 is broken. Twice a product stays below 2^53. */
+static int step_up(const int8_t *reflections, int order, const int32_t *sines, int32_t *out)
+{
+    int64_t p[ORDERS], before[ORDERS];
+    for (int n = 0; n < order; n++) {
+        int at = reflections[n];
+        int64_t k = at < 0 ? -sines[-at] : sines[at];
+        memcpy(before, p, (size_t)n * sizeof *p);
+        for (int j = 0; j < n; j++) p[j] = before[j] - ((2 * k * before[n - 1 - j] + (1 << 15)) >> 16);
+        p[n] = k * 32;
+        for (int j = 0; j <= n; j++)
+            if (p[j] > (int64_t)1 << 36 || p[j] < -((int64_t)1 << 36)) return 0;
+    }
+    for (int j = 0; j < order; j++) {
+        int64_t c = (2 * p[j] + 128) >> 8;
+        if (c > COEFFICIENT_LIMIT || c < -COEFFICIENT_LIMIT) return 0;
+        out[j] = (int32_t)c;
+    }
+    return 1;
+}
+
+#endif
