@@ -437,7 +437,7 @@ FAULTS = [
     Fault("KTE-003", 103, "a gap of 25 bits", further(b"\0\1\0")),
     Fault("KTE-004", 102, "a knot at tick 2 of 2",
           further(page.encode_knots([(0, [0]), (2, [1])], False, 2, forge=True))),
-    Fault("LPC-003", 108, "index 2^24 + 1",
+    Fault("LPC-003", 105, "index 2^24 + 1",
           further(page.encode_knots([(0, [0]), (1, [2**24 + 1])], False, 2, forge=True))),
     Fault("RNG-001", 102, "a byte after the knots",
           further(page.encode_knots([(0, [0]), (1, [1])], False, 2) + b"\0")),
