@@ -7,6 +7,7 @@ setup(
         Extension(
             "hapfmt.kernels._kernels",
             ["hapfmt/kernels/_kernels.c"],
+            depends=["hapfmt/kernels/exact.h"],
             extra_compile_args=["-O3", "-std=c99"],
             py_limited_api=True,
             optional=True,

@@ -15,6 +15,7 @@ from ..container.track import Track
 from ..errors import ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..recording import Channel, Recording
+from .exact import encode_doubles
 from .groups import group_units
 from .lattice import to_counts
 from .settings import Settings
@@ -74,26 +75,32 @@ def encode(
     settings = settings or Settings()
     if len(recording) > LAST_TRACK_ID // 2:
         raise ParameterError(f"a recording has at most {LAST_TRACK_ID // 2} channels")
-    prepared = [
-        to_counts(channel, settings.tolerance_for(channel)) for channel in recording.channels
-    ]
+    originals = [as_recorded(channel) for channel in recording.channels]
+    prepared = [to_counts(channel, settings.tolerance_for(channel)) for channel in originals]
     cluster = settings.cluster_of(recording)
     units: list[Unit] = []
     decisions: list[Decision] = []
     groups = group_units(
         [channel for channel, _ in prepared],
-        recording.channels,
+        originals,
         required=settings.vectors == "required",
         apart=settings.preset in ("archive", "near-lossless"),
     )
     for members in groups:
-        unit = encode_unit(members, len(decisions), settings, cluster)
+        unit = encode_unit(members, originals[len(decisions)], len(decisions), settings, cluster)
         units.append(unit)
         decisions += decide(unit, members, [why for _, why in prepared[len(decisions) :]])
         if progress:
             progress(len(decisions), len(prepared))
     tracks, packets = number_tracks(units)
     return Encoded(tracks, packets, decisions, choose_level(tracks))
+
+
+def as_recorded(channel: Channel) -> Channel:
+    """With exact values a channel is these doubles: its counts were found in them."""
+    if channel.exact is None:
+        return channel
+    return replace(channel, values=channel.exact, exact=None, calibration=None)
 
 
 def decide(unit: Unit, members: list[Channel], lattices: list[str]) -> Iterator[Decision]:
@@ -117,8 +124,13 @@ def decide(unit: Unit, members: list[Channel], lattices: list[str]) -> Iterator[
 
 
 def encode_unit(
-    channels: list[Channel], first_channel: int, settings: Settings, cluster: Fraction
+    channels: list[Channel],
+    original: Channel,
+    first_channel: int,
+    settings: Settings,
+    cluster: Fraction,
 ) -> Unit:
+    """``original``: the first channel before it was put on a lattice."""
     channel = channels[0]
     if channel.rate.numerator >> 32 or channel.rate.denominator >> 32:
         raise ParameterError(
@@ -132,11 +144,19 @@ def encode_unit(
                 f"channel {channel.label!r} holds {channel.values.dtype}: give it a calibration, "
                 "or one of int64, uint64, float16, float32, float64"
             )
-        return encode_words(channel, spans, first_channel, kind, WORDS_REASON)
+        words = encode_words(channel, spans, first_channel, kind, WORDS_REASON)
+        beside = encode_doubles(channel, spans, first_channel) if kind == "binary64" else None
+        return beside if beside and beside.size < words.size else words
     counts = np.column_stack([each.values.astype(np.int64) for each in channels])
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
-    return encode_counts(Source(tuple(channels), counts, spans), first_channel, settings)
+    unit = encode_counts(Source(tuple(channels), counts, spans), first_channel, settings)
+    if settings.preset == "archive" and channel.deviation is None and original.values.dtype == "f8":
+        # What a text rounded may lie on a much coarser lattice.
+        beside = encode_doubles(original, spans, first_channel, grid=False)
+        if beside and beside.size < unit.size:
+            return beside
+    return unit
 
 
 def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:

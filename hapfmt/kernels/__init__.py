@@ -31,6 +31,24 @@ class Loop(Protocol):
     ) -> tuple[int, int]: ...
 
 
+class CorrectionLoop(Protocol):
+    """(coded bytes, bits, ids int32 or none, widths uint8, corrections int64, zeros to work in,
+    int64, three for each id) -> (status, bytes and bits read or written); corrections are filled,
+    or for encoding the first two.
+    """
+
+    def __call__(
+        self,
+        coded: Buffer,
+        bits: Buffer,
+        ids: Buffer,
+        widths: Buffer,
+        corrections: Buffer,
+        work: Buffer,
+        /,
+    ) -> tuple[int, int, int]: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -38,6 +56,10 @@ class Kernels(Protocol):
     def lpcr_decode(self) -> Loop: ...
     @property
     def lpcr_encode(self) -> Loop: ...
+    @property
+    def exact_decode(self) -> CorrectionLoop: ...
+    @property
+    def exact_encode(self) -> CorrectionLoop: ...
 
 
 def load() -> Kernels | None:

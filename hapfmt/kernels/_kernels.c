@@ -358,7 +358,10 @@ static PyObject *run(PyObject *args, int decoding)
 static PyObject *lpcr_decode(PyObject *self, PyObject *args) { (void)self; return run(args, 1); }
 static PyObject *lpcr_encode(PyObject *self, PyObject *args) { (void)self; return run(args, 0); }
 
+#include "exact.h"
+
 static PyMethodDef methods[] = {
+    EXACT_METHODS
     {"lpcr_decode", lpcr_decode, METH_VARARGS, NULL},
     {"lpcr_encode", lpcr_encode, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},

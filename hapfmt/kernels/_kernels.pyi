@@ -24,3 +24,21 @@ def lpcr_encode(
     indices: Buffer,
     /,
 ) -> tuple[int, int]: ...
+def exact_decode(
+    coded: Buffer,
+    bits: Buffer,
+    ids: Buffer,
+    widths: Buffer,
+    corrections: Buffer,
+    work: Buffer,
+    /,
+) -> tuple[int, int, int]: ...
+def exact_encode(
+    coded: Buffer,
+    bits: Buffer,
+    ids: Buffer,
+    widths: Buffer,
+    corrections: Buffer,
+    work: Buffer,
+    /,
+) -> tuple[int, int, int]: ...

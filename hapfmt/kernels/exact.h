@@ -1,0 +1,247 @@
+/* The hot loops of LPCX (SPEC 9.7); the readable twin is hapfmt/codecs/exact.py. Included by
+   _kernels.c, whose range coder and bit models it uses.
+
+   The input is hostile. ids are checked to be below their number; a field has at most 63 bits, and is
+   read only where the bits hold it; what is remembered are at most as many nodes as samples. */
+
+enum { BAD_BITS = 6, LENGTHS = 64, REMEMBERED = 32, FRESH = 0, SAME = 1, KNOWN = 2 };
+
+typedef struct {
+    bit_model lengths[LENGTHS], recalls[3][REMEMBERED];
+    int64_t last, nodes;
+    int64_t *values, *links, *heads; /* links and heads: one more than a node, 0 for none */
+} correction_model;
+
+typedef struct {
+    uint8_t *bytes;
+    int64_t size, used; /* bytes there are, bits that were passed */
+} bit_field;
+
+static void corrections_init(correction_model *m, int64_t *work, int64_t span)
+{
+    bit_model fresh = {32768, 32768, 0};
+    for (int i = 0; i < LENGTHS; i++) m->lengths[i] = fresh;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < REMEMBERED; j++) m->recalls[i][j] = fresh;
+    m->last = -1;
+    m->nodes = 0;
+    m->values = work;
+    m->links = work + span;
+    m->heads = work + 2 * span;
+}
+
+static inline bit_model *meet(correction_model *m, int32_t id)
+{
+    int context = !m->heads[id] ? FRESH : id == m->last ? SAME : KNOWN;
+    m->last = id;
+    return m->recalls[context];
+}
+
+/* A new correction becomes the first of its count; the last of 32 makes room. */
+static inline void remember(correction_model *m, int32_t id, int64_t correction)
+{
+    int64_t *link = &m->heads[id], node;
+    int known = 0;
+    while (*link && known < REMEMBERED - 1) {
+        link = &m->links[*link - 1];
+        known++;
+    }
+    if (*link) {
+        node = *link;
+        *link = 0;
+    } else
+        node = ++m->nodes;
+    m->values[node - 1] = correction;
+    m->links[node - 1] = m->heads[id];
+    m->heads[id] = node;
+}
+
+static inline void to_front(correction_model *m, int32_t id, int64_t *link)
+{
+    int64_t node = *link;
+    *link = m->links[node - 1];
+    m->links[node - 1] = m->heads[id];
+    m->heads[id] = node;
+}
+
+static inline int64_t get_field(bit_field *f, int length)
+{
+    uint64_t field = 0;
+    for (int left = length; left > 0;) {
+        int at = (int)(f->used & 7), take = 8 - at < left ? 8 - at : left;
+        uint8_t byte = f->bytes[f->used >> 3];
+        field = field << take | (uint64_t)(byte >> (8 - at - take) & ((1 << take) - 1));
+        f->used += take;
+        left -= take;
+    }
+    uint64_t top = (uint64_t)1 << (length - 1), magnitude = top | (field & (top - 1));
+    return field & top ? -(int64_t)magnitude : (int64_t)magnitude;
+}
+
+static inline void put_field(bit_field *f, int length, int64_t correction)
+{
+    uint64_t top = (uint64_t)1 << (length - 1);
+    uint64_t field = correction < 0 ? (uint64_t)-correction : (uint64_t)correction - top;
+    for (int left = length; left > 0;) {
+        int at = (int)(f->used & 7), take = 8 - at < left ? 8 - at : left;
+        uint8_t part = (uint8_t)(field >> (left - take) & ((1u << take) - 1));
+        if (f->used >> 3 < f->size) {
+            uint8_t *byte = &f->bytes[f->used >> 3];
+            *byte = (uint8_t)((at ? *byte : 0) | part << (8 - at - take));
+        }
+        f->used += take;
+        left -= take;
+    }
+}
+
+static int decode_corrections(coder *c, bit_field *f, correction_model *m, const int32_t *ids,
+                              const uint8_t *widths, int64_t *out, int64_t span)
+{
+    for (int64_t t = 0; t < span; t++) {
+        int32_t id = ids ? ids[t] : 0;
+        int found = 0;
+        if (ids) {
+            bit_model *models = meet(m, id);
+            int64_t *link = &m->heads[id];
+            if (!*link) {
+                if (get_bit(c, &models[0])) {
+                    out[t] = 0;
+                    remember(m, id, 0);
+                    continue;
+                }
+            } else
+                for (int i = 0; *link && !found; i++) {
+                    found = get_bit(c, &models[i]);
+                    if (!found) link = &m->links[*link - 1];
+                }
+            if (found) {
+                out[t] = m->values[*link - 1];
+                to_front(m, id, link);
+                continue;
+            }
+        }
+        int node = 1;
+        while (node < LENGTHS) node = 2 * node + get_bit(c, &m->lengths[node]);
+        int length = (node + widths[t]) % LENGTHS;
+        if (f->used + length > 8 * f->size) return BAD_BITS;
+        out[t] = length ? get_field(f, length) : 0;
+        if (ids) remember(m, id, out[t]);
+    }
+    uint8_t last[4];
+    int k = end_of(c->x1, c->x2, last);
+    if (c->size != c->shifts + k || memcmp(c->in + c->shifts, last, (size_t)k)) return BAD_END;
+    int spare = (int)(-f->used & 7);
+    if (f->size != (f->used + 7) / 8) return BAD_BITS;
+    return f->size && f->bytes[f->size - 1] & ((1 << spare) - 1) ? BAD_BITS : DONE;
+}
+
+static int encode_corrections(coder *c, bit_field *f, correction_model *m, const int32_t *ids,
+                              const uint8_t *widths, const int64_t *in, int64_t span)
+{
+    for (int64_t t = 0; t < span; t++) {
+        int32_t id = ids ? ids[t] : 0;
+        int found = 0;
+        if (in[t] == INT64_MIN) return BAD_BITS;
+        if (ids) {
+            bit_model *models = meet(m, id);
+            int64_t *link = &m->heads[id];
+            if (!*link) {
+                put_bit(c, !in[t], &models[0]);
+                if (!in[t]) {
+                    remember(m, id, 0);
+                    continue;
+                }
+            } else
+                for (int i = 0; *link && !found; i++) {
+                    found = m->values[*link - 1] == in[t];
+                    put_bit(c, found, &models[i]);
+                    if (!found) link = &m->links[*link - 1];
+                }
+            if (found) {
+                to_front(m, id, link);
+                continue;
+            }
+            remember(m, id, in[t]);
+        }
+        int length = bit_length((uint64_t)(in[t] < 0 ? -in[t] : in[t]));
+        int symbol = (length - widths[t]) & (LENGTHS - 1), node = 1;
+        for (int at = 5; at >= 0; at--) {
+            int bit = symbol >> at & 1;
+            put_bit(c, bit, &m->lengths[node]);
+            node = 2 * node + bit;
+        }
+        if (length) put_field(f, length, in[t]);
+    }
+    uint8_t last[4];
+    int k = end_of(c->x1, c->x2, last);
+    for (int i = 0; i < k; i++, c->shifts++)
+        if (c->shifts < c->size) c->out[c->shifts] = last[i];
+    return c->shifts > c->size || (f->used + 7) / 8 > f->size ? NO_ROOM : DONE;
+}
+
+static int fits(const Py_buffer *ids, const Py_buffer *widths, const Py_buffer *corrections,
+                const Py_buffer *work)
+{
+    int64_t span = widths->len;
+    int right = ids->len % 4 == 0 && (uintptr_t)ids->buf % 4 == 0 &&
+                corrections->len == 8 * span && (uintptr_t)corrections->buf % 8 == 0 &&
+                (uintptr_t)work->buf % 8 == 0;
+    if (!ids->len) return right;
+    right = right && ids->len == 4 * span && work->len == 24 * span;
+    const int32_t *names = ids->buf;
+    for (int64_t t = 0; right && t < span; t++) right = names[t] >= 0 && names[t] < span;
+    return right;
+}
+
+/* (coded, bits, ids int32 or none, widths uint8, corrections int64, work int64 of zeros)
+   -> (status, bytes read or written, bits read or written) */
+static PyObject *run_corrections(PyObject *args, int decoding)
+{
+    Py_buffer coded, bits, ids, widths, corrections, work;
+    int status = NO_ROOM;
+    if (!PyArg_ParseTuple(args, decoding ? "y*y*y*y*w*w*" : "w*w*y*y*y*w*", &coded, &bits, &ids,
+                          &widths, &corrections, &work))
+        return NULL;
+    PyObject *result = NULL;
+    correction_model m;
+    coder c = {0, 0xFFFFFFFFu, 0, coded.buf, coded.buf, coded.len, 0};
+    bit_field f = {bits.buf, bits.len, 0};
+    int64_t span = widths.len;
+    if (!fits(&ids, &widths, &corrections, &work))
+        PyErr_SetString(PyExc_ValueError, "not arrays of corrections");
+    else {
+        const int32_t *names = ids.len ? ids.buf : NULL;
+        Py_BEGIN_ALLOW_THREADS
+        corrections_init(&m, work.buf, names ? span : 0);
+        if (decoding) {
+            for (int i = 0; i < 4; i++) c.x = c.x << 8 | (i < c.size ? c.in[i] : 0);
+            status = decode_corrections(&c, &f, &m, names, widths.buf, corrections.buf, span);
+        } else
+            status = encode_corrections(&c, &f, &m, names, widths.buf, corrections.buf, span);
+        Py_END_ALLOW_THREADS
+        result = Py_BuildValue("iLL", status, (long long)c.shifts, (long long)f.used);
+    }
+    PyBuffer_Release(&coded);
+    PyBuffer_Release(&bits);
+    PyBuffer_Release(&ids);
+    PyBuffer_Release(&widths);
+    PyBuffer_Release(&corrections);
+    PyBuffer_Release(&work);
+    return result;
+}
+
+static PyObject *exact_decode(PyObject *self, PyObject *args)
+{
+    (void)self;
+    return run_corrections(args, 1);
+}
+
+static PyObject *exact_encode(PyObject *self, PyObject *args)
+{
+    (void)self;
+    return run_corrections(args, 0);
+}
+
+#define EXACT_METHODS                                                                              \
+    {"exact_decode", exact_decode, METH_VARARGS, NULL},                                            \
+    {"exact_encode", exact_encode, METH_VARARGS, NULL},
