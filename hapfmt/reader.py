@@ -39,6 +39,11 @@ class Piece(NamedTuple):
     numbers: NDArray[Any]
     exact: NDArray[np.float64] | None = None
 
+    @property
+    def digested(self) -> NDArray[Any]:
+        """The numbers that a digest is taken of (SPEC 6.9)."""
+        return self.numbers if self.exact is None else self.exact
+
 
 class Reader:
     """Opens a path, bytes, or a binary stream.

@@ -93,6 +93,10 @@ def lpcr_parameters(grid: int = 0, reserved: bytes = bytes(3), *, step: int = 1,
     return struct.pack("<B3sIHHi", grid, reserved, step, kn, kd, zero)
 
 
+def lpcx_parameters(rule: int = 0, digits: int = 0, reserved: bytes = bytes(2)) -> bytes:
+    return struct.pack("<BB2s", rule, digits, reserved)
+
+
 HOLD = tlv(1, knot_parameters())
 
 

@@ -164,8 +164,8 @@ def recorded(x: np.ndarray) -> Recording:
 class TestContracts:
     """
     DBC-002: With flag *guaranteed*, every sample MUST keep the contract: scalar form `|x - y| * kd <= max(kn * |x - zero|, floor * kd)` for each component; vector form the same with Euclidean norms over the components, compared by their squares, and the floor of the first component.
-    DBC-004: A channel without a contract MUST be stored without loss: its full band equals the counts, or the words, of the source.
-    TLV-006: `largest` MUST be at least the distance of every source value from the physical value of its count; a channel of counts without a deviation was on its lattice exactly.
+    DBC-004: A channel without a contract MUST be stored without loss: its full band equals the counts, the words, or with exact values (9.7) the numbers, of the source.
+    TLV-006: `largest` MUST be at least the distance of every source value from the physical value of its count; a channel of counts without a deviation was on its lattice exactly, or has exact values (9.7).
     DBC-003: A verifier that is given x MUST check the contract with exact arithmetic, and report the number of samples outside and the worst ratio of the left side to the right.
     """
 

@@ -238,7 +238,7 @@ def field_at(bits: bytes, position: int, length: int, offset: int) -> int:
         return 0
     stop = position + length
     if stop > 8 * len(bits):
-        raise bad_bits(offset, len(bits))
+        raise bad_bits(offset, min(position // 8, len(bits)))
     field = int.from_bytes(bits[position // 8 : -(-stop // 8)], "big") >> (-stop % 8)
     top = 1 << (length - 1)
     magnitude = top | field & (top - 1)

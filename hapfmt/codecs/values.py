@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..container.track import Affine
+from ..limits import EXACT_LIMIT
 
 QUOTIENT, PRODUCT, SINGLE, DECIMALS, SIGNIFICANT = range(5)
 PLACES_LIMIT, DIGITS_LIMIT = 22, 15
@@ -52,6 +53,8 @@ def in_places(numerator: int, d: int, places: int) -> float:
     whole += 2 * rest > d or (2 * rest == d and whole % 2)
     if not whole:
         return 0.0
+    if whole >= EXACT_LIMIT:
+        return numerator / d
     # A quotient of integers is correctly rounded in Python, whatever their size.
     return (whole if numerator > 0 else -whole) / 10**places
 
