@@ -68,27 +68,32 @@ class Fields:
         self.out = ""
         self.used = 0
 
-    def take(self, length: int, c: int | None) -> int:
-        if not length:
-            return 0
-        if c is not None:
-            magnitude = abs(c) - 2 ** (length - 1)
-            self.out += ("1" if c < 0 else "0") + (f"{magnitude:0{length}b}")[1:]
-            return c
-        field = self.text[self.used : self.used + length]
-        self.used += length
-        if len(field) < length:
+    def take(self, size: int, negative: bool | None, low: int) -> tuple[bool, int]:
+        """Sign and lowest bits."""
+        if negative is not None:
+            self.out += str(int(negative)) + (f"{low:0{size}b}")[1:]
+            return negative, low
+        field = self.text[self.used : self.used + size]
+        if len(field) < size:
             raise BrokenRule("EXA-005")
-        magnitude = 2 ** (length - 1) + int("0" + field[1:], 2)
-        return -magnitude if field[0] == "1" else magnitude
+        self.used += size
+        return field[0] == "1", int("0" + field[1:], 2)
 
     def bytes(self) -> bytes:
         whole = self.out + "0" * (-len(self.out) % 8)
         return bytes(int(whole[i : i + 8], 2) for i in range(0, len(whole), 8))
 
 
-def corrections(coder: Range, fields: Fields, counts, widths, recall: bool, given=None):
+def number(coder: Range, models, bits: int, value: int | None) -> int:
+    j = 1
+    for i in range(bits - 1, -1, -1):
+        j = 2 * j + coder.code(models[j], None if value is None else value // 2**i % 2)
+    return j - 2**bits
+
+
+def corrections(coder: Range, fields: Fields, counts, widths, recall: bool, shift: int, given=None):
     """One after the other; ``given`` where ``coder`` encodes."""
+    x_models = [Bit() for _ in range(2**10)]
     r = [[Bit() for _ in range(32)] for _ in range(3)]
     t = [Bit() for _ in range(64)]
     lists: dict[int, list[int]] = {}
@@ -105,10 +110,16 @@ def corrections(coder: Range, fields: Fields, counts, widths, recall: bool, give
                     break
         if found is None:
             length = None if c is None else (bits_of(abs(c)) - w) % 64
-            j = 1
-            for i in range(5, -1, -1):
-                j = 2 * j + coder.code(t[j], None if length is None else length // 2**i % 2)
-            found = fields.take((j - 64 + w) % 64, c)
+            length = (number(coder, t, 6, length) + w) % 64
+            found = 0
+            if length > 0:
+                e = min(length - 1, max(length + shift - 53, 0), 10)
+                field = 2 ** (length - e - 1)
+                high = None if c is None else abs(c) // field % 2**e
+                high = number(coder, x_models, e, high) + 2**e
+                negative, low = (None, 0) if c is None else (c < 0, abs(c) % field)
+                negative, low = fields.take(length - e, negative, low)
+                found = (-1 if negative else 1) * (high * field + low)
         if recall:
             rest = [entry for entry in lists.get(count, []) if entry != found]
             lists[count] = [found, *rest][:32]
@@ -161,7 +172,7 @@ def decode_exact(rest: bytes, counts, affine, rule: int, digits: int) -> list[in
     if m > len(rest) - start:
         raise BrokenRule("EXA-004")
     coder, fields = Range(rest[start : start + m]), Fields(rest[start + m :])
-    found = corrections(coder, fields, counts, spreads(values, a, d, relative, z), recall)
+    found = corrections(coder, fields, counts, spreads(values, a, d, relative, z), recall, z)
     coder.finish()
     if len(fields.text) != -(-fields.used // 8) * 8 or "1" in fields.text[fields.used :]:
         raise BrokenRule("EXA-005")
@@ -181,7 +192,7 @@ def encode_exact(words, counts, affine, rule: int, digits: int, recall, relative
         z += 1
     coder, fields = Range(), Fields()
     small = [c // 2**z for c in away]
-    corrections(coder, fields, counts, spreads(values, a, d, relative, z), recall, small)
+    corrections(coder, fields, counts, spreads(values, a, d, relative, z), recall, z, small)
     coded = coder.finish()
     size = bytearray()
     number = len(coded)

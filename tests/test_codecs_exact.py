@@ -344,40 +344,43 @@ class TestTwins:
         [{"ids": bytes(3)}, {"ids": np.array([0, 1, 2, 3], np.int32)},
          {"ids": np.array([0, -1, 0], np.int32)}, {"ids": np.zeros(2, np.int32)},
          {"widths": bytes(2)}, {"corrections": np.zeros(2, np.int64)},
+         {"shift": 64}, {"shift": -1},
          {"work": np.zeros(8, np.int64)}, {"work": memoryview(bytearray(73))[1:]}],
         ids=str,
     )  # fmt: skip
     def test_what_would_overflow_is_refused(self, wrong):
         given = {"coded": bytearray(8), "bits": bytearray(8), "ids": np.zeros(3, np.int32),
                  "widths": bytes(3), "corrections": np.zeros(3, np.int64),
-                 "work": np.zeros(9, np.int64)} | wrong  # fmt: skip
+                 "work": np.zeros(9, np.int64), "shift": 0} | wrong  # fmt: skip
         for call in (exact.compiled.exact_decode, exact.compiled.exact_encode):
             with pytest.raises(ValueError, match="not arrays of corrections"):
                 call(*given.values())
 
     def test_nothing_at_all(self):
         empty = np.zeros(0, np.int64)
-        assert exact.compiled.exact_decode(b"", b"", b"", b"", empty, empty) == (0, 0, 0)
-        assert exact.compiled.exact_encode(bytearray(), bytearray(), b"", b"", empty, empty) == (
+        assert exact.compiled.exact_decode(b"", b"", b"", b"", empty, empty, 0) == (0, 0, 0)
+        assert exact.compiled.exact_encode(bytearray(), bytearray(), b"", b"", empty, empty, 0) == (
             0, 0, 0,
         )  # fmt: skip
 
     def test_wrong_types(self):
         with pytest.raises((TypeError, BufferError)):
-            exact.compiled.exact_decode("text", b"", b"", b"", np.zeros(0), np.zeros(0))
+            exact.compiled.exact_decode("text", b"", b"", b"", np.zeros(0), np.zeros(0), 0)
         with pytest.raises(TypeError):
             exact.compiled.exact_encode(b"")
 
     def test_the_one_magnitude_that_has_no_field(self):
         x = np.array([-(2**63)])
-        given = (bytearray(64), bytearray(64), b"", bytes(1), x, np.zeros(0, np.int64))
+        given = (bytearray(64), bytearray(64), b"", bytes(1), x, np.zeros(0, np.int64), 0)
         assert exact.compiled.exact_encode(*given)[0] == exact.BAD_BITS
 
     def test_packets_larger_than_their_first_buffer(self):
         away = np.random.default_rng(1).integers(-(2**62), 2**62, 300)
-        ids = np.arange(300, dtype=np.int32)
-        widths = np.zeros(300, np.uint8)
-        assert exact.encode_compiled(away, ids, widths) == exact.encode_loop(away, ids, widths)
+        for shift in (0, 40, 63):
+            given = (away, np.arange(300, dtype=np.int32), np.zeros(300, np.uint8), shift)
+            assert exact.encode_compiled(*given) == exact.encode_loop(*given)
+            coded, bits = exact.encode_loop(*given)
+            assert exact.decode_compiled(coded, bits, *given[1:], 0).tolist() == away.tolist()
 
 
 def twice(call):

@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-TESTS = ["tests/test_kernels.py", "tests/test_codecs_predicted.py"]
+TESTS = ["tests/test_kernels.py", "tests/test_codecs_predicted.py",
+         "tests/test_codecs_exact.py"]  # fmt: skip
 FLAGS = ["-std=c99", "-g", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
 SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 CHECK = "from hapfmt.kernels import compiled; print(compiled.__file__)"

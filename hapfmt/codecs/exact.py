@@ -22,6 +22,9 @@ RECALL, RELATIVE = 1, 2
 LENGTHS = 64
 """A correction has 0 to 63 bits."""
 
+HIGH_BITS = 10
+"""Bits of a correction that can stand above those of a mantissa and below the leading 1."""
+
 REMEMBERED = 32
 """Corrections that are remembered of a count."""
 
@@ -94,7 +97,7 @@ def decode_exact(
     ids = ids_of(counts) if rest[0] & RECALL else None
     coded, bits = rest[start : start + size], rest[start + size :]
     loop = decode_loop if compiled is None else decode_compiled
-    corrections = loop(coded, bits, ids, widths, at + start)
+    corrections = loop(coded, bits, ids, widths, rest[1], at + start)
     with np.errstate(over="ignore"):
         return unordered(ordered(doubles) + (corrections << rest[1]))
 
@@ -119,7 +122,7 @@ def encode_exact(
     widths = widths_of(doubles, affine, flags, shift)
     ids = ids_of(counts) if recall else None
     loop = encode_loop if compiled is None else encode_compiled
-    coded, bits = loop(corrections >> shift, ids, widths)
+    coded, bits = loop(corrections >> shift, ids, widths, shift)
     return bytes([flags, shift]) + build_varint(len(coded)) + coded + bits
 
 
@@ -141,6 +144,11 @@ def widths_of(doubles: Doubles, affine: Affine, flags: int, shift: int) -> NDArr
     return np.maximum(spread_of(doubles, affine), shift) - np.uint8(shift)
 
 
+def high_bits(length: int, shift: int) -> int:
+    """e of SPEC 9.7: bits of a correction that belong to the exponent."""
+    return max(min(length - 1, length + shift - 53, HIGH_BITS), 0)
+
+
 def ids_of(counts: Counts) -> NDArray[np.int32]:
     """The place of each count among the distinct ones of its packet."""
     return np.unique(counts, return_inverse=True)[1].astype(np.int32)
@@ -151,6 +159,7 @@ class CorrectionModel:
 
     def __init__(self) -> None:
         self.lengths = [BitModel() for _ in range(LENGTHS)]
+        self.highs = [BitModel() for _ in range(1 << HIGH_BITS)]
         self.recalls = [[BitModel() for _ in range(REMEMBERED)] for _ in range(3)]
         self.remembered: dict[int, list[int]] = {}
         self.last = -1
@@ -170,8 +179,24 @@ class CorrectionModel:
         del known[REMEMBERED:]
 
 
+def tree_encode(coder: RangeEncoder, models: list[BitModel], value: int, bits: int) -> None:
+    """``bits`` bits of ``value``, highest first, each with the model of those before it."""
+    node = 1
+    for at in range(bits - 1, -1, -1):
+        bit = value >> at & 1
+        coder.bit(bit, models[node])
+        node = 2 * node + bit
+
+
+def tree_decode(coder: RangeDecoder, models: list[BitModel], bits: int) -> int:
+    node = 1
+    for _ in range(bits):
+        node = 2 * node + coder.bit(models[node])
+    return node - (1 << bits)
+
+
 def encode_loop(
-    corrections: Counts, ids: NDArray[np.int32] | None, widths: NDArray[np.uint8]
+    corrections: Counts, ids: NDArray[np.int32] | None, widths: NDArray[np.uint8], shift: int
 ) -> tuple[bytes, bytes]:
     """Coded bytes, and the bits; kernels/ has the same in C."""
     coder, model = RangeEncoder(), CorrectionModel()
@@ -187,14 +212,13 @@ def encode_loop(
             if found is not None:
                 continue
         length = abs(c).bit_length()
-        symbol, node = (length - width) % LENGTHS, 1
-        for at in range(5, -1, -1):
-            bit = symbol >> at & 1
-            coder.bit(bit, model.lengths[node])
-            node = 2 * node + bit
+        tree_encode(coder, model.lengths, (length - width) % LENGTHS, 6)
         if length:
-            low = abs(c) - (1 << (length - 1))
-            fields.append(f"{(c < 0) << (length - 1) | low:0{length}b}")
+            size = length - high_bits(length, shift)
+            rest = abs(c) ^ 1 << (length - 1)
+            tree_encode(coder, model.highs, rest >> (size - 1), length - size)
+            sign = (c < 0) << (size - 1)
+            fields.append(f"{sign | rest & ((1 << (size - 1)) - 1):0{size}b}")
     bits = "".join(fields)
     size = -(-len(bits) // 8)
     return coder.finish(), int(bits.ljust(8 * size, "0") or "0", 2).to_bytes(size, "big")
@@ -205,6 +229,7 @@ def decode_loop(
     bits: bytes,
     ids: NDArray[np.int32] | None,
     widths: NDArray[np.uint8],
+    shift: int,
     offset: int,
 ) -> Counts:
     """The corrections [span]; ``coded`` stands at ``offset`` and ``bits`` after it."""
@@ -218,12 +243,16 @@ def decode_loop(
             known, models = model.meet(id_)
             c = next((k for k, m in zip(known, models, strict=False) if coder.bit(m)), None)
         if c is None:
-            node = 1
-            while node < LENGTHS:
-                node = 2 * node + coder.bit(model.lengths[node])
-            length = (node + width) % LENGTHS
-            position += length
-            c = field_at(bits, position - length, length, offset + len(coded))
+            length = (tree_decode(coder, model.lengths, 6) + width) % LENGTHS
+            c = 0
+            if length:
+                size = length - high_bits(length, shift)
+                high = 1 << (length - size) | tree_decode(coder, model.highs, length - size)
+                field = field_at(bits, position, size, offset + len(coded))
+                position += size
+                top = 1 << (size - 1)
+                magnitude = high * top | field & (top - 1)
+                c = -magnitude if field & top else magnitude
         if ids is not None:
             model.learn(id_, c)
         out.append(c)
@@ -232,17 +261,13 @@ def decode_loop(
     return np.array(out, np.int64)
 
 
-def field_at(bits: bytes, position: int, length: int, offset: int) -> int:
-    """The correction of ``length`` bits whose field starts at bit ``position``."""
-    if not length:
-        return 0
-    stop = position + length
+def field_at(bits: bytes, position: int, size: int, offset: int) -> int:
+    """The ``size`` bits from bit ``position`` on."""
+    stop = position + size
     if stop > 8 * len(bits):
         raise bad_bits(offset, min(position // 8, len(bits)))
     field = int.from_bytes(bits[position // 8 : -(-stop // 8)], "big") >> (-stop % 8)
-    top = 1 << (length - 1)
-    magnitude = top | field & (top - 1)
-    return -magnitude if field & top else magnitude
+    return field & ((1 << size) - 1)
 
 
 def check_bits(bits: bytes, used: int, offset: int) -> None:
@@ -266,16 +291,17 @@ def work_of(ids: NDArray[np.int32] | None) -> Counts:
 
 
 def encode_compiled(
-    corrections: Counts, ids: NDArray[np.int32] | None, widths: NDArray[np.uint8]
+    corrections: Counts, ids: NDArray[np.int32] | None, widths: NDArray[np.uint8], shift: int
 ) -> tuple[bytes, bytes]:
-    """``encode_loop``, in C; no sample takes more than 46 bits of 10 each beside its own field."""
+    """``encode_loop``, in C; what does not fit its buffers is written once more."""
     assert compiled is not None
     plain = np.ascontiguousarray(corrections)
-    lengths = int(np.ceil(np.log2(np.abs(plain).astype(np.float64) + 1) + 1).sum())
-    coded, bits = bytearray(2 * plain.size + 64), bytearray(lengths // 8 + 1)
+    names = np.zeros(0, np.int32) if ids is None else ids
+    coded, bits = bytearray(2 * plain.size + 64), bytearray(5 * plain.size + 8)
     while True:
-        names = np.zeros(0, np.int32) if ids is None else ids
-        status, size, used = compiled.exact_encode(coded, bits, names, widths, plain, work_of(ids))
+        status, size, used = compiled.exact_encode(
+            coded, bits, names, widths, plain, work_of(ids), shift
+        )
         if status == 0:
             return bytes(coded[:size]), bytes(bits[: -(-used // 8)])
         coded, bits = bytearray(size), bytearray(-(-used // 8))
@@ -286,13 +312,14 @@ def decode_compiled(
     bits: bytes,
     ids: NDArray[np.int32] | None,
     widths: NDArray[np.uint8],
+    shift: int,
     offset: int,
 ) -> Counts:
     """``decode_loop``, in C."""
     assert compiled is not None
     out = np.empty(widths.size, np.int64)
     names = np.zeros(0, np.int32) if ids is None else ids
-    status, shifts, used = compiled.exact_decode(coded, bits, names, widths, out, work_of(ids))
+    status, shifts, used = compiled.exact_decode(coded, bits, names, widths, out, work_of(ids), shift)
     if status == BAD_END:
         raise FormatError(
             "the coded bits do not end with their packet",

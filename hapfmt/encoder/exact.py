@@ -28,7 +28,7 @@ from ..codecs.values import (
 from ..container.cluster import Packet
 from ..container.track import Affine, Track
 from ..integers import build_varint
-from ..limits import LEVELS
+from ..limits import EXACT_LIMIT, LEVELS
 from ..recording import Calibration, Channel, Span
 from .lattice import find_lattice, natural_lattices
 from .predict import encode_best
@@ -167,8 +167,9 @@ def binary_grid(x: Doubles) -> Candidate | None:
     low, high = float(x.min()), float(x.max())
     power = GRID_BITS - 1 - frexp(high / 2 - low / 2)[1]
     # Counts and B stay below 2^53, and D too.
-    power = min(power, 53, 53 - frexp(max(-low, high))[1])
-    if power < -GRID_BITS:
+    reach = max(-low, high)
+    power = min(power, 53, 53 - frexp(reach)[1])
+    if power < 0 and reach > EXACT_LIMIT:
         return None
     scaled = np.rint(np.ldexp(x, power)).astype(np.int64)
     middle = int(np.rint(np.ldexp(low / 2 + high / 2, power)))

@@ -33,8 +33,8 @@ class Loop(Protocol):
 
 class CorrectionLoop(Protocol):
     """(coded bytes, bits, ids int32 or none, widths uint8, corrections int64, zeros to work in,
-    int64, three for each id) -> (status, bytes and bits read or written); corrections are filled,
-    or for encoding the first two.
+    int64, three for each id, shift) -> (status, bytes and bits read or written); the corrections
+    are filled, or for encoding the first two.
     """
 
     def __call__(
@@ -45,6 +45,7 @@ class CorrectionLoop(Protocol):
         widths: Buffer,
         corrections: Buffer,
         work: Buffer,
+        shift: int,
         /,
     ) -> tuple[int, int, int]: ...
 

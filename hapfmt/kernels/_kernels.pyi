@@ -31,6 +31,7 @@ def exact_decode(
     widths: Buffer,
     corrections: Buffer,
     work: Buffer,
+    shift: int,
     /,
 ) -> tuple[int, int, int]: ...
 def exact_encode(
@@ -40,5 +41,6 @@ def exact_encode(
     widths: Buffer,
     corrections: Buffer,
     work: Buffer,
+    shift: int,
     /,
 ) -> tuple[int, int, int]: ...

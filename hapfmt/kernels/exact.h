@@ -4,10 +4,11 @@
    The input is hostile. ids are checked to be below their number; a field has at most 63 bits, and is
    read only where the bits hold it; what is remembered are at most as many nodes as samples. */
 
-enum { BAD_BITS = 6, LENGTHS = 64, REMEMBERED = 32, FRESH = 0, SAME = 1, KNOWN = 2 };
+enum { BAD_BITS = 6, LENGTHS = 64, HIGH_BITS = 10, REMEMBERED = 32 };
+enum { FRESH = 0, SAME = 1, KNOWN = 2 };
 
 typedef struct {
-    bit_model lengths[LENGTHS], recalls[3][REMEMBERED];
+    bit_model lengths[LENGTHS], highs[1 << HIGH_BITS], recalls[3][REMEMBERED];
     int64_t last, nodes;
     int64_t *values, *links, *heads; /* links and heads: one more than a node, 0 for none */
 } correction_model;
@@ -21,6 +22,7 @@ static void corrections_init(correction_model *m, int64_t *work, int64_t span)
 {
     bit_model fresh = {32768, 32768, 0};
     for (int i = 0; i < LENGTHS; i++) m->lengths[i] = fresh;
+    for (int i = 0; i < 1 << HIGH_BITS; i++) m->highs[i] = fresh;
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < REMEMBERED; j++) m->recalls[i][j] = fresh;
     m->last = -1;
@@ -64,25 +66,48 @@ static inline void to_front(correction_model *m, int32_t id, int64_t *link)
     m->heads[id] = node;
 }
 
-static inline int64_t get_field(bit_field *f, int length)
+static inline uint64_t get_tree(coder *c, bit_model *models, int bits)
+{
+    int node = 1;
+    for (int i = 0; i < bits; i++) node = 2 * node + get_bit(c, &models[node]);
+    return (uint64_t)(node - (1 << bits));
+}
+
+static inline void put_tree(coder *c, bit_model *models, uint64_t value, int bits)
+{
+    int node = 1;
+    while (bits-- > 0) {
+        int bit = (int)(value >> bits & 1);
+        put_bit(c, bit, &models[node]);
+        node = 2 * node + bit;
+    }
+}
+
+/* Bits of a correction that belong to the exponent, below the leading 1: e of SPEC 9.7. */
+static inline int high_bits(int length, int shift)
+{
+    int high = length + shift - 53;
+    if (high > length - 1) high = length - 1;
+    if (high > HIGH_BITS) high = HIGH_BITS;
+    return high < 0 ? 0 : high;
+}
+
+static inline uint64_t get_field(bit_field *f, int size)
 {
     uint64_t field = 0;
-    for (int left = length; left > 0;) {
+    for (int left = size; left > 0;) {
         int at = (int)(f->used & 7), take = 8 - at < left ? 8 - at : left;
         uint8_t byte = f->bytes[f->used >> 3];
         field = field << take | (uint64_t)(byte >> (8 - at - take) & ((1 << take) - 1));
         f->used += take;
         left -= take;
     }
-    uint64_t top = (uint64_t)1 << (length - 1), magnitude = top | (field & (top - 1));
-    return field & top ? -(int64_t)magnitude : (int64_t)magnitude;
+    return field;
 }
 
-static inline void put_field(bit_field *f, int length, int64_t correction)
+static inline void put_field(bit_field *f, int size, uint64_t field)
 {
-    uint64_t top = (uint64_t)1 << (length - 1);
-    uint64_t field = correction < 0 ? (uint64_t)-correction : (uint64_t)correction - top;
-    for (int left = length; left > 0;) {
+    for (int left = size; left > 0;) {
         int at = (int)(f->used & 7), take = 8 - at < left ? 8 - at : left;
         uint8_t part = (uint8_t)(field >> (left - take) & ((1u << take) - 1));
         if (f->used >> 3 < f->size) {
@@ -95,7 +120,7 @@ static inline void put_field(bit_field *f, int length, int64_t correction)
 }
 
 static int decode_corrections(coder *c, bit_field *f, correction_model *m, const int32_t *ids,
-                              const uint8_t *widths, int64_t *out, int64_t span)
+                              const uint8_t *widths, int64_t *out, int64_t span, int shift)
 {
     for (int64_t t = 0; t < span; t++) {
         int32_t id = ids ? ids[t] : 0;
@@ -120,11 +145,17 @@ static int decode_corrections(coder *c, bit_field *f, correction_model *m, const
                 continue;
             }
         }
-        int node = 1;
-        while (node < LENGTHS) node = 2 * node + get_bit(c, &m->lengths[node]);
-        int length = (node + widths[t]) % LENGTHS;
-        if (f->used + length > 8 * f->size) return BAD_BITS;
-        out[t] = length ? get_field(f, length) : 0;
+        int length = (int)(get_tree(c, m->lengths, 6) + widths[t]) % LENGTHS;
+        int size = length - high_bits(length, shift);
+        uint64_t high = get_tree(c, m->highs, length - size);
+        if (f->used + size > 8 * f->size) return BAD_BITS;
+        out[t] = 0;
+        if (size) {
+            uint64_t field = get_field(f, size), top = (uint64_t)1 << (size - 1);
+            high |= (uint64_t)1 << (length - size);
+            out[t] = (int64_t)(high << (size - 1) | (field & (top - 1)));
+            if (field & top) out[t] = -out[t];
+        }
         if (ids) remember(m, id, out[t]);
     }
     uint8_t last[4];
@@ -136,7 +167,8 @@ static int decode_corrections(coder *c, bit_field *f, correction_model *m, const
 }
 
 static int encode_corrections(coder *c, bit_field *f, correction_model *m, const int32_t *ids,
-                              const uint8_t *widths, const int64_t *in, int64_t span)
+                              const uint8_t *widths, const int64_t *in, int64_t span,
+                              int shift)
 {
     for (int64_t t = 0; t < span; t++) {
         int32_t id = ids ? ids[t] : 0;
@@ -163,14 +195,14 @@ static int encode_corrections(coder *c, bit_field *f, correction_model *m, const
             }
             remember(m, id, in[t]);
         }
-        int length = bit_length((uint64_t)(in[t] < 0 ? -in[t] : in[t]));
-        int symbol = (length - widths[t]) & (LENGTHS - 1), node = 1;
-        for (int at = 5; at >= 0; at--) {
-            int bit = symbol >> at & 1;
-            put_bit(c, bit, &m->lengths[node]);
-            node = 2 * node + bit;
+        uint64_t magnitude = (uint64_t)(in[t] < 0 ? -in[t] : in[t]);
+        int length = bit_length(magnitude), size = length - high_bits(length, shift);
+        put_tree(c, m->lengths, (uint64_t)(length - widths[t]) & (LENGTHS - 1), 6);
+        if (size) {
+            uint64_t top = (uint64_t)1 << (size - 1), rest = magnitude ^ (uint64_t)1 << (length - 1);
+            put_tree(c, m->highs, rest >> (size - 1), length - size);
+            put_field(f, size, (in[t] < 0 ? top : 0) | (rest & (top - 1)));
         }
-        if (length) put_field(f, length, in[t]);
     }
     uint8_t last[4];
     int k = end_of(c->x1, c->x2, last);
@@ -193,21 +225,21 @@ static int fits(const Py_buffer *ids, const Py_buffer *widths, const Py_buffer *
     return right;
 }
 
-/* (coded, bits, ids int32 or none, widths uint8, corrections int64, work int64 of zeros)
+/* (coded, bits, ids int32 or none, widths uint8, corrections int64, work int64 of zeros, shift)
    -> (status, bytes read or written, bits read or written) */
 static PyObject *run_corrections(PyObject *args, int decoding)
 {
     Py_buffer coded, bits, ids, widths, corrections, work;
-    int status = NO_ROOM;
-    if (!PyArg_ParseTuple(args, decoding ? "y*y*y*y*w*w*" : "w*w*y*y*y*w*", &coded, &bits, &ids,
-                          &widths, &corrections, &work))
+    int shift, status = NO_ROOM;
+    if (!PyArg_ParseTuple(args, decoding ? "y*y*y*y*w*w*i" : "w*w*y*y*y*w*i", &coded, &bits, &ids,
+                          &widths, &corrections, &work, &shift))
         return NULL;
     PyObject *result = NULL;
     correction_model m;
     coder c = {0, 0xFFFFFFFFu, 0, coded.buf, coded.buf, coded.len, 0};
     bit_field f = {bits.buf, bits.len, 0};
     int64_t span = widths.len;
-    if (!fits(&ids, &widths, &corrections, &work))
+    if (shift < 0 || shift >= LENGTHS || !fits(&ids, &widths, &corrections, &work))
         PyErr_SetString(PyExc_ValueError, "not arrays of corrections");
     else {
         const int32_t *names = ids.len ? ids.buf : NULL;
@@ -215,9 +247,11 @@ static PyObject *run_corrections(PyObject *args, int decoding)
         corrections_init(&m, work.buf, names ? span : 0);
         if (decoding) {
             for (int i = 0; i < 4; i++) c.x = c.x << 8 | (i < c.size ? c.in[i] : 0);
-            status = decode_corrections(&c, &f, &m, names, widths.buf, corrections.buf, span);
+            status = decode_corrections(&c, &f, &m, names, widths.buf, corrections.buf, span,
+                                        shift);
         } else
-            status = encode_corrections(&c, &f, &m, names, widths.buf, corrections.buf, span);
+            status = encode_corrections(&c, &f, &m, names, widths.buf, corrections.buf, span,
+                                        shift);
         Py_END_ALLOW_THREADS
         result = Py_BuildValue("iLL", status, (long long)c.shifts, (long long)f.used);
     }
