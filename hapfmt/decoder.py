@@ -70,9 +70,7 @@ class TrackDecoder:
         """Whether the track holds the source's doubles beside its counts."""
         return isinstance(self.parameters, ExactParameters)
 
-    def decode_exact(
-        self, packet: Packet, counts: NDArray[np.int32]
-    ) -> NDArray[np.float64] | None:
+    def decode_exact(self, packet: Packet, counts: NDArray[np.int32]) -> NDArray[np.float64] | None:
         """The source's doubles [span], for the counts that ``decode`` gave of the same packet; None
         where the counts are all there is."""
         if not isinstance(self.parameters, ExactParameters):

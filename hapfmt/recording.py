@@ -190,7 +190,7 @@ class Channel:
         return self.stop_tick / self.rate
 
     def physical(self) -> NDArray[np.float64]:
-        """[sample_count] physical values in ``unit``, gaps left out; the exact ones if there are."""
+        """[sample_count] physical values in ``unit``, gaps left out; exact ones come first."""
         if self.exact is not None:
             return self.exact.copy()
         if self.calibration is not None:

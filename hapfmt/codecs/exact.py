@@ -66,9 +66,7 @@ def split_packet(data: bytes, offset: int) -> tuple[bytes, bytes, int]:
     """The packet of LPCR, the bytes of the exact values, and the offset of these."""
     size, start = parse_varint(data, 0, offset)
     if size > len(data) - start:
-        raise FormatError(
-            "the counts run past their packet", requirement="EXA-003", offset=offset
-        )
+        raise FormatError("the counts run past their packet", requirement="EXA-003", offset=offset)
     return data[start : start + size], data[start + size :], offset + start + size
 
 
@@ -319,7 +317,9 @@ def decode_compiled(
     assert compiled is not None
     out = np.empty(widths.size, np.int64)
     names = np.zeros(0, np.int32) if ids is None else ids
-    status, shifts, used = compiled.exact_decode(coded, bits, names, widths, out, work_of(ids), shift)
+    status, shifts, used = compiled.exact_decode(
+        coded, bits, names, widths, out, work_of(ids), shift
+    )
     if status == BAD_END:
         raise FormatError(
             "the coded bits do not end with their packet",

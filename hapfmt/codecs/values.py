@@ -56,7 +56,7 @@ def in_places(numerator: int, d: int, places: int) -> float:
     if whole >= EXACT_LIMIT:
         return numerator / d
     # A quotient of integers is correctly rounded in Python, whatever their size.
-    return (whole if numerator > 0 else -whole) / 10**places
+    return float((whole if numerator > 0 else -whole) / 10**places)
 
 
 def in_digits(numerator: int, d: int, digits: int) -> float:
@@ -94,4 +94,5 @@ def spread_of(doubles: Doubles, affine: Affine) -> NDArray[np.uint8]:
     """w of SPEC 9.7: about how many bits a correction needs that fills the cell of a count."""
     fields = np.ascontiguousarray(doubles, "<f8").view(np.int64) >> 52 & 0x7FF
     step = abs(affine.a).bit_length() - affine.d.bit_length()
-    return np.clip(step + 1075 - fields, 0, 63).astype(np.uint8)
+    widths: NDArray[np.uint8] = np.clip(step + 1075 - fields, 0, 63).astype(np.uint8)
+    return widths

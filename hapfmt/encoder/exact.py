@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from math import frexp
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..codecs.exact import ExactParameters, corrections_of, encode_exact
 from ..codecs.values import (
@@ -40,7 +39,10 @@ GRID_BITS = LEVELS[1].count_bits - 1
 (0.1 b/s at most on the recordings, either way)."""
 
 TEXTS = 4096
-"""Values whose shortest decimals are looked at."""
+"""Distinct values whose decimals are looked at."""
+
+TRIALS = 512
+"""Distinct counts that the rules are tried on."""
 
 
 @dataclass(frozen=True)
@@ -120,10 +122,13 @@ def natural_candidate(x: Doubles) -> Candidate | None:
     rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *rounded_rules(u)]
     halves = [0.5 * 10.0**-rule.digits for rule in rules if rule.rule == DECIMALS]
     found: list[tuple[float, Candidate]] = []
-    for lattice in natural_lattices(z, exact, halves):
+    lattices = {lattice.calibration: lattice for lattice in natural_lattices(z, exact, halves)}
+    for lattice in lattices.values():
         step = float(lattice.calibration.step)
         how = f"step {step:.10g}, missed by {lattice.largest_deviation:.3g} at most"
         distinct, first = np.unique(lattice.counts, return_index=True)
+        few = slice(None, None, max(1, distinct.size // TRIALS))
+        distinct, first = distinct[few], first[few]
         for rule in rules:
             way = Candidate(lattice.calibration, lattice.counts, rule, how)
             bits = correction_bits(z[first], rule.values(distinct, way.affine))
