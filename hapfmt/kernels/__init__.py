@@ -33,7 +33,7 @@ class Loop(Protocol):
 
 class CorrectionLoop(Protocol):
     """(coded bytes, bits, ids int32 or none, widths uint8, corrections int64, zeros to work in,
-    int64, three for each id, shift) -> (status, bytes and bits read or written); the corrections
+    int64, two for each id, shift) -> (status, bytes and bits read or written); the corrections
     are filled, or for encoding the first two.
     """
 

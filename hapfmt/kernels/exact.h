@@ -9,8 +9,8 @@ enum { FRESH = 0, SAME = 1, KNOWN = 2 };
 
 typedef struct {
     bit_model lengths[LENGTHS], highs[1 << HIGH_BITS], recalls[3][REMEMBERED];
-    int64_t last, nodes;
-    int64_t *values, *links, *heads; /* links and heads: one more than a node, 0 for none */
+    int64_t last, *values;
+    int32_t nodes, *links, *heads; /* links and heads: one more than a node, 0 for none */
 } correction_model;
 
 typedef struct {
@@ -28,8 +28,8 @@ static void corrections_init(correction_model *m, int64_t *work, int64_t span)
     m->last = -1;
     m->nodes = 0;
     m->values = work;
-    m->links = work + span;
-    m->heads = work + 2 * span;
+    m->links = (int32_t *)(work + span);
+    m->heads = m->links + span;
 }
 
 static inline bit_model *meet(correction_model *m, int32_t id)
@@ -42,7 +42,7 @@ static inline bit_model *meet(correction_model *m, int32_t id)
 /* A new correction becomes the first of its count; the last of 32 makes room. */
 static inline void remember(correction_model *m, int32_t id, int64_t correction)
 {
-    int64_t *link = &m->heads[id], node;
+    int32_t *link = &m->heads[id], node;
     int known = 0;
     while (*link && known < REMEMBERED - 1) {
         link = &m->links[*link - 1];
@@ -58,9 +58,9 @@ static inline void remember(correction_model *m, int32_t id, int64_t correction)
     m->heads[id] = node;
 }
 
-static inline void to_front(correction_model *m, int32_t id, int64_t *link)
+static inline void to_front(correction_model *m, int32_t id, int32_t *link)
 {
-    int64_t node = *link;
+    int32_t node = *link;
     *link = m->links[node - 1];
     m->links[node - 1] = m->heads[id];
     m->heads[id] = node;
@@ -95,6 +95,13 @@ static inline int high_bits(int length, int shift)
 static inline uint64_t get_field(bit_field *f, int size)
 {
     uint64_t field = 0;
+    int64_t at_byte = f->used >> 3;
+    int at_bit = (int)(f->used & 7);
+    if (at_byte + 8 <= f->size && at_bit + size <= 64) {
+        for (int i = 0; i < 8; i++) field = field << 8 | f->bytes[at_byte + i];
+        f->used += size;
+        return field << at_bit >> (64 - size);
+    }
     for (int left = size; left > 0;) {
         int at = (int)(f->used & 7), take = 8 - at < left ? 8 - at : left;
         uint8_t byte = f->bytes[f->used >> 3];
@@ -127,7 +134,7 @@ static int decode_corrections(coder *c, bit_field *f, correction_model *m, const
         int found = 0;
         if (ids) {
             bit_model *models = meet(m, id);
-            int64_t *link = &m->heads[id];
+            int32_t *link = &m->heads[id];
             if (!*link) {
                 if (get_bit(c, &models[0])) {
                     out[t] = 0;
@@ -176,7 +183,7 @@ static int encode_corrections(coder *c, bit_field *f, correction_model *m, const
         if (in[t] == INT64_MIN) return BAD_BITS;
         if (ids) {
             bit_model *models = meet(m, id);
-            int64_t *link = &m->heads[id];
+            int32_t *link = &m->heads[id];
             if (!*link) {
                 put_bit(c, !in[t], &models[0]);
                 if (!in[t]) {
@@ -219,7 +226,7 @@ static int fits(const Py_buffer *ids, const Py_buffer *widths, const Py_buffer *
                 corrections->len == 8 * span && (uintptr_t)corrections->buf % 8 == 0 &&
                 (uintptr_t)work->buf % 8 == 0;
     if (!ids->len) return right;
-    right = right && ids->len == 4 * span && work->len == 24 * span;
+    right = right && ids->len == 4 * span && work->len == 16 * span && span <= INT32_MAX;
     const int32_t *names = ids->buf;
     for (int64_t t = 0; right && t < span; t++) right = names[t] >= 0 && names[t] < span;
     return right;
