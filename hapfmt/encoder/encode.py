@@ -17,7 +17,7 @@ from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..recording import Channel, Recording
 from .exact import encode_doubles
 from .groups import group_units
-from .lattice import to_counts
+from .lattice import sparse, to_counts
 from .settings import Settings
 from .source import Source, cut
 from .unit import WORDS_REASON, Unit, encode_counts, encode_words
@@ -144,19 +144,26 @@ def encode_unit(
                 f"channel {channel.label!r} holds {channel.values.dtype}: give it a calibration, "
                 "or one of int64, uint64, float16, float32, float64"
             )
-        words = encode_words(channel, spans, first_channel, kind, WORDS_REASON)
-        beside = encode_doubles(channel, spans, first_channel) if kind == "binary64" else None
-        return beside if beside and beside.size < words.size else words
+
+        def words() -> Unit:
+            return encode_words(channel, spans, first_channel, kind, WORDS_REASON)
+
+        if kind == "binary64":
+            return encode_doubles(channel, spans, first_channel, words)
+        return words()
     counts = np.column_stack([each.values.astype(np.int64) for each in channels])
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
-    unit = encode_counts(Source(tuple(channels), counts, spans), first_channel, settings)
-    if settings.preset == "archive" and channel.deviation is None and original.values.dtype == "f8":
+
+    def as_counts() -> Unit:
+        source = Source(tuple(channels), counts, spans)
+        return encode_counts(source, first_channel, settings)
+
+    rounded = original.values.dtype == "f8" and channel.deviation is None and sparse(counts)
+    if settings.preset == "archive" and rounded:
         # What a text rounded may lie on a much coarser lattice.
-        beside = encode_doubles(original, spans, first_channel, grid=False)
-        if beside and beside.size < unit.size:
-            return beside
-    return unit
+        return encode_doubles(original, spans, first_channel, as_counts, grid=False)
+    return as_counts()
 
 
 def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:

@@ -6,9 +6,10 @@ rule that misses it least; and a binary grid as fine as level 1 allows. What is 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import frexp
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,6 +42,9 @@ GRID_BITS = LEVELS[1].count_bits - 1
 TEXTS = 4096
 """Distinct values whose decimals are looked at."""
 
+CHEAP = 4
+"""Bits a sample: what a lattice SPARSE times finer costs at least, and any other way more."""
+
 TRIALS = 512
 """Distinct counts that the rules are tried on."""
 
@@ -59,17 +63,37 @@ class Candidate:
         return Affine(self.calibration.a, self.calibration.b, self.calibration.d)
 
 
+class Beside(NamedTuple):
+    """A unit with exact values, and how many bytes these take."""
+
+    unit: Unit
+    size: int
+
+
 def encode_doubles(
-    channel: Channel, spans: Sequence[Span], first_channel: int, *, grid: bool = True
-) -> Unit | None:
-    """The smallest way to keep a channel of doubles bit for bit as counts and exact values; None
-    where there is no way. ``grid``: whether a binary grid will do."""
+    channel: Channel,
+    spans: Sequence[Span],
+    first_channel: int,
+    otherwise: Callable[[], Unit],
+    *,
+    grid: bool = True,
+) -> Unit:
+    """The smallest way to keep a channel of doubles bit for bit: as counts and exact values, or
+    ``otherwise``, which is not asked where exact values cost next to nothing. ``grid``: whether a
+    binary grid will do."""
     x = np.ascontiguousarray(channel.values, np.float64)
     if not x.size or not np.isfinite(x).all():
-        return None
-    ways = [natural_candidate(x), binary_grid(x) if grid else None]
-    units = [coded_as(channel, x, spans, first_channel, way) for way in ways if way]
-    return min((unit for unit in units if unit), key=lambda unit: unit.size, default=None)
+        return otherwise()
+    units = []
+    for find in (natural_candidate, binary_grid) if grid else (natural_candidate,):
+        candidate = find(x)
+        found = coded_as(channel, x, spans, first_channel, candidate) if candidate else None
+        if found is None:
+            continue
+        if 8 * found.size < CHEAP * x.size:
+            return found.unit
+        units.append(found.unit)
+    return min([*units, otherwise()], key=lambda unit: unit.size)
 
 
 def coded_as(
@@ -78,7 +102,7 @@ def coded_as(
     spans: Sequence[Span],
     first_channel: int,
     candidate: Candidate,
-) -> Unit | None:
+) -> Beside | None:
     low, high = declared_range(candidate.counts)
     if not candidate.calibration.covers(low, high):
         low, high = int(candidate.counts.min()), int(candidate.counts.max())
@@ -108,7 +132,7 @@ def coded_as(
         coded.packets.append(Packet(0, span.start, span.ticks, data))
         beside += exact_size
     reason = f"bit for bit: counts of {candidate.how}, and {beside} bytes of exact values"
-    return Unit(coded, None, "predicted + exact", reason, exact=True)
+    return Beside(Unit(coded, None, "predicted + exact", reason, exact=True), beside)
 
 
 def natural_candidate(x: Doubles) -> Candidate | None:

@@ -157,6 +157,11 @@ def natural_lattices(
                 yield found
 
 
+def sparse(counts: NDArray[np.int64]) -> bool:
+    """Whether counts [samples] are spread so thinly that a coarser lattice may lie under theirs."""
+    return bool(counts.size) and int(np.ptp(counts)) >= SPARSE * np.unique(counts).size
+
+
 def _find(x: NDArray[np.float64], bits: int) -> Lattice | str:
     """The exact lattice, or why there is none."""
     refusal = _out_of_reach(x)
@@ -331,7 +336,7 @@ def _steps_beside(u: NDArray[np.float64], exact: Lattice | str, bits: int) -> St
     least = float(u[-1] - u[0]) / (1 << bits)
     if isinstance(exact, str):
         return near_steps(u, least)
-    if np.ptp(exact.counts) < SPARSE * u.size:
+    if not sparse(exact.counts):
         return None
     steps = near_steps(u, max(least, SPARSE * float(exact.calibration.step)))
     return steps if steps and np.diff(steps.indices).all() else None
