@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 
@@ -271,6 +272,15 @@ class TestTracks:
                 continue
             with pytest.raises(FormatError, match=rule):
                 decoder.decode_exact(broken, counts)
+
+    @pytest.mark.parametrize(
+        "wrong", [{"kind": "lf"}, {"kind": "hf"}, {"components": (Component(),) * 2}], ids=str
+    )
+    def test_one_channel_without_loss(self, wrong):
+        """EXA-001: A track of codec `LPCX` MUST be of kind full band, with one component, without deadband contract and without deviation."""
+        assert TrackDecoder(self.TRACK, ONE).has_exact
+        with pytest.raises(FormatError, match="EXA-001"):
+            TrackDecoder(replace(self.TRACK, **wrong), ONE)
 
     def test_range_is_no_clamp(self):
         with pytest.raises(FormatError, match="EXA-003"):

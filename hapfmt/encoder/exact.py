@@ -43,7 +43,7 @@ TEXTS = 4096
 """Distinct values whose decimals are looked at."""
 
 CHEAP = 4
-"""Bits a sample: what a lattice SPARSE times finer costs at least, and any other way more."""
+"""Bits a sample: a lattice SPARSE times finer than the natural one costs as much at least."""
 
 TRIALS = 512
 """Distinct counts that the rules are tried on."""
@@ -79,21 +79,21 @@ def encode_doubles(
     grid: bool = True,
 ) -> Unit:
     """The smallest way to keep a channel of doubles bit for bit: as counts and exact values, or
-    ``otherwise``, which is not asked where exact values cost next to nothing. ``grid``: whether a
-    binary grid will do."""
+    ``otherwise``, which is not asked where a natural lattice misses next to nothing. ``grid``:
+    whether a binary grid will do."""
     x = np.ascontiguousarray(channel.values, np.float64)
     if not x.size or not np.isfinite(x).all():
         return otherwise()
-    units = []
-    for find in (natural_candidate, binary_grid) if grid else (natural_candidate,):
-        candidate = find(x)
-        found = coded_as(channel, x, spans, first_channel, candidate) if candidate else None
-        if found is None:
-            continue
-        if 8 * found.size < CHEAP * x.size:
-            return found.unit
-        units.append(found.unit)
-    return min([*units, otherwise()], key=lambda unit: unit.size)
+
+    def code(candidate: Candidate | None) -> Beside | None:
+        return coded_as(channel, x, spans, first_channel, candidate) if candidate else None
+
+    natural = code(natural_candidate(x))
+    if natural and 8 * natural.size < CHEAP * x.size:
+        return natural.unit
+    found = [natural, code(binary_grid(x) if grid else None)]
+    units = [*(way.unit for way in found if way), otherwise()]
+    return min(units, key=lambda unit: unit.size)
 
 
 def coded_as(
