@@ -127,10 +127,9 @@ def beside(rest: bytes) -> Callable[[], Any]:
 
 def corrected(length: int, bits: bytes, more: bytes = b"") -> bytes:
     """A correction of so many bits."""
-    model = [page.Bit() for _ in range(64)]
-    coder, j = page.Range(), 1
-    for i in range(5, -1, -1):
-        j = 2 * j + coder.code(model[j], length >> i & 1)
+    coder = page.Range()
+    for i in range(length + 1):
+        coder.code(page.Bit(), int(i < length))
     coded = coder.finish() + more
     return b"\0\0" + f.varint(len(coded)) + coded + bits
 

@@ -95,7 +95,7 @@ def corrections(coder: Range, fields: Fields, counts, widths, recall: bool, shif
     """One after the other; ``given`` where ``coder`` encodes."""
     x_models = [Bit() for _ in range(2**10)]
     r = [[Bit() for _ in range(32)] for _ in range(3)]
-    t = [Bit() for _ in range(64)]
+    t = [Bit() for _ in range(63)]
     lists: dict[int, list[int]] = {}
     out = []
     for at, (count, w) in enumerate(zip(counts, widths, strict=True)):
@@ -109,8 +109,12 @@ def corrections(coder: Range, fields: Fields, counts, widths, recall: bool, shif
                     found = entry
                     break
         if found is None:
-            length = None if c is None else (bits_of(abs(c)) - w) % 64
-            length = (number(coder, t, 6, length) + w) % 64
+            length = 0 if c is None else bits_of(abs(c))
+            target = None if c is None else length if w is None else (w - length) % 64
+            u = 0
+            while u < 63 and coder.code(t[u], None if target is None else int(u < target)):
+                u += 1
+            length = u if w is None else (w - u) % 64
             found = 0
             if length > 0:
                 e = min(length - 1, max(length + shift - 53, 0), 10)
@@ -127,9 +131,9 @@ def corrections(coder: Range, fields: Fields, counts, widths, recall: bool, shif
     return out
 
 
-def spreads(values, a: int, d: int, relative: bool, z: int) -> list[int]:
+def spreads(values, a: int, d: int, relative: bool, z: int) -> list[int | None]:
     if not relative:
-        return [0] * len(values)
+        return [None] * len(values)
     exponents = [bits(v) // 2**52 % 2**11 for v in values]
     step = bits_of(abs(a)) - bits_of(d)
     return [max(clamp(step + 1075 - e, 0, 63) - z, 0) for e in exponents]

@@ -384,8 +384,8 @@ class TestTwins:
 
     def test_packets_larger_than_their_first_buffer(self):
         away = np.random.default_rng(1).integers(-(2**62), 2**62, 300)
-        for shift in (0, 40, 63):
-            given = (away, np.arange(300, dtype=np.int32), np.zeros(300, np.uint8), shift)
+        for shift, width in ((0, 0), (40, 63), (63, exact.ABSOLUTE)):
+            given = (away, np.arange(300, dtype=np.int32), np.full(300, width, np.uint8), shift)
             assert exact.encode_compiled(*given) == exact.encode_loop(*given)
             coded, bits = exact.encode_loop(*given)
             assert exact.decode_compiled(coded, bits, *given[1:], 0).tolist() == away.tolist()

@@ -22,6 +22,9 @@ RECALL, RELATIVE = 1, 2
 LENGTHS = 64
 """A correction has 0 to 63 bits."""
 
+ABSOLUTE = 255
+"""In place of a width: the length is coded as it is."""
+
 HIGH_BITS = 10
 """Bits of a correction that can stand above those of a mantissa and below the leading 1."""
 
@@ -138,7 +141,7 @@ def corrections_of(source: Doubles, doubles: Doubles) -> Counts:
 def widths_of(doubles: Doubles, affine: Affine, flags: int, shift: int) -> NDArray[np.uint8]:
     """What lengths are coded relative to."""
     if not flags & RELATIVE:
-        return np.zeros(doubles.size, np.uint8)
+        return np.full(doubles.size, ABSOLUTE, np.uint8)
     return np.maximum(spread_of(doubles, affine), shift) - np.uint8(shift)
 
 
@@ -156,7 +159,7 @@ class CorrectionModel:
     """Bit models, and the corrections remembered of each count, the last one first."""
 
     def __init__(self) -> None:
-        self.lengths = [BitModel() for _ in range(LENGTHS)]
+        self.lengths = [BitModel() for _ in range(LENGTHS - 1)]
         self.highs = [BitModel() for _ in range(1 << HIGH_BITS)]
         self.recalls = [[BitModel() for _ in range(REMEMBERED)] for _ in range(3)]
         self.remembered: dict[int, list[int]] = {}
@@ -210,7 +213,9 @@ def encode_loop(
             if found is not None:
                 continue
         length = abs(c).bit_length()
-        tree_encode(coder, model.lengths, (length - width) % LENGTHS, 6)
+        symbol = length if width == ABSOLUTE else (width - length) % LENGTHS
+        for i in range(min(symbol + 1, LENGTHS - 1)):
+            coder.bit(int(i < symbol), model.lengths[i])
         if length:
             size = length - high_bits(length, shift)
             rest = abs(c) ^ 1 << (length - 1)
@@ -241,7 +246,10 @@ def decode_loop(
             known, models = model.meet(id_)
             c = next((k for k, m in zip(known, models, strict=False) if coder.bit(m)), None)
         if c is None:
-            length = (tree_decode(coder, model.lengths, 6) + width) % LENGTHS
+            length = 0
+            while length < LENGTHS - 1 and coder.bit(model.lengths[length]):
+                length += 1
+            length = length if width == ABSOLUTE else (width - length) % LENGTHS
             c = 0
             if length:
                 size = length - high_bits(length, shift)

@@ -4,7 +4,7 @@
    The input is hostile. ids are checked to be below their number; a field has at most 63 bits, and is
    read only where the bits hold it; what is remembered are at most as many nodes as samples. */
 
-enum { BAD_BITS = 6, LENGTHS = 64, HIGH_BITS = 10, REMEMBERED = 32 };
+enum { BAD_BITS = 6, LENGTHS = 64, ABSOLUTE = 255, HIGH_BITS = 10, REMEMBERED = 32 };
 enum { FRESH = 0, SAME = 1, KNOWN = 2 };
 
 typedef struct {
@@ -152,7 +152,9 @@ static int decode_corrections(coder *c, bit_field *f, correction_model *m, const
                 continue;
             }
         }
-        int length = (int)(get_tree(c, m->lengths, 6) + widths[t]) % LENGTHS;
+        int length = 0;
+        while (length < LENGTHS - 1 && get_bit(c, &m->lengths[length])) length++;
+        if (widths[t] != ABSOLUTE) length = (widths[t] - length) & (LENGTHS - 1);
         int size = length - high_bits(length, shift);
         uint64_t high = get_tree(c, m->highs, length - size);
         if (f->used + size > 8 * f->size) return BAD_BITS;
@@ -204,7 +206,9 @@ static int encode_corrections(coder *c, bit_field *f, correction_model *m, const
         }
         uint64_t magnitude = (uint64_t)(in[t] < 0 ? -in[t] : in[t]);
         int length = bit_length(magnitude), size = length - high_bits(length, shift);
-        put_tree(c, m->lengths, (uint64_t)(length - widths[t]) & (LENGTHS - 1), 6);
+        int symbol = widths[t] == ABSOLUTE ? length : (widths[t] - length) & (LENGTHS - 1);
+        for (int i = 0; i < symbol; i++) put_bit(c, 1, &m->lengths[i]);
+        if (symbol < LENGTHS - 1) put_bit(c, 0, &m->lengths[symbol]);
         if (size) {
             uint64_t top = (uint64_t)1 << (size - 1), rest = magnitude ^ (uint64_t)1 << (length - 1);
             put_tree(c, m->highs, rest >> (size - 1), length - size);
