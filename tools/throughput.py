@@ -17,11 +17,12 @@ import numpy as np
 from measured import best_of, print_origin, print_table
 
 import hapfmt
-from hapfmt.codecs import predicted
+from hapfmt.codecs import exact, predicted
 from hapfmt.codecs.knots import KnotParameters, build_knots, decode_knots
 from hapfmt.codecs.predicted import decode_indices
 from hapfmt.codecs.quantised import decode_quantised, encode_quantised, quantise
 from hapfmt.codecs.raw import RawParameters, decode_raw, encode_raw
+from hapfmt.container.track import Affine
 from hapfmt.deadband import Deadband
 from hapfmt.encoder.codebook import choose_codebook
 from hapfmt.encoder.knots import select_knots
@@ -87,6 +88,34 @@ def predictions(counts: np.ndarray) -> list[list[object]]:
              speed(n, lambda d=data, m=n: decode_indices(d, m, LEVEL.count_bound, 0), 3)]
         )  # fmt: skip
     predicted.compiled = built
+    return rows
+
+
+def doubles() -> list[list[object]]:
+    """LPCX: the exact values of noise beside its counts, both loops as above."""
+    rows = []
+    built = exact.compiled
+    for name, kernel, n in (("compiled", built, 1 << 16), ("readable", None, TWIN_SAMPLES)):
+        if name == "compiled" and not built:
+            continue
+        exact.compiled = kernel
+        x = np.random.default_rng(1).normal(size=n)
+        counts, affine = np.rint(x * 2**20).astype(np.int64), Affine(1, 0, 1 << 20)
+        for recall in (False, True):
+
+            def encode(x=x, counts=counts, affine=affine, recall=recall) -> bytes:
+                return exact.encode_exact(
+                    x, exact.ExactParameters(), affine, counts, recall=recall, relative=True
+                )
+
+            data = b"\0" + encode()
+            rows.append(
+                [f"exact values, {'recall, ' if recall else ''}{name}", f"{8 * len(data) / n:.3f}",
+                 speed(n, encode, 3),
+                 speed(n, lambda d=data, c=counts, a=affine: exact.decode_exact(
+                     d, exact.ExactParameters(), a, c, 0), 3)]
+            )  # fmt: skip
+    exact.compiled = built
     return rows
 
 
@@ -160,7 +189,8 @@ def main() -> None:
     counts = recording.channels[0].values.astype(np.int64)[:, None]
     print(f"one channel, {SAMPLES} samples of a simulated texture at 8 kHz; million samples a "
           "second of CPU time\n")  # fmt: skip
-    rows = [*codecs(counts, 8000.0), *predictions(counts), *whole(recording), flac(counts, 8000)]
+    rows = [*codecs(counts, 8000.0), *predictions(counts), *doubles(), *whole(recording),
+            flac(counts, 8000)]  # fmt: skip
     print_table(["codec", "b/sample", "encode Ms/s", "decode Ms/s"], rows)
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "one.hapf")
