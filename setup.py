@@ -17,6 +17,7 @@ setup(
                     "select",
                     "huffman",
                     "levels",
+                    "exact",
                 )
             ],
             depends=[

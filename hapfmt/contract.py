@@ -157,7 +157,9 @@ def pair_up(original: Channel, decoded: Channel) -> Pair:
         errors = np.where(same, 0.0, np.abs(physical_x - physical_y))
     y = decoded.values[at_y]
     moved, far = 0.0, 0
-    if decoded.calibration is None:
+    if decoded.exact is not None:
+        x, y = physical_x.view(np.int64), physical_y.view(np.int64)
+    elif decoded.calibration is None:
         x, y = comparable(original.values[at_x], y)
     elif original.calibration == decoded.calibration:
         x = original.values[at_x]

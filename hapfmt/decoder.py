@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .codecs import knots, quantised
+from .codecs.exact import ExactParameters, decode_counts, decode_exact
 from .codecs.knots import KnotParameters
 from .codecs.knots_coded import CodedKnotParameters, decode_coded_knots
 from .codecs.predicted import LpcParameters, decode_predicted
@@ -20,7 +21,14 @@ from .errors import FormatError, HapfmtError, UnsupportedError
 from .limits import Level
 from .recording import Span, append_span
 
-Parameters = KnotParameters | QuanParameters | RawParameters | LpcParameters | CodedKnotParameters
+Parameters = (
+    KnotParameters
+    | QuanParameters
+    | RawParameters
+    | LpcParameters
+    | CodedKnotParameters
+    | ExactParameters
+)
 
 
 class TrackDecoder:
@@ -51,7 +59,41 @@ class TrackDecoder:
                 return LpcParameters.parse(track.parameters, self.level, track.offset)
             if track.codec == "KNTE":
                 return CodedKnotParameters.parse(track.parameters, self.level, track.offset)
+            if track.codec == "LPCX":
+                return self.parse_exact()
             return RawParameters.parse(track.parameters, track.number_format, track.offset)
+        except HapfmtError as error:
+            raise error.at(path=self.path) from None
+
+    def parse_exact(self) -> ExactParameters:
+        track = self.track
+        lossy = track.contract or any(c.deviation for c in track.components)
+        if track.kind != "full" or len(track.components) != 1 or lossy:
+            raise FormatError(
+                "exact values beside what is not one channel without loss",
+                requirement="EXA-001",
+                offset=track.offset,
+            )
+        return ExactParameters.parse(track.parameters, track.offset)
+
+    @property
+    def has_exact(self) -> bool:
+        """Whether the track holds the source's doubles beside its counts."""
+        return isinstance(self.parameters, ExactParameters)
+
+    def decode_exact(self, packet: Packet, counts: NDArray[np.int32]) -> NDArray[np.float64] | None:
+        """The source's doubles [span], for the counts that ``decode`` gave of the same packet; None
+        where the counts are all there is."""
+        if not isinstance(self.parameters, ExactParameters):
+            return None
+        try:
+            return decode_exact(
+                packet.data,
+                self.parameters,
+                self.track.components[0].calibration,
+                counts[:, 0].astype(np.int64),
+                packet.offset,
+            )
         except HapfmtError as error:
             raise error.at(path=self.path) from None
 
@@ -66,7 +108,11 @@ class TrackDecoder:
                 )
                 if track.number_format != "counts":
                     return numbers
-                self.check_range(numbers, packet.offset)
+                self.check_range(numbers, packet.offset, "RAW-005")
+            elif isinstance(parameters, ExactParameters):
+                counts = decode_counts(packet.data, packet.span, self.level, packet.offset)
+                numbers = counts[:, None]
+                self.check_range(numbers, packet.offset, "EXA-003")
             elif isinstance(parameters, KnotParameters):
                 return knots.decode_within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
@@ -92,12 +138,14 @@ class TrackDecoder:
         )
         return clamped
 
-    def check_range(self, numbers: NDArray[Any], offset: int) -> None:
-        """RAW-005."""
+    def check_range(self, numbers: NDArray[Any], offset: int, requirement: str) -> None:
+        """What is lossless is never clamped."""
         low, high = self.track.count_min, self.track.count_max
         if numbers.min() < low or numbers.max() > high:
             raise FormatError(
-                "a raw count outside the declared range", requirement="RAW-005", offset=offset
+                "a lossless count outside the declared range",
+                requirement=requirement,
+                offset=offset,
             )
 
 

@@ -103,22 +103,24 @@ def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[
             "sha256": hashlib.sha256(packet.data).hexdigest(),
         }
         if counts:
-            row["numbers"] = numbers_json(catalogue, packet)
+            row |= numbers_json(catalogue, packet)
         out.append(row)
     return out
 
 
-def numbers_json(catalogue: Catalogue, packet: Packet) -> list[list[int]]:
-    """[ticks][components] counts, or words as unsigned integers."""
+def numbers_json(catalogue: Catalogue, packet: Packet) -> dict[str, Any]:
+    """[ticks][components] counts, or words as unsigned integers; exact values as words [ticks]."""
     from .decoder import TrackDecoder
 
     track = catalogue.tracks[packet.track]
     Limits().check_packet(packet.span * len(track.components))
-    numbers = TrackDecoder(track, catalogue.level).decode(packet)
+    decoder = TrackDecoder(track, catalogue.level)
+    numbers = decoder.decode(packet)
+    exact = decoder.decode_exact(packet, numbers)
     if track.number_format != "counts":
         numbers = numbers.view(f"<u{numbers.dtype.itemsize}")
-    rows: list[list[int]] = numbers.tolist()
-    return rows
+    beside = {} if exact is None else {"exact": exact.view("<u8").tolist()}
+    return {"numbers": numbers.tolist(), **beside}
 
 
 def track_json(track: Track) -> dict[str, Any]:

@@ -52,8 +52,8 @@ Number; level 2 needs 64-bit integers."""
 class Limits:
     """What the caller is ready to spend on a file; more is *unsupported*, not damage (LIM-003).
 
-    ``samples``: decoded samples held at once, 8 bytes each at most. ``packet_samples``: samples of
-    one packet, which takes about 64 bytes each while it is decoded. ``work_samples``: samples
+    ``samples``: decoded samples held at once, 12 bytes each at most. ``packet_samples``: samples of
+    one packet, which takes about 80 bytes each while it is decoded. ``work_samples``: samples
     decoded in one pass, held or not (108 hours of 22 channels at 1 kHz).
     """
 

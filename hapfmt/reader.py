@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Any, BinaryIO, Literal, NamedTuple
 from uuid import UUID
 
+import numpy as np
 from numpy.typing import NDArray
 
 from .catalogue import Catalogue, ChannelRef
@@ -30,11 +31,18 @@ BANDS: tuple[Band, ...] = ("full", "lf", "hf")
 
 
 class Piece(NamedTuple):
-    """One decoded packet: numbers [ticks, components] from tick ``start`` on."""
+    """One decoded packet: numbers [ticks, components] from tick ``start`` on; exact: the source's
+    doubles [ticks], where they stand beside the counts and were asked for."""
 
     track: Track
     start: int
     numbers: NDArray[Any]
+    exact: NDArray[np.float64] | None = None
+
+    @property
+    def digested(self) -> NDArray[Any]:
+        """The numbers that a digest is taken of (SPEC 6.9)."""
+        return self.numbers if self.exact is None else self.exact
 
 
 class Reader:
@@ -146,10 +154,12 @@ class Reader:
         stop: Seconds | None = None,
         *,
         band: Band = "full",
+        exact: bool = True,
         progress: Callable[[int, int], None] | None = None,
     ) -> Recording:
         """The recording, or the channels, seconds [start, stop) and band that are asked for.
 
+        ``exact``: decode the exact values too, where they stand beside the counts.
         ``progress`` is called with (clusters done, clusters in all).
         """
         if band not in BANDS:
@@ -161,10 +171,10 @@ class Reader:
         wanted = wanted_tracks(chosen, band)
         decoded = {track.id: Decoded(track) for track in wanted}
         samples = 0
-        for piece in self.pieces(wanted, start, stop, progress=progress):
+        for piece in self.pieces(wanted, start, stop, exact=exact, progress=progress):
             samples += piece.numbers.size
             self.limits.check_samples(samples)
-            decoded[piece.track.id].add(piece.start, piece.numbers)
+            decoded[piece.track.id].add(piece.start, piece.numbers, piece.exact)
         if band == "full":
             self.lost.extend(self.lost_residuals(chosen))
         return self.assemble(chosen, decoded, band)
@@ -211,6 +221,7 @@ class Reader:
         start: Seconds | None = None,
         stop: Seconds | None = None,
         *,
+        exact: bool = False,
         progress: Callable[[int, int], None] | None = None,
     ) -> Iterator[Piece]:
         """Decoded packets of ``tracks`` in order of the file, cut to the seconds [start, stop).
@@ -232,6 +243,7 @@ class Reader:
             self.limits.check_work(work)
             try:
                 numbers = decoder.decode(packet)
+                doubles = decoder.decode_exact(packet, numbers) if exact else None
             except FormatError as error:
                 if not self.catalogue.damaged:
                     raise
@@ -240,7 +252,8 @@ class Reader:
                 continue
             first, last = ranges[packet.track]
             a, b = max(first - packet.start, 0), min(last - packet.start, packet.span)
-            yield Piece(decoder.track, packet.start + a, numbers[a:b])
+            doubles = None if doubles is None else doubles[a:b]
+            yield Piece(decoder.track, packet.start + a, numbers[a:b], doubles)
 
     def packets(
         self,
@@ -291,11 +304,12 @@ def read(
     stop: Seconds | None = None,
     *,
     band: Band = "full",
+    exact: bool = True,
     limits: Limits | None = None,
 ) -> Recording:
     """The recording in ``file``, or a part of it; any damage raises (use Reader to go on)."""
     with Reader(file, limits=limits, strict=True) as reader:
-        recording = reader.read(channels, start, stop, band=band)
+        recording = reader.read(channels, start, stop, band=band, exact=exact)
         reader.refuse_damage()
         return recording
 

@@ -49,13 +49,19 @@ class Decoded:
     track: Track
     spans: list[Span] = field(default_factory=list)
     pieces: Growing = field(default_factory=Growing)
+    doubles: list[NDArray[np.float64]] = field(default_factory=list)
+    """Exact values, beside each of the pieces or none."""
 
-    def add(self, start: int, numbers: NDArray[Any]) -> None:
-        """numbers [ticks, components] from tick ``start`` on."""
+    def add(
+        self, start: int, numbers: NDArray[Any], exact: NDArray[np.float64] | None = None
+    ) -> None:
+        """numbers [ticks, components] from tick ``start`` on; exact: [ticks]"""
         if not len(numbers):
             return
         append_span(self.spans, Span(start, start + len(numbers)))
         self.pieces.append(numbers)
+        if exact is not None:
+            self.doubles.append(exact)
 
     def numbers(self) -> NDArray[Any]:
         """[samples, components]"""
@@ -64,6 +70,10 @@ class Decoded:
             dtype = DTYPES.get(self.track.number_format, np.dtype(np.int32))
             return np.zeros((0, len(self.track.components)), dtype)
         return joined
+
+    def exact(self) -> NDArray[np.float64] | None:
+        """[samples], or None where the counts are all there is."""
+        return np.concatenate(self.doubles) if self.doubles else None
 
 
 def add_residual(lf: Decoded, hf: Decoded) -> Decoded:
@@ -114,4 +124,5 @@ def build_channel(
         body_site=component.body_site,
         device=component.device,
         deviation=deviation,
+        exact=decoded.exact(),
     )

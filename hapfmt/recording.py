@@ -106,6 +106,9 @@ class Channel:
         adjacent. Together they hold sample_count ticks.
     unit
         UCUM code ("N", "m/s2", "rad", "{count}", "1").
+    exact
+        float64 [sample_count] or None: the doubles that were recorded, bit for bit, where counts
+        alone do not give them back.
     """
 
     values: NDArray[Any]
@@ -121,6 +124,7 @@ class Channel:
     device: str = ""
     deviation: Deviation | None = None
     lsb: float | None = None
+    exact: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if self.values.ndim != 1:
@@ -130,6 +134,12 @@ class Channel:
             raise ParameterError("a channel's rate is positive")
         if self.calibration is not None and self.values.dtype.kind not in "iu":
             raise ParameterError("a channel with a calibration holds integer counts")
+        if self.exact is not None and (
+            self.calibration is None
+            or self.exact.dtype != np.float64
+            or self.exact.shape != self.values.shape
+        ):
+            raise ParameterError("exact values are one float64 beside each count")
         if not self.coverage and self.values.size:
             object.__setattr__(self, "coverage", (Span(0, self.values.size),))
         previous = -1
@@ -180,7 +190,9 @@ class Channel:
         return self.stop_tick / self.rate
 
     def physical(self) -> NDArray[np.float64]:
-        """[sample_count] physical values in ``unit``, gaps left out."""
+        """[sample_count] physical values in ``unit``, gaps left out; exact ones come first."""
+        if self.exact is not None:
+            return self.exact.copy()
         if self.calibration is not None:
             return self.calibration.physical(self.values)
         return self.values.astype(np.float64)
@@ -214,14 +226,16 @@ class Channel:
     def slice_ticks(self, start: int, stop: int) -> Channel:
         """Only the samples with start <= tick < stop; ticks keep their numbers."""
         spans: list[Span] = []
-        pieces: list[NDArray[Any]] = []
-        for first, values in self.segments():
-            a, b = max(first, start), min(first + values.size, stop)
+        kept = np.zeros(self.values.size, np.bool_)
+        position = 0
+        for span in self.coverage:
+            a, b = max(span.start, start), min(span.stop, stop)
             if a < b:
                 spans.append(Span(a, b))
-                pieces.append(values[a - first : b - first])
-        joined = np.concatenate(pieces) if pieces else self.values[:0]
-        return replace(self, values=joined, coverage=tuple(spans))
+                kept[position + a - span.start : position + b - span.start] = True
+            position += span.ticks
+        exact = None if self.exact is None else self.exact[kept]
+        return replace(self, values=self.values[kept], coverage=tuple(spans), exact=exact)
 
 
 @dataclass(frozen=True, eq=False)

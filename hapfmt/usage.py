@@ -11,6 +11,7 @@ from .container.source import Source
 from .container.walk import Finding, walk
 from .container.wire import HEADER_SIZE, SIGNATURE
 from .errors import FormatError
+from .integers import parse_varint
 from .opening import open_catalogue
 
 CAUSES = (
@@ -20,6 +21,7 @@ CAUSES = (
     "TRAK",
     "packet tables",
     "packets",
+    "exact values",
     "iNDX",
     "fOOT",
     "mETa",
@@ -32,13 +34,15 @@ CAUSES = (
 
 @dataclass
 class TrackUsage:
-    """Bytes of one track: packets, its rows in the packet tables; samples that they decode to."""
+    """Bytes of one track: packets and how many of these are exact values, its rows in the packet
+    tables; samples that they decode to."""
 
     id: int
     kind: str
     codec: str
     labels: list[str]
     packets_size: int = 0
+    exact_size: int = 0
     table_size: int = 0
     parameters_size: int = 0
     packet_count: int = 0
@@ -47,7 +51,8 @@ class TrackUsage:
 
 @dataclass
 class Usage:
-    """``causes`` add up to ``file``; ``payload`` is the bytes of all packets."""
+    """``causes`` add up to ``file``; ``payload`` is the bytes of all packets, with what of them are
+    exact values, which ``causes`` books apart."""
 
     file: int
     causes: dict[str, int] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0))
@@ -56,7 +61,7 @@ class Usage:
 
     @property
     def payload(self) -> int:
-        return self.causes["packets"]
+        return self.causes["packets"] + self.causes["exact values"]
 
     def as_json(self) -> dict[str, Any]:
         return {
@@ -116,8 +121,22 @@ def add_packets(usage: Usage, catalogue: Catalogue, payload: bytes, intact: bool
         track = usage.tracks[packet.track]
         track.packets_size += len(packet.data)
         track.table_size += entry_size(packet)
+        track.exact_size += exact_size(packet, track.codec)
         track.packet_count += 1
         track.sample_count += packet.span * len(catalogue.tracks[packet.track].components)
     size = sum(len(packet.data) for packet in packets)
-    usage.causes["packets"] += size
+    beside = sum(exact_size(packet, usage.tracks[packet.track].codec) for packet in packets)
+    usage.causes["packets"] += size - beside
+    usage.causes["exact values"] += beside
     return size
+
+
+def exact_size(packet: Packet, codec: str) -> int:
+    """Bytes of a packet that its counts do not need (SPEC 9.7)."""
+    if codec != "LPCX":
+        return 0
+    try:
+        size, start = parse_varint(packet.data, 0)
+    except FormatError:
+        return 0
+    return max(len(packet.data) - start - size, 0)

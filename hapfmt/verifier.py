@@ -172,11 +172,11 @@ def check_packets(
     known = [track for track in catalogue.tracks.values() if not track.unsupported]
     wanted = stored_digests(catalogue)
     digests = {id_: TrackDigest() for id_ in wanted}
-    for piece in reader.pieces(known, progress=progress):
+    for piece in reader.pieces(known, exact=True, progress=progress):
         report.packets += 1
         report.samples += piece.numbers.size
         if piece.track.id in digests:
-            digests[piece.track.id].update(piece.start, piece.numbers)
+            digests[piece.track.id].update(piece.start, piece.digested)
     report.digests = len(wanted)
     for id_, (offset, digest) in wanted.items():
         if not catalogue.tracks[id_].unsupported and digests[id_].digest() != digest:

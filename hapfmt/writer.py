@@ -297,7 +297,10 @@ def digests_of(encoded: Encoded) -> dict[int, bytes]:
     decoders = {track.id: TrackDecoder(track, encoded.level) for track in encoded.tracks}
     found = {track.id: TrackDigest() for track in encoded.tracks}
     for packet in encoded.packets:
-        found[packet.track].update(packet.start, decoders[packet.track].decode(packet))
+        decoder = decoders[packet.track]
+        numbers = decoder.decode(packet)
+        exact = decoder.decode_exact(packet, numbers)
+        found[packet.track].update(packet.start, numbers if exact is None else exact)
     return {track: digest.digest() for track, digest in found.items()}
 
 

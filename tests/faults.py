@@ -10,9 +10,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import forge as f
+import numpy as np
 import page
 
 from hapfmt.codecs import knots_coded
+from hapfmt.codecs.exact import ExactParameters, decode_counts, decode_exact
 from hapfmt.codecs.huffman import parse_codebook
 from hapfmt.codecs.knots import KnotParameters, decode_knots
 from hapfmt.codecs.predicted import LpcParameters, decode_indices
@@ -25,7 +27,7 @@ from hapfmt.container.index import IndexEntry, check_listing, parse_foot, parse_
 from hapfmt.container.series import parse_series
 from hapfmt.container.source import BytesSource
 from hapfmt.container.tlv import parse_strings, parse_tlvs
-from hapfmt.container.track import TrackTable
+from hapfmt.container.track import Affine, TrackTable
 from hapfmt.container.wire import parse_head, parse_header
 from hapfmt.integers import parse_varint
 from hapfmt.limits import LEVELS, Limits
@@ -112,6 +114,37 @@ def coded(data: bytes) -> Callable[[], Any]:
 
 def further(data: bytes, span: int = 2) -> Callable[[], Any]:
     return lambda: knots_coded.decode_indices(data, "hold", span, 1, ONE.count_bound, AT)
+
+
+FIVE = b"\3\x10\0\x0a"
+"""The counts of a packet of LPCX: all 5."""
+
+
+def described(data: bytes) -> Callable[[], Any]:
+    return lambda: ExactParameters.parse(data, AT)
+
+
+def counts(data: bytes) -> Callable[[], Any]:
+    return lambda: decode_counts(data, 1, ONE, AT)
+
+
+def beside(rest: bytes) -> Callable[[], Any]:
+    """Corrections of one count; the first byte that is theirs stands at 104."""
+    five = np.array([5])
+    return lambda: decode_exact(FIVE + rest, ExactParameters(), Affine(), five, AT)
+
+
+def corrected(length: int, bits: bytes, more: bytes = b"") -> bytes:
+    """A correction of so many bits."""
+    coder = page.Range()
+    for i in range(length + 1):
+        coder.code(page.Bit(), int(i < length))
+    coded = coder.finish() + more
+    return b"\0\0" + f.varint(len(coded)) + coded + bits
+
+
+def exact_track(**given: Any) -> bytes:
+    return f.trak(f.tlv(1, f.lpcx_parameters()) + given.pop("tlvs", b""), codec=b"LPCX", **given)
 
 
 def deflated(data: bytes) -> bytes:
@@ -422,6 +455,34 @@ FAULTS = [
     Fault("LPC-005", 102, "c above 2^21", predicted(b"\0\x0b" + b"\x81" * 11 + b"\0")),
     Fault("LPC-006", 100, "no flags", predicted(b"")),
     Fault("LPC-006", 100, "coefficients cut short", predicted(b"\0\1")),
+    # 9.7
+    Fault("COD-002", 100, "LPCX cut short", described(b"")),
+    Fault("COD-002", 100, "LPCX too long", described(f.lpcx_parameters() + b"\0")),
+    Fault("HED-005", 102, "LPCX reserved", described(f.lpcx_parameters(reserved=b"\0\1"))),
+    Fault("EXA-001", TRACK_AT + 32, "LPCX of a vector", judged(f.closed(
+        HEAD, ("TRAK", exact_track(component_count=2), {"track": 0}), DATA))),
+    Fault("EXA-001", TRACK_AT + 32, "LPCX with a contract", judged(f.closed(
+        HEAD, ("TRAK", exact_track(tlvs=f.tlv(16, f.deadband())), {"track": 0}), DATA))),
+    Fault("EXA-001", TRACK_AT + 32, "LPCX with a deviation", judged(f.closed(
+        HEAD, ("TRAK", exact_track(tlvs=f.tlv(18, f.deviation(1, 1))), {"track": 0}), DATA))),
+    Fault("EXA-002", 100, "rule 5", described(f.lpcx_parameters(5))),
+    Fault("EXA-002", 100, "digits of a quotient", described(f.lpcx_parameters(0, 1))),
+    Fault("EXA-002", 100, "23 decimals", described(f.lpcx_parameters(3, 23))),
+    Fault("EXA-002", 100, "no significant digit", described(f.lpcx_parameters(4, 0))),
+    Fault("EXA-002", 100, "16 significant digits", described(f.lpcx_parameters(4, 16))),
+    Fault("EXA-003", 100, "counts past the packet", counts(FIVE[:-1])),
+    Fault("EXA-003", DATA_AT - 4 + 32 + 9, "an exact count outside its range", judged(f.file(
+        HEAD, ("TRAK", exact_track(), {"track": 0}),
+        ("DATA", f.cluster((0, 0, 1, b"\4\x10\0" + f.svarint(101))))))),
+    Fault("CNV-002", 100, "no counts", counts(b"")),
+    Fault("EXA-004", 104, "flags alone", beside(b"\0")),
+    Fault("EXA-004", 104, "flag bit 2 of corrections", beside(b"\4\0\0")),
+    Fault("EXA-004", 104, "shift 64", beside(b"\0\x40\0")),
+    Fault("EXA-004", 106, "coded bytes past the packet", beside(b"\0\0\1")),
+    Fault("RNG-001", 107, "a coded byte too much", beside(corrected(0, b"", b"\0"))),
+    Fault("EXA-005", 108, "no field", beside(corrected(1, b""))),
+    Fault("EXA-005", 108, "a byte after the fields", beside(corrected(1, b"\0\0"))),
+    Fault("EXA-005", 108, "fields filled with ones", beside(corrected(1, b"\1"))),
     Fault("CNV-002", 102, "no base", predicted(b"\0\0")),
     Fault("COD-001", 103, "bytes after a constant", predicted(b"\x10\0\0\0")),
     # 9.6

@@ -107,6 +107,10 @@ def knte_parameters(interpolation: int = 0, **grid: int) -> bytes:
     return bytes([interpolation]) + lpcr_parameters(**grid)
 
 
+def lpcx_parameters(rule: int = 0, digits: int = 0, reserved: bytes = bytes(2)) -> bytes:
+    return struct.pack("<BB2s", rule, digits, reserved)
+
+
 HOLD = tlv(1, knot_parameters())
 
 

@@ -367,7 +367,9 @@ class Magnitudes:
         if b < 2:
             return b
         high = coder.code(self.hs[b], None if u is None else u // 2 ** (b - 2) % 2)
-        return (2 + high) * 2 ** (b - 2) + coder.number(b - 2, None if u is None else u % 2 ** (b - 2))
+        return (2 + high) * 2 ** (b - 2) + coder.number(
+            b - 2, None if u is None else u % 2 ** (b - 2)
+        )
 
 
 def code_knots(coder, f, linear, span, first, last, knots=None):

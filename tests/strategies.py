@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 from hypothesis import strategies as st
 
+from hapfmt.codecs.exact import ExactParameters, encode_exact
 from hapfmt.codecs.huffman import code_lengths
 from hapfmt.codecs.knots import KnotParameters, build_knots
 from hapfmt.codecs.knots_coded import CodedKnotParameters, encode_knots
@@ -24,6 +25,7 @@ from hapfmt.container.track import WORD_SIZES, Affine, Component, Contract, Trac
 from hapfmt.container.wire import ChunkHeader, Head
 from hapfmt.encoder.settings import Settings
 from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.integers import build_varint
 from hapfmt.limits import LEVELS
 from hapfmt.recording import Calibration, Channel, Deviation, Recording, Span
 
@@ -173,7 +175,9 @@ def series(draw, level=LEVELS[2]):
 @st.composite
 def codec_parameters(draw, level=LEVELS[2]):
     """(codec, parameters) of a track of counts."""
-    codec = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "KNTE"]))
+    codec = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "KNTE", "LPCX"]))
+    if codec == "LPCX":
+        return codec, ExactParameters(draw(st.integers(0, 2)))
     if codec == "KNOT":
         return codec, draw(knot_parameters(level))
     if codec == "LPCR":
@@ -356,7 +360,7 @@ def raw_arrays(draw):
 def packets(draw, track_id=0):
     """(track, packets in order of time, the counts or words of each) at level 1."""
     level = LEVELS[1]
-    kind = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "KNTE"]))
+    kind = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "KNTE", "LPCX"]))
     start, made, numbers = draw(st.sampled_from([0, 0, 7, 2**40])), [], []
     if kind == "RAWB":
         number_format, size, array = draw(raw_arrays())
@@ -380,6 +384,13 @@ def packets(draw, track_id=0):
         indices = draw(index_arrays(limit))
         data = encode_indices(indices, Predictor())
         arrays = [(data, len(indices), parameters.counts(indices, level.count_bound)[:, None])]
+    elif kind == "LPCX":
+        number_format, parameters = "counts", ExactParameters(draw(st.integers(0, 2)))
+        counts = draw(index_arrays((1 << 23) - 1))
+        x = counts + np.random.default_rng(counts.size).normal(size=counts.size) / 4
+        coded = encode_indices(counts, Predictor())
+        beside = encode_exact(x, parameters, Affine(), counts, recall=True, relative=True)
+        arrays = [(build_varint(len(coded)) + coded + beside, len(counts), counts[:, None])]
     else:
         number_format, alphabet = "counts", Alphabet(3, 3, 8)
         array = draw(level_arrays(alphabet))

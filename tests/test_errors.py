@@ -207,6 +207,18 @@ def test_coded_knots(fault):
     assert_reported(fault)
 
 
+@each("EXA")
+def test_exact(fault):
+    """
+    EXA-001: A track of codec `LPCX` MUST be of kind full band, with one component, without deadband contract and without deviation.
+    EXA-002: `rule` MUST be at most 4, and `digits` 0 to 22 with rule 3, 1 to 15 with rule 4, else 0.
+    EXA-003: The counts MUST end within the packet and lie within the declared range of their track: what is lossless is never clamped.
+    EXA-004: Undefined flags MUST be 0, z at most 63, and the coded bytes MUST end within the packet.
+    EXA-005: The fields MUST end with the packet, and the bits that fill the last byte MUST be 0.
+    """
+    assert_reported(fault)
+
+
 @each("RAW")
 def test_raw(fault):
     """

@@ -17,11 +17,12 @@ from measured import best_of, print_origin, print_table
 from peers.exact import flac_decode, flac_encode
 
 import hapfmt
-from hapfmt.codecs import predicted
+from hapfmt.codecs import exact, predicted
 from hapfmt.codecs.knots import KnotParameters, build_knots, decode_knots
 from hapfmt.codecs.predicted import decode_indices
 from hapfmt.codecs.quantised import decode_quantised, encode_quantised, quantise
 from hapfmt.codecs.raw import RawParameters, decode_raw, encode_raw
+from hapfmt.container.track import Affine
 from hapfmt.deadband import Deadband
 from hapfmt.encoder.codebook import choose_codebook
 from hapfmt.encoder.knots import select_knots
@@ -90,6 +91,34 @@ def predictions(counts: np.ndarray) -> list[list[object]]:
     return rows
 
 
+def doubles() -> list[list[object]]:
+    """LPCX: the exact values of noise beside its counts, both loops as above."""
+    rows = []
+    built = exact.compiled
+    for name, kernel, n in (("compiled", built, 1 << 16), ("readable", None, TWIN_SAMPLES)):
+        if name == "compiled" and not built:
+            continue
+        exact.compiled = kernel
+        x = np.random.default_rng(1).normal(size=n)
+        counts, affine = np.rint(x * 2**20).astype(np.int64), Affine(1, 0, 1 << 20)
+        for recall in (False, True):
+
+            def encode(x=x, counts=counts, affine=affine, recall=recall) -> bytes:
+                return exact.encode_exact(
+                    x, exact.ExactParameters(), affine, counts, recall=recall, relative=True
+                )
+
+            data = b"\0" + encode()
+            rows.append(
+                [f"exact values, {'recall, ' if recall else ''}{name}", f"{8 * len(data) / n:.3f}",
+                 speed(n, encode, 3),
+                 speed(n, lambda d=data, c=counts, a=affine: exact.decode_exact(
+                     d, exact.ExactParameters(), a, c, 0), 3)]
+            )  # fmt: skip
+    exact.compiled = built
+    return rows
+
+
 def flac(counts: np.ndarray, rate: int) -> list[object]:
     """flac at its highest level through soundfile."""
     data, n = flac_encode(counts[:, 0], rate), len(counts)
@@ -130,7 +159,7 @@ def main() -> None:
     counts = recording.channels[0].values.astype(np.int64)[:, None]
     print(f"one channel, {SAMPLES} samples of a simulated texture at 8 kHz; million samples a "
           "second of CPU time\n")  # fmt: skip
-    rows = [*codecs(counts, 8000.0), *predictions(counts), flac(counts, 8000)]
+    rows = [*codecs(counts, 8000.0), *predictions(counts), *doubles(), flac(counts, 8000)]
     print_table(["codec", "b/sample", "encode Ms/s", "decode Ms/s"], rows)
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "one.hapf")

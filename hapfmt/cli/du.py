@@ -36,14 +36,15 @@ def du(file: str, as_json: bool) -> int:
             ", ".join(t.labels),
             str(t.packet_count),
             str(t.packets_size),
+            str(t.exact_size) if t.exact_size else "-",
             str(t.table_size),
             str(t.parameters_size),
             f"{8 * t.packets_size / t.sample_count:.4f}" if t.sample_count else "-",
         ]
         for t in usage.tracks.values()
     ]
-    headers = ["track", "coded as", "channels", "packets", "bytes", "in tables", "parameters",
-               "b/sample"]  # fmt: skip
+    headers = ["track", "coded as", "channels", "packets", "bytes", "exact", "in tables",
+               "parameters", "b/sample"]  # fmt: skip
     table(headers, tracks)
     click.echo(printable(file) + f": payload {usage.payload} of {usage.file} bytes")
     return usage.exit_code

@@ -95,6 +95,7 @@ def channel_json(ref: ChannelRef) -> dict[str, Any]:
         },
         "deviation": component.deviation
         and {"declared": component.deviation[0], "largest": component.deviation[1]},
+        "exact": ref.track.codec == "LPCX",
         "unsupported": ref.track.unsupported,
     }
 
@@ -129,7 +130,7 @@ def channel_row(ref: ChannelRef) -> list[str]:
     rate = ref.track.rate
     a, _, d = component.calibration
     step = f"{a / d:.6g}" if ref.track.number_format == "counts" else ref.track.number_format
-    promise = "-"
+    promise = "exact values" if ref.track.codec == "LPCX" else "-"
     if contract:
         word = "guaranteed" if contract.guaranteed else "aimed at"
         shape = "vector, " if contract.vector else ""

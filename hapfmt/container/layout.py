@@ -99,6 +99,12 @@ RAWB_PARAMETERS = Struct(
     "reserved" / Bytes(3) * "0",
 )
 
+LPCX_PARAMETERS = Struct(
+    "rule" / Int8ul * "0 quotient, 1 product, 2 binary32, 3 decimals, 4 significant digits",
+    "digits" / Int8ul * "rule 3: decimals; rule 4: significant digits; else 0",
+    "reserved" / Bytes(2) * "0",
+)
+
 TABLES: dict[str, Construct] = {
     "chunk header": CHUNK_HEADER,
     "HEAD": HEAD,
@@ -109,5 +115,6 @@ TABLES: dict[str, Construct] = {
     "fOOT": FOOT,
     "QUAN parameters": QUAN_PARAMETERS,
     "RAWB parameters": RAWB_PARAMETERS,
+    "LPCX parameters": LPCX_PARAMETERS,
 }
 """Name of each table in SPEC.md and its declaration, in the order of the SPEC."""

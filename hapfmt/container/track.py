@@ -13,7 +13,7 @@ from ..limits import EXACT_LIMIT
 KINDS = ("full", "lf", "hf")
 NUMBER_FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64")
 WORD_SIZES = {"int64": 8, "uint64": 8, "binary16": 2, "binary32": 4, "binary64": 8}
-CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "KNTE")
+CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "KNTE", "LPCX")
 SERIES_SIZE = 255
 SETUP_SIZE = 12
 """Bytes of a setup beside its parameters, at most."""

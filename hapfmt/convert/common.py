@@ -141,7 +141,7 @@ def dense_doubles(channels: Sequence[Channel], max_memory: int) -> NDArray[np.fl
             if channel.is_counts
             else exact_doubles(channel.values, f"channel {channel.label!r}")
         )
-        doubles = replace(channel, values=x, calibration=None)
+        doubles = replace(channel, values=x, calibration=None, exact=None)
         row[:] = doubles.dense(start, stop, limit=stop - start)
     return out
 
@@ -193,4 +193,5 @@ def not_carried(recording: Recording, suffix: str, *carried: str) -> list[str]:
 
 
 _RECORDING_FIELDS = [f.name for f in fields(Recording) if f.name not in ("channels", "metadata")]
-_CHANNEL_FIELDS = [f.name for f in fields(Channel) if f.name not in ("values", "rate", "coverage")]
+_SAMPLES = ("values", "exact", "rate", "coverage")
+_CHANNEL_FIELDS = [f.name for f in fields(Channel) if f.name not in _SAMPLES]

@@ -280,7 +280,15 @@ def _text(texts: list[str]) -> NDArray[np.str_]:
 
 
 def _step(channel: Channel) -> float:
-    """The lsb told by the channel, or the step of its counts; NaN for none."""
+    """The lsb told by the channel, or the step of its counts; NaN for none.
+
+    A binary grid beside exact values is the encoder's, not the sensor's.
+    """
     if channel.lsb is not None:
         return channel.lsb
-    return nan if channel.calibration is None else abs(float(channel.calibration.step))
+    if channel.calibration is None:
+        return nan
+    a, d = channel.calibration.step.as_integer_ratio()
+    if channel.exact is not None and not (abs(a) & (abs(a) - 1) or d & (d - 1)):
+        return nan
+    return abs(a / d)

@@ -146,6 +146,8 @@ def _notes(recording: Recording, subtype: str) -> list[str]:
 
 def _subtype(channels: Sequence[Channel]) -> str:
     """The PCM whose scaling is the calibration of every channel, or DOUBLE."""
+    if any(channel.exact is not None for channel in channels):
+        return "DOUBLE"
     calibrations = {channel.calibration for channel in channels}
     for subtype, (bits, _, _) in _PCM.items():
         if calibrations == {Calibration(1, 0, 1 << (bits - 1))}:

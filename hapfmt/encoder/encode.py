@@ -18,8 +18,9 @@ from ..errors import FormatError, ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..recording import Channel, Recording
 from .auto import NOTHING, Plan, encode_auto, plan_channel, plan_unit
+from .exact import encode_doubles
 from .groups import group_units
-from .lattice import to_counts
+from .lattice import sparse, to_counts
 from .packed import Coded
 from .settings import Settings
 from .source import Source, cut, side_by_side
@@ -84,17 +85,18 @@ def encode(
     settings = settings or Settings()
     if len(recording) > LAST_TRACK_ID // 2:
         raise ParameterError(f"a recording has at most {LAST_TRACK_ID // 2} channels")
-    plans = [plan_channel(channel, settings) for channel in recording.channels]
+    originals = [as_recorded(channel) for channel in recording.channels]
+    plans = [plan_channel(channel, settings) for channel in originals]
     prepared = [
         to_counts(channel, plan.settings.tolerance_for(channel))
-        for channel, plan in zip(recording.channels, plans, strict=True)
+        for channel, plan in zip(originals, plans, strict=True)
     ]
     cluster = settings.cluster_of(recording)
     units: list[Unit] = []
     decisions: list[Decision] = []
     groups = group_units(
         [channel for channel, _ in prepared],
-        recording.channels,
+        originals,
         required=settings.vectors == "required",
         apart=settings.preset in ("archive", "near-lossless")
         or (settings.preset == "auto" and settings.vectors != "required"),
@@ -102,13 +104,20 @@ def encode(
     for members in groups:
         first = len(decisions)
         plan = plan_unit(plans[first : first + len(members)], settings)
-        unit = encode_unit(members, first, plan, cluster)
+        unit = encode_unit(members, originals[first], first, plan, cluster)
         units.append(unit)
         decisions += decide(unit, members, [why for _, why in prepared[len(decisions) :]])
         if progress:
             progress(len(decisions), len(prepared))
     tracks, packets = number_tracks(units)
     return Encoded(tracks, packets, decisions, choose_level(tracks))
+
+
+def as_recorded(channel: Channel) -> Channel:
+    """With exact values a channel is these doubles: its counts were found in them."""
+    if channel.exact is None:
+        return channel
+    return replace(channel, values=channel.exact, exact=None, calibration=None)
 
 
 def decide(unit: Unit, members: list[Channel], lattices: list[str]) -> Iterator[Decision]:
@@ -132,7 +141,10 @@ def decide(unit: Unit, members: list[Channel], lattices: list[str]) -> Iterator[
         )
 
 
-def encode_unit(channels: list[Channel], first_channel: int, plan: Plan, cluster: Fraction) -> Unit:
+def encode_unit(
+    channels: list[Channel], original: Channel, first_channel: int, plan: Plan, cluster: Fraction
+) -> Unit:
+    """``original``: the first channel before it was put on a lattice."""
     channel, settings = channels[0], plan.settings
     if channel.rate.numerator >> 32 or channel.rate.denominator >> 32:
         raise ParameterError(
@@ -146,15 +158,29 @@ def encode_unit(channels: list[Channel], first_channel: int, plan: Plan, cluster
                 f"channel {channel.label!r} holds {channel.values.dtype}: give it a calibration, "
                 "or one of int64, uint64, float16, float32, float64"
             )
-        unit = encode_words(channel, spans, first_channel, kind, WORDS_REASON)
+
+        def words() -> Unit:
+            return encode_words(channel, spans, first_channel, kind, WORDS_REASON)
+
+        unit = words()
+        if kind == "binary64":
+            unit = encode_doubles(channel, spans, first_channel, words)
         return replace(unit, left_out=NOTHING) if plan.why else unit
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
-    source = Source(tuple(channels), counts, spans)
-    if plan.why:
-        return encode_auto(source, first_channel, plan)
-    return encode_counts(source, first_channel, settings)
+
+    def as_counts() -> Unit:
+        source = Source(tuple(channels), counts, spans)
+        if plan.why:
+            return encode_auto(source, first_channel, plan)
+        return encode_counts(source, first_channel, settings)
+
+    rounded = original.values.dtype == "f8" and channel.deviation is None and sparse(counts)
+    if settings.preset == "archive" and rounded:
+        # What a text rounded may lie on a much coarser lattice.
+        return encode_doubles(original, spans, first_channel, as_counts, grid=False)
+    return as_counts()
 
 
 def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:

@@ -7,7 +7,7 @@ against the tolerance that the caller declares.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, Context
 from fractions import Fraction
@@ -53,6 +53,9 @@ on dropbear."""
 GRID_STEPS = 3
 """1-2-5 steps to try from the largest on. Only the rounding of float64 makes one fail, and if a
 quarter of the step does not help, the tolerance is below an ulp of the values."""
+
+SHARES = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
+"""Of the noise, which is rounded up to a power of two: one of them leaves the simplest step."""
 
 _ONE_DIGIT_UP = Context(prec=1, rounding=ROUND_CEILING)
 
@@ -130,6 +133,33 @@ def to_counts(channel: Channel, tolerance: Tolerance | None = None) -> tuple[Cha
     counts = found.counts.astype(np.int32)  # COUNT_BITS
     changed = replace(channel, values=counts, calibration=found.calibration, deviation=deviation)
     return changed, found.reason
+
+
+def natural_lattices(
+    x: NDArray[np.float64], exact: Lattice | None, halves: Sequence[float]
+) -> Iterator[Lattice]:
+    """Lattices that all of x misses by little, the simplest first; none where there is no such one.
+
+    exact: the lattice that x does not miss, which a natural one must be SPARSE times coarser than.
+    halves: what a text may have been rounded by.
+    """
+    if x.size == 0 or _out_of_reach(x):
+        return
+    u = np.unique(x + 0.0)
+    steps = _steps_beside(u, exact or "", COUNT_BITS)
+    if steps is None:
+        return
+    noises = [*halves, *(steps.noise * share for share in SHARES)]
+    for search in (near, fitted):
+        for noise in noises:
+            found = _within(x, u, iter([search(u, steps, noise)]), inf, COUNT_BITS)
+            if found:
+                yield found
+
+
+def sparse(counts: NDArray[np.int64]) -> bool:
+    """Whether counts [samples] are spread so thinly that a coarser lattice may lie under theirs."""
+    return bool(counts.size) and int(np.ptp(counts)) >= SPARSE * np.unique(counts).size
 
 
 def _find(x: NDArray[np.float64], bits: int) -> Lattice | str:
@@ -307,7 +337,7 @@ def _steps_beside(u: NDArray[np.float64], exact: Lattice | str, bits: int) -> St
     least = float(u[-1] - u[0]) / (1 << bits)
     if isinstance(exact, str):
         return near_steps(u, least)
-    if np.ptp(exact.counts) < SPARSE * u.size:
+    if not sparse(exact.counts):
         return None
     steps = near_steps(u, max(least, SPARSE * float(exact.calibration.step)))
     return steps if steps and np.diff(steps.indices).all() else None

@@ -118,9 +118,7 @@ def choose_predictor(indices: Indices) -> tuple[float, Predictor]:
     return bits, replace(best, raw_signs=saved < SIGN_SHARE * bits)
 
 
-def linear_predictor(
-    indices: Indices, difference: int, base: int
-) -> tuple[Predictor, list[int]]:
+def linear_predictor(indices: Indices, difference: int, base: int) -> tuple[Predictor, list[int]]:
     """The best by the energies that the recursion leaves, and all its reflection coefficients."""
     reflections, energies = levinson(autocorrelations(indices, difference, base), indices.size)
     weighed = [

@@ -124,6 +124,25 @@ class DeadbandLevels(Protocol):
     ) -> int: ...
 
 
+class CorrectionLoop(Protocol):
+    """(coded bytes, bits, ids int32 or none, widths uint8, corrections int64, zeros to work in,
+    int64, two for each id, shift) -> (status, bytes and bits read or written); the corrections
+    are filled, or for encoding the first two.
+    """
+
+    def __call__(
+        self,
+        coded: Buffer,
+        bits: Buffer,
+        ids: Buffer,
+        widths: Buffer,
+        corrections: Buffer,
+        work: Buffer,
+        shift: int,
+        /,
+    ) -> tuple[int, int, int]: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -145,6 +164,10 @@ class Kernels(Protocol):
     def quan_encode(self) -> QuanEncode: ...
     @property
     def deadband_levels(self) -> DeadbandLevels: ...
+    @property
+    def exact_decode(self) -> CorrectionLoop: ...
+    @property
+    def exact_encode(self) -> CorrectionLoop: ...
 
 
 def load() -> Kernels | None:

@@ -77,3 +77,23 @@ def quan_encode(
 def deadband_levels(
     step: int, kn: int, kd: int, bound: int, levels: Buffer, tops: Buffer, /
 ) -> int: ...
+def exact_decode(
+    coded: Buffer,
+    bits: Buffer,
+    ids: Buffer,
+    widths: Buffer,
+    corrections: Buffer,
+    work: Buffer,
+    shift: int,
+    /,
+) -> tuple[int, int, int]: ...
+def exact_encode(
+    coded: Buffer,
+    bits: Buffer,
+    ids: Buffer,
+    widths: Buffer,
+    corrections: Buffer,
+    work: Buffer,
+    shift: int,
+    /,
+) -> tuple[int, int, int]: ...

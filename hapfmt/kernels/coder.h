@@ -63,7 +63,7 @@ static void build_tables(void)
     }
 }
 
-static void models_init(models *m)
+static inline void models_init(models *m)
 {
     bit_model fresh = {32768, 32768, 0};
     memset(m, 0, sizeof *m);

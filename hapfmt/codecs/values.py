@@ -1,0 +1,98 @@
+"""Which double a count stands for before it is corrected: the rules of LPCX (SPEC 9.7).
+
+Each is what some logger did with its counts; one or two correctly rounded steps, the same on every
+machine. The bit patterns of doubles in the order of their values are integers here as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..container.track import Affine
+from ..limits import EXACT_LIMIT
+
+QUOTIENT, PRODUCT, SINGLE, DECIMALS, SIGNIFICANT = range(5)
+PLACES_LIMIT, DIGITS_LIMIT = 22, 15
+"""10^22 is the last power of ten that is a double, 10^15 the last below 2^53."""
+
+Counts = NDArray[np.int64]
+Doubles = NDArray[np.float64]
+
+
+def digits_fit(rule: int, digits: int) -> bool:
+    """EXA-002."""
+    low, high = {DECIMALS: (0, PLACES_LIMIT), SIGNIFICANT: (1, DIGITS_LIMIT)}.get(rule, (0, 0))
+    return rule <= SIGNIFICANT and low <= digits <= high
+
+
+def values_of(counts: Counts, affine: Affine, rule: int, digits: int) -> Doubles:
+    """The double of each count [samples] by the rule; counts as VAL-002 allows them."""
+    a, b, d = affine
+    if rule == PRODUCT:
+        # Two roundings: NumPy has no fused multiply-add.
+        product = counts.astype(np.float64) * (float(a) / float(d))
+        return np.asarray(product + float(b) / float(d))
+    quotients = (counts * a + b).astype(np.float64) / float(d)
+    if rule == QUOTIENT:
+        return np.asarray(quotients)
+    if rule == SINGLE:
+        return np.asarray(quotients.astype(np.float32).astype(np.float64))
+    rounded: Callable[[int, int, int], float] = in_places if rule == DECIMALS else in_digits
+    distinct, places = np.unique(counts, return_inverse=True)
+    table = [rounded(n * a + b, d, digits) for n in distinct.tolist()]
+    return np.array(table, np.float64)[places]
+
+
+def in_places(numerator: int, d: int, places: int) -> float:
+    """numerator / d with so many decimals, ties to even; as a double."""
+    whole, rest = divmod(abs(numerator) * 10**places, d)
+    whole += 2 * rest > d or (2 * rest == d and whole % 2)
+    if not whole:
+        return 0.0
+    if whole >= EXACT_LIMIT:
+        return numerator / d
+    # A quotient of integers is correctly rounded in Python, whatever their size.
+    return float((whole if numerator > 0 else -whole) / 10**places)
+
+
+def in_digits(numerator: int, d: int, digits: int) -> float:
+    """numerator / d with so many significant digits, ties to even; as a double."""
+    if not numerator:
+        return 0.0
+    n = abs(numerator)
+    # 10^power <= n / d < 10^(power + 1)
+    power = len(str(n)) - len(str(d))
+    if n * 10 ** max(-power, 0) < d * 10 ** max(power, 0):
+        power -= 1
+    places = min(digits - 1 - power, PLACES_LIMIT)
+    if places >= 0:
+        return in_places(numerator, d, places)
+    unit = 10**-places
+    return float(in_places(numerator, d * unit, 0) * unit)
+
+
+LARGEST = np.int64((1 << 63) - 1)
+
+
+def ordered(doubles: Doubles) -> Counts:
+    """Bit patterns as signed integers that grow with the value; -0.0 is -1, 0.0 is 0."""
+    bits = np.ascontiguousarray(doubles, "<f8").view(np.int64)
+    return np.where(bits < 0, ~(bits & LARGEST), bits)
+
+
+def unordered(places: Counts) -> Doubles:
+    """The doubles at these places of the order."""
+    bits: NDArray[Any] = np.where(places < 0, ~places | ~LARGEST, places)
+    return np.ascontiguousarray(bits, np.int64).view(np.float64)
+
+
+def spread_of(doubles: Doubles, affine: Affine) -> NDArray[np.uint8]:
+    """w of SPEC 9.7: about how many bits a correction needs that fills the cell of a count."""
+    fields = np.ascontiguousarray(doubles, "<f8").view(np.int64) >> 52 & 0x7FF
+    step = abs(affine.a).bit_length() - affine.d.bit_length()
+    widths: NDArray[np.uint8] = np.clip(step + 1075 - fields, 0, 63).astype(np.uint8)
+    return widths

@@ -1,0 +1,227 @@
+"""True doubles and near-lattices to counts with exact values beside them (LPCX, SPEC 9.7).
+
+Two kinds of counts are tried: those of a natural lattice that the values miss by little, with the
+rule that misses it least; and a binary grid as fine as level 1 allows. What is smaller is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import frexp
+from typing import NamedTuple
+
+import numpy as np
+
+from ..codecs.exact import ExactParameters, corrections_of, encode_exact
+from ..codecs.values import (
+    DECIMALS,
+    DIGITS_LIMIT,
+    PLACES_LIMIT,
+    PRODUCT,
+    QUOTIENT,
+    SIGNIFICANT,
+    SINGLE,
+    Counts,
+    Doubles,
+)
+from ..container.cluster import Packet
+from ..container.track import Affine, Track
+from ..integers import build_varint
+from ..limits import EXACT_LIMIT, LEVELS
+from ..recording import Calibration, Channel, Span
+from .lattice import find_lattice, natural_lattices
+from .packed import Coded
+from .predict import encode_best
+from .source import component_of, declared_range
+from .unit import Unit
+
+GRID_BITS = LEVELS[1].count_bits - 1
+"""Bits of the range of a binary grid: what a finer one predicts better it pays in longer counts
+(0.1 b/s at most on the recordings, either way)."""
+
+TEXTS = 4096
+"""Distinct values whose decimals are looked at."""
+
+CHEAP = 4
+"""Bits a sample: a lattice SPARSE times finer than the natural one costs as much at least."""
+
+TRIALS = 512
+"""Distinct counts that the rules are tried on."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Counts [samples] and the rule that makes doubles of them."""
+
+    calibration: Calibration
+    counts: Counts
+    parameters: ExactParameters
+    how: str
+
+    @property
+    def affine(self) -> Affine:
+        return Affine(self.calibration.a, self.calibration.b, self.calibration.d)
+
+
+class Beside(NamedTuple):
+    """A unit with exact values, and how many bytes these take."""
+
+    unit: Unit
+    size: int
+
+
+def encode_doubles(
+    channel: Channel,
+    spans: Sequence[Span],
+    first_channel: int,
+    otherwise: Callable[[], Unit],
+    *,
+    grid: bool = True,
+) -> Unit:
+    """The smallest way to keep a channel of doubles bit for bit: as counts and exact values, or
+    ``otherwise``, which is not asked where a natural lattice misses next to nothing. ``grid``:
+    whether a binary grid will do."""
+    x = np.ascontiguousarray(channel.values, np.float64)
+    if not x.size or not np.isfinite(x).all():
+        return otherwise()
+
+    def code(candidate: Candidate | None) -> Beside | None:
+        return coded_as(channel, x, spans, first_channel, candidate) if candidate else None
+
+    natural = code(natural_candidate(x))
+    if natural and 8 * natural.size < CHEAP * x.size:
+        return natural.unit
+    found = [natural, code(binary_grid(x) if grid else None)]
+    units = [*(way.unit for way in found if way), otherwise()]
+    return min(units, key=lambda unit: unit.size)
+
+
+def coded_as(
+    channel: Channel,
+    x: Doubles,
+    spans: Sequence[Span],
+    first_channel: int,
+    candidate: Candidate,
+) -> Beside | None:
+    low, high = declared_range(candidate.counts)
+    if not candidate.calibration.covers(low, high):
+        low, high = int(candidate.counts.min()), int(candidate.counts.max())
+    track = Track(
+        id=0,
+        kind="full",
+        codec="LPCX",
+        rate=channel.rate,
+        first_channel=first_channel,
+        components=(component_of(replace(
+            channel, values=candidate.counts, calibration=candidate.calibration, deviation=None
+        )),),
+        parameters=candidate.parameters.build(),
+        count_min=low,
+        count_max=high,
+    )  # fmt: skip
+    coded = Coded(track)
+    at = beside = 0
+    for span in spans:
+        piece = slice(at, at + span.ticks)
+        at += span.ticks
+        try:
+            data, exact_size = packet_of(x[piece], candidate, candidate.counts[piece])
+        except ValueError:
+            # Too far from its count, or counts too far from each other.
+            return None
+        coded.packets.append(Packet(0, span.start, span.ticks, data))
+        beside += exact_size
+    reason = f"bit for bit: counts of {candidate.how}, and {beside} bytes of exact values"
+    return Beside(Unit(coded, None, "predicted + exact", reason, exact=True), beside)
+
+
+def natural_candidate(x: Doubles) -> Candidate | None:
+    """The natural lattice and the rule whose corrections are the shortest, by distinct values."""
+    z = x + 0.0
+    exact = find_lattice(z)
+    if exact is not None and (np.signbit(x) & (x == 0)).any():
+        # Nothing but -0.0 is beside the lattice.
+        return Candidate(exact.calibration, exact.counts, ExactParameters(), exact.reason)
+    u = np.unique(z)
+    rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *rounded_rules(u)]
+    halves = [0.5 * 10.0**-rule.digits for rule in rules if rule.rule == DECIMALS]
+    found: list[tuple[float, Candidate]] = []
+    lattices = {lattice.calibration: lattice for lattice in natural_lattices(z, exact, halves)}
+    for lattice in lattices.values():
+        step = float(lattice.calibration.step)
+        how = f"step {step:.10g}, missed by {lattice.largest_deviation:.3g} at most"
+        distinct, first = np.unique(lattice.counts, return_index=True)
+        few = slice(None, None, max(1, distinct.size // TRIALS))
+        distinct, first = distinct[few], first[few]
+        for rule in rules:
+            way = Candidate(lattice.calibration, lattice.counts, rule, how)
+            bits = correction_bits(z[first], rule.values(distinct, way.affine))
+            if bits is not None:
+                found.append((bits, way))
+    return min(found, key=lambda pair: pair[0], default=(0, None))[1]
+
+
+def correction_bits(x: Doubles, doubles: Doubles) -> float | None:
+    """About how many bits the corrections have in all."""
+    try:
+        corrections = corrections_of(x, doubles)
+    except ValueError:
+        return None
+    return float(np.log2(1.0 + np.abs(corrections.astype(np.float64))).sum())
+
+
+def rounded_rules(u: Doubles) -> Iterator[ExactParameters]:
+    """What the distinct values u may have been rounded to: binary32, decimals, digits."""
+    with np.errstate(over="ignore"):
+        if (u.astype(np.float32) == u).all():
+            yield ExactParameters(SINGLE)
+    places = digits = 0
+    for value in u[:: max(1, u.size // TEXTS)].tolist():
+        text = f"{value:.{DIGITS_LIMIT - 1}e}"
+        if float(text) != value:
+            return
+        mantissa, _, power = text.partition("e")
+        kept = len(mantissa.strip("-").replace(".", "").rstrip("0"))
+        digits = max(digits, kept)
+        places = max(places, kept - 1 - int(power))
+    if places <= PLACES_LIMIT:
+        yield ExactParameters(DECIMALS, places)
+    if digits:
+        yield ExactParameters(SIGNIFICANT, digits)
+
+
+def binary_grid(x: Doubles) -> Candidate | None:
+    """Multiples of a power of two, the range of x taking GRID_BITS; None where they are too large
+    for a calibration."""
+    low, high = float(x.min()), float(x.max())
+    power = GRID_BITS - 1 - frexp(high / 2 - low / 2)[1]
+    # Counts and B stay below 2^53, and D too.
+    reach = max(-low, high)
+    power = min(power, 53, 53 - frexp(reach)[1])
+    if power < 0 and reach > EXACT_LIMIT:
+        return None
+    scaled = np.rint(np.ldexp(x, power)).astype(np.int64)
+    middle = int(np.rint(np.ldexp(low / 2 + high / 2, power)))
+    if int(np.abs(scaled).max()) < 1 << GRID_BITS:
+        middle = 0
+    counts = scaled - middle
+    a, d = (1, 1 << power) if power >= 0 else (1 << -power, 1)
+    calibration = Calibration(a, middle * a, d)
+    if not calibration.covers(int(counts.min()), int(counts.max())):
+        return None
+    return Candidate(calibration, counts, ExactParameters(), f"a binary grid of step {a / d:.6g}")
+
+
+def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> tuple[bytes, int]:
+    """One packet of these samples, and how many of its bytes are exact values."""
+    coded = encode_best(counts)
+    ways = [
+        encode_exact(
+            x, candidate.parameters, candidate.affine, counts, recall=recall, relative=relative
+        )
+        for recall in (False, True)
+        for relative in (False, True)
+    ]
+    beside = min(ways, key=len)
+    return build_varint(len(coded)) + coded + beside, len(beside)
