@@ -39,11 +39,14 @@ COEFFICIENT_COST = 8
 REPEAT_SHARE = 0.02
 """From this share of unchanged samples on, coding them as such is tried."""
 
-DOUBT = 0.1
+DOUBT = 0.04
 """Where the estimates with and without it are nearer than this, both packets are written."""
 
 SIGN_SHARE = 0.002
 """Signs are raw bits, which take no time, where modelling them saves less than this."""
+
+SHORT, PIECE, STRIDE = 6000, 1024, 3
+"""Of a packet of so many samples and more, every third piece tells enough of a predictor."""
 
 SCALED_BITS, SUM_BLOCK, COST_BLOCK = 18, 4096, 32
 
@@ -101,9 +104,12 @@ def choose_predictor(indices: Indices) -> tuple[float, Predictor]:
     if tried:
         _, reflections = min(tried, key=lambda pair: pair[0])
         better = 0 if reflections is tried[0][1] else 1
-        for order in TRIED:
+        for order in {*TRIED} - {len(best.reflections)}:
             weigh(Predictor(better, tuple(reflections[:order]), first if better else mean))
     bits, saved = estimate(indices, best, extent, counted=True)
+    if bits == inf:
+        # An error too large in what the estimate did not look at; these are below 2**33.
+        return inf, Predictor(0, (), mean)
     return bits, replace(best, raw_signs=saved < SIGN_SHARE * bits)
 
 
@@ -181,24 +187,30 @@ def estimate(
     if c is None:
         return inf, 0.0
     counts = np.zeros(15, np.int64)
+    stride = 1 if counted or indices.size < SHORT else STRIDE
     if predicted.compiled is not None:
         cost = predicted.compiled.estimate(
-            np.array(c, np.int32), predictor.difference, predictor.repeats, counted,
+            np.array(c, np.int32), predictor.difference, predictor.repeats, counted, stride,
             predictor.base, max(extent, abs(predictor.base)), indices, counts,
         )  # fmt: skip
     else:
-        cost = cost_of(indices, predictor, c, counts, counted=counted)
+        cost = cost_of(indices, predictor, c, counts, stride, counted=counted)
     if cost < 0:
         return inf, 0.0
+    header = COEFFICIENT_COST * len(c)
+    if not counted:
+        whole, rest = divmod(indices.size, stride * PIECE)
+        seen = whole * PIECE + min(rest, PIECE)
+        return (cost / 256 + int(counts[-1])) * indices.size / seen + header, 0.0
     pairs = counts[:-1].reshape(7, 2).tolist()
     saved = sum(saving(*pair) for pair in pairs[:3])
     # What is modelled takes what raw bits would, less what that saves.
     marks = sum(sum(pair) - saving(*pair) for pair in pairs[3:])
-    return cost / 256 + int(counts[-1]) - saved + marks + COEFFICIENT_COST * len(c), saved
+    return cost / 256 + int(counts[-1]) - saved + marks + header, saved
 
 
 def cost_of(
-    indices: Indices, predictor: Predictor, c: list[int], counts: Indices, *, counted: bool
+    indices: Indices, predictor: Predictor, c: list[int], counts: Indices, stride: int, *, counted: bool
 ) -> int:
     """256 times the bits without signs and repeats, log2(1 + 2e * mean) for each of a block; -1
     where an error cannot be coded.
@@ -210,6 +222,9 @@ def cost_of(
     y = differences(indices - predictor.base, predictor.difference)
     e = prediction_errors(y, c)
     blocks = np.arange(e.size) // COST_BLOCK
+    if stride > 1:
+        seen = np.arange(e.size) // PIECE % stride == 0
+        e, blocks = e[seen], blocks[seen]
     if predictor.repeats:
         same = np.concatenate(([0], (indices[1:] == indices[:-1]).astype(np.int64)))
         models = 2 * same[:-1] + np.concatenate(([0], same[:-2]))
