@@ -1,7 +1,7 @@
 """Which predictor a packet of LPCR gets: fixed polynomials and LPC, by description length.
 
 Reflection coefficients are quantised in the arcsine domain, where steps are finest near 1 (J. D.
-Markel, A. H. Gray, "Linear Prediction of Speech", Springer 1976). The loops are in kernels/ too, and
+Markel, A. H. Gray, "Linear Prediction of Speech", Springer 1976). kernels/ has the loops too, which
 give the same numbers.
 """
 
@@ -13,7 +13,6 @@ from math import inf, log2, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs import predicted
 from ..codecs.adaptive import ERROR_BITS
 from ..codecs.predicted import (
     DIFFERENCE_LIMIT,
@@ -23,6 +22,7 @@ from ..codecs.predicted import (
     differences,
     encode_indices,
 )
+from ..kernels import compiled
 
 Indices = NDArray[np.int64]
 
@@ -75,7 +75,7 @@ def encode_best(indices: Indices) -> bytes:
 
 
 def choose_predictor(indices: Indices) -> tuple[float, Predictor]:
-    """(bits, predictor): fixed polynomials while each is better than the one before, then LPC of either difference."""
+    """(bits, predictor): fixed polynomials while each is better than the one before, then LPC."""
     extent = max(-int(indices.min()), int(indices.max()))
     first, mean = int(indices[0]), int(np.floor(indices.mean() + 0.5))
     least, best = inf, Predictor()
@@ -113,9 +113,7 @@ def choose_predictor(indices: Indices) -> tuple[float, Predictor]:
     return bits, replace(best, raw_signs=saved < SIGN_SHARE * bits)
 
 
-def linear_predictor(
-    indices: Indices, difference: int, base: int
-) -> tuple[Predictor, list[int]]:
+def linear_predictor(indices: Indices, difference: int, base: int) -> tuple[Predictor, list[int]]:
     """The best by the energies that the recursion leaves, and all its reflection coefficients."""
     reflections, energies = levinson(autocorrelations(indices, difference, base), indices.size)
     weighed = [
@@ -129,9 +127,9 @@ def linear_predictor(
 
 def autocorrelations(indices: Indices, order: int, base: int) -> list[int]:
     """Sums of x[i] * x[i + lag], lag 0 to 32, x being the differences scaled to 18 bits."""
-    if predicted.compiled is not None:
+    if compiled is not None:
         sums = np.zeros(ORDER_LIMIT + 1, np.int64)
-        predicted.compiled.autocorrelate(indices, order, base, sums)
+        compiled.autocorrelate(indices, order, base, sums)
         return sums.tolist()
     y = differences(indices - base, order)
     bits = int(np.bitwise_or.reduce(np.abs(y))).bit_length()
@@ -152,9 +150,9 @@ def levinson(sums: list[int], size: int) -> tuple[list[int], list[float]]:
     r = [float(s) for s in sums]
     r[0] = r[0] * (1 + NOISE) + size / 12
     orders = min(ORDER_LIMIT, size - 1)
-    if predicted.compiled is not None:
+    if compiled is not None:
         found, left = np.zeros(ORDER_LIMIT, np.int8), np.zeros(ORDER_LIMIT)
-        order = predicted.compiled.levinson(np.array(r), orders, LIMITS, found, left)
+        order = compiled.levinson(np.array(r), orders, LIMITS, found, left)
         return found[:order].tolist(), left[:order].tolist()
     reflections: list[int] = []
     energies: list[float] = []
@@ -188,8 +186,8 @@ def estimate(
         return inf, 0.0
     counts = np.zeros(15, np.int64)
     stride = 1 if counted or indices.size < SHORT else STRIDE
-    if predicted.compiled is not None:
-        cost = predicted.compiled.estimate(
+    if compiled is not None:
+        cost = compiled.estimate(
             np.array(c, np.int32), predictor.difference, predictor.repeats, counted, stride,
             predictor.base, max(extent, abs(predictor.base)), indices, counts,
         )  # fmt: skip
@@ -210,7 +208,13 @@ def estimate(
 
 
 def cost_of(
-    indices: Indices, predictor: Predictor, c: list[int], counts: Indices, stride: int, *, counted: bool
+    indices: Indices,
+    predictor: Predictor,
+    c: list[int],
+    counts: Indices,
+    stride: int,
+    *,
+    counted: bool,
 ) -> int:
     """256 times the bits without signs and repeats, log2(1 + 2e * mean) for each of a block; -1
     where an error cannot be coded.
