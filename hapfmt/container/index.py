@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ..errors import FormatError
 from .layout import FOOT, INDEX, INDEX_ENTRY
-from .wire import parse_fixed
+from .wire import parse_fixed, read_fields
 
 FIRST_OFFSET = 8
 INDEX_EVERY = 1 << 22
@@ -77,7 +77,7 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
     entries = []
     last = raw.covers_from - 1
     for at in range(INDEX_SIZE, len(payload), ENTRY_SIZE):
-        entry = INDEX_ENTRY.parse(payload[at : at + ENTRY_SIZE])
+        entry = read_fields(INDEX_ENTRY, payload, at)
         if not last < entry.offset < own_offset:
             raise FormatError(
                 "index offsets out of order", requirement="IDX-002", offset=offset + at

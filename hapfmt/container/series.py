@@ -27,7 +27,7 @@ from .track import (
     Contract,
     Track,
 )
-from .wire import NO_TRACK, parse_fixed
+from .wire import NO_TRACK, parse_fixed, read_fields
 
 PARAMETERS, LABEL, CALIBRATIONS, UNIT, QUANTITY, AXIS, GROUP = 1, 2, 3, 4, 6, 8, 10
 BODY_SITE, DEVICE, CONTRACT, DEVIATIONS, WEIGHTS, PROVENANCE = 12, 14, 16, 18, 20, 22
@@ -285,4 +285,4 @@ def entries_of(layout: Struct, value: bytes, position: int, base: int) -> Iterat
             "a list ends within an entry", requirement="TLV-002", offset=base + position
         )
     for at in range(position, len(value), size):
-        yield layout.parse(value[at : at + size]), base + at
+        yield read_fields(layout, value, at), base + at

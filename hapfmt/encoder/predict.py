@@ -250,7 +250,7 @@ def cost_of(
 
 def prediction_errors(y: Indices, c: list[int]) -> Indices:
     """What is left of y; float64 sums are exact below 2**53, in any order."""
-    if not c:
+    if not c or y.size == 1:
         return y
     exact = int(np.abs(y).max()) * sum(map(abs, c)) < 1 << 52
     dtype = np.float64 if exact else np.int64
