@@ -24,6 +24,7 @@ from hapfmt.codecs.quantised import decode_quantised, encode_quantised, quantise
 from hapfmt.codecs.raw import RawParameters, decode_raw, encode_raw
 from hapfmt.container.track import Affine
 from hapfmt.deadband import Deadband
+from hapfmt.encoder import predict
 from hapfmt.encoder.codebook import choose_codebook
 from hapfmt.encoder.knots import select_knots
 from hapfmt.encoder.predict import encode_best
@@ -78,7 +79,7 @@ def predictions(counts: np.ndarray) -> list[list[object]]:
     for name, kernel, n in (("compiled", built, len(counts)), ("readable", None, TWIN_SAMPLES)):
         if name == "compiled" and not built:
             continue
-        predicted.compiled = kernel
+        predicted.compiled = predict.compiled = kernel
         x = np.ascontiguousarray(counts[:n, 0])
         data = encode_best(x)
         predictor, _, _ = predicted.parse_header(data, 0)
@@ -87,7 +88,7 @@ def predictions(counts: np.ndarray) -> list[list[object]]:
              speed(n, lambda v=x, p=predictor: predicted.encode_indices(v, p), 3),
              speed(n, lambda d=data, m=n: decode_indices(d, m, LEVEL.count_bound, 0), 3)]
         )  # fmt: skip
-    predicted.compiled = built
+    predicted.compiled = predict.compiled = built
     return rows
 
 

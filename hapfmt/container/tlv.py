@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from ..errors import FormatError, ParameterError
 from .layout import TLV
+from .wire import read_fields
 
 TLV_SIZE = 4
 T = TypeVar("T")
@@ -24,7 +25,7 @@ def parse_tlvs(payload: bytes, position: int, base: int) -> dict[int, tuple[int,
             raise FormatError(
                 "bytes left over after the last TLV", requirement="TLV-002", offset=base + position
             )
-        head = TLV.parse(payload[position : position + TLV_SIZE])
+        head = read_fields(TLV, payload, position)
         if head.type <= last:
             raise FormatError(
                 "TLV types not increasing", requirement="TLV-001", offset=base + position

@@ -1,7 +1,7 @@
 """Which predictor a packet of LPCR gets: fixed polynomials and LPC, by description length.
 
 Reflection coefficients are quantised in the arcsine domain, where steps are finest near 1 (J. D.
-Markel, A. H. Gray, "Linear Prediction of Speech", Springer 1976). The loops are in kernels/ too, and
+Markel, A. H. Gray, "Linear Prediction of Speech", Springer 1976). kernels/ has the loops too, which
 give the same numbers.
 """
 
@@ -13,7 +13,6 @@ from math import inf, log2, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs import predicted
 from ..codecs.adaptive import ERROR_BITS
 from ..codecs.predicted import (
     DIFFERENCE_LIMIT,
@@ -23,6 +22,7 @@ from ..codecs.predicted import (
     differences,
     encode_indices,
 )
+from ..kernels import compiled
 
 Indices = NDArray[np.int64]
 
@@ -39,11 +39,14 @@ COEFFICIENT_COST = 8
 REPEAT_SHARE = 0.02
 """From this share of unchanged samples on, coding them as such is tried."""
 
-DOUBT = 0.1
+DOUBT = 0.04
 """Where the estimates with and without it are nearer than this, both packets are written."""
 
 SIGN_SHARE = 0.002
 """Signs are raw bits, which take no time, where modelling them saves less than this."""
+
+SHORT, PIECE, STRIDE = 6000, 1024, 3
+"""Of a packet of so many samples and more, every third piece tells enough of a predictor."""
 
 SCALED_BITS, SUM_BLOCK, COST_BLOCK = 18, 4096, 32
 
@@ -83,7 +86,7 @@ def quick_estimate(indices: Indices) -> float:
 
 
 def choose_predictor(indices: Indices) -> tuple[float, Predictor]:
-    """(bits, predictor): fixed polynomials while each is better than the one before, then LPC of either difference."""
+    """(bits, predictor): fixed polynomials while each is better than the one before, then LPC."""
     extent = max(-int(indices.min()), int(indices.max()))
     first, mean = int(indices[0]), int(np.floor(indices.mean() + 0.5))
     least, best = inf, Predictor()
@@ -112,9 +115,12 @@ def choose_predictor(indices: Indices) -> tuple[float, Predictor]:
     if tried:
         _, reflections = min(tried, key=lambda pair: pair[0])
         better = 0 if reflections is tried[0][1] else 1
-        for order in TRIED:
+        for order in {*TRIED} - {len(best.reflections)}:
             weigh(Predictor(better, tuple(reflections[:order]), first if better else mean))
     bits, saved = estimate(indices, best, extent, counted=True)
+    if bits == inf:
+        # An error too large in what the estimate did not look at; these are below 2**33.
+        return inf, Predictor(0, (), mean)
     return bits, replace(best, raw_signs=saved < SIGN_SHARE * bits)
 
 
@@ -132,9 +138,9 @@ def linear_predictor(indices: Indices, difference: int, base: int) -> tuple[Pred
 
 def autocorrelations(indices: Indices, order: int, base: int) -> list[int]:
     """Sums of x[i] * x[i + lag], lag 0 to 32, x being the differences scaled to 18 bits."""
-    if predicted.compiled is not None:
+    if compiled is not None:
         sums = np.zeros(ORDER_LIMIT + 1, np.int64)
-        predicted.compiled.autocorrelate(indices, order, base, sums)
+        compiled.autocorrelate(indices, order, base, sums)
         return sums.tolist()
     y = differences(indices - base, order)
     bits = int(np.bitwise_or.reduce(np.abs(y))).bit_length()
@@ -155,9 +161,9 @@ def levinson(sums: list[int], size: int) -> tuple[list[int], list[float]]:
     r = [float(s) for s in sums]
     r[0] = r[0] * (1 + NOISE) + size / 12
     orders = min(ORDER_LIMIT, size - 1)
-    if predicted.compiled is not None:
+    if compiled is not None:
         found, left = np.zeros(ORDER_LIMIT, np.int8), np.zeros(ORDER_LIMIT)
-        order = predicted.compiled.levinson(np.array(r), orders, LIMITS, found, left)
+        order = compiled.levinson(np.array(r), orders, LIMITS, found, left)
         return found[:order].tolist(), left[:order].tolist()
     reflections: list[int] = []
     energies: list[float] = []
@@ -190,24 +196,36 @@ def estimate(
     if c is None:
         return inf, 0.0
     counts = np.zeros(15, np.int64)
-    if predicted.compiled is not None:
-        cost = predicted.compiled.estimate(
-            np.array(c, np.int32), predictor.difference, predictor.repeats, counted,
+    stride = 1 if counted or indices.size < SHORT else STRIDE
+    if compiled is not None:
+        cost = compiled.estimate(
+            np.array(c, np.int32), predictor.difference, predictor.repeats, counted, stride,
             predictor.base, max(extent, abs(predictor.base)), indices, counts,
         )  # fmt: skip
     else:
-        cost = cost_of(indices, predictor, c, counts, counted=counted)
+        cost = cost_of(indices, predictor, c, counts, stride, counted=counted)
     if cost < 0:
         return inf, 0.0
+    header = COEFFICIENT_COST * len(c)
+    if not counted:
+        whole, rest = divmod(indices.size, stride * PIECE)
+        seen = whole * PIECE + min(rest, PIECE)
+        return (cost / 256 + int(counts[-1])) * indices.size / seen + header, 0.0
     pairs = counts[:-1].reshape(7, 2).tolist()
     saved = sum(saving(*pair) for pair in pairs[:3])
     # What is modelled takes what raw bits would, less what that saves.
     marks = sum(sum(pair) - saving(*pair) for pair in pairs[3:])
-    return cost / 256 + int(counts[-1]) - saved + marks + COEFFICIENT_COST * len(c), saved
+    return cost / 256 + int(counts[-1]) - saved + marks + header, saved
 
 
 def cost_of(
-    indices: Indices, predictor: Predictor, c: list[int], counts: Indices, *, counted: bool
+    indices: Indices,
+    predictor: Predictor,
+    c: list[int],
+    counts: Indices,
+    stride: int,
+    *,
+    counted: bool,
 ) -> int:
     """256 times the bits without signs and repeats, log2(1 + 2e * mean) for each of a block; -1
     where an error cannot be coded.
@@ -219,6 +237,9 @@ def cost_of(
     y = differences(indices - predictor.base, predictor.difference)
     e = prediction_errors(y, c)
     blocks = np.arange(e.size) // COST_BLOCK
+    if stride > 1:
+        seen = np.arange(e.size) // PIECE % stride == 0
+        e, blocks = e[seen], blocks[seen]
     if predictor.repeats:
         same = np.concatenate(([0], (indices[1:] == indices[:-1]).astype(np.int64)))
         models = 2 * same[:-1] + np.concatenate(([0], same[:-2]))
@@ -240,7 +261,7 @@ def cost_of(
 
 def prediction_errors(y: Indices, c: list[int]) -> Indices:
     """What is left of y; float64 sums are exact below 2**53, in any order."""
-    if not c:
+    if not c or y.size == 1:
         return y
     exact = int(np.abs(y).max()) * sum(map(abs, c)) < 1 << 52
     dtype = np.float64 if exact else np.int64

@@ -143,6 +143,26 @@ class CorrectionLoop(Protocol):
     ) -> tuple[int, int, int]: ...
 
 
+class Estimate(Protocol):
+    """(coefficients int32, difference, repeats, counted, stride, base, limit, indices int64, counts
+    int64 [15]) -> 256 times the bits, or -1; the counts are filled. encoder/predict.py says more.
+    """
+
+    def __call__(
+        self,
+        coefficients: Buffer,
+        difference: int,
+        repeats: bool,
+        counted: bool,
+        stride: int,
+        base: int,
+        limit: int,
+        indices: Buffer,
+        counts: Buffer,
+        /,
+    ) -> int: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -168,6 +188,18 @@ class Kernels(Protocol):
     def exact_decode(self) -> CorrectionLoop: ...
     @property
     def exact_encode(self) -> CorrectionLoop: ...
+    @property
+    def estimate(self) -> Estimate: ...
+
+    def step_up(self, reflections: Buffer, sines: Buffer, coefficients: Buffer, /) -> bool: ...
+
+    def autocorrelate(
+        self, indices: Buffer, difference: int, base: int, sums: Buffer, /
+    ) -> None: ...
+
+    def levinson(
+        self, sums: Buffer, orders: int, limits: Buffer, reflections: Buffer, energies: Buffer, /
+    ) -> int: ...
 
 
 def load() -> Kernels | None:

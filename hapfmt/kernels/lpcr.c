@@ -130,18 +130,18 @@ static PyObject *levinson_(PyObject *self, PyObject *args)
     return result;
 }
 
-/* (coefficients int32, difference, repeats, counted, base, limit, indices int64, counts int64 [15])
-   -> 256 times the bits, or -1 */
+/* (coefficients int32, difference, repeats, counted, stride, base, limit, indices int64,
+   counts int64 [15]) -> 256 times the bits, or -1 */
 static PyObject *estimate_(PyObject *self, PyObject *args)
 {
     (void)self;
     Py_buffer coefficients, indices, counts;
     plan p = {0};
-    int counted;
+    int counted, stride;
     long long base, limit;
     int64_t cost = -1;
-    if (!PyArg_ParseTuple(args, "y*ippLLy*w*", &coefficients, &p.difference, &p.repeats, &counted, &base, &limit,
-                          &indices, &counts))
+    if (!PyArg_ParseTuple(args, "y*ippiLLy*w*", &coefficients, &p.difference, &p.repeats, &counted,
+                          &stride, &base, &limit, &indices, &counts))
         return NULL;
     PyObject *result = NULL;
     p.order = coefficients.len > 4 * ORDERS ? ORDERS + 1 : (int)(coefficients.len / 4);
@@ -149,12 +149,13 @@ static PyObject *estimate_(PyObject *self, PyObject *args)
     p.limit = limit;
     p.span = indices.len / 8;
     p.coefficients = coefficients.buf;
-    if (!whole(&coefficients, 4) || !whole(&indices, 8) || !whole(&counts, 8) || counts.len != 8 * COUNTS ||
+    if (!whole(&coefficients, 4) || !whole(&indices, 8) || !whole(&counts, 8) || counts.len != 8 * COUNTS || stride < 1 ||
+        stride > 16 ||
         !valid(&p) || !within(indices.buf, p.span, p.limit))
         PyErr_SetString(PyExc_ValueError, "not a predictor, or not arrays of its integers");
     else {
         Py_BEGIN_ALLOW_THREADS
-        cost = estimate(&p, counted, indices.buf, counts.buf);
+        cost = estimate(&p, counted, stride, indices.buf, counts.buf);
         Py_END_ALLOW_THREADS
         result = PyLong_FromLongLong(cost);
     }

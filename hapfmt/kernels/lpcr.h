@@ -40,9 +40,11 @@ static int valid(const plan *p)
 
 static int within(const int64_t *indices, int64_t count, int64_t limit)
 {
-    int fits = 1;
-    for (int64_t t = 0; t < count; t++) fits &= indices[t] <= limit && indices[t] >= -limit;
-    return fits;
+    /* The highest bit is set where one of them leaves the range, or 64 bits. */
+    uint64_t beyond = 0, bound = (uint64_t)limit;
+    for (int64_t t = 0; t < count; t++)
+        beyond |= ((uint64_t)indices[t] + bound) | (bound - (uint64_t)indices[t]);
+    return !(beyond >> 63);
 }
 
 static void filter_init(filter *f, const plan *p)

@@ -100,17 +100,19 @@ enum { COUNTS = 15 };
    last of the counts is how many are not 0. ``counted``: the first are how many are positive and
    negative after a negative one, none, a positive one. With repeats, which go with it, unchanged
    samples are left out, and between stands how many of the bits that say so are 0 and 1 with each of
-   their models. */
-static int64_t estimate(const plan *p, int counted, const int64_t *indices, int64_t *counts)
+   their models. Else one piece of ``stride`` is looked at. */
+static int64_t estimate(const plan *p, int counted, int stride, const int64_t *indices,
+                        int64_t *counts)
 {
     filter f;
     int64_t y[ORDERS + PIECE] = {0}, e[PIECE], cost = 0;
     int last = 0, recent = 0;
     memset(counts, 0, COUNTS * sizeof *counts);
     filter_init(&f, p);
-    for (int64_t from = 0; from < p->span; from += PIECE) {
+    for (int64_t from = 0; from < p->span; from += stride * PIECE) {
         int64_t count = p->span - from < PIECE ? p->span - from : PIECE;
         differences(indices, from, count, p->difference, p->base, y + ORDERS);
+        if (stride > 1 && from) differences(indices, from - ORDERS, ORDERS, p->difference, p->base, y);
         errors_of(&f, y, count, e);
         memmove(y, y + count, ORDERS * sizeof *y);
         for (int64_t at = 0; at < count; at += COST_BLOCK) {
