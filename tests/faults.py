@@ -471,7 +471,7 @@ FAULTS = [
     Fault("EXA-002", 100, "no significant digit", described(f.lpcx_parameters(4, 0))),
     Fault("EXA-002", 100, "16 significant digits", described(f.lpcx_parameters(4, 16))),
     Fault("EXA-003", 100, "counts past the packet", counts(FIVE[:-1])),
-    Fault("EXA-003", DATA_AT - 4 + 32 + 9, "an exact count outside its range", judged(f.file(
+    Fault("EXA-003", DATA_AT + 2 + 32 + 9, "an exact count outside its range", judged(f.file(
         HEAD, ("TRAK", exact_track(), {"track": 0}),
         ("DATA", f.cluster((0, 0, 1, b"\4\x10\0" + f.svarint(101))))))),
     Fault("CNV-002", 100, "no counts", counts(b"")),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from math import floor, log2
 
 from spec import TEXT
 
@@ -131,7 +130,7 @@ class Range:
 
 
 def bits_of(v: int) -> int:
-    return 0 if v == 0 else floor(log2(v)) + 1
+    return len(f"{v:b}") if v else 0
 
 
 EDGES = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 20, 28, 44]
@@ -163,7 +162,7 @@ class Integers:
         """The next integer; the one that is given, where ``coder`` encodes."""
         u = None if e is None else abs(e)
         mean = (self.f + self.s) // 2
-        lg = floor(log2(mean)) if mean else 0
+        lg = max(bits_of(mean), 1) - 1
         fr = ((mean * 4) // 2**lg) % 4
         h = max(0, lg - 10)
         c = max(0, 4 * min(lg, 10) + fr - 8)
@@ -174,7 +173,7 @@ class Integers:
         )
         # 2
         if k == 15:
-            length = None if u is None else floor(log2(w - 43))
+            length = None if u is None else bits_of(w - 43) - 1
             some = coder.symbol(self.y, None if u is None else min(length, 15))
             if some == 15:
                 some += coder.number(5, None if u is None else length - 15)

@@ -46,7 +46,7 @@ LOGGERS = {
     "binary32": ((WALK * np.float32(0.1)).astype(np.float32).astype(float), {SINGLE, PRODUCT}, 12),
     "derived from positions": (SPEED, {QUOTIENT, PRODUCT}, 15),
     "true doubles": (NOISE, {QUOTIENT}, 56),
-    "a decay": (np.sin(np.arange(SIZE)) * np.exp(-np.arange(SIZE) / 50.0), {QUOTIENT}, 57.5),
+    "a decay": (np.sin(np.arange(SIZE)) * np.exp(-np.arange(SIZE) / 400.0), {QUOTIENT}, 57.5),
     "values of binary32": (NOISE.astype(np.float32).astype(float), {QUOTIENT}, 27),
     "held doubles": (np.repeat(NOISE, 7)[:SIZE], {QUOTIENT}, 9),
     "far from 0": (NOISE * 1e-5 + 1.1, {QUOTIENT}, 39),

@@ -196,9 +196,9 @@ def binary_grid(x: Doubles) -> Candidate | None:
     for a calibration."""
     low, high = float(x.min()), float(x.max())
     power = GRID_BITS - 1 - frexp(high / 2 - low / 2)[1]
-    # Counts and B stay below 2^53, and D too.
+    # Counts and B stay below 2^52, D below 2^53.
     reach = max(-low, high)
-    power = min(power, 53, 53 - frexp(reach)[1])
+    power = min(power, 52, 52 - frexp(reach)[1])
     if power < 0 and reach > EXACT_LIMIT:
         return None
     scaled = np.rint(np.ldexp(x, power)).astype(np.int64)
