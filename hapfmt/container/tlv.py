@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from ..errors import FormatError, ParameterError
 from .layout import TLV
-from .wire import read_fields
+from .wire import build_fields, read_fields
 
 TLV_SIZE = 4
 T = TypeVar("T")
@@ -49,7 +49,7 @@ def build_tlvs(values: dict[int, bytes]) -> bytes:
         value = values[type_]
         if len(value) > VALUE_SIZE:
             raise ParameterError(f"a description of {len(value)} bytes is above the limit of 65535")
-        out += TLV.build({"type": type_, "size": len(value)}) + value
+        out += build_fields(TLV, {"type": type_, "size": len(value)}) + value
     return bytes(out)
 
 

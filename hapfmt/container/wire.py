@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import namedtuple
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -49,15 +50,26 @@ def fields_of(layout: Struct) -> tuple[struct.Struct, Any]:
     return struct.Struct("<" + "".join(map(code, layout.subcons))), namedtuple("Fields", names)
 
 
+def size_of(layout: Struct) -> int:
+    """Its bytes; construct adds them up each time."""
+    return fields_of(layout)[0].size
+
+
 def read_fields(layout: Struct, data: bytes, position: int) -> Any:
     """The fields of a layout that fits."""
     fixed, record = fields_of(layout)
     return record._make(fixed.unpack_from(data, position))
 
 
+def build_fields(layout: Struct, values: Mapping[str, Any]) -> bytes:
+    """The bytes of a layout, as read_fields takes them; byte strings have their size already."""
+    fixed, record = fields_of(layout)
+    return fixed.pack(*[values[name] for name in record._fields])
+
+
 def parse_fixed(layout: Struct, data: bytes, position: int, requirement: str, base: int) -> Any:
     """The layout at ``position``; ``base`` is the file offset of ``data``."""
-    size = fields_of(layout)[0].size
+    size = size_of(layout)
     if len(data) - position < size:
         raise TruncatedError(
             f"{len(data) - position} bytes where the layout has {size}",
@@ -88,7 +100,8 @@ class ChunkHeader:
         return self.type in KNOWN_TYPES and not self.flags & CRITICAL_FLAGS
 
     def build(self) -> bytes:
-        head: bytes = CHUNK_HEADER.build(
+        head = build_fields(
+            CHUNK_HEADER,
             {
                 "sync": SYNC,
                 "type": self.type.encode("ascii"),
@@ -99,7 +112,7 @@ class ChunkHeader:
                 "flags": self.flags,
                 "payload_crc": self.payload_crc,
                 "header_crc": 0,
-            }
+            },
         )[:28]
         return head + crc32(head).to_bytes(4, "little")
 
@@ -192,7 +205,7 @@ def parse_head(payload: bytes, header: ChunkHeader, offset: int) -> Head:
         raise FormatError(
             "file id differs from the header's", requirement="HED-003", offset=offset + 12
         )
-    unknown = [t for t in parse_tlvs(payload, HEAD.sizeof(), offset) if t % 2]
+    unknown = [t for t in parse_tlvs(payload, size_of(HEAD), offset) if t % 2]
     if unknown:
         raise UnsupportedError(
             f"critical TLV {unknown[0]} in HEAD", requirement="TLV-003", offset=offset

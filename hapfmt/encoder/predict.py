@@ -45,8 +45,9 @@ DOUBT = 0.04
 SIGN_SHARE = 0.002
 """Signs are raw bits, which take no time, where modelling them saves less than this."""
 
-SHORT, PIECE, STRIDE = 6000, 1024, 3
-"""Of a packet of so many samples and more, every third piece tells enough of a predictor."""
+SHORT, PIECE, LEAST_STRIDE, MOST_STRIDE = 6000, 1024, 3, 16
+"""Of a packet of so many samples and more, every third piece tells enough of a predictor, of a
+longer one eight pieces or more."""
 
 SCALED_BITS, SUM_BLOCK, COST_BLOCK = 18, 4096, 32
 
@@ -196,7 +197,9 @@ def estimate(
     if c is None:
         return inf, 0.0
     counts = np.zeros(15, np.int64)
-    stride = 1 if counted or indices.size < SHORT else STRIDE
+    stride = min(max(indices.size // (8 * PIECE), LEAST_STRIDE), MOST_STRIDE)
+    if counted or indices.size < SHORT:
+        stride = 1
     if compiled is not None:
         cost = compiled.estimate(
             np.array(c, np.int32), predictor.difference, predictor.repeats, counted, stride,

@@ -100,7 +100,8 @@ enum { COUNTS = 15 };
    last of the counts is how many are not 0. ``counted``: the first are how many are positive and
    negative after a negative one, none, a positive one. With repeats, which go with it, unchanged
    samples are left out, and between stands how many of the bits that say so are 0 and 1 with each of
-   their models. Else one piece of ``stride`` is looked at. */
+   their models. Else one piece of ``stride`` is looked at. -2: an
+   index beyond the limit. */
 static int64_t estimate(const plan *p, int counted, int stride, const int64_t *indices,
                         int64_t *counts)
 {
@@ -111,6 +112,8 @@ static int64_t estimate(const plan *p, int counted, int stride, const int64_t *i
     filter_init(&f, p);
     for (int64_t from = 0; from < p->span; from += stride * PIECE) {
         int64_t count = p->span - from < PIECE ? p->span - from : PIECE;
+        int64_t first = from < ORDERS + DIFFERENCES ? 0 : from - ORDERS - DIFFERENCES;
+        if (!within(indices + first, from + count - first, p->limit)) return -2;
         differences(indices, from, count, p->difference, p->base, y + ORDERS);
         if (stride > 1 && from) differences(indices, from - ORDERS, ORDERS, p->difference, p->base, y);
         errors_of(&f, y, count, e);
