@@ -60,7 +60,7 @@ LOSSLESS = {
     "clock by name": (counted(PUSH, "1", label="frame_index"), "by its name: exact"),
     "counter": (counted(T), "a clock or counter: exact"),
     "counter down": (counted(-T), "a clock or counter: exact"),
-    "doubles that only rise": (doubles(np.sqrt(T + 0.1)), "no lattice, kept bit for bit"),
+    "doubles that only rise": (doubles(np.sqrt(T + 0.1)), "bit for bit: counts of a binary grid"),
     "states": (counted(np.floor(T) % 3), "states: exact"),
     "infinite": (doubles(np.where(T > 1, np.inf, NOISE), "N"), "no lattice, kept bit for bit"),
 }
