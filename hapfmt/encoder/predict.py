@@ -72,14 +72,20 @@ def encode_best(indices: Indices) -> bytes:
         packets = [(encode_indices(plain, way), way) for _, way in ranked[:FINALISTS]]
         best, predictor = min(packets, key=lambda pair: len(pair[0]))
         if marks:
-            best = min(best, encode_indices(plain, replace(predictor, repeats=True)), key=len)
+            other, _ = with_repeats(plain, predictor, extent)
+            best = min(best, encode_indices(plain, other), key=len)
         return best
     bits, predictor = ranked[0]
     if marks:
-        marked = replace(predictor, repeats=True)
-        if estimate(plain, marked, extent, counted=True)[0] < bits:
-            predictor = marked
+        other, fewer = with_repeats(plain, predictor, extent)
+        predictor = other if fewer < bits else predictor
     return encode_indices(plain, predictor)
+
+
+def with_repeats(indices: Indices, predictor: Predictor, extent: int) -> tuple[Predictor, float]:
+    """(predictor, bits): the signs that are left may have something to them."""
+    bits, saved = estimate(indices, replace(predictor, repeats=True), extent, counted=True)
+    return replace(predictor, repeats=True, raw_signs=saved < SIGN_SHARE * bits), bits
 
 
 def choose_predictors(indices: Indices, extent: int) -> list[tuple[float, Predictor]]:
@@ -224,7 +230,7 @@ def cost_of(
     *,
     counted: bool,
 ) -> int:
-    """256 times the bits without signs and repeats, log2(1 + 2e * mean) for each of a block; -1
+    """256 times the bits without signs and repeats, log2(1 + e * mean) for each of a block; -1
     where an error cannot be coded.
 
     ``counts`` [15]: positive and negative ones after a negative one, none, a positive one; then
@@ -253,7 +259,7 @@ def cost_of(
     first = np.flatnonzero(np.diff(blocks, prepend=-1))
     sums = np.add.reduceat(magnitudes, first)
     sizes = np.diff(np.append(first, e.size))
-    return int((sizes * (logs(16 * sizes + 87 * sums) - logs(16 * sizes))).sum())
+    return int((sizes * (logs(32 * sizes + 87 * sums) - logs(32 * sizes))).sum())
 
 
 def prediction_errors(y: Indices, c: list[int]) -> Indices:

@@ -149,7 +149,7 @@ static int64_t estimate(const plan *p, int counted, int stride, const int64_t *i
             }
             if (most >> ERROR_BITS) return -1;
             if (some)
-                cost += some * (log_of(16 * (uint64_t)some + 87 * sum) - log_of(16 * (uint64_t)some));
+                cost += some * (log_of(32 * (uint64_t)some + 87 * sum) - log_of(32 * (uint64_t)some));
         }
     }
     return cost;
