@@ -46,9 +46,9 @@ FINALISTS, SPARSE, SHORT = 3, 1.5, 1500
 SIGN_SHARE = 0.002
 """Signs are raw bits, which take no time, where modelling them saves less than this."""
 
-LONG, PIECE, LEAST_STRIDE, MOST_STRIDE = 6000, 1024, 3, 16
-"""Of a packet of so many samples and more, every third piece tells enough of a predictor, of a
-longer one eight pieces or more."""
+LONG, LONGER, PIECE = 6000, 20000, 256
+"""Of a packet of so many samples and more every third piece tells enough of a predictor, of a longer
+one every fifth."""
 
 SCALED_BITS, SUM_BLOCK, COST_BLOCK = 18, 4096, 32
 
@@ -60,15 +60,16 @@ LIMITS = np.array([sin(pi * (2 * k + 1) / 512) for k in range(127)])
 """Where one reflection coefficient ends and the next begins."""
 
 
-def encode_best(indices: Indices) -> bytes:
-    """The smallest packet found."""
+def encode_best(indices: Indices, *, thorough: bool = True) -> bytes:
+    """The smallest packet found; ``thorough``: several are written, not only where the estimate
+    is not to be trusted."""
     if (indices == indices[0]).all():
         return encode_indices(indices, Predictor())
     plain = np.ascontiguousarray(indices, np.int64)
     extent = max(-int(plain.min()), int(plain.max()))
     ranked = choose_predictors(plain, extent)
     marks = np.count_nonzero(plain[1:] == plain[:-1]) > REPEAT_SHARE * plain.size
-    if plain.size < SHORT or ranked[0][0] < SPARSE * plain.size:
+    if thorough or plain.size < SHORT or ranked[0][0] < SPARSE * plain.size:
         packets = [(encode_indices(plain, way), way) for _, way in ranked[:FINALISTS]]
         best, predictor = min(packets, key=lambda pair: len(pair[0]))
         if marks:
@@ -197,9 +198,7 @@ def estimate(
     if c is None:
         return inf, 0.0
     counts = np.zeros(15, np.int64)
-    stride = min(max(indices.size // (8 * PIECE), LEAST_STRIDE), MOST_STRIDE)
-    if counted or indices.size < LONG:
-        stride = 1
+    stride = 1 if counted or indices.size < LONG else 3 if indices.size < LONGER else 5
     if compiled is not None:
         cost = compiled.estimate(
             np.array(c, np.int32), predictor.difference, predictor.repeats, counted, stride,
