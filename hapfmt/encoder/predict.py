@@ -47,8 +47,8 @@ SIGN_SHARE = 0.002
 """Signs are raw bits, which take no time, where modelling them saves less than this."""
 
 LONG, LONGER, PIECE = 6000, 20000, 256
-"""Of a packet of so many samples and more every third piece tells enough of a predictor, of a longer
-one every fifth."""
+"""Of a packet of so many samples and more every third piece tells enough of a predictor, of a
+longer one every fifth."""
 
 SCALED_BITS, SUM_BLOCK, COST_BLOCK = 18, 4096, 32
 
