@@ -137,7 +137,7 @@ class TestSearch:
             return predict.estimate(indices, predictor, int(np.abs(indices).max()), counted=counted)
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(predict, "SHORT", short)
+            patch.setattr(predict, "LONG", short)
             bits, saved = assert_same(estimate)
         assert bits > -1e-6 and saved > -1e-6
 
@@ -156,7 +156,7 @@ class TestSearch:
     def test_chosen_predictors(self, size, width):
         x = np.random.default_rng(size).integers(-width, width, size).cumsum()
         for row in (x, np.repeat(x, 2)[:size], (width * np.sin(x[:size] * 1e-3)).astype(np.int64)):
-            assert_same(predict.choose_predictor, row)
+            assert_same(predict.choose_predictors, row, int(np.abs(row).max()))
 
     @given(st.lists(st.integers(-127, 127), max_size=32).map(tuple))
     def test_step_up(self, ks):

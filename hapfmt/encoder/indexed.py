@@ -32,7 +32,7 @@ HOPE = 0.4
 def encode_within(source: Source, base: Track, settings: Settings) -> Unit:
     """One unit by the preset of the settings, smallest first."""
     if settings.preset == "archive":
-        coded = code_grid(source, base, LpcParameters(), nearest_uniform)
+        coded = code_grid(source, base, LpcParameters(), nearest_uniform, thorough=False)
         assert coded
         return Unit(coded, None, "predicted", "lossless", exact=True)
     if settings.preset == "near-lossless":
@@ -104,6 +104,8 @@ def code_grid(
     grid: LpcParameters,
     to_indices: Callable[[Indices, LpcParameters], Indices],
     smallest: int | None = None,
+    *,
+    thorough: bool = True,
 ) -> Coded | None:
     """None where it is sure to be larger than ``smallest``."""
 
@@ -116,7 +118,8 @@ def code_grid(
         return None
     coded = Coded(replace(base, codec="LPCR", parameters=grid.build()))
     for span, indices in pieces():
-        coded.packets.append(Packet(0, span.start, span.ticks, encode_best(indices)))
+        data = encode_best(indices, thorough=thorough)
+        coded.packets.append(Packet(0, span.start, span.ticks, data))
     return coded
 
 
