@@ -12,6 +12,7 @@ setup(
                     "module",
                     "lpcr",
                     "sweep",
+                    "links",
                     "tube",
                     "knots",
                     "select",
@@ -19,7 +20,7 @@ setup(
                     "levels",
                 )
             ],
-            depends=["hapfmt/kernels/kernels.h", "hapfmt/kernels/tube.h"],
+            depends=[f"hapfmt/kernels/{name}.h" for name in ("kernels", "grid", "tube")],
             extra_compile_args=["-O3", "-std=c99"],
             py_limited_api=True,
             optional=True,
