@@ -122,6 +122,13 @@ class DeadbandLevels(Protocol):
     ) -> int: ...
 
 
+class BuildVarints(Protocol):
+    """(int64 [numbers], uint8 [8 * numbers]) -> size of the varints that the last one is filled
+    with."""
+
+    def __call__(self, numbers: Buffer, out: Buffer, /) -> int: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -135,6 +142,8 @@ class Kernels(Protocol):
     def fewest_linear(self) -> TubeLoop: ...
     @property
     def knots_decode(self) -> KnotsDecode: ...
+    @property
+    def build_varints(self) -> BuildVarints: ...
     @property
     def select_knots(self) -> SelectKnots: ...
     @property
