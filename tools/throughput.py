@@ -50,7 +50,8 @@ def codecs(counts: np.ndarray, rate: float) -> list[list[object]]:
         rows.append(
             [f"knots, {mode}", f"{8 * len(data) / n:.3f}",
              speed(n, lambda: build_knots(t := select_knots(slow, band, keep_last=True), slow[t])),
-             speed(n, lambda d=data, p=parameters: knots.decode_within(d, p, n, 1, LEVEL, 0, *RANGE))]
+             speed(n, lambda d=data, p=parameters: knots.decode_within(
+                 d, p, n, 1, LEVEL, 0, *RANGE))]
         )  # fmt: skip
     for step in (2, 31):
         levels = quantise(counts - slow, step)
