@@ -2,25 +2,16 @@
 
 from setuptools import Extension, setup
 
+FOLDER = "hapfmt/kernels"
+SOURCES = ["module", "lpcr", "sweep", "links", "tube", "knots", "select", "huffman", "levels"]
+HEADERS = ["kernels", "grid", "tube"]
+
 setup(
     ext_modules=[
         Extension(
             "hapfmt.kernels._kernels",
-            [
-                f"hapfmt/kernels/{name}.c"
-                for name in (
-                    "module",
-                    "lpcr",
-                    "sweep",
-                    "links",
-                    "tube",
-                    "knots",
-                    "select",
-                    "huffman",
-                    "levels",
-                )
-            ],
-            depends=[f"hapfmt/kernels/{name}.h" for name in ("kernels", "grid", "tube")],
+            [f"{FOLDER}/{name}.c" for name in SOURCES],
+            depends=[f"{FOLDER}/{name}.h" for name in HEADERS],
             extra_compile_args=["-O3", "-std=c99"],
             py_limited_api=True,
             optional=True,

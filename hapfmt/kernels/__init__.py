@@ -141,6 +141,13 @@ class DeadbandLevels(Protocol):
     ) -> int: ...
 
 
+class BuildVarints(Protocol):
+    """(int64 [numbers], uint8 [8 * numbers]) -> size of the varints that the last one is filled
+    with."""
+
+    def __call__(self, numbers: Buffer, out: Buffer, /) -> int: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -154,6 +161,8 @@ class Kernels(Protocol):
     def fewest_linear(self) -> FewestLinear: ...
     @property
     def knots_decode(self) -> KnotsDecode: ...
+    @property
+    def build_varints(self) -> BuildVarints: ...
     @property
     def select_knots(self) -> SelectKnots: ...
     @property
