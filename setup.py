@@ -2,28 +2,27 @@
 
 from setuptools import Extension, setup
 
+FOLDER = "hapfmt/kernels"
+SOURCES = [
+    "module",
+    "lpcr",
+    "sweep",
+    "links",
+    "tube",
+    "knots",
+    "select",
+    "huffman",
+    "levels",
+    "exact",
+]
+HEADERS = ["kernels", "coder", "lpcr", "search", "grid", "tube"]
+
 setup(
     ext_modules=[
         Extension(
             "hapfmt.kernels._kernels",
-            [
-                f"hapfmt/kernels/{name}.c"
-                for name in (
-                    "module",
-                    "lpcr",
-                    "sweep",
-                    "tube",
-                    "knots",
-                    "select",
-                    "huffman",
-                    "levels",
-                    "exact",
-                )
-            ],
-            depends=[
-                f"hapfmt/kernels/{name}.h"
-                for name in ("kernels", "coder", "lpcr", "search", "tube")
-            ],
+            [f"{FOLDER}/{name}.c" for name in SOURCES],
+            depends=[f"{FOLDER}/{name}.h" for name in HEADERS],
             extra_compile_args=["-O3", "-std=c99", "-ffp-contract=off"],
             py_limited_api=True,
             optional=True,

@@ -17,8 +17,12 @@ from strategies import recordings
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.cli.encode import encode as encode_command
+from hapfmt.encoder import auto
 from hapfmt.encoder.auto import NOTHING, few_values, is_clock, plan_channel, quantity_of
 from hapfmt.encoder.encode import Decision
+from hapfmt.encoder.source import Source
+from hapfmt.encoder.unit import bound_of, slow_part
+from hapfmt.recording import Span
 from hapfmt.scenes.stylus import simulate
 
 AUTO = Settings.of("auto")
@@ -119,6 +123,20 @@ def test_no_texture_above_threshold():
     assert decision.chosen == "knots"
     assert "no texture above it" in decision.reason
     assert decision.left_out.endswith("and all texture above 20 Hz")
+
+
+def test_texture_is_measured_in_stretches(monkeypatch):
+    x = np.rint(3000 + 2000 * np.sin(3 * T) + 300 * NOISE * (T % 1 < 0.3)).astype(np.int32)
+    spans = (Span(0, 1500), Span(1700, 4200))
+    channel = Channel(x, Fraction(1000), spans, MILLI, unit="N")
+    source = Source((channel,), x[:, None], spans)
+    settings = Settings.of("deadband")
+    bound = bound_of(source, settings)
+    whole = bound.band.outside(source.counts, slow_part(source, settings)).mean()
+    assert whole > 0.01
+    assert auto.texture_share(source, bound, 20.0) == pytest.approx(whole)
+    monkeypatch.setattr(auto, "STRETCH", 333)
+    assert auto.texture_share(source, bound, 20.0) == pytest.approx(whole, abs=1e-3)
 
 
 def test_silence_is_told_and_held():

@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapfmt.codecs import knots as codec
+from hapfmt.codecs import varints
 from hapfmt.codecs.knots import KnotParameters, build_knots, decode_within
+from hapfmt.codecs.varints import build_varints
 from hapfmt.deadband import Deadband
 from hapfmt.encoder import knots as encoder
 from hapfmt.encoder.knots import select_knots, select_knots_plain
@@ -157,6 +159,27 @@ class TestSelecting:
             for reference in ("last", "sample")
             for last in (False, True)
         ]
+
+
+@built
+@given(st.lists(st.sampled_from([0, 1, 127, 128, 2**52, 2**53 - 1]) | st.integers(0, 2**53 - 1)))
+def test_varints(numbers):
+    row = np.array(numbers, np.int64)
+    fast = build_varints(row)
+    assert fast == by_the_twin(varints, build_varints, row)
+    assert fast == b"".join(map(build_varint, numbers))
+
+
+@built
+@pytest.mark.parametrize("number", [-1, 2**53, -(2**63)])
+def test_what_is_no_varint(number):
+    row = np.array([1, number])
+    with pytest.raises(ValueError, match="not numbers"):
+        compiled.build_varints(row, bytearray(16))
+    with pytest.raises(ValueError, match="no room"):
+        compiled.build_varints(row[:1], bytearray(7))
+    with pytest.raises(ValueError, match="no room"):
+        compiled.build_varints(bytes(7), bytearray(99))
 
 
 ROW = np.zeros(4, np.int64)

@@ -8,19 +8,43 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_tube import random_tube, tubes
 
+from hapfmt.codecs.predicted import LpcParameters
 from hapfmt.encoder import tube as module
+from hapfmt.encoder.grids import levels_of
 from hapfmt.encoder.tube import COUNT_BOUND, fewest_hold, fewest_linear
+from hapfmt.errors import ParameterError
 from hapfmt.kernels import compiled
 
 built = pytest.mark.skipif(compiled is None, reason="the extension is not built, or HAPFMT_PURE=1")
 scales = st.sampled_from([1, 2**11, 2**26, 2**31])
 
 
-def assert_same(find, lower, upper):
-    fast = find(lower, upper)
+steps = st.sampled_from([1, 2, 7, 1000])
+deadbands = st.builds(
+    LpcParameters,
+    st.sampled_from([0, 1, 6, 400]),
+    st.sampled_from([0, -7, 100, 2**31 - 1]),
+    st.sampled_from([1, 3]),
+    st.sampled_from([2, 10, 200]),
+)
+
+
+def found(find, *given):
+    """Knots, or the reason why there are none."""
+    try:
+        return find(*given)
+    except ParameterError as error:
+        return str(error)
+
+
+def assert_same(find, lower, upper, *grid):
+    fast = found(find, lower, upper, *grid)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "compiled", None)
-        slow = find(lower, upper)
+        slow = found(find, lower, upper, *grid)
+    if isinstance(slow, str):
+        assert fast == slow
+        return None
     for a, b in zip(fast, slow, strict=True):
         assert a.dtype == b.dtype == np.int64
         assert a.tolist() == b.tolist()
@@ -32,7 +56,8 @@ def assert_same(find, lower, upper):
 class TestTwins:
     @given(tube=tubes(), scale=scales)
     def test_small_tubes(self, find, tube, scale):
-        lower, upper = (np.clip(bound * scale, -COUNT_BOUND, COUNT_BOUND) for bound in tube)
+        far = COUNT_BOUND // scale
+        lower, upper = (np.clip(bound, -far, far) * scale for bound in tube)
         assert_same(find, lower, upper)
 
     @pytest.mark.parametrize("kind", ["noise", "walk", "exact", "thin", "smooth", "weber"])
@@ -68,6 +93,117 @@ class TestTwins:
             assert_same(find, np.maximum(ramp - 5, -COUNT_BOUND), np.minimum(ramp + 5, COUNT_BOUND))
 
 
+def inside(lower, upper, knots, grid):
+    """Values of the grid, and lines within the tube at every tick: the sum of SPEC 9.1."""
+    ticks, values = (row.tolist() for row in knots)
+    assert set(values) <= set(grid if isinstance(grid, range) else grid.tolist())
+    if len(ticks) == 1:
+        return bool((lower <= values[0]).all() and (values[0] <= upper).all())
+    y = [
+        v0 + (2 * (v1 - v0) * (t - t0) + t1 - t0) // (2 * (t1 - t0))
+        for t0, t1, v0, v1 in zip(ticks, ticks[1:], values, values[1:], strict=False)
+        for t in range(t0, t1)
+    ]
+    y.append(values[-1])
+    return bool((lower <= np.array(y)).all() and (np.array(y) <= upper).all())
+
+
+@built
+class TestGrids:
+    @given(tubes(), scales, steps, st.integers(-1100, 1100), st.sampled_from([0, 0, 1, 50]))
+    def test_uniform(self, tube, scale, step, start, wider):
+        """Each value of a grid, or a part of its values only: then there may be none."""
+        lower = np.clip(tube[0] * scale - step // 2, -COUNT_BOUND, COUNT_BOUND)
+        upper = np.clip(tube[1] * scale + step // 2, -COUNT_BOUND, COUNT_BOUND)
+        first = int(lower.min()) + start // (1 + wider) - step * wider
+        grid = range(first, max(int(upper.max()), first) + 1 + step * wider, step)
+        knots = assert_same(fewest_linear, lower, upper, grid)
+        if wider and knots is not None and upper.max() - lower.min() < 10**6:
+            assert inside(lower, upper, knots, grid)
+
+    @given(tubes(), st.sampled_from([1, 2**6, 2**11]), deadbands, st.sampled_from([-1, 0, 1, 30]))
+    def test_deadband(self, tube, scale, grid, wider):
+        """A tube of each count's deadband, narrower or wider."""
+        x = np.clip(tube[0], -(2**20), 2**20) * scale
+        width = np.maximum(grid.kn * np.abs(x - grid.zero) // grid.kd, grid.step) + wider
+        lower, upper = x - np.maximum(width, 0), x + np.maximum(width, 0)
+        _, levels = levels_of(x, grid)
+        knots = assert_same(fewest_linear, lower, upper, levels)
+        if knots is not None:
+            assert inside(lower, upper, knots, levels)
+
+    @pytest.mark.parametrize("kind", ["noise", "walk", "exact", "thin", "smooth", "weber"])
+    def test_random_tubes(self, kind):
+        rng = np.random.default_rng(5)
+        for _ in range(40):
+            lower, upper = random_tube(rng, kind)
+            for step in (2, 3, 5):
+                grid = range(int(lower.min()) - step, int(upper.max()) + step, step)
+                assert_same(fewest_linear, lower - step // 2, upper + step // 2, grid)
+            levels = np.unique(rng.integers(lower.min(), upper.max() + 1, 30))
+            assert_same(fewest_linear, lower, upper, levels)
+
+    @pytest.mark.parametrize("step", [1, 2, 7, 1000, 2**31, 2**32])
+    def test_as_wide_as_can_be(self, step):
+        """2**33 values, of which no list is made."""
+        grid = range(-COUNT_BOUND, COUNT_BOUND + 1, step)
+        for size in (2, 3, 17, 400):
+            x = np.resize(np.array([-COUNT_BOUND, COUNT_BOUND]), size)
+            assert_same(fewest_linear, x, x, grid)
+            ramp = np.linspace(-COUNT_BOUND, COUNT_BOUND, size).astype(np.int64)
+            assert_same(fewest_linear, ramp - step, ramp + step, grid)
+            assert_same(fewest_linear, ramp - step // 2, ramp + step // 2, grid[::2])
+
+    @pytest.mark.parametrize("bound", [COUNT_BOUND, 2**34])
+    def test_listed_extremes(self, bound):
+        levels = np.array([-bound, -COUNT_BOUND, -1, 0, 5, COUNT_BOUND, bound])
+        levels = np.unique(levels)
+        for size in (1, 2, 3, 17, 400):
+            x = np.resize(levels[1:-1], size)
+            assert_same(fewest_linear, x, x, levels)
+            assert_same(fewest_linear, x - 2**31, x + 2**31, levels)
+
+    @pytest.mark.parametrize("grid", [range(0), range(4, 9), range(0, 9, 3), np.array([0, 3, 9])])
+    def test_no_value_within_the_tube(self, grid):
+        with pytest.raises(ParameterError, match="a value of the grid at every tick"):
+            fewest_linear(np.array([0, 2, 1]), np.array([3, 2, 1]), grid)
+
+    @pytest.mark.parametrize(
+        ("first", "step", "count", "levels"),
+        [
+            (0, 0, 1, []),
+            (0, -1, 1, []),
+            (0, 1, 0, []),
+            (2**34 + 1, 1, 1, []),
+            (-(2**34) - 1, 1, 1, []),
+            (0, 1, 2**34 + 2, []),
+            (-(2**34), 2**63 - 1, 2, []),
+            (0, 1, 2, [0]),
+            (0, 1, -1, [0]),
+            (0, 1, 2**61 + 1, [0]),
+            (0, 1, 2, [0, 0]),
+            (0, 1, 2, [1, 0]),
+            (0, 1, 1, [2**34 + 1]),
+            (0, 1, 1, [-(2**34) - 1]),
+        ],
+    )
+    def test_what_is_no_grid_is_refused(self, first, step, count, levels):
+        row, table = np.zeros(2, np.int64), np.array(levels, np.int64)
+        with pytest.raises(ValueError, match="not a tube"):
+            compiled.fewest_linear(row, row, first, step, count, table, row.copy(), row.copy())
+
+    def test_levels_of_other_sizes_are_refused(self):
+        row = np.zeros(2, np.int64)
+        with pytest.raises(ValueError, match="not a tube"):
+            compiled.fewest_linear(row, row, 0, 1, 1, bytes(9), row.copy(), row.copy())
+
+
+def run(name, lower, upper, ticks, values):
+    """With a grid of all counts."""
+    grid = (-COUNT_BOUND, 1, 2 * COUNT_BOUND + 1, b"") if name == "fewest_linear" else ()
+    return getattr(compiled, name)(lower, upper, *grid, ticks, values)
+
+
 @built
 @pytest.mark.parametrize("name", ["fewest_hold", "fewest_linear"])
 class TestArguments:
@@ -79,7 +215,7 @@ class TestArguments:
         lower[-1] = upper[-1] = COUNT_BOUND
         upper[size // 2 - 1] = 0
         ticks, values = np.empty_like(lower), np.empty_like(lower)
-        count = getattr(compiled, name)(lower, upper, ticks, values)
+        count = run(name, lower, upper, ticks, values)
         assert count == 2
         assert values[:2].tolist() == [-COUNT_BOUND, COUNT_BOUND]
 
@@ -98,13 +234,13 @@ class TestArguments:
     def test_what_is_no_tube_is_refused(self, name, lower, upper, room):
         tube = np.array(lower, np.int64), np.array(upper, np.int64)
         with pytest.raises(ValueError, match="not a tube"):
-            getattr(compiled, name)(*tube, np.zeros(room, np.int64), np.zeros(room, np.int64))
+            run(name, *tube, np.zeros(room, np.int64), np.zeros(room, np.int64))
 
     def test_wrong_types(self, name):
         good = np.zeros(2, np.int64)
         with pytest.raises(ValueError, match="not a tube"):
-            getattr(compiled, name)(memoryview(bytes(17))[1:], good, good, good)
+            run(name, memoryview(bytes(17))[1:], good, good, good)
         with pytest.raises((TypeError, BufferError)):
-            getattr(compiled, name)(good, good, bytes(16), good)
+            run(name, good, good, bytes(16), good)
         with pytest.raises(TypeError):
             getattr(compiled, name)(good)

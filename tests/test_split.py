@@ -217,9 +217,12 @@ class TestSelectKnots:
             ]
         )
         deadband = Deadband(1, 10, (10,) * components, (0,) * components, vector)
-        found = select_knots(slow, deadband, reference=reference, keep_last=True)
         plain = select_knots_plain(slow, deadband, reference=reference, keep_last=True)
-        assert np.array_equal(found, plain)
+        for loops in (knots.compiled, None):
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(knots, "compiled", loops)
+                found = select_knots(slow, deadband, reference=reference, keep_last=True)
+            assert np.array_equal(found, plain)
 
     @given(tracks())
     @settings(max_examples=60, deadline=None)

@@ -13,7 +13,7 @@ from hapfmt.codecs.knots import INTERPOLATIONS, KnotParameters, build_knots, dec
 from hapfmt.codecs.knots_coded import CodedKnotParameters, decode_coded_knots, encode_knots
 from hapfmt.codecs.predicted import LpcParameters
 from hapfmt.deadband import Deadband
-from hapfmt.encoder.grids import levels_of
+from hapfmt.encoder.grids import levels_of, places
 from hapfmt.encoder.knots import select_knots
 from hapfmt.encoder.split import low_pass
 from hapfmt.encoder.tube import COUNT_BOUND, SPAN_BOUND, fewest_hold, fewest_linear
@@ -126,8 +126,7 @@ def test_lines_between_values_of_a_grid(tube, grid, wider):
     width = np.maximum(grid.kn * c // grid.kd, grid.step if grid.kn else grid.step // 2) + wider
     first, levels = levels_of(x, grid)
     ticks, values = fewest_linear(x - width, x + width, levels)
-    places = [levels.index(value) for value in values.tolist()]
-    indices = np.array(places, dtype=np.int64) + first
+    indices = places(values, values, levels)[0] + first
     assert (grid.counts(indices, 2**24) == values).all()
     parameters = CodedKnotParameters("linear", grid)
     packet = encode_knots(ticks, indices[:, None], "linear")

@@ -17,10 +17,10 @@ from measured import best_of, print_origin, print_table
 from peers.exact import flac_decode, flac_encode
 
 import hapfmt
-from hapfmt.codecs import exact, predicted
-from hapfmt.codecs.knots import KnotParameters, build_knots, decode_knots
+from hapfmt.codecs import exact, knots, predicted, quantised
+from hapfmt.codecs.knots import KnotParameters, build_knots
 from hapfmt.codecs.predicted import decode_indices
-from hapfmt.codecs.quantised import decode_quantised, encode_quantised, quantise
+from hapfmt.codecs.quantised import encode_quantised, quantise
 from hapfmt.codecs.raw import RawParameters, decode_raw, encode_raw
 from hapfmt.container.track import Affine
 from hapfmt.deadband import Deadband
@@ -33,6 +33,7 @@ from hapfmt.limits import LEVELS
 from hapfmt.scenes.stylus import simulate
 
 LEVEL = LEVELS[2]
+RANGE = -(2**31), 2**31 - 1
 SAMPLES = 480_000
 TWIN_SAMPLES = 20_000
 """Of them, for the loops that take microseconds a sample."""
@@ -51,7 +52,8 @@ def codecs(counts: np.ndarray, rate: float) -> list[list[object]]:
         rows.append(
             [f"knots, {mode}", f"{8 * len(data) / n:.3f}",
              speed(n, lambda: build_knots(t := select_knots(slow, band, keep_last=True), slow[t])),
-             speed(n, lambda d=data, p=parameters: decode_knots(d, p, n, 1, LEVEL, 0))]
+             speed(n, lambda d=data, p=parameters: knots.decode_within(
+                 d, p, n, 1, LEVEL, 0, *RANGE))]
         )  # fmt: skip
     for step in (2, 31):
         levels = quantise(counts - slow, step)
@@ -60,7 +62,7 @@ def codecs(counts: np.ndarray, rate: float) -> list[list[object]]:
         rows.append(
             [f"quantised, step {step}", f"{8 * len(data) / n:.3f}",
              speed(n, lambda v=levels, b=book: encode_quantised(v, b)),
-             speed(n, lambda d=data, b=book: decode_quantised(d, b, n, 1, LEVEL, 0))]
+             speed(n, lambda d=data, b=book: quantised.decode_within(d, b, n, 1, LEVEL, 0, *RANGE))]
         )  # fmt: skip
     for size in (2,):
         data = encode_raw(counts, size)

@@ -6,10 +6,10 @@ from each code word to the next. The walk alone is sequential.
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,13 +47,26 @@ def code_lengths(frequencies: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def tree_depths(weights: list[int]) -> list[int]:
     """Depth of each leaf of a Huffman tree; ties go to the earlier node, so it is one tree."""
-    parent = [0] * (2 * len(weights) - 1)
-    heap = [(weight, node) for node, weight in enumerate(weights)]
-    heapq.heapify(heap)
-    for node in range(len(weights), len(parent)):
-        (w0, n0), (w1, n1) = heapq.heappop(heap), heapq.heappop(heap)
-        parent[n0] = parent[n1] = node
-        heapq.heappush(heap, (w0 + w1, node))
+    size = len(weights)
+    parent = [0] * (2 * size - 1)
+    # Leaves by weight, and inner nodes, which are made in the order of theirs: the lightest node
+    # is always the first of one of the two.
+    order = sorted(range(size), key=weights.__getitem__)
+    leaves: list[float] = [*(weights[leaf] for leaf in order), inf]
+    sums: list[float] = []
+    leaf = inner = 0
+    for node in range(size, len(parent)):
+        total = 0.0
+        for _ in range(2):
+            if inner < len(sums) and sums[inner] < leaves[leaf]:
+                total += sums[inner]
+                parent[size + inner] = node
+                inner += 1
+            else:
+                total += leaves[leaf]
+                parent[order[leaf]] = node
+                leaf += 1
+        sums.append(total)
     depth = [0] * len(parent)
     for node in range(len(parent) - 2, -1, -1):
         depth[node] = depth[parent[node]] + 1

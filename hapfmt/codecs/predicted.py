@@ -109,6 +109,7 @@ def deadband_levels(grid: LpcParameters, bound: int) -> tuple[NDArray[np.int64],
     if compiled is not None:
         rows = np.empty((2, LEVELS_LIMIT), np.int64)
         count = compiled.deadband_levels(grid.step, grid.kn, grid.kd, bound, rows[0], rows[1])
+        assert count > 0
         return rows[0, :count].copy(), rows[1, :count].copy()
     levels, tops = [0], []
     while True:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..errors import FormatError, TruncatedError
 from ..integers import VARINT_SIZE
+from ..kernels import compiled
 
 
 def parse_varints(data: bytes, offset: int) -> NDArray[np.int64]:
@@ -42,6 +43,9 @@ def check(
 
 def build_varints(values: NDArray[np.int64]) -> bytes:
     """Non-negative numbers below 2**53, in order."""
+    if compiled is not None:
+        room = np.empty(VARINT_SIZE * values.size, np.uint8)
+        return room[: compiled.build_varints(np.ascontiguousarray(values), room)].tobytes()
     sizes = np.ones(values.size, np.int64)
     for group in range(1, VARINT_SIZE):
         sizes += values >= 1 << (7 * group)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,9 @@ from .check import decoded_pieces
 from .perception import FORCE_FLOORS, QUANTITY_OF_UNIT, WEBER_LIMITS
 from .settings import Settings, text_of
 from .source import Source
+from .split import PADDING_PERIODS, low_pass
 from .tolerance import Tolerance
-from .unit import Unit, bound_of, encode_counts, slow_part
+from .unit import Bound, Unit, bound_of, encode_counts
 
 STATES = 4
 """Up to so many distinct values are states (a button, a phase), not a signal."""
@@ -35,6 +37,9 @@ forward rests in between."""
 CLOCK_LABEL = re.compile(
     r"(^|[\W_])(time(stamps?)?|clock|counter|seq(uence)?|frame|index)($|[\W_])", re.IGNORECASE
 )
+
+STRETCH = 1 << 18
+"""Samples that are filtered at a time."""
 
 KNOWN_QUANTITIES = frozenset(QUANTITY_OF_UNIT.values())
 
@@ -180,8 +185,7 @@ def encode_auto(source: Source, first_channel: int, plan: Plan) -> Unit:
     if not same:
         bound, cutoff = bound_of(source, plan.settings), plan.settings.cutoff_hz
         if bound.band.kn and not bound.band.vector and source.rate > 2 * cutoff:
-            slow = slow_part(source, plan.settings)
-            share = float(bound.band.outside(source.counts, slow).mean())
+            share = texture_share(source, bound, cutoff)
             why += f", texture in {100 * share:.2g} % of samples" if share else NO_TEXTURE
             left_out += "" if share else f", and all texture above {cutoff:g} Hz"
         same = all(np.array_equal(x, y) for x, y in decoded_pieces(source, unit.base))
@@ -190,3 +194,20 @@ def encode_auto(source: Source, first_channel: int, plan: Plan) -> Unit:
         left_out = f"less than {moved:.3g} {source.channels[0].unit}" if moved else NOTHING
     reason = f"{unit.reason} ({why})" if why else unit.reason
     return replace(unit, reason=reason, left_out=left_out)
+
+
+def texture_share(source: Source, bound: Bound, cutoff_hz: float) -> float:
+    """Of how many samples the slow part alone would be outside the deadband.
+
+    Stretch by stretch, with what the filter needs to settle on both sides.
+    """
+    rate, outside = float(source.rate), 0
+    margin = ceil(PADDING_PERIODS * rate / cutoff_hz)
+    for rows in source.segments():
+        for start in range(rows.start, rows.stop, STRETCH):
+            stop = min(start + STRETCH, rows.stop)
+            first, last = max(start - margin, rows.start), min(stop + margin, rows.stop)
+            slow = low_pass(source.counts[first:last].astype(np.float64), rate, cutoff_hz)
+            near = np.floor(slow[start - first : stop - first] + 0.5).astype(np.int64)
+            outside += int(bound.band.outside(source.counts[start:stop], near).sum())
+    return outside / len(source.counts)

@@ -16,6 +16,9 @@ from ..codecs.quantised import (
 )
 
 NONE = np.zeros(0, np.int64)
+WIDE = 4
+"""Levels further apart than so many times their number are sorted, not counted in a table."""
+
 DIRECT_LEVELS = (0, 1, 2, 3, 5, 7, 11, 15, 23, 31, 47, 63, 127, 255, 511, 1023)
 """Values of M that are tried: between them the size of a packet hardly changes (below 0.3 %)."""
 
@@ -28,7 +31,7 @@ def choose_codebook(pieces: list[NDArray[np.int64]], step: int) -> QuanParameter
     columns = [piece.T.reshape(-1) for piece in pieces]
     runs = zero_runs(columns)
     run_classes = min(max(int(runs.max(initial=0)).bit_length() - 1, 0), RUN_LIMIT)
-    levels, counts = np.unique(np.concatenate([NONE, *columns]), return_counts=True)
+    levels, counts = histogram(np.concatenate([NONE, *columns]))
     levels, counts = levels[levels != 0], counts[levels != 0]
     singles, run_counts = run_symbols(runs, run_classes)
     largest = int(np.abs(levels).max(initial=0))
@@ -53,6 +56,17 @@ def choose_codebook(pieces: list[NDArray[np.int64]], step: int) -> QuanParameter
             break
     assert best is not None
     return best[1]
+
+
+def histogram(levels: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The levels that occur, sorted, and how often."""
+    low, high = int(levels.min(initial=0)), int(levels.max(initial=0))
+    if high - low > WIDE * levels.size:
+        found, counts = np.unique(levels, return_counts=True)
+        return found, counts.astype(np.int64)
+    counts = np.bincount(levels - low, minlength=1).astype(np.int64)
+    present = np.flatnonzero(counts)
+    return present + low, counts[present]
 
 
 def zero_runs(columns: list[NDArray[np.int64]]) -> NDArray[np.int64]:

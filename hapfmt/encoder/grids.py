@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
@@ -13,6 +12,9 @@ from ..limits import LEVELS
 from .unit import Bound, at_most
 
 Indices = NDArray[np.int64]
+
+Levels = range | NDArray[np.int64]
+"""Counts in ascending order."""
 
 STEP_LIMIT = LEVELS[1].step
 """Steps that every level allows; larger tolerances are seldom asked for, and held steps keep
@@ -44,23 +46,19 @@ def nearest_level(x: Indices, grid: LpcParameters) -> Indices:
     return np.asarray(np.sign(c) * cells)
 
 
-def levels_of(x: Indices, grid: LpcParameters) -> tuple[int, Sequence[int]]:
+def levels_of(x: Indices, grid: LpcParameters) -> tuple[int, Levels]:
     """The counts that the nearest indices of x lie between, and the index of the first."""
     first, last = nearest(np.array([x.min(), x.max()]), grid).tolist()
     if not grid.kn:
         step, zero = grid.step, grid.zero
         return first, range(first * step + zero, last * step + zero + 1, step)
-    levels = deadband_levels(grid, int(np.abs(x - grid.zero).max()))[0].tolist()
-    return first, [
-        grid.zero + (levels[i] if i >= 0 else -levels[-i]) for i in range(first, last + 1)
-    ]
+    return first, grid.counts(np.arange(first, last + 1), int(np.abs(x - grid.zero).max()))
 
 
-def places(lower: Indices, upper: Indices, levels: Sequence[int]) -> tuple[Indices, Indices]:
+def places(lower: Indices, upper: Indices, levels: Levels) -> tuple[Indices, Indices]:
     """The first and the last of ascending ``levels`` within [lower, upper]."""
     if isinstance(levels, range):
         low = -((levels.start - lower) // levels.step)
         high = (upper - levels.start) // levels.step
         return np.maximum(low, 0), np.minimum(high, len(levels) - 1)
-    table = np.array(levels, np.int64)
-    return np.searchsorted(table, lower), np.searchsorted(table, upper, side="right") - 1
+    return np.searchsorted(levels, lower), np.searchsorted(levels, upper, side="right") - 1

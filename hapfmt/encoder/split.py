@@ -12,6 +12,7 @@ separates less.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import atan, ceil, isfinite, pi, sqrt, tan
 from typing import Any, Literal
 
@@ -110,12 +111,18 @@ def _by_sections(
 ) -> NDArray[np.float64]:
     from scipy import signal
 
-    cutoff = 2 * _pass_cutoff(ratio, filter)
-    if filter == "bessel4":
-        sections = signal.bessel(4, cutoff, norm="mag", output="sos")
-    else:
-        sections = signal.butter(1, cutoff, output="sos")
+    sections = _sections(2 * _pass_cutoff(ratio, filter), filter)
     return np.asarray(signal.sosfiltfilt(sections, y, axis=0, padtype="even", padlen=padding))
+
+
+@lru_cache(maxsize=8)
+def _sections(cutoff: float, filter: Filter) -> NDArray[np.float64]:
+    """The channels of a recording mostly share one rate; a design takes milliseconds."""
+    from scipy import signal
+
+    if filter == "bessel4":
+        return np.asarray(signal.bessel(4, cutoff, norm="mag", output="sos"))
+    return np.asarray(signal.butter(1, cutoff, output="sos"))
 
 
 def _by_cosines(y: NDArray[np.float64], ratio: float, filter: Filter) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ Computer Vision, Graphics, and Image Processing 35, 1986). So the next link is s
 that cross it; knots are tried on whole ticks around the place where the furthest of them does, and
 all values are kept until the end is reached. Then one is chosen at each knot, backwards.
 
-Where the extension is built, kernels/tube.c and sweep.c take the same steps.
+Where the extension is built, kernels/tube.c, links.c and sweep.c take the same steps.
 
 Widths, with |count| <= 2**32 and at most 2**24 ticks: half counts stay below 2**33 + 2, their
 differences below 2**34 + 4, products with ticks (2**59); no more than two of these are added, which
@@ -29,9 +29,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ParameterError
-from ..kernels import TubeLoop, compiled
+from ..kernels import compiled
 from ..limits import LEVELS
-from .grids import places
+from .grids import Levels, places
 from .sweep import Point, Sweep, append, line_at, round_at, sweep_lines
 
 COUNT_BOUND = max(level.count_bound for level in LEVELS.values())
@@ -39,6 +39,8 @@ COUNT_BOUND = max(level.count_bound for level in LEVELS.values())
 
 SPAN_BOUND = max(level.span_ticks for level in LEVELS.values())
 """Ticks of one packet."""
+
+NO_VALUE = "a tube has a value of the grid at every tick"
 
 TRIES = 2
 """Ticks at which the next knot is tried at least, although the first one may reach as far as any
@@ -100,7 +102,8 @@ def fewest_hold(
     """
     low_row, high_row = bounds(lower, upper)
     if compiled is not None:
-        return _run(compiled.fewest_hold, low_row, high_row)
+        room = np.empty_like(low_row), np.empty_like(low_row)
+        return _filled(compiled.fewest_hold(low_row, high_row, *room), *room)
     lows, highs = low_row.tolist(), high_row.tolist()
     ticks, pieces = [0], []
     low, high = -COUNT_BOUND, COUNT_BOUND
@@ -122,15 +125,15 @@ def fewest_hold(
 
 
 def fewest_linear(
-    lower: NDArray[np.int64], upper: NDArray[np.int64], grid: Sequence[int] | None = None
+    lower: NDArray[np.int64], upper: NDArray[np.int64], grid: Levels | None = None
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Knots for lines: ticks int64 [knots], from 0 to the last tick, and values int64 [knots].
 
     lower, upper
         counts, integers [ticks], lower <= upper; at least one tick.
     grid
-        counts in ascending order, one at least within the tube at every tick: the values that a
-        knot may have; without it every count.
+        the values that a knot may have, one of them at least within the tube at every tick;
+        without it every count.
 
     One knot where a constant fits. Every decoded count is inside the tube. The number of knots is
     the minimum or close to it (0.3 % more on random and recorded tubes, against dynamic programming
@@ -140,10 +143,16 @@ def fewest_linear(
     few ticks are reached exactly. A deadband's floor is a count or more, and leaves three.
     """
     lows, highs = bounds(lower, upper)
-    if compiled is not None and grid is None:
-        return _run(compiled.fewest_linear, lows, highs)
     if grid is None:
         grid = range(int(lows.min()), int(highs.max()) + 1)
+    if len(grid) == 0:
+        raise ParameterError(NO_VALUE)
+    if compiled is not None:
+        line = grid if isinstance(grid, range) else range(len(grid))
+        levels = b"" if isinstance(grid, range) else np.ascontiguousarray(grid, np.int64)
+        room = np.empty_like(lows), np.empty_like(lows)
+        shape = line.start, line.step, len(line), levels
+        return _filled(compiled.fewest_linear(lows, highs, *shape, *room), *room)
     tube = Tube(lows, highs, grid)
     low, high = max(tube.lows), min(tube.highs)
     if low <= high:
@@ -177,22 +186,23 @@ def bounds(
     return np.ascontiguousarray(low, np.int64), np.ascontiguousarray(high, np.int64)
 
 
-def _run(
-    loop: TubeLoop, lower: NDArray[np.int64], upper: NDArray[np.int64]
+def _filled(
+    count: int, ticks: NDArray[np.int64], values: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    ticks, values = np.empty_like(lower), np.empty_like(lower)
-    count = loop(lower, upper, ticks, values)
+    if not count:
+        raise ParameterError(NO_VALUE)
     return ticks[:count].copy(), values[:count].copy()
 
 
 class Tube:
     """A tube in places on the grid of values, and in half counts upright and upside down."""
 
-    def __init__(
-        self, lower: NDArray[np.int64], upper: NDArray[np.int64], grid: Sequence[int]
-    ) -> None:
-        self.grid, self.size = grid, len(lower)
+    def __init__(self, lower: NDArray[np.int64], upper: NDArray[np.int64], grid: Levels) -> None:
+        self.grid: Sequence[int] = grid if isinstance(grid, range) else grid.tolist()
+        self.size = len(lower)
         low, high = places(lower, upper, grid)
+        if (low > high).any():
+            raise ParameterError(NO_VALUE)
         self.lows, self.highs = low.tolist(), high.tolist()
         floor, ceiling = (2 * lower - 1).tolist(), (2 * upper + 1).tolist()
         self.upright = floor, ceiling

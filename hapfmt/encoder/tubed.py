@@ -7,7 +7,6 @@ deadband for held levels.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Callable
 from fractions import Fraction
 
@@ -21,7 +20,7 @@ from .grids import Indices, grid_within, levels_of, places
 from .knots import select_knots
 from .packed import Coded, coded_knots, plain_knots
 from .source import Source
-from .tube import fewest_hold, fewest_linear
+from .tube import COUNT_BOUND, fewest_hold, fewest_linear
 from .unit import Bound, code_steps
 from .vectors import held_grid, held_vectors, joined_grid, joined_vectors
 
@@ -53,8 +52,7 @@ def fewest_joined(x: Indices, grid: LpcParameters, bound: Bound) -> tuple[Indice
     """Knots of indices, joined by as few lines as can be."""
     first, levels = levels_of(x, grid)
     ticks, values = fewest_linear(*tube_of(x, bound), levels)
-    at = [bisect_left(levels, value) for value in values.tolist()]
-    return ticks, np.array(at, np.int64) + first
+    return ticks, places(values, values, levels)[0] + first
 
 
 def code_held_levels(source: Source, base: Track, bound: Bound) -> Coded:
@@ -63,7 +61,11 @@ def code_held_levels(source: Source, base: Track, bound: Bound) -> Coded:
     return code_with(source, base, parameters, lambda x: column(fewest_held(x[:, 0], grid, bound)))
 
 
-def code_lines(source: Source, base: Track, bound: Bound) -> Coded:
+def code_lines(source: Source, base: Track, bound: Bound) -> Coded | None:
+    """None where the deadband reaches beyond the largest count, and with it the grid may."""
+    ends = np.array([source.counts.min(), source.counts.max()], np.int64)
+    if max(np.abs(end).max() for end in tube_of(ends, bound)) > COUNT_BOUND:
+        return None
     grid = grid_within(bound, HALF)
     parameters = CodedKnotParameters("linear", grid)
     return code_with(

@@ -33,10 +33,29 @@ class Loop(Protocol):
     ) -> tuple[int, int]: ...
 
 
-class TubeLoop(Protocol):
+class FewestHold(Protocol):
     """(lower, upper, ticks, values: int64 [ticks]) -> number of knots; the last two are filled."""
 
     def __call__(self, lower: Buffer, upper: Buffer, ticks: Buffer, values: Buffer, /) -> int: ...
+
+
+class FewestLinear(Protocol):
+    """(lower, upper, first, step, count, levels, ticks, values) -> number of knots, 0 where the
+    grid has none; its values are ``levels``, int64 [count], or first + step * i where those are
+    empty; the others as for held values."""
+
+    def __call__(
+        self,
+        lower: Buffer,
+        upper: Buffer,
+        first: int,
+        step: int,
+        count: int,
+        levels: Buffer,
+        ticks: Buffer,
+        values: Buffer,
+        /,
+    ) -> int: ...
 
 
 class KnotsDecode(Protocol):
@@ -163,6 +182,13 @@ class Estimate(Protocol):
     ) -> int: ...
 
 
+class BuildVarints(Protocol):
+    """(int64 [numbers], uint8 [8 * numbers]) -> size of the varints that the last one is filled
+    with."""
+
+    def __call__(self, numbers: Buffer, out: Buffer, /) -> int: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -171,11 +197,13 @@ class Kernels(Protocol):
     @property
     def lpcr_encode(self) -> Loop: ...
     @property
-    def fewest_hold(self) -> TubeLoop: ...
+    def fewest_hold(self) -> FewestHold: ...
     @property
-    def fewest_linear(self) -> TubeLoop: ...
+    def fewest_linear(self) -> FewestLinear: ...
     @property
     def knots_decode(self) -> KnotsDecode: ...
+    @property
+    def build_varints(self) -> BuildVarints: ...
     @property
     def select_knots(self) -> SelectKnots: ...
     @property

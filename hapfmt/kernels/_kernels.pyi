@@ -27,7 +27,17 @@ def lpcr_encode(
     /,
 ) -> tuple[int, int]: ...
 def fewest_hold(lower: Buffer, upper: Buffer, ticks: Buffer, values: Buffer, /) -> int: ...
-def fewest_linear(lower: Buffer, upper: Buffer, ticks: Buffer, values: Buffer, /) -> int: ...
+def fewest_linear(
+    lower: Buffer,
+    upper: Buffer,
+    first: int,
+    step: int,
+    count: int,
+    levels: Buffer,
+    ticks: Buffer,
+    values: Buffer,
+    /,
+) -> int: ...
 def knots_decode(
     packet: Buffer,
     quantum: int,
@@ -114,3 +124,4 @@ def estimate(
     counts: Buffer,
     /,
 ) -> int: ...
+def build_varints(numbers: Buffer, out: Buffer, /) -> int: ...

@@ -183,7 +183,33 @@ static PyObject *knots_decode(PyObject *self, PyObject *args)
     return fits ? PyBool_FromLong(decoded) : NULL;
 }
 
+/* (numbers int64, bytes [8 * numbers], filled) -> size */
+static PyObject *build_varints(PyObject *self, PyObject *args)
+{
+    Py_buffer numbers, out;
+    int fits;
+    Py_ssize_t written = 0;
+    (void)self;
+    if (!PyArg_ParseTuple(args, "y*w*", &numbers, &out)) return NULL;
+    Py_BEGIN_ALLOW_THREADS
+    fits = numbers.len % 8 == 0 && (uintptr_t)numbers.buf % 8 == 0 && out.len >= numbers.len;
+    for (Py_ssize_t i = 0; fits && i < numbers.len / 8; i++) {
+        uint64_t value = (uint64_t)((const int64_t *)numbers.buf)[i];
+        uint8_t *to = out.buf;
+        fits = value < (uint64_t)1 << 53;
+        for (; fits && value > 0x7F; value >>= 7) to[written++] = (uint8_t)(value | 0x80);
+        if (fits) to[written++] = (uint8_t)value;
+    }
+    Py_END_ALLOW_THREADS
+    PyBuffer_Release(&numbers);
+    PyBuffer_Release(&out);
+    if (fits) return PyLong_FromSsize_t(written);
+    PyErr_SetString(PyExc_ValueError, "not numbers below 2^53, or no room for them");
+    return NULL;
+}
+
 PyMethodDef hapfmt_knots_methods[] = {
+    {"build_varints", build_varints, METH_VARARGS, NULL},
     {"knots_decode", knots_decode, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };

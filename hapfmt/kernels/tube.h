@@ -1,7 +1,8 @@
-/* Tubes and the lines in them: tube.c chooses knots, sweep.c sweeps the lines of one link. */
+/* Tubes and the lines in them: links.c chooses the knots, sweep.c sweeps the lines of one link. */
 #ifndef HAPFMT_TUBE_H
 #define HAPFMT_TUBE_H
 
+#include "grid.h"
 #include "kernels.h"
 
 /* Counts, lower[t] <= upper[t], |count| <= 2^32, at most 2^24 ticks. */
@@ -43,12 +44,6 @@ typedef struct {
     int64_t size;
 } hull;
 
-static inline int64_t floor_div(int64_t n, int64_t d)
-{
-    int64_t q = n / d;
-    return q - (n % d < 0);
-}
-
 static inline int64_t round_at(const line *l, int32_t tick)
 {
     return l->y + floor_div(l->dy * (tick - l->x), l->dx);
@@ -60,5 +55,7 @@ void hapfmt_hull_append(hull *h, int32_t tick, int64_t y);
 /* 0, or -1 where memory ran out. sign -1: the tube upside down. */
 int hapfmt_sweep_lines(const tube *t, int sign, int32_t first, hull *below, hull *above,
                        sweep *out);
+/* How many knots; 0 where the grid has none for the tube, -1 where memory ran out. */
+int64_t hapfmt_fewest_linear(const tube *in, const grid *g, int64_t *ticks, int64_t *values);
 
 #endif
