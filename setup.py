@@ -3,8 +3,19 @@
 from setuptools import Extension, setup
 
 FOLDER = "hapfmt/kernels"
-SOURCES = ["module", "lpcr", "sweep", "links", "tube", "knots", "select", "huffman", "levels"]
-HEADERS = ["kernels", "grid", "tube"]
+SOURCES = [
+    "module",
+    "lpcr",
+    "sweep",
+    "links",
+    "vectors",
+    "tube",
+    "knots",
+    "select",
+    "huffman",
+    "levels",
+]
+HEADERS = ["kernels", "grid", "tube", "links"]
 
 setup(
     ext_modules=[
