@@ -8,6 +8,7 @@ SOURCES = [
     "lpcr",
     "sweep",
     "links",
+    "vectors",
     "tube",
     "knots",
     "select",
@@ -15,7 +16,7 @@ SOURCES = [
     "levels",
     "exact",
 ]
-HEADERS = ["kernels", "coder", "lpcr", "search", "grid", "tube"]
+HEADERS = ["kernels", "coder", "lpcr", "search", "grid", "tube", "links"]
 
 setup(
     ext_modules=[

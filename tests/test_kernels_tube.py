@@ -10,8 +10,10 @@ from test_tube import random_tube, tubes
 
 from hapfmt.codecs.predicted import LpcParameters
 from hapfmt.encoder import tube as module
+from hapfmt.encoder import vectors
 from hapfmt.encoder.grids import levels_of
 from hapfmt.encoder.tube import COUNT_BOUND, fewest_hold, fewest_linear
+from hapfmt.encoder.vectors import joined_places
 from hapfmt.errors import ParameterError
 from hapfmt.kernels import compiled
 
@@ -196,6 +198,90 @@ class TestGrids:
         row = np.zeros(2, np.int64)
         with pytest.raises(ValueError, match="not a tube"):
             compiled.fewest_linear(row, row, 0, 1, 1, bytes(9), row.copy(), row.copy())
+
+
+def joined_alike(axes, grids):
+    with pytest.MonkeyPatch.context() as patch:
+        fast = found(joined_places, axes, grids)
+        patch.setattr(vectors, "compiled", None)
+        slow = found(joined_places, axes, grids)
+    if isinstance(slow, str):
+        assert fast == slow
+        return None
+    for a, b in zip(fast, slow, strict=True):
+        assert a.dtype == b.dtype == np.int64
+        assert a.tolist() == b.tolist()
+    return fast
+
+
+@built
+class TestVectors:
+    @given(st.lists(tubes(), min_size=1, max_size=4), steps, st.sampled_from([0, 0, 1]), scales)
+    def test_small_tubes(self, axes, step, wider, scale):
+        size = min(lower.size for lower, _ in axes)
+        far = COUNT_BOUND // scale
+        sides, grids = [], []
+        for low, high in axes:
+            lower = np.clip(low[:size], -far, far) * scale - step // 2
+            upper = np.clip(high[:size], -far, far) * scale + step // 2
+            lower, upper = np.maximum(lower, -COUNT_BOUND), np.minimum(upper, COUNT_BOUND)
+            sides.append((lower, upper))
+            grids.append(range(int(lower.min()) + wider, int(upper.max()) + 1 + wider, step))
+        joined_alike(sides, grids)
+
+    @pytest.mark.parametrize("kind", ["noise", "walk", "smooth", "weber"])
+    def test_long_tubes(self, kind):
+        """Each line, its count rounded as in SPEC 9.1, within the tube of its axis."""
+        rng = np.random.default_rng(8)
+        for size, width, step in (900, 40, 21), (500, 3, 2), (300, 0, 1):
+            t = np.arange(size)
+            sides, grids = [], []
+            for turn in range(3):
+                x = {
+                    "noise": rng.integers(-200, 200, size),
+                    "walk": rng.integers(-9, 10, size).cumsum(),
+                    "smooth": np.rint(9000 * np.sin(t / 40 + turn)).astype(np.int64),
+                    "weber": np.rint(9000 * np.sin(t / 40 + turn)).astype(np.int64),
+                }[kind]
+                wide = width + (np.abs(x) // 10 if kind == "weber" else 0)
+                lower, upper = x - wide, x + wide
+                sides.append((lower, upper))
+                grids.append(range(int(lower.min()), int(upper.max()) + 1, step))
+            ticks, at = joined_alike(sides, grids)
+            for (lower, upper), grid, column in zip(sides, grids, at.T, strict=True):
+                values = np.array([grid[place] for place in column])
+                assert inside(lower, upper, (ticks, values), grid)
+
+    def test_no_value_within_a_tube(self):
+        row = np.array([0, 9, 0])
+        with pytest.raises(ParameterError, match="a value of the grid at every tick"):
+            joined_places([(row, row), (row, row + 1)], [range(0, 10, 9), range(0, 9, 2)])
+
+    @pytest.mark.parametrize(
+        ("lower", "upper", "grids", "ticks", "places"),
+        [
+            (0, 0, 0, 0, 0),
+            (4, 4, 0, 2, 4),
+            (4, 4, 6, 0, 4),
+            (3, 4, 6, 2, 4),
+            (4, 3, 6, 2, 4),
+            (4, 4, 5, 2, 4),
+            (4, 4, 6, 2, 3),
+            (4, 4, 3, 2, 4),
+            (514, 514, 771, 2, 514),
+        ],
+    )
+    def test_rows_that_do_not_fit(self, lower, upper, grids, ticks, places):
+        sizes = lower, upper, grids, ticks, places
+        rows = [np.ones(size, np.int64) for size in sizes]
+        with pytest.raises(ValueError, match="not a tube"):
+            compiled.fewest_joined(*rows)
+
+    @pytest.mark.parametrize("grid", [(0, 0, 1), (0, 1, 0), (2**34 + 1, 1, 1), (0, 1, 2**34 + 2)])
+    def test_grids_are_checked(self, grid):
+        row, place = np.zeros(2, np.int64), np.zeros(2, np.int64)
+        with pytest.raises(ValueError, match="not a tube"):
+            compiled.fewest_joined(row, row, np.array(grid, np.int64), row.copy(), place)
 
 
 def run(name, lower, upper, ticks, values):

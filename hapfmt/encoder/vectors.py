@@ -7,10 +7,12 @@ Mathematics 6, 1954, and its followers).
 
 Lines: each axis has a tube of its own, the half width that of the ball over the root of the number
 of axes, so that the axes do not depend on each other; a link ends where the first of them must.
+Where the extension is built, kernels/vectors.c takes the same steps.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isqrt, sqrt
 from typing import NamedTuple
 
@@ -19,8 +21,10 @@ from numpy.typing import NDArray
 
 from ..codecs.predicted import LpcParameters
 from ..deadband import norm_sq
-from .grids import STEP_LIMIT, Indices, levels_of
-from .tube import COUNT_BOUND, SHORT, SLACK, TRIES, Knot, Tube, Way, bounds
+from ..errors import ParameterError
+from ..kernels import compiled
+from .grids import STEP_LIMIT, Indices, Levels, levels_of, places
+from .tube import COUNT_BOUND, NO_VALUE, SHORT, SLACK, TRIES, Knot, Tube, Way, bounds
 from .unit import Bound
 
 MOVES = 40
@@ -152,27 +156,45 @@ class Front(NamedTuple):
 def joined_vectors(rows: Indices, grid: LpcParameters, bound: Bound) -> tuple[Indices, Indices]:
     """Ticks [knots] and indices [knots, axes], joined by lines; the last tick is that of rows."""
     width = box_of(rows, bound)
-    tubes, firsts = [], []
-    for x in rows.T:
-        first, levels = levels_of(x, grid)
-        tubes.append(Tube(*bounds(x - width, x + width), levels))
-        firsts.append(first)
-    shared = [(max(tube.lows), min(tube.highs)) for tube in tubes]
-    if all(low <= high for low, high in shared):
-        row = [first + (low + high) // 2 for first, (low, high) in zip(firsts, shared, strict=True)]
+    shapes = [levels_of(x, grid) for x in rows.T]
+    ticks, at = joined_places(
+        [bounds(x - width, x + width) for x in rows.T], [levels for _, levels in shapes]
+    )
+    return ticks, at + np.array([first for first, _ in shapes])
+
+
+def joined_places(
+    axes: Sequence[tuple[Indices, Indices]], grids: Sequence[Levels]
+) -> tuple[Indices, Indices]:
+    """Ticks [knots] and places [knots, axes] on even grids, within the tubes (lower, upper)."""
+    shared = [
+        places(lower.max(keepdims=True), upper.min(keepdims=True), grid)
+        for (lower, upper), grid in zip(axes, grids, strict=True)
+    ]
+    if all(low[0] <= high[0] for low, high in shared):
+        row = [int(low[0] + high[0]) // 2 for low, high in shared]
         return np.zeros(1, np.int64), np.array([row], np.int64)
+    if compiled is not None and all(isinstance(grid, range) for grid in grids):
+        lower, upper = (np.array(side) for side in zip(*axes, strict=True))
+        shape = [(grid.start, grid.step, len(grid)) for grid in grids if isinstance(grid, range)]
+        ticks, at = np.empty(lower.shape[1], np.int64), np.empty(lower.shape[::-1], np.int64)
+        count = compiled.fewest_joined(lower, upper, np.array(shape, np.int64), ticks, at)
+        if not count:
+            raise ParameterError(NO_VALUE)
+        return ticks[-count:].copy(), at[-count:].copy()
+    tubes = [Tube(*sides, grid) for sides, grid in zip(axes, grids, strict=True)]
     knots = last_front(tubes)
-    ticks = [knots[0].tick]
-    places = [[(knot.low + knot.high) // 2 for knot in knots]]
+    clock = [knots[0].tick]
+    found = [[(knot.low + knot.high) // 2 for knot in knots]]
     while knots[0].parts:
         row = []
-        for tube, knot, place in zip(tubes, knots, places[-1], strict=True):
+        for tube, knot, place in zip(tubes, knots, found[-1], strict=True):
             low, high = tube.origins(knot.parts[0][2], knot.tick, place)
             row.append(min(max(place, low), high))
         knots = [knot.parts[0][2] for knot in knots]
-        ticks.append(knots[0].tick)
-        places.append(row)
-    return np.array(ticks[::-1], np.int64), np.array(places[::-1], np.int64) + np.array(firsts)
+        clock.append(knots[0].tick)
+        found.append(row)
+    return np.array(clock[::-1], np.int64), np.array(found[::-1], np.int64)
 
 
 def last_front(tubes: list[Tube]) -> list[Knot]:

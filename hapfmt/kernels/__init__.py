@@ -58,6 +58,16 @@ class FewestLinear(Protocol):
     ) -> int: ...
 
 
+class FewestJoined(Protocol):
+    """(lower, upper: int64 [axes, ticks], first, step and count: int64 [axes, 3], ticks: int64
+    [ticks], places: int64 [ticks, axes]) -> number of knots, more than one being needed; the last
+    two are filled from their end."""
+
+    def __call__(
+        self, lower: Buffer, upper: Buffer, grids: Buffer, ticks: Buffer, places: Buffer, /
+    ) -> int: ...
+
+
 class KnotsDecode(Protocol):
     """(packet, quantum, components, lines, largest tick, largest value, least and largest count,
     int64 [2 * components], int32 [ticks * components]) -> whether it keeps the rules of SPEC 9.1;
@@ -200,6 +210,8 @@ class Kernels(Protocol):
     def fewest_hold(self) -> FewestHold: ...
     @property
     def fewest_linear(self) -> FewestLinear: ...
+    @property
+    def fewest_joined(self) -> FewestJoined: ...
     @property
     def knots_decode(self) -> KnotsDecode: ...
     @property

@@ -38,6 +38,9 @@ def fewest_linear(
     values: Buffer,
     /,
 ) -> int: ...
+def fewest_joined(
+    lower: Buffer, upper: Buffer, grids: Buffer, ticks: Buffer, places: Buffer, /
+) -> int: ...
 def knots_decode(
     packet: Buffer,
     quantum: int,

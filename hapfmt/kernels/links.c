@@ -1,51 +1,12 @@
 /* The fewest lines in an integer tube; the readable twin, step for step, is hapfmt/encoder/tube.py,
    which also works out why nothing here leaves 64 bits. Memory grows with what is found (knots,
    bounds of lines), by doubling; the loops over ticks allocate nothing. */
-#include "tube.h"
+#include "links.h"
 #include <stdlib.h>
 
-enum { TRIES = 2, SHORT = 16, BEFORE = 2, SAMPLES = 4, SLACK = 32, SCAN = 64, NARROW = 4 };
-enum { VERIFIED = 17, WAYS = 16 };
+enum { BEFORE = 2, SAMPLES = 4, SCAN = 64, NARROW = 4, VERIFIED = 17 };
 
-/* low and high, here and below, are places on the grid of values. */
-typedef struct {
-    int64_t low, high;
-    size_t knot;
-} part;
-
-typedef struct {
-    int64_t low, high;
-    size_t parts;
-    int32_t tick;
-    int part_count;
-} knot;
-
-/* A knot, and the lines that begin there. */
-typedef struct {
-    size_t knot;
-    sweep lines;
-} way;
-
-typedef struct {
-    way ways[WAYS];
-    int size;
-} generation;
-
-typedef struct {
-    tube in;
-    grid values;
-    knot *knots;
-    part *parts;
-    size_t knot_count, knot_room, part_count, part_room;
-    hull below, above;
-    generation generations[2];
-    sweep ahead;
-} search;
-
-/* The least and the largest place of a knot from which the line to ``place`` at ``tick`` decodes
-   inside the tube; least > largest where there is none, and then they may be wider than the twin's
-   where ``early`` allows to stop there. */
-static void origins(const search *s, const knot *from, int32_t tick, int64_t place, int early,
+void hapfmt_origins(const search *s, const knot *from, int32_t tick, int64_t place, int early,
                     int64_t *least, int64_t *most)
 {
     const grid *g = &s->values;
@@ -85,7 +46,7 @@ static int verified(const search *s, const knot *from, int32_t tick, int64_t *lo
         for (int side = 0; side < 2; side++) {
             int64_t end = side ? *high : *low, step = side ? -1 : 1;
             for (int64_t value = end, wider = step; (middle - value) * step >= 0; wider *= 2) {
-                origins(s, from, tick, value, 1, &least, &most);
+                hapfmt_origins(s, from, tick, value, 1, &least, &most);
                 if (least <= most && value_of(g, most) - value_of(g, least) >= wide) {
                     ends[found++] = value;
                     break;
@@ -102,7 +63,7 @@ static int verified(const search *s, const knot *from, int32_t tick, int64_t *lo
     int64_t cut = (*high - *low + 1 - VERIFIED) / 2, best = 0, run = 0, last = 0;
     if (cut < 0) cut = 0;
     for (int64_t value = *low + cut; value <= *high - cut; value++) {
-        origins(s, from, tick, value, 1, &least, &most);
+        hapfmt_origins(s, from, tick, value, 1, &least, &most);
         run = least <= most ? run + 1 : 0;
         if (run > best) {
             best = run;
@@ -121,8 +82,7 @@ static const line *line_at(const line_log *log, int32_t tick)
     return &log->entries[i].is;
 }
 
-/* The places at ``tick`` that those of the way's knot reach; 0: none. */
-static int arrive(const search *s, const way *w, int32_t tick, part *out)
+int hapfmt_arrive(const search *s, const way *w, int32_t tick, part *out)
 {
     const knot *from = &s->knots[w->knot];
     int64_t low = s->in.lower[tick], high = s->in.upper[tick];
@@ -145,14 +105,6 @@ static int arrive(const search *s, const way *w, int32_t tick, part *out)
     return 1;
 }
 
-/* The most places without a gap that lines reach at ``tick``, and where they come from. */
-typedef struct {
-    part parts[WAYS];
-    int64_t low, high;
-    int32_t tick;
-    int begin, end;
-} meeting;
-
 static int meet(const search *s, const generation *g, int32_t tick, meeting *out)
 {
     int size = 0, begin = 0;
@@ -160,7 +112,7 @@ static int meet(const search *s, const generation *g, int32_t tick, meeting *out
     for (int i = 0; i < g->size; i++) {
         const way *w = &g->ways[i];
         part found;
-        if (s->knots[w->knot].tick >= tick || tick >= w->lines.stop || !arrive(s, w, tick, &found))
+        if (s->knots[w->knot].tick >= tick || tick >= w->lines.stop || !hapfmt_arrive(s, w, tick, &found))
             continue;
         int at = size++;
         for (; at > 0; at--) {
@@ -201,7 +153,7 @@ static int grow(void **rows, size_t *room, size_t needed, size_t size)
     return 0;
 }
 
-static int keep(search *s, const meeting *m)
+int hapfmt_keep(search *s, const meeting *m)
 {
     int count = m->end - m->begin;
     if (grow((void **)&s->knots, &s->knot_room, s->knot_count + 1, sizeof *s->knots) ||
@@ -214,8 +166,7 @@ static int keep(search *s, const meeting *m)
     return 0;
 }
 
-/* All lines that begin at the knot found last. */
-static int add_way(search *s, generation *g)
+int hapfmt_add_way(search *s, generation *g)
 {
     way *w = &g->ways[g->size++];
     w->knot = s->knot_count - 1;
@@ -257,10 +208,7 @@ static int crossing(search *s, const sweep *from, int32_t touch, int32_t *at, in
     return 0;
 }
 
-enum { CANDIDATES = 16 };
-
-/* Ticks for the knot after the way's, best first, and the stop that satisfies; -1: no memory. */
-static int candidates(search *s, const way *w, int32_t *ticks, int32_t *enough)
+int hapfmt_candidates(search *s, const way *w, int32_t *ticks, int32_t *enough)
 {
     int32_t last = w->lines.stop - 1, begin = s->knots[w->knot].tick, at, stop;
     const line *l = last_line(w->lines.side > 0 ? &w->lines.lowest : &w->lines.highest);
@@ -314,22 +262,22 @@ static int next_ways(search *s, const generation *g, generation *next, int *done
     int32_t last = furthest->lines.stop - 1, ticks[CANDIDATES], enough = 0, longest = 0;
     if (!furthest->lines.side && meet(s, g, last, &found)) {
         *done = 1;
-        return keep(s, &found);
+        return hapfmt_keep(s, &found);
     }
     int tries = TRIES + (last - s->knots[furthest->knot].tick < SHORT);
-    int count = candidates(s, furthest, ticks, &enough);
+    int count = hapfmt_candidates(s, furthest, ticks, &enough);
     if (count < 0) return -1;
     next->size = 0;
     for (int i = 0; i < count; i++) {
         if (!meet(s, g, ticks[i], &found)) continue;
-        if (keep(s, &found) || add_way(s, next)) return -1;
+        if (hapfmt_keep(s, &found) || hapfmt_add_way(s, next)) return -1;
         int32_t stop = next->ways[next->size - 1].lines.stop;
         if (stop > longest) longest = stop;
         if (next->size >= tries && longest >= enough) break;
     }
     if (next->size) return 0;
     retreat(s, g, last, &found);
-    return keep(s, &found) || add_way(s, next) ? -1 : 0;
+    return hapfmt_keep(s, &found) || hapfmt_add_way(s, next) ? -1 : 0;
 }
 
 /* Backwards from the last knot: at each one a place from which the next is reached. */
@@ -343,7 +291,7 @@ static int64_t choose(const search *s, int64_t *ticks, int64_t *values)
         const part *p = s->parts + k->parts;
         while (place < p->low || place > p->high) p++;
         const knot *before = &s->knots[p->knot];
-        origins(s, before, k->tick, place, 0, &low, &high);
+        hapfmt_origins(s, before, k->tick, place, 0, &low, &high);
         /* The place nearest to that of the next knot: small differences are coded in few bits. */
         k = before;
         place = clamp(place, low, high);
@@ -360,8 +308,7 @@ static int64_t choose(const search *s, int64_t *ticks, int64_t *values)
     return count;
 }
 
-/* Whether the grid has a value within the tube at every tick. */
-static int reaches(const grid *g, const tube *in)
+int hapfmt_reaches(const grid *g, const tube *in)
 {
     int64_t last = 0, least = value_of(g, 0), most = value_of(g, g->count - 1);
     for (int32_t t = 0; t < in->size; t++) {
@@ -374,9 +321,35 @@ static int reaches(const grid *g, const tube *in)
     return 1;
 }
 
+int hapfmt_open(search *s, const tube *in, const grid *g)
+{
+    s->in = *in;
+    s->values = *g;
+    s->below.points = malloc(((size_t)in->size + 2) * sizeof *s->below.points);
+    s->above.points = malloc(((size_t)in->size + 2) * sizeof *s->above.points);
+    meeting start = {.low = place_from(g, in->lower[0]), .high = place_to(g, in->upper[0])};
+    return !s->below.points || !s->above.points || hapfmt_keep(s, &start) ||
+           hapfmt_add_way(s, &s->generations[0]);
+}
+
+void hapfmt_close(search *s)
+{
+    for (int i = 0; i < 2 * WAYS; i++) {
+        sweep *each = &s->generations[i / WAYS].ways[i % WAYS].lines;
+        free(each->highest.entries);
+        free(each->lowest.entries);
+    }
+    free(s->ahead.highest.entries);
+    free(s->ahead.lowest.entries);
+    free(s->below.points);
+    free(s->above.points);
+    free(s->knots);
+    free(s->parts);
+}
+
 int64_t hapfmt_fewest_linear(const tube *in, const grid *g, int64_t *ticks, int64_t *values)
 {
-    if (!reaches(g, in)) return 0;
+    if (!hapfmt_reaches(g, in)) return 0;
     int64_t low = in->lower[0], high = in->upper[0], count = -1;
     for (int32_t t = 1; t < in->size; t++) {
         if (in->lower[t] > low) low = in->lower[t];
@@ -390,30 +363,11 @@ int64_t hapfmt_fewest_linear(const tube *in, const grid *g, int64_t *ticks, int6
         return 1;
     }
     search *s = calloc(1, sizeof *s);
-    if (!s) return -1;
-    s->in = *in;
-    s->values = *g;
-    s->below.points = malloc(((size_t)in->size + 2) * sizeof *s->below.points);
-    s->above.points = malloc(((size_t)in->size + 2) * sizeof *s->above.points);
-    meeting start = {.low = place_from(g, in->lower[0]), .high = place_to(g, in->upper[0])};
-    int now = 0, done = 0;
-    int failed = !s->below.points || !s->above.points || keep(s, &start) ||
-                 add_way(s, &s->generations[0]);
+    int now = 0, done = 0, failed = !s || hapfmt_open(s, in, g);
     for (; !failed && !done; now = !now)
         failed = next_ways(s, &s->generations[now], &s->generations[!now], &done);
     if (!failed) count = choose(s, ticks, values);
-    for (int i = 0; i < 2 * WAYS; i++) {
-        sweep *each = &s->generations[i / WAYS].ways[i % WAYS].lines;
-        free(each->highest.entries);
-        free(each->lowest.entries);
-    }
-    free(s->ahead.highest.entries);
-    free(s->ahead.lowest.entries);
-    free(s->below.points);
-    free(s->above.points);
-    free(s->knots);
-    free(s->parts);
+    if (s) hapfmt_close(s);
     free(s);
     return count;
 }
-
