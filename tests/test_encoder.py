@@ -107,6 +107,21 @@ class TestDefault:
         assert [d.reason for d in made.decisions] == ["constant", "no samples"]
 
 
+@pytest.mark.parametrize("axes", ["", "xyz"])
+def test_silence_is_one_value_for_all(axes):
+    """A channel that stays within the floor costs one packet, however long it is."""
+    rows = [np.clip(noise(60_000, 9, seed), -4, 4) for seed in range(len(axes) or 1)]
+    group = "tip" if axes else ""
+    channels = [force(row, axis=axes[i : i + 1], group=group) for i, row in enumerate(rows)]
+    recording = Recording(tuple(channels))
+    coded = encode(recording, Settings(floor="20lsb"))
+    assert len(coded.packets) == 1
+    assert coded.decisions[0].reason.startswith("silent")
+    report = hapfmt.verify(encoded(recording, Settings(floor="20lsb")), against=recording)
+    assert report.verdict == "intact"
+    assert report.contracts[0].contract.guaranteed
+
+
 class TestPaper:
     @pytest.mark.parametrize("bits", [2, 5, 8])
     def test_levels_of_b_bits_and_error_within_half_a_step(self, bits):

@@ -271,11 +271,13 @@ def encode_counts(source: Source, first_channel: int, settings: Settings) -> Uni
 
         return encode_within(source, base, settings)
     bound = bound_of(source, settings)
+    chosen_by_size = settings.preset == "default" and settings.step is None and not settings.bits
+    if chosen_by_size and (unit := encode_level(source, bound, base)):
+        return unit
     slow = slow_part(source, settings)
     lf = code_knots(source, slow, bound.band, settings, base)
     d = decode_all(lf, x.shape[1])
     step = residual_step(source, x - d, bound, settings)
-    chosen_by_size = settings.preset == "default" and settings.step is None and not settings.bits
     if step is None or (chosen_by_size and bound.holds(x, d)):
         reason = "no residual asked for" if step is None else "no texture above the floor"
         lf.track = replace(lf.track, contract=contract_of(bound.band, x, d))
@@ -352,6 +354,19 @@ def encode_constant(source: Source, base: Track) -> Unit:
         data = build_knots(np.zeros(1, np.int64), rows[:1])
         coded.packets.append(Packet(0, span.start, span.ticks, data))
     return Unit(coded, None, "knots", "constant" if source.spans else "no samples", exact=True)
+
+
+def encode_level(source: Source, bound: Bound, base: Track) -> Unit | None:
+    """One value for all samples, where the floor allows it."""
+    x = source.counts
+    level = (x.min(axis=0).astype(np.int64) + x.max(axis=0)) // 2
+    y = np.broadcast_to(level, x.shape)
+    if not bound.slack or not bound.holds(x, y):
+        return None
+    pieces = [(span, np.zeros(1, np.int64), level[None]) for span, _ in source.pieces(x)]
+    coded = plain_knots(base, "hold", 1, pieces)
+    coded.track = replace(coded.track, contract=contract_of(bound.band, x, y))
+    return Unit(coded, None, "knots", "silent: one value is within the floor of all")
 
 
 def encode_raw_counts(source: Source, base: Track, reason: str) -> Unit:
