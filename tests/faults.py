@@ -438,6 +438,7 @@ FAULTS = [
     Fault("LPC-002", 100, "zero below", grid(f.lpcr_parameters(zero=-(2**31) - 1))),
     Fault("LPC-002", 100, "kn = 2^16", grid(f.lpcr_parameters(1, kn=2**16))),
     Fault("LPC-002", 100, "kd = 2^16", grid(f.lpcr_parameters(1, kn=1, kd=2**16))),
+    Fault("LPC-002", 100, "kd = 1024 kn + 1", grid(f.lpcr_parameters(1, kn=1, kd=1025))),
     Fault("LPC-002", 100, "kn = 0", grid(f.lpcr_parameters(1))),
     Fault("LPC-002", 100, "kd = 0", grid(f.lpcr_parameters(1, kn=1, kd=0))),
     Fault("LPC-002", 101, "step 2^24 + 1", grid(f.lpcr_parameters(step=2**24 + 1))),

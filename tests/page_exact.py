@@ -104,9 +104,10 @@ def corrections(coder: Range, fields: Fields, counts, widths, recall: bool, shif
         if recall:
             x = 0 if count not in lists else 1 if count == counts[at - 1] else 2
             known = lists.get(count, [0])
+            rank = None
             for i, entry in enumerate(known):
                 if coder.code(r[x][i], None if c is None else int(c == entry)):
-                    found = entry
+                    found, rank = entry, i
                     break
         if found is None:
             length = 0 if c is None else bits_of(abs(c))
@@ -125,7 +126,7 @@ def corrections(coder: Range, fields: Fields, counts, widths, recall: bool, shif
                 negative, low = fields.take(length - e, negative, low)
                 found = (-1 if negative else 1) * (high * field + low)
         if recall:
-            rest = [entry for entry in lists.get(count, []) if entry != found]
+            rest = [entry for i, entry in enumerate(lists.get(count, [])) if i != rank]
             lists[count] = [found, *rest][:32]
         out.append(found)
     return out

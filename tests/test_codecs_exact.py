@@ -261,7 +261,7 @@ class TestTracks:
                   count_min=-9, count_max=9)  # fmt: skip
 
     def test_counts_need_no_exact_values(self):
-        """EXA-006: A decoder MUST give the counts whether or not it reads the exact values, and give no exact value where the packet breaks a rule."""
+        """EXA-006: A decoder MUST give the counts whether or not it reads the exact values, and give no exact value where the packet breaks a rule. Where only what follows the n bytes breaks one, a decoder that is asked for exact values, and a verifier, reports it."""
         decoder = TrackDecoder(self.TRACK, ONE)
         for beside, rule in ((b"", None), (b"\4\0\0", "EXA-004"), (b"\1\0\3\0\0\0", "RNG-001")):
             broken = Packet(0, 0, 3, packet([1, 2, 3], beside))

@@ -78,8 +78,8 @@ def test_tlv(fault):
     """
     TLV-001: TLVs MUST stand in strictly increasing order of their type.
     TLV-002: A TLV MUST end within its chunk, and no byte may be left over after the last one.
-    TLV-004: A list MUST have one entry, which speaks for all, or one entry for each component of each track: the components of the first track, then those of the second, and so on; the list of deadband contracts, which speak of whole tracks, has one entry or one for each track.
-    TLV-005: Both numbers of a deviation MUST be finite, and `largest` at most `declared`.
+    TLV-004: A list MUST have one entry, which speaks for all, or one entry for each component of each track: the components of the first track, then those of the second, and so on; ranges and channels have one entry for each track, always; the list of deadband contracts, which speak of whole tracks, has one entry or one for each track.
+    TLV-005: Both numbers of a deviation MUST be finite and not negative, and `largest` at most `declared`.
     TLV-007: A value that is a list MUST end with the last byte of its last entry.
     """
     assert_reported(fault)
@@ -98,8 +98,8 @@ def test_tracks(fault):
     TRK-012: In a closed file every track of kind LF MUST be the base of an HF track; an LF part that stands alone is of kind full band.
     TRK-010: Channel numbers MUST be different for different components, and those of all tracks that are not HF together are 0, 1, 2 ... without a hole once the file is closed; the highest is 65534.
     TRK-013: Setups MUST stand only where TLV 1 does not, with at least one codec, at least one setup for each, no more setups than tracks, and the place of one of them for each track; the codec of the first track is `codec`.
-    TRK-014: Each w MUST be of this table, and `count_min` and `count_max` the lowest and the highest of all ranges.
-    TRK-015: The first number MUST be `first_channel`.
+    TRK-014: There MUST be one range for each track, each w of this table, and `count_min` and `count_max` the lowest and the highest of all ranges.
+    TRK-015: There MUST be one number for each track, the first of them `first_channel`.
     """
     assert_reported(fault)
 
@@ -147,7 +147,7 @@ def test_extras(fault):
 def test_values_and_contracts(fault):
     """
     VAL-001: D MUST be at least 1, A MUST NOT be 0, and `|A|` and `|B|` are less than 2^52.
-    VAL-002: `|count * A|` and `|count * A + B|` MUST be at most 2^53 for every count from count_min to count_max, and `|count * A|` also for the declared range of the HF track.
+    VAL-002: `|count * A|` and `|count * A + B|` MUST be at most 2^53 for every count of the declared range of the track, and `|count * A|` also for that of its HF track.
     DBC-001: `kn` and `kd` MUST be less than 2^16, every `floor` at least 1 and less than 2^32, every `zero` a signed number of 32 bits, and undefined flag bits 0.
     """
     assert_reported(fault)
@@ -184,10 +184,10 @@ def test_quantised(fault):
 @each("RNG", "LPC")
 def test_predicted(fault):
     """
-    RNG-001: A packet MUST end as this rule says: with that many bytes, that front, and zeros between front and back. A decoder checks it after the last symbol.
+    RNG-001: The coded bytes MUST end as this rule says: with that many bytes, that front, and zeros between front and back. A decoder checks it after the last symbol, and stops before where N - 15 + W is more than 8 times the number of coded bytes: they cannot end so any more.
     RNG-003: The magnitude u MUST be less than 2^34: a decoder stops after step 2 or 3 where it is not.
     LPC-001: `component_count` MUST be 1.
-    LPC-002: `grid` MUST be 0 or 1; `step` at most what the level allows, and on the uniform grid at least 1; `zero` a signed number of 32 bits; `kn` and `kd` at least 1 and less than 2^16.
+    LPC-002: `grid` MUST be 0 or 1; `step` at most what the level allows, and on the uniform grid at least 1; `zero` a signed number of 32 bits; `kn` and `kd` at least 1 and less than 2^16, and `kd` at most 1024 * `kn`.
     LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the level's count bound (clause 15); deadband, |i| at most N.
     LPC-004: g MUST be at most 4, at most 1 where m > 0; m at most 32; k[i] at least -127; undefined flags 0; and of a constant packet g, m and the other flags 0.
     LPC-005: Every |p[j]| after each n MUST be at most 2^36, and every |c[j]| at most 2^21.

@@ -35,11 +35,11 @@ def test_comes_back(tracks):
     TRK-002: `track_count`, `component_count`, `rate_num`, `rate_den` MUST be at least 1, and `track_count * component_count` at most 255.
     TRK-005: `count_min` MUST be at most `count_max`, and both MUST fit the width that the level allows for the kind (clause 15).
     VAL-001: D MUST be at least 1, A MUST NOT be 0, and `|A|` and `|B|` are less than 2^52.
-    VAL-002: `|count * A|` and `|count * A + B|` MUST be at most 2^53 for every count from count_min to count_max, and `|count * A|` also for the declared range of the HF track.
+    VAL-002: `|count * A|` and `|count * A + B|` MUST be at most 2^53 for every count of the declared range of the track, and `|count * A|` also for that of its HF track.
     TRK-013: Setups MUST stand only where TLV 1 does not, with at least one codec, at least one setup for each, no more setups than tracks, and the place of one of them for each track; the codec of the first track is `codec`.
-    TRK-014: Each w MUST be of this table, and `count_min` and `count_max` the lowest and the highest of all ranges.
-    TRK-015: The first number MUST be `first_channel`.
-    TLV-005: Both numbers of a deviation MUST be finite, and `largest` at most `declared`.
+    TRK-014: There MUST be one range for each track, each w of this table, and `count_min` and `count_max` the lowest and the highest of all ranges.
+    TRK-015: There MUST be one number for each track, the first of them `first_channel`.
+    TLV-005: Both numbers of a deviation MUST be finite and not negative, and `largest` at most `declared`.
     DBC-001: `kn` and `kd` MUST be less than 2^16, every `floor` at least 1 and less than 2^32, every `zero` a signed number of 32 bits, and undefined flag bits 0.
     """
     back = parse_series(build_series(tracks), tracks[0].id, LEVELS[2], 0)

@@ -172,10 +172,11 @@ class CorrectionModel:
         self.last = id_
         return [0] if known is None else known, self.recalls[context]
 
-    def learn(self, id_: int, correction: int) -> None:
+    def learn(self, id_: int, correction: int, rank: int | None) -> None:
+        """``rank`` on the list of its count, None where it was coded in full."""
         known = self.remembered.setdefault(id_, [])
-        if correction in known:
-            known.remove(correction)
+        if known and rank is not None:
+            del known[rank]
         known.insert(0, correction)
         del known[REMEMBERED:]
 
@@ -209,7 +210,7 @@ def encode_loop(
             found = known.index(c) if c in known else None
             for i in range(len(known) if found is None else found + 1):
                 coder.bit(int(i == found), models[i])
-            model.learn(id_, c)
+            model.learn(id_, c, found)
             if found is not None:
                 continue
         length = abs(c).bit_length()
@@ -241,11 +242,13 @@ def decode_loop(
     position = 0
     names = [0] * widths.size if ids is None else ids.tolist()
     for id_, width in zip(names, widths.tolist(), strict=True):
-        c: int | None = None
+        rank: int | None = None
         if ids is not None:
             known, models = model.meet(id_)
-            c = next((k for k, m in zip(known, models, strict=False) if coder.bit(m)), None)
-        if c is None:
+            rank = next((i for i in range(len(known)) if coder.bit(models[i])), None)
+        if rank is not None:
+            c = known[rank]
+        else:
             length = 0
             while length < LENGTHS - 1 and coder.bit(model.lengths[length]):
                 length += 1
@@ -260,7 +263,7 @@ def decode_loop(
                 magnitude = high * top | field & (top - 1)
                 c = -magnitude if field & top else magnitude
         if ids is not None:
-            model.learn(id_, c)
+            model.learn(id_, c, rank)
         out.append(c)
     coder.finish()
     check_bits(bits, position, offset + len(coded))

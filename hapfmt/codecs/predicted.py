@@ -31,8 +31,11 @@ TABLE = np.array(SINES, np.int32)
 INDEX_LIMIT = 1 << 32
 """Largest magnitude of an index at any level."""
 
-LEVELS_LIMIT = 1 << 19
-"""More than any deadband's grid has: about 444 000."""
+FINEST = 1024
+"""The finest deadband's grid has cells of one in so many (LPC-002)."""
+
+LEVELS_LIMIT = 1 << 14
+"""More than any deadband's grid has: 8813."""
 
 STATUS = {
     2: ("RNG-003", "a magnitude of 2^34 or more"),
@@ -75,7 +78,7 @@ class LpcParameters:
         elif fits:
             kn, position = parse_varint(data, position, offset)
             kd, position = parse_varint(data, position, offset)
-            fits = 0 < kn < FRACTION_LIMIT and 0 < kd < FRACTION_LIMIT
+            fits = 0 < kn < FRACTION_LIMIT and 0 < kd < FRACTION_LIMIT and kd <= FINEST * kn
         if not fits:
             raise FormatError("a grid that is not defined", requirement="LPC-002", offset=offset)
         if position != len(data):
@@ -100,11 +103,11 @@ class LpcParameters:
         return deadband_levels(self, bound)[0].size - 1
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def deadband_levels(grid: LpcParameters, bound: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """y(i) and top(y(i)) of SPEC 9.5 for i = 0 ... N; a top without bound is ``bound``.
 
-    At most 450 000 of them: steps of 1 up to kd, and from there on by a factor of 1 + 2 / kd.
+    At most 8813 of them: steps of 1 up to kd / kn, and from there on by a factor of 1 + 2 kn / kd.
     """
     if compiled is not None:
         rows = np.empty((2, LEVELS_LIMIT), np.int64)

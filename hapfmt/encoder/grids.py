@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs.predicted import LpcParameters, deadband_levels
+from ..codecs.predicted import FINEST, LpcParameters, deadband_levels
 from ..limits import LEVELS
 from .unit import Bound, at_most
 
@@ -25,7 +25,7 @@ def grid_within(bound: Bound, part: Fraction = Fraction(1)) -> LpcParameters:
     """The grid that has a value within that part of the deadband of every count."""
     step = min(int(bound.slack * part), STEP_LIMIT // 2 - 1)
     ratio = at_most(Fraction(bound.band.kn, bound.band.kd) * part)
-    if not ratio:
+    if ratio * FINEST < 1:
         return LpcParameters(2 * step + 1)
     return LpcParameters(step, bound.band.zero[0], ratio.numerator, ratio.denominator)
 

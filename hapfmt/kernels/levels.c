@@ -1,4 +1,4 @@
-/* The levels of a deadband grid (SPEC 9.5), up to 450 000 of them; the readable twin is
+/* The levels of a deadband grid (SPEC 9.5), up to 8813 of them; the readable twin is
    deadband_levels of hapfmt/codecs/predicted.py. Widths: below the bound, 2^32, times 2^16. */
 #include "kernels.h"
 
