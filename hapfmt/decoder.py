@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .codecs.components import decode_predicted
 from .codecs.knots import KnotParameters, decode_knots
-from .codecs.predicted import LpcParameters, decode_predicted
+from .codecs.predicted import LpcParameters
 from .codecs.quantised import QuanParameters, decode_quantised
 from .codecs.raw import RawParameters, decode_raw
 from .container.cluster import Packet
@@ -42,10 +43,6 @@ class TrackDecoder:
             if track.codec == "QUAN":
                 return QuanParameters.parse(track.parameters, self.level, track.offset)
             if track.codec == "LPCR":
-                if len(track.components) != 1:
-                    raise FormatError(
-                        "LPCR with several components", requirement="LPC-001", offset=track.offset
-                    )
                 return LpcParameters.parse(track.parameters, self.level, track.offset)
             return RawParameters.parse(track.parameters, track.number_format, track.offset)
         except HapfmtError as error:
@@ -69,7 +66,7 @@ class TrackDecoder:
                 )
             elif isinstance(parameters, LpcParameters):
                 numbers = decode_predicted(
-                    packet.data, parameters, packet.span, self.level, packet.offset
+                    packet.data, parameters, packet.span, size, self.level, packet.offset
                 )
             else:
                 numbers = decode_quantised(

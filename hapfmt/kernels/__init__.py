@@ -28,6 +28,7 @@ class Loop(Protocol):
         raw_signs: bool,
         base: int,
         limit: int,
+        cross: Buffer,
         indices: Buffer,
         /,
     ) -> tuple[int, int]: ...

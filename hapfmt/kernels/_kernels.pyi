@@ -12,6 +12,7 @@ def lpcr_decode(
     raw_signs: bool,
     base: int,
     limit: int,
+    cross: Buffer,
     indices: Buffer,
     /,
 ) -> tuple[int, int]: ...
@@ -23,6 +24,7 @@ def lpcr_encode(
     raw_signs: bool,
     base: int,
     limit: int,
+    cross: Buffer,
     indices: Buffer,
     /,
 ) -> tuple[int, int]: ...
