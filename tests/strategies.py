@@ -8,9 +8,9 @@ from fractions import Fraction
 import numpy as np
 from hypothesis import strategies as st
 
+from hapfmt.codecs.components import encode_component, join_components
 from hapfmt.codecs.huffman import code_lengths
 from hapfmt.codecs.knots import KnotParameters, build_knots
-from hapfmt.codecs.components import encode_component, join_components
 from hapfmt.codecs.predicted import (
     DIFFERENCE_LIMIT,
     INDEX_LIMIT,

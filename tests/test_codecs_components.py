@@ -94,11 +94,11 @@ class TestPackets:
             for place, (row, (_, predictor)) in enumerate(zip(lists, rows, strict=True)):
                 *given, references = astuple(predictor)
                 flat = [(a, *weights) for a, weights in references]
-                constant = bytes([16, 0]) + page.varint(2 * row[0] if row[0] >= 0 else -2 * row[0] - 1)
+                constant = bytes([16, 0]) + page.varint(
+                    2 * row[0] if row[0] >= 0 else -2 * row[0] - 1
+                )
                 parts.append(
-                    page.encode(row, *given, flat, lists[:place])
-                    if len({*row}) > 1
-                    else constant
+                    page.encode(row, *given, flat, lists[:place]) if len({*row}) > 1 else constant
                 )
         except page.BrokenRule as rule:
             assert str(rule) == "RNG-003"
@@ -208,7 +208,10 @@ class TestTwins:
     ])  # fmt: skip
     def test_cross_terms_that_would_overflow(self, cross):
         given = [np.array([8192], np.int32), 1, False, False, 0, 9, cross]
-        for call, packet in ((compiled.lpcr_decode, bytes(8)), (compiled.lpcr_encode, bytearray(8))):
+        for call, packet in (
+            (compiled.lpcr_decode, bytes(8)),
+            (compiled.lpcr_encode, bytearray(8)),
+        ):
             with pytest.raises(ValueError, match="not a predictor"):
                 call(packet, *given, np.zeros(2, np.int64))
 

@@ -6,7 +6,6 @@ import contextlib
 import hashlib
 import re
 from dataclasses import astuple
-from fractions import Fraction
 from math import pi, sin
 
 import numpy as np
@@ -28,7 +27,6 @@ from hapfmt.codecs.predicted import (
 )
 from hapfmt.codecs.sine import SINES
 from hapfmt.container.cluster import Packet
-from hapfmt.container.track import Component, Track
 from hapfmt.deadband import Deadband
 from hapfmt.decoder import TrackDecoder
 from hapfmt.encoder.predict import encode_best

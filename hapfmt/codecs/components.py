@@ -90,9 +90,7 @@ def join_components(packets: Sequence[bytes]) -> bytes:
     return b"".join([*(build_varint(len(packet)) for packet in packets[:-1]), *packets])
 
 
-def encode_component(
-    indices: Indices, predictor: Predictor, earlier: Sequence[Indices]
-) -> bytes:
+def encode_component(indices: Indices, predictor: Predictor, earlier: Sequence[Indices]) -> bytes:
     """A component packet; ValueError as in ``encode_indices``."""
     return encode_indices(indices, predictor, cross_terms(predictor, earlier))
 
@@ -108,8 +106,6 @@ def decode_predicted(
         predictor, constant, position = parse_header(part, at, len(earlier))
         c = None if constant else predictor.coefficients
         cross = None if c is None else cross_terms(predictor, earlier)
-        earlier.append(
-            decode_body(part, predictor, constant, position, span, limit, at, cross)
-        )
+        earlier.append(decode_body(part, predictor, constant, position, span, limit, at, cross))
     rows = [parameters.counts(indices, level.count_bound) for indices in earlier]
     return rows[0][:, None] if count == 1 else np.stack(rows, axis=1)

@@ -17,6 +17,7 @@ from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..recording import Channel, Recording
 from .groups import group_units
 from .lattice import to_counts
+from .references import SAVED, Links, encode_run, find_runs, step_of
 from .settings import Settings
 from .source import Source, cut
 from .unit import WORDS_REASON, Unit, encode_counts, encode_words
@@ -80,39 +81,61 @@ def encode(
     cluster = settings.cluster_of(recording)
     units: list[Unit] = []
     decisions: list[Decision] = []
-    groups = group_units(
-        [channel for channel, _ in prepared],
-        recording.channels,
-        required=settings.vectors == "required",
-        apart=settings.preset in ("archive", "near-lossless"),
+    groups = list(
+        group_units(
+            [channel for channel, _ in prepared],
+            recording.channels,
+            required=settings.vectors == "required",
+            apart=settings.preset in ("archive", "near-lossless"),
+        )
     )
-    for members in groups:
-        unit = encode_unit(members, len(decisions), settings, cluster)
-        units.append(unit)
-        decisions += decide(unit, members, [why for _, why in prepared[len(decisions) :]])
-        if progress:
-            progress(len(decisions), len(prepared))
+    for run, links in find_runs(groups, [step_of(members, settings) for members in groups]):
+        for unit, members in encode_members(run, links, len(decisions), settings, cluster):
+            units.append(unit)
+            decisions += decide(unit, members, [why for _, why in prepared[len(decisions) :]])
+            if progress:
+                progress(len(decisions), len(prepared))
     tracks, packets = number_tracks(units)
     return Encoded(tracks, packets, decisions, choose_level(tracks))
 
 
+def encode_members(
+    members: list[Channel], links: Links, first: int, settings: Settings, cluster: Fraction
+) -> Iterator[tuple[Unit, list[Channel]]]:
+    """Units and their channels: together, or apart where links do not make them smaller."""
+    if not links:
+        yield encode_unit(members, first, settings, cluster), members
+        return
+    apart = [
+        encode_unit([channel], first + place, settings, cluster)
+        for place, channel in enumerate(members)
+    ]
+    joint = encode_run(members, first, settings, cluster, links)
+    if joint and joint.size < (1 - SAVED) * sum(unit.size for unit in apart):
+        yield joint, members
+    else:
+        yield from ((unit, [channel]) for unit, channel in zip(apart, members, strict=True))
+
+
 def decide(unit: Unit, members: list[Channel], lattices: list[str]) -> Iterator[Decision]:
-    """What is told of each channel of a unit; its bytes in equal parts."""
+    """What is told of each channel of a unit; the bytes of a vector in equal parts."""
     last = (unit.residual or unit.base).track
     contract = last.contract
     within = unit.exact or bool(contract and contract.guaranteed)
+    shares = unit.parts or [(unit.reason, unit.size // len(members))] * len(members)
     for place, (channel, lattice) in enumerate(zip(members, lattices, strict=False)):
+        reason, size = shares[place]
         yield Decision(
             channel=unit.base.track.first_channel + place,
             label=channel.label,
             sample_count=int(channel.values.size),
-            axis_count=len(members),
+            axis_count=1 if unit.parts else len(members),
             chosen=unit.chosen,
-            reason=unit.reason,
+            reason=reason,
             lattice=lattice,
             exact=unit.exact,
             within=within,
-            size=unit.size // len(members),
+            size=size,
         )
 
 

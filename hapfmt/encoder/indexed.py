@@ -20,6 +20,7 @@ from ..container.track import Contract, Track
 from ..deadband import ZERO_LIMIT, Deadband
 from ..integers import clamp
 from ..limits import LEVELS
+from ..recording import Channel
 from .knots import select_knots
 from .predict import encode_best
 from .settings import Settings, counts_of
@@ -46,11 +47,8 @@ def encode_near(source: Source, base: Track, settings: Settings) -> Unit:
     """No sample of the source further than ``max_error`` away, its lattice's deviation included."""
     channel = source.channels[0]
     calibration = channel.calibration
-    assert settings.max_error is not None and calibration is not None
-    allowed = counts_of(settings.max_error, calibration, int(np.ptp(source.counts)))
-    if channel.deviation is not None:
-        allowed -= Fraction(channel.deviation.largest) / abs(calibration.step)
-    error = min(max(int(allowed), 0), STEP_LIMIT // 2 - 1)
+    assert calibration is not None
+    error = error_of(channel, settings)
     grid = LpcParameters(step=2 * error + 1)
     coded = code_grid(source, base, grid, nearest_uniform)
     if not error:
@@ -58,6 +56,19 @@ def encode_near(source: Source, base: Track, settings: Settings) -> Unit:
     band = Deadband(0, 1, (error,), (clamp(calibration.zero, -ZERO_LIMIT, ZERO_LIMIT - 1),))
     coded.track = replace(coded.track, contract=kept(source, coded, band))
     return Unit(coded, None, "predicted", f"within {error} counts")
+
+
+def error_of(channel: Channel, settings: Settings) -> int:
+    """Counts that a sample of it may be off, 0 where preset archive allows none."""
+    calibration = channel.calibration
+    if settings.max_error is None or calibration is None:
+        return 0
+    allowed = counts_of(
+        settings.max_error, calibration, int(np.ptp(channel.values.astype(np.int64)))
+    )
+    if channel.deviation is not None:
+        allowed -= Fraction(channel.deviation.largest) / abs(calibration.step)
+    return min(max(int(allowed), 0), STEP_LIMIT // 2 - 1)
 
 
 def encode_deadband(source: Source, base: Track, settings: Settings) -> Unit:

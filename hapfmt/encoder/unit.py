@@ -75,6 +75,9 @@ class Unit:
     exact: bool = False
     """Whether it was stored without loss, and needs no contract (SPEC DBC-004)."""
 
+    parts: tuple[tuple[str, int], ...] = ()
+    """Reason and bytes of each channel, where they are no vector."""
+
     @property
     def size(self) -> int:
         return self.base.size + (self.residual.size if self.residual else 0)
