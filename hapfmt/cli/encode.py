@@ -96,8 +96,8 @@ ORIGINAL_BITS = 64
 @click.option(
     "--references/--no-references",
     default=None,
-    help="Presets archive and near-lossless: channels that resemble each other may share a track and "
-    "be predicted from each other; a lost packet then takes all of them along [on].",
+    help="Presets archive and near-lossless: channels that resemble each other may share a track "
+    "and be predicted from each other; a lost packet then takes all of them along [on].",
 )
 @click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track.")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")

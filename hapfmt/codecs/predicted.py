@@ -121,8 +121,8 @@ def deadband_levels(grid: LpcParameters, bound: int) -> tuple[NDArray[np.int64],
 
 @dataclass(frozen=True)
 class Predictor:
-    """The header of a packet: difference order, reflection coefficients, base, how unchanged samples
-    and signs are coded, and components before it that it is predicted from."""
+    """The header of a component packet: difference order, reflection coefficients, base, how
+    unchanged samples and signs are coded, and the components before it that it refers to."""
 
     difference: int = 0
     reflections: tuple[int, ...] = ()
@@ -217,11 +217,12 @@ def encode_compiled(
     assert compiled is not None
     size, status = 2 * indices.size + 64, NO_ROOM
     plain = np.ascontiguousarray(indices, np.int64)
+    beside = b"" if cross is None else cross
     while status == NO_ROOM:
         out = bytearray(size)
         status, size = compiled.lpcr_encode(
             out, np.array(c, np.int32), predictor.difference, predictor.repeats,
-            predictor.raw_signs, predictor.base, INDEX_LIMIT, b"" if cross is None else cross, plain,
+            predictor.raw_signs, predictor.base, INDEX_LIMIT, beside, plain,
         )  # fmt: skip
     if status:
         raise ValueError(OUT_OF_RANGE)

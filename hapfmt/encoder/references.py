@@ -53,8 +53,8 @@ SAVED, HOPED = 0.03, 0.02
 which on it is tried."""
 
 NORMAL_BITS, CLIPPED_BITS, BLOCK = 8, 16, 32
-"""Prediction errors are brought to a mean of 8 bits in each block, and clipped to 16: products of 32
-bits, and no packet has 2**20 of them."""
+"""Prediction errors are brought to a mean of 8 bits in each block, and clipped to 16: products of
+32 bits, and no packet has 2**20 of them."""
 
 WORTH = 0.004
 """Bits a sample that a further reference has to save."""

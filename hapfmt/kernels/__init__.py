@@ -14,9 +14,9 @@ Buffer = bytes | bytearray | NDArray[Any]
 
 
 class Loop(Protocol):
-    """(packet, coefficients int32, difference, repeats, raw signs, base, limit, indices int64) ->
-    (status, bytes of the packet read or written); the last argument, or for encoding the first,
-    is filled.
+    """(packet, coefficients int32, difference, repeats, raw signs, base, limit, cross int64 or
+    none, indices int64) -> (status, bytes of the packet read or written); the last argument, or for
+    encoding the first, is filled.
     """
 
     def __call__(
@@ -34,6 +34,23 @@ class Loop(Protocol):
     ) -> tuple[int, int]: ...
 
 
+class Errors(Protocol):
+    """(coefficients int32, difference, base, limit, indices int64, errors int64); the last is
+    filled.
+    """
+
+    def __call__(
+        self,
+        coefficients: Buffer,
+        difference: int,
+        base: int,
+        limit: int,
+        indices: Buffer,
+        errors: Buffer,
+        /,
+    ) -> None: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -41,6 +58,8 @@ class Kernels(Protocol):
     def lpcr_decode(self) -> Loop: ...
     @property
     def lpcr_encode(self) -> Loop: ...
+    @property
+    def lpcr_errors(self) -> Errors: ...
 
 
 def load() -> Kernels | None:

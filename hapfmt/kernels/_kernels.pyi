@@ -28,3 +28,12 @@ def lpcr_encode(
     indices: Buffer,
     /,
 ) -> tuple[int, int]: ...
+def lpcr_errors(
+    coefficients: Buffer,
+    difference: int,
+    base: int,
+    limit: int,
+    indices: Buffer,
+    errors: Buffer,
+    /,
+) -> None: ...
