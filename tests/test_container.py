@@ -26,9 +26,19 @@ from hapfmt.container.extras import (
     parse_attachment,
     parse_metadata,
 )
+from hapfmt.container.layout import TABLES
 from hapfmt.container.source import BytesSource, FileSource, open_source
 from hapfmt.container.tlv import build_strings, build_tlvs, parse_strings, parse_tlvs
-from hapfmt.container.wire import SIGNATURE, build_chunk, crc32, parse_head, parse_header
+from hapfmt.container.wire import (
+    SIGNATURE,
+    build_chunk,
+    build_fields,
+    crc32,
+    parse_head,
+    parse_header,
+    read_fields,
+    size_of,
+)
 from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedError
 from hapfmt.reader import Reader
 from hapfmt.verifier import verify
@@ -374,6 +384,18 @@ class TestSources:
 
     def test_bytes(self):
         assert BytesSource(b"abc").read_at(2, 5) == b"c"
+
+
+@given(st.sampled_from(list(TABLES.values())), st.data())
+def test_layouts_by_struct_are_those_by_construct(layout, data):
+    size = layout.sizeof()
+    row = data.draw(st.binary(min_size=size, max_size=size))
+    declared, fields = layout.parse(row), read_fields(layout, b"\0" + row, 1)
+    assert repr([declared[name] for name in fields._fields]) == repr(list(fields))
+    assert (size_of(layout), build_fields(layout, fields._asdict())) == (
+        size,
+        layout.build(declared),
+    )
 
 
 def test_layout_tables_are_those_of_the_code():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import page
@@ -16,6 +17,7 @@ from spec import ROOT
 
 from hapfmt.codecs import predicted
 from hapfmt.codecs.predicted import INDEX_LIMIT, Predictor, decode_indices, encode_indices
+from hapfmt.encoder import predict
 from hapfmt.errors import FormatError
 from hapfmt.kernels import compiled
 
@@ -43,6 +45,7 @@ def both(call, *arguments):
     fast = call(*arguments)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(predicted, "compiled", None)
+        patch.setattr(predict, "compiled", None)
         return fast, call(*arguments)
 
 
@@ -118,6 +121,77 @@ class TestTwins:
         for requirement, message in predicted.STATUS.values():
             assert source.count(f'"{message}"') == 2
             assert source.count(f'"{requirement}"') >= 2
+
+
+@built
+class TestSearch:
+    """What the encoder asks before it writes a packet: the same numbers, so the same bytes."""
+
+    @given(cases, st.booleans(), st.sampled_from([4, 6000]))
+    def test_estimates(self, case, counted, short):
+        indices, predictor = case
+        if not counted:
+            predictor = replace(predictor, repeats=False)
+
+        def estimate():
+            return predict.estimate(indices, predictor, int(np.abs(indices).max()), counted=counted)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(predict, "LONG", short)
+            bits, saved = assert_same(estimate)
+        assert bits > -1e-6 and saved > -1e-6
+
+    @given(
+        strategies.index_arrays(), st.sampled_from([0, 1]), st.sampled_from([0, 5, -INDEX_LIMIT])
+    )
+    def test_recursions(self, indices, order, base):
+        sums = assert_same(predict.autocorrelations, indices, order, base)
+        assert sums[0] == max(sums)
+        reflections, energies = assert_same(predict.levinson, sums, indices.size)
+        assert len(reflections) == len(energies) <= 32
+        assert all(-127 <= k <= 127 for k in reflections)
+
+    @pytest.mark.parametrize("size", [4095, 4096, 4097, 6000, 9001])
+    @pytest.mark.parametrize("width", [3, 10**6])
+    def test_chosen_predictors(self, size, width):
+        x = np.random.default_rng(size).integers(-width, width, size).cumsum()
+        for row in (x, np.repeat(x, 2)[:size], (width * np.sin(x[:size] * 1e-3)).astype(np.int64)):
+            assert_same(predict.choose_predictors, row, int(np.abs(row).max()))
+
+    @given(st.lists(st.integers(-127, 127), max_size=32).map(tuple))
+    def test_step_up(self, ks):
+        assert_same(lambda: Predictor(reflections=ks).coefficients)
+
+    def test_wrong_arguments(self):
+        def given(count, dtype=np.int64):
+            return np.zeros(count, dtype)
+
+        for reflections, sines, out in (
+            (33 * b"\1", given(128, np.int32), given(33, np.int32)),
+            (b"\x80", given(128, np.int32), given(1, np.int32)),
+            (b"\1", given(127, np.int32), given(1, np.int32)),
+            (b"\1", given(128, np.int32) - 1, given(1, np.int32)),
+            (b"\1", given(128, np.int32), given(2, np.int32)),
+        ):
+            with pytest.raises(ValueError, match="not reflection"):
+                compiled.step_up(reflections, sines, out)
+        for indices, order, base, sums in (
+            (given(3), 5, 0, given(33)),
+            (given(3), 0, 2**33, given(33)),
+            (given(3), 0, 0, given(32)),
+            (given(3) + 2**33, 0, 0, given(33)),
+            (np.full(3, -(2**63)), 0, 0, given(33)),
+        ):
+            with pytest.raises(ValueError, match="not indices"):
+                compiled.autocorrelate(indices, order, base, sums)
+        with pytest.raises(ValueError, match="order 32"):
+            compiled.levinson(given(33), 33, given(127), given(32, np.int8), given(32))
+        for change in ({1: 5}, {4: 0}, {5: 10}, {7: given(3) + 10}, {8: given(14)}):
+            row = [given(0, np.int32), 0, False, True, 1, 0, 9, given(3), given(15)]
+            for at, value in change.items():
+                row[at] = value
+            with pytest.raises(ValueError, match="not a predictor"):
+                compiled.estimate(*row)
 
 
 ARGUMENTS = {

@@ -23,6 +23,7 @@ from hapfmt.codecs.predicted import decode_indices
 from hapfmt.codecs.quantised import decode_quantised, encode_quantised, quantise
 from hapfmt.codecs.raw import RawParameters, decode_raw, encode_raw
 from hapfmt.deadband import Deadband
+from hapfmt.encoder import predict
 from hapfmt.encoder.codebook import choose_codebook
 from hapfmt.encoder.knots import select_knots
 from hapfmt.encoder.predict import encode_best
@@ -77,7 +78,7 @@ def predictions(counts: np.ndarray) -> list[list[object]]:
     for name, kernel, n in (("compiled", built, len(counts)), ("readable", None, TWIN_SAMPLES)):
         if name == "compiled" and not built:
             continue
-        predicted.compiled = kernel
+        predicted.compiled = predict.compiled = kernel
         x = np.ascontiguousarray(counts[:n, 0])
         data = encode_best(x)
         predictor, _, _ = predicted.parse_header(data, 0)
@@ -86,7 +87,7 @@ def predictions(counts: np.ndarray) -> list[list[object]]:
              speed(n, lambda v=x, p=predictor: predicted.encode_indices(v, p), 3),
              speed(n, lambda d=data, m=n: decode_indices(d, m, LEVEL.count_bound, 0), 3)]
         )  # fmt: skip
-    predicted.compiled = built
+    predicted.compiled = predict.compiled = built
     return rows
 
 

@@ -179,7 +179,8 @@ def parse_header(data: bytes, offset: int, place: int = 0) -> tuple[Predictor, b
     )
     if wrong:
         raise FormatError("a predictor that is not defined", requirement="LPC-004", offset=offset)
-    references, position = (), 2 + order
+    references: tuple[Reference, ...] = ()
+    position = 2 + order
     if flags & REFERENCES:
         references, position = parse_references(data, position, place, offset)
     number, position = parse_varint(data, position, offset)

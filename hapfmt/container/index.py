@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 from ..errors import FormatError
 from .layout import FOOT, INDEX, INDEX_ENTRY
-from .wire import parse_fixed
+from .wire import build_fields, parse_fixed, read_fields, size_of
 
 FIRST_OFFSET = 8
 INDEX_EVERY = 1 << 22
 """Bytes of chunks after which an index is due (SPEC IDX-005)."""
 I64 = (-(1 << 63), (1 << 63) - 1)
-ENTRY_SIZE: int = INDEX_ENTRY.sizeof()
-INDEX_SIZE: int = INDEX.sizeof()
+ENTRY_SIZE: int = size_of(INDEX_ENTRY)
+INDEX_SIZE: int = size_of(INDEX)
 
 
 class IndexEntry(NamedTuple):
@@ -58,7 +58,7 @@ def build_index(index: Index) -> bytes:
         }
     )
     return bytes(head) + b"".join(
-        INDEX_ENTRY.build({**entry._asdict(), "type": entry.type.encode("ascii")})
+        build_fields(INDEX_ENTRY, {**entry._asdict(), "type": entry.type.encode("ascii")})
         for entry in index.entries
     )
 
@@ -77,7 +77,7 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
     entries = []
     last = raw.covers_from - 1
     for at in range(INDEX_SIZE, len(payload), ENTRY_SIZE):
-        entry = INDEX_ENTRY.parse(payload[at : at + ENTRY_SIZE])
+        entry = read_fields(INDEX_ENTRY, payload, at)
         if not last < entry.offset < own_offset:
             raise FormatError(
                 "index offsets out of order", requirement="IDX-002", offset=offset + at
@@ -95,7 +95,7 @@ def build_foot(foot: Foot) -> bytes:
 
 def parse_foot(payload: bytes, offset: int, *, moved: bool = False) -> Foot:
     """The fOOT payload at ``offset``; ``moved``: bytes before it were lost or came in."""
-    if len(payload) != FOOT.sizeof():
+    if len(payload) != size_of(FOOT):
         raise FormatError("footer of another length", requirement="FOT-001", offset=offset)
     raw = parse_fixed(FOOT, payload, 0, "FOT-001", offset)
     foot = Foot(raw.index_offset, raw.stop_offset, raw.data_count, raw.track_count, raw.duration_ns)

@@ -27,7 +27,7 @@ from .track import (
     Contract,
     Track,
 )
-from .wire import NO_TRACK, parse_fixed
+from .wire import NO_TRACK, parse_fixed, read_fields, size_of
 
 PARAMETERS, LABEL, CALIBRATIONS, UNIT, QUANTITY, AXIS, GROUP = 1, 2, 3, 4, 6, 8, 10
 BODY_SITE, DEVICE, CONTRACT, DEVIATIONS, WEIGHTS, PROVENANCE = 12, 14, 16, 18, 20, 22
@@ -108,7 +108,7 @@ def parse_series(payload: bytes, first_id: int, level: Level, offset: int) -> li
         raise FormatError("track id above 65533", requirement="TRK-003", offset=offset)
     if raw.first_channel + total > NO_TRACK:
         raise FormatError("channel number above 65534", requirement="TRK-010", offset=offset + 24)
-    tlvs = parse_tlvs(payload, TRAK.sizeof(), offset)
+    tlvs = parse_tlvs(payload, size_of(TRAK), offset)
     unsupported = find_unsupported(raw, tlvs)
     kind = KINDS[raw.kind] if raw.kind < len(KINDS) else f"kind {raw.kind}"
     format_ = (
@@ -256,7 +256,7 @@ def parse_contract(tlvs: Tlvs, count: int) -> Contract | None:
     if raw.kd < 1 or raw.flags & ~3:
         raise FormatError("kd of 0 or an undefined flag", requirement="DBC-001", offset=offset)
     entries = []
-    for entry, at in entries_of(DEADBAND_ENTRY, value, DEADBAND.sizeof(), offset):
+    for entry, at in entries_of(DEADBAND_ENTRY, value, size_of(DEADBAND), offset):
         if entry.floor < 1:
             raise FormatError("a deadband floor of 0", requirement="DBC-001", offset=at)
         entries.append((entry.floor, entry.zero))
@@ -279,10 +279,10 @@ def cut_contract(contract: Contract, start: int, size: int) -> Contract:
 
 def entries_of(layout: Struct, value: bytes, position: int, base: int) -> Iterator[tuple[Any, int]]:
     """Each whole layout from ``position`` on with its file offset."""
-    size = layout.sizeof()
+    size = size_of(layout)
     if (len(value) - position) % size:
         raise FormatError(
             "a list ends within an entry", requirement="TLV-002", offset=base + position
         )
     for at in range(position, len(value), size):
-        yield layout.parse(value[at : at + size]), base + at
+        yield read_fields(layout, value, at), base + at

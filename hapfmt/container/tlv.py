@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from ..errors import FormatError, ParameterError
 from .layout import TLV
+from .wire import build_fields, read_fields
 
 TLV_SIZE = 4
 T = TypeVar("T")
@@ -23,7 +24,7 @@ def parse_tlvs(payload: bytes, position: int, base: int) -> dict[int, tuple[int,
             raise FormatError(
                 "bytes left over after the last TLV", requirement="TLV-002", offset=base + position
             )
-        head = TLV.parse(payload[position : position + TLV_SIZE])
+        head = read_fields(TLV, payload, position)
         if head.type <= last:
             raise FormatError(
                 "TLV types not increasing", requirement="TLV-001", offset=base + position
@@ -47,7 +48,7 @@ def build_tlvs(values: dict[int, bytes]) -> bytes:
         value = values[type_]
         if len(value) > VALUE_SIZE:
             raise ParameterError(f"a description of {len(value)} bytes is above the limit of 65535")
-        out += TLV.build({"type": type_, "size": len(value)}) + value
+        out += build_fields(TLV, {"type": type_, "size": len(value)}) + value
     return bytes(out)
 
 

@@ -6,11 +6,15 @@ nothing but our errors can come out.
 
 from __future__ import annotations
 
+import struct
 import zlib
+from collections import namedtuple
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
-from construct import Struct
+from construct import Bytes, Struct
 
 from ..errors import ChecksumError, FormatError, TruncatedError, UnsupportedError
 from ..limits import LEVELS, Level
@@ -33,16 +37,46 @@ def crc32(data: bytes, start: int = 0) -> int:
     return zlib.crc32(data, start)
 
 
+@cache
+def fields_of(layout: Struct) -> tuple[struct.Struct, Any]:
+    """The layout for struct, which reads it many times as fast, and the record of its fields."""
+
+    def code(part: Any) -> str:
+        while hasattr(part, "subcon"):
+            part = part.subcon
+        return f"{part.length}s" if isinstance(part, Bytes) else str(part.fmtstr[1:])
+
+    names = [part.name for part in layout.subcons]
+    return struct.Struct("<" + "".join(map(code, layout.subcons))), namedtuple("Fields", names)
+
+
+def size_of(layout: Struct) -> int:
+    """Its bytes; construct adds them up each time."""
+    return fields_of(layout)[0].size
+
+
+def read_fields(layout: Struct, data: bytes, position: int) -> Any:
+    """The fields of a layout that fits."""
+    fixed, record = fields_of(layout)
+    return record._make(fixed.unpack_from(data, position))
+
+
+def build_fields(layout: Struct, values: Mapping[str, Any]) -> bytes:
+    """The bytes of a layout, as read_fields takes them; byte strings have their size already."""
+    fixed, record = fields_of(layout)
+    return fixed.pack(*[values[name] for name in record._fields])
+
+
 def parse_fixed(layout: Struct, data: bytes, position: int, requirement: str, base: int) -> Any:
     """The layout at ``position``; ``base`` is the file offset of ``data``."""
-    size: int = layout.sizeof()
+    size = size_of(layout)
     if len(data) - position < size:
         raise TruncatedError(
             f"{len(data) - position} bytes where the layout has {size}",
             requirement=requirement,
             offset=base + position,
         )
-    return layout.parse(data[position : position + size])
+    return read_fields(layout, data, position)
 
 
 @dataclass(frozen=True)
@@ -66,7 +100,8 @@ class ChunkHeader:
         return self.type in KNOWN_TYPES and not self.flags & CRITICAL_FLAGS
 
     def build(self) -> bytes:
-        head: bytes = CHUNK_HEADER.build(
+        head = build_fields(
+            CHUNK_HEADER,
             {
                 "sync": SYNC,
                 "type": self.type.encode("ascii"),
@@ -77,7 +112,7 @@ class ChunkHeader:
                 "flags": self.flags,
                 "payload_crc": self.payload_crc,
                 "header_crc": 0,
-            }
+            },
         )[:28]
         return head + crc32(head).to_bytes(4, "little")
 
@@ -170,7 +205,7 @@ def parse_head(payload: bytes, header: ChunkHeader, offset: int) -> Head:
         raise FormatError(
             "file id differs from the header's", requirement="HED-003", offset=offset + 12
         )
-    unknown = [t for t in parse_tlvs(payload, HEAD.sizeof(), offset) if t % 2]
+    unknown = [t for t in parse_tlvs(payload, size_of(HEAD), offset) if t % 2]
     if unknown:
         raise UnsupportedError(
             f"critical TLV {unknown[0]} in HEAD", requirement="TLV-003", offset=offset

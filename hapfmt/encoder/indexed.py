@@ -36,7 +36,7 @@ STEP_LIMIT = LEVELS[1].step
 def encode_within(source: Source, base: Track, settings: Settings) -> Unit:
     """One unit by the preset of the settings, smallest first."""
     if settings.preset == "archive":
-        coded = code_grid(source, base, LpcParameters(), nearest_uniform)
+        coded = code_grid(source, base, LpcParameters(), nearest_uniform, thorough=False)
         return Unit(coded, None, "predicted", "lossless", exact=True)
     if settings.preset == "near-lossless":
         return encode_near(source, base, settings)
@@ -153,10 +153,12 @@ def code_grid(
     base: Track,
     grid: LpcParameters,
     to_indices: Callable[[Indices, LpcParameters], Indices],
+    *,
+    thorough: bool = True,
 ) -> Coded:
     coded = Coded(replace(base, codec="LPCR", parameters=grid.build()))
     for span, rows in source.pieces(source.counts):
-        data = encode_best(to_indices(rows[:, 0], grid))
+        data = encode_best(to_indices(rows[:, 0], grid), thorough=thorough)
         coded.packets.append(Packet(0, span.start, span.ticks, data))
     return coded
 

@@ -1,7 +1,7 @@
 """Which predictor a packet of LPCR gets: fixed polynomials and LPC, by description length.
 
 Reflection coefficients are quantised in the arcsine domain, where steps are finest near 1 (J. D.
-Markel, A. H. Gray, "Linear Prediction of Speech", Springer 1976). The loops are in kernels/ too, and
+Markel, A. H. Gray, "Linear Prediction of Speech", Springer 1976). kernels/ has the loops too, which
 give the same numbers.
 """
 
@@ -13,7 +13,6 @@ from math import inf, log2, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs import predicted
 from ..codecs.adaptive import ERROR_BITS
 from ..codecs.predicted import (
     DIFFERENCE_LIMIT,
@@ -23,6 +22,7 @@ from ..codecs.predicted import (
     differences,
     encode_indices,
 )
+from ..kernels import compiled
 
 Indices = NDArray[np.int64]
 
@@ -39,14 +39,16 @@ COEFFICIENT_COST = 8
 REPEAT_SHARE = 0.02
 """From this share of unchanged samples on, coding them as such is tried."""
 
-DOUBT = 0.04
-"""Where the estimates with and without it are nearer than this, both packets are written."""
+FINALISTS, SPARSE, SHORT = 3, 1.5, 1500
+"""Predictors whose packets are really written, the smallest is kept, where samples take less than
+1.5 bits, of which the estimate knows little, or are few; and with repeats and without."""
 
 SIGN_SHARE = 0.002
 """Signs are raw bits, which take no time, where modelling them saves less than this."""
 
-SHORT, PIECE, STRIDE = 6000, 1024, 3
-"""Of a packet of so many samples and more, every third piece tells enough of a predictor."""
+LONG, LONGER, PIECE = 6000, 20000, 256
+"""Of a packet of so many samples and more every third piece tells enough of a predictor, of a
+longer one every fifth."""
 
 SCALED_BITS, SUM_BLOCK, COST_BLOCK = 18, 4096, 32
 
@@ -58,34 +60,44 @@ LIMITS = np.array([sin(pi * (2 * k + 1) / 512) for k in range(127)])
 """Where one reflection coefficient ends and the next begins."""
 
 
-def encode_best(indices: Indices) -> bytes:
-    """The smallest packet found."""
+def encode_best(indices: Indices, *, thorough: bool = True) -> bytes:
+    """The smallest packet found; ``thorough``: several are written, not only where the estimate
+    is not to be trusted."""
     if (indices == indices[0]).all():
         return encode_indices(indices, Predictor())
     plain = np.ascontiguousarray(indices, np.int64)
-    bits, predictor = choose_predictor(plain)
-    ways = [predictor]
-    if np.count_nonzero(plain[1:] == plain[:-1]) > REPEAT_SHARE * plain.size:
-        marked = replace(predictor, repeats=True)
-        extent = max(-int(plain.min()), int(plain.max()))
-        other, _ = estimate(plain, marked, extent, counted=True)
-        if other < (1 + DOUBT) * bits:
-            ways = [marked] if other < (1 - DOUBT) * bits else [predictor, marked]
-    return min((encode_indices(plain, way) for way in ways), key=len)
+    extent = max(-int(plain.min()), int(plain.max()))
+    ranked = choose_predictors(plain, extent)
+    marks = np.count_nonzero(plain[1:] == plain[:-1]) > REPEAT_SHARE * plain.size
+    if thorough or plain.size < SHORT or ranked[0][0] < SPARSE * plain.size:
+        packets = [(encode_indices(plain, way), way) for _, way in ranked[:FINALISTS]]
+        best, predictor = min(packets, key=lambda pair: len(pair[0]))
+        if marks:
+            other, _ = with_repeats(plain, predictor, extent)
+            best = min(best, encode_indices(plain, other), key=len)
+        return best
+    bits, predictor = ranked[0]
+    if marks:
+        other, fewer = with_repeats(plain, predictor, extent)
+        predictor = other if fewer < bits else predictor
+    return encode_indices(plain, predictor)
 
 
-def choose_predictor(indices: Indices) -> tuple[float, Predictor]:
-    """(bits, predictor): fixed polynomials while each is better than the one before, then LPC of either difference."""
-    extent = max(-int(indices.min()), int(indices.max()))
+def with_repeats(indices: Indices, predictor: Predictor, extent: int) -> tuple[Predictor, float]:
+    """(predictor, bits): the signs that are left may have something to them."""
+    bits, saved = estimate(indices, replace(predictor, repeats=True), extent, counted=True)
+    return replace(predictor, repeats=True, raw_signs=saved < SIGN_SHARE * bits), bits
+
+
+def choose_predictors(indices: Indices, extent: int) -> list[tuple[float, Predictor]]:
+    """(bits, predictor), the best first: fixed polynomials while each is better than the one
+    before, and LPC; with signs as suits the best."""
     first, mean = int(indices[0]), int(np.floor(indices.mean() + 0.5))
-    least, best = inf, Predictor()
+    found: dict[Predictor, float] = {}
 
     def weigh(predictor: Predictor) -> float:
-        nonlocal least, best
-        bits, _ = estimate(indices, predictor, extent)
-        if bits < least:
-            least, best = bits, predictor
-        return bits
+        found[predictor], _ = estimate(indices, predictor, extent)
+        return found[predictor]
 
     before = inf
     for difference in range(DIFFERENCE_LIMIT + 1):
@@ -94,28 +106,27 @@ def choose_predictor(indices: Indices) -> tuple[float, Predictor]:
             break
         before = bits
     tried = [
-        (weigh(predictor), reflections)
-        for predictor, reflections in (
-            linear_predictor(indices, 0, mean),
-            linear_predictor(indices, 1, first),
-        )
+        (weigh(predictor), difference, reflections)
+        for difference, base in ((0, mean), (1, first))
+        for predictor, reflections in (linear_predictor(indices, difference, base),)
         if reflections
     ]
     if tried:
-        _, reflections = min(tried, key=lambda pair: pair[0])
-        better = 0 if reflections is tried[0][1] else 1
-        for order in {*TRIED} - {len(best.reflections)}:
-            weigh(Predictor(better, tuple(reflections[:order]), first if better else mean))
-    bits, saved = estimate(indices, best, extent, counted=True)
+        _, difference, reflections = min(tried, key=lambda row: row[0])
+        for order in TRIED:
+            predictor = Predictor(difference, tuple(reflections[:order]), (mean, first)[difference])
+            if predictor not in found:
+                weigh(predictor)
+    ranked = sorted(found, key=found.__getitem__)
+    bits, saved = estimate(indices, ranked[0], extent, counted=True)
     if bits == inf:
         # An error too large in what the estimate did not look at; these are below 2**33.
-        return inf, Predictor(0, (), mean)
-    return bits, replace(best, raw_signs=saved < SIGN_SHARE * bits)
+        return [(inf, Predictor(0, (), mean))]
+    raw_signs = saved < SIGN_SHARE * bits
+    return [(bits, replace(way, raw_signs=raw_signs)) for way in ranked if found[way] < inf]
 
 
-def linear_predictor(
-    indices: Indices, difference: int, base: int
-) -> tuple[Predictor, list[int]]:
+def linear_predictor(indices: Indices, difference: int, base: int) -> tuple[Predictor, list[int]]:
     """The best by the energies that the recursion leaves, and all its reflection coefficients."""
     reflections, energies = levinson(autocorrelations(indices, difference, base), indices.size)
     weighed = [
@@ -129,9 +140,9 @@ def linear_predictor(
 
 def autocorrelations(indices: Indices, order: int, base: int) -> list[int]:
     """Sums of x[i] * x[i + lag], lag 0 to 32, x being the differences scaled to 18 bits."""
-    if predicted.compiled is not None:
+    if compiled is not None:
         sums = np.zeros(ORDER_LIMIT + 1, np.int64)
-        predicted.compiled.autocorrelate(indices, order, base, sums)
+        compiled.autocorrelate(indices, order, base, sums)
         return sums.tolist()
     y = differences(indices - base, order)
     bits = int(np.bitwise_or.reduce(np.abs(y))).bit_length()
@@ -152,9 +163,9 @@ def levinson(sums: list[int], size: int) -> tuple[list[int], list[float]]:
     r = [float(s) for s in sums]
     r[0] = r[0] * (1 + NOISE) + size / 12
     orders = min(ORDER_LIMIT, size - 1)
-    if predicted.compiled is not None:
+    if compiled is not None:
         found, left = np.zeros(ORDER_LIMIT, np.int8), np.zeros(ORDER_LIMIT)
-        order = predicted.compiled.levinson(np.array(r), orders, LIMITS, found, left)
+        order = compiled.levinson(np.array(r), orders, LIMITS, found, left)
         return found[:order].tolist(), left[:order].tolist()
     reflections: list[int] = []
     energies: list[float] = []
@@ -187,9 +198,9 @@ def estimate(
     if c is None:
         return inf, 0.0
     counts = np.zeros(15, np.int64)
-    stride = 1 if counted or indices.size < SHORT else STRIDE
-    if predicted.compiled is not None:
-        cost = predicted.compiled.estimate(
+    stride = 1 if counted or indices.size < LONG else 3 if indices.size < LONGER else 5
+    if compiled is not None:
+        cost = compiled.estimate(
             np.array(c, np.int32), predictor.difference, predictor.repeats, counted, stride,
             predictor.base, max(extent, abs(predictor.base)), indices, counts,
         )  # fmt: skip
@@ -210,9 +221,15 @@ def estimate(
 
 
 def cost_of(
-    indices: Indices, predictor: Predictor, c: list[int], counts: Indices, stride: int, *, counted: bool
+    indices: Indices,
+    predictor: Predictor,
+    c: list[int],
+    counts: Indices,
+    stride: int,
+    *,
+    counted: bool,
 ) -> int:
-    """256 times the bits without signs and repeats, log2(1 + 2e * mean) for each of a block; -1
+    """256 times the bits without signs and repeats, log2(1 + e * mean) for each of a block; -1
     where an error cannot be coded.
 
     ``counts`` [15]: positive and negative ones after a negative one, none, a positive one; then
@@ -241,12 +258,12 @@ def cost_of(
     first = np.flatnonzero(np.diff(blocks, prepend=-1))
     sums = np.add.reduceat(magnitudes, first)
     sizes = np.diff(np.append(first, e.size))
-    return int((sizes * (logs(16 * sizes + 87 * sums) - logs(16 * sizes))).sum())
+    return int((sizes * (logs(32 * sizes + 87 * sums) - logs(32 * sizes))).sum())
 
 
 def prediction_errors(y: Indices, c: list[int]) -> Indices:
     """What is left of y; float64 sums are exact below 2**53, in any order."""
-    if not c:
+    if not c or y.size == 1:
         return y
     exact = int(np.abs(y).max()) * sum(map(abs, c)) < 1 << 52
     dtype = np.float64 if exact else np.int64

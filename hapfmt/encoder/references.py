@@ -135,9 +135,11 @@ def find_links(stretches: Sequence[Indices]) -> Links:
     likely = likely_sources(np.stack([scaled(e, scales_of(e)) for e in errors]))
     if not any(likely):
         return nothing
-    links, saved, bits = [], 0.0, 0.0
+    links: Links = []
+    saved = bits = 0.0
     for place, sources in enumerate(likely):
-        used, gain = (), 0.0
+        used: tuple[int, ...] = ()
+        gain = 0.0
         if sources:
             predictor = predictors[place]
             used, gain = choose_sources(stretches, predictor, errors[place], sources)
@@ -168,8 +170,8 @@ def likely_sources(errors: NDArray[np.float64]) -> list[list[int]]:
     enough = max(LIKELY, CHANCE / size)
     found = []
     for place in range(len(errors)):
-        best = sorted(range(place), key=lambda a, row=scores[place]: -row[a])
-        found.append(sorted(a for a in best[:REFERENCE_LIMIT] if scores[place, a] > enough))
+        likely = [(-score, a) for a, score in enumerate(scores[place, :place]) if score > enough]
+        found.append(sorted(a for _, a in sorted(likely)[:REFERENCE_LIMIT]))
     return found
 
 
@@ -209,7 +211,7 @@ def moments(
         for tap in taps_of(source, predictor.difference, c)
     ]
     x = np.stack([*rows, scaled(errors, scales)])
-    found = np.einsum("it,jt->ij", x, x)
+    found: Moments = np.einsum("it,jt->ij", x, x)
     # Roundings of the scaled numbers: without them, taps that are the same have no inverse.
     found[np.diag_indices(len(rows))] += x.shape[1]
     return found

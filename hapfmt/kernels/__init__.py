@@ -34,12 +34,35 @@ class Loop(Protocol):
     ) -> tuple[int, int]: ...
 
 
-class Errors(Protocol):
-    """(coefficients int32, difference, base, limit, indices int64, errors int64); the last is
-    filled.
+class Estimate(Protocol):
+    """(coefficients int32, difference, repeats, counted, stride, base, limit, indices int64, counts
+    int64 [15]) -> 256 times the bits, or -1; the counts are filled. encoder/predict.py says more.
     """
 
     def __call__(
+        self,
+        coefficients: Buffer,
+        difference: int,
+        repeats: bool,
+        counted: bool,
+        stride: int,
+        base: int,
+        limit: int,
+        indices: Buffer,
+        counts: Buffer,
+        /,
+    ) -> int: ...
+
+
+class Kernels(Protocol):
+    """What the extension module has."""
+
+    @property
+    def lpcr_decode(self) -> Loop: ...
+    @property
+    def lpcr_encode(self) -> Loop: ...
+
+    def lpcr_errors(
         self,
         coefficients: Buffer,
         difference: int,
@@ -50,16 +73,18 @@ class Errors(Protocol):
         /,
     ) -> None: ...
 
+    @property
+    def estimate(self) -> Estimate: ...
 
-class Kernels(Protocol):
-    """What the extension module has."""
+    def step_up(self, reflections: Buffer, sines: Buffer, coefficients: Buffer, /) -> bool: ...
 
-    @property
-    def lpcr_decode(self) -> Loop: ...
-    @property
-    def lpcr_encode(self) -> Loop: ...
-    @property
-    def lpcr_errors(self) -> Errors: ...
+    def autocorrelate(
+        self, indices: Buffer, difference: int, base: int, sums: Buffer, /
+    ) -> None: ...
+
+    def levinson(
+        self, sums: Buffer, orders: int, limits: Buffer, reflections: Buffer, energies: Buffer, /
+    ) -> int: ...
 
 
 def load() -> Kernels | None:

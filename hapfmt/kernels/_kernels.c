@@ -189,14 +189,17 @@ static PyObject *estimate_(PyObject *self, PyObject *args)
     p.coefficients = coefficients.buf;
     if (!whole(&coefficients, 4) || !whole(&indices, 8) || !whole(&counts, 8) || counts.len != 8 * COUNTS || stride < 1 ||
         stride > 16 ||
-        !valid(&p) || !within(indices.buf, p.span, p.limit))
-        PyErr_SetString(PyExc_ValueError, "not a predictor, or not arrays of its integers");
+        !valid(&p))
+        cost = -2;
     else {
         Py_BEGIN_ALLOW_THREADS
         cost = estimate(&p, counted, stride, indices.buf, counts.buf);
         Py_END_ALLOW_THREADS
-        result = PyLong_FromLongLong(cost);
     }
+    if (cost == -2)
+        PyErr_SetString(PyExc_ValueError, "not a predictor, or not arrays of its integers");
+    else
+        result = PyLong_FromLongLong(cost);
     PyBuffer_Release(&coefficients);
     PyBuffer_Release(&indices);
     PyBuffer_Release(&counts);

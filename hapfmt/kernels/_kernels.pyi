@@ -37,3 +37,20 @@ def lpcr_errors(
     errors: Buffer,
     /,
 ) -> None: ...
+def step_up(reflections: Buffer, sines: Buffer, coefficients: Buffer, /) -> bool: ...
+def autocorrelate(indices: Buffer, difference: int, base: int, sums: Buffer, /) -> None: ...
+def levinson(
+    sums: Buffer, orders: int, limits: Buffer, reflections: Buffer, energies: Buffer, /
+) -> int: ...
+def estimate(
+    coefficients: Buffer,
+    difference: int,
+    repeats: bool,
+    counted: bool,
+    stride: int,
+    base: int,
+    limit: int,
+    indices: Buffer,
+    counts: Buffer,
+    /,
+) -> int: ...

@@ -94,23 +94,26 @@ INLINE int64_t log_of(uint64_t v)
     return 256 * lg + (int64_t)((lg >= 8 ? v >> (lg - 8) : v << (8 - lg)) & 255);
 }
 
-enum { COUNTS = 15 };
+enum { COUNTS = 15, SAMPLE = 256 };
 
 /* 256 times the bits of the prediction errors without their signs, -1 where one cannot be coded. The
    last of the counts is how many are not 0. ``counted``: the first are how many are positive and
    negative after a negative one, none, a positive one. With repeats, which go with it, unchanged
    samples are left out, and between stands how many of the bits that say so are 0 and 1 with each of
-   their models. Else one piece of ``stride`` is looked at. */
+   their models. Else one piece of ``stride`` is looked at. -2: an
+   index beyond the limit. */
 static int64_t estimate(const plan *p, int counted, int stride, const int64_t *indices,
                         int64_t *counts)
 {
     filter f;
     int64_t y[ORDERS + PIECE] = {0}, e[PIECE], cost = 0;
-    int last = 0, recent = 0;
+    int last = 0, recent = 0, piece = stride > 1 ? SAMPLE : PIECE;
     memset(counts, 0, COUNTS * sizeof *counts);
     filter_init(&f, p);
-    for (int64_t from = 0; from < p->span; from += stride * PIECE) {
-        int64_t count = p->span - from < PIECE ? p->span - from : PIECE;
+    for (int64_t from = 0; from < p->span; from += stride * piece) {
+        int64_t count = p->span - from < piece ? p->span - from : piece;
+        int64_t first = from < ORDERS + DIFFERENCES ? 0 : from - ORDERS - DIFFERENCES;
+        if (!within(indices + first, from + count - first, p->limit)) return -2;
         differences(indices, from, count, p->difference, p->base, y + ORDERS);
         if (stride > 1 && from) differences(indices, from - ORDERS, ORDERS, p->difference, p->base, y);
         errors_of(&f, y, count, e);
@@ -146,7 +149,7 @@ static int64_t estimate(const plan *p, int counted, int stride, const int64_t *i
             }
             if (most >> ERROR_BITS) return -1;
             if (some)
-                cost += some * (log_of(16 * (uint64_t)some + 87 * sum) - log_of(16 * (uint64_t)some));
+                cost += some * (log_of(32 * (uint64_t)some + 87 * sum) - log_of(32 * (uint64_t)some));
         }
     }
     return cost;
