@@ -110,7 +110,7 @@ def encode_members(
         encode_unit([channel], first + place, settings, cluster)
         for place, channel in enumerate(members)
     ]
-    joint = encode_run(members, first, settings, cluster, links)
+    joint = encode_run(members, first, settings, cluster, links, apart)
     if joint and joint.size < (1 - SAVED) * sum(unit.size for unit in apart):
         yield joint, members
     else:

@@ -21,7 +21,7 @@ from ..codecs.references import REFERENCE_LIMIT, REFERENCE_SIZE, TAPS, Reference
 from ..container.cluster import Packet
 from ..deadband import ZERO_LIMIT, Deadband
 from ..integers import clamp
-from ..recording import Channel
+from ..recording import Channel, Span
 from .indexed import error_of, kept, nearest_uniform
 from .predict import encode_best, linear_predictor
 from .settings import Settings
@@ -266,9 +266,10 @@ def fit(
     )
 
 
-def encode_referring(indices: Indices, earlier: Sequence[Indices], links: tuple[int, ...]) -> bytes:
-    """The smaller of the component packets with and without references."""
-    alone = encode_best(indices)
+def encode_referring(
+    indices: Indices, alone: bytes, earlier: Sequence[Indices], links: tuple[int, ...]
+) -> bytes:
+    """The smaller of the component packets with references and ``alone``."""
     predictor, constant, _ = parse_header(alone, 0)
     references = () if constant or not links else fit(indices, predictor, earlier, links)
     if not references:
@@ -294,8 +295,10 @@ def encode_run(
     settings: Settings,
     cluster: Fraction,
     links: Links,
+    apart: Sequence[Unit],
 ) -> Unit | None:
-    """One track of several components; None where they have no common range of counts."""
+    """One track of several components, which alone are the units ``apart``; None where they have
+    no common range of counts."""
     counts = np.column_stack([channel.values.astype(np.int64) for channel in channels])
     low, high = declared_range(counts)
     if not all(c.calibration and c.calibration.covers(low, high) for c in channels):
@@ -311,7 +314,16 @@ def encode_run(
     coded = Coded(replace(base, parameters=grid.build()))
     sizes = [0] * len(channels)
     for span, rows in source.pieces(source.counts):
-        packets = code_components(rows, grid, links)
+        columns = [
+            np.ascontiguousarray(nearest_uniform(rows[:, place], grid))
+            for place in range(len(channels))
+        ]
+        packets = [
+            encode_referring(indices, packet_alone(unit, span, indices), columns[:place], sources)
+            for place, (indices, unit, sources) in enumerate(
+                zip(columns, apart, links, strict=True)
+            )
+        ]
         sizes = [size + len(packet) for size, packet in zip(sizes, packets, strict=True)]
         coded.packets.append(Packet(0, span.start, span.ticks, join_components(packets)))
     if error:
@@ -336,15 +348,13 @@ def told(sources: tuple[int, ...], first_channel: int) -> str:
     return f", beside {numbers}" if numbers else ""
 
 
-def code_components(rows: Indices, grid: LpcParameters, links: Links) -> list[bytes]:
-    """The component packets of counts [ticks, components]."""
-    columns = [
-        np.ascontiguousarray(nearest_uniform(rows[:, place], grid)) for place in range(len(links))
-    ]
-    return [
-        encode_referring(indices, columns[:place], links[place])
-        for place, indices in enumerate(columns)
-    ]
+def packet_alone(unit: Unit, span: Span, indices: Indices) -> bytes:
+    """Without references: as the unit has it, where that is cut in the same way."""
+    if unit.base.track.codec == "LPCR":
+        for packet in unit.base.packets:
+            if (packet.start, packet.span) == (span.start, span.ticks):
+                return packet.data
+    return encode_best(indices, thorough=False)
 
 
 def step_of(members: Sequence[Channel], settings: Settings) -> int | None:
