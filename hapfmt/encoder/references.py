@@ -1,35 +1,42 @@
 """Which channels are predicted from which, and the tracks of several components that they become.
 
-Prediction errors that rise and fall together are looked for in a stretch of each channel. Weights
-are those of least squares, every sample measured by the prediction errors around it, since bits are
-saved by the ratio of errors. Sums are of integers, exact in any order.
+Prediction errors that rise and fall together are looked for in a part of each channel; packets then
+have weights of their own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import log2
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs.components import encode_component, join_components, prediction_errors, taps_of
-from ..codecs.predicted import LpcParameters, Predictor, parse_header
-from ..codecs.references import REFERENCE_LIMIT, REFERENCE_SIZE, TAPS, Reference
+from ..codecs.components import encode_component, join_components, prediction_errors
+from ..codecs.predicted import INDEX_LIMIT, LpcParameters, parse_header
 from ..container.cluster import Packet
 from ..deadband import ZERO_LIMIT, Deadband
-from ..integers import clamp
+from ..integers import clamp, rdiv
 from ..recording import Channel, Span
 from .indexed import error_of, kept, nearest_uniform
-from .predict import encode_best, linear_predictor
+from .predict import encode_best
 from .settings import Settings
 from .source import Source, cut, declared_range, make_track
 from .unit import Coded, Unit
+from .weights import (
+    SETTLING,
+    choose_sources,
+    fit,
+    likely_sources,
+    moments,
+    quick_predictor,
+    scaled,
+    scales_of,
+)
 
 Indices = NDArray[np.int64]
-Moments = NDArray[np.float64]
 Links = list[tuple[int, ...]]
 """For each channel of a run the earlier ones that it is predicted from."""
 
@@ -39,25 +46,12 @@ RUN_LIMIT = 32
 SHORTEST, LONGEST = 4096, 16384
 """A quarter of a channel is looked at, within these samples."""
 
-SETTLING = 33
-"""Samples at the start of a packet whose prediction errors tell nothing."""
-
-LIKELY = 0.005
-"""Squared correlation of two channels' prediction errors from which on a reference is tried."""
-
-CHANCE = 16
-"""The same times the samples: chance alone gives 1."""
+PIECES = 4
+"""Spread over the channel, where it is not looked at as a whole."""
 
 SAVED, HOPED = 0.03, 0.02
 """Share of the bits that a track of several components has to save; and of estimated bits, from
 which on it is tried."""
-
-NORMAL_BITS, CLIPPED_BITS, BLOCK = 8, 16, 32
-"""Prediction errors are brought to a mean of 8 bits in each block, and clipped to 16: products of
-32 bits, and no packet has 2**20 of them."""
-
-WORTH = 0.004
-"""Bits a sample that a further reference has to save."""
 
 
 def find_runs(
@@ -81,7 +75,8 @@ def find_runs(
         run = [group[0] for group in groups[at:stop]]
         tied: list[tuple[int, int]] = []
         if step is not None and len(run) > 1:
-            links = find_links([stretch_of(channel, step) for channel in run])
+            view = View.of(first.coverage)
+            links = find_links([view.indices(channel, step) for channel in run], view.settled)
             tied = intervals(links)
         done = 0
         for start, end in [*tied, (len(run), len(run))]:
@@ -108,28 +103,50 @@ def intervals(links: Links) -> list[tuple[int, int]]:
     return found
 
 
-def stretch_of(channel: Channel, step: int) -> Indices:
-    """Indices from the middle of the longest span without a gap."""
-    at = longest = place = 0
-    for span in channel.coverage:
-        if span.ticks > longest:
-            place, longest = at, span.ticks
-        at += span.ticks
-    size = min(longest, max(SHORTEST, min(longest // 4, LONGEST)))
-    start = place + (longest - size) // 2
-    counts = channel.values[start : start + size].astype(np.int64)
-    return nearest_uniform(counts, LpcParameters(step))
+@dataclass(frozen=True)
+class View:
+    """Samples of a channel that are looked at: where they are, and which of them follow a gap or
+    the end of a piece."""
+
+    places: Indices
+    torn: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, coverage: Sequence[Span]) -> View:
+        ends = np.cumsum([span.ticks for span in coverage])
+        total = int(ends[-1])
+        size = min(total, max(SHORTEST, min(total // 4, LONGEST)))
+        count = PIECES if size < total else 1
+        starts = [(total * (2 * k + 1) - size) // (2 * count) for k in range(count)]
+        places = np.concatenate([start + np.arange(size // count) for start in starts])
+        return cls(places, (np.diff(places, prepend=-2) != 1) | np.isin(places, ends))
+
+    @property
+    def settled(self) -> NDArray[np.bool_]:
+        """Of which the prediction errors tell something."""
+        at = np.arange(self.places.size)
+        since = at - np.maximum.accumulate(np.where(self.torn, at, 0))
+        return np.asarray((since >= SETTLING) & ~np.append(self.torn[1:], True))
+
+    def indices(self, channel: Channel, step: int) -> Indices:
+        """Put together without jumps, where that keeps them within what an index may be."""
+        counts = channel.values[self.places].astype(np.int64)
+        x = nearest_uniform(counts, LpcParameters(step))
+        moves = np.diff(x, prepend=x[0])
+        moves[self.torn] = 0
+        joined = x[0] + np.cumsum(moves)
+        return joined if int(np.abs(joined).max()) <= INDEX_LIMIT else x
 
 
-def find_links(stretches: Sequence[Indices]) -> Links:
+def find_links(stretches: Sequence[Indices], settled: NDArray[np.bool_]) -> Links:
     """Empty tuples all, where too little would be saved."""
-    count, size = len(stretches), stretches[0].size - SETTLING
-    nothing: Links = [()] * count
-    if size < 2 * SETTLING:
+    size = int(np.count_nonzero(settled))
+    nothing: Links = [()] * len(stretches)
+    if size < SETTLING:
         return nothing
     predictors = [quick_predictor(x) for x in stretches]
     errors = [
-        prediction_errors(x, p.difference, p.coefficients or [], p.base)[SETTLING:]
+        prediction_errors(x, p.difference, p.coefficients or [], p.base)[settled]
         for x, p in zip(stretches, predictors, strict=True)
     ]
     likely = likely_sources(np.stack([scaled(e, scales_of(e)) for e in errors]))
@@ -141,129 +158,12 @@ def find_links(stretches: Sequence[Indices]) -> Links:
         used: tuple[int, ...] = ()
         gain = 0.0
         if sources:
-            predictor = predictors[place]
-            used, gain = choose_sources(stretches, predictor, errors[place], sources)
+            left = moments(stretches[place], predictors[place], stretches, sources, settled)
+            used, gain = choose_sources(left, sources, size)
         links.append(used)
         saved += gain
         bits += size * log2(1 + 5.4 * float(np.abs(errors[place]).mean()))
     return links if saved > HOPED * bits else nothing
-
-
-def quick_predictor(indices: Indices) -> Predictor:
-    first = int(indices[0])
-    if (indices == first).all():
-        return Predictor(1, (), first)
-    predictor, _ = linear_predictor(indices, 1, first)
-    return predictor if predictor.coefficients is not None else Predictor(1, (), first)
-
-
-def likely_sources(errors: NDArray[np.float64]) -> list[list[int]]:
-    """For each channel the earlier ones whose errors go with its own, at one of the taps."""
-    size = errors.shape[1]
-    energies = np.einsum("it,it->i", errors, errors) + 1
-    scores = np.zeros((len(errors),) * 2)
-    for tap in TAPS:
-        now = errors[:, max(0, -tap) : size - max(0, tap)]
-        then = errors[:, max(0, tap) : size + min(0, tap)]
-        products = np.einsum("it,jt->ij", now, then)
-        scores += products * products / np.multiply.outer(energies, energies)
-    enough = max(LIKELY, CHANCE / size)
-    found = []
-    for place in range(len(errors)):
-        likely = [(-score, a) for a, score in enumerate(scores[place, :place]) if score > enough]
-        found.append(sorted(a for _, a in sorted(likely)[:REFERENCE_LIMIT]))
-    return found
-
-
-def choose_sources(
-    stretches: Sequence[Indices], predictor: Predictor, errors: Indices, likely: list[int]
-) -> tuple[tuple[int, ...], float]:
-    """One after the other while it is worth its bits; and the bits that all of them save."""
-    left = moments(errors, [stretches[a] for a in likely], predictor, SETTLING)
-    before = first = energy_of(left)
-    chosen: list[int] = []
-    while len(chosen) < len(likely):
-        tried = [
-            (energy_of(swept), place, swept)
-            for place in range(len(likely))
-            if place not in chosen
-            for swept in [sweep(left, place)]
-        ]
-        least, place, swept = min(tried, key=lambda each: each[:2])
-        saved = errors.size / 2 * log2(before / least)
-        if saved < max(8 * REFERENCE_SIZE, WORTH * errors.size):
-            break
-        before, left = least, swept
-        chosen.append(place)
-    links = tuple(likely[place] for place in sorted(chosen))
-    return links, errors.size / 2 * log2(first / before)
-
-
-def moments(
-    errors: Indices, sources: Sequence[Indices], predictor: Predictor, start: int
-) -> Moments:
-    """Sums of products of all taps of the sources and, last, the errors."""
-    scales = scales_of(errors)
-    c = predictor.coefficients or []
-    rows = [
-        scaled(tap[start:], scales)
-        for source in sources
-        for tap in taps_of(source, predictor.difference, c)
-    ]
-    x = np.stack([*rows, scaled(errors, scales)])
-    found: Moments = np.einsum("it,jt->ij", x, x)
-    # Roundings of the scaled numbers: without them, taps that are the same have no inverse.
-    found[np.diag_indices(len(rows))] += x.shape[1]
-    return found
-
-
-def scales_of(errors: Indices) -> Indices:
-    """By how many bits the numbers of each block are shifted to the left, for each sample."""
-    starts = np.arange(0, errors.size, BLOCK)
-    sums = np.add.reduceat(np.abs(errors), starts)
-    means = sums // np.diff(np.append(starts, errors.size))
-    bits = np.frexp(means.astype(np.float64))[1].astype(np.int64)
-    return np.repeat(NORMAL_BITS - np.maximum(bits, 1), BLOCK)[: errors.size]
-
-
-def scaled(x: Indices, scales: Indices) -> NDArray[np.float64]:
-    """Clipped as well: integers, as doubles."""
-    most = 1 << CLIPPED_BITS
-    rough = x.clip(-most << NORMAL_BITS, most << NORMAL_BITS) << np.maximum(scales, 0)
-    wide = np.where(scales < 0, x >> np.maximum(-scales, 0), rough)
-    return wide.clip(-most, most).astype(np.float64)
-
-
-def sweep(m: Moments, source: int) -> Moments:
-    """The moments with all taps of a source taken out of everything else (Gauss and Jordan)."""
-    for k in range(len(TAPS) * source, len(TAPS) * (source + 1)):
-        row = m[k] / m[k, k]
-        m = m - np.multiply.outer(m[:, k], row)
-        m[k] = row
-    return m
-
-
-def energy_of(m: Moments) -> float:
-    return max(float(m[-1, -1]), 1.0)
-
-
-def fit(
-    indices: Indices, predictor: Predictor, earlier: Sequence[Indices], links: tuple[int, ...]
-) -> tuple[Reference, ...]:
-    """The references of a packet, weights and all; those that would weigh nothing are left out."""
-    start = SETTLING if indices.size > 2 * SETTLING else 0
-    c = predictor.coefficients or []
-    errors = prediction_errors(indices, predictor.difference, c, predictor.base)[start:]
-    left = moments(errors, [earlier[a] for a in links], predictor, start)
-    for place in range(len(links)):
-        left = sweep(left, place)
-    weights = np.floor(64 * left[:-1, -1] + 0.5).clip(-128, 127).astype(int)
-    rows = weights.reshape(-1, len(TAPS)).tolist()
-    return tuple(
-        Reference(a, (row[0], row[1], row[2]))
-        for a, row in zip(links, rows, strict=True)
-        if any(row)
-    )
 
 
 def encode_referring(
@@ -277,9 +177,11 @@ def encode_referring(
     base = predictor.base
     if not predictor.difference:
         # What references add is counted from their first indices, not from their means.
-        away = [float(earlier[a].mean()) - int(earlier[a][0]) for a, _ in references]
-        added = sum(sum(w) * far for (_, w), far in zip(references, away, strict=True))
-        base += int(np.floor(added / 64 + 0.5))
+        size = indices.size
+        far = [int(earlier[a].sum()) - size * int(earlier[a][0]) for a, _ in references]
+        base -= rdiv(sum(sum(w) * n for (_, w), n in zip(references, far, strict=True)), 64 * size)
+        extent = max(-int(indices.min()), int(indices.max()))
+        base = clamp(base, -extent, extent)
     try:
         referring = encode_component(
             indices, replace(predictor, base=base, references=references), earlier
