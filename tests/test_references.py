@@ -272,7 +272,7 @@ class TestLinks:
         x[::1000] = -2000
         a[::1000] = 2000
         ((_, weights),) = fit(x, Predictor(), [a], (0,))
-        assert weights[1] > 48
+        assert weights[1] > 24
 
     def test_what_choose_sources_saves(self):
         x = np.random.default_rng(1).integers(-99, 100, 4000)

@@ -38,6 +38,9 @@ LOUD = 1 << 12
 """Prediction errors of more than 16 times the mean count as that, so that a tap does not outweigh
 all the rest."""
 
+MOST_TOLD = 0.999
+"""Of a channel's energy by others."""
+
 WORTH = 0.004
 """Bits a sample that a further reference has to save."""
 
@@ -50,8 +53,9 @@ def quick_predictor(indices: Indices) -> Predictor:
     return predictor if predictor.coefficients is not None else Predictor(1, (), first)
 
 
-def likely_sources(errors: NDArray[np.float64]) -> list[list[int]]:
-    """For each channel the earlier ones whose errors go with its own, at one of the taps."""
+def likely_sources(errors: NDArray[np.float64]) -> tuple[list[list[int]], float]:
+    """For each channel the earlier ones whose errors go with its own, at one of the taps; and the
+    bits that this would save if no two of them told the same."""
     size = errors.shape[1]
     energies = np.einsum("it,it->i", errors, errors) + 1
     scores = np.zeros((len(errors),) * 2)
@@ -61,11 +65,14 @@ def likely_sources(errors: NDArray[np.float64]) -> list[list[int]]:
         products = np.einsum("it,jt->ij", now, then)
         scores += products * products / np.multiply.outer(energies, energies)
     enough = max(LIKELY, CHANCE / size)
-    found = []
+    found, saved = [], 0.0
     for place in range(len(errors)):
         likely = [(-score, a) for a, score in enumerate(scores[place, :place]) if score > enough]
-        found.append(sorted(a for _, a in sorted(likely)[:REFERENCE_LIMIT]))
-    return found
+        best = sorted(likely)[:REFERENCE_LIMIT]
+        found.append(sorted(a for _, a in best))
+        told = min(-sum(score for score, _ in best), MOST_TOLD)
+        saved -= size / 2 * log2(1 - told)
+    return found, saved
 
 
 def choose_sources(
