@@ -19,7 +19,11 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-TESTS = ["tests/test_kernels.py", "tests/test_codecs_predicted.py"]
+TESTS = [
+    "tests/test_kernels.py",
+    "tests/test_codecs_predicted.py",
+    "tests/test_codecs_components.py",
+]
 FLAGS = [
     "-std=c99",
     "-ffp-contract=off",

@@ -22,7 +22,7 @@ typedef struct {
     const int64_t *cross; /* what other components say of each sample, or NULL */
 } plan;
 
-/* Coefficients, the oldest sample's first, after zeros that make their number a multiple of 4. Sums of
+/* Coefficients, the oldest sample's first, after zeros that make their number a multiple of 8. Sums of
    doubles are exact in any order where ``real`` says that they stay below 2^53. */
 typedef struct {
     double real_taps[ORDERS];
@@ -53,7 +53,7 @@ static void filter_init(filter *f, const plan *p)
 {
     int64_t sum = 0, largest = 2 * p->limit;
     memset(f, 0, sizeof *f);
-    f->width = (p->order + 3) & ~3;
+    f->width = (p->order + 7) & ~7;
     for (int j = 0; j < p->order; j++) {
         int64_t c = p->coefficients[j];
         f->taps[f->width - 1 - j] = c;
@@ -72,11 +72,12 @@ INLINE int64_t predict(const filter *f, const int64_t *next)
     return sum >> SHIFT;
 }
 
-INLINE int64_t predict_real(const filter *f, const double *next)
+/* ``width`` as in the filter, known to the compiler. */
+INLINE int64_t predict_real(const filter *f, const double *next, int width)
 {
     const double *c = f->real_taps;
-    int old = f->width - 4;
-    next -= f->width;
+    int old = width - 4;
+    next -= width;
     double sum = 1 << (SHIFT - 1);
 #ifdef VECTORS
     __m128d a = _mm_setzero_pd(), b = _mm_setzero_pd();
@@ -98,14 +99,14 @@ INLINE int64_t predict_real(const filter *f, const double *next)
 
 /* ---- decoding ---- */
 
-/* ``kind`` of the history: 0 none, 1 integers, 2 doubles. */
+/* ``kind`` of the history: 0 none, 1 integers, else doubles, so many of them. */
 INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int64_t *out, int kind,
                      int repeats, int raw_signs, int crossed)
 {
     int64_t sums[DIFFERENCES + 1] = {0}, history[ORDERS + RING];
     double real_history[ORDERS + RING];
     if (kind == 1) memset(history, 0, sizeof history);
-    if (kind == 2) memset(real_history, 0, sizeof real_history);
+    if (kind > 1) memset(real_history, 0, sizeof real_history);
     scale_state scales = FRESH_SCALES;
     int recent = 0, g = p->difference, now = ORDERS;
     int64_t base = p->base, limit = p->limit;
@@ -130,7 +131,7 @@ INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int6
             fresh = e;
             if (crossed) fresh += p->cross[t];
             if (kind == 1) fresh += predict(f, history + now);
-            if (kind == 2) fresh += predict_real(f, real_history + now);
+            if (kind > 1) fresh += predict_real(f, real_history + now, kind);
             sums[g] = fresh;
             for (int i = g - 1; i >= 0; i--) {
                 fresh += sums[i];
@@ -141,7 +142,7 @@ INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int6
         if (RARE(index > limit || index < -limit)) return BAD_INDEX;
         out[t] = index;
         if (kind == 1) history[now] = sums[g];
-        if (kind == 2) real_history[now] = (double)sums[g];
+        if (kind > 1) real_history[now] = (double)sums[g];
         if (kind && ++now == ORDERS + RING) {
             memcpy(history, history + RING, ORDERS * sizeof *history);
             memcpy(real_history, real_history + RING, ORDERS * sizeof *real_history);
@@ -152,10 +153,10 @@ INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int6
 }
 
 #define DECODE(kind)                                                                              \
-    p->repeats ? (p->raw_signs ? decode_as(d, m, p, f, out, kind, 1, 1, 0)                        \
-                               : decode_as(d, m, p, f, out, kind, 1, 0, 0))                       \
-               : (p->raw_signs ? decode_as(d, m, p, f, out, kind, 0, 1, 0)                        \
-                               : decode_as(d, m, p, f, out, kind, 0, 0, 0))
+    (p->repeats ? (p->raw_signs ? decode_as(d, m, p, f, out, kind, 1, 1, 0)                       \
+                                : decode_as(d, m, p, f, out, kind, 1, 0, 0))                      \
+                : (p->raw_signs ? decode_as(d, m, p, f, out, kind, 0, 1, 0)                       \
+                                : decode_as(d, m, p, f, out, kind, 0, 0, 0)))
 
 static int decode_plain(decoder *d, models *m, const plan *p, const filter *f, int64_t *out)
 {
@@ -164,7 +165,9 @@ static int decode_plain(decoder *d, models *m, const plan *p, const filter *f, i
 
 static int decode_real(decoder *d, models *m, const plan *p, const filter *f, int64_t *out)
 {
-    return DECODE(2);
+    if (f->width == 8) return DECODE(8);
+    if (f->width == 16) return DECODE(16);
+    return f->width == 24 ? DECODE(24) : DECODE(32);
 }
 
 static int decode_wide(decoder *d, models *m, const plan *p, const filter *f, int64_t *out)
@@ -174,7 +177,7 @@ static int decode_wide(decoder *d, models *m, const plan *p, const filter *f, in
 
 static int decode_crossed(decoder *d, models *m, const plan *p, const filter *f, int64_t *out)
 {
-    int kind = p->order ? 1 + f->real : 0;
+    int kind = !p->order ? 0 : f->real ? f->width : 1;
     return decode_as(d, m, p, f, out, kind, p->repeats, p->raw_signs, 1);
 }
 
