@@ -74,7 +74,7 @@ class TestTracks:
     def test_it_is_told(self):
         decisions = encode(Recording(channels(skin())), ARCHIVE).decisions
         assert decisions[0].reason == "lossless, track of 0-5"
-        assert decisions[1].reason == "lossless, track of 0-5, beside 0"
+        assert decisions[1].reason == "lossless, track of 0-5, from 0"
         assert [d.channel for d in decisions] == list(range(6))
 
     def test_the_settings_say_no(self):

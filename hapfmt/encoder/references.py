@@ -252,7 +252,7 @@ def encode_run(
 
 def told(sources: tuple[int, ...], first_channel: int) -> str:
     numbers = ", ".join(str(first_channel + a) for a in sources)
-    return f", beside {numbers}" if numbers else ""
+    return f", from {numbers}" if numbers else ""
 
 
 def packet_alone(unit: Unit, span: Span, indices: Indices) -> bytes:
