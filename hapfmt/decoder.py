@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .codecs import knots, quantised
+from .codecs.components import decode_predicted
 from .codecs.exact import ExactParameters, decode_counts, decode_exact
 from .codecs.knots import KnotParameters
 from .codecs.knots_coded import CodedKnotParameters, decode_coded_knots
-from .codecs.predicted import LpcParameters, decode_predicted
+from .codecs.predicted import LpcParameters
 from .codecs.quantised import QuanParameters
 from .codecs.raw import RawParameters, decode_raw
 from .container.cluster import Packet
@@ -52,10 +53,6 @@ class TrackDecoder:
             if track.codec == "QUAN":
                 return QuanParameters.parse(track.parameters, self.level, track.offset)
             if track.codec == "LPCR":
-                if len(track.components) != 1:
-                    raise FormatError(
-                        "LPCR with several components", requirement="LPC-001", offset=track.offset
-                    )
                 return LpcParameters.parse(track.parameters, self.level, track.offset)
             if track.codec == "KNTE":
                 return CodedKnotParameters.parse(track.parameters, self.level, track.offset)
@@ -120,7 +117,7 @@ class TrackDecoder:
                 )  # fmt: skip
             elif isinstance(parameters, LpcParameters):
                 numbers = decode_predicted(
-                    packet.data, parameters, packet.span, self.level, packet.offset
+                    packet.data, parameters, packet.span, size, self.level, packet.offset
                 )
             elif isinstance(parameters, CodedKnotParameters):
                 numbers = decode_coded_knots(

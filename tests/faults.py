@@ -14,6 +14,7 @@ import numpy as np
 import page
 
 from hapfmt.codecs import knots_coded
+from hapfmt.codecs.components import decode_predicted
 from hapfmt.codecs.exact import ExactParameters, decode_counts, decode_exact
 from hapfmt.codecs.huffman import parse_codebook
 from hapfmt.codecs.knots import KnotParameters, decode_knots
@@ -145,6 +146,14 @@ def corrected(length: int, bits: bytes, more: bytes = b"") -> bytes:
 
 def exact_track(**given: Any) -> bytes:
     return f.trak(f.tlv(1, f.lpcx_parameters()) + given.pop("tlvs", b""), codec=b"LPCX", **given)
+
+
+FIRST = b"\3\x10\0\0"
+"""The size of a first component, which is constant, and itself."""
+
+
+def several(data: bytes, count: int = 2) -> Callable[[], Any]:
+    return lambda: decode_predicted(data, LpcParameters(), 1, count, ONE, AT)
 
 
 def deflated(data: bytes) -> bytes:
@@ -429,9 +438,10 @@ FAULTS = [
     Fault("COD-002", 100, "LPCR cut short", grid(b"")),
     Fault("COD-002", 100, "LPCR too long", grid(f.lpcr_parameters() + b"\0")),
     Fault("CNV-002", 102, "LPCR without zero", grid(b"\0\1")),
-    Fault("LPC-001", TRACK_AT + 32, "LPCR of a vector", judged(f.closed(
-        HEAD, ("TRAK", f.trak(f.tlv(1, f.lpcr_parameters()), component_count=2, codec=b"LPCR"),
-               {"track": 0}), DATA))),
+    Fault("LPC-001", 100, "components larger than the packet", several(b"\3\x10\0")),
+    Fault("LPC-006", 101, "a component of no bytes", several(b"\0\x10\0\0")),
+    Fault("LPC-006", 104, "no second component", several(b"\3\x10\0\0")),
+    Fault("CNV-002", 100, "no sizes", several(b"")),
     Fault("LPC-002", 100, "grid 2", grid(f.lpcr_parameters(2))),
     Fault("LPC-002", 100, "step 0", grid(f.lpcr_parameters(step=0))),
     Fault("LPC-002", 100, "zero of 2^31", grid(f.lpcr_parameters(zero=2**31))),
@@ -448,7 +458,8 @@ FAULTS = [
     Fault("LPC-004", 100, "difference 2, order 1", predicted(b"\2\1\0\0")),
     Fault("LPC-004", 100, "order 33", predicted(b"\0\x21" + bytes(34))),
     Fault("LPC-004", 100, "k = -128", predicted(b"\0\1\x80\0")),
-    Fault("LPC-004", 100, "flag bit 6", predicted(b"\x40\0\0")),
+    Fault("LPC-004", 100, "flag bit 7", predicted(b"\x80\0\0")),
+    Fault("LPC-004", 104, "constant with references", several(FIRST + b"\x50\0\1\0\0\0\0\0")),
     Fault("LPC-004", 100, "constant with raw signs", predicted(b"\x30\0\0")),
     Fault("LPC-004", 100, "constant with repeats", predicted(b"\x18\0\0")),
     Fault("LPC-004", 100, "constant with order 1", predicted(b"\x10\1\0\0")),
@@ -456,6 +467,15 @@ FAULTS = [
     Fault("LPC-005", 102, "c above 2^21", predicted(b"\0\x0b" + b"\x81" * 11 + b"\0")),
     Fault("LPC-006", 100, "no flags", predicted(b"")),
     Fault("LPC-006", 100, "coefficients cut short", predicted(b"\0\1")),
+    Fault("LPC-007", 102, "a reference to itself", predicted(b"\x40\0\1\0\0\0\0")),
+    Fault("LPC-007", 106, "a reference ahead", several(FIRST + b"\x40\0\1\1\0\0\0")),
+    Fault("LPC-007", 106, "no references", several(FIRST + b"\x40\0\0")),
+    Fault("LPC-007", 106, "the same twice", several(FIRST + b"\x40\0\2" + bytes(8))),
+    Fault("LPC-007", 138, "nine references", several(
+        b"\3" * 9 + b"\x10\0\0" * 9 + b"\x40\0\x09" + b"".join(
+            bytes([a, 0, 0, 0]) for a in range(9)), 10)),
+    Fault("LPC-008", 106, "no number of references", several(FIRST + b"\x40\0")),
+    Fault("LPC-008", 106, "references cut short", several(FIRST + b"\x40\0\1\0\0\0")),
     # 9.7
     Fault("COD-002", 100, "LPCX cut short", described(b"")),
     Fault("COD-002", 100, "LPCX too long", described(f.lpcx_parameters() + b"\0")),

@@ -216,19 +216,37 @@ def step_up(ks: list[int]) -> list[int]:
     return c
 
 
-def code_samples(coder, span, g, c, base, repeats, raw_signs, last, indices=None):
+def difference(row, order, t):
+    """(D^order row)[t]"""
+    if t < 0:
+        return 0
+    if order == 0:
+        return row[t]
+    return difference(row, order - 1, t) - difference(row, order - 1, t - 1)
+
+
+def prediction(c, y, t):
+    return (sum(c[j - 1] * y[t - j] for j in range(1, min(len(c), t) + 1)) + 4096) // 8192
+
+
+def cross_terms(references, components, span, g, c):
+    """x[0] to x[span - 1]; references: (a, w[-1], w[0], w[1])"""
+    sums = [0] * span
+    for a, *w in references:
+        index = components[a]
+        z = [i - index[0] for i in index]
+        y = [difference(z, g, t) for t in range(span)]
+        d = [0, *(y[t] - prediction(c, y, t) for t in range(span)), 0]
+        for t in range(span):
+            sums[t] += w[0] * d[t] + w[1] * d[t + 1] + w[2] * d[t + 2]
+    return [rdiv(n, 64) for n in sums]
+
+
+def code_samples(coder, span, g, c, base, repeats, raw_signs, last, indices=None, x=None):
     """The loop over the ticks of a packet that is not constant; the indices."""
     model, q = Integers(raw_signs), [Bit() for _ in range(4)]
     out, z, y, r = [], [], [], []
-
-    def difference(row, order, t):
-        """(D^order row)[t]"""
-        if t < 0:
-            return 0
-        if order == 0:
-            return row[t]
-        return difference(row, order - 1, t) - difference(row, order - 1, t - 1)
-
+    x = x or [0] * span
     for t in range(span):
         bit = 0
         if repeats and t >= 1:
@@ -240,13 +258,13 @@ def code_samples(coder, span, g, c, base, repeats, raw_signs, last, indices=None
         if bit:
             z.append(z[-1])
         else:
-            pred = (sum(c[j - 1] * y[t - j] for j in range(1, min(len(c), t) + 1)) + 4096) // 8192
+            pred = prediction(c, y, t)
             e = None
             if indices is not None:
                 z.append(indices[t] - base)
-                e = difference(z, g, t) - pred
+                e = difference(z, g, t) - pred - x[t]
                 z.pop()
-            now = pred + model.code(coder, e)
+            now = pred + x[t] + model.code(coder, e)
             # y[t] is the g-th difference of z: solve for z[t].
             z.append(0)
             z[t] = now - difference(z, g, t)
@@ -290,18 +308,47 @@ def svarint_bytes(v: int) -> bytes:
     return varint_bytes(2 * v if v >= 0 else -2 * v - 1)
 
 
-def decode(data: bytes, span: int, last: int) -> list[int]:
-    """The indices of a packet, ``last`` being the largest magnitude of one (LPC-003)."""
+def decode_packet(data: bytes, span: int, last: int, count: int) -> list[list[int]]:
+    """The indices of ``count`` components."""
+    sizes, at = [], 0
+    for _ in range(count - 1):
+        size, at = varint(data, at)
+        sizes.append(size)
+    if sum(sizes) > len(data) - at:
+        raise BrokenRule("LPC-001")
+    out: list[list[int]] = []
+    for size in [*sizes, len(data) - at - sum(sizes)]:
+        out.append(decode(data[at : at + size], span, last, out))
+        at += size
+    return out
+
+
+def decode(data: bytes, span: int, last: int, components=()) -> list[int]:
+    """The indices of a component packet, ``last`` being the largest magnitude of one (LPC-003),
+    and ``components`` those before it."""
     if len(data) < 2 or len(data) < 2 + data[1]:
         raise BrokenRule("LPC-006")
     flags, m = data[:2]
     g, repeats, constant, raw_signs = flags % 8, flags // 8 % 2, flags // 16 % 2, flags // 32 % 2
+    refers = flags // 64
     ks = [byte - 256 * (byte > 127) for byte in data[2 : 2 + m]]
-    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks or flags >= 64:
+    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks or flags >= 128:
         raise BrokenRule("LPC-004")
-    if constant and (g or m or repeats or raw_signs):
+    if constant and (g or m or repeats or raw_signs or refers):
         raise BrokenRule("LPC-004")
-    number, at = varint(data, 2 + m)
+    at, references = 2 + m, []
+    if refers:
+        r = data[at] if at < len(data) else 0
+        if at + 1 + 4 * r > len(data):
+            raise BrokenRule("LPC-008")
+        for k in range(r):
+            a, *w = data[at + 1 + 4 * k : at + 5 + 4 * k]
+            references.append((a, *(byte - 256 * (byte > 127) for byte in w)))
+        numbers = [a for a, *_ in references]
+        if not 1 <= r <= 8 or numbers != sorted({*numbers}) or numbers[-1] >= len(components):
+            raise BrokenRule("LPC-007")
+        at += 1 + 4 * r
+    number, at = varint(data, at)
     base = signed(number)
     if abs(base) > last:
         raise BrokenRule("LPC-003")
@@ -311,21 +358,35 @@ def decode(data: bytes, span: int, last: int) -> list[int]:
             raise BrokenRule("COD-001")
         return [base] * span
     coder = Range(coded)
-    out = code_samples(coder, span, g, step_up(ks), base, repeats, raw_signs, last)
+    c = step_up(ks)
+    x = cross_terms(references, components, span, g, c)
+    out = code_samples(coder, span, g, c, base, repeats, raw_signs, last, None, x)
     coder.finish()
     return out
 
 
-def encode(indices, g=0, ks=(), base=0, repeats=False, raw_signs=False, *, last=2**32, forge=False):
-    """A packet that is not constant; ``forge``: it may end with what breaks a rule."""
-    coder = Range()
+def encode(
+    indices, g=0, ks=(), base=0, repeats=False, raw_signs=False, references=(), components=(), *,
+    last=2**32, forge=False,
+):  # fmt: skip
+    """A component packet that is not constant; ``forge``: it may end with what breaks a rule."""
+    coder, c = Range(), step_up(ks)
+    x = cross_terms(references, components, len(indices), g, c)
     try:
-        code_samples(coder, len(indices), g, step_up(ks), base, repeats, raw_signs, last, indices)
+        code_samples(coder, len(indices), g, c, base, repeats, raw_signs, last, indices, x)
     except BrokenRule:
         if not forge:
             raise
-    header = bytes([g + 8 * repeats + 32 * raw_signs, len(ks)]) + bytes(k % 256 for k in ks)
+    header = bytes([g + 8 * repeats + 32 * raw_signs + 64 * bool(references), len(ks)])
+    header += bytes(k % 256 for k in ks)
+    if references:
+        header += bytes([len(references)])
+        header += b"".join(bytes(byte % 256 for byte in each) for each in references)
     return header + svarint_bytes(base) + coder.finish()
+
+
+def encode_packet(parts: list[bytes]) -> bytes:
+    return b"".join([varint_bytes(len(part)) for part in parts[:-1]] + parts)
 
 
 def tolerance(c: int, kn: int, kd: int, step: int) -> int:

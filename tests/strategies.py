@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 from hypothesis import strategies as st
 
+from hapfmt.codecs.components import encode_component, join_components
 from hapfmt.codecs.exact import ExactParameters, encode_exact
 from hapfmt.codecs.huffman import code_lengths
 from hapfmt.codecs.knots import KnotParameters, build_knots
@@ -20,6 +22,7 @@ from hapfmt.codecs.predicted import (
 )
 from hapfmt.codecs.quantised import Alphabet, QuanParameters, encode_quantised
 from hapfmt.codecs.raw import DTYPES, RawParameters, encode_raw
+from hapfmt.codecs.references import Reference
 from hapfmt.container.cluster import Packet
 from hapfmt.container.track import WORD_SIZES, Affine, Component, Contract, Track
 from hapfmt.container.wire import ChunkHeader, Head
@@ -266,6 +269,38 @@ def predictors(draw, index_limit=INDEX_LIMIT):
 
 
 @st.composite
+def references(draw, place):
+    """Of the component at ``place``; none for the first."""
+    earlier = draw(st.sets(st.integers(0, place - 1), max_size=8)) if place else ()
+    weights = st.sampled_from([0, 64, -64, 127, -128]) | st.integers(-128, 127)
+    return tuple(
+        Reference(a, (draw(weights), draw(weights), draw(weights))) for a in sorted(earlier)
+    )
+
+
+@st.composite
+def component_rows(draw, index_limit=INDEX_LIMIT, count=None):
+    """(indices, predictor with its references) of each component of a packet."""
+    count = count or draw(st.sampled_from([2, 2, 3, 10]))
+    first = draw(index_arrays(index_limit))
+    rows, seed = [first], draw(st.integers(0, 2**32))
+    for place in range(1, count):
+        kind = draw(st.sampled_from(["like it", "shifted", "constant", "noise"]))
+        noise = np.random.default_rng(seed + place).integers(-3, 4, first.size)
+        row = {
+            "like it": first * draw(st.sampled_from([1, -1, 2])) + noise,
+            "shifted": np.roll(first, draw(st.sampled_from([1, -1]))),
+            "constant": np.full(first.size, int(first[0])),
+            "noise": noise,
+        }[kind]
+        rows.append(row.clip(-index_limit, index_limit))
+    return [
+        (row, replace(draw(predictors(index_limit)), references=draw(references(place))))
+        for place, row in enumerate(rows)
+    ]
+
+
+@st.composite
 def index_arrays(draw, index_limit=INDEX_LIMIT):
     """Silence, noise, walks, steps and extremes; runs of the same."""
     size = draw(st.sampled_from([1, 2, 3, 70, 200]) | st.integers(1, 60))
@@ -356,6 +391,18 @@ def raw_arrays(draw):
     return kind, size, array.reshape(ticks, width)
 
 
+def component_packet(rows):
+    """A packet of (indices, predictor); without references where an error is too large for them."""
+    made, earlier = [], []
+    for indices, predictor in rows:
+        try:
+            made.append(encode_component(indices, predictor, earlier))
+        except ValueError:
+            made.append(encode_component(indices, Predictor(), earlier))
+        earlier.append(indices)
+    return join_components(made)
+
+
 @st.composite
 def packets(draw, track_id=0):
     """(track, packets in order of time, the counts or words of each) at level 1."""
@@ -381,9 +428,9 @@ def packets(draw, track_id=0):
     elif kind == "LPCR":
         number_format, parameters = "counts", draw(lpc_parameters(level))
         limit = parameters.index_limit(level.count_bound)
-        indices = draw(index_arrays(limit))
-        data = encode_indices(indices, Predictor())
-        arrays = [(data, len(indices), parameters.counts(indices, level.count_bound)[:, None])]
+        rows = draw(component_rows(limit, draw(st.sampled_from([1, 1, 2]))))
+        columns = [parameters.counts(row, level.count_bound) for row, _ in rows]
+        arrays = [(component_packet(rows), len(columns[0]), np.stack(columns, axis=1))]
     elif kind == "LPCX":
         number_format, parameters = "counts", ExactParameters(draw(st.integers(0, 2)))
         counts = draw(index_arrays((1 << 23) - 1))

@@ -245,6 +245,24 @@ def test_channels_become_the_axes_of_a_vector(tmp_path: Path) -> None:
     assert run("encode", "v.npz", "w.hapf", "--vector", "b,nobody", cwd=tmp_path).returncode == 1
 
 
+def test_channels_that_resemble_each_other(tmp_path: Path) -> None:
+    load = np.random.default_rng(1).integers(-40, 41, 900).cumsum()
+    x = np.stack([load, load // 2, load // 3]).astype(float)
+    np.savez(tmp_path / "s.npz", x=x, rate_hz=1000.0, channel_names=list("abc"))
+    _, both = run_json("encode", "s.npz", "s.hapf", "--preset", "archive", cwd=tmp_path)
+    assert [c["reason"] for c in both["channels"]] == [
+        "lossless, track of 0-2",
+        "lossless, track of 0-2, from 0",
+        "lossless, track of 0-2, from 0",
+    ]
+    options = ("--preset", "archive", "--no-references")
+    _, alone = run_json("encode", "s.npz", "t.hapf", *options, cwd=tmp_path)
+    assert {c["reason"] for c in alone["channels"]} == {"lossless"}
+    assert both["file_size"] < alone["file_size"]
+    done = run("verify", "s.hapf", "--against", "s.npz", cwd=tmp_path)
+    assert (done.returncode, "intact" in done.stdout.decode()) == (0, True)
+
+
 def test_demo(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     code, told = run_json(

@@ -6,7 +6,6 @@ import contextlib
 import hashlib
 import re
 from dataclasses import astuple
-from fractions import Fraction
 from math import pi, sin
 
 import numpy as np
@@ -17,18 +16,17 @@ from forge import svarint
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hapfmt.codecs.components import decode_predicted
 from hapfmt.codecs.predicted import (
     INDEX_LIMIT,
     LpcParameters,
     Predictor,
     deadband_levels,
     decode_indices,
-    decode_predicted,
     encode_indices,
 )
 from hapfmt.codecs.sine import SINES
 from hapfmt.container.cluster import Packet
-from hapfmt.container.track import Component, Track
 from hapfmt.deadband import Deadband
 from hapfmt.decoder import TrackDecoder
 from hapfmt.encoder.predict import encode_best
@@ -78,13 +76,6 @@ class TestParameters:
         with contextlib.suppress(FormatError):
             assert LpcParameters.parse(data, TWO, 0).build() == data
 
-    def test_one_component_only(self):
-        """LPC-001: `component_count` MUST be 1."""
-        track = Track(id=0, kind="full", codec="LPCR", rate=Fraction(1), first_channel=0,
-                      components=(Component(),) * 2, parameters=LpcParameters().build())  # fmt: skip
-        with pytest.raises(FormatError, match="LPC-001"):
-            TrackDecoder(track, ONE)
-
 
 class TestPackets:
     @given(cases)
@@ -98,11 +89,11 @@ class TestPackets:
     def test_as_the_page_says(self, case):
         """
         LPC-004: g MUST be at most 4, at most 1 where m > 0; m at most 32; k[i] at least -127; undefined flags 0; and of a constant packet g, m and the other flags 0.
-        LPC-006: A packet MUST hold at least `flags`, `m` and m coefficients.
+        LPC-006: A component packet MUST hold at least `flags`, `m` and m coefficients.
         """
         indices, predictor = case
         row = indices[:60].tolist()
-        given = astuple(predictor)
+        given = astuple(predictor)[:5]
         try:
             expected = page.encode(row, *given)
         except page.BrokenRule as rule:
@@ -273,12 +264,12 @@ class TestDeadbandGrid:
         grid = LpcParameters(3, -5, *ratio)
         last = grid.index_limit(level.count_bound)
         data = bytes([16, 0]) + svarint(last)
-        assert decode_predicted(data, grid, 1, level, 0)[0, 0] == grid.counts(
+        assert decode_predicted(data, grid, 1, 1, level, 0)[0, 0] == grid.counts(
             np.array([last]), level.count_bound
         )
         data = encode_indices(np.array([last + 1, last + 1]), Predictor())
         with pytest.raises(FormatError, match="LPC-003"):
-            decode_predicted(data, grid, 2, level, 0)
+            decode_predicted(data, grid, 2, 1, level, 0)
 
 
 @given(strategies.levels, st.sampled_from([1, 2, 7, 2**24]), st.integers(-9, 9), st.data())
@@ -287,12 +278,12 @@ def test_uniform_counts(level, step, zero, data):
     limit = level.count_bound // step
     indices = data.draw(strategies.index_arrays(limit))
     packet = encode_indices(indices, Predictor())
-    counts = decode_predicted(packet, grid, indices.size, level, 0)
+    counts = decode_predicted(packet, grid, indices.size, 1, level, 0)
     assert (counts.shape, counts.dtype) == ((indices.size, 1), np.int64)
     assert counts[:, 0].tolist() == [zero + i * step for i in indices.tolist()]
     beyond = page.encode([0, limit + 1], last=2 * limit)
     with pytest.raises(FormatError, match="LPC-003"):
-        decode_predicted(beyond, grid, 2, level, 0)
+        decode_predicted(beyond, grid, 2, 1, level, 0)
 
 
 @given(strategies.packets().filter(lambda case: case[0].codec == "LPCR"), st.binary(max_size=9))

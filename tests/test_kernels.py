@@ -202,6 +202,7 @@ ARGUMENTS = {
     "raw_signs": False,
     "base": 0,
     "limit": 9,
+    "cross": b"",
     "indices": np.zeros(4, np.int64),
 }
 

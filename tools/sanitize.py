@@ -26,6 +26,7 @@ TESTS = [
     "tests/test_codecs_knots.py",
     "tests/test_codecs_quantised.py",
     "tests/test_tube.py",
+    "tests/test_codecs_components.py",
 ]
 FLAGS = [
     "-std=c99",

@@ -96,6 +96,12 @@ ORIGINAL_BITS = 64
     help="Channels that are the axes of one vector, by label or number: one deadband on their "
     "norm, one knot clock. May be given several times.",
 )
+@click.option(
+    "--references/--no-references",
+    default=None,
+    help="Presets archive and near-lossless: channels that resemble each other may share a track "
+    "and be predicted from each other; a lost packet then takes all of them along [on].",
+)
 @click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track.")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
 @click.option("--from", "format_", help="Format of the input, for a pipe: npz npy csv wav hapf.")

@@ -15,7 +15,8 @@ from ..integers import build_varint, parse_varint
 from ..kernels import compiled
 from ..limits import Level
 from .adaptive import BitModel, RangeDecoder, RangeEncoder
-from .predicted import LpcParameters, decode_predicted
+from .components import decode_predicted
+from .predicted import LpcParameters
 from .values import Counts, Doubles, digits_fit, ordered, spread_of, unordered, values_of
 
 RECALL, RELATIVE = 1, 2
@@ -76,7 +77,7 @@ def split_packet(data: bytes, offset: int) -> tuple[bytes, bytes, int]:
 def decode_counts(data: bytes, span: int, level: Level, offset: int) -> Counts:
     """The counts [span] alone: the exact values are not looked at."""
     coded, _, stop = split_packet(data, offset)
-    return decode_predicted(coded, LpcParameters(), span, level, stop - len(coded))[:, 0]
+    return decode_predicted(coded, LpcParameters(), span, 1, level, stop - len(coded))[:, 0]
 
 
 def decode_exact(

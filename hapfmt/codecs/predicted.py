@@ -14,11 +14,12 @@ from ..integers import build_svarint, build_varint, parse_svarint, parse_varint,
 from ..kernels import compiled
 from ..limits import Level
 from .adaptive import OUT_OF_RANGE, BitModel, IntegerModel, RangeDecoder, RangeEncoder
+from .references import Reference, build_references, parse_references
 from .sine import SINES
 
 UNIFORM, DEADBAND = 0, 1
 ORDER_LIMIT, DIFFERENCE_LIMIT = 32, 4
-REPEATS, CONSTANT, RAW_SIGNS = 8, 16, 32
+REPEATS, CONSTANT, RAW_SIGNS, REFERENCES = 8, 16, 32, 64
 STEP_UP_LIMIT = 1 << 36
 COEFFICIENT_LIMIT = 1 << 21
 SHIFT = 13
@@ -128,18 +129,21 @@ def deadband_levels(grid: LpcParameters, bound: int) -> tuple[NDArray[np.int64],
 
 @dataclass(frozen=True)
 class Predictor:
-    """The header of a packet: difference order, reflection coefficients, base, and how unchanged
-    samples and signs are coded."""
+    """The header of a component packet: difference order, reflection coefficients, base, how
+    unchanged samples and signs are coded, and the components before it that it refers to."""
 
     difference: int = 0
     reflections: tuple[int, ...] = ()
     base: int = 0
     repeats: bool = False
     raw_signs: bool = False
+    references: tuple[Reference, ...] = ()
 
     def build(self) -> bytes:
         flags = self.difference | self.repeats * REPEATS | self.raw_signs * RAW_SIGNS
         ks = bytes(k & 0xFF for k in self.reflections)
+        if self.references:
+            flags, ks = flags | REFERENCES, ks + build_references(self.references)
         return bytes([flags, len(self.reflections)]) + ks + build_svarint(self.base)
 
     @cached_property
@@ -164,8 +168,9 @@ def step_up(reflections: Sequence[int]) -> list[int] | None:
     return c if max(map(abs, c), default=0) <= COEFFICIENT_LIMIT else None
 
 
-def parse_header(data: bytes, offset: int) -> tuple[Predictor, bool, int]:
-    """The header, whether the packet is constant, and where the coded bits begin."""
+def parse_header(data: bytes, offset: int, place: int = 0) -> tuple[Predictor, bool, int]:
+    """The header of the component at ``place``, whether it is constant, and where the coded bits
+    begin."""
     if len(data) < 2 or len(data) < 2 + data[1]:
         raise TruncatedError(
             "the packet ends within its header", requirement="LPC-006", offset=offset
@@ -174,7 +179,7 @@ def parse_header(data: bytes, offset: int) -> tuple[Predictor, bool, int]:
     difference, constant = flags & 7, bool(flags & CONSTANT)
     ks = tuple(byte - 256 if byte > 127 else byte for byte in data[2 : 2 + order])
     wrong = (
-        flags & ~(7 | REPEATS | CONSTANT | RAW_SIGNS)
+        flags & ~(7 | REPEATS | CONSTANT | RAW_SIGNS | REFERENCES)
         or difference > (1 if order else DIFFERENCE_LIMIT)
         or order > ORDER_LIMIT
         or -128 in ks
@@ -182,13 +187,19 @@ def parse_header(data: bytes, offset: int) -> tuple[Predictor, bool, int]:
     )
     if wrong:
         raise FormatError("a predictor that is not defined", requirement="LPC-004", offset=offset)
-    base, position = parse_svarint(data, 2 + order, offset)
-    predictor = Predictor(difference, ks, base, bool(flags & REPEATS), bool(flags & RAW_SIGNS))
-    return predictor, constant, position
+    references: tuple[Reference, ...] = ()
+    position = 2 + order
+    if flags & REFERENCES:
+        references, position = parse_references(data, position, place, offset)
+    base, position = parse_svarint(data, position, offset)
+    ways = bool(flags & REPEATS), bool(flags & RAW_SIGNS)
+    return Predictor(difference, ks, base, *ways, references), constant, position
 
 
-def encode_indices(indices: NDArray[np.int64], predictor: Predictor) -> bytes:
-    """The packet; a constant one where all indices are the same.
+def encode_indices(
+    indices: NDArray[np.int64], predictor: Predictor, cross: NDArray[np.int64] | None = None
+) -> bytes:
+    """The packet; a constant one where all indices are the same. ``cross``: x of SPEC 9.5.
 
     ValueError where an index is beyond 2**32, or a prediction error needs 34 bits and more.
     """
@@ -200,31 +211,43 @@ def encode_indices(indices: NDArray[np.int64], predictor: Predictor) -> bytes:
     if c is None:
         raise ValueError("a predictor out of range")
     if compiled is not None:
-        return predictor.build() + encode_compiled(indices, predictor, c)
-    return predictor.build() + encode_coded(indices, predictor, c)
+        return predictor.build() + encode_compiled(indices, predictor, c, cross)
+    return predictor.build() + encode_coded(indices, predictor, c, cross)
 
 
-def encode_compiled(indices: NDArray[np.int64], predictor: Predictor, c: list[int]) -> bytes:
+def encode_compiled(
+    indices: NDArray[np.int64],
+    predictor: Predictor,
+    c: list[int],
+    cross: NDArray[np.int64] | None,
+) -> bytes:
     """``encode_coded``, in C; a packet that does not fit its buffer is written once more."""
     assert compiled is not None
     size, status = 2 * indices.size + 64, NO_ROOM
     plain = np.ascontiguousarray(indices, np.int64)
+    beside = b"" if cross is None else cross
     while status == NO_ROOM:
         out = bytearray(size)
         status, size = compiled.lpcr_encode(
             out, np.array(c, np.int32), predictor.difference, predictor.repeats,
-            predictor.raw_signs, predictor.base, INDEX_LIMIT, plain,
+            predictor.raw_signs, predictor.base, INDEX_LIMIT, beside, plain,
         )  # fmt: skip
     if status:
         raise ValueError(OUT_OF_RANGE)
     return bytes(out[:size])
 
 
-def encode_coded(indices: NDArray[np.int64], predictor: Predictor, c: list[int]) -> bytes:
+def encode_coded(
+    indices: NDArray[np.int64],
+    predictor: Predictor,
+    c: list[int],
+    cross: NDArray[np.int64] | None,
+) -> bytes:
     """The coded bits, in the order of the SPEC; kernels/ has the same in C."""
     coder, model = RangeEncoder(), IntegerModel(raw_signs=predictor.raw_signs)
     repeats = [BitModel() for _ in range(4)]
     y = differences(indices - predictor.base, predictor.difference).tolist()
+    beside = [0] * len(y) if cross is None else cross.tolist()
     history = [0] * len(c)
     recent = 0
     previous = None
@@ -234,7 +257,7 @@ def encode_coded(indices: NDArray[np.int64], predictor: Predictor, c: list[int])
             coder.bit(int(same), repeats[recent])
             recent = 2 * same + (recent >> 1)
         if not (predictor.repeats and t and same):
-            model.encode(coder, y[t] - predict(c, history))
+            model.encode(coder, y[t] - predict(c, history) - beside[t])
         if c:
             history = [y[t], *history[:-1]]
         previous = index
@@ -255,6 +278,20 @@ def predict(c: list[int], history: list[int]) -> int:
 def decode_indices(data: bytes, span: int, limit: int, offset: int) -> NDArray[np.int64]:
     """Indices [span], each of a magnitude of at most ``limit``."""
     predictor, constant, position = parse_header(data, offset)
+    return decode_body(data, predictor, constant, position, span, limit, offset, None)
+
+
+def decode_body(
+    data: bytes,
+    predictor: Predictor,
+    constant: bool,
+    position: int,
+    span: int,
+    limit: int,
+    offset: int,
+    cross: NDArray[np.int64] | None,
+) -> NDArray[np.int64]:
+    """What follows the header, from ``position`` on; ``cross``: x of SPEC 9.5."""
     check_index(predictor.base, limit, offset)
     if constant:
         if position != len(data):
@@ -267,19 +304,25 @@ def decode_indices(data: bytes, span: int, limit: int, offset: int) -> NDArray[n
         raise FormatError("predictor out of range", requirement="LPC-005", offset=offset + 2)
     coded, at = data[position:], offset + position
     if compiled is not None:
-        return decode_compiled(coded, predictor, c, span, limit, at)
-    return np.array(decode_coded(coded, predictor, c, span, limit, at), np.int64)
+        return decode_compiled(coded, predictor, c, span, limit, at, cross)
+    return np.array(decode_coded(coded, predictor, c, span, limit, at, cross), np.int64)
 
 
 def decode_compiled(
-    data: bytes, predictor: Predictor, c: list[int], span: int, limit: int, offset: int
+    data: bytes,
+    predictor: Predictor,
+    c: list[int],
+    span: int,
+    limit: int,
+    offset: int,
+    cross: NDArray[np.int64] | None,
 ) -> NDArray[np.int64]:
     """``decode_coded``, in C."""
     assert compiled is not None
     out = np.empty(span, np.int64)
     status, taken = compiled.lpcr_decode(
         data, np.array(c, np.int32), predictor.difference, predictor.repeats,
-        predictor.raw_signs, predictor.base, limit, out,
+        predictor.raw_signs, predictor.base, limit, b"" if cross is None else cross, out,
     )  # fmt: skip
     if status:
         requirement, message = STATUS[status]
@@ -289,7 +332,13 @@ def decode_compiled(
 
 
 def decode_coded(
-    data: bytes, predictor: Predictor, c: list[int], span: int, limit: int, offset: int
+    data: bytes,
+    predictor: Predictor,
+    c: list[int],
+    span: int,
+    limit: int,
+    offset: int,
+    cross: NDArray[np.int64] | None,
 ) -> list[int]:
     """The readable loop; kernels/ has the same in C."""
     coder = RangeDecoder(data, offset)
@@ -299,6 +348,7 @@ def decode_coded(
     sums = [0] * (predictor.difference + 1)
     history = [0] * len(c)
     indices: list[int] = []
+    beside = [0] * span if cross is None else cross.tolist()
     recent = 0
     for t in range(span):
         same = 0
@@ -310,7 +360,7 @@ def decode_coded(
             for before in sums[:-1]:
                 new.append(new[-1] - before)
         else:
-            y = predict(c, history) + model.decode(coder)
+            y = predict(c, history) + beside[t] + model.decode(coder)
             new = [0] * len(sums)
             new[-1] = y
             for i in range(len(sums) - 2, -1, -1):
@@ -327,12 +377,3 @@ def decode_coded(
 def check_index(index: int, limit: int, offset: int) -> None:
     if abs(index) > limit:
         raise FormatError("index beyond the grid", requirement="LPC-003", offset=offset)
-
-
-def decode_predicted(
-    data: bytes, parameters: LpcParameters, span: int, level: Level, offset: int
-) -> NDArray[np.int64]:
-    """The packet ``data``, which stands at ``offset``, as counts [span, 1]."""
-    limit = parameters.index_limit(level.count_bound)
-    indices = decode_indices(data, span, limit, offset)
-    return parameters.counts(indices, level.count_bound)[:, None]

@@ -22,6 +22,7 @@ from .exact import encode_doubles
 from .groups import group_units
 from .lattice import sparse, to_counts
 from .packed import Coded
+from .references import SAVED, Links, encode_run, find_runs, step_of
 from .settings import Settings
 from .source import Source, cut, side_by_side
 from .unit import ENCODE_LEVEL, Unit, encode_counts
@@ -94,23 +95,38 @@ def encode(
     cluster = settings.cluster_of(recording)
     units: list[Unit] = []
     decisions: list[Decision] = []
-    groups = group_units(
-        [channel for channel, _ in prepared],
-        originals,
-        required=settings.vectors == "required",
-        apart=settings.preset in ("archive", "near-lossless")
-        or (settings.preset == "auto" and settings.vectors != "required"),
+    groups = list(
+        group_units(
+            [channel for channel, _ in prepared],
+            originals,
+            required=settings.vectors == "required",
+            apart=settings.preset in ("archive", "near-lossless")
+            or (settings.preset == "auto" and settings.vectors != "required"),
+        )
     )
-    for members in groups:
-        first = len(decisions)
-        plan = plan_unit(plans[first : first + len(members)], settings)
-        unit = encode_unit(members, originals[first], first, plan, cluster)
-        units.append(unit)
-        decisions += decide(unit, members, [why for _, why in prepared[len(decisions) :]])
-        if progress:
-            progress(len(decisions), len(prepared))
+    job = Job(settings, originals, plans, cluster)
+    for run, links in find_runs(groups, [step_of(members, settings) for members in groups]):
+        for unit, members in encode_members(run, links, len(decisions), job):
+            units.append(unit)
+            decisions += decide(unit, members, [why for _, why in prepared[len(decisions) :]])
+            if progress:
+                progress(len(decisions), len(prepared))
     tracks, packets = number_tracks(units)
     return Encoded(tracks, packets, decisions, choose_level(tracks))
+
+
+@dataclass(frozen=True)
+class Job:
+    """What was asked, the channels as they were recorded, and the plan of each."""
+
+    settings: Settings
+    originals: list[Channel]
+    plans: list[Plan]
+    cluster: Fraction
+
+    def unit(self, members: list[Channel], first: int) -> Unit:
+        plan = plan_unit(self.plans[first : first + len(members)], self.settings)
+        return encode_unit(members, self.originals[first], first, plan, self.cluster)
 
 
 def as_recorded(channel: Channel) -> Channel:
@@ -120,23 +136,40 @@ def as_recorded(channel: Channel) -> Channel:
     return replace(channel, values=channel.exact, exact=None, calibration=None)
 
 
+def encode_members(
+    members: list[Channel], links: Links, first: int, job: Job
+) -> Iterator[tuple[Unit, list[Channel]]]:
+    """Units and their channels: together, or apart where links do not make them smaller."""
+    if not links:
+        yield job.unit(members, first), members
+        return
+    apart = [job.unit([channel], first + place) for place, channel in enumerate(members)]
+    joint = encode_run(members, first, job.settings, job.cluster, links, apart)
+    if joint and joint.size < (1 - SAVED) * sum(unit.size for unit in apart):
+        yield joint, members
+    else:
+        yield from ((unit, [channel]) for unit, channel in zip(apart, members, strict=True))
+
+
 def decide(unit: Unit, members: list[Channel], lattices: list[str]) -> Iterator[Decision]:
-    """What is told of each channel of a unit; its bytes in equal parts."""
+    """What is told of each channel of a unit; the bytes of a vector in equal parts."""
     last = (unit.residual or unit.base).track
     contract = last.contract
     within = unit.exact or bool(contract and contract.guaranteed)
+    shares = unit.parts or [(unit.reason, unit.size // len(members))] * len(members)
     for place, (channel, lattice) in enumerate(zip(members, lattices, strict=False)):
+        reason, size = shares[place]
         yield Decision(
             channel=unit.base.track.first_channel + place,
             label=channel.label,
             sample_count=int(channel.values.size),
-            axis_count=len(members),
+            axis_count=1 if unit.parts else len(members),
             chosen=unit.chosen,
-            reason=unit.reason,
+            reason=reason,
             lattice=lattice,
             exact=unit.exact,
             within=within,
-            size=unit.size // len(members),
+            size=size,
             left_out=unit.left_out,
         )
 
@@ -162,9 +195,8 @@ def encode_unit(
         def words() -> Unit:
             return encode_words(channel, spans, first_channel, kind, WORDS_REASON)
 
-        unit = words()
-        if kind == "binary64":
-            unit = encode_doubles(channel, spans, first_channel, words)
+        exact = kind == "binary64"
+        unit = encode_doubles(channel, spans, first_channel, words) if exact else words()
         return replace(unit, left_out=NOTHING) if plan.why else unit
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:

@@ -15,7 +15,7 @@ from ..container.cluster import Packet
 from ..container.track import Contract, Track
 from ..deadband import ZERO_LIMIT, Deadband
 from ..integers import clamp
-from ..recording import Span
+from ..recording import Channel, Span
 from .check import decoded_pieces
 from .grids import STEP_LIMIT, Indices, grid_within, nearest_level, nearest_uniform
 from .packed import Coded
@@ -45,11 +45,8 @@ def encode_near(source: Source, base: Track, settings: Settings) -> Unit:
     """No sample of the source further than ``max_error`` away, its lattice's deviation included."""
     channel = source.channels[0]
     calibration = channel.calibration
-    assert settings.max_error is not None and calibration is not None
-    allowed = counts_of(settings.max_error, calibration, source.extents[0])
-    if channel.deviation is not None:
-        allowed -= Fraction(channel.deviation.largest) / abs(calibration.step)
-    error = min(max(int(allowed), 0), STEP_LIMIT // 2 - 1)
+    assert calibration is not None
+    error = error_of(channel, settings)
     grid = LpcParameters(step=2 * error + 1)
     coded = code_grid(source, base, grid, nearest_uniform)
     assert coded
@@ -58,6 +55,19 @@ def encode_near(source: Source, base: Track, settings: Settings) -> Unit:
     band = Deadband(0, 1, (error,), (clamp(calibration.zero, -ZERO_LIMIT, ZERO_LIMIT - 1),))
     coded.track = replace(coded.track, contract=kept(source, coded, band))
     return Unit(coded, None, "predicted", f"within {error} counts")
+
+
+def error_of(channel: Channel, settings: Settings) -> int:
+    """Counts that a sample of it may be off, 0 where preset archive allows none."""
+    calibration = channel.calibration
+    if settings.max_error is None or calibration is None:
+        return 0
+    allowed = counts_of(
+        settings.max_error, calibration, int(channel.values.max()) - int(channel.values.min())
+    )
+    if channel.deviation is not None:
+        allowed -= Fraction(channel.deviation.largest) / abs(calibration.step)
+    return min(max(int(allowed), 0), STEP_LIMIT // 2 - 1)
 
 
 def encode_deadband(source: Source, base: Track, settings: Settings) -> Unit:

@@ -53,8 +53,10 @@ class Settings:
     residual. cutoff_hz of the split. cluster: seconds (None: as the preset needs). tolerance:
     allows true doubles to be put on a lattice. interpolation of the knots. digest: write SHA-256
     of the decoded tracks. max_error: of preset near-lossless. vectors: "required" raises where
-    channels of one group cannot be coded as one vector, "possible" codes them apart. Amounts
-    may be given as their texts ("0.2%", "1lsb"), numbers as any number.
+    channels of one group cannot be coded as one vector, "possible" codes them apart. references:
+    presets archive and near-lossless may put channels that resemble each other in one track, each
+    predicted from those before it; one lost packet then takes all of them along, and to read one
+    all are decoded. Amounts may be given as their texts ("0.2%", "1lsb"), numbers as any number.
     """
 
     preset: Preset = "default"
@@ -69,6 +71,7 @@ class Settings:
     digest: bool = False
     max_error: Tolerance | None = None
     vectors: Literal["possible", "required"] = "possible"
+    references: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "k", exact(self.k))
@@ -147,6 +150,8 @@ class Settings:
             if getattr(self, name) != getattr(usual, name)
             or (name == "max_error" and self.max_error)
         ]
+        if not self.references:
+            departs.append("--no-references")
         return " ".join([self.preset, *departs])
 
 

@@ -68,6 +68,9 @@ class Unit:
     left_out: str = ""
     """What of the channel is not in the file, where a preset decides that by itself."""
 
+    parts: tuple[tuple[str, int], ...] = ()
+    """Reason and bytes of each channel, where they are no vector."""
+
     @property
     def size(self) -> int:
         return self.base.size + (self.residual.size if self.residual else 0)

@@ -14,9 +14,9 @@ Buffer = bytes | bytearray | NDArray[Any]
 
 
 class Loop(Protocol):
-    """(packet, coefficients int32, difference, repeats, raw signs, base, limit, indices int64) ->
-    (status, bytes of the packet read or written); the last argument, or for encoding the first,
-    is filled.
+    """(packet, coefficients int32, difference, repeats, raw signs, base, limit, cross int64 or
+    none, indices int64) -> (status, bytes of the packet read or written); the last argument, or for
+    encoding the first, is filled.
     """
 
     def __call__(
@@ -28,6 +28,7 @@ class Loop(Protocol):
         raw_signs: bool,
         base: int,
         limit: int,
+        cross: Buffer,
         indices: Buffer,
         /,
     ) -> tuple[int, int]: ...
@@ -206,6 +207,18 @@ class Kernels(Protocol):
     def lpcr_decode(self) -> Loop: ...
     @property
     def lpcr_encode(self) -> Loop: ...
+
+    def lpcr_errors(
+        self,
+        coefficients: Buffer,
+        difference: int,
+        base: int,
+        limit: int,
+        indices: Buffer,
+        errors: Buffer,
+        /,
+    ) -> None: ...
+
     @property
     def fewest_hold(self) -> FewestHold: ...
     @property

@@ -12,6 +12,7 @@ def lpcr_decode(
     raw_signs: bool,
     base: int,
     limit: int,
+    cross: Buffer,
     indices: Buffer,
     /,
 ) -> tuple[int, int]: ...
@@ -23,6 +24,7 @@ def lpcr_encode(
     raw_signs: bool,
     base: int,
     limit: int,
+    cross: Buffer,
     indices: Buffer,
     /,
 ) -> tuple[int, int]: ...
@@ -110,6 +112,15 @@ def exact_encode(
     shift: int,
     /,
 ) -> tuple[int, int, int]: ...
+def lpcr_errors(
+    coefficients: Buffer,
+    difference: int,
+    base: int,
+    limit: int,
+    indices: Buffer,
+    errors: Buffer,
+    /,
+) -> None: ...
 def step_up(reflections: Buffer, sines: Buffer, coefficients: Buffer, /) -> bool: ...
 def autocorrelate(indices: Buffer, difference: int, base: int, sums: Buffer, /) -> None: ...
 def levinson(

@@ -9,18 +9,18 @@ static int whole(const Py_buffer *buffer, Py_ssize_t size)
     return buffer->len % size == 0 && (uintptr_t)buffer->buf % (uintptr_t)size == 0;
 }
 
-/* (bytes or writable buffer, coefficients int32, difference, repeats, raw signs, base, limit,
-   indices int64) -> (status, bytes read or written) */
+/* (bytes or writable buffer, coefficients int32, difference, repeats, raw signs, base, limit, cross
+   int64, as many as indices or none, indices int64) -> (status, bytes read or written) */
 static PyObject *run(PyObject *args, int decoding)
 {
-    Py_buffer data, coefficients, indices;
+    Py_buffer data, coefficients, cross, indices;
     plan p;
     int status = NO_ROOM;
     long long base, limit;
     int64_t size = 0;
-    const char *format = decoding ? "y*y*ippLLw*" : "w*y*ippLLy*";
+    const char *format = decoding ? "y*y*ippLLy*w*" : "w*y*ippLLy*y*";
     if (!PyArg_ParseTuple(args, format, &data, &coefficients, &p.difference, &p.repeats,
-                          &p.raw_signs, &base, &limit, &indices))
+                          &p.raw_signs, &base, &limit, &cross, &indices))
         return NULL;
     PyObject *result = NULL;
     models *m = PyMem_Malloc(sizeof *m);
@@ -29,9 +29,12 @@ static PyObject *run(PyObject *args, int decoding)
     p.limit = limit;
     p.span = indices.len / 8;
     p.coefficients = coefficients.buf;
+    p.cross = cross.len ? cross.buf : NULL;
     if (!m)
         PyErr_NoMemory();
-    else if (!whole(&coefficients, 4) || !whole(&indices, 8) || !valid(&p))
+    else if (!whole(&coefficients, 4) || !whole(&indices, 8) || !valid(&p) ||
+             (p.cross && (!whole(&cross, 8) || cross.len != indices.len ||
+                          !within(p.cross, p.span, CROSS_LIMIT))))
         PyErr_SetString(PyExc_ValueError, "not a predictor, or not arrays of its integers");
     else {
         Py_BEGIN_ALLOW_THREADS
@@ -52,12 +55,45 @@ static PyObject *run(PyObject *args, int decoding)
     PyMem_Free(m);
     PyBuffer_Release(&data);
     PyBuffer_Release(&coefficients);
+    PyBuffer_Release(&cross);
     PyBuffer_Release(&indices);
     return result;
 }
 
 static PyObject *lpcr_decode(PyObject *self, PyObject *args) { (void)self; return run(args, 1); }
 static PyObject *lpcr_encode(PyObject *self, PyObject *args) { (void)self; return run(args, 0); }
+
+/* (coefficients int32, difference, base, limit, indices int64, errors int64) */
+static PyObject *lpcr_errors(PyObject *self, PyObject *args)
+{
+    (void)self;
+    Py_buffer coefficients, indices, errors;
+    plan p = {0};
+    long long base, limit;
+    if (!PyArg_ParseTuple(args, "y*iLLy*w*", &coefficients, &p.difference, &base, &limit, &indices,
+                          &errors))
+        return NULL;
+    PyObject *result = NULL;
+    p.order = coefficients.len > 4 * ORDERS ? ORDERS + 1 : (int)(coefficients.len / 4);
+    p.base = base;
+    p.limit = limit;
+    p.span = indices.len / 8;
+    p.coefficients = coefficients.buf;
+    if (!whole(&coefficients, 4) || !whole(&indices, 8) || !whole(&errors, 8) ||
+        errors.len != indices.len || !valid(&p) || !within(indices.buf, p.span, p.limit))
+        PyErr_SetString(PyExc_ValueError, "not a predictor, or not arrays of its integers");
+    else {
+        Py_BEGIN_ALLOW_THREADS
+        prediction_errors(&p, indices.buf, errors.buf);
+        Py_END_ALLOW_THREADS
+        Py_INCREF(Py_None);
+        result = Py_None;
+    }
+    PyBuffer_Release(&coefficients);
+    PyBuffer_Release(&indices);
+    PyBuffer_Release(&errors);
+    return result;
+}
 
 /* (reflections int8, sines int32, coefficients int32) -> whether LPC-005 holds */
 static PyObject *step_up_(PyObject *self, PyObject *args)
@@ -171,6 +207,7 @@ static PyObject *estimate_(PyObject *self, PyObject *args)
 PyMethodDef hapfmt_lpcr_methods[] = {
     {"lpcr_decode", lpcr_decode, METH_VARARGS, NULL},
     {"lpcr_encode", lpcr_encode, METH_VARARGS, NULL},
+    {"lpcr_errors", lpcr_errors, METH_VARARGS, NULL},
     {"step_up", step_up_, METH_VARARGS, NULL},
     {"autocorrelate", autocorrelate_, METH_VARARGS, NULL},
     {"levinson", levinson_, METH_VARARGS, NULL},

@@ -1,9 +1,10 @@
 /* The loops of SPEC 9.5 over the samples of a packet. The readable twin is hapfmt/codecs/predicted.py.
 
    What keeps every signed sum within 64 bits, whatever the bytes say: valid() admits |base| <= limit
-   <= 2^32, |c| <= 2^21, at most 32 of them, and g <= 1 with them; each |e| < 2^34 and each |index| <=
-   limit is checked before it is used. So |z| <= 2^33; its i-th differences 2^37; with coefficients
-   |y| <= 2^34, predictions 2^5 * 2^21 * 2^34 = 2^60 before the shift. Negative numbers are shifted to
+   <= 2^32, |c| <= 2^21, at most 32 of them, g <= 1 with them, and cross terms of at most 2^54; each
+   |e| < 2^34 and each |index| <= limit is checked before it is used. So |z| <= 2^33; its i-th
+   differences 2^37; with coefficients |y| <= 2^34, predictions 2^5 * 2^21 * 2^34 = 2^60 before the
+   shift, and y[t] 2^55 before the index is checked. Negative numbers are shifted to
    the right only, which rounds down on every compiler that builds CPython. */
 #ifndef HAPFMT_LPCR_H
 #define HAPFMT_LPCR_H
@@ -12,12 +13,13 @@
 
 enum { ORDERS = 32, DIFFERENCES = 4, SHIFT = 13, COEFFICIENT_LIMIT = 1 << 21 };
 enum { RING = 1024, PIECE = 1024 };
-static const int64_t INDEX_LIMIT = (int64_t)1 << 32;
+static const int64_t INDEX_LIMIT = (int64_t)1 << 32, CROSS_LIMIT = (int64_t)1 << 54;
 
 typedef struct {
     int difference, order, repeats, raw_signs;
     int64_t base, limit, span;
     const int32_t *coefficients;
+    const int64_t *cross; /* what other components say of each sample, or NULL */
 } plan;
 
 /* Coefficients, the oldest sample's first, after zeros that make their number a multiple of 8. Sums of
@@ -99,7 +101,7 @@ INLINE int64_t predict_real(const filter *f, const double *next, int width)
 
 /* ``kind`` of the history: 0 none, 1 integers, else doubles, so many of them. */
 INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int64_t *out, int kind,
-                     int repeats, int raw_signs)
+                     int repeats, int raw_signs, int crossed)
 {
     int64_t sums[DIFFERENCES + 1] = {0}, history[ORDERS + RING];
     double real_history[ORDERS + RING];
@@ -127,6 +129,7 @@ INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int6
             int status = get_integer(d, m, &scales, &e, raw_signs);
             if (RARE(status)) return status;
             fresh = e;
+            if (crossed) fresh += p->cross[t];
             if (kind == 1) fresh += predict(f, history + now);
             if (kind > 1) fresh += predict_real(f, real_history + now, kind);
             sums[g] = fresh;
@@ -150,10 +153,10 @@ INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int6
 }
 
 #define DECODE(kind)                                                                              \
-    (p->repeats ? (p->raw_signs ? decode_as(d, m, p, f, out, kind, 1, 1)                          \
-                               : decode_as(d, m, p, f, out, kind, 1, 0))                          \
-               : (p->raw_signs ? decode_as(d, m, p, f, out, kind, 0, 1)                           \
-                               : decode_as(d, m, p, f, out, kind, 0, 0)))
+    (p->repeats ? (p->raw_signs ? decode_as(d, m, p, f, out, kind, 1, 1, 0)                       \
+                                : decode_as(d, m, p, f, out, kind, 1, 0, 0))                      \
+                : (p->raw_signs ? decode_as(d, m, p, f, out, kind, 0, 1, 0)                       \
+                                : decode_as(d, m, p, f, out, kind, 0, 0, 0)))
 
 static int decode_plain(decoder *d, models *m, const plan *p, const filter *f, int64_t *out)
 {
@@ -169,16 +172,23 @@ static int decode_real(decoder *d, models *m, const plan *p, const filter *f, in
 
 static int decode_wide(decoder *d, models *m, const plan *p, const filter *f, int64_t *out)
 {
-    return decode_as(d, m, p, f, out, 1, p->repeats, p->raw_signs);
+    return decode_as(d, m, p, f, out, 1, p->repeats, p->raw_signs, 0);
+}
+
+static int decode_crossed(decoder *d, models *m, const plan *p, const filter *f, int64_t *out)
+{
+    int kind = !p->order ? 0 : f->real ? f->width : 1;
+    return decode_as(d, m, p, f, out, kind, p->repeats, p->raw_signs, 1);
 }
 
 static int decode(decoder *d, models *m, const plan *p, int64_t *out)
 {
     filter f;
     filter_init(&f, p);
-    return !p->order ? decode_plain(d, m, p, &f, out)
-           : f.real  ? decode_real(d, m, p, &f, out)
-                     : decode_wide(d, m, p, &f, out);
+    return p->cross    ? decode_crossed(d, m, p, &f, out)
+           : !p->order ? decode_plain(d, m, p, &f, out)
+           : f.real    ? decode_real(d, m, p, &f, out)
+                       : decode_wide(d, m, p, &f, out);
 }
 
 /* ---- encoding ---- */
@@ -213,6 +223,20 @@ INLINE void errors_of(const filter *f, const int64_t *y, int64_t count, int64_t 
         for (int64_t i = 0; i < count; i++) e[i] = y[ORDERS + i] - predict(f, y + ORDERS + i);
 }
 
+/* What the predictor leaves of the indices, whatever is coded. */
+static void prediction_errors(const plan *p, const int64_t *indices, int64_t *out)
+{
+    filter f;
+    int64_t y[ORDERS + PIECE] = {0};
+    filter_init(&f, p);
+    for (int64_t from = 0; from < p->span; from += PIECE) {
+        int64_t count = p->span - from < PIECE ? p->span - from : PIECE;
+        differences(indices, from, count, p->difference, p->base, y + ORDERS);
+        errors_of(&f, y, count, out + from);
+        memmove(y, y + count, ORDERS * sizeof *y);
+    }
+}
+
 INLINE int encode_as(encoder *coder, models *m, const plan *p, const int64_t *indices, int repeats,
                      int raw_signs)
 {
@@ -226,6 +250,8 @@ INLINE int encode_as(encoder *coder, models *m, const plan *p, const int64_t *in
         differences(indices, from, count, p->difference, p->base, y + ORDERS);
         errors_of(&f, y, count, e);
         memmove(y, y + count, ORDERS * sizeof *y);
+        if (p->cross)
+            for (int64_t i = 0; i < count; i++) e[i] -= p->cross[from + i];
         for (int64_t i = 0; i < count; i++) {
             if (repeats && from + i) {
                 int same = indices[from + i] == indices[from + i - 1];

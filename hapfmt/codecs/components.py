@@ -1,0 +1,111 @@
+"""LPCR packets of several components, each of which may be predicted from those before it
+(SPEC 9.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import FormatError
+from ..integers import build_varint, parse_varint
+from ..kernels import compiled
+from ..limits import Level
+from .predicted import (
+    SHIFT,
+    LpcParameters,
+    Predictor,
+    decode_body,
+    differences,
+    encode_indices,
+    parse_header,
+)
+from .references import TAPS
+
+Indices = NDArray[np.int64]
+
+WEIGHT_SHIFT = 6
+"""Weights are multiples of 2**-6."""
+
+
+def prediction_errors(indices: Indices, difference: int, c: list[int], base: int) -> Indices:
+    """What a predictor leaves of indices, whatever is coded of them."""
+    if compiled is not None:
+        plain, out = np.ascontiguousarray(indices), np.empty(indices.size, np.int64)
+        limit = max(abs(base), -int(plain.min()), int(plain.max()))
+        compiled.lpcr_errors(np.array(c, np.int32), difference, base, limit, plain, out)
+        return out
+    return errors_of(differences(indices - base, difference), c)
+
+
+def errors_of(y: Indices, c: list[int]) -> Indices:
+    """The readable way; float64 sums are exact below 2**53, in any order."""
+    if not c or y.size == 1:
+        return y
+    exact = int(np.abs(y).max()) * sum(map(abs, c)) < 1 << 52
+    dtype = np.float64 if exact else np.int64
+    sums = np.convolve(y[:-1].astype(dtype), np.array(c, dtype))[: y.size - 1]
+    predictions = np.zeros(y.size, np.int64)
+    predictions[1:] = (sums.astype(np.int64) + (1 << (SHIFT - 1))) >> SHIFT
+    return y - predictions
+
+
+def taps_of(indices: Indices, difference: int, c: list[int]) -> list[Indices]:
+    """d of SPEC 9.5 at each of the ``TAPS``, 0 outside the packet."""
+    d = prediction_errors(indices, difference, c, int(indices[0]))
+    around = np.concatenate(([0], d, [0]))
+    return [around[1 + tap : 1 + tap + d.size] for tap in TAPS]
+
+
+def cross_terms(predictor: Predictor, earlier: Sequence[Indices]) -> Indices | None:
+    """x of SPEC 9.5; None where nothing is referred to."""
+    if not predictor.references:
+        return None
+    c = predictor.coefficients or []
+    total = np.zeros(earlier[0].size, np.int64)
+    for component, weights in predictor.references:
+        taps = taps_of(earlier[component], predictor.difference, c)
+        for weight, tap in zip(weights, taps, strict=True):
+            if weight:
+                total += weight * tap
+    return (total + (1 << (WEIGHT_SHIFT - 1))) >> WEIGHT_SHIFT
+
+
+def split_components(data: bytes, count: int, offset: int) -> list[tuple[int, int]]:
+    """Where each component packet begins and ends."""
+    sizes, position = [], 0
+    for _ in range(count - 1):
+        size, position = parse_varint(data, position, offset)
+        sizes.append(size)
+    if sum(sizes) > len(data) - position:
+        raise FormatError(
+            "component packets larger than their packet", requirement="LPC-001", offset=offset
+        )
+    ends = [position + sum(sizes[: place + 1]) for place in range(count - 1)] + [len(data)]
+    return list(zip([position, *ends], ends, strict=False))
+
+
+def join_components(packets: Sequence[bytes]) -> bytes:
+    return b"".join([*(build_varint(len(packet)) for packet in packets[:-1]), *packets])
+
+
+def encode_component(indices: Indices, predictor: Predictor, earlier: Sequence[Indices]) -> bytes:
+    """A component packet; ValueError as in ``encode_indices``."""
+    return encode_indices(indices, predictor, cross_terms(predictor, earlier))
+
+
+def decode_predicted(
+    data: bytes, parameters: LpcParameters, span: int, count: int, level: Level, offset: int
+) -> Indices:
+    """The packet ``data``, which stands at ``offset``, as counts [span, components]."""
+    limit = parameters.index_limit(level.count_bound)
+    earlier: list[Indices] = []
+    for start, end in split_components(data, count, offset):
+        part, at = data[start:end], offset + start
+        predictor, constant, position = parse_header(part, at, len(earlier))
+        c = None if constant else predictor.coefficients
+        cross = None if c is None else cross_terms(predictor, earlier)
+        earlier.append(decode_body(part, predictor, constant, position, span, limit, at, cross))
+    rows = [parameters.counts(indices, level.count_bound) for indices in earlier]
+    return rows[0][:, None] if count == 1 else np.stack(rows, axis=1)

@@ -1,0 +1,279 @@
+"""Which channels are predicted from which, and the tracks of several components that they become.
+
+Prediction errors that rise and fall together are looked for in a part of each channel; packets then
+have weights of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import log2
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..codecs.components import encode_component, join_components, prediction_errors
+from ..codecs.predicted import INDEX_LIMIT, LpcParameters, parse_header
+from ..container.cluster import Packet
+from ..deadband import ZERO_LIMIT, Deadband
+from ..integers import clamp, rdiv
+from ..recording import Channel, Span
+from .grids import nearest_uniform
+from .indexed import error_of, kept
+from .packed import Coded
+from .predict import encode_best
+from .settings import Settings
+from .source import Source, cut, declared_range, make_track
+from .unit import Unit
+from .weights import (
+    SETTLING,
+    choose_sources,
+    fit,
+    likely_sources,
+    moments,
+    quick_predictor,
+    scaled,
+    scales_of,
+)
+
+Indices = NDArray[np.int64]
+Links = list[tuple[int, ...]]
+"""For each channel of a run the earlier ones that it is predicted from."""
+
+RUN_LIMIT = 32
+"""Components of a track: one lost packet takes all of them along."""
+
+SHORTEST, LONGEST = 4096, 16384
+"""A quarter of a channel is looked at, within these samples."""
+
+PIECES = 4
+"""Spread over the channel, where it is not looked at as a whole."""
+
+SAVED, HOPED = 0.03, 0.02
+"""Share of the bits that a track of several components has to save; and of estimated bits, from
+which on it is tried."""
+
+
+ROOM = 2
+"""References save at most so many times what the correlations of two and two promise (measured:
+0.1 to 1.9 times)."""
+
+
+def find_runs(
+    groups: Sequence[list[Channel]], steps: Sequence[int | None]
+) -> Iterator[tuple[list[Channel], Links]]:
+    """All channels in their order, side by side those that one track might hold, with their links.
+
+    ``steps``: of the uniform grids the groups are put on, None where a group stays as it is.
+    """
+    at = 0
+    while at < len(groups):
+        first, step = groups[at][0], steps[at]
+        stop = at + 1
+        while (
+            step is not None
+            and stop < min(len(groups), at + RUN_LIMIT)
+            and steps[stop] == step
+            and alike(first, groups[stop][0])
+        ):
+            stop += 1
+        run = [group[0] for group in groups[at:stop]]
+        tied: list[tuple[int, int]] = []
+        if step is not None and len(run) > 1:
+            view = View.of(first.coverage)
+            links = find_links([view.indices(channel, step) for channel in run], view.settled)
+            tied = intervals(links)
+        done = 0
+        for start, end in [*tied, (len(run), len(run))]:
+            yield from ((group, []) for group in groups[at + done : at + start])
+            if start < end:
+                yield run[start:end], [tuple(a - start for a in each) for each in links[start:end]]
+            done = end
+        at = stop
+
+
+def alike(one: Channel, other: Channel) -> bool:
+    return one.rate == other.rate and one.coverage == other.coverage
+
+
+def intervals(links: Links) -> list[tuple[int, int]]:
+    """The shortest runs of neighbours that no link leaves."""
+    found: list[tuple[int, int]] = []
+    for place, sources in enumerate(links):
+        if sources:
+            start = sources[0]
+            while found and found[-1][1] > start:
+                start = min(start, found.pop()[0])
+            found.append((start, place + 1))
+    return found
+
+
+@dataclass(frozen=True)
+class View:
+    """Samples of a channel that are looked at: where they are, and which of them follow a gap or
+    the end of a piece."""
+
+    places: Indices
+    torn: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, coverage: Sequence[Span]) -> View:
+        ends = np.cumsum([span.ticks for span in coverage])
+        total = int(ends[-1])
+        size = min(total, max(SHORTEST, min(total // 4, LONGEST)))
+        count = PIECES if size < total else 1
+        starts = [(total * (2 * k + 1) - size) // (2 * count) for k in range(count)]
+        places = np.concatenate([start + np.arange(size // count) for start in starts])
+        return cls(places, (np.diff(places, prepend=-2) != 1) | np.isin(places, ends))
+
+    @property
+    def settled(self) -> NDArray[np.bool_]:
+        """Of which the prediction errors tell something."""
+        at = np.arange(self.places.size)
+        since = at - np.maximum.accumulate(np.where(self.torn, at, 0))
+        return np.asarray((since >= SETTLING) & ~np.append(self.torn[1:], True))
+
+    def indices(self, channel: Channel, step: int) -> Indices:
+        """Put together without jumps, where that keeps them within what an index may be."""
+        counts = channel.values[self.places].astype(np.int64)
+        x = nearest_uniform(counts, LpcParameters(step))
+        moves = np.diff(x, prepend=x[0])
+        moves[self.torn] = 0
+        joined = x[0] + np.cumsum(moves)
+        return joined if int(np.abs(joined).max()) <= INDEX_LIMIT else x
+
+
+def find_links(stretches: Sequence[Indices], settled: NDArray[np.bool_]) -> Links:
+    """Empty tuples all, where too little would be saved."""
+    size = int(np.count_nonzero(settled))
+    nothing: Links = [()] * len(stretches)
+    if size < SETTLING:
+        return nothing
+    predictors = [quick_predictor(x) for x in stretches]
+    errors = [
+        prediction_errors(x, p.difference, p.coefficients or [], p.base)[settled]
+        for x, p in zip(stretches, predictors, strict=True)
+    ]
+    bits = sum(size * log2(1 + 5.4 * float(np.abs(e).mean())) for e in errors)
+    likely, most = likely_sources(np.stack([scaled(e, scales_of(e)) for e in errors]))
+    if ROOM * most < HOPED * bits:
+        return nothing
+    links: Links = []
+    saved = 0.0
+    for place, sources in enumerate(likely):
+        used: tuple[int, ...] = ()
+        gain = 0.0
+        if sources:
+            left = moments(stretches[place], predictors[place], stretches, sources, settled)
+            used, gain = choose_sources(left, sources, size)
+        links.append(used)
+        saved += gain
+    return links if saved > HOPED * bits else nothing
+
+
+def encode_referring(
+    indices: Indices, alone: bytes, earlier: Sequence[Indices], links: tuple[int, ...]
+) -> bytes:
+    """The smaller of the component packets with references and ``alone``."""
+    predictor, constant, _ = parse_header(alone, 0)
+    references = () if constant or not links else fit(indices, predictor, earlier, links)
+    if not references:
+        return alone
+    base = predictor.base
+    if not predictor.difference:
+        # What references add is counted from their first indices, not from their means.
+        size = indices.size
+        far = [int(earlier[a].sum()) - size * int(earlier[a][0]) for a, _ in references]
+        base -= rdiv(sum(sum(w) * n for (_, w), n in zip(references, far, strict=True)), 64 * size)
+        extent = max(-int(indices.min()), int(indices.max()))
+        base = clamp(base, -extent, extent)
+    try:
+        referring = encode_component(
+            indices, replace(predictor, base=base, references=references), earlier
+        )
+    except ValueError:
+        return alone
+    return min(alone, referring, key=len)
+
+
+def encode_run(
+    channels: Sequence[Channel],
+    first_channel: int,
+    settings: Settings,
+    cluster: Fraction,
+    links: Links,
+    apart: Sequence[Unit],
+) -> Unit | None:
+    """One track of several components, which alone are the units ``apart``; None where they have
+    no common range of counts."""
+    counts = np.column_stack([channel.values.astype(np.int64) for channel in channels])
+    low, high = declared_range(counts)
+    if not all(c.calibration and c.calibration.covers(low, high) for c in channels):
+        return None
+    # Half of the components: packets of LPCR take less than five bytes a sample.
+    spans = cut(channels[0].coverage, channels[0].rate, cluster, (len(channels) + 1) // 2)
+    source = Source(tuple(channels), counts, tuple(spans))
+    error = error_of(channels[0], settings)
+    grid = LpcParameters(step=2 * error + 1)
+    base = make_track(
+        source, first_channel, kind="full", codec="LPCR", count_min=low, count_max=high
+    )
+    coded = Coded(replace(base, parameters=grid.build()))
+    sizes = [0] * len(channels)
+    for span, rows in source.pieces(source.counts):
+        columns = [
+            np.ascontiguousarray(nearest_uniform(rows[:, place], grid))
+            for place in range(len(channels))
+        ]
+        packets = [
+            encode_referring(indices, packet_alone(unit, span, indices), columns[:place], sources)
+            for place, (indices, unit, sources) in enumerate(
+                zip(columns, apart, links, strict=True)
+            )
+        ]
+        sizes = [size + len(packet) for size, packet in zip(sizes, packets, strict=True)]
+        coded.packets.append(Packet(0, span.start, span.ticks, join_components(packets)))
+    if error:
+        zeros = tuple(
+            clamp(c.calibration.zero, -ZERO_LIMIT, ZERO_LIMIT - 1)
+            for c in channels
+            if c.calibration
+        )
+        band = Deadband(0, 1, (error,) * len(zeros), zeros)
+        coded.track = replace(coded.track, contract=kept(source, coded, band))
+    last = first_channel + len(channels) - 1
+    kind = f"within {error} counts" if error else "lossless"
+    parts = tuple(
+        (f"{kind}, track of {first_channel}-{last}" + told(sources, first_channel), size)
+        for sources, size in zip(links, sizes, strict=True)
+    )
+    return Unit(coded, None, "predicted", kind, exact=not error, parts=parts)
+
+
+def told(sources: tuple[int, ...], first_channel: int) -> str:
+    numbers = ", ".join(str(first_channel + a) for a in sources)
+    return f", from {numbers}" if numbers else ""
+
+
+def packet_alone(unit: Unit, span: Span, indices: Indices) -> bytes:
+    """Without references: as the unit has it, where that is cut in the same way."""
+    if unit.base.track.codec == "LPCR":
+        for packet in unit.base.packets:
+            if (packet.start, packet.span) == (span.start, span.ticks):
+                return packet.data
+    return encode_best(indices, thorough=False)
+
+
+def step_of(members: Sequence[Channel], settings: Settings) -> int | None:
+    """The step of the grid that a channel alone is put on; None where it is to stay alone."""
+    channel = members[0]
+    if not settings.references or settings.preset not in ("archive", "near-lossless"):
+        return None
+    if len(members) > 1 or channel.calibration is None or not channel.values.size:
+        return None
+    counts = channel.values
+    if not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
+        return None
+    return 2 * error_of(channel, settings) + 1

@@ -1,0 +1,238 @@
+"""Clause 9.5, packets of several components: against the page, and each loop against its twin."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import astuple
+
+import numpy as np
+import page
+import pytest
+import strategies
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapfmt.codecs import components, predicted
+from hapfmt.codecs.components import (
+    cross_terms,
+    decode_predicted,
+    encode_component,
+    errors_of,
+    join_components,
+    prediction_errors,
+)
+from hapfmt.codecs.predicted import INDEX_LIMIT, LpcParameters, Predictor, differences
+from hapfmt.codecs.references import Reference
+from hapfmt.errors import FormatError
+from hapfmt.kernels import compiled
+from hapfmt.limits import LEVELS
+
+ONE, TWO = LEVELS[1], LEVELS[2]
+built = pytest.mark.skipif(compiled is None, reason="the extension is not built, or HAPFMT_PURE=1")
+
+
+def packet_of(rows):
+    """None where a prediction error cannot be coded."""
+    try:
+        made = [
+            encode_component(indices, predictor, [other for other, _ in rows[:place]])
+            for place, (indices, predictor) in enumerate(rows)
+        ]
+    except ValueError:
+        return None
+    return join_components(made)
+
+
+def decoded(data, span, count, level=TWO):
+    """[components][ticks], or the id of the rule that was broken."""
+    try:
+        return decode_predicted(data, LpcParameters(), span, count, level, 0).T.tolist()
+    except FormatError as error:
+        return error.requirement
+
+
+def decoded_as_the_page_says(data, span, count, level=TWO):
+    try:
+        return page.decode_packet(data, span, level.count_bound, count)
+    except page.BrokenRule as rule:
+        return str(rule)
+
+
+def read_without(data, span, count, level=TWO):
+    """By the readable loops."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(predicted, "compiled", None)
+        patch.setattr(components, "compiled", None)
+        try:
+            return decode_predicted(data, LpcParameters(), span, count, level, 0).T.tolist()
+        except FormatError as error:
+            return error.requirement, error.offset, error.message
+
+
+def short(rows, size=30):
+    return [(indices[:size], predictor) for indices, predictor in rows]
+
+
+class TestPackets:
+    @given(strategies.component_rows(TWO.count_bound))
+    def test_indices_come_back(self, rows):
+        data = packet_of(rows)
+        if data is not None:
+            back = decoded(data, rows[0][0].size, len(rows))
+            assert back == [indices.tolist() for indices, _ in rows]
+
+    @given(strategies.component_rows(TWO.count_bound))
+    def test_as_the_page_says(self, rows):
+        """
+        LPC-007: With flag *references* r MUST be 1 to 8, and the numbers a less than that of the component itself, each greater than the one before.
+        LPC-008: With flag *references* a component packet MUST hold r and r references.
+        """
+        rows = short(rows)
+        lists = [indices.tolist() for indices, _ in rows]
+        parts = []
+        try:
+            for place, (row, (_, predictor)) in enumerate(zip(lists, rows, strict=True)):
+                *given, references = astuple(predictor)
+                flat = [(a, *weights) for a, weights in references]
+                constant = bytes([16, 0]) + page.varint(
+                    2 * row[0] if row[0] >= 0 else -2 * row[0] - 1
+                )
+                parts.append(
+                    page.encode(row, *given, flat, lists[:place]) if len({*row}) > 1 else constant
+                )
+        except page.BrokenRule as rule:
+            assert str(rule) == "RNG-003"
+            assert packet_of(rows) is None
+            return
+        data = page.encode_packet(parts)
+        assert packet_of(rows) == data
+        assert decoded(data, len(lists[0]), len(rows)) == lists
+        assert decoded_as_the_page_says(data, len(lists[0]), len(rows)) == lists
+
+    @given(strategies.component_rows(ONE.count_bound), st.data())
+    def test_mutated(self, rows, data):
+        """LPC-001: The component packets MUST fit the packet: their sizes are together at most what follows them."""
+        rows = short(rows, 20)
+        packet = bytearray(packet_of(rows) or b"\3\x10\0\0\x10\0\0")
+        for _ in range(data.draw(st.integers(1, 2))):
+            at = data.draw(st.integers(0, len(packet)))
+            packet[at : at + data.draw(st.integers(0, 2))] = data.draw(st.binary(max_size=2))
+        span = data.draw(st.sampled_from([rows[0][0].size, 1, 21]))
+        expected = decoded_as_the_page_says(bytes(packet), span, len(rows), ONE)
+        assert decoded(bytes(packet), span, len(rows), ONE) == expected
+
+    @given(
+        st.lists(st.sampled_from([0, 1, 2, 4, 6, 0x10, 0x40, 0x41, 0x48, 0x7F, 0x80]), max_size=20),
+        st.integers(1, 9),
+        st.sampled_from([1, 2, 3]),
+    )
+    def test_any_bytes(self, listed, span, count):
+        data = bytes(listed)
+        assert decoded(data, span, count) == decoded_as_the_page_says(data, span, count)
+
+    def test_the_widest_numbers_of_level_2(self):
+        """Weights, coefficients and indices at their ends: 64 bits hold every sum."""
+        ks = (127, -127) * 5
+        c = Predictor(reflections=ks).coefficients
+        assert c and max(map(abs, c)) > 1 << 20
+        far = TWO.count_bound
+        ends = [np.array([far, -far] * 20)] * 8
+        for weights in ((-128, -128, -128), (127, -128, 127)):
+            predictor = Predictor(1, ks, far, references=tuple(
+                Reference(a, weights) for a in range(8)))  # fmt: skip
+            lists = [row.tolist() for row in ends]
+            flat = [(a, *weights) for a in range(8)]
+            expected = page.cross_terms(flat, lists, 40, 1, c)
+            assert max(map(abs, expected)) > 1 << 46
+            assert cross_terms(predictor, ends).tolist() == expected
+
+    def test_what_a_reference_is_worth(self):
+        """The second channel is the first, a tick later and halved."""
+        x = np.random.default_rng(4).integers(-500, 500, 2000).cumsum()
+        y = np.concatenate(([0], x[:-1])) // 2
+        plain = encode_component(y, Predictor(1), [x])
+        referring = Predictor(1, references=(Reference(0, (32, 0, 0)),))
+        assert len(encode_component(y, referring, [x])) < len(plain) / 5
+
+
+@built
+class TestTwins:
+    @given(strategies.component_rows(TWO.count_bound), st.data())
+    def test_decode(self, rows, data):
+        whole = packet_of(rows)
+        packet = bytearray(whole or b"\3\x10\0\0\x10\0\0")
+        if data.draw(st.booleans()):
+            packet[data.draw(st.integers(0, len(packet) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+        span, count = rows[0][0].size, len(rows)
+        slow = read_without(bytes(packet), span, count)
+        try:
+            counts = decode_predicted(bytes(packet), LpcParameters(), span, count, TWO, 0)
+            assert counts.T.tolist() == slow
+        except FormatError as error:
+            assert (error.requirement, error.offset, error.message) == slow
+
+    @given(strategies.component_rows())
+    def test_encode(self, rows):
+        fast = packet_of(rows)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(predicted, "compiled", None)
+            patch.setattr(components, "compiled", None)
+            assert packet_of(rows) == fast
+
+    @given(strategies.index_arrays(), strategies.predictors())
+    def test_prediction_errors(self, indices, predictor):
+        c, g = predictor.coefficients, predictor.difference
+        y = differences(indices - predictor.base, g)
+        fast = prediction_errors(indices, g, c, predictor.base)
+        assert fast.tolist() == errors_of(y, c).tolist()
+
+    @pytest.mark.parametrize("size", [1023, 1024, 1025, 3000])
+    def test_prediction_errors_of_long_packets(self, size):
+        x = np.random.default_rng(size).integers(-300, 300, size).cumsum()
+        c = Predictor(reflections=tuple(range(-16, 16))).coefficients
+        fast = prediction_errors(x, 1, c, 7)
+        assert fast.tolist() == errors_of(differences(x - 7, 1), c).tolist()
+
+    @pytest.mark.parametrize("wrong", [
+        {2: 2}, {3: 10}, {4: 2**32 + 1}, {4: -1}, {0: bytes(3)}, {5: np.array([0, 10])},
+        {5: bytes(7)}, {6: bytearray(8)},
+    ], ids=str)  # fmt: skip
+    def test_errors_of_what_is_no_predictor(self, wrong):
+        given = {0: np.array([8192], np.int32), 2: 1, 3: 0, 4: 9, 5: np.zeros(2, np.int64),
+                 6: np.zeros(2, np.int64)} | wrong  # fmt: skip
+        with pytest.raises(ValueError, match="not a predictor"):
+            compiled.lpcr_errors(*given.values())
+
+    @pytest.mark.parametrize("cross", [
+        bytes(8), np.array([2**54 + 1, 0]), np.array([0, -(2**63)]), memoryview(bytes(17))[1:]
+    ])  # fmt: skip
+    def test_cross_terms_that_would_overflow(self, cross):
+        given = [np.array([8192], np.int32), 1, False, False, 0, 9, cross]
+        for call, packet in (
+            (compiled.lpcr_decode, bytes(8)),
+            (compiled.lpcr_encode, bytearray(8)),
+        ):
+            with pytest.raises(ValueError, match="not a predictor"):
+                call(packet, *given, np.zeros(2, np.int64))
+
+
+def test_the_sum_of_a_cross_term_is_rounded_half_up():
+    steps = np.array([0, 1, 1, 1, 1])
+    for weight, expected in ((31, 0), (32, 1), (-32, 0), (-33, -1), (-96, -1), (-97, -2)):
+        predictor = Predictor(1, references=(Reference(0, (0, weight, 0)),))
+        assert cross_terms(predictor, [steps]).tolist() == [0, expected, 0, 0, 0]
+
+
+EXAMPLE = re.compile(r"^\| `([0-9A-F ]+)` \| ([-0-9, ]+); ([-0-9, ]+?)(?: \(.*)? \|$", re.M)
+
+
+def test_example_of_the_page():
+    ((text, *columns),) = EXAMPLE.findall(page.TEXT)
+    rows = [[int(number) for number in column.split(", ")] for column in columns]
+    data = bytes.fromhex(text)
+    assert decoded(data, len(rows[0]), 2) == decoded_as_the_page_says(data, len(rows[0]), 2) == rows
+
+
+def test_an_index_beyond_the_format():
+    with pytest.raises(ValueError, match="2\\^32"):
+        encode_component(np.array([0, INDEX_LIMIT + 1]), Predictor(), [])

@@ -1,0 +1,335 @@
+"""Channels that are predicted from each other: which, when, and that nothing is lost by it."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import hapfmt
+from hapfmt import Calibration, Channel, Recording, Settings
+from hapfmt.codecs.components import encode_component, split_components
+from hapfmt.codecs.predicted import Predictor, parse_header
+from hapfmt.encoder import references
+from hapfmt.encoder.encode import encode
+from hapfmt.encoder.predict import encode_best
+from hapfmt.encoder.references import (
+    View,
+    find_links,
+    intervals,
+)
+from hapfmt.encoder.weights import choose_sources, fit, moments, quick_predictor
+from hapfmt.recording import Span
+
+ARCHIVE = Settings.of("archive")
+STEP = Calibration(1, 0, 100)
+
+
+def channels(counts, rate=1000, **given):
+    return tuple(
+        Channel(np.asarray(row, np.int32), rate, calibration=STEP, label=f"t{place}", **given)
+        for place, row in enumerate(counts)
+    )
+
+
+def skin(count=6, size=2000, seed=1, noise=3):
+    """Taxels under one load: much in common, a little of their own."""
+    g = np.random.default_rng(seed)
+    load = g.integers(-40, 41, size).cumsum()
+    shares = g.uniform(0.3, 1.8, count)
+    return [np.rint(share * load + g.normal(0, noise, size)).astype(int) for share in shares]
+
+
+def written(recording, settings=ARCHIVE):
+    stream = io.BytesIO()
+    summary = hapfmt.write(recording, stream, settings, canonical=1)
+    return stream.getvalue(), summary
+
+
+def assert_same(recording, data):
+    back = hapfmt.read(data)
+    for before, after in zip(recording.channels, back.channels, strict=True):
+        assert after.coverage == before.coverage
+        assert after.physical().tobytes() == before.physical().tobytes()
+
+
+class TestTracks:
+    def test_one_track_and_much_smaller(self):
+        recording = Recording(channels(skin()))
+        data, summary = written(recording)
+        assert_same(recording, data)
+        assert [len(t.components) for t in encode(recording, ARCHIVE).tracks] == [6]
+        alone, apart = written(recording, replace(ARCHIVE, references=False))
+        assert len(data) < 0.75 * len(alone)
+        assert_same(recording, alone)
+        assert all(d.axis_count == 1 and d.exact and d.within for d in summary.decisions)
+        assert sum(d.size for d in summary.decisions) < 0.75 * sum(d.size for d in apart.decisions)
+        assert hapfmt.verify(data, against=recording).verdict == "intact"
+
+    def test_it_is_told(self):
+        decisions = encode(Recording(channels(skin())), ARCHIVE).decisions
+        assert decisions[0].reason == "lossless, track of 0-5"
+        assert decisions[1].reason == "lossless, track of 0-5, from 0"
+        assert [d.channel for d in decisions] == list(range(6))
+
+    def test_the_settings_say_no(self):
+        settings = replace(ARCHIVE, references=False)
+        assert len(encode(Recording(channels(skin())), settings).tracks) == 6
+        assert settings.describe() == "archive --no-references"
+        assert ARCHIVE.describe() == "archive"
+
+    @pytest.mark.parametrize("preset", ["default", "deadband"])
+    def test_other_presets_do_not(self, preset):
+        made = encode(Recording(channels(skin(2, 300))), Settings(preset))
+        assert {len(track.components) for track in made.tracks} == {1}
+
+    def test_noise_stays_apart(self):
+        rows = np.random.default_rng(5).integers(-99, 100, (5, 3000))
+        made = encode(Recording(channels(rows)), ARCHIVE)
+        assert [len(track.components) for track in made.tracks] == [1] * 5
+        assert {d.reason for d in made.decisions} == {"lossless"}
+
+    def test_neighbours_that_go_together(self):
+        """Two skins with noise before, between and after them."""
+        noise = np.random.default_rng(5).integers(-999, 1000, (3, 2000))
+        rows = [noise[0], *skin(3, seed=2), noise[1], *skin(4, seed=3), noise[2]]
+        recording = Recording(channels(rows))
+        made = encode(recording, ARCHIVE)
+        tied = [(t.first_channel, len(t.components)) for t in made.tracks]
+        assert tied == [(0, 1), (1, 3), (4, 1), (5, 4), (9, 1)]
+        assert_same(recording, written(recording)[0])
+
+    @pytest.mark.parametrize(
+        "other",
+        [
+            {"rate": Fraction(999)},
+            {"coverage": (Span(5, 2005),)},
+            {"calibration": None},
+        ],
+        ids=str,
+    )
+    def test_what_cannot_share_a_track(self, other):
+        given = channels(skin(4))
+        if other.get("calibration", 0) is None:
+            other = {"calibration": None, "values": given[1].values + np.pi}
+        recording = Recording((given[0], replace(given[1], **other), *given[2:]))
+        made = encode(recording, ARCHIVE)
+        assert [len(track.components) for track in made.tracks] == [1, 1, 2]
+        assert_same(recording, written(recording)[0])
+
+    def test_steps_and_offsets_may_differ(self):
+        """Components share a grid of counts, each with a calibration of its own."""
+        given = channels(skin(2))
+        recording = Recording((given[0], replace(given[1], calibration=Calibration(3, 7, 50))))
+        data, _ = written(recording)
+        assert len(encode(recording, ARCHIVE).tracks) == 1
+        assert_same(recording, data)
+
+    def test_ranges_that_a_calibration_does_not_cover_together(self):
+        """count * A stays exact for the small counts of the second, not for those of the first."""
+        small, wide = skin(1)[0], skin(1)[0] * 2**14
+        fine = Calibration(2**38, 0, 2**38 + 1)
+        one, other = channels([wide, small])
+        recording = Recording((one, replace(other, calibration=fine)))
+        assert len(encode(recording, ARCHIVE).tracks) == 2
+        assert_same(recording, written(recording)[0])
+
+    def test_constants_and_gaps(self):
+        rows = skin(5, 2600)
+        rows[2][:] = 7
+        for row in rows:
+            row[:1300] = row[0]
+        spans = (Span(0, 1300), Span(5000, 5001), Span(9000, 10299))
+        recording = Recording(channels(rows, coverage=spans))
+        data, _ = written(recording)
+        assert [len(t.components) for t in encode(recording, ARCHIVE).tracks] == [5]
+        assert_same(recording, data)
+
+    def test_more_than_a_track_holds(self):
+        recording = Recording(channels(skin(40, 600)))
+        sizes = [len(t.components) for t in encode(recording, ARCHIVE).tracks]
+        assert sizes == [32, 8]
+        assert_same(recording, written(recording)[0])
+
+    def test_long_packets_are_cut(self):
+        recording = Recording(channels(skin(32, 9000), rate=10_000))
+        made = encode(recording, replace(ARCHIVE, cluster=100))
+        assert {packet.span for packet in made.packets} == {4096, 808}
+        assert_same(recording, written(recording, replace(ARCHIVE, cluster=100))[0])
+
+    def test_the_same_bytes_again(self):
+        recording = Recording(channels(skin(9)))
+        assert written(recording)[0] == written(recording)[0]
+
+    def test_one_channel_of_many(self):
+        recording = Recording(channels(skin()))
+        (back,) = hapfmt.read(written(recording)[0], channels=[4]).channels
+        assert back.values.tolist() == recording.channels[4].values.tolist()
+
+    @given(st.integers(0, 2**32), st.sampled_from([1, 2, 5, 300]), st.sampled_from([1, 10**6]))
+    def test_any_counts_come_back(self, seed, size, factor):
+        g = np.random.default_rng(seed)
+        common = g.integers(-900, 901, size) * factor
+        rows = [common * g.integers(-2, 3) + g.integers(-2, 3, size) for _ in range(4)]
+        recording = Recording(channels(rows))
+        assert_same(recording, written(recording)[0])
+
+    def test_the_ends_of_32_bits(self):
+        g = np.random.default_rng(1)
+        ends = np.array([-(2**31), 2**31 - 1])[g.integers(0, 2, 400)]
+        recording = Recording(channels([ends, ends, -1 - ends]))
+        assert len(encode(recording, ARCHIVE).tracks) == 1
+        assert_same(recording, written(recording)[0])
+
+
+class TestNearLossless:
+    @pytest.mark.parametrize("error", ["0.5lsb", "1lsb", "6lsb"])
+    def test_within_the_error(self, error):
+        recording = Recording(channels(skin(noise=20)))
+        settings = Settings.of("near-lossless", max_error=error)
+        data, summary = written(recording, settings)
+        made = encode(recording, settings)
+        assert [len(track.components) for track in made.tracks] == [6]
+        assert all("track of 0-5" in d.reason and d.within for d in summary.decisions)
+        for before, after in zip(recording.channels, hapfmt.read(data).channels, strict=True):
+            away = np.abs(before.values.astype(int) - after.values).max()
+            assert away <= float(error[:-3])
+        report = hapfmt.verify(data, against=recording)
+        assert report.verdict == "intact" and not any(c.outside for c in report.contracts)
+        apart = encode(recording, replace(settings, references=False))
+        size = sum(d.size for d in made.decisions)
+        assert size < 0.97 * sum(d.size for d in apart.decisions)
+
+    def test_grids_that_differ_stay_apart(self):
+        rows = skin(4)
+        rows[1] = rows[1] * 3
+        settings = Settings.of("near-lossless", max_error="1%")
+        steps = [references.step_of([c], settings) for c in channels(rows)]
+        made = encode(Recording(channels(rows)), settings)
+        assert all(a != b for a, b in zip(steps, steps[1:], strict=False))
+        assert len(made.tracks) == 4
+
+
+def links_of(rows):
+    return find_links(rows, np.arange(rows[0].size) >= references.SETTLING)
+
+
+class TestLinks:
+    def test_a_delayed_copy(self):
+        x = np.random.default_rng(1).integers(-99, 100, 5000)
+        assert links_of([x, np.roll(x, 1)])[1] == (0,)
+        assert links_of([x, np.roll(x, -1)])[1] == (0,)
+        assert links_of([x, np.roll(x, 2)]) == [(), ()]
+
+    def test_the_nearest_alone_is_enough(self):
+        """A sum of two needs both, a copy of one only that."""
+        g = np.random.default_rng(1)
+        a, b = g.integers(-99, 100, (2, 5000)).cumsum(axis=1)
+        assert links_of([a, b, a + b, a + g.integers(-1, 2, 5000)])[2:] == [(0, 1), (0,)]
+
+    def test_constants_and_short_ones(self):
+        x = np.random.default_rng(1).integers(-99, 100, 5000)
+        constant = np.full(5000, 3)
+        assert links_of([constant, x, constant, x]) == [(), (), (), (1,)]
+        assert links_of([constant, constant]) == [(), ()]
+        assert links_of([x[:60], x[:60]]) == [(), ()]
+
+    @pytest.mark.parametrize(
+        ("links", "expected"),
+        [
+            ([(), (), ()], []),
+            ([(), (0,), ()], [(0, 2)]),
+            ([(), (0,), (), (2,)], [(0, 2), (2, 4)]),
+            ([(), (), (1,), (0,)], [(0, 4)]),
+            ([(), (0,), (), (2,), (0, 3)], [(0, 5)]),
+            ([(), (), (), (0, 1)], [(0, 4)]),
+        ],
+    )
+    def test_runs_that_no_link_leaves(self, links, expected):
+        assert intervals(links) == expected
+
+    def test_weights(self):
+        """Half of one, minus a quarter of another a tick later."""
+        g = np.random.default_rng(2)
+        a, b = g.integers(-4000, 4001, (2, 3000))
+        x = a // 2 - np.append(b[1:], 0) // 4
+        predictor, _, _ = parse_header(encode_best(x), 0)
+        one, two = fit(x, predictor, [a, b], (0, 1))
+        assert (one.component, two.component) == (0, 1)
+        expected = [(0, 32, 0), (0, 0, -16)]
+        assert np.abs(np.array([one.weights, two.weights]) - expected).max() <= 3
+
+    def test_a_tap_does_not_spoil_the_weights(self):
+        """One sample in a thousand, a hundred times as large, with a sign of its own."""
+        g = np.random.default_rng(3)
+        a = g.integers(-40, 41, 4000)
+        x = a + g.integers(-1, 2, 4000)
+        x[::1000] = -2000
+        a[::1000] = 2000
+        ((_, weights),) = fit(x, Predictor(), [a], (0,))
+        assert weights[1] > 24
+
+    def test_what_choose_sources_saves(self):
+        x = np.random.default_rng(1).integers(-99, 100, 4000)
+        settled = np.arange(x.size) >= references.SETTLING
+        left = moments(x, quick_predictor(x), [x], [0], settled)
+        links, saved = choose_sources(left, [0], 3000)
+        assert links == (0,)
+        assert saved > 5 * 3000
+
+    def test_what_is_looked_at(self):
+        """Four pieces of a long channel, joined without jumps; all of a short one."""
+        values = np.arange(100_000, dtype=np.int32)
+        (channel,) = channels([values], coverage=(Span(0, 14_000), Span(50_000, 136_000)))
+        view = View.of(channel.coverage)
+        assert view.places.size == 4 * 4096
+        assert view.places[[0, 4096]].tolist() == [10_452, 35_452]
+        assert np.flatnonzero(view.torn).tolist() == [0, 3548, 4096, 8192, 12288]
+        assert (np.diff(view.indices(channel, 1))[~view.torn[1:]] == 1).all()
+        assert (np.diff(view.indices(channel, 1))[view.torn[1:]] == 0).all()
+        settled = np.flatnonzero(view.settled)
+        assert (settled[0], 3546 in settled, 3547 in settled) == (references.SETTLING, True, False)
+        (channel,) = channels([values[:500]])
+        view = View.of(channel.coverage)
+        assert view.indices(channel, 3).tolist() == [(x + 1) // 3 for x in range(500)]
+
+    def test_a_jump_that_all_share_is_no_resemblance(self):
+        g = np.random.default_rng(1)
+        rows = g.integers(-9, 10, (2, 2000)) + np.where(np.arange(2000) < 990, 0, 10**6)
+        spans = (Span(0, 990), Span(1000, 2010))
+        made = encode(Recording(channels(rows, coverage=spans)), ARCHIVE)
+        assert len(made.tracks) == 2
+
+
+def test_packets_that_are_larger_with_references_go_without():
+    """All but the last packet has much in common."""
+    g = np.random.default_rng(1)
+    a = g.integers(-500, 501, 20_000)
+    b = np.concatenate((a[:15_000], g.integers(-500, 501, 5_000)))
+    made = encode(Recording(channels([a, b])), replace(ARCHIVE, cluster=5))
+    (track,) = made.tracks
+    assert len(track.components) == 2
+    told = []
+    for packet in made.packets:
+        start, end = split_components(packet.data, 2, 0)[1]
+        predictor, _, _ = parse_header(packet.data[start:end], 0, 1)
+        told.append(len(predictor.references))
+    assert told == [1, 1, 1, 0]
+
+
+def test_a_base_that_the_references_move():
+    """Level differences: the mean of the errors stays near 0."""
+    g = np.random.default_rng(1)
+    a = 3000 + g.integers(-200, 201, 3000)
+    a[0] = 0
+    b = a // 2 + g.integers(-1, 2, 3000)
+    data = references.encode_referring(b, encode_best(b), [a], (0,))
+    predictor, _, _ = parse_header(data, 0, 1)
+    assert predictor.references
+    far = encode_component(b, replace(predictor, base=predictor.base + 500), [a])
+    assert len(data) < len(encode_best(b)) / 3 and len(data) <= len(far)
