@@ -94,7 +94,7 @@ class TestPackets:
             for place, (row, (_, predictor)) in enumerate(zip(lists, rows, strict=True)):
                 *given, references = astuple(predictor)
                 flat = [(a, *weights) for a, weights in references]
-                constant = bytes([16, 0]) + page.varint(
+                constant = bytes([16, 0]) + page.varint_bytes(
                     2 * row[0] if row[0] >= 0 else -2 * row[0] - 1
                 )
                 parts.append(
