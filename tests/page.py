@@ -112,6 +112,11 @@ class Range:
             out += bit * 2**i
         return out
 
+    def check(self) -> None:
+        """RNG-001, after each number."""
+        if self.coded is not None and self.n - 15 + len(self.raw) > 8 * len(self.coded):
+            raise BrokenRule("RNG-001")
+
     def end(self) -> bytes:
         """All coded bytes."""
         for r in (15, 14):
@@ -272,6 +277,7 @@ def code_samples(coder, span, g, c, base, repeats, raw_signs, last, indices=None
         out.append(z[t] + base)
         if abs(out[-1]) > last:
             raise BrokenRule("LPC-003")
+        coder.check()
     return out
 
 
@@ -459,6 +465,7 @@ def code_knots(coder, f, linear, span, first, last, knots=None):
         if any(abs(index) > last for index in new):
             raise BrokenRule("LPC-003")
         out.append((tick, new))
+        coder.check()
     return out
 
 

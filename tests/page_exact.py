@@ -129,6 +129,7 @@ def corrections(coder: Range, fields: Fields, counts, widths, recall: bool, shif
             rest = [entry for i, entry in enumerate(lists.get(count, [])) if i != rank]
             lists[count] = [found, *rest][:32]
         out.append(found)
+        coder.check()
     return out
 
 

@@ -238,6 +238,18 @@ class RangeDecoder:
         """Where an error is reported: what was decoded lies before it, but for raw bits."""
         return self.offset + min((self.taken - 15) // 8, len(self.data))
 
+    def check(self) -> None:
+        """RNG-001, before the end: what was read since the last byte takes no packet any more."""
+        if 8 * self.at - self.left - 15 + self.raw_bits > 8 * len(self.data):
+            raise self.wrong_end()
+
+    def wrong_end(self) -> FormatError:
+        return FormatError(
+            "the coded bits do not end with their packet",
+            requirement="RNG-001",
+            offset=self.place,
+        )
+
     def finish(self) -> None:
         """RNG-001."""
         number = int.from_bytes(self.data, "big")
@@ -248,11 +260,7 @@ class RangeDecoder:
         whole = size == len(self.data) and v <= x < v + (1 << r)
         between = size * 8 - self.raw_bits - (self.taken - r)
         if not whole or number >> self.raw_bits & ((1 << between) - 1):
-            raise FormatError(
-                "the coded bits do not end with their packet",
-                requirement="RNG-001",
-                offset=self.place,
-            )
+            raise self.wrong_end()
 
 
 def first_table(context: int) -> tuple[int, ...]:

@@ -266,6 +266,7 @@ def decode_loop(
         if ids is not None:
             model.learn(id_, c, rank)
         out.append(c)
+        coder.check()
     coder.finish()
     check_bits(bits, position, offset + len(coded))
     return np.array(out, np.int64)

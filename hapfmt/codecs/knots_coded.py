@@ -150,6 +150,7 @@ def decode_indices(
             check_index(index, limit, coder.place)
         ticks.append(tick)
         rows.extend(row)
+        coder.check()
     coder.finish()
     return knot_table(ticks, rows)
 

@@ -370,6 +370,7 @@ def decode_coded(
         if c:
             history = [sums[-1], *history[:-1]]
         indices.append(sums[0] + predictor.base)
+        coder.check()
     coder.finish()
     return indices
 

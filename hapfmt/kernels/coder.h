@@ -285,6 +285,12 @@ static int64_t bits_taken(const decoder *d)
     return 8 * (d->next - d->in + d->beyond) - d->ready;
 }
 
+/* RNG-001, before the end: more was read than the packet can hold. */
+INLINE int overrun(const decoder *d)
+{
+    return bits_taken(d) - 15 + d->raw > 8 * (d->end - d->in);
+}
+
 /* RNG-001 */
 static int check_end(const decoder *d)
 {

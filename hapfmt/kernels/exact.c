@@ -132,6 +132,7 @@ static int decode_corrections(decoder *c, bit_field *f, correction_model *m, con
                               const uint8_t *widths, int64_t *out, int64_t span, int shift)
 {
     for (int64_t t = 0; t < span; t++) {
+        if (overrun(c)) return BAD_END;
         int32_t id = ids ? ids[t] : 0;
         int found = 0;
         if (ids) {

@@ -111,6 +111,7 @@ INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int6
     int recent = 0, g = p->difference, now = ORDERS;
     int64_t base = p->base, limit = p->limit;
     for (int64_t t = 0; t < p->span; t++) {
+        if (RARE(overrun(d))) return BAD_END;
         int same = 0;
         if (repeats && t) {
             same = get_bit(d, &m->repeats[recent]);
