@@ -14,8 +14,9 @@ SOURCES = [
     "huffman",
     "levels",
     "exact",
+    "knots_coded",
 ]
-HEADERS = ["kernels", "coder", "lpcr", "search", "grid", "tube"]
+HEADERS = ["kernels", "coder", "lines", "lpcr", "search", "grid", "tube"]
 
 setup(
     ext_modules=[

@@ -79,6 +79,39 @@ class KnotsDecode(Protocol):
     ) -> bool: ...
 
 
+class CodedKnotsDecode(Protocol):
+    """(coded bytes, lines, knots after the first, largest index, step, zero, magnitudes of a
+    deadband's grid int64 or none, least and largest count, indices of the first knot int64
+    [components], zeros int64 [2 * components], int32 [ticks * components]) -> (status, bytes
+    read); the last argument is filled with counts, the two before are used up."""
+
+    def __call__(
+        self,
+        coded: Buffer,
+        lines: bool,
+        further: int,
+        limit: int,
+        step: int,
+        zero: int,
+        levels: Buffer,
+        low: int,
+        high: int,
+        first: Buffer,
+        work: Buffer,
+        counts: Buffer,
+        /,
+    ) -> tuple[int, int]: ...
+
+
+class CodedKnotsEncode(Protocol):
+    """(ticks int64 [knots], indices int64 [knots * components], lines, coded bytes) -> (status,
+    size); the last argument is filled."""
+
+    def __call__(
+        self, ticks: Buffer, indices: Buffer, lines: bool, coded: Buffer, /
+    ) -> tuple[int, int]: ...
+
+
 class SelectKnots(Protocol):
     """(int64 [ticks, components], zero, floor: int64, kn, kd, vector, by sample, int64 [ticks])
     -> number of knots; the last argument is filled with their ticks."""
@@ -216,6 +249,10 @@ class Kernels(Protocol):
     def exact_decode(self) -> CorrectionLoop: ...
     @property
     def exact_encode(self) -> CorrectionLoop: ...
+    @property
+    def coded_knots_decode(self) -> CodedKnotsDecode: ...
+    @property
+    def coded_knots_encode(self) -> CodedKnotsEncode: ...
     @property
     def estimate(self) -> Estimate: ...
 

@@ -107,6 +107,24 @@ def exact_encode(
     shift: int,
     /,
 ) -> tuple[int, int, int]: ...
+def coded_knots_decode(
+    coded: Buffer,
+    lines: bool,
+    further: int,
+    limit: int,
+    step: int,
+    zero: int,
+    levels: Buffer,
+    low: int,
+    high: int,
+    first: Buffer,
+    work: Buffer,
+    counts: Buffer,
+    /,
+) -> tuple[int, int]: ...
+def coded_knots_encode(
+    ticks: Buffer, indices: Buffer, lines: bool, coded: Buffer, /
+) -> tuple[int, int]: ...
 def step_up(reflections: Buffer, sines: Buffer, coefficients: Buffer, /) -> bool: ...
 def autocorrelate(indices: Buffer, difference: int, base: int, sums: Buffer, /) -> None: ...
 def levinson(
