@@ -1,29 +1,17 @@
 """The optional extension; everything else is in pyproject.toml."""
 
+from pathlib import Path
+
 from setuptools import Extension, setup
 
-FOLDER = "hapfmt/kernels"
-SOURCES = [
-    "module",
-    "lpcr",
-    "sweep",
-    "links",
-    "vectors",
-    "tube",
-    "knots",
-    "select",
-    "huffman",
-    "levels",
-    "exact",
-]
-HEADERS = ["kernels", "coder", "lpcr", "search", "grid", "tube", "links"]
+FOLDER = Path("hapfmt/kernels")
 
 setup(
     ext_modules=[
         Extension(
             "hapfmt.kernels._kernels",
-            [f"{FOLDER}/{name}.c" for name in SOURCES],
-            depends=[f"{FOLDER}/{name}.h" for name in HEADERS],
+            sorted(path.as_posix() for path in FOLDER.glob("*.c")),
+            depends=sorted(path.as_posix() for path in FOLDER.glob("*.h")),
             extra_compile_args=["-O3", "-std=c99", "-ffp-contract=off"],
             py_limited_api=True,
             optional=True,

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .codecs import knots, quantised
+from .codecs import knots, knots_coded, quantised
 from .codecs.components import decode_predicted
 from .codecs.exact import ExactParameters, decode_counts, decode_exact
 from .codecs.knots import KnotParameters
-from .codecs.knots_coded import CodedKnotParameters, decode_coded_knots
+from .codecs.knots_coded import CodedKnotParameters
 from .codecs.predicted import LpcParameters
 from .codecs.quantised import QuanParameters
 from .codecs.raw import RawParameters, decode_raw
@@ -120,9 +120,10 @@ class TrackDecoder:
                     packet.data, parameters, packet.span, size, self.level, packet.offset
                 )
             elif isinstance(parameters, CodedKnotParameters):
-                numbers = decode_coded_knots(
-                    packet.data, parameters, packet.span, size, self.level, packet.offset
-                )
+                return knots_coded.decode_within(
+                    packet.data, parameters, packet.span, size, self.level, packet.offset,
+                    track.count_min, track.count_max,
+                )  # fmt: skip
             else:
                 return quantised.decode_within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,

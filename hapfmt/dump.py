@@ -16,9 +16,12 @@ from .container.source import Source
 from .container.track import Component, Track
 from .container.walk import Chunk, Finding, walk
 from .container.wire import parse_head
-from .errors import HapfmtError
-from .limits import Limits
+from .errors import HapfmtError, LimitError
 from .opening import open_catalogue
+
+NUMBERS_LIMIT = 1 << 22
+"""Samples of one chunk whose numbers are told, about 100 bytes each: all that a cluster of level 1
+holds. A few bytes can stand for 2^28 at level 2."""
 
 
 def dump(source: Source, *, counts: bool = False) -> Iterator[dict[str, Any]]:
@@ -91,6 +94,7 @@ def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[
             salvage_cluster(chunk.payload, catalogue.tracks, catalogue.level, chunk.payload_offset)
         )
     out = []
+    told = 0
     for packet in packets:
         if not isinstance(packet, Packet):
             out.append({"damaged": True})
@@ -103,6 +107,14 @@ def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[
             "sha256": hashlib.sha256(packet.data).hexdigest(),
         }
         if counts:
+            told += packet.span * len(catalogue.tracks[packet.track].components)
+            if told > NUMBERS_LIMIT:
+                raise LimitError(
+                    f"the numbers of more than {NUMBERS_LIMIT} samples in one chunk: "
+                    "decode the file instead",
+                    requirement="LIM-003",
+                    offset=packet.offset,
+                )
             row |= numbers_json(catalogue, packet)
         out.append(row)
     return out
@@ -113,7 +125,6 @@ def numbers_json(catalogue: Catalogue, packet: Packet) -> dict[str, Any]:
     from .decoder import TrackDecoder
 
     track = catalogue.tracks[packet.track]
-    Limits().check_packet(packet.span * len(track.components))
     decoder = TrackDecoder(track, catalogue.level)
     numbers = decoder.decode(packet)
     exact = decoder.decode_exact(packet, numbers)

@@ -343,3 +343,22 @@ class TestConstantStretches:
     def test_only_what_is_constant_is_joined(self):
         ramp = [*range(10)]
         assert self.packets(ramp * 2 + [3] * 30 + ramp) == [(0, 10), (10, 10), (20, 30), (50, 10)]
+
+    @pytest.mark.parametrize("preset", ["archive", "deadband", "default"])
+    def test_exact_values_are_not_joined(self, preset):
+        """The same count and the same bytes, but the corrections of one sample only."""
+        x = np.array([0.02, -0.0, -0.0])
+        recording = Recording((Channel(x, Fraction(1)),))
+        data = encoded(recording, Settings.of(preset, cluster=Fraction(1)))
+        back = hapfmt.read(data).channels[0]
+        assert back.exact.view(np.int64).tolist() == x.view(np.int64).tolist()
+
+
+@pytest.mark.parametrize("preset", ["paper", "auto"])
+@pytest.mark.parametrize("values", [[1e308, -1e308], [0.0, 5e-321]])
+def test_a_floor_that_leaves_no_room(preset, values):
+    """A share of the range beyond the largest double, and one below the smallest."""
+    recording = Recording((Channel(np.array(values), Fraction(1), unit="m", quantity="velocity"),))
+    given = {} if preset == "auto" else {"floor": "0.2%"}
+    data = encoded(recording, Settings.of(preset, **given))
+    assert hapfmt.read(data).channels[0].physical().tolist() == values

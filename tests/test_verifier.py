@@ -75,6 +75,17 @@ def test_parts_that_are_understood():
     assert [entry.get("type") for entry in dump(BytesSource(f.minimal(UNKNOWN)))][3] == "XXXX"
 
 
+@pytest.mark.parametrize("spans", [[2**22 + 1], [2, 2**22 - 1]])
+def test_a_few_bytes_do_not_print_a_flood(spans):
+    """Each packet is one byte; at level 2 a cluster may stand for 2^28 numbers."""
+    starts = np.cumsum([0, *spans]).tolist()
+    packets = [(0, at, span, b"\0") for at, span in zip(starts, spans, strict=False)]
+    data = f.file(("HEAD", f.head(level=2)), f.TRACK_0, ("DATA", f.cluster(*packets)))
+    assert verify(data).error is None
+    entry = list(dump(BytesSource(data), counts=True))[2]
+    assert "LIM-003" in entry["error"] and "packets" not in entry
+
+
 def test_a_flagged_cluster_breaks_no_rule():
     data = f.closed(HEAD, f.TRACK_0, (*f.DATA_0, {"flags": 1}))
     assert rule(data) == ("unsupported", "CHK-009")

@@ -24,6 +24,7 @@ TESTS = [
     "tests/test_codecs_predicted.py",
     "tests/test_codecs_exact.py",
     "tests/test_codecs_knots.py",
+    "tests/test_codecs_knots_coded.py",
     "tests/test_codecs_quantised.py",
     "tests/test_tube.py",
     "tests/test_codecs_components.py",

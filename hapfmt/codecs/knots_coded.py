@@ -10,16 +10,28 @@ from numpy.typing import NDArray
 
 from ..errors import FormatError, TruncatedError
 from ..integers import build_svarint, build_varint, parse_varint
+from ..kernels import compiled
 from ..limits import Level
 from .adaptive import BitModel, RangeDecoder, RangeEncoder
 from .knots import INTERPOLATIONS, Interpolation, interpolate
-from .predicted import LpcParameters, check_index
+from .predicted import INDEX_LIMIT, NO_ROOM, UNIFORM, LpcParameters, check_index, deadband_levels
 
 GAP_BITS = 24
 """A gap of 2^24 ticks is the longest within a packet of any level."""
 
 VALUE_BITS = 34
 """Two indices of at most 2^32 differ by no more."""
+
+NO_KNOTS = "ticks that do not ascend, or a gap beyond 2^24, or an index beyond 2^32"
+"""What an encoder must not ask for."""
+
+STATUS = {
+    3: ("LPC-003", "index beyond the grid"),
+    4: ("RNG-001", "the coded bits do not end with their packet"),
+    7: ("KTE-003", "a gap or a difference too long"),
+    8: ("KTE-004", "more knots than the ticks left"),
+}
+"""What the compiled loop returns, as the readable one says it."""
 
 
 @dataclass(frozen=True)
@@ -101,38 +113,75 @@ def encode_knots(
 
     Linear with more than one knot: the last tick is that of the packet.
     """
-    gaps, first = np.diff(ticks).tolist(), indices[0].tolist()
-    head = b"".join(build_svarint(index) for index in first)
-    if not gaps:
+    head = b"".join(build_svarint(index) for index in indices[0].tolist())
+    further = ticks.size - 1
+    if not further:
         return head
-    coder, model = RangeEncoder(), KnotModel(len(first))
-    steps = np.diff(indices, axis=0).tolist()
+    gaps = np.diff(ticks)
+    far = max(-int(indices.min()), int(indices.max())) > INDEX_LIMIT
+    if gaps.min() < 1 or gaps.max() > 1 << GAP_BITS or far:
+        raise ValueError(NO_KNOTS)
+    loop = encode_loop if compiled is None else encode_compiled
+    return head + build_varint(further) + loop(ticks, indices, interpolation)
+
+
+def encode_loop(
+    ticks: NDArray[np.int64], indices: NDArray[np.int64], interpolation: Interpolation
+) -> bytes:
+    """The coded bytes; kernels/ has the same in C."""
+    coder, model = RangeEncoder(), KnotModel(indices.shape[1])
+    gaps, steps = np.diff(ticks).tolist(), np.diff(indices, axis=0).tolist()
     for number, (gap, row) in enumerate(zip(gaps, steps, strict=True), 1):
         if interpolation == "hold" or number < len(gaps):
             model.gaps.encode(coder, gap - 1)
         for component, e in enumerate(row):
             model.encode(coder, component, e)
-    return head + build_varint(len(gaps)) + coder.finish()
+    return coder.finish()
+
+
+def encode_compiled(
+    ticks: NDArray[np.int64], indices: NDArray[np.int64], interpolation: Interpolation
+) -> bytes:
+    """``encode_loop``, in C; a packet that does not fit its buffer is written once more."""
+    assert compiled is not None
+    plain = np.ascontiguousarray(ticks), np.ascontiguousarray(indices)
+    size, status = 2 * (ticks.size + indices.size) + 64, NO_ROOM
+    while status == NO_ROOM:
+        out = bytearray(size)
+        status, size = compiled.coded_knots_encode(*plain, interpolation == "linear", out)
+    if status:
+        raise ValueError(NO_KNOTS)
+    return bytes(out[:size])
+
+
+def parse_start(
+    data: bytes, span: int, components: int, limit: int, offset: int
+) -> tuple[list[int], int, int]:
+    """Indices of the first knot, how many knots follow it, and where the coded bytes begin."""
+    position, row = 0, []
+    for _ in range(components):
+        number, position = parse_varint(data, position, offset)
+        row.append(number >> 1 if number % 2 == 0 else -(number >> 1) - 1)
+        check_index(row[-1], limit, offset)
+    if position == len(data):
+        return row, 0, position
+    further, coded = parse_varint(data, position, offset)
+    if not 0 < further < span:
+        raise FormatError(
+            "more knots than ticks, or none", requirement="KTE-002", offset=offset + position
+        )
+    return row, further, coded
 
 
 def decode_indices(
     data: bytes, interpolation: Interpolation, span: int, components: int, limit: int, offset: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Ticks [knots], and indices [knots, components] of a magnitude of at most ``limit``."""
-    position, row = 0, []
-    for _ in range(components):
-        number, position = parse_varint(data, position, offset)
-        row.append(number >> 1 if number % 2 == 0 else -(number >> 1) - 1)
-        check_index(row[-1], limit, offset)
+    row, further, coded = parse_start(data, span, components, limit, offset)
     # Eight bytes a number, taken as knots are found: a hostile packet may promise many.
     ticks, rows = array("q", [0]), array("q", row)
-    if position == len(data):
+    if not further:
         return knot_table(ticks, rows)
-    further, coded = parse_varint(data, position, offset)
-    if not 0 < further < span:
-        raise FormatError(
-            "more knots than ticks, or none", requirement="KTE-002", offset=offset + position
-        )
     coder, model = RangeDecoder(data[coded:], offset + coded), KnotModel(components)
     linear = interpolation == "linear"
     for left in range(further - 1, -1, -1):
@@ -173,3 +222,33 @@ def decode_coded_knots(
     limit = grid.index_limit(bound)
     ticks, rows = decode_indices(data, parameters.interpolation, span, components, limit, offset)
     return interpolate(ticks, grid.counts(rows, bound), span, parameters.interpolation)
+
+
+def decode_within(
+    data: bytes,
+    parameters: CodedKnotParameters,
+    span: int,
+    components: int,
+    level: Level,
+    offset: int,
+    low: int,
+    high: int,
+) -> NDArray[np.int32]:
+    """``decode_coded_knots``, each count clamped to low ... high (DEC-001)."""
+    if compiled is None:
+        counts = decode_coded_knots(data, parameters, span, components, level, offset)
+        return np.clip(counts, low, high).astype(np.int32)
+    grid, bound = parameters.grid, level.count_bound
+    limit = grid.index_limit(bound)
+    row, further, coded = parse_start(data, span, components, limit, offset)
+    levels = b"" if grid.grid == UNIFORM else deadband_levels(grid, bound)[0]
+    out = np.empty((span, components), np.int32)
+    status, taken = compiled.coded_knots_decode(
+        data[coded:], parameters.interpolation == "linear", further, limit, grid.step, grid.zero,
+        levels, low, high, np.array(row, np.int64), np.zeros(2 * components, np.int64), out,
+    )  # fmt: skip
+    if status:
+        requirement, message = STATUS[status]
+        place = offset + coded + min(taken, len(data) - coded)
+        raise FormatError(message, requirement=requirement, offset=place)
+    return out

@@ -8,6 +8,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..codecs.knots_coded import CodedKnotParameters
 from ..codecs.predicted import LpcParameters
@@ -262,13 +263,20 @@ def alike(packets: Sequence[Packet], limit: int) -> Iterator[list[Packet]]:
 
 def is_constant(decoder: TrackDecoder, joint: Packet, part: Packet) -> bool:
     """Whether the joint packet, of the bytes of a part, is the constant that the part is."""
-    first = decoder.decode(part)
+    first = words_of(decoder, part)
     if (first != first[0]).any():
         return False
     try:
-        return bool((decoder.decode(joint) == first[0]).all())
+        return bool((words_of(decoder, joint) == first[0]).all())
     except FormatError:
         return False
+
+
+def words_of(decoder: TrackDecoder, packet: Packet) -> NDArray[Any]:
+    """What a packet holds: counts or words, and of exact values the bits."""
+    numbers = decoder.decode(packet)
+    exact = decoder.decode_exact(packet, numbers)
+    return numbers if exact is None else exact.view(np.int64)
 
 
 def choose_level(tracks: list[Track]) -> Level:

@@ -136,9 +136,10 @@ class Settings:
             return None
         finite = channel.physical()
         finite = finite[np.isfinite(finite)]
-        extent = float(finite.max() - finite.min()) if finite.size else 0.0
-        allowed = self.floor.absolute(extent, channel.lsb)
-        return Tolerance(allowed * float(PAPER_TOLERANCE)) if allowed else None
+        extent = float(finite.max()) - float(finite.min()) if finite.size else 0.0
+        allowed = (self.floor.absolute(extent, channel.lsb) or 0.0) * float(PAPER_TOLERANCE)
+        # Nothing is left of a floor below the denormals, and values of 1e308 have no lattice.
+        return Tolerance(allowed) if 0.0 < allowed < inf else None
 
     def describe(self) -> str:
         """For the file's metadata: the preset and what departs from it, as the command line says

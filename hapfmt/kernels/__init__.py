@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Protocol
+from importlib import import_module
+from typing import Any, Protocol, cast
 
 from numpy.typing import NDArray
 
@@ -88,6 +89,39 @@ class KnotsDecode(Protocol):
         counts: Buffer,
         /,
     ) -> bool: ...
+
+
+class CodedKnotsDecode(Protocol):
+    """(coded bytes, lines, knots after the first, largest index, step, zero, magnitudes of a
+    deadband's grid int64 or none, least and largest count, indices of the first knot int64
+    [components], zeros int64 [2 * components], int32 [ticks * components]) -> (status, bytes
+    read); the last argument is filled with counts, the two before are used up."""
+
+    def __call__(
+        self,
+        coded: Buffer,
+        lines: bool,
+        further: int,
+        limit: int,
+        step: int,
+        zero: int,
+        levels: Buffer,
+        low: int,
+        high: int,
+        first: Buffer,
+        work: Buffer,
+        counts: Buffer,
+        /,
+    ) -> tuple[int, int]: ...
+
+
+class CodedKnotsEncode(Protocol):
+    """(ticks int64 [knots], indices int64 [knots * components], lines, coded bytes) -> (status,
+    size); the last argument is filled."""
+
+    def __call__(
+        self, ticks: Buffer, indices: Buffer, lines: bool, coded: Buffer, /
+    ) -> tuple[int, int]: ...
 
 
 class SelectKnots(Protocol):
@@ -242,6 +276,10 @@ class Kernels(Protocol):
     @property
     def exact_encode(self) -> CorrectionLoop: ...
     @property
+    def coded_knots_decode(self) -> CodedKnotsDecode: ...
+    @property
+    def coded_knots_encode(self) -> CodedKnotsEncode: ...
+    @property
     def estimate(self) -> Estimate: ...
 
     def step_up(self, reflections: Buffer, sines: Buffer, coefficients: Buffer, /) -> bool: ...
@@ -259,10 +297,9 @@ def load() -> Kernels | None:
     if os.environ.get("HAPFMT_PURE"):
         return None
     try:
-        from . import _kernels
+        return cast(Kernels, import_module("._kernels", __name__))
     except ImportError:
         return None
-    return _kernels
 
 
 compiled = load()

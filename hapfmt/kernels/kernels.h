@@ -15,7 +15,9 @@ extern PyMethodDef hapfmt_select_methods[];
 extern PyMethodDef hapfmt_huffman_methods[];
 extern PyMethodDef hapfmt_levels_methods[];
 extern PyMethodDef hapfmt_exact_methods[];
+extern PyMethodDef hapfmt_knots_coded_methods[];
 void hapfmt_lpcr_prepare(void);
 void hapfmt_exact_prepare(void);
+void hapfmt_knots_coded_prepare(void);
 
 #endif

@@ -6,13 +6,10 @@
    difference is below 2^35, ticks end at 2^24. */
 #include "kernels.h"
 
-enum { TICK_LIMIT = 1 << 24, GROUPS = 8, LANES = 8 };
-static const int64_t FAR = (int64_t)1 << 36, COUNT_BOUND = (int64_t)1 << 32;
+#include "lines.h"
 
-static inline int64_t clamp(int64_t x, int64_t low, int64_t high)
-{
-    return x < low ? low : x > high ? high : x;
-}
+enum { GROUPS = 8 };
+static const int64_t FAR = (int64_t)1 << 36, COUNT_BOUND = (int64_t)1 << 32;
 
 typedef struct {
     const uint8_t *at, *end;
@@ -31,84 +28,26 @@ static inline int64_t get_varint(reader *r)
 }
 
 typedef struct {
-    int64_t quantum, bound, low, high, span;
-    int components;
+    int64_t quantum, bound, span;
+    shape shape;
 } plan;
 
 static void fill(const plan *p, int64_t from, int64_t stop, const int64_t *values, int32_t *out)
 {
-    for (int c = 0; c < p->components; c++) {
-        int32_t count = (int32_t)clamp(values[c] * p->quantum, p->low, p->high);
-        for (int64_t t = from; t < stop; t++) out[t * p->components + c] = count;
-    }
-}
-
-/* y + rdiv(rise * t, run) for t = 0, 1, ...: quotients and remainders of 2 * run, step by step. */
-typedef struct {
-    int64_t y, step;
-    int32_t rest, more, twice;
-} slope;
-
-static inline int64_t next(slope *s)
-{
-    int64_t y = s->y;
-    int32_t rest = s->rest + s->more - s->twice, below = rest >> 31;
-    s->rest = rest + (s->twice & below);
-    s->y += s->step + 1 + below;
-    return y;
-}
-
-static inline void divide(int64_t rise, int64_t run, int64_t *step, int32_t *more)
-{
-    int64_t q = rise == (int32_t)rise ? (int32_t)rise / (int32_t)run : rise / run, r = rise - q * run;
-    *step = q - (r < 0);
-    *more = (int32_t)(2 * (r < 0 ? r + run : r));
-}
-
-/* Where no count needs the clamp: so many at once that the compiler takes them in one register. */
-static void ramp(slope s, int64_t rise, int64_t run, int64_t count, int32_t *out)
-{
-    uint32_t y[LANES];
-    int32_t rest[LANES], more;
-    int64_t step, i = 0;
-    for (int j = 0; j < LANES; j++) {
-        rest[j] = s.rest;
-        y[j] = (uint32_t)next(&s);
-    }
-    divide(LANES * rise, run, &step, &more);
-    uint32_t up = (uint32_t)step + 1;
-    for (; i + LANES <= count; i += LANES)
-        for (int j = 0; j < LANES; j++) {
-            out[i + j] = (int32_t)y[j];
-            int32_t left = rest[j] + more - s.twice, below = left >> 31;
-            rest[j] = left + (s.twice & below);
-            y[j] += up + (uint32_t)below;
-        }
-    for (int j = 0; i < count; i++, j++) out[i] = (int32_t)y[j];
+    for (int c = 0; c < p->shape.components; c++)
+        hold(&p->shape, from, stop, c, values[c] * p->quantum, out);
 }
 
 static void draw(const plan *p, int64_t from, int64_t stop, int64_t run, const int64_t *before,
                  const int64_t *after, int32_t *out)
 {
-    for (int c = 0; c < p->components; c++) {
-        int64_t y0 = before[c] * p->quantum, y1 = after[c] * p->quantum, rise = y1 - y0;
-        int32_t *to = out + from * p->components + c;
-        slope s = {.y = y0, .rest = (int32_t)run, .twice = (int32_t)(2 * run)};
-        int inside = y0 >= p->low && y0 <= p->high && y1 >= p->low && y1 <= p->high;
-        divide(rise, run, &s.step, &s.more);
-        if (inside && p->components == 1 && stop - from >= 3 * LANES)
-            ramp(s, rise, run, stop - from, to);
-        else if (inside)
-            for (int64_t t = from; t < stop; t++, to += p->components) *to = (int32_t)next(&s);
-        else
-            for (int64_t t = from; t < stop; t++, to += p->components)
-                *to = (int32_t)clamp(next(&s), p->low, p->high);
-    }
+    for (int c = 0; c < p->shape.components; c++)
+        line(&p->shape, from, stop, run, c, before[c] * p->quantum, after[c] * p->quantum, out);
 }
 
 static int get_values(reader *r, const plan *p, int64_t *values)
 {
-    for (int c = 0; c < p->components; c++) {
+    for (int c = 0; c < p->shape.components; c++) {
         int64_t number = get_varint(r);
         if (number < 0 || number >= FAR) return 0;
         values[c] += (number >> 1) ^ -(number & 1);
@@ -121,7 +60,7 @@ static int get_values(reader *r, const plan *p, int64_t *values)
 static int decode(const plan *p, reader r, int linear, int64_t tick_limit, int64_t *values,
                   int32_t *out)
 {
-    int64_t *before = values, *after = values + p->components, tick = 0;
+    int64_t *before = values, *after = values + p->shape.components, tick = 0;
     int lines = 0;
     if (!get_values(&r, p, after)) return 0;
     while (r.at < r.end) {
@@ -129,7 +68,7 @@ static int decode(const plan *p, reader r, int linear, int64_t tick_limit, int64
         int64_t *other = before;
         before = after;
         after = other;
-        memcpy(after, before, (size_t)p->components * sizeof *after);
+        memcpy(after, before, (size_t)p->shape.components * sizeof *after);
         if (gap < 1 || gap > TICK_LIMIT || !get_values(&r, p, after)) return 0;
         tick += gap;
         if (!linear) {
@@ -152,24 +91,19 @@ static PyObject *knots_decode(PyObject *self, PyObject *args)
 {
     Py_buffer data, values, out;
     int linear, decoded = 0;
-    long long tick_limit, quantum, bound, low, high;
+    long long tick_limit, quantum, bound;
     plan p;
     (void)self;
-    if (!PyArg_ParseTuple(args, "y*LipLLLLw*w*", &data, &quantum, &p.components, &linear,
-                          &tick_limit, &bound, &low, &high, &values, &out))
+    if (!PyArg_ParseTuple(args, "y*LipLLLLw*w*", &data, &quantum, &p.shape.components, &linear,
+                          &tick_limit, &bound, &p.shape.low, &p.shape.high, &values, &out))
         return NULL;
-    int fits = p.components > 0 && values.len / 16 == p.components && values.len % 16 == 0 &&
-               out.len > 0 && out.len % (4 * (Py_ssize_t)p.components) == 0 &&
-               out.len / 4 / p.components <= TICK_LIMIT && quantum > 0 && quantum <= COUNT_BOUND &&
-               bound >= 0 && bound <= COUNT_BOUND / quantum && low <= high && low >= INT32_MIN &&
-               high <= INT32_MAX && tick_limit <= TICK_LIMIT && (uintptr_t)values.buf % 8 == 0 &&
-               (uintptr_t)out.buf % 4 == 0;
+    p.span = rows_of(&p.shape, &out);
+    int fits = p.span > 0 && values.len % 16 == 0 && values.len / 16 == p.shape.components &&
+               (uintptr_t)values.buf % 8 == 0 && quantum > 0 && quantum <= COUNT_BOUND &&
+               bound >= 0 && bound <= COUNT_BOUND / quantum && tick_limit <= TICK_LIMIT;
     if (fits) {
         p.quantum = quantum;
         p.bound = bound;
-        p.low = low;
-        p.high = high;
-        p.span = out.len / 4 / p.components;
         reader r = {data.buf, (const uint8_t *)data.buf + data.len};
         Py_BEGIN_ALLOW_THREADS
         memset(values.buf, 0, (size_t)values.len);
