@@ -332,7 +332,7 @@ def test_predictor_and_weights_are_fitted_in_turn():
     alone = encode_best(x)
     predictor, _, _ = parse_header(alone, 0)
     once = encode_component(x, refer(x, predictor, [load], (0,)), [load])
-    assert len(references.encode_referring(x, alone, [load], (0,))) < 0.7 * len(once)
+    assert len(references.encode_referring(x, alone, [load], (0,))) < 0.9 * len(once)
 
 
 def test_a_base_that_the_references_move():

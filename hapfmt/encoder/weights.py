@@ -123,7 +123,7 @@ def centred(x: Indices) -> Indices:
     """16 times what is left without the mean: a base takes what is the same everywhere."""
     size = x.shape[1]
     means = [rdiv(16 * total, size) for total in x.sum(axis=1).tolist()]
-    return 16 * x - np.array(means)[:, None]
+    return np.asarray(16 * x - np.array(means, np.int64)[:, None])
 
 
 def scales_of(errors: Indices) -> Indices:
