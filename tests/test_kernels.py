@@ -264,11 +264,16 @@ PURE = """
 import io, numpy, hapfmt
 from hapfmt.kernels import compiled
 x = numpy.random.default_rng(1).integers(-40, 40, 300).cumsum().astype(numpy.int32)
-channel = hapfmt.Channel(x, 1000, calibration=hapfmt.Calibration(1, 0, 1000))
+scale = hapfmt.Calibration(1, 0, 1000)
+channels = tuple(hapfmt.Channel(y, 1000, calibration=scale) for y in (x, x // 2))
 stream = io.BytesIO()
-hapfmt.write(hapfmt.Recording((channel,)), stream, hapfmt.Settings.of("archive"), canonical=1)
-back = hapfmt.read(stream.getvalue()).channels[0].values
-print(compiled is None, bool((back == x).all()), stream.getvalue().hex())
+summary = hapfmt.write(
+    hapfmt.Recording(channels), stream, hapfmt.Settings.of("archive"), canonical=1
+)
+assert "from 0" in summary.decisions[1].reason
+back = hapfmt.read(stream.getvalue()).channels
+same = all((a.values == b.values).all() for a, b in zip(back, channels, strict=True))
+print(compiled is None, same, stream.getvalue().hex())
 """
 
 

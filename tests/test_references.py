@@ -22,6 +22,7 @@ from hapfmt.encoder.references import (
     View,
     find_links,
     intervals,
+    refer,
 )
 from hapfmt.encoder.weights import choose_sources, fit, moments, quick_predictor
 from hapfmt.recording import Span
@@ -320,6 +321,18 @@ def test_packets_that_are_larger_with_references_go_without():
         predictor, _, _ = parse_header(packet.data[start:end], 0, 1)
         told.append(len(predictor.references))
     assert told == [1, 1, 1, 0]
+
+
+def test_predictor_and_weights_are_fitted_in_turn():
+    """Alone it looks like the smooth load; what the load leaves is noise with a pitch of its own."""
+    g = np.random.default_rng(1)
+    load = g.integers(-90, 91, 3000).cumsum()
+    pitch = np.rint(300 * np.sin(np.arange(3000) / 2)).astype(int) + g.integers(-2, 3, 3000)
+    x = load + pitch
+    alone = encode_best(x)
+    predictor, _, _ = parse_header(alone, 0)
+    once = encode_component(x, refer(x, predictor, [load], (0,)), [load])
+    assert len(references.encode_referring(x, alone, [load], (0,))) < 0.9 * len(once)
 
 
 def test_a_base_that_the_references_move():

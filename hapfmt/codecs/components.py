@@ -17,6 +17,7 @@ from .predicted import (
     LpcParameters,
     Predictor,
     decode_body,
+    decode_indices,
     differences,
     encode_indices,
     parse_header,
@@ -100,6 +101,9 @@ def decode_predicted(
 ) -> Indices:
     """The packet ``data``, which stands at ``offset``, as counts [span, components]."""
     limit = parameters.index_limit(level.count_bound)
+    if count == 1:
+        indices = decode_indices(data, span, limit, offset)
+        return parameters.counts(indices, level.count_bound)[:, None]
     earlier: list[Indices] = []
     for start, end in split_components(data, count, offset):
         part, at = data[start:end], offset + start
@@ -107,5 +111,7 @@ def decode_predicted(
         c = None if constant else predictor.coefficients
         cross = None if c is None else cross_terms(predictor, earlier)
         earlier.append(decode_body(part, predictor, constant, position, span, limit, at, cross))
-    rows = [parameters.counts(indices, level.count_bound) for indices in earlier]
-    return rows[0][:, None] if count == 1 else np.stack(rows, axis=1)
+    out = np.empty((span, count), np.int64)
+    for place, indices in enumerate(earlier):
+        out[:, place] = parameters.counts(indices, level.count_bound)
+    return out

@@ -34,6 +34,9 @@ NORMAL_BITS, CLIPPED_BITS, BLOCK = 8, 16, 32
 """Prediction errors are brought to a mean of 8 bits in each block, and clipped to 16: products of
 32 bits, and no packet has 2**20 of them."""
 
+ENOUGH, PIECE = 4096, 256
+"""Of longer packets every so manieth piece is looked at."""
+
 LOUD = 1 << 12
 """Prediction errors of more than 16 times the mean count as that, so that a tap does not outweigh
 all the rest."""
@@ -107,13 +110,9 @@ def moments(
     c, difference = predictor.coefficients or [], predictor.difference
     errors = prediction_errors(indices, difference, c, predictor.base)[settled]
     scales = scales_of(errors) - 4
-    rows = [
-        scaled(centred(tap[settled]), scales)
-        for source in sources
-        for tap in taps_of(earlier[source], difference, c)
-    ]
-    e = scaled(centred(errors), scales).clip(-LOUD, LOUD)
-    x = np.stack([*rows, e])
+    rows = [tap[settled] for a in sources for tap in taps_of(earlier[a], difference, c)]
+    x = scaled(centred(np.stack([*rows, errors])), scales)
+    x[-1].clip(-LOUD, LOUD, out=x[-1])
     found: Moments = np.einsum("it,jt->ij", x, x)
     # Roundings of the scaled numbers: without them, taps that are the same have no inverse.
     found[np.diag_indices(len(rows))] += x.shape[1]
@@ -122,7 +121,9 @@ def moments(
 
 def centred(x: Indices) -> Indices:
     """16 times what is left without the mean: a base takes what is the same everywhere."""
-    return np.asarray(16 * x - rdiv(16 * int(x.sum()), x.size))
+    size = x.shape[1]
+    means = [rdiv(16 * total, size) for total in x.sum(axis=1).tolist()]
+    return np.asarray(16 * x - np.array(means, np.int64)[:, None])
 
 
 def scales_of(errors: Indices) -> Indices:
@@ -159,7 +160,10 @@ def fit(
     indices: Indices, predictor: Predictor, earlier: Sequence[Indices], links: tuple[int, ...]
 ) -> tuple[Reference, ...]:
     """The references of a packet, weights and all; those that would weigh nothing are left out."""
-    settled = np.arange(indices.size) >= min(SETTLING, indices.size // 2)
+    at = np.arange(indices.size)
+    settled = at >= min(SETTLING, indices.size // 2)
+    if indices.size > ENOUGH:
+        settled &= at // PIECE % (indices.size // ENOUGH + 1) == 0
     left = moments(indices, predictor, earlier, links, settled)
     for place in range(len(links)):
         left = sweep(left, place)

@@ -66,6 +66,7 @@ static int decode_knots(decoder *d, const knot_plan *p, int64_t *row, int64_t *c
     knots_init(&m);
     for (int c = 0; c < components; c++) counts[c] = count_of(p, row[c]);
     for (int64_t left = p->further; left-- > 0;) {
+        if (RARE(overrun(d))) return BAD_END;
         int64_t from = tick, stop;
         int last = p->linear && !left, inside = 1;
         if (last) {
