@@ -24,6 +24,7 @@ from .common import (
     refuse_target,
     table,
     tell_notes,
+    threads_option,
 )
 
 if TYPE_CHECKING:
@@ -105,6 +106,7 @@ ORIGINAL_BITS = 64
     metavar="FILE_ID",
     help="The same input gives the same bytes; FILE_ID stands for the random file id.",
 )
+@threads_option
 @force_option
 @json_option
 def encode(
@@ -116,6 +118,7 @@ def encode(
     canonical: int | None,
     force: bool,
     as_json: bool,
+    threads: int | None,
     vectors: tuple[str, ...],
     **given: Any,
 ) -> int:
@@ -146,6 +149,7 @@ def encode(
             canonical=canonical,
             force=force,
             progress=advance,
+            threads=threads,
         )
     seconds = time.perf_counter() - began
     if as_json and target != "-":

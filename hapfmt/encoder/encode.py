@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -17,6 +17,7 @@ from ..decoder import TrackDecoder
 from ..errors import FormatError, ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..recording import Channel, Recording
+from ..threads import in_order, thread_count
 from .auto import NOTHING, Plan, encode_auto, plan_channel, plan_unit
 from .exact import encode_doubles
 from .groups import group_units
@@ -80,17 +81,20 @@ def encode(
     settings: Settings | None = None,
     *,
     progress: Callable[[int, int], None] | None = None,
+    threads: int | None = None,
 ) -> Encoded:
-    """All channels of a recording; ``progress`` is called with (channels done, channels in all)."""
+    """All channels of a recording; ``progress`` is called with (channels done, channels in all).
+
+    ``threads``: as in :func:`hapfmt.write`; the result does not depend on it.
+    """
     settings = settings or Settings()
+    threads = min(thread_count(threads, recording.sample_count), len(recording))
     if len(recording) > LAST_TRACK_ID // 2:
         raise ParameterError(f"a recording has at most {LAST_TRACK_ID // 2} channels")
     originals = [as_recorded(channel) for channel in recording.channels]
-    plans = [plan_channel(channel, settings) for channel in originals]
-    prepared = [
-        to_counts(channel, plan.settings.tolerance_for(channel))
-        for channel, plan in zip(originals, plans, strict=True)
-    ]
+    planned = list(in_order(lambda channel: prepare(channel, settings), originals, threads))
+    plans = [plan for plan, _, _ in planned]
+    prepared = [(channel, lattice) for _, channel, lattice in planned]
     cluster = settings.cluster_of(recording)
     units: list[Unit] = []
     decisions: list[Decision] = []
@@ -101,16 +105,33 @@ def encode(
         apart=settings.preset in ("archive", "near-lossless")
         or (settings.preset == "auto" and settings.vectors != "required"),
     )
-    for members in groups:
-        first = len(decisions)
+
+    def code(group: tuple[int, list[Channel]]) -> tuple[list[Channel], Unit]:
+        first, members = group
         plan = plan_unit(plans[first : first + len(members)], settings)
-        unit = encode_unit(members, originals[first], first, plan, cluster)
+        return members, encode_unit(members, originals[first], first, plan, cluster)
+
+    for members, unit in in_order(code, numbered(groups), threads):
         units.append(unit)
         decisions += decide(unit, members, [why for _, why in prepared[len(decisions) :]])
         if progress:
             progress(len(decisions), len(prepared))
     tracks, packets = number_tracks(units)
     return Encoded(tracks, packets, decisions, choose_level(tracks))
+
+
+def numbered(groups: Iterable[list[Channel]]) -> Iterator[tuple[int, list[Channel]]]:
+    """Each group, and the number of its first channel."""
+    first = 0
+    for members in groups:
+        yield first, members
+        first += len(members)
+
+
+def prepare(channel: Channel, settings: Settings) -> tuple[Plan, Channel, str]:
+    """What one channel is coded with, the channel in counts, and a line on its lattice."""
+    plan = plan_channel(channel, settings)
+    return plan, *to_counts(channel, plan.settings.tolerance_for(channel))
 
 
 def as_recorded(channel: Channel) -> Channel:
