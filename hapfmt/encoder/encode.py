@@ -26,7 +26,7 @@ from .packed import Coded
 from .settings import Settings
 from .source import Source, cut, side_by_side
 from .unit import ENCODE_LEVEL, Unit, encode_counts
-from .words import WORDS_REASON, encode_words
+from .words import WORDS_REASON, encode_words, words_size
 
 WORDS = {
     np.dtype(np.int64): "int64",
@@ -183,9 +183,12 @@ def encode_unit(
         def words() -> Unit:
             return encode_words(channel, spans, first_channel, kind, WORDS_REASON)
 
-        unit = words()
         if kind == "binary64":
-            unit = encode_doubles(channel, spans, first_channel, words)
+            unit = encode_doubles(
+                channel, spans, first_channel, words, least=lambda: words_size(channel, spans)
+            )
+        else:
+            unit = words()
         return replace(unit, left_out=NOTHING) if plan.why else unit
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..codecs.exact import ExactParameters, corrections_of, encode_exact
+from ..codecs.exact import ExactParameters, corrections_of, lacking_of
 from ..codecs.values import (
     DECIMALS,
     DIGITS_LIMIT,
@@ -78,10 +78,11 @@ def encode_doubles(
     otherwise: Callable[[], Unit],
     *,
     grid: bool = True,
+    least: Callable[[], float] = lambda: 0,
 ) -> Unit:
     """The smallest way to keep a channel of doubles bit for bit: as counts and exact values, or
-    ``otherwise``, which is not asked where a natural lattice misses next to nothing. ``grid``:
-    whether a binary grid will do."""
+    ``otherwise``, which is not asked where a natural lattice misses next to nothing, nor where the
+    bytes that it takes at ``least`` are more. ``grid``: whether a binary grid will do."""
     x = np.ascontiguousarray(channel.values, np.float64)
     if not x.size or not np.isfinite(x).all():
         return otherwise()
@@ -93,7 +94,9 @@ def encode_doubles(
     if natural and 8 * natural.size < CHEAP * x.size:
         return natural.unit
     found = [natural, code(binary_grid(x) if grid else None)]
-    units = [*(way.unit for way in found if way), otherwise()]
+    units = [way.unit for way in found if way]
+    if not units or least() < min(unit.size for unit in units):
+        units.append(otherwise())
     return min(units, key=lambda unit: unit.size)
 
 
@@ -147,19 +150,22 @@ def natural_candidate(x: Doubles) -> Candidate | None:
     rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *rounded_rules(u)]
     halves = [0.5 * 10.0**-rule.digits for rule in rules if rule.rule == DECIMALS]
     found: list[tuple[float, Candidate]] = []
-    lattices = {lattice.calibration: lattice for lattice in natural_lattices(z, exact, halves)}
-    for lattice in lattices.values():
-        step = float(lattice.calibration.step)
-        how = f"step {step:.10g}, missed by {lattice.largest_deviation:.3g} at most"
-        distinct, first = np.unique(lattice.counts, return_index=True)
-        few = slice(None, None, max(1, distinct.size // TRIALS))
-        distinct, first = distinct[few], first[few]
+    lattices = {near.calibration: near for near in natural_lattices(u, exact, halves)}
+    for near in lattices.values():
+        step = float(near.calibration.step)
+        how = f"step {step:.10g}, missed by {near.largest_deviation:.3g} at most"
+        # Counts are sorted as u is.
+        first = np.flatnonzero(np.diff(near.counts, prepend=near.counts[0] - 1))
+        first = first[:: max(1, first.size // TRIALS)]
         for rule in rules:
-            way = Candidate(lattice.calibration, lattice.counts, rule, how)
-            bits = correction_bits(z[first], rule.values(distinct, way.affine))
+            way = Candidate(near.calibration, near.counts, rule, how)
+            bits = correction_bits(u[first], rule.values(near.counts[first], way.affine))
             if bits is not None:
                 found.append((bits, way))
-    return min(found, key=lambda pair: pair[0], default=(0, None))[1]
+    if not found:
+        return None
+    best = min(found, key=lambda pair: pair[0])[1]
+    return replace(best, counts=best.counts[np.searchsorted(u, z)])
 
 
 def correction_bits(x: Doubles, doubles: Doubles) -> float | None:
@@ -216,10 +222,9 @@ def binary_grid(x: Doubles) -> Candidate | None:
 def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> tuple[bytes, int]:
     """One packet of these samples, and how many of its bytes are exact values."""
     coded = encode_best(counts)
+    lacking = lacking_of(x, candidate.parameters, candidate.affine, counts)
     ways = [
-        encode_exact(
-            x, candidate.parameters, candidate.affine, counts, recall=recall, relative=relative
-        )
+        lacking.build(recall=recall, relative=relative)
         for recall in (False, True)
         for relative in (False, True)
     ]

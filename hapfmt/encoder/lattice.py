@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, Context
 from fractions import Fraction
 from math import inf, nextafter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,24 +136,32 @@ def to_counts(channel: Channel, tolerance: Tolerance | None = None) -> tuple[Cha
     return changed, found.reason
 
 
-def natural_lattices(
-    x: NDArray[np.float64], exact: Lattice | None, halves: Sequence[float]
-) -> Iterator[Lattice]:
-    """Lattices that all of x misses by little, the simplest first; none where there is no such one.
+class Near(NamedTuple):
+    """A calibration, the counts of some values, and the most that one of them misses its count."""
 
-    exact: the lattice that x does not miss, which a natural one must be SPARSE times coarser than.
-    halves: what a text may have been rounded by.
+    calibration: Calibration
+    counts: NDArray[np.int64]
+    largest_deviation: float
+    how: str
+
+
+def natural_lattices(
+    u: NDArray[np.float64], exact: Lattice | None, halves: Sequence[float]
+) -> Iterator[Near]:
+    """Lattices that all of u misses by little, the simplest first; none where there is no such one.
+
+    u: sorted distinct values, without -0.0. exact: the lattice that they do not miss, which a
+    natural one must be SPARSE times coarser than. halves: what a text may have been rounded by.
     """
-    if x.size == 0 or _out_of_reach(x):
+    if u.size == 0 or _out_of_reach(u):
         return
-    u = np.unique(x + 0.0)
     steps = _steps_beside(u, exact or "", COUNT_BITS)
     if steps is None:
         return
     noises = [*halves, *(steps.noise * share for share in SHARES)]
     for search in (near, fitted):
         for noise in noises:
-            found = _within(x, u, iter([search(u, steps, noise)]), inf, COUNT_BITS)
+            found = _near(u, iter([search(u, steps, noise)]), inf, COUNT_BITS)
             if found:
                 yield found
 
@@ -281,14 +290,24 @@ def _within(
     bits: int,
 ) -> Lattice | None:
     """The first that keeps all of u, the distinct values of x, within ``allowed``."""
+    found = _near(u, ratios, allowed, bits)
+    if found is None:
+        return None
+    calibration, counts, largest, how = found
+    reason = f"rounded within the tolerance, by {largest:.3g} at most, to {how}"
+    return _lattice(x, u, Placed(calibration, counts, how), reason, deviation=largest)
+
+
+def _near(
+    u: NDArray[np.float64], ratios: Iterator[Ratio | None], allowed: float, bits: int
+) -> Near | None:
     for ratio in ratios:
         placed = None if ratio is None else place(ratio, bits)
         if placed is None:
             continue
         largest = _largest_deviation(u, placed.calibration.physical(placed.counts))
         if largest <= allowed:
-            reason = f"rounded within the tolerance, by {largest:.3g} at most, to {placed.how}"
-            return _lattice(x, u, placed, reason, deviation=largest)
+            return Near(placed.calibration, placed.counts, largest, placed.how)
     return None
 
 
@@ -349,7 +368,7 @@ def _hint(x: NDArray[np.float64], exact: Lattice | str) -> str:
         return ""
     u = np.unique(x + 0.0)
     steps = _steps_beside(u, exact, COUNT_BITS)
-    found = steps and _within(x, u, _natural(u, steps, inf), inf, COUNT_BITS)
+    found = _near(u, _natural(u, steps, inf), inf, COUNT_BITS) if steps else None
     if not found or found.largest_deviation == 0:
         return ""
     step = float(found.calibration.step)
