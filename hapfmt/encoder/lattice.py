@@ -11,8 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, Context
 from fractions import Fraction
-from math import inf, nextafter
-from typing import NamedTuple
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from ..errors import ParameterError
 from ..limits import EXACT_LIMIT, SINGLE_MAX
 from ..recording import Calibration, Channel, Deviation
 from .common_step import Steps, near_steps
+from .near import Near, first_near
 from .rational import (
     Placed,
     Ratio,
@@ -136,15 +136,6 @@ def to_counts(channel: Channel, tolerance: Tolerance | None = None) -> tuple[Cha
     return changed, found.reason
 
 
-class Near(NamedTuple):
-    """A calibration, the counts of some values, and the most that one of them misses its count."""
-
-    calibration: Calibration
-    counts: NDArray[np.int64]
-    largest_deviation: float
-    how: str
-
-
 def natural_lattices(
     u: NDArray[np.float64], exact: Lattice | None, halves: Sequence[float]
 ) -> Iterator[Near]:
@@ -161,7 +152,7 @@ def natural_lattices(
     noises = [*halves, *(steps.noise * share for share in SHARES)]
     for search in (near, fitted):
         for noise in noises:
-            found = _near(u, iter([search(u, steps, noise)]), inf, COUNT_BITS)
+            found = first_near(u, iter([search(u, steps, noise)]), inf, COUNT_BITS)
             if found:
                 yield found
 
@@ -290,40 +281,12 @@ def _within(
     bits: int,
 ) -> Lattice | None:
     """The first that keeps all of u, the distinct values of x, within ``allowed``."""
-    found = _near(u, ratios, allowed, bits)
+    found = first_near(u, ratios, allowed, bits)
     if found is None:
         return None
     calibration, counts, largest, how = found
     reason = f"rounded within the tolerance, by {largest:.3g} at most, to {how}"
     return _lattice(x, u, Placed(calibration, counts, how), reason, deviation=largest)
-
-
-def _near(
-    u: NDArray[np.float64], ratios: Iterator[Ratio | None], allowed: float, bits: int
-) -> Near | None:
-    for ratio in ratios:
-        placed = None if ratio is None else place(ratio, bits)
-        if placed is None:
-            continue
-        largest = _largest_deviation(u, placed.calibration.physical(placed.counts))
-        if largest <= allowed:
-            return Near(placed.calibration, placed.counts, largest, placed.how)
-    return None
-
-
-def _largest_deviation(u: NDArray[np.float64], given: NDArray[np.float64]) -> float:
-    """max |u - given|, rounded up to float64; both finite.
-
-    The difference as an unevaluated sum of two float64: D. E. Knuth, The Art of Computer
-    Programming 2, section 4.2.2, theorem B.
-    """
-    difference = u - given
-    back = difference - u
-    rest = (u - (difference - back)) - (given + back)
-    size = np.abs(difference)
-    worst = float(size.max())
-    above = rest * np.sign(difference) > 0
-    return nextafter(worst, inf) if above[size == worst].any() else worst
 
 
 def _lattice(
@@ -368,7 +331,7 @@ def _hint(x: NDArray[np.float64], exact: Lattice | str) -> str:
         return ""
     u = np.unique(x + 0.0)
     steps = _steps_beside(u, exact, COUNT_BITS)
-    found = _near(u, _natural(u, steps, inf), inf, COUNT_BITS) if steps else None
+    found = first_near(u, _natural(u, steps, inf), inf, COUNT_BITS) if steps else None
     if not found or found.largest_deviation == 0:
         return ""
     step = float(found.calibration.step)
