@@ -6,7 +6,6 @@ machine. The bit patterns of doubles in the order of their values are integers h
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np

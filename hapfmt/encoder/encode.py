@@ -21,7 +21,7 @@ from ..threads import in_order, thread_count
 from .auto import NOTHING, Plan, encode_auto, plan_channel, plan_unit
 from .exact import encode_doubles
 from .groups import group_units
-from .lattice import sparse, to_counts
+from .lattice import Lattice, sparse, to_counts
 from .packed import Coded
 from .settings import Settings
 from .source import Source, cut, side_by_side
@@ -203,7 +203,8 @@ def encode_unit(
     rounded = original.values.dtype == "f8" and channel.deviation is None and sparse(counts)
     if settings.preset == "archive" and rounded:
         # What a text rounded may lie on a much coarser lattice.
-        return encode_doubles(original, spans, first_channel, as_counts, grid=False)
+        exact = Lattice(channel.calibration, counts[:, 0], True, 0.0, "")
+        return encode_doubles(original, spans, first_channel, as_counts, exact=exact, grid=False)
     return as_counts()
 
 

@@ -30,7 +30,7 @@ from ..container.track import Affine, Track
 from ..integers import build_varint
 from ..limits import EXACT_LIMIT, LEVELS
 from ..recording import Calibration, Channel, Span
-from .lattice import find_lattice, natural_lattices
+from .lattice import Lattice, find_lattice, natural_lattices
 from .packed import Coded
 from .predict import encode_best
 from .source import component_of, declared_range
@@ -77,12 +77,14 @@ def encode_doubles(
     first_channel: int,
     otherwise: Callable[[], Unit],
     *,
+    exact: Lattice | None = None,
     grid: bool = True,
     least: Callable[[], float] = lambda: 0,
 ) -> Unit:
     """The smallest way to keep a channel of doubles bit for bit: as counts and exact values, or
     ``otherwise``, which is not asked where a natural lattice misses next to nothing, nor where the
-    bytes that it takes at ``least`` are more. ``grid``: whether a binary grid will do."""
+    bytes that it takes at ``least`` are more. ``exact``: the lattice that the doubles do not miss,
+    if there is one. ``grid``: whether a binary grid will do."""
     x = np.ascontiguousarray(channel.values, np.float64)
     if not x.size or not np.isfinite(x).all():
         return otherwise()
@@ -90,7 +92,7 @@ def encode_doubles(
     def code(candidate: Candidate | None) -> Beside | None:
         return coded_as(channel, x, spans, first_channel, candidate) if candidate else None
 
-    natural = code(natural_candidate(x))
+    natural = code(natural_candidate(x, exact))
     if natural and 8 * natural.size < CHEAP * x.size:
         return natural.unit
     found = [natural, code(binary_grid(x) if grid else None)]
@@ -139,13 +141,15 @@ def coded_as(
     return Beside(Unit(coded, None, "predicted + exact", reason, exact=True), beside)
 
 
-def natural_candidate(x: Doubles) -> Candidate | None:
+def natural_candidate(x: Doubles, exact: Lattice | None) -> Candidate | None:
     """The natural lattice and the rule whose corrections are the shortest, by distinct values."""
-    z = x + 0.0
-    exact = find_lattice(z)
-    if exact is not None and (np.signbit(x) & (x == 0)).any():
-        # Nothing but -0.0 is beside the lattice.
-        return Candidate(exact.calibration, exact.counts, ExactParameters(), exact.reason)
+    z = x
+    if (np.signbit(x) & (x == 0)).any():
+        z = x + 0.0
+        exact = find_lattice(z)
+        if exact is not None:
+            # Nothing but -0.0 is beside the lattice.
+            return Candidate(exact.calibration, exact.counts, ExactParameters(), exact.reason)
     u = np.unique(z)
     rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *rounded_rules(u)]
     halves = [0.5 * 10.0**-rule.digits for rule in rules if rule.rule == DECIMALS]

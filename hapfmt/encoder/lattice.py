@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, Context
 from fractions import Fraction
+from itertools import chain
 from math import inf
 
 import numpy as np
@@ -28,6 +29,7 @@ from .rational import (
     decimal,
     dyadic,
     fitted,
+    fitted_all,
     near,
     on_grid,
     place,
@@ -150,11 +152,10 @@ def natural_lattices(
     if steps is None:
         return
     noises = [*halves, *(steps.noise * share for share in SHARES)]
-    for search in (near, fitted):
-        for noise in noises:
-            found = first_near(u, iter([search(u, steps, noise)]), inf, COUNT_BITS)
-            if found:
-                yield found
+    for ratio in chain((near(u, steps, noise) for noise in noises), fitted_all(u, steps, noises)):
+        found = first_near(u, iter([ratio]), inf, COUNT_BITS)
+        if found:
+            yield found
 
 
 def sparse(counts: NDArray[np.int64]) -> bool:
