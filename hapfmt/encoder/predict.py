@@ -17,10 +17,10 @@ from ..codecs.adaptive import ERROR_BITS
 from ..codecs.predicted import (
     DIFFERENCE_LIMIT,
     ORDER_LIMIT,
-    SHIFT,
     Predictor,
     differences,
     encode_indices,
+    prediction_errors,
 )
 from ..kernels import compiled
 
@@ -270,18 +270,6 @@ def cost_of(
     sums = np.add.reduceat(magnitudes, first)
     sizes = np.diff(np.append(first, e.size))
     return int((sizes * (logs(32 * sizes + 87 * sums) - logs(32 * sizes))).sum())
-
-
-def prediction_errors(y: Indices, c: list[int]) -> Indices:
-    """What is left of y; float64 sums are exact below 2**53, in any order."""
-    if not c or y.size == 1:
-        return y
-    exact = int(np.abs(y).max()) * sum(map(abs, c)) < 1 << 52
-    dtype = np.float64 if exact else np.int64
-    sums = np.convolve(y[:-1].astype(dtype), np.array(c, dtype))[: y.size - 1]
-    predictions = np.zeros(y.size, np.int64)
-    predictions[1:] = (sums.astype(np.int64) + (1 << (SHIFT - 1))) >> SHIFT
-    return y - predictions
 
 
 def logs(v: Indices) -> Indices:
