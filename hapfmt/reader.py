@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from types import TracebackType
 from typing import Any, BinaryIO, Literal, NamedTuple
@@ -25,9 +25,25 @@ from .opening import open_catalogue
 from .packets import LostSpan, PacketPass, Seconds, tick_range
 from .reconstruct import Decoded, add_residual, build_channel
 from .recording import Recording
+from .threads import in_order, thread_count
 
 Band = Literal["full", "lf", "hf"]
 BANDS: tuple[Band, ...] = ("full", "lf", "hf")
+
+
+BATCH = 1 << 15
+"""Samples that are worth handing to another thread."""
+
+IN_FLIGHT = 1 << 19
+"""Samples that are decoded ahead of those that are delivered, by all threads together; a packet of
+more is decoded alone."""
+
+
+class Batch(NamedTuple):
+    """Packets that one thread decodes, and how many samples they have."""
+
+    packets: list[Packet]
+    weight: int
 
 
 class Piece(NamedTuple):
@@ -50,7 +66,8 @@ class Reader:
 
     Damage raises nothing by itself: what can be read is delivered, what is lost is in ``findings``
     and ``lost``; ``strict=True`` raises at the first damage instead. Bytes that break a rule
-    although their checksums hold raise FormatError either way.
+    although their checksums hold raise FormatError either way. ``threads`` decode; None: as many as
+    HAPFMT_THREADS says, else as there are CPUs, one where the work is small.
     """
 
     def __init__(
@@ -59,9 +76,11 @@ class Reader:
         *,
         limits: Limits | None = None,
         strict: bool = False,
+        threads: int | None = None,
     ) -> None:
         self.limits = limits or Limits()
         self.strict = strict
+        self.threads = threads
         self.source = open_source(file)
         self.lost: list[LostSpan] = []
         try:
@@ -234,26 +253,58 @@ class Reader:
         self.refuse_unknown()
         ranges = {t.id: tick_range(t.rate, start, stop) for t in tracks}
         decoders = {t.id: TrackDecoder(t, self.catalogue.level, self.source.path) for t in tracks}
+
+        def decode(batch: Batch) -> list[Piece | FormatError]:
+            pieces: list[Piece | FormatError] = []
+            for packet in batch.packets:
+                decoder = decoders[packet.track]
+                try:
+                    numbers = decoder.decode(packet)
+                    doubles = decoder.decode_exact(packet, numbers) if exact else None
+                except FormatError as error:
+                    pieces.append(error)
+                    continue
+                first, last = ranges[packet.track]
+                a, b = max(first - packet.start, 0), min(last - packet.start, packet.span)
+                doubles = None if doubles is None else doubles[a:b]
+                pieces.append(Piece(decoder.track, packet.start + a, numbers[a:b], doubles))
+            return pieces
+
+        threads = self.threads_for(tracks)
+        packets = self.weighed(self.packets(ranges, start, stop, progress), decoders)
+        jobs = batches(packets, BATCH if threads > 1 else 1)
+        for batch, pieces in in_order(
+            lambda job: (job, decode(job)), jobs, threads, lambda job: job.weight / IN_FLIGHT
+        ):
+            for packet, piece in zip(batch.packets, pieces, strict=True):
+                if isinstance(piece, Piece):
+                    yield piece
+                elif self.catalogue.damaged:
+                    # In a damaged file a broken rule is part of the damage (SPEC clause 12).
+                    self.lose_packet(packet, piece)
+                else:
+                    raise piece
+
+    def threads_for(self, tracks: Sequence[Track]) -> int:
+        """One where there is damage, or may be: what becomes of a packet that breaks a rule depends
+        on what was found before it."""
+        if self.catalogue.damaged or self.catalogue.indexed:
+            return 1
+        seconds = self.catalogue.duration
+        samples = sum(int(seconds * t.rate) * len(t.components) for t in tracks)
+        return thread_count(self.threads, samples)
+
+    def weighed(
+        self, packets: Iterable[Packet], decoders: dict[int, TrackDecoder]
+    ) -> Iterator[tuple[Packet, int]]:
+        """Packets that the limits let pass, and their samples."""
         work = 0
-        for packet in self.packets(ranges, start, stop, progress):
-            decoder = decoders[packet.track]
-            samples = packet.span * len(decoder.track.components)
+        for packet in packets:
+            samples = packet.span * len(decoders[packet.track].track.components)
             work += samples
             self.limits.check_packet(samples)
             self.limits.check_work(work)
-            try:
-                numbers = decoder.decode(packet)
-                doubles = decoder.decode_exact(packet, numbers) if exact else None
-            except FormatError as error:
-                if not self.catalogue.damaged:
-                    raise
-                # In a damaged file a broken rule is part of the damage (SPEC clause 12).
-                self.lose_packet(packet, error)
-                continue
-            first, last = ranges[packet.track]
-            a, b = max(first - packet.start, 0), min(last - packet.start, packet.span)
-            doubles = None if doubles is None else doubles[a:b]
-            yield Piece(decoder.track, packet.start + a, numbers[a:b], doubles)
+            yield packet, samples
 
     def packets(
         self,
@@ -286,6 +337,25 @@ class Reader:
         self.lost.append(LostSpan(packet.track, packet.start, packet.stop))
 
 
+def batches(packets: Iterable[tuple[Packet, int]], size: int) -> Iterator[Batch]:
+    """Packets in their order, as few together as hold ``size`` samples; what an error leaves of a
+    batch comes before it."""
+    batch, weight = [], 0
+    try:
+        for packet, samples in packets:
+            batch.append(packet)
+            weight += samples
+            if weight >= size:
+                yield Batch(batch, weight)
+                batch, weight = [], 0
+    except Exception:
+        if batch:
+            yield Batch(batch, weight)
+        raise
+    if batch:
+        yield Batch(batch, weight)
+
+
 def wanted_tracks(chosen: Sequence[ChannelRef], band: Band) -> list[Track]:
     """The tracks that a band of some channels needs, each once."""
     tracks: dict[int, Track] = {}
@@ -306,9 +376,10 @@ def read(
     band: Band = "full",
     exact: bool = True,
     limits: Limits | None = None,
+    threads: int | None = None,
 ) -> Recording:
     """The recording in ``file``, or a part of it; any damage raises (use Reader to go on)."""
-    with Reader(file, limits=limits, strict=True) as reader:
+    with Reader(file, limits=limits, strict=True, threads=threads) as reader:
         recording = reader.read(channels, start, stop, band=band, exact=exact)
         reader.refuse_damage()
         return recording

@@ -80,14 +80,16 @@ def verify(
     against: Recording | None = None,
     limits: Limits | None = None,
     progress: Callable[[int, int], None] | None = None,
+    threads: int | None = None,
 ) -> Report:
     """Check everything the SPEC says of a file; with ``against`` its contracts as well.
 
     Raises only OSError, and ParameterError where ``against`` does not belong to the file.
+    ``threads``: as for a Reader.
     """
     report = Report()
     try:
-        reader = Reader(file, limits=limits)
+        reader = Reader(file, limits=limits, threads=threads)
     except (FormatError, UnsupportedError, LimitError) as error:
         report.error = error
         report.worsen(error.exit_code)

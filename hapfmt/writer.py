@@ -217,12 +217,15 @@ def write(
     canonical: int | None = None,
     force: bool = False,
     progress: Callable[[int, int], None] | None = None,
+    threads: int | None = None,
 ) -> Summary:
     """Encode a recording into a path or a binary stream.
 
     ``canonical`` is the file id of canonical mode: the same input gives the same bytes; otherwise
     the id, and the UUID of a recording that has none, are random. An existing path is refused
-    unless ``force``. ``progress`` is called with (channels done, channels in all).
+    unless ``force``. ``progress`` is called with (channels done, channels in all). ``threads``
+    code channels; None: as many as HAPFMT_THREADS says, else as there are CPUs, one where the work
+    is small. The bytes do not depend on it.
 
     Raises ParameterError where the recording does not fit the format.
     """
@@ -232,7 +235,7 @@ def write(
     check_epoch(recording)
     if isinstance(file, (str, os.PathLike)):
         refuse(os.fspath(file), force)
-    encoded = encode(recording, settings, progress=progress)
+    encoded = encode(recording, settings, progress=progress, threads=threads)
     made_by = f"hapfmt {__version__}: {settings.describe()}"
     if not isinstance(recording.metadata, dict):
         raise ParameterError("metadata is a JSON object, a dict in Python")

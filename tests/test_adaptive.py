@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from itertools import pairwise
 
 import page
@@ -20,6 +21,7 @@ from hapfmt.codecs.adaptive import (
     RangeEncoder,
     SymbolModel,
 )
+from hapfmt.codecs.adaptive_many import encode_integers
 from hapfmt.errors import FormatError
 
 bits = st.lists(st.integers(0, 1), max_size=300) | st.tuples(
@@ -36,6 +38,24 @@ def coded(row, raw_signs=False):
     coder, model = RangeEncoder(), IntegerModel(raw_signs=raw_signs)
     for e in row:
         model.encode(coder, e)
+    return coder.finish()
+
+
+def coded_at_once(row, raw_signs=False, repeated=None):
+    coder = RangeEncoder()
+    encode_integers(coder, row, raw_signs=raw_signs, repeated=repeated)
+    return coder.finish()
+
+
+def coded_with_marks(row, raw_signs, repeated):
+    coder, model = RangeEncoder(), IntegerModel(raw_signs=raw_signs)
+    marks, recent = [BitModel() for _ in range(4)], 0
+    for place, (e, same) in enumerate(zip(row, repeated, strict=True)):
+        if place:
+            coder.bit(same, marks[recent])
+            recent = 2 * same + (recent >> 1)
+        if not (place and same):
+            model.encode(coder, e)
     return coder.finish()
 
 
@@ -176,7 +196,7 @@ class TestIntegerModel:
     def test_integers_come_back(self, row, raw_signs):
         data = coded(row, raw_signs)
         assert decoded(data, len(row), raw_signs) == row
-        assert data == coded_as_the_page_says(row, raw_signs)
+        assert data == coded_as_the_page_says(row, raw_signs) == coded_at_once(row, raw_signs)
         assert decoded_as_the_page_says(data, len(row), raw_signs) == row
 
     @given(st.binary(max_size=30), st.integers(0, 30), st.booleans())
@@ -185,10 +205,29 @@ class TestIntegerModel:
         expected = decoded_as_the_page_says(data, count, raw_signs)
         assert decoded(data, count, raw_signs) == expected
 
+    @given(
+        st.lists(st.tuples(integers, st.integers(0, 1)), max_size=80),
+        st.integers(1, 12),
+        st.booleans(),
+    )
+    def test_at_once_with_repeats(self, pairs, times, raw_signs):
+        row, repeated = [e for e, _ in pairs] * times, [same for _, same in pairs] * times
+        once = coded_at_once(row, raw_signs, repeated)
+        assert once == coded_with_marks(row, raw_signs, repeated)
+
+    @pytest.mark.parametrize("scale", [1, 40, 3000, 2**20, 2**33])
+    @pytest.mark.parametrize("raw_signs", [False, True])
+    def test_long_ones_at_once(self, scale, raw_signs):
+        draw = random.Random(scale)
+        row = [int(draw.gauss(0, scale / 4)) for _ in range(3000)]
+        assert coded_at_once(row, raw_signs) == coded(row, raw_signs)
+
+    @pytest.mark.parametrize("before", [[], [2**34 - 1] * 200])
+    @pytest.mark.parametrize("code", [coded, coded_at_once])
     @pytest.mark.parametrize("e", [2**34, -(2**34), 2**63])
-    def test_larger_ones_are_not_coded(self, e):
+    def test_larger_ones_are_not_coded(self, e, code, before):
         with pytest.raises(ValueError, match="2\\^34"):
-            coded([e])
+            code([*before, e])
 
     def test_contexts_stay_in_their_tables(self):
         """f + s over all scales that magnitudes below 2^34 can reach."""

@@ -27,7 +27,17 @@ from hapfmt.codecs.exact import (
     encode_exact,
 )
 from hapfmt.codecs.predicted import Predictor, encode_indices
-from hapfmt.codecs.values import DECIMALS, SIGNIFICANT, ordered, unordered, values_of
+from hapfmt.codecs.values import (
+    DECIMALS,
+    SIGNIFICANT,
+    in_digits,
+    in_places,
+    many_in_digits,
+    many_in_places,
+    ordered,
+    unordered,
+    values_of,
+)
 from hapfmt.container.cluster import Packet
 from hapfmt.container.track import Affine, Component, Track
 from hapfmt.decoder import TrackDecoder
@@ -92,6 +102,19 @@ def as_the_page_says(rest, parameters, affine, counts):
         return page_exact.decode_exact(rest, counts, affine, parameters.rule, parameters.digits)
     except page.BrokenRule as rule:
         return str(rule)
+
+
+@given(st.integers(1, 53), st.integers(1, 53), st.integers(0, 22), st.integers(1, 15), st.data())
+def test_many_at_once_are_each_alone(numerator_bits, d_bits, places, digits, data):
+    d = data.draw(st.integers(1, (1 << d_bits) - 1) | st.sampled_from([10**i for i in range(16)]))
+    edges = [n + i for p in range(16) if (n := d * 10**p) < 1 << 53 for i in (-1, 0, 1)]
+    edges += [-(-d // 10**p) for p in range(1, 16)]
+    drawn = st.integers(-(1 << numerator_bits), 1 << numerator_bits)
+    ns = [*edges, 0, *data.draw(st.lists(drawn, max_size=30))]
+    many, each = many_in_places(np.array(ns), d, places), [in_places(n, d, places) for n in ns]
+    assert many.tobytes() == np.array(each).tobytes()
+    many, each = many_in_digits(np.array(ns), d, digits), [in_digits(n, d, digits) for n in ns]
+    assert many.tobytes() == np.array(each).tobytes()
 
 
 class TestValues:

@@ -97,7 +97,7 @@ class TestTwins:
         indices = rng.integers(-far, far, (701, width), endpoint=True)
         data = assert_same(encoded, ticks, indices, mode)
         span = int(ticks[-1]) + 1
-        for grid in (LpcParameters(), LpcParameters(1, -(2**31)), LpcParameters(1, 7, 1, 2**15)):
+        for grid in (LpcParameters(), LpcParameters(1, -(2**31)), LpcParameters(1, 7, 1, 1024)):
             given = data, CodedKnotParameters(mode, grid), span, width, TWO, 0
             fast = assert_same(decoded, *given, -(2**31), 2**31 - 1)
             assert fast[0] == (span, width) or (grid.kn and far > 2**15)

@@ -29,6 +29,13 @@ LONG_SECONDS = 0.5
 """Work shorter than this shows no progress."""
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for a program.")
+threads_option = click.option(
+    "--threads",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Threads that work together; the output does not depend on them "
+    "[HAPFMT_THREADS, else the CPUs there are].",
+)
 force_option = click.option("-f", "--force", is_flag=True, help="Replace an existing output file.")
 
 

@@ -18,6 +18,7 @@ from .common import (
     save_recording,
     suffix_of,
     tell_losses,
+    threads_option,
 )
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     help="The sum, the slow part, or the texture alone.",
 )
 @click.option("--to", "format_", help="Format of the output, for a pipe: npz npy csv wav.")
+@threads_option
 @force_option
 @json_option
 def decode(
@@ -52,6 +54,7 @@ def decode(
     format_: str | None,
     force: bool,
     as_json: bool,
+    threads: int | None,
 ) -> int:
     """Decode the .hapf file IN into OUT (.npz .npy .csv .wav). Gaps become NaN.
 
@@ -68,7 +71,10 @@ def decode(
     if target != "-":
         refuse(target, force)
     start, stop = parse_time(time_)
-    with Reader(input_of(source)) as reader, progress("decoding") as advance:
+    with (
+        Reader(input_of(source), threads=threads) as reader,
+        progress("decoding") as advance,
+    ):
         names = parse_channels(channels, [ref.label for ref in reader.channels])
         recording = reader.read(names, start, stop, band=cast("Band", band), progress=advance)
         save_recording(recording, target, format_, force)

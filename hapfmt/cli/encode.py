@@ -24,6 +24,7 @@ from .common import (
     refuse_target,
     table,
     tell_notes,
+    threads_option,
 )
 
 if TYPE_CHECKING:
@@ -111,6 +112,7 @@ ORIGINAL_BITS = 64
     metavar="FILE_ID",
     help="The same input gives the same bytes; FILE_ID stands for the random file id.",
 )
+@threads_option
 @force_option
 @json_option
 def encode(
@@ -122,6 +124,7 @@ def encode(
     canonical: int | None,
     force: bool,
     as_json: bool,
+    threads: int | None,
     vectors: tuple[str, ...],
     **given: Any,
 ) -> int:
@@ -152,6 +155,7 @@ def encode(
             canonical=canonical,
             force=force,
             progress=advance,
+            threads=threads,
         )
     seconds = time.perf_counter() - began
     if as_json and target != "-":

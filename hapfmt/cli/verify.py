@@ -15,6 +15,7 @@ from .common import (
     progress,
     table,
     tell_some,
+    threads_option,
 )
 
 if TYPE_CHECKING:
@@ -26,9 +27,15 @@ if TYPE_CHECKING:
 @click.option("--against", metavar="ORIGINAL", help="The recording that FILE was encoded from.")
 @click.option("--from", "format_", help="Format of ORIGINAL, if its name does not say.")
 @click.option("--rate", help="Ticks per second of ORIGINAL, if it does not say.")
+@threads_option
 @json_option
 def verify(
-    file: str, against: str | None, format_: str | None, rate: str | None, as_json: bool
+    file: str,
+    against: str | None,
+    format_: str | None,
+    rate: str | None,
+    as_json: bool,
+    threads: int | None,
 ) -> int:
     """Check FILE: checksums, structure, every packet decoded, digests, index, limits.
 
@@ -41,7 +48,7 @@ def verify(
 
     original = load_recording(against, format_, rate)[0] if against else None
     with progress("verifying") as advance:
-        report = check(input_of(file), against=original, progress=advance)
+        report = check(input_of(file), against=original, progress=advance, threads=threads)
     if as_json:
         echo_json(report.as_json())
     else:

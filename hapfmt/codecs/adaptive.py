@@ -45,6 +45,10 @@ OUT_OF_RANGE = "a prediction error of 2^34 or more, or an index beyond 2^32"
 """What an encoder must not ask for."""
 
 
+KEPT = 480
+"""Bits that wait before whole bytes of them are put out."""
+
+
 class BitModel:
     """Probability of a 1: slow and counted (p, n), and fast (q)."""
 
@@ -55,15 +59,15 @@ class BitModel:
         self.n = 0
 
     def probability(self) -> int:
-        mixed = self.p if self.n < FAST_FROM else (3 * self.p + self.q) // 4
+        mixed = self.p if self.n < FAST_FROM else (3 * self.p + self.q) >> 2
         return LEAST if mixed < LEAST else MOST if mixed > MOST else mixed
 
     def update(self, bit: int) -> None:
-        t = 65535 * bit
-        self.p += ((t - self.p) * RATES[self.n]) >> PROBABILITY_BITS
-        self.q += (t - self.q) >> 4
-        if self.n < COUNT_LIMIT:
-            self.n += 1
+        t, p, q, n = 65535 * bit, self.p, self.q, self.n
+        self.p = p + ((t - p) * RATES[n] >> PROBABILITY_BITS)
+        self.q = q + ((t - q) >> 4)
+        if n < COUNT_LIMIT:
+            self.n = n + 1
 
 
 class SymbolModel:
@@ -109,7 +113,20 @@ class RangeEncoder:
 
     def bit(self, bit: int, model: BitModel) -> None:
         m = self.width * model.probability() >> 16
-        self.narrow(*((0, m) if bit else (m, self.width - m)))
+        # narrow() to what is below m for a 1, above it for a 0.
+        if bit:
+            width = m
+        else:
+            self.low += m
+            width = self.width - m
+        shift = 16 - width.bit_length()
+        if shift:
+            self.low <<= shift
+            width <<= shift
+            self.bits += shift
+            if self.bits >= KEPT:
+                self.put((self.bits - 16) // 8)
+        self.width = width
         model.update(bit)
 
     def symbol(self, symbol: int, model: SymbolModel) -> None:
@@ -123,7 +140,7 @@ class RangeEncoder:
         self.low = (self.low + lower) << shift
         self.width = width << shift
         self.bits += shift
-        if self.bits >= 64:
+        if self.bits >= KEPT:
             self.put((self.bits - 16) // 8)
 
     def put(self, size: int) -> None:

@@ -13,13 +13,13 @@ from ..integers import build_varint, parse_varint
 from ..kernels import compiled
 from ..limits import Level
 from .predicted import (
-    SHIFT,
     LpcParameters,
     Predictor,
     decode_body,
     decode_indices,
     differences,
     encode_indices,
+    errors_of,
     parse_header,
 )
 from .references import TAPS
@@ -38,18 +38,6 @@ def prediction_errors(indices: Indices, difference: int, c: list[int], base: int
         compiled.lpcr_errors(np.array(c, np.int32), difference, base, limit, plain, out)
         return out
     return errors_of(differences(indices - base, difference), c)
-
-
-def errors_of(y: Indices, c: list[int]) -> Indices:
-    """The readable way; float64 sums are exact below 2**53, in any order."""
-    if not c or y.size == 1:
-        return y
-    exact = int(np.abs(y).max()) * sum(map(abs, c)) < 1 << 52
-    dtype = np.float64 if exact else np.int64
-    sums = np.convolve(y[:-1].astype(dtype), np.array(c, dtype))[: y.size - 1]
-    predictions = np.zeros(y.size, np.int64)
-    predictions[1:] = (sums.astype(np.int64) + (1 << (SHIFT - 1))) >> SHIFT
-    return y - predictions
 
 
 def taps_of(indices: Indices, difference: int, c: list[int]) -> list[Indices]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,18 +115,42 @@ def encode_exact(
     relative: bool,
 ) -> bytes:
     """What follows the counts in their packet. ValueError where a correction needs 64 bits."""
+    return lacking_of(source, parameters, affine, counts).build(recall=recall, relative=relative)
+
+
+@dataclass(frozen=True)
+class Lacking:
+    """What the counts of a packet lack of their doubles, to be coded one way or another."""
+
+    counts: Counts
+    corrections: Counts
+    """With ``shift`` zeros below each taken away."""
+
+    shift: int
+    spread: NDArray[np.uint8]
+
+    @cached_property
+    def ids(self) -> NDArray[np.int32]:
+        return ids_of(self.counts)
+
+    def build(self, *, recall: bool, relative: bool) -> bytes:
+        if not self.corrections.any():
+            return b""
+        flags = RECALL * recall | RELATIVE * relative
+        widths = relative_to(self.spread, flags, self.shift)
+        loop = encode_loop if compiled is None else encode_compiled
+        coded, bits = loop(self.corrections, self.ids if recall else None, widths, self.shift)
+        return bytes([flags, self.shift]) + build_varint(len(coded)) + coded + bits
+
+
+def lacking_of(
+    source: Doubles, parameters: ExactParameters, affine: Affine, counts: Counts
+) -> Lacking:
     doubles = parameters.values(counts, affine)
     corrections = corrections_of(source, doubles)
-    if not corrections.any():
-        return b""
     together = int(np.bitwise_or.reduce(corrections))
-    shift = (together & -together).bit_length() - 1
-    flags = RECALL * recall | RELATIVE * relative
-    widths = widths_of(doubles, affine, flags, shift)
-    ids = ids_of(counts) if recall else None
-    loop = encode_loop if compiled is None else encode_compiled
-    coded, bits = loop(corrections >> shift, ids, widths, shift)
-    return bytes([flags, shift]) + build_varint(len(coded)) + coded + bits
+    shift = max((together & -together).bit_length() - 1, 0)
+    return Lacking(counts, corrections >> shift, shift, spread_of(doubles, affine))
 
 
 def corrections_of(source: Doubles, doubles: Doubles) -> Counts:
@@ -141,9 +166,13 @@ def corrections_of(source: Doubles, doubles: Doubles) -> Counts:
 
 def widths_of(doubles: Doubles, affine: Affine, flags: int, shift: int) -> NDArray[np.uint8]:
     """What lengths are coded relative to."""
+    return relative_to(spread_of(doubles, affine), flags, shift)
+
+
+def relative_to(spread: NDArray[np.uint8], flags: int, shift: int) -> NDArray[np.uint8]:
     if not flags & RELATIVE:
-        return np.full(doubles.size, ABSOLUTE, np.uint8)
-    return np.maximum(spread_of(doubles, affine), shift) - np.uint8(shift)
+        return np.full(spread.size, ABSOLUTE, np.uint8)
+    return np.maximum(spread, shift) - np.uint8(shift)
 
 
 def high_bits(length: int, shift: int) -> int:

@@ -14,6 +14,7 @@ from ..integers import build_svarint, build_varint, parse_svarint, parse_varint,
 from ..kernels import compiled
 from ..limits import Level
 from .adaptive import OUT_OF_RANGE, BitModel, IntegerModel, RangeDecoder, RangeEncoder
+from .adaptive_many import encode_integers
 from .references import Reference, build_references, parse_references
 from .sine import SINES
 
@@ -244,24 +245,30 @@ def encode_coded(
     cross: NDArray[np.int64] | None,
 ) -> bytes:
     """The coded bits, in the order of the SPEC; kernels/ has the same in C."""
-    coder, model = RangeEncoder(), IntegerModel(raw_signs=predictor.raw_signs)
-    repeats = [BitModel() for _ in range(4)]
-    y = differences(indices - predictor.base, predictor.difference).tolist()
-    beside = [0] * len(y) if cross is None else cross.tolist()
-    history = [0] * len(c)
-    recent = 0
-    previous = None
-    for t, index in enumerate(indices.tolist()):
-        same = index == previous
-        if predictor.repeats and t:
-            coder.bit(int(same), repeats[recent])
-            recent = 2 * same + (recent >> 1)
-        if not (predictor.repeats and t and same):
-            model.encode(coder, y[t] - predict(c, history) - beside[t])
-        if c:
-            history = [y[t], *history[:-1]]
-        previous = index
+    coder = RangeEncoder()
+    errors = errors_of(differences(indices - predictor.base, predictor.difference), c)
+    if cross is not None:
+        errors = errors - cross
+    same = np.diff(indices, prepend=indices[0] + 1) == 0
+    encode_integers(
+        coder,
+        errors.tolist(),
+        raw_signs=predictor.raw_signs,
+        repeated=same.astype(np.int64).tolist() if predictor.repeats else None,
+    )
     return coder.finish()
+
+
+def errors_of(y: NDArray[np.int64], c: list[int]) -> NDArray[np.int64]:
+    """What is left of y; float64 sums are exact below 2**53, in any order."""
+    if not c or y.size == 1:
+        return y
+    exact = int(np.abs(y).max()) * sum(map(abs, c)) < 1 << 52
+    dtype = np.float64 if exact else np.int64
+    sums = np.convolve(y[:-1].astype(dtype), np.array(c, dtype))[: y.size - 1]
+    predictions = np.zeros(y.size, np.int64)
+    predictions[1:] = (sums.astype(np.int64) + (1 << (SHIFT - 1))) >> SHIFT
+    return y - predictions
 
 
 def differences(z: NDArray[np.int64], order: int) -> NDArray[np.int64]:

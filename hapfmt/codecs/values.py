@@ -6,7 +6,6 @@ machine. The bit patterns of doubles in the order of their values are integers h
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,9 @@ from ..limits import EXACT_LIMIT
 QUOTIENT, PRODUCT, SINGLE, DECIMALS, SIGNIFICANT = range(5)
 PLACES_LIMIT, DIGITS_LIMIT = 22, 15
 """10^22 is the last power of ten that is a double, 10^15 the last below 2^53."""
+
+WIDE = 1 << 62
+"""Products below are taken in 64 bits."""
 
 Counts = NDArray[np.int64]
 Doubles = NDArray[np.float64]
@@ -41,10 +43,47 @@ def values_of(counts: Counts, affine: Affine, rule: int, digits: int) -> Doubles
         return np.asarray(quotients)
     if rule == SINGLE:
         return np.asarray(quotients.astype(np.float32).astype(np.float64))
-    rounded: Callable[[int, int, int], float] = in_places if rule == DECIMALS else in_digits
     distinct, places = np.unique(counts, return_inverse=True)
-    table = [rounded(n * a + b, d, digits) for n in distinct.tolist()]
-    return np.array(table, np.float64)[places]
+    n = distinct * a + b
+    table = (many_in_places if rule == DECIMALS else many_in_digits)(n, d, digits)
+    return table[places]
+
+
+def many_in_places(numerators: Counts, d: int, places: int) -> Doubles:
+    """``in_places`` of each numerator, at once where 64 bits hold what that takes."""
+    power, largest = 10**places, int(np.abs(numerators).max(initial=0))
+    if largest * power >= WIDE or 2 * d >= WIDE:
+        return np.array([in_places(n, d, places) for n in numerators.tolist()], np.float64)
+    whole, rest = np.divmod(np.abs(numerators) * power, d)
+    whole += (2 * rest > d) | ((2 * rest == d) & (whole % 2 == 1))
+    # A quotient of two doubles is correctly rounded, these being integers below 2^53 and powers
+    # of ten up to 10^22.
+    rounded = np.where(
+        whole < EXACT_LIMIT,
+        np.sign(numerators) * whole / float(power),
+        numerators / float(d),
+    )
+    return np.asarray(np.where(whole == 0, 0.0, rounded))
+
+
+def many_in_digits(numerators: Counts, d: int, digits: int) -> Doubles:
+    """``in_digits`` of each numerator, those with the same number of places at once."""
+    n = np.abs(numerators)
+    table = np.zeros(n.size)
+    # n / d >= 10^power where n >= d * 10^power: powers at which another digit begins.
+    powers = range(-len(str(d)), 18)
+    starts = [-(-d // 10**-power) if power < 0 else d * 10**power for power in powers]
+    starts = [min(start, WIDE) for start in starts]
+    classes = np.searchsorted(np.array(starts, np.int64), n, side="right") - 1
+    for at in np.unique(classes[n > 0]).tolist():
+        places = min(digits - 1 - powers[at], PLACES_LIMIT)
+        here = (classes == at) & (n > 0)
+        if places >= 0:
+            table[here] = many_in_places(numerators[here], d, places)
+        else:
+            unit = 10**-places
+            table[here] = many_in_places(numerators[here], d * unit, 0) * float(unit)
+    return table
 
 
 def in_places(numerator: int, d: int, places: int) -> float:

@@ -191,12 +191,23 @@ def _shortest(
     if order.size > SMALLEST_COUNT:
         order = np.argpartition(least, SMALLEST_COUNT)[:SMALLEST_COUNT]
     order = order[np.argsort(least[order], kind="stable")]
-    step: tuple[float, float] | None = (float(least[order[0]]), float(most[order[0]]))
-    for low, high in zip(least[order].tolist(), most[order].tolist(), strict=True):
-        if step is None or step[0] <= 0 or step[1] < floor:
+    lows, highs = least[order].tolist(), most[order].tolist()
+    a, b = lows[0], highs[0]
+    for low, high in zip(lows, highs, strict=True):
+        if a <= 0 or b < floor:
             return None
-        step = _divide(*step, low, high, floor)
-    return step
+        # Nearly always the first case of _divide; the call takes longer than the rest.
+        times = round((low + high) / (a + b))
+        if times >= 1 and low <= times * b and high >= times * a:
+            shortest, longest = low / times, high / times
+            a = shortest if shortest > a else a
+            b = longest if longest < b else b
+            continue
+        step = _divide(a, b, low, high, floor)
+        if step is None:
+            return None
+        a, b = step
+    return a, b
 
 
 def _divide(

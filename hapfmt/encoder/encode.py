@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -18,16 +18,17 @@ from ..decoder import TrackDecoder
 from ..errors import FormatError, ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..recording import Channel, Recording
+from ..threads import in_order, thread_count
 from .auto import NOTHING, Plan, encode_auto, plan_channel, plan_unit
 from .exact import encode_doubles
 from .groups import group_units
-from .lattice import sparse, to_counts
+from .lattice import Lattice, sparse, to_counts
 from .packed import Coded
 from .references import SAVED, Links, encode_run, find_runs, step_of
 from .settings import Settings
 from .source import Source, cut, side_by_side
 from .unit import ENCODE_LEVEL, Unit, encode_counts
-from .words import WORDS_REASON, encode_words
+from .words import WORDS_REASON, encode_words, words_size
 
 WORDS = {
     np.dtype(np.int64): "int64",
@@ -82,17 +83,20 @@ def encode(
     settings: Settings | None = None,
     *,
     progress: Callable[[int, int], None] | None = None,
+    threads: int | None = None,
 ) -> Encoded:
-    """All channels of a recording; ``progress`` is called with (channels done, channels in all)."""
+    """All channels of a recording; ``progress`` is called with (channels done, channels in all).
+
+    ``threads``: as in :func:`hapfmt.write`; the result does not depend on it.
+    """
     settings = settings or Settings()
+    threads = min(thread_count(threads, recording.sample_count), len(recording))
     if len(recording) > LAST_TRACK_ID // 2:
         raise ParameterError(f"a recording has at most {LAST_TRACK_ID // 2} channels")
     originals = [as_recorded(channel) for channel in recording.channels]
-    plans = [plan_channel(channel, settings) for channel in originals]
-    prepared = [
-        to_counts(channel, plan.settings.tolerance_for(channel))
-        for channel, plan in zip(originals, plans, strict=True)
-    ]
+    planned = list(in_order(lambda channel: prepare(channel, settings), originals, threads))
+    plans = [plan for plan, _, _ in planned]
+    prepared = [(channel, lattice) for _, channel, lattice in planned]
     cluster = settings.cluster_of(recording)
     units: list[Unit] = []
     decisions: list[Decision] = []
@@ -106,8 +110,13 @@ def encode(
         )
     )
     job = Job(settings, originals, plans, cluster)
-    for run, links in find_runs(groups, [step_of(members, settings) for members in groups]):
-        for unit, members in encode_members(run, links, len(decisions), job):
+
+    def code(run: Run) -> list[tuple[Unit, list[Channel]]]:
+        return list(encode_members(*run, job))
+
+    runs = find_runs(groups, [step_of(members, settings) for members in groups])
+    for coded in in_order(code, numbered(runs), threads):
+        for unit, members in coded:
             units.append(unit)
             decisions += decide(unit, members, [why for _, why in prepared[len(decisions) :]])
             if progress:
@@ -128,6 +137,23 @@ class Job:
     def unit(self, members: list[Channel], first: int) -> Unit:
         plan = plan_unit(self.plans[first : first + len(members)], self.settings)
         return encode_unit(members, self.originals[first], first, plan, self.cluster)
+
+
+Run = tuple[list[Channel], Links, int]
+"""Channels, their links, and the number of the first."""
+
+
+def numbered(runs: Iterable[tuple[list[Channel], Links]]) -> Iterator[Run]:
+    first = 0
+    for members, links in runs:
+        yield members, links, first
+        first += len(members)
+
+
+def prepare(channel: Channel, settings: Settings) -> tuple[Plan, Channel, str]:
+    """What one channel is coded with, the channel in counts, and a line on its lattice."""
+    plan = plan_channel(channel, settings)
+    return plan, *to_counts(channel, plan.settings.tolerance_for(channel))
 
 
 def as_recorded(channel: Channel) -> Channel:
@@ -196,8 +222,12 @@ def encode_unit(
         def words() -> Unit:
             return encode_words(channel, spans, first_channel, kind, WORDS_REASON)
 
-        exact = kind == "binary64"
-        unit = encode_doubles(channel, spans, first_channel, words) if exact else words()
+        if kind == "binary64":
+            unit = encode_doubles(
+                channel, spans, first_channel, words, least=lambda: words_size(channel, spans)
+            )
+        else:
+            unit = words()
         return replace(unit, left_out=NOTHING) if plan.why else unit
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
@@ -212,7 +242,8 @@ def encode_unit(
     rounded = original.values.dtype == "f8" and channel.deviation is None and sparse(counts)
     if settings.preset == "archive" and rounded:
         # What a text rounded may lie on a much coarser lattice.
-        return encode_doubles(original, spans, first_channel, as_counts, grid=False)
+        exact = Lattice(channel.calibration, counts[:, 0], True, 0.0, "")
+        return encode_doubles(original, spans, first_channel, as_counts, exact=exact, grid=False)
     return as_counts()
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..codecs.exact import ExactParameters, corrections_of, encode_exact
+from ..codecs.exact import ExactParameters, corrections_of, lacking_of
 from ..codecs.values import (
     DECIMALS,
     DIGITS_LIMIT,
@@ -30,7 +30,7 @@ from ..container.track import Affine, Track
 from ..integers import build_varint
 from ..limits import EXACT_LIMIT, LEVELS
 from ..recording import Calibration, Channel, Span
-from .lattice import find_lattice, natural_lattices
+from .lattice import Lattice, find_lattice, natural_lattices
 from .packed import Coded
 from .predict import encode_best
 from .source import component_of, declared_range
@@ -77,11 +77,14 @@ def encode_doubles(
     first_channel: int,
     otherwise: Callable[[], Unit],
     *,
+    exact: Lattice | None = None,
     grid: bool = True,
+    least: Callable[[], float] = lambda: 0,
 ) -> Unit:
     """The smallest way to keep a channel of doubles bit for bit: as counts and exact values, or
-    ``otherwise``, which is not asked where a natural lattice misses next to nothing. ``grid``:
-    whether a binary grid will do."""
+    ``otherwise``, which is not asked where a natural lattice misses next to nothing, nor where the
+    bytes that it takes at ``least`` are more. ``exact``: the lattice that the doubles do not miss,
+    if there is one. ``grid``: whether a binary grid will do."""
     x = np.ascontiguousarray(channel.values, np.float64)
     if not x.size or not np.isfinite(x).all():
         return otherwise()
@@ -89,11 +92,13 @@ def encode_doubles(
     def code(candidate: Candidate | None) -> Beside | None:
         return coded_as(channel, x, spans, first_channel, candidate) if candidate else None
 
-    natural = code(natural_candidate(x))
+    natural = code(natural_candidate(x, exact))
     if natural and 8 * natural.size < CHEAP * x.size:
         return natural.unit
     found = [natural, code(binary_grid(x) if grid else None)]
-    units = [*(way.unit for way in found if way), otherwise()]
+    units = [way.unit for way in found if way]
+    if not units or least() < min(unit.size for unit in units):
+        units.append(otherwise())
     return min(units, key=lambda unit: unit.size)
 
 
@@ -136,30 +141,35 @@ def coded_as(
     return Beside(Unit(coded, None, "predicted + exact", reason, exact=True), beside)
 
 
-def natural_candidate(x: Doubles) -> Candidate | None:
+def natural_candidate(x: Doubles, exact: Lattice | None) -> Candidate | None:
     """The natural lattice and the rule whose corrections are the shortest, by distinct values."""
-    z = x + 0.0
-    exact = find_lattice(z)
-    if exact is not None and (np.signbit(x) & (x == 0)).any():
-        # Nothing but -0.0 is beside the lattice.
-        return Candidate(exact.calibration, exact.counts, ExactParameters(), exact.reason)
+    z = x
+    if (np.signbit(x) & (x == 0)).any():
+        z = x + 0.0
+        exact = find_lattice(z)
+        if exact is not None:
+            # Nothing but -0.0 is beside the lattice.
+            return Candidate(exact.calibration, exact.counts, ExactParameters(), exact.reason)
     u = np.unique(z)
     rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *rounded_rules(u)]
     halves = [0.5 * 10.0**-rule.digits for rule in rules if rule.rule == DECIMALS]
     found: list[tuple[float, Candidate]] = []
-    lattices = {lattice.calibration: lattice for lattice in natural_lattices(z, exact, halves)}
-    for lattice in lattices.values():
-        step = float(lattice.calibration.step)
-        how = f"step {step:.10g}, missed by {lattice.largest_deviation:.3g} at most"
-        distinct, first = np.unique(lattice.counts, return_index=True)
-        few = slice(None, None, max(1, distinct.size // TRIALS))
-        distinct, first = distinct[few], first[few]
+    lattices = {near.calibration: near for near in natural_lattices(u, exact, halves)}
+    for near in lattices.values():
+        step = float(near.calibration.step)
+        how = f"step {step:.10g}, missed by {near.largest_deviation:.3g} at most"
+        # Counts are sorted as u is.
+        first = np.flatnonzero(np.diff(near.counts, prepend=near.counts[0] - 1))
+        first = first[:: max(1, first.size // TRIALS)]
         for rule in rules:
-            way = Candidate(lattice.calibration, lattice.counts, rule, how)
-            bits = correction_bits(z[first], rule.values(distinct, way.affine))
+            way = Candidate(near.calibration, near.counts, rule, how)
+            bits = correction_bits(u[first], rule.values(near.counts[first], way.affine))
             if bits is not None:
                 found.append((bits, way))
-    return min(found, key=lambda pair: pair[0], default=(0, None))[1]
+    if not found:
+        return None
+    best = min(found, key=lambda pair: pair[0])[1]
+    return replace(best, counts=best.counts[np.searchsorted(u, z)])
 
 
 def correction_bits(x: Doubles, doubles: Doubles) -> float | None:
@@ -216,10 +226,9 @@ def binary_grid(x: Doubles) -> Candidate | None:
 def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> tuple[bytes, int]:
     """One packet of these samples, and how many of its bytes are exact values."""
     coded = encode_best(counts)
+    lacking = lacking_of(x, candidate.parameters, candidate.affine, counts)
     ways = [
-        encode_exact(
-            x, candidate.parameters, candidate.affine, counts, recall=recall, relative=relative
-        )
+        lacking.build(recall=recall, relative=relative)
         for recall in (False, True)
         for relative in (False, True)
     ]

@@ -11,7 +11,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, Context
 from fractions import Fraction
-from math import inf, nextafter
+from itertools import chain
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from ..errors import ParameterError
 from ..limits import EXACT_LIMIT, SINGLE_MAX
 from ..recording import Calibration, Channel, Deviation
 from .common_step import Steps, near_steps
+from .near import Near, first_near
 from .rational import (
     Placed,
     Ratio,
@@ -27,6 +29,7 @@ from .rational import (
     decimal,
     dyadic,
     fitted,
+    fitted_all,
     near,
     on_grid,
     place,
@@ -136,25 +139,23 @@ def to_counts(channel: Channel, tolerance: Tolerance | None = None) -> tuple[Cha
 
 
 def natural_lattices(
-    x: NDArray[np.float64], exact: Lattice | None, halves: Sequence[float]
-) -> Iterator[Lattice]:
-    """Lattices that all of x misses by little, the simplest first; none where there is no such one.
+    u: NDArray[np.float64], exact: Lattice | None, halves: Sequence[float]
+) -> Iterator[Near]:
+    """Lattices that all of u misses by little, the simplest first; none where there is no such one.
 
-    exact: the lattice that x does not miss, which a natural one must be SPARSE times coarser than.
-    halves: what a text may have been rounded by.
+    u: sorted distinct values, without -0.0. exact: the lattice that they do not miss, which a
+    natural one must be SPARSE times coarser than. halves: what a text may have been rounded by.
     """
-    if x.size == 0 or _out_of_reach(x):
+    if u.size == 0 or _out_of_reach(u):
         return
-    u = np.unique(x + 0.0)
     steps = _steps_beside(u, exact or "", COUNT_BITS)
     if steps is None:
         return
     noises = [*halves, *(steps.noise * share for share in SHARES)]
-    for search in (near, fitted):
-        for noise in noises:
-            found = _within(x, u, iter([search(u, steps, noise)]), inf, COUNT_BITS)
-            if found:
-                yield found
+    for ratio in chain((near(u, steps, noise) for noise in noises), fitted_all(u, steps, noises)):
+        found = first_near(u, iter([ratio]), inf, COUNT_BITS)
+        if found:
+            yield found
 
 
 def sparse(counts: NDArray[np.int64]) -> bool:
@@ -281,30 +282,12 @@ def _within(
     bits: int,
 ) -> Lattice | None:
     """The first that keeps all of u, the distinct values of x, within ``allowed``."""
-    for ratio in ratios:
-        placed = None if ratio is None else place(ratio, bits)
-        if placed is None:
-            continue
-        largest = _largest_deviation(u, placed.calibration.physical(placed.counts))
-        if largest <= allowed:
-            reason = f"rounded within the tolerance, by {largest:.3g} at most, to {placed.how}"
-            return _lattice(x, u, placed, reason, deviation=largest)
-    return None
-
-
-def _largest_deviation(u: NDArray[np.float64], given: NDArray[np.float64]) -> float:
-    """max |u - given|, rounded up to float64; both finite.
-
-    The difference as an unevaluated sum of two float64: D. E. Knuth, The Art of Computer
-    Programming 2, section 4.2.2, theorem B.
-    """
-    difference = u - given
-    back = difference - u
-    rest = (u - (difference - back)) - (given + back)
-    size = np.abs(difference)
-    worst = float(size.max())
-    above = rest * np.sign(difference) > 0
-    return nextafter(worst, inf) if above[size == worst].any() else worst
+    found = first_near(u, ratios, allowed, bits)
+    if found is None:
+        return None
+    calibration, counts, largest, how = found
+    reason = f"rounded within the tolerance, by {largest:.3g} at most, to {how}"
+    return _lattice(x, u, Placed(calibration, counts, how), reason, deviation=largest)
 
 
 def _lattice(
@@ -349,7 +332,7 @@ def _hint(x: NDArray[np.float64], exact: Lattice | str) -> str:
         return ""
     u = np.unique(x + 0.0)
     steps = _steps_beside(u, exact, COUNT_BITS)
-    found = steps and _within(x, u, _natural(u, steps, inf), inf, COUNT_BITS)
+    found = first_near(u, _natural(u, steps, inf), inf, COUNT_BITS) if steps else None
     if not found or found.largest_deviation == 0:
         return ""
     step = float(found.calibration.step)

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.adaptive import ERROR_BITS
-from ..codecs.components import errors_of
 from ..codecs.predicted import (
     DIFFERENCE_LIMIT,
     ORDER_LIMIT,
     Predictor,
     differences,
     encode_indices,
+    errors_of,
 )
 from ..kernels import compiled
 

@@ -7,7 +7,7 @@ float64(denominator) is u bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from decimal import Decimal
 from fractions import Fraction
 from math import floor, gcd, nextafter
@@ -161,6 +161,12 @@ def near(u: NDArray[np.float64], steps: Steps, noise: float) -> Ratio | None:
 
 def fitted(u: NDArray[np.float64], steps: Steps, noise: float) -> Ratio | None:
     """The same with any offset: within ``noise``, or as near to that as a straight line gets."""
+    return next(fitted_all(u, steps, [noise]))
+
+
+def fitted_all(
+    u: NDArray[np.float64], steps: Steps, noises: Sequence[float]
+) -> Iterator[Ratio | None]:
     centre = u.size // 2
     index = steps.indices - steps.indices[centre]
     times = index.astype(np.float64)
@@ -172,20 +178,22 @@ def fitted(u: NDArray[np.float64], steps: Steps, noise: float) -> Ratio | None:
         return float(rest.max() - rest.min())
 
     best = _minimum(spread, steps.low, steps.high)
-    allowed = max(2 * noise, spread(best))
-    low = _boundary(spread, allowed, best, steps.low)
-    high = _boundary(spread, allowed, best, steps.high)
-    a, d = _simplest_between(Fraction(low), Fraction(high)).as_integer_ratio()
-    rest = v - times * (a / d)
-    low, high = float(rest.max()) - allowed / 2, float(rest.min()) + allowed / 2
-    middle = Fraction(float(u[centre]))
-    offset = _simplest_between(d * (middle + Fraction(low)), d * (middle + Fraction(high)))
-    b, finer = offset.as_integer_ratio()
-    reach = max(-int(index[0]), int(index[-1])) * a * finer + abs(b)
-    # Twice, for the two ends of a numerator that may have opposite signs; place() knows better.
-    if reach > 2 * EXACT_LIMIT or d * finer > EXACT_LIMIT:
-        return None
-    return Ratio(index * (a * finer) + b, d * finer, "a common step with an offset")
+    middle, least = Fraction(float(u[centre])), spread(best)
+    for noise in noises:
+        allowed = max(2 * noise, least)
+        low = _boundary(spread, allowed, best, steps.low)
+        high = _boundary(spread, allowed, best, steps.high)
+        a, d = _simplest_between(Fraction(low), Fraction(high)).as_integer_ratio()
+        rest = v - times * (a / d)
+        low, high = float(rest.max()) - allowed / 2, float(rest.min()) + allowed / 2
+        offset = _simplest_between(d * (middle + Fraction(low)), d * (middle + Fraction(high)))
+        b, finer = offset.as_integer_ratio()
+        reach = max(-int(index[0]), int(index[-1])) * a * finer + abs(b)
+        # Twice, for the two ends of a numerator that may have opposite signs; place() knows better.
+        if reach > 2 * EXACT_LIMIT or d * finer > EXACT_LIMIT:
+            yield None
+        else:
+            yield Ratio(index * (a * finer) + b, d * finer, "a common step with an offset")
 
 
 def on_grid(u: NDArray[np.float64], step: Fraction, how: str) -> Ratio | None:

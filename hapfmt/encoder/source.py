@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..container.lists import round_up
 from ..container.track import Affine, Component, Track
 from ..recording import Channel, Span
+from ..threads import check_stopped
 
 PACKET_SAMPLES = 1 << 16
 """Longer packets are cut: eight bytes each then still fit a payload of level 1."""
@@ -45,6 +46,7 @@ class Source:
         """Rows [ticks, components], for the same ticks as ``counts``, packet by packet."""
         at = 0
         for span in self.spans:
+            check_stopped()
             yield span, rows[at : at + span.ticks].astype(np.int64, copy=False)
             at += span.ticks
 

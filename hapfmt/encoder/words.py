@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import accumulate
 
 from ..codecs.raw import RawParameters, encode_raw
 from ..container.cluster import Packet
@@ -13,6 +14,13 @@ from .source import component_of
 from .unit import Unit
 
 WORDS_REASON = "no lattice, kept bit for bit"
+
+PROBES, PROBED = 4, 2048
+"""Packets, and samples in the middle of each, that tell how large words become: DEFLATE takes 70 %
+of the time of a channel whose values repeat."""
+
+LARGER = 1.25
+"""How much larger a probe is than the whole at most (1.12 measured)."""
 
 
 def encode_words(
@@ -38,3 +46,17 @@ def encode_words(
         )
         at += span.ticks
     return Unit(coded, None, "raw", reason, exact=True)
+
+
+def words_size(channel: Channel, spans: Sequence[Span]) -> float:
+    """Bytes that RAWB words hardly stay below."""
+    size, samples, stride = 0, 0, -(-len(spans) // PROBES)
+    firsts = list(accumulate((span.ticks for span in spans), initial=0))
+    for place in range(stride // 2, len(spans), stride):
+        first, span = firsts[place], spans[place]
+        ticks = min(span.ticks, PROBED)
+        start = first + (span.ticks - ticks) // 2
+        rows = channel.values[start : start + ticks, None]
+        size += len(encode_raw(rows, channel.values.dtype.itemsize))
+        samples += ticks
+    return size / LARGER * channel.values.size / samples
