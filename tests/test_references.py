@@ -102,7 +102,7 @@ class TestTracks:
         recording = Recording(channels(rows))
         made = encode(recording, ARCHIVE)
         tied = [(t.first_channel, len(t.components)) for t in made.tracks]
-        assert tied == [(0, 1), (1, 3), (4, 1), (5, 4), (9, 1)]
+        assert sorted(tied) == [(0, 1), (1, 3), (4, 1), (5, 4), (9, 1)]
         assert_same(recording, written(recording)[0])
 
     @pytest.mark.parametrize(
