@@ -225,6 +225,16 @@ class TestPackets:
         found = page_exact.decode(packet(counts, beside), len(row), affine, rule, digits)
         assert found == (row, words(x))
 
+    @pytest.mark.parametrize("recall", [False, True])
+    def test_left_where_it_is_not_below(self, monkeypatch, recall):
+        monkeypatch.setattr(exact, "compiled", None)
+        x = np.random.default_rng(2).normal(size=800)
+        counts = np.rint(x * 2**20).astype(np.int64)
+        lacking = exact.lacking_of(x, ExactParameters(), Affine(1, 0, 2**20), counts)
+        data = lacking.build(recall=recall, relative=True)
+        assert lacking.build(recall=recall, relative=True, below=len(data) + 1) == data
+        assert lacking.build(recall=recall, relative=True, below=50) is None
+
     @given(cases(), flags, st.data())
     def test_mutated(self, case, given, data):
         """

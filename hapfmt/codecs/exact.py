@@ -37,6 +37,8 @@ FRESH, SAME, KNOWN = range(3)
 """A count that was not met before in the packet, that of the sample before, another one."""
 
 BAD_END, BAD_BITS = 4, 6
+WHOLE = 1 << 62
+"""More bytes than anything takes."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,9 @@ def encode_exact(
     relative: bool,
 ) -> bytes:
     """What follows the counts in their packet. ValueError where a correction needs 64 bits."""
-    return lacking_of(source, parameters, affine, counts).build(recall=recall, relative=relative)
+    data = lacking_of(source, parameters, affine, counts).build(recall=recall, relative=relative)
+    assert data is not None
+    return data
 
 
 @dataclass(frozen=True)
@@ -133,13 +137,20 @@ class Lacking:
     def ids(self) -> NDArray[np.int32]:
         return ids_of(self.counts)
 
-    def build(self, *, recall: bool, relative: bool) -> bytes:
+    def build(self, *, recall: bool, relative: bool, below: int = WHOLE) -> bytes | None:
+        """None where that is found to take ``below`` bytes or more before it is finished."""
         if not self.corrections.any():
             return b""
         flags = RECALL * recall | RELATIVE * relative
         widths = relative_to(self.spread, flags, self.shift)
-        loop = encode_loop if compiled is None else encode_compiled
-        coded, bits = loop(self.corrections, self.ids if recall else None, widths, self.shift)
+        ids = self.ids if recall else None
+        if compiled is not None:
+            coded, bits = encode_compiled(self.corrections, ids, widths, self.shift)
+        else:
+            found = encode_loop(self.corrections, ids, widths, self.shift, below)
+            if found is None:
+                return None
+            coded, bits = found
         return bytes([flags, self.shift]) + build_varint(len(coded)) + coded + bits
 
 
@@ -228,13 +239,20 @@ def tree_decode(coder: RangeDecoder, models: list[BitModel], bits: int) -> int:
 
 
 def encode_loop(
-    corrections: Counts, ids: NDArray[np.int32] | None, widths: NDArray[np.uint8], shift: int
-) -> tuple[bytes, bytes]:
-    """Coded bytes, and the bits; kernels/ has the same in C."""
+    corrections: Counts,
+    ids: NDArray[np.int32] | None,
+    widths: NDArray[np.uint8],
+    shift: int,
+    below: int = WHOLE,
+) -> tuple[bytes, bytes] | None:
+    """Coded bytes, and the bits; None as soon as the first are not ``below``. kernels/ has the same
+    in C, which does not stop."""
     coder, model = RangeEncoder(), CorrectionModel()
     fields: list[str] = []
     names = [0] * corrections.size if ids is None else ids.tolist()
     for c, id_, width in zip(corrections.tolist(), names, widths.tolist(), strict=True):
+        if len(coder.out) >= below:
+            return None
         if ids is not None:
             known, models = model.meet(id_)
             found = known.index(c) if c in known else None

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from math import frexp
 from typing import NamedTuple
 
 import numpy as np
 
-from ..codecs.exact import ExactParameters, corrections_of, lacking_of
+from ..codecs.exact import WHOLE, ExactParameters, corrections_of, lacking_of
 from ..codecs.values import (
     DECIMALS,
     DIGITS_LIMIT,
@@ -227,10 +228,10 @@ def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> tuple[bytes, 
     """One packet of these samples, and how many of its bytes are exact values."""
     coded = encode_best(counts)
     lacking = lacking_of(x, candidate.parameters, candidate.affine, counts)
-    ways = [
-        lacking.build(recall=recall, relative=relative)
-        for recall in (False, True)
-        for relative in (False, True)
-    ]
-    beside = min(ways, key=len)
+    beside = None
+    for recall, relative in product((False, True), repeat=2):
+        below = WHOLE if beside is None else len(beside)
+        data = lacking.build(recall=recall, relative=relative, below=below)
+        beside = data if data is not None and len(data) < below else beside
+    assert beside is not None
     return build_varint(len(coded)) + coded + beside, len(beside)

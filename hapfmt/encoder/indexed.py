@@ -11,14 +11,13 @@ from dataclasses import replace
 from fractions import Fraction
 
 from ..codecs.predicted import LpcParameters
-from ..container.cluster import Packet
 from ..container.track import Contract, Track
 from ..deadband import ZERO_LIMIT, Deadband
 from ..integers import clamp
 from ..recording import Channel, Span
 from .check import decoded_pieces
 from .grids import STEP_LIMIT, Indices, grid_within, nearest_level, nearest_uniform
-from .packed import Coded
+from .packed import Coded, fill_below
 from .predict import encode_best, quick_estimate
 from .settings import Settings, counts_of
 from .source import Source
@@ -98,8 +97,11 @@ def scalar_ways(source: Source, bound: Bound) -> list[Way]:
     even, grid = LpcParameters(2 * step + 1), grid_within(bound)
     ways: list[Way] = [
         ("fewest held steps", lambda base, _: code_held(source, base, bound)),
-        ("fewest held levels", lambda base, _: code_held_levels(source, base, bound)),
-        ("fewest lines", lambda base, _: code_lines(source, base, bound)),
+        (
+            "fewest held levels",
+            lambda base, smallest: code_held_levels(source, base, bound, smallest),
+        ),
+        ("fewest lines", lambda base, smallest: code_lines(source, base, bound, smallest)),
     ]
     if grid.kn:
         ways.append(("prediction on the deadband's grid", lambda base, smallest: code_grid(
@@ -118,7 +120,7 @@ def code_grid(
     *,
     thorough: bool = True,
 ) -> Coded | None:
-    """None where it is sure to be larger than ``smallest``."""
+    """None where it is sure not to be below ``smallest``."""
 
     def pieces() -> Iterator[tuple[Span, Indices]]:
         # Put on the grid anew each time: kept, they would be a second recording in memory.
@@ -128,10 +130,11 @@ def code_grid(
     if smallest is not None and hopeless((indices for _, indices in pieces()), smallest):
         return None
     coded = Coded(replace(base, codec="LPCR", parameters=grid.build()))
-    for span, indices in pieces():
-        data = encode_best(indices, thorough=thorough)
-        coded.packets.append(Packet(0, span.start, span.ticks, data))
-    return coded
+    return fill_below(
+        coded,
+        ((span, encode_best(indices, thorough=thorough)) for span, indices in pieces()),
+        smallest,
+    )
 
 
 def hopeless(pieces: Iterable[Indices], size: int) -> bool:

@@ -63,3 +63,17 @@ def smaller_knots(
     parameters = CodedKnotParameters(interpolation, LpcParameters(quantum))
     coded = coded_knots(track, parameters, pieces)
     return coded if coded.size < plain.size else plain
+
+
+def fill_below(
+    coded: Coded, packets: Iterable[tuple[Span, bytes]], smallest: int | None
+) -> Coded | None:
+    """The track with these packets; None, and no more of them are made, once it is not below
+    ``smallest``."""
+    size = coded.size
+    for span, data in packets:
+        coded.packets.append(Packet(0, span.start, span.ticks, data))
+        size += len(data)
+        if smallest is not None and size >= smallest:
+            return None
+    return coded

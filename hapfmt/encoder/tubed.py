@@ -8,17 +8,18 @@ deadband for held levels.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 
-from ..codecs.knots_coded import CodedKnotParameters
+from ..codecs.knots_coded import CodedKnotParameters, encode_knots
 from ..codecs.predicted import LpcParameters
 from ..container.track import Track
 from ..deadband import Deadband
 from .grids import Indices, grid_within, levels_of, places
 from .knots import select_knots
-from .packed import Coded, coded_knots, plain_knots
+from .packed import Coded, fill_below, plain_knots
 from .source import Source
 from .tube import COUNT_BOUND, fewest_hold, fewest_linear
 from .unit import Bound, code_steps
@@ -55,21 +56,25 @@ def fewest_joined(x: Indices, grid: LpcParameters, bound: Bound) -> tuple[Indice
     return ticks, places(values, values, levels)[0] + first
 
 
-def code_held_levels(source: Source, base: Track, bound: Bound) -> Coded:
+def code_held_levels(
+    source: Source, base: Track, bound: Bound, smallest: int | None
+) -> Coded | None:
     grid = grid_within(bound)
     parameters = CodedKnotParameters("hold", grid)
-    return code_with(source, base, parameters, lambda x: column(fewest_held(x[:, 0], grid, bound)))
+    return code_with(
+        source, base, parameters, lambda x: column(fewest_held(x[:, 0], grid, bound)), smallest
+    )
 
 
-def code_lines(source: Source, base: Track, bound: Bound) -> Coded | None:
-    """None where the deadband reaches beyond the largest count, and with it the grid may."""
+def code_lines(source: Source, base: Track, bound: Bound, smallest: int | None) -> Coded | None:
+    """None also where the deadband reaches beyond the largest count, and with it the grid may."""
     ends = np.array([source.counts.min(), source.counts.max()], np.int64)
     if max(np.abs(end).max() for end in tube_of(ends, bound)) > COUNT_BOUND:
         return None
     grid = grid_within(bound, HALF)
     parameters = CodedKnotParameters("linear", grid)
     return code_with(
-        source, base, parameters, lambda x: column(fewest_joined(x[:, 0], grid, bound))
+        source, base, parameters, lambda x: column(fewest_joined(x[:, 0], grid, bound)), smallest
     )
 
 
@@ -82,11 +87,17 @@ def code_with(
     base: Track,
     parameters: CodedKnotParameters,
     find: Callable[[Indices], tuple[Indices, Indices]],
-) -> Coded:
-    """KNTE packets; ``find`` gives ticks [knots] and indices [knots, components]."""
-    return coded_knots(
-        base, parameters, ((span, *find(rows)) for span, rows in source.pieces(source.counts))
+    smallest: int | None,
+) -> Coded | None:
+    """KNTE packets; ``find`` gives ticks [knots] and indices [knots, components]. None as soon as
+    they are not below ``smallest``."""
+    coded = Coded(replace(base, codec="KNTE", parameters=parameters.build()))
+    found = ((span, *find(rows)) for span, rows in source.pieces(source.counts))
+    packets = (
+        (span, encode_knots(ticks, indices, parameters.interpolation))
+        for span, ticks, indices in found
     )
+    return fill_below(coded, packets, smallest)
 
 
 def code_held(source: Source, base: Track, bound: Bound) -> Coded:
@@ -108,22 +119,32 @@ def vector_ways(source: Source, bound: Bound) -> list[Way]:
     ways: list[Way] = [("held steps of the vector", held)]
     if bound.slack:
         ways += [
-            ("fewest held points", lambda base, _: code_points(source, base, bound)),
-            ("fewest lines of the vector", lambda base, _: code_joined(source, base, bound)),
+            (
+                "fewest held points",
+                lambda base, smallest: code_points(source, base, bound, smallest),
+            ),
+            (
+                "fewest lines of the vector",
+                lambda base, smallest: code_joined(source, base, bound, smallest),
+            ),
         ]
     return ways
 
 
-def code_points(source: Source, base: Track, bound: Bound) -> Coded:
+def code_points(source: Source, base: Track, bound: Bound, smallest: int | None) -> Coded | None:
     grid = held_grid(bound)
     parameters = CodedKnotParameters("hold", grid)
-    return code_with(source, base, parameters, lambda rows: held_vectors(rows, grid, bound))
+    return code_with(
+        source, base, parameters, lambda rows: held_vectors(rows, grid, bound), smallest
+    )
 
 
-def code_joined(source: Source, base: Track, bound: Bound) -> Coded:
+def code_joined(source: Source, base: Track, bound: Bound, smallest: int | None) -> Coded | None:
     grid = joined_grid(bound)
     parameters = CodedKnotParameters("linear", grid)
-    return code_with(source, base, parameters, lambda rows: joined_vectors(rows, grid, bound))
+    return code_with(
+        source, base, parameters, lambda rows: joined_vectors(rows, grid, bound), smallest
+    )
 
 
 def vector_steps(rows: Indices, band: Deadband) -> tuple[Indices, Indices]:
