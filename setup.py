@@ -14,8 +14,9 @@ SOURCES = [
     "huffman",
     "levels",
     "exact",
+    "rice",
 ]
-HEADERS = ["kernels", "coder", "lpcr", "search", "grid", "tube"]
+HEADERS = ["kernels", "coder", "lpcr", "search", "rice", "grid", "tube"]
 
 setup(
     ext_modules=[

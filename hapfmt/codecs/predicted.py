@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,12 @@ from ..integers import build_svarint, build_varint, parse_svarint, parse_varint,
 from ..kernels import compiled
 from ..limits import Level
 from .adaptive import OUT_OF_RANGE, BitModel, IntegerModel, RangeDecoder, RangeEncoder
+from .rice import RiceReader, RiceWriter
 from .sine import SINES
 
 UNIFORM, DEADBAND = 0, 1
 ORDER_LIMIT, DIFFERENCE_LIMIT = 32, 4
-REPEATS, CONSTANT, RAW_SIGNS = 8, 16, 32
+REPEATS, CONSTANT, RAW_SIGNS, RICE = 8, 16, 32, 128
 STEP_UP_LIMIT = 1 << 36
 COEFFICIENT_LIMIT = 1 << 21
 SHIFT = 13
@@ -38,6 +39,8 @@ STATUS = {
     2: ("RNG-003", "a magnitude of 2^34 or more"),
     3: ("LPC-003", "index beyond the grid"),
     4: ("RNG-001", "the coded bits do not end with their packet"),
+    6: ("LPC-011", "a block of Rice codes of no width"),
+    7: ("LPC-012", "the Rice codes do not end with their packet"),
 }
 """What the compiled loop returns, as the readable one says it."""
 
@@ -125,17 +128,19 @@ def deadband_levels(grid: LpcParameters, bound: int) -> tuple[NDArray[np.int64],
 
 @dataclass(frozen=True)
 class Predictor:
-    """The header of a packet: difference order, reflection coefficients, base, and how unchanged
-    samples and signs are coded."""
+    """The header of a packet: difference order, reflection coefficients, base, how unchanged
+    samples and signs are coded, and whether errors are Rice codes."""
 
     difference: int = 0
     reflections: tuple[int, ...] = ()
     base: int = 0
     repeats: bool = False
     raw_signs: bool = False
+    rice: bool = False
 
     def build(self) -> bytes:
         flags = self.difference | self.repeats * REPEATS | self.raw_signs * RAW_SIGNS
+        flags |= self.rice * RICE
         ks = bytes(k & 0xFF for k in self.reflections)
         return bytes([flags, len(self.reflections)]) + ks + build_svarint(self.base)
 
@@ -171,7 +176,7 @@ def parse_header(data: bytes, offset: int) -> tuple[Predictor, bool, int]:
     difference, constant = flags & 7, bool(flags & CONSTANT)
     ks = tuple(byte - 256 if byte > 127 else byte for byte in data[2 : 2 + order])
     wrong = (
-        flags & ~(7 | REPEATS | CONSTANT | RAW_SIGNS)
+        flags & ~(7 | REPEATS | CONSTANT | RAW_SIGNS | RICE)
         or difference > (1 if order else DIFFERENCE_LIMIT)
         or order > ORDER_LIMIT
         or -128 in ks
@@ -179,8 +184,14 @@ def parse_header(data: bytes, offset: int) -> tuple[Predictor, bool, int]:
     )
     if wrong:
         raise FormatError("a predictor that is not defined", requirement="LPC-004", offset=offset)
+    if flags & RICE and flags & (REPEATS | RAW_SIGNS):
+        raise FormatError(
+            "Rice codes with repeats or raw signs", requirement="LPC-010", offset=offset
+        )
     base, position = parse_svarint(data, 2 + order, offset)
-    predictor = Predictor(difference, ks, base, bool(flags & REPEATS), bool(flags & RAW_SIGNS))
+    predictor = Predictor(
+        difference, ks, base, bool(flags & REPEATS), bool(flags & RAW_SIGNS), bool(flags & RICE)
+    )
     return predictor, constant, position
 
 
@@ -193,6 +204,11 @@ def encode_indices(indices: NDArray[np.int64], predictor: Predictor) -> bytes:
         raise ValueError(OUT_OF_RANGE)
     if (indices == indices[0]).all():
         return bytes([CONSTANT, 0]) + build_svarint(int(indices[0]))
+    return encode_predicted(indices, predictor)
+
+
+def encode_predicted(indices: NDArray[np.int64], predictor: Predictor) -> bytes:
+    """``encode_indices`` where it is known that they differ."""
     c = predictor.coefficients
     if c is None:
         raise ValueError("a predictor out of range")
@@ -208,10 +224,16 @@ def encode_compiled(indices: NDArray[np.int64], predictor: Predictor, c: list[in
     plain = np.ascontiguousarray(indices, np.int64)
     while status == NO_ROOM:
         out = bytearray(size)
-        status, size = compiled.lpcr_encode(
-            out, np.array(c, np.int32), predictor.difference, predictor.repeats,
-            predictor.raw_signs, predictor.base, INDEX_LIMIT, plain,
-        )  # fmt: skip
+        taps = np.array(c, np.int32)
+        if predictor.rice:
+            status, size = compiled.rice_encode(
+                out, taps, predictor.difference, predictor.base, INDEX_LIMIT, plain
+            )
+        else:
+            status, size = compiled.lpcr_encode(
+                out, taps, predictor.difference, predictor.repeats,
+                predictor.raw_signs, predictor.base, INDEX_LIMIT, plain,
+            )  # fmt: skip
     if status:
         raise ValueError(OUT_OF_RANGE)
     return bytes(out[:size])
@@ -219,7 +241,8 @@ def encode_compiled(indices: NDArray[np.int64], predictor: Predictor, c: list[in
 
 def encode_coded(indices: NDArray[np.int64], predictor: Predictor, c: list[int]) -> bytes:
     """The coded bits, in the order of the SPEC; kernels/ has the same in C."""
-    coder, model = RangeEncoder(), IntegerModel(raw_signs=predictor.raw_signs)
+    coder, model, rice = RangeEncoder(), IntegerModel(raw_signs=predictor.raw_signs), RiceWriter()
+    write = rice.encode if predictor.rice else partial(model.encode, coder)
     repeats = [BitModel() for _ in range(4)]
     y = differences(indices - predictor.base, predictor.difference).tolist()
     history = [0] * len(c)
@@ -231,11 +254,11 @@ def encode_coded(indices: NDArray[np.int64], predictor: Predictor, c: list[int])
             coder.bit(int(same), repeats[recent])
             recent = 2 * same + (recent >> 1)
         if not (predictor.repeats and t and same):
-            model.encode(coder, y[t] - predict(c, history))
+            write(y[t] - predict(c, history))
         if c:
             history = [y[t], *history[:-1]]
         previous = index
-    return coder.finish()
+    return rice.finish() if predictor.rice else coder.finish()
 
 
 def differences(z: NDArray[np.int64], order: int) -> NDArray[np.int64]:
@@ -274,10 +297,16 @@ def decode_compiled(
     """``decode_coded``, in C."""
     assert compiled is not None
     out = np.empty(span, np.int64)
-    status, taken = compiled.lpcr_decode(
-        data, np.array(c, np.int32), predictor.difference, predictor.repeats,
-        predictor.raw_signs, predictor.base, limit, out,
-    )  # fmt: skip
+    taps = np.array(c, np.int32)
+    if predictor.rice:
+        status, taken = compiled.rice_decode(
+            data, taps, predictor.difference, predictor.base, limit, out
+        )
+    else:
+        status, taken = compiled.lpcr_decode(
+            data, taps, predictor.difference, predictor.repeats,
+            predictor.raw_signs, predictor.base, limit, out,
+        )  # fmt: skip
     if status:
         requirement, message = STATUS[status]
         place = offset + min(taken, len(data))
@@ -289,8 +318,10 @@ def decode_coded(
     data: bytes, predictor: Predictor, c: list[int], span: int, limit: int, offset: int
 ) -> list[int]:
     """The readable loop; kernels/ has the same in C."""
-    coder = RangeDecoder(data, offset)
+    coder, rice = RangeDecoder(data, offset), RiceReader(data, offset)
     model = IntegerModel(raw_signs=predictor.raw_signs)
+    read = rice.decode if predictor.rice else partial(model.decode, coder)
+    source = rice if predictor.rice else coder
     repeats = [BitModel() for _ in range(4)]
     # sums[i] is D^i z at the tick before.
     sums = [0] * (predictor.difference + 1)
@@ -307,17 +338,17 @@ def decode_coded(
             for before in sums[:-1]:
                 new.append(new[-1] - before)
         else:
-            y = predict(c, history) + model.decode(coder)
+            y = predict(c, history) + read()
             new = [0] * len(sums)
             new[-1] = y
             for i in range(len(sums) - 2, -1, -1):
                 new[i] = new[i + 1] + sums[i]
         sums = new
-        check_index(sums[0] + predictor.base, limit, coder.place)
+        check_index(sums[0] + predictor.base, limit, source.place)
         if c:
             history = [sums[-1], *history[:-1]]
         indices.append(sums[0] + predictor.base)
-    coder.finish()
+    source.finish()
     return indices
 
 

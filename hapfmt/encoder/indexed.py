@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 
 from ..codecs.predicted import LpcParameters
 from ..container.cluster import Packet
@@ -20,6 +21,7 @@ from .check import decoded_pieces
 from .grids import STEP_LIMIT, Indices, grid_within, nearest_level, nearest_uniform
 from .packed import Coded
 from .predict import encode_best, quick_estimate
+from .quick import encode_quick
 from .settings import Settings, counts_of
 from .source import Source
 from .tubed import Way, code_held, code_held_levels, code_lines, vector_ways
@@ -33,9 +35,11 @@ and more (measured; from 0 to 0.7 no recording changed by a byte)."""
 def encode_within(source: Source, base: Track, settings: Settings) -> Unit:
     """One unit by the preset of the settings, smallest first."""
     if settings.preset == "archive":
-        coded = code_grid(source, base, LpcParameters(), nearest_uniform, thorough=False)
+        code = encode_quick if settings.fast else partial(encode_best, thorough=False)
+        coded = code_grid(source, base, LpcParameters(), nearest_uniform, code=code)
         assert coded
-        return Unit(coded, None, "predicted", "lossless", exact=True)
+        reason = "lossless, fast" if settings.fast else "lossless"
+        return Unit(coded, None, "predicted", reason, exact=True)
     if settings.preset == "near-lossless":
         return encode_near(source, base, settings)
     return encode_deadband(source, base, settings)
@@ -106,7 +110,7 @@ def code_grid(
     to_indices: Callable[[Indices, LpcParameters], Indices],
     smallest: int | None = None,
     *,
-    thorough: bool = True,
+    code: Callable[[Indices], bytes] = encode_best,
 ) -> Coded | None:
     """None where it is sure to be larger than ``smallest``."""
 
@@ -119,8 +123,7 @@ def code_grid(
         return None
     coded = Coded(replace(base, codec="LPCR", parameters=grid.build()))
     for span, indices in pieces():
-        data = encode_best(indices, thorough=thorough)
-        coded.packets.append(Packet(0, span.start, span.ticks, data))
+        coded.packets.append(Packet(0, span.start, span.ticks, code(indices)))
     return coded
 
 

@@ -125,3 +125,33 @@ def estimate(
     /,
 ) -> int: ...
 def build_varints(numbers: Buffer, out: Buffer, /) -> int: ...
+def rice_decode(
+    packet: Buffer,
+    coefficients: Buffer,
+    difference: int,
+    base: int,
+    limit: int,
+    indices: Buffer,
+    /,
+) -> tuple[int, int]: ...
+def rice_encode(
+    packet: Buffer,
+    coefficients: Buffer,
+    difference: int,
+    base: int,
+    limit: int,
+    indices: Buffer,
+    /,
+) -> tuple[int, int]: ...
+def quick_predictor(
+    indices: Buffer,
+    sines: Buffer,
+    limits: Buffer,
+    costs: Buffer,
+    reflections: Buffer,
+    coefficients: Buffer,
+    /,
+) -> tuple[int, int]: ...
+def clamp_counts(
+    numbers: Buffer, step: int, zero: int, low: int, high: int, counts: Buffer, /
+) -> None: ...
