@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .codecs import knots, quantised
+from .codecs import knots, predicted, quantised
 from .codecs.exact import ExactParameters, decode_counts, decode_exact
 from .codecs.knots import KnotParameters
 from .codecs.knots_coded import CodedKnotParameters, decode_coded_knots
-from .codecs.predicted import LpcParameters, decode_predicted
+from .codecs.predicted import LpcParameters
 from .codecs.quantised import QuanParameters
 from .codecs.raw import RawParameters, decode_raw
 from .container.cluster import Packet
@@ -119,9 +119,10 @@ class TrackDecoder:
                     track.count_min, track.count_max,
                 )  # fmt: skip
             elif isinstance(parameters, LpcParameters):
-                numbers = decode_predicted(
-                    packet.data, parameters, packet.span, self.level, packet.offset
-                )
+                return predicted.decode_within(
+                    packet.data, parameters, packet.span, self.level, packet.offset,
+                    track.count_min, track.count_max,
+                )  # fmt: skip
             elif isinstance(parameters, CodedKnotParameters):
                 numbers = decode_coded_knots(
                     packet.data, parameters, packet.span, size, self.level, packet.offset

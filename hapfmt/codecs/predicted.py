@@ -364,3 +364,23 @@ def decode_predicted(
     limit = parameters.index_limit(level.count_bound)
     indices = decode_indices(data, span, limit, offset)
     return parameters.counts(indices, level.count_bound)[:, None]
+
+
+def decode_within(
+    data: bytes,
+    parameters: LpcParameters,
+    span: int,
+    level: Level,
+    offset: int,
+    low: int,
+    high: int,
+) -> NDArray[np.int32]:
+    """``decode_predicted``, clamped to the declared range (DEC-001)."""
+    if compiled is None or parameters.grid != UNIFORM:
+        counts = decode_predicted(data, parameters, span, level, offset)
+        return np.asarray(np.clip(counts, low, high).astype(np.int32))
+    limit = parameters.index_limit(level.count_bound)
+    indices = decode_indices(data, span, limit, offset)
+    out = np.empty((span, 1), np.int32)
+    compiled.clamp_counts(indices, parameters.step, parameters.zero, low, high, out)
+    return out

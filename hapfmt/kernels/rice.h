@@ -10,7 +10,30 @@
 #include "search.h"
 
 enum { BLOCK = 32, ZEROS = 24, RAW_BITS = 35, WIDTHS = 31, BAD_WIDTH = 6, BAD_BITS = 7 };
+static const double QUICK_NOISE = 1e-6;
 enum { QUICK_ORDERS = 12, QUICK_LAGS = 14, QUICK_POLYNOMIALS = 3, WEIGHED = 256, WEIGHED_OF = 4 };
+
+#if defined(__GNUC__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+INLINE uint64_t load_word(const uint8_t *p)
+{
+    uint64_t w;
+    memcpy(&w, p, 8);
+    return __builtin_bswap64(w);
+}
+
+INLINE void store_word(uint8_t *p, uint64_t w)
+{
+    w = __builtin_bswap64(w);
+    memcpy(p, &w, 8);
+}
+#else
+#define load_word load_big
+
+INLINE void store_word(uint8_t *p, uint64_t w)
+{
+    for (int i = 0; i < 8; i++) p[i] = (uint8_t)(w >> (56 - 8 * i));
+}
+#endif
 
 /* ---- decoding ---- */
 
@@ -31,7 +54,7 @@ INLINE uint64_t load_some(const bits *b)
 /* At least 56 bits at the top of the window. */
 INLINE void fill(bits *b)
 {
-    b->window |= (RARE(b->at + 8 > b->size) ? load_some(b) : load_big(b->data + b->at)) >> b->left;
+    b->window |= (RARE(b->at + 8 > b->size) ? load_some(b) : load_word(b->data + b->at)) >> b->left;
     b->at += (63 - b->left) >> 3;
     b->left |= 56;
 }
@@ -70,6 +93,17 @@ INLINE int64_t get_rice(bits *b, int k)
     return (int64_t)(u >> 1) ^ -(int64_t)(u & 1);
 }
 
+/* filter_init() with as few zeros in front as make the coefficients a multiple of 4. */
+static void short_filter(filter *f, const plan *p)
+{
+    int spare;
+    filter_init(f, p);
+    spare = f->width - ((p->order + 3) & ~3);
+    memmove(f->taps, f->taps + spare, (size_t)(ORDERS - spare) * sizeof *f->taps);
+    memmove(f->real_taps, f->real_taps + spare, (size_t)(ORDERS - spare) * sizeof *f->real_taps);
+    f->width -= spare;
+}
+
 /* ``g`` and ``width``, a multiple of 4 that the coefficients are padded to, known to the compiler, or
    width -1: as the filter says. */
 INLINE int unrice_as(bits *given, const plan *p, const filter *f, int g, int width, int64_t *out)
@@ -77,7 +111,7 @@ INLINE int unrice_as(bits *given, const plan *p, const filter *f, int g, int wid
     bits b = *given;
     int64_t history[ORDERS + RING], sums[DIFFERENCES + 1] = {0};
     int taken = width < 0 ? f->width : width, now = ORDERS, w = 0;
-    const int64_t *c = f->taps + f->width - taken;
+    const int64_t *c = f->taps;
     const int64_t base = p->base, limit = p->limit;
     if (taken) memset(history, 0, ORDERS * sizeof *history);
     for (int64_t from = 0; from < p->span; from += BLOCK) {
@@ -121,8 +155,8 @@ INLINE int unrice_as(bits *given, const plan *p, const filter *f, int g, int wid
 static int unrice(bits *b, const plan *p, int64_t *out)
 {
     filter f;
-    filter_init(&f, p);
-    int g = p->difference, width = (p->order + 3) & ~3;
+    short_filter(&f, p);
+    int g = p->difference, width = f.width;
     int one = g == 1;
     if (!width) {
         if (g == 1) return unrice_as(b, p, &f, 1, 0, out);
@@ -163,7 +197,7 @@ INLINE void put(bit_sink *s, uint64_t value, int n)
     s->window |= value << (64 - n - s->used);
     s->used += n;
     if (!RARE(s->at + 8 > s->size))
-        for (int i = 0; i < 8; i++) s->data[s->at + i] = (uint8_t)(s->window >> (56 - 8 * i));
+        store_word(s->data + s->at, s->window);
     else
         for (int i = 0; i < 8 && s->at + i < s->size; i++)
             s->data[s->at + i] = (uint8_t)(s->window >> (56 - 8 * i));
@@ -210,7 +244,7 @@ static int rice(bit_sink *s, const plan *p, const int64_t *indices, int64_t *wri
     uint64_t u[BLOCK];
     int last = 0;
     if (!within(indices, p->span, p->limit)) return BAD_INDEX;
-    filter_init(&f, p);
+    short_filter(&f, p);
     for (int64_t from = 0; from < p->span; from += PIECE) {
         int64_t count = p->span - from < PIECE ? p->span - from : PIECE;
         differences(indices, from, count, p->difference, p->base, y + ORDERS);
@@ -234,27 +268,31 @@ static int rice(bit_sink *s, const plan *p, const int64_t *indices, int64_t *wri
 
 /* ---- the choice of a predictor ---- */
 
-/* Sums of x[i] * x[i + lag], lags 0 to 13, as autocorrelate() for the first differences. */
-static void quick_sums(const int64_t *indices, int64_t count, int64_t *sums)
+/* x[0 ... ROOM + n - 1]: first differences of a piece, after those of the ROOM indices before it. */
+INLINE void quick_differences(const int64_t *indices, int64_t from, int64_t n, int64_t *y)
 {
-    double x[ROOM + PIECE];
-    int64_t y[PIECE];
-    uint64_t most = 0;
-    memset(sums, 0, QUICK_LAGS * sizeof *sums);
-    for (int64_t from = 0; from < count; from += PIECE) {
+    int64_t room = from < ROOM ? from : ROOM;
+    memset(y, 0, (size_t)(ROOM - room) * sizeof *y);
+    for (int64_t i = -room; i < n; i++)
+        y[ROOM + i] = from + i ? indices[from + i] - indices[from + i - 1] : 0;
+}
+
+/* Autocorrelation of the first differences, lags 0 to 12, of one piece in two where there are more than
+   four. Each is divided by its own energy, since bits go by its logarithm; 18 bits make sums exact. */
+static void quick_sums(const int64_t *indices, int64_t count, double *r)
+{
+    double x[ROOM + PIECE], a[QUICK_LAGS];
+    int64_t y[ROOM + PIECE], stride = count > 4 * PIECE ? 2 * PIECE : PIECE;
+    for (int k = 0; k < LAGS; k++) r[k] = 0;
+    for (int64_t from = 0; from < count; from += stride) {
         int64_t n = count - from < PIECE ? count - from : PIECE;
-        differences(indices, from, n, 1, indices[0], y);
-        for (int64_t i = 0; i < n; i++) most |= zigzag(y[i]);
-    }
-    int shift = bit_length(most >> 1) - SCALED_BITS;
-    if (shift < 0) shift = 0;
-    memset(x, 0, sizeof x);
-    for (int64_t from = 0; from < count; from += PIECE) {
-        int64_t n = count - from < PIECE ? count - from : PIECE;
-        differences(indices, from, n, 1, indices[0], y);
-        for (int64_t i = 0; i < n; i++) x[ROOM + i] = (double)(y[i] >> shift);
+        uint64_t most = 0;
+        quick_differences(indices, from, n, y);
+        for (int64_t i = 0; i < ROOM + n; i++) most |= zigzag(y[i]);
+        int shift = bit_length(most >> 1) - SCALED_BITS;
+        if (shift < 0) shift = 0;
+        for (int64_t i = 0; i < ROOM + n; i++) x[i] = (double)(y[i] >> shift);
         const double *now = x + ROOM, *then = x + ROOM - (QUICK_LAGS - 1);
-        double a[QUICK_LAGS];
 #ifdef VECTORS
         __m128d v[QUICK_LAGS / 2];
         for (int k = 0; k < QUICK_LAGS / 2; k++) v[k] = _mm_setzero_pd();
@@ -269,8 +307,8 @@ static void quick_sums(const int64_t *indices, int64_t count, int64_t *sums)
         for (int64_t i = 0; i < n; i++)
             for (int k = 0; k < QUICK_LAGS; k++) a[k] += now[i] * then[i + k];
 #endif
-        for (int k = 0; k < QUICK_LAGS; k++) sums[k] += (int64_t)a[QUICK_LAGS - 1 - k];
-        memmove(x, x + n, ROOM * sizeof *x);
+        double energy = a[QUICK_LAGS - 1] + (double)n;
+        for (int k = 0; k <= QUICK_ORDERS; k++) r[k] += a[QUICK_LAGS - 1 - k] / energy;
     }
 }
 
@@ -281,7 +319,7 @@ static int64_t weigh(const plan *p, const int64_t *indices)
     filter f;
     int64_t y[ORDERS + WEIGHED] = {0}, e[WEIGHED], sum = 0;
     int stride = p->span > WEIGHED * WEIGHED_OF ? WEIGHED_OF : 1;
-    filter_init(&f, p);
+    short_filter(&f, p);
     for (int64_t from = 0; from < p->span; from += stride * WEIGHED) {
         int64_t count = p->span - from < WEIGHED ? p->span - from : WEIGHED;
         differences(indices, from, count, p->difference, p->base, y + ORDERS);
@@ -304,7 +342,7 @@ static int64_t weigh(const plan *p, const int64_t *indices)
 static int choose(const int64_t *indices, int64_t count, const int32_t *sines, const double *limits,
                   const double *costs, int8_t *reflections, int32_t *coefficients, int *order)
 {
-    int64_t sums[LAGS] = {0}, best = -1;
+    int64_t best = -1;
     double r[LAGS], energies[ORDERS], least = 0;
     int8_t found[ORDERS];
     plan p = {0};
@@ -323,9 +361,8 @@ static int choose(const int64_t *indices, int64_t count, const int32_t *sines, c
         g = d;
     }
     *order = 0;
-    quick_sums(indices, count, sums);
-    for (int k = 0; k < LAGS; k++) r[k] = (double)sums[k];
-    r[0] = r[0] * (1 + 1e-9) + (double)count / 12;
+    quick_sums(indices, count, r);
+    r[0] *= 1 + QUICK_NOISE;
     int most = count - 1 < QUICK_ORDERS ? (int)(count - 1) : QUICK_ORDERS, m = 0;
     int there = levinson(r, most, limits, found, energies);
     /* The last whose energy repays its coefficients. */
