@@ -5,7 +5,6 @@ Nothing is decoded here, and NumPy is not needed: this is all that ``hapfmt info
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
@@ -203,8 +202,7 @@ class Catalogue:
         None where a description is lost: a copy of it may still follow.
         """
         count, position = parse_count(chunk.payload, self.level, chunk.payload_offset)
-        earliest: Fraction | float = math.inf
-        latest: Fraction | float = -math.inf
+        first = last = None
         for _ in range(count):
             entry, position = parse_entry(chunk.payload, position, chunk.payload_offset)
             track = self.tracks.get(entry.track)
@@ -216,6 +214,10 @@ class Catalogue:
                     requirement="DAT-008",
                     offset=entry.offset,
                 )
-            earliest = min(earliest, entry.start / track.rate)
-            latest = max(latest, (entry.start + entry.span) / track.rate)
-        return math.floor(Fraction(earliest) * 10**9), math.ceil(Fraction(latest) * 10**9)
+            # Of integers: fractions take longer than the samples of a short packet.
+            rate, tick_ns = track.rate.numerator, track.rate.denominator * 10**9
+            start, stop = entry.start * tick_ns // rate, -(-entry.stop * tick_ns // rate)
+            first = start if first is None else min(first, start)
+            last = stop if last is None else max(last, stop)
+        assert first is not None and last is not None
+        return first, last

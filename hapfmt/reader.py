@@ -50,7 +50,8 @@ class Reader:
 
     Damage raises nothing by itself: what can be read is delivered, what is lost is in ``findings``
     and ``lost``; ``strict=True`` raises at the first damage instead. Bytes that break a rule
-    although their checksums hold raise FormatError either way.
+    although their checksums hold raise FormatError either way. ``scan=True`` walks through the whole
+    file at once, which a read of everything does anyway.
     """
 
     def __init__(
@@ -59,13 +60,14 @@ class Reader:
         *,
         limits: Limits | None = None,
         strict: bool = False,
+        scan: bool = False,
     ) -> None:
         self.limits = limits or Limits()
         self.strict = strict
         self.source = open_source(file)
         self.lost: list[LostSpan] = []
         try:
-            self.catalogue: Catalogue = open_catalogue(self.source)
+            self.catalogue: Catalogue = open_catalogue(self.source, scan=scan)
         except BaseException:
             self.source.close()
             raise
@@ -308,7 +310,8 @@ def read(
     limits: Limits | None = None,
 ) -> Recording:
     """The recording in ``file``, or a part of it; any damage raises (use Reader to go on)."""
-    with Reader(file, limits=limits, strict=True) as reader:
+    whole = start is None and stop is None
+    with Reader(file, limits=limits, strict=True, scan=whole) as reader:
         recording = reader.read(channels, start, stop, band=band, exact=exact)
         reader.refuse_damage()
         return recording
