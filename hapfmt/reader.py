@@ -50,8 +50,8 @@ class Reader:
 
     Damage raises nothing by itself: what can be read is delivered, what is lost is in ``findings``
     and ``lost``; ``strict=True`` raises at the first damage instead. Bytes that break a rule
-    although their checksums hold raise FormatError either way. ``scan=True`` walks through the whole
-    file at once, which a read of everything does anyway.
+    although their checksums hold raise FormatError either way. ``scan=True`` walks through the
+    whole file at once, which a read of everything does anyway.
     """
 
     def __init__(

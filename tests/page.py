@@ -201,6 +201,63 @@ class Integers:
         return sign * got
 
 
+class Rice:
+    """Rice codes, in place of both the range coder and the integer model."""
+
+    def __init__(self, packet: bytes | None = None, widths=(5,)):
+        self.bits = "" if packet is None else "".join(f"{byte:08b}" for byte in packet)
+        self.reading, self.widths = packet is not None, widths
+        self.at = self.w = 0
+        self.errors: list[int] = []
+
+    def read(self, n: int) -> str:
+        self.at += n
+        return self.bits[self.at - n : self.at].ljust(n, "0")
+
+    def get(self, k: int) -> int:
+        n = 0
+        while n < 24 and self.read(1) == "0":
+            n += 1
+        u = n * 2**k + int("0" + self.read(k), 2) if n < 24 else int(self.read(35), 2)
+        return u // 2 if u % 2 == 0 else -(u + 1) // 2
+
+    def code(self, _coder, e: int | None = None) -> int:
+        if self.reading:
+            if len(self.errors) % 32 == 0:
+                self.w += self.get(0)
+                if not 0 <= self.w <= 31:
+                    raise BrokenRule("LPC-011")
+            e = self.get(self.w - 1) if self.w > 0 else 0
+        self.errors.append(e)
+        return e
+
+    def put(self, value: int, k: int) -> None:
+        u = 2 * value if value >= 0 else -2 * value - 1
+        if u >= 2**35:
+            raise BrokenRule("a code of 36 bits")
+        low = f"{u % 2**k:0{k}b}" if k > 0 else ""
+        self.bits += "0" * 24 + f"{u:035b}" if u // 2**k >= 24 else "0" * (u // 2**k) + "1" + low
+
+    def end(self) -> bytes:
+        """Blocks get the widths in turn, those that cannot have them 1."""
+        for at in range(0, len(self.errors), 32):
+            block, w = self.errors[at : at + 32], self.widths[at // 32 % len(self.widths)]
+            w = 1 if w == 0 and any(block) else w
+            self.put(w - self.w, 0)
+            self.w = w
+            for e in block if w > 0 else []:
+                self.put(e, w - 1)
+        bits = self.bits + "0" * (-len(self.bits) % 8)
+        return bytes(int(bits[i : i + 8], 2) for i in range(0, len(bits), 8))
+
+    def finish(self) -> bytes | None:
+        if not self.reading:
+            return self.end()
+        if not 0 <= len(self.bits) - self.at < 8 or "1" in self.bits[self.at :]:
+            raise BrokenRule("LPC-012")
+        return None
+
+
 def step_up(ks: list[int]) -> list[int]:
     """c[1..m]"""
     p: list[int] = []
@@ -218,7 +275,8 @@ def step_up(ks: list[int]) -> list[int]:
 
 def code_samples(coder, span, g, c, base, repeats, raw_signs, last, indices=None):
     """The loop over the ticks of a packet that is not constant; the indices."""
-    model, q = Integers(raw_signs), [Bit() for _ in range(4)]
+    model = coder if isinstance(coder, Rice) else Integers(raw_signs)
+    q = [Bit() for _ in range(4)]
     out, z, y, r = [], [], [], []
 
     def difference(row, order, t):
@@ -297,10 +355,13 @@ def decode(data: bytes, span: int, last: int) -> list[int]:
     flags, m = data[:2]
     g, repeats, constant, raw_signs = flags % 8, flags // 8 % 2, flags // 16 % 2, flags // 32 % 2
     ks = [byte - 256 * (byte > 127) for byte in data[2 : 2 + m]]
-    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks or flags >= 64:
+    rice = flags // 128
+    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks or flags // 64 % 2:
         raise BrokenRule("LPC-004")
-    if constant and (g or m or repeats or raw_signs):
+    if constant and (g or m or repeats or raw_signs or rice):
         raise BrokenRule("LPC-004")
+    if rice and (repeats or raw_signs):
+        raise BrokenRule("LPC-010")
     number, at = varint(data, 2 + m)
     base = signed(number)
     if abs(base) > last:
@@ -310,21 +371,25 @@ def decode(data: bytes, span: int, last: int) -> list[int]:
         if coded:
             raise BrokenRule("COD-001")
         return [base] * span
-    coder = Range(coded)
+    coder = Rice(coded) if rice else Range(coded)
     out = code_samples(coder, span, g, step_up(ks), base, repeats, raw_signs, last)
     coder.finish()
     return out
 
 
-def encode(indices, g=0, ks=(), base=0, repeats=False, raw_signs=False, *, last=2**32, forge=False):
+def encode(
+    indices, g=0, ks=(), base=0, repeats=False, raw_signs=False, rice=False, *,
+    last=2**32, forge=False, widths=(5,),
+):  # fmt: skip
     """A packet that is not constant; ``forge``: it may end with what breaks a rule."""
-    coder = Range()
+    coder = Rice(widths=widths) if rice else Range()
     try:
         code_samples(coder, len(indices), g, step_up(ks), base, repeats, raw_signs, last, indices)
     except BrokenRule:
         if not forge:
             raise
-    header = bytes([g + 8 * repeats + 32 * raw_signs, len(ks)]) + bytes(k % 256 for k in ks)
+    flags = g + 8 * repeats + 32 * raw_signs + 128 * rice
+    header = bytes([flags, len(ks)]) + bytes(k % 256 for k in ks)
     return header + svarint_bytes(base) + coder.finish()
 
 

@@ -54,7 +54,8 @@ class Settings:
     allows true doubles to be put on a lattice. interpolation of the knots. digest: write SHA-256
     of the decoded tracks. max_error: of preset near-lossless. vectors: "required" raises where
     channels of one group cannot be coded as one vector, "possible" codes them apart. fast: of
-    preset archive, larger files in a fraction of the time. Amounts may be given as their texts ("0.2%", "1lsb"), numbers as any number.
+    preset archive, a fraction of the time for a few percent of size. Amounts may be given as their
+    texts ("0.2%", "1lsb"), numbers as any number.
     """
 
     preset: Preset = "default"
