@@ -90,7 +90,8 @@ def linear_predictor(indices: Indices, costs: list[float]) -> Predictor:
 def quick_autocorrelation(indices: Indices) -> list[float]:
     """Of the first differences, lags 0 to 12 (and 0 for further ones), of one piece in two.
 
-    Each piece is divided by its own energy, since bits go by its logarithm; 18 bits make sums exact.
+    Each piece is divided by its own energy, since bits go by its logarithm; sums of 18 bits are
+    exact.
     """
     y = np.concatenate((np.zeros(HISTORY, np.int64), np.diff(indices, prepend=indices[0])))
     stride = 2 * PIECE if indices.size > 4 * PIECE else PIECE
