@@ -13,11 +13,15 @@ from .codecs.raw import DTYPES
 from .container.track import Component, Track
 from .recording import Calibration, Channel, Deviation, Span, append_span
 
+SMALL_ROOM = 1 << 22
+"""Bytes."""
+
 
 class Growing:
     """Rows that come piece by piece and end as one array, without both in memory at once.
 
-    The room grows by an eighth; a large block is moved by the operating system, not copied.
+    Small room is doubled; large room grows by an eighth, and is moved by the operating system, not
+    copied.
     """
 
     def __init__(self) -> None:
@@ -29,6 +33,11 @@ class Growing:
         stop = self.used + len(rows)
         if self.room is None:
             self.room = np.empty(rows.shape, rows.dtype)
+        elif stop > len(self.room) and self.room.nbytes < SMALL_ROOM:
+            # What numpy adds to an array that is resized it fills with zeros first.
+            room = np.empty((max(stop, 2 * len(self.room)), *rows.shape[1:]), rows.dtype)
+            room[: self.used] = self.room[: self.used]
+            self.room = room
         elif stop > len(self.room):
             size = max(stop, len(self.room) * 9 // 8)
             self.room.resize((size, rows.shape[1]), refcheck=False)

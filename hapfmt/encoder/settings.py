@@ -40,6 +40,9 @@ LEARNING, LONGEST_CLUSTER = 1 << 14, Fraction(120)
 (a glove at 100 Hz: clusters of 120 s take 36 % less than those of 41 s, measured), and the seconds
 that a slow channel may wait for them."""
 
+LONG_PACKET = 1 << 15
+"""Samples of a packet of Rice codes, which learn nothing: as long as one predictor does for."""
+
 RANGE_FLOOR = Tolerance(0.002, "range")
 """0.2 % of the channel's own range: a floor for any quantity, not only for forces."""
 
@@ -123,7 +126,8 @@ class Settings:
         fastest = max((channel.rate for channel in recording.channels), default=Fraction(1))
         if self.preset not in WITHIN:
             return ARCHIVE_CLUSTER
-        return min(max(ARCHIVE_CLUSTER, Fraction(ceil(LEARNING / fastest))), LONGEST_CLUSTER)
+        samples = LONG_PACKET if self.fast else LEARNING
+        return min(max(ARCHIVE_CLUSTER, Fraction(ceil(samples / fastest))), LONGEST_CLUSTER)
 
     def tolerance_for(self, channel: Channel) -> Tolerance | None:
         """What may be lost by putting true doubles on a lattice; None: nothing."""
