@@ -126,8 +126,9 @@ class Settings:
         fastest = max((channel.rate for channel in recording.channels), default=Fraction(1))
         if self.preset not in WITHIN:
             return ARCHIVE_CLUSTER
-        samples = LONG_PACKET if self.fast else LEARNING
-        return min(max(ARCHIVE_CLUSTER, Fraction(ceil(samples / fastest))), LONGEST_CLUSTER)
+        if self.fast:
+            return min(Fraction(ceil(LONG_PACKET / fastest)), LONGEST_CLUSTER)
+        return min(max(ARCHIVE_CLUSTER, Fraction(ceil(LEARNING / fastest))), LONGEST_CLUSTER)
 
     def tolerance_for(self, channel: Channel) -> Tolerance | None:
         """What may be lost by putting true doubles on a lattice; None: nothing."""
