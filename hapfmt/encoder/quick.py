@@ -17,9 +17,9 @@ from ..codecs.predicted import (
     encode_indices,
     encode_predicted,
 )
-from ..codecs.rice import RAW_BITS
+from ..codecs.rice import BLOCK, RAW_BITS
 from ..kernels import compiled
-from .predict import LIMITS, SCALED_BITS, prediction_errors, recursion
+from .predict import LIMITS, SCALED_BITS, logs, prediction_errors, recursion
 
 Indices = NDArray[np.int64]
 
@@ -112,11 +112,12 @@ def quick_autocorrelation(indices: Indices) -> list[float]:
 
 
 def weight(indices: Indices, difference: int, c: list[int]) -> int:
-    """Sum of the magnitudes of the prediction errors that are looked at; -1 where one of them is
-    too large to be coded."""
+    """256 times about the bits of the prediction errors that are looked at, by the logarithm of
+    each block's mean; -1 where one of them is too large to be coded."""
     e = prediction_errors(differences(indices - indices[0], difference), c)
     if e.size > SEEN * SEEN_OF:
         e = e[np.arange(e.size) // SEEN % SEEN_OF == 0]
-    if (np.where(e < 0, ~e, e) >> (RAW_BITS - 1)).any():
+    codes = np.where(e < 0, -2 * e - 1, 2 * e)
+    if (codes >> RAW_BITS).any():
         return -1
-    return int(np.abs(e).sum())
+    return int(logs(BLOCK + 2 * np.add.reduceat(codes, np.arange(0, e.size, BLOCK))).sum())

@@ -312,7 +312,7 @@ static void quick_sums(const int64_t *indices, int64_t count, double *r)
     }
 }
 
-/* Sum of the magnitudes of prediction errors, of one piece in four where there are more than four;
+/* 256 times about the bits of prediction errors, of one piece in four where there are more than four;
    -1: beyond what can be coded. */
 static int64_t weigh(const plan *p, const int64_t *indices)
 {
@@ -326,13 +326,17 @@ static int64_t weigh(const plan *p, const int64_t *indices)
         if (stride > 1 && from) differences(indices, from - ORDERS, ORDERS, p->difference, p->base, y);
         errors_of(&f, y, count, e);
         memmove(y, y + count, ORDERS * sizeof *y);
-        uint64_t most = 0;
-        for (int64_t i = 0; i < count; i++) {
-            uint64_t u = zigzag(e[i]);
-            most |= u;
-            sum += (int64_t)((u + 1) >> 1);
+        for (int64_t at = 0; at < count; at += BLOCK) {
+            int64_t end = count - at < BLOCK ? count : at + BLOCK;
+            uint64_t most = 0, all = 0;
+            for (int64_t i = at; i < end; i++) {
+                uint64_t u = zigzag(e[i]);
+                most |= u;
+                all += u;
+            }
+            if (most >> RAW_BITS) return -1;
+            sum += log_of(BLOCK + 2 * all);
         }
-        if (most >> RAW_BITS) return -1;
     }
     return sum;
 }
