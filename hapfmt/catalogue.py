@@ -5,7 +5,6 @@ Nothing is decoded here, and NumPy is not needed: this is all that ``hapfmt info
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
@@ -57,6 +56,10 @@ class ChannelRef:
         return self.track.components[self.index].label
 
 
+TICKS_A_BYTE = 16
+"""What a packet says of more is no reason to make room for it."""
+
+
 @dataclass
 class Catalogue:
     """Descriptions and chunk places of one file; ``findings`` is empty where nothing is wrong."""
@@ -72,6 +75,10 @@ class Catalogue:
     foot: Foot | None = None
     indexed: bool = False
     known_findings: set[Finding] = field(default_factory=set)
+    ticks: dict[int, int] = field(default_factory=dict)
+    """Of each track, as far as the sizes of its packets make them likely; of a file without an
+    index, or one that was walked through."""
+
     head_payload: bytes = b""
 
     @property
@@ -203,8 +210,7 @@ class Catalogue:
         None where a description is lost: a copy of it may still follow.
         """
         count, position = parse_count(chunk.payload, self.level, chunk.payload_offset)
-        earliest: Fraction | float = math.inf
-        latest: Fraction | float = -math.inf
+        first = last = None
         for _ in range(count):
             entry, position = parse_entry(chunk.payload, position, chunk.payload_offset)
             track = self.tracks.get(entry.track)
@@ -216,6 +222,12 @@ class Catalogue:
                     requirement="DAT-008",
                     offset=entry.offset,
                 )
-            earliest = min(earliest, entry.start / track.rate)
-            latest = max(latest, (entry.start + entry.span) / track.rate)
-        return math.floor(Fraction(earliest) * 10**9), math.ceil(Fraction(latest) * 10**9)
+            likely = min(entry.span, TICKS_A_BYTE * entry.size)
+            self.ticks[entry.track] = self.ticks.get(entry.track, 0) + likely
+            # Of integers: fractions take longer than the samples of a short packet.
+            rate, tick_ns = track.rate.numerator, track.rate.denominator * 10**9
+            start, stop = entry.start * tick_ns // rate, -(-entry.stop * tick_ns // rate)
+            first = start if first is None else min(first, start)
+            last = stop if last is None else max(last, stop)
+        assert first is not None and last is not None
+        return first, last

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .codecs import knots, knots_coded, quantised
-from .codecs.components import decode_predicted
+from .codecs import components, knots, knots_coded, quantised
 from .codecs.exact import ExactParameters, decode_counts, decode_exact
 from .codecs.knots import KnotParameters
 from .codecs.knots_coded import CodedKnotParameters
@@ -116,9 +115,10 @@ class TrackDecoder:
                     track.count_min, track.count_max,
                 )  # fmt: skip
             elif isinstance(parameters, LpcParameters):
-                numbers = decode_predicted(
-                    packet.data, parameters, packet.span, size, self.level, packet.offset
-                )
+                return components.decode_within(
+                    packet.data, parameters, packet.span, size, self.level, packet.offset,
+                    track.count_min, track.count_max,
+                )  # fmt: skip
             elif isinstance(parameters, CodedKnotParameters):
                 return knots_coded.decode_within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,

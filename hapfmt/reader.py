@@ -23,7 +23,7 @@ from .errors import ChecksumError, FormatError, ParameterError, TruncatedError
 from .limits import Limits
 from .opening import open_catalogue
 from .packets import LostSpan, PacketPass, Seconds, tick_range
-from .reconstruct import Decoded, add_residual, build_channel
+from .reconstruct import Decoded, Growing, add_residual, build_channel
 from .recording import Recording
 from .threads import in_order, thread_count
 
@@ -66,7 +66,8 @@ class Reader:
 
     Damage raises nothing by itself: what can be read is delivered, what is lost is in ``findings``
     and ``lost``; ``strict=True`` raises at the first damage instead. Bytes that break a rule
-    although their checksums hold raise FormatError either way. ``threads`` decode; None: as many as
+    although their checksums hold raise FormatError either way. ``scan=True`` walks through the
+    whole file at once, which a read of everything does anyway. ``threads`` decode; None: as many as
     HAPFMT_THREADS says, else as there are CPUs, one where the work is small.
     """
 
@@ -77,6 +78,7 @@ class Reader:
         limits: Limits | None = None,
         strict: bool = False,
         threads: int | None = None,
+        scan: bool = False,
     ) -> None:
         self.limits = limits or Limits()
         self.strict = strict
@@ -84,7 +86,7 @@ class Reader:
         self.source = open_source(file)
         self.lost: list[LostSpan] = []
         try:
-            self.catalogue: Catalogue = open_catalogue(self.source)
+            self.catalogue: Catalogue = open_catalogue(self.source, scan=scan)
         except BaseException:
             self.source.close()
             raise
@@ -188,7 +190,8 @@ class Reader:
             self.scan()
         chosen = self.select(channels)
         wanted = wanted_tracks(chosen, band)
-        decoded = {track.id: Decoded(track) for track in wanted}
+        likely = self.catalogue.ticks if whole else {}
+        decoded = {track.id: Decoded(track, Growing(likely.get(track.id, 0))) for track in wanted}
         samples = 0
         for piece in self.pieces(wanted, start, stop, exact=exact, progress=progress):
             samples += piece.numbers.size
@@ -379,7 +382,8 @@ def read(
     threads: int | None = None,
 ) -> Recording:
     """The recording in ``file``, or a part of it; any damage raises (use Reader to go on)."""
-    with Reader(file, limits=limits, strict=True, threads=threads) as reader:
+    whole = start is None and stop is None
+    with Reader(file, limits=limits, strict=True, scan=whole, threads=threads) as reader:
         recording = reader.read(channels, start, stop, band=band, exact=exact)
         reader.refuse_damage()
         return recording

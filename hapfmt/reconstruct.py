@@ -13,14 +13,20 @@ from .codecs.raw import DTYPES
 from .container.track import Component, Track
 from .recording import Calibration, Channel, Deviation, Span, append_span
 
+SMALL_ROOM = 1 << 22
+"""Bytes."""
+
 
 class Growing:
     """Rows that come piece by piece and end as one array, without both in memory at once.
 
-    The room grows by an eighth; a large block is moved by the operating system, not copied.
+    Small room is doubled; large room grows by an eighth, and is moved by the operating system, not
+    copied.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, likely: int = 0) -> None:
+        """``likely``: how many rows there will be."""
+        self.likely = likely
         self.room: NDArray[Any] | None = None
         self.used = 0
 
@@ -28,7 +34,12 @@ class Growing:
         """rows [ticks, components], of one dtype and width throughout."""
         stop = self.used + len(rows)
         if self.room is None:
-            self.room = np.empty(rows.shape, rows.dtype)
+            self.room = np.empty((max(stop, self.likely), *rows.shape[1:]), rows.dtype)
+        elif stop > len(self.room) and self.room.nbytes < SMALL_ROOM:
+            # What numpy adds to an array that is resized it fills with zeros first.
+            room = np.empty((max(stop, 2 * len(self.room)), *rows.shape[1:]), rows.dtype)
+            room[: self.used] = self.room[: self.used]
+            self.room = room
         elif stop > len(self.room):
             size = max(stop, len(self.room) * 9 // 8)
             self.room.resize((size, rows.shape[1]), refcheck=False)
@@ -47,8 +58,8 @@ class Decoded:
     """Decoded packets of one track in order of time."""
 
     track: Track
-    spans: list[Span] = field(default_factory=list)
     pieces: Growing = field(default_factory=Growing)
+    spans: list[Span] = field(default_factory=list)
     doubles: list[NDArray[np.float64]] = field(default_factory=list)
     """Exact values, beside each of the pieces or none."""
 

@@ -152,9 +152,13 @@ class FileWriter:
             self.data(batch)
 
     def data(self, packets: Sequence[Packet]) -> None:
-        rates = {packet.track: self.tracks[packet.track].rate for packet in packets}
-        start = min(packet.start / rates[packet.track] for packet in packets)
-        stop = max(packet.stop / rates[packet.track] for packet in packets)
+        ends: dict[tuple[int, int], tuple[int, int]] = {}
+        for packet in packets:
+            rate = self.tracks[packet.track].rate.as_integer_ratio()
+            low, high = ends.get(rate, (packet.start, packet.stop))
+            ends[rate] = min(low, packet.start), max(high, packet.stop)
+        start = min(Fraction(low * d, n) for (n, d), (low, _) in ends.items())
+        stop = max(Fraction(high * d, n) for (n, d), (_, high) in ends.items())
         payload = build_cluster(packets)
         self.chunk("DATA", payload, times=(floor_ms(start), ceil_ms(stop)))
         self.data_count += 1
@@ -286,10 +290,11 @@ def check_epoch(recording: Recording) -> None:
 
 def clusters(encoded: Encoded, seconds: Fraction) -> Iterator[list[Packet]]:
     """Packets of one stretch of time after the other."""
-    rates = {track.id: track.rate for track in encoded.tracks}
+    ticks = {track.id: (seconds * track.rate).as_integer_ratio() for track in encoded.tracks}
     by_time: dict[int, list[Packet]] = {}
     for packet in encoded.packets:
-        number = packet.start / rates[packet.track] // seconds
+        n, d = ticks[packet.track]
+        number = packet.start * d // n
         by_time.setdefault(number, []).append(packet)
     for number in sorted(by_time):
         yield by_time[number]

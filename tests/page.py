@@ -206,6 +206,63 @@ class Integers:
         return sign * got
 
 
+class Rice:
+    """Rice codes, in place of both the range coder and the integer model."""
+
+    def __init__(self, packet: bytes | None = None, widths=(5,)):
+        self.bits = "" if packet is None else "".join(f"{byte:08b}" for byte in packet)
+        self.reading, self.widths = packet is not None, widths
+        self.at = self.w = 0
+        self.errors: list[int] = []
+
+    def read(self, n: int) -> str:
+        self.at += n
+        return self.bits[self.at - n : self.at].ljust(n, "0")
+
+    def get(self, k: int) -> int:
+        n = 0
+        while n < 24 and self.read(1) == "0":
+            n += 1
+        u = n * 2**k + int("0" + self.read(k), 2) if n < 24 else int(self.read(35), 2)
+        return u // 2 if u % 2 == 0 else -(u + 1) // 2
+
+    def code(self, _coder, e: int | None = None) -> int:
+        if self.reading:
+            if len(self.errors) % 32 == 0:
+                self.w += self.get(0)
+                if not 0 <= self.w <= 31:
+                    raise BrokenRule("LPC-011")
+            e = self.get(self.w - 1) if self.w > 0 else 0
+        self.errors.append(e)
+        return e
+
+    def put(self, value: int, k: int) -> None:
+        u = 2 * value if value >= 0 else -2 * value - 1
+        if u >= 2**35:
+            raise BrokenRule("a code of 36 bits")
+        low = f"{u % 2**k:0{k}b}" if k > 0 else ""
+        self.bits += "0" * 24 + f"{u:035b}" if u // 2**k >= 24 else "0" * (u // 2**k) + "1" + low
+
+    def end(self) -> bytes:
+        """Blocks get the widths in turn, those that cannot have them 1."""
+        for at in range(0, len(self.errors), 32):
+            block, w = self.errors[at : at + 32], self.widths[at // 32 % len(self.widths)]
+            w = 1 if w == 0 and any(block) else w
+            self.put(w - self.w, 0)
+            self.w = w
+            for e in block if w > 0 else []:
+                self.put(e, w - 1)
+        bits = self.bits + "0" * (-len(self.bits) % 8)
+        return bytes(int(bits[i : i + 8], 2) for i in range(0, len(bits), 8))
+
+    def finish(self) -> bytes | None:
+        if not self.reading:
+            return self.end()
+        if not 0 <= len(self.bits) - self.at < 8 or "1" in self.bits[self.at :]:
+            raise BrokenRule("LPC-012")
+        return None
+
+
 def step_up(ks: list[int]) -> list[int]:
     """c[1..m]"""
     p: list[int] = []
@@ -249,7 +306,8 @@ def cross_terms(references, components, span, g, c):
 
 def code_samples(coder, span, g, c, base, repeats, raw_signs, last, indices=None, x=None):
     """The loop over the ticks of a packet that is not constant; the indices."""
-    model, q = Integers(raw_signs), [Bit() for _ in range(4)]
+    model = coder if isinstance(coder, Rice) else Integers(raw_signs)
+    q = [Bit() for _ in range(4)]
     out, z, y, r = [], [], [], []
     x = x or [0] * span
     for t in range(span):
@@ -336,12 +394,15 @@ def decode(data: bytes, span: int, last: int, components=()) -> list[int]:
         raise BrokenRule("LPC-006")
     flags, m = data[:2]
     g, repeats, constant, raw_signs = flags % 8, flags // 8 % 2, flags // 16 % 2, flags // 32 % 2
-    refers = flags // 64
+    refers = flags // 64 % 2
     ks = [byte - 256 * (byte > 127) for byte in data[2 : 2 + m]]
-    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks or flags >= 128:
+    rice = flags // 128
+    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks:
         raise BrokenRule("LPC-004")
-    if constant and (g or m or repeats or raw_signs or refers):
+    if constant and (g or m or repeats or raw_signs or refers or rice):
         raise BrokenRule("LPC-004")
+    if rice and (repeats or raw_signs or refers):
+        raise BrokenRule("LPC-010")
     at, references = 2 + m, []
     if refers:
         r = data[at] if at < len(data) else 0
@@ -363,7 +424,7 @@ def decode(data: bytes, span: int, last: int, components=()) -> list[int]:
         if coded:
             raise BrokenRule("COD-001")
         return [base] * span
-    coder = Range(coded)
+    coder = Rice(coded) if rice else Range(coded)
     c = step_up(ks)
     x = cross_terms(references, components, span, g, c)
     out = code_samples(coder, span, g, c, base, repeats, raw_signs, last, None, x)
@@ -373,18 +434,18 @@ def decode(data: bytes, span: int, last: int, components=()) -> list[int]:
 
 def encode(
     indices, g=0, ks=(), base=0, repeats=False, raw_signs=False, references=(), components=(), *,
-    last=2**32, forge=False,
+    rice=False, last=2**32, forge=False, widths=(5,),
 ):  # fmt: skip
     """A component packet that is not constant; ``forge``: it may end with what breaks a rule."""
-    coder, c = Range(), step_up(ks)
+    coder, c = Rice(widths=widths) if rice else Range(), step_up(ks)
     x = cross_terms(references, components, len(indices), g, c)
     try:
         code_samples(coder, len(indices), g, c, base, repeats, raw_signs, last, indices, x)
     except BrokenRule:
         if not forge:
             raise
-    header = bytes([g + 8 * repeats + 32 * raw_signs + 64 * bool(references), len(ks)])
-    header += bytes(k % 256 for k in ks)
+    flags = g + 8 * repeats + 32 * raw_signs + 64 * bool(references) + 128 * rice
+    header = bytes([flags, len(ks)]) + bytes(k % 256 for k in ks)
     if references:
         header += bytes([len(references)])
         header += b"".join(bytes(byte % 256 for byte in each) for each in references)

@@ -17,7 +17,7 @@ from spec import ROOT
 
 from hapfmt.codecs import predicted
 from hapfmt.codecs.predicted import INDEX_LIMIT, Predictor, decode_indices, encode_indices
-from hapfmt.encoder import predict
+from hapfmt.encoder import predict, quick
 from hapfmt.errors import FormatError
 from hapfmt.kernels import compiled
 
@@ -46,6 +46,7 @@ def both(call, *arguments):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(predicted, "compiled", None)
         patch.setattr(predict, "compiled", None)
+        patch.setattr(quick, "compiled", None)
         return fast, call(*arguments)
 
 
@@ -78,7 +79,15 @@ class TestTwins:
 
     @given(
         st.sampled_from(
-            [b"\0\0\0", b"\x2c\0\0", b"\x08\0\1", b"\1\2\x60\xa0\0", b"\x20\3\x7f\x81\x7f\0"]
+            [
+                b"\0\0\0",
+                b"\x80\0\0",
+                b"\x81\2\x60\xa0\0",
+                b"\x2c\0\0",
+                b"\x08\0\1",
+                b"\1\2\x60\xa0\0",
+                b"\x20\3\x7f\x81\x7f\0",
+            ]
         ),
         st.binary(max_size=60),
         st.integers(1, 200),
@@ -116,7 +125,7 @@ class TestTwins:
     def test_messages_are_those_of_the_twin(self):
         source = "".join(
             (ROOT / "hapfmt" / "codecs" / name).read_text(encoding="utf-8")
-            for name in ("adaptive.py", "predicted.py")
+            for name in ("adaptive.py", "predicted.py", "rice.py")
         )
         for requirement, message in predicted.STATUS.values():
             assert source.count(f'"{message}"') == 2

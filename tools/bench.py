@@ -143,8 +143,10 @@ def lossless_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
         return
     arrays = [counts for _, counts in known]
     ours = replace(recording, channels=tuple(counted(*pair) for pair in known))
+    fast = hapfmt.Settings.of("archive", fast=True)
     yield Job(
-        name, "lossless", {"archive": (ours, hapfmt.Settings.of("archive"))},
+        name, "lossless",
+        {"archive": (ours, hapfmt.Settings.of("archive")), "archive --fast": (ours, fast)},
         lambda _channel: list(integer_coders()), arrays, lambda found: same(arrays, found),
     )  # fmt: skip
 

@@ -13,6 +13,7 @@ from ..integers import build_varint, parse_varint
 from ..kernels import compiled
 from ..limits import Level
 from .predicted import (
+    UNIFORM,
     LpcParameters,
     Predictor,
     decode_body,
@@ -102,4 +103,24 @@ def decode_predicted(
     out = np.empty((span, count), np.int64)
     for place, indices in enumerate(earlier):
         out[:, place] = parameters.counts(indices, level.count_bound)
+    return out
+
+
+def decode_within(
+    data: bytes,
+    parameters: LpcParameters,
+    span: int,
+    count: int,
+    level: Level,
+    offset: int,
+    low: int,
+    high: int,
+) -> NDArray[np.int32]:
+    """``decode_predicted``, clamped to the declared range (DEC-001)."""
+    if compiled is None or parameters.grid != UNIFORM or count != 1:
+        counts = decode_predicted(data, parameters, span, count, level, offset)
+        return np.asarray(np.clip(counts, low, high).astype(np.int32))
+    indices = decode_indices(data, span, parameters.index_limit(level.count_bound), offset)
+    out = np.empty((span, 1), np.int32)
+    compiled.clamp_counts(indices, parameters.step, parameters.zero, low, high, out)
     return out

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,12 @@ from ..limits import Level
 from .adaptive import OUT_OF_RANGE, BitModel, IntegerModel, RangeDecoder, RangeEncoder
 from .adaptive_many import encode_integers
 from .references import Reference, build_references, parse_references
+from .rice import RiceReader, RiceWriter
 from .sine import SINES
 
 UNIFORM, DEADBAND = 0, 1
 ORDER_LIMIT, DIFFERENCE_LIMIT = 32, 4
-REPEATS, CONSTANT, RAW_SIGNS, REFERENCES = 8, 16, 32, 64
+REPEATS, CONSTANT, RAW_SIGNS, REFERENCES, RICE = 8, 16, 32, 64, 128
 STEP_UP_LIMIT = 1 << 36
 COEFFICIENT_LIMIT = 1 << 21
 SHIFT = 13
@@ -43,6 +44,8 @@ STATUS = {
     2: ("RNG-003", "a magnitude of 2^34 or more"),
     3: ("LPC-003", "index beyond the grid"),
     4: ("RNG-001", "the coded bits do not end with their packet"),
+    6: ("LPC-011", "a block of Rice codes of no width"),
+    7: ("LPC-012", "the Rice codes do not end with their packet"),
 }
 """What the compiled loop returns, as the readable one says it."""
 
@@ -131,7 +134,7 @@ def deadband_levels(grid: LpcParameters, bound: int) -> tuple[NDArray[np.int64],
 @dataclass(frozen=True)
 class Predictor:
     """The header of a component packet: difference order, reflection coefficients, base, how
-    unchanged samples and signs are coded, and the components before it that it refers to."""
+    unchanged samples, signs and errors are coded, and the components that it refers to."""
 
     difference: int = 0
     reflections: tuple[int, ...] = ()
@@ -139,9 +142,11 @@ class Predictor:
     repeats: bool = False
     raw_signs: bool = False
     references: tuple[Reference, ...] = ()
+    rice: bool = False
 
     def build(self) -> bytes:
         flags = self.difference | self.repeats * REPEATS | self.raw_signs * RAW_SIGNS
+        flags |= self.rice * RICE
         ks = bytes(k & 0xFF for k in self.reflections)
         if self.references:
             flags, ks = flags | REFERENCES, ks + build_references(self.references)
@@ -180,21 +185,25 @@ def parse_header(data: bytes, offset: int, place: int = 0) -> tuple[Predictor, b
     difference, constant = flags & 7, bool(flags & CONSTANT)
     ks = tuple(byte - 256 if byte > 127 else byte for byte in data[2 : 2 + order])
     wrong = (
-        flags & ~(7 | REPEATS | CONSTANT | RAW_SIGNS | REFERENCES)
-        or difference > (1 if order else DIFFERENCE_LIMIT)
+        difference > (1 if order else DIFFERENCE_LIMIT)
         or order > ORDER_LIMIT
         or -128 in ks
         or (constant and (order or flags != CONSTANT))
     )
     if wrong:
         raise FormatError("a predictor that is not defined", requirement="LPC-004", offset=offset)
+    if flags & RICE and flags & (REPEATS | RAW_SIGNS | REFERENCES):
+        raise FormatError(
+            "Rice codes with repeats, raw signs or references", requirement="LPC-010", offset=offset
+        )
     references: tuple[Reference, ...] = ()
     position = 2 + order
     if flags & REFERENCES:
         references, position = parse_references(data, position, place, offset)
     base, position = parse_svarint(data, position, offset)
     ways = bool(flags & REPEATS), bool(flags & RAW_SIGNS)
-    return Predictor(difference, ks, base, *ways, references), constant, position
+    predictor = Predictor(difference, ks, base, *ways, references, bool(flags & RICE))
+    return predictor, constant, position
 
 
 def encode_indices(
@@ -208,6 +217,13 @@ def encode_indices(
         raise ValueError(OUT_OF_RANGE)
     if (indices == indices[0]).all():
         return bytes([CONSTANT, 0]) + build_svarint(int(indices[0]))
+    return encode_predicted(indices, predictor, cross)
+
+
+def encode_predicted(
+    indices: NDArray[np.int64], predictor: Predictor, cross: NDArray[np.int64] | None = None
+) -> bytes:
+    """``encode_indices`` where it is known that they differ."""
     c = predictor.coefficients
     if c is None:
         raise ValueError("a predictor out of range")
@@ -229,10 +245,16 @@ def encode_compiled(
     beside = b"" if cross is None else cross
     while status == NO_ROOM:
         out = bytearray(size)
-        status, size = compiled.lpcr_encode(
-            out, np.array(c, np.int32), predictor.difference, predictor.repeats,
-            predictor.raw_signs, predictor.base, INDEX_LIMIT, beside, plain,
-        )  # fmt: skip
+        taps = np.array(c, np.int32)
+        if predictor.rice:
+            status, size = compiled.rice_encode(
+                out, taps, predictor.difference, predictor.base, INDEX_LIMIT, plain
+            )
+        else:
+            status, size = compiled.lpcr_encode(
+                out, taps, predictor.difference, predictor.repeats,
+                predictor.raw_signs, predictor.base, INDEX_LIMIT, beside, plain,
+            )  # fmt: skip
     if status:
         raise ValueError(OUT_OF_RANGE)
     return bytes(out[:size])
@@ -245,8 +267,13 @@ def encode_coded(
     cross: NDArray[np.int64] | None,
 ) -> bytes:
     """The coded bits, in the order of the SPEC; kernels/ has the same in C."""
-    coder = RangeEncoder()
     errors = errors_of(differences(indices - predictor.base, predictor.difference), c)
+    if predictor.rice:
+        rice = RiceWriter()
+        for e in errors.tolist():
+            rice.encode(e)
+        return rice.finish()
+    coder = RangeEncoder()
     if cross is not None:
         errors = errors - cross
     same = np.diff(indices, prepend=indices[0] + 1) == 0
@@ -327,10 +354,16 @@ def decode_compiled(
     """``decode_coded``, in C."""
     assert compiled is not None
     out = np.empty(span, np.int64)
-    status, taken = compiled.lpcr_decode(
-        data, np.array(c, np.int32), predictor.difference, predictor.repeats,
-        predictor.raw_signs, predictor.base, limit, b"" if cross is None else cross, out,
-    )  # fmt: skip
+    taps = np.array(c, np.int32)
+    if predictor.rice:
+        status, taken = compiled.rice_decode(
+            data, taps, predictor.difference, predictor.base, limit, out
+        )
+    else:
+        status, taken = compiled.lpcr_decode(
+            data, taps, predictor.difference, predictor.repeats, predictor.raw_signs,
+            predictor.base, limit, b"" if cross is None else cross, out,
+        )  # fmt: skip
     if status:
         requirement, message = STATUS[status]
         place = offset + min(taken, len(data))
@@ -348,8 +381,10 @@ def decode_coded(
     cross: NDArray[np.int64] | None,
 ) -> list[int]:
     """The readable loop; kernels/ has the same in C."""
-    coder = RangeDecoder(data, offset)
+    coder, rice = RangeDecoder(data, offset), RiceReader(data, offset)
     model = IntegerModel(raw_signs=predictor.raw_signs)
+    read = rice.decode if predictor.rice else partial(model.decode, coder)
+    source = rice if predictor.rice else coder
     repeats = [BitModel() for _ in range(4)]
     # sums[i] is D^i z at the tick before.
     sums = [0] * (predictor.difference + 1)
@@ -367,18 +402,18 @@ def decode_coded(
             for before in sums[:-1]:
                 new.append(new[-1] - before)
         else:
-            y = predict(c, history) + beside[t] + model.decode(coder)
+            y = predict(c, history) + beside[t] + read()
             new = [0] * len(sums)
             new[-1] = y
             for i in range(len(sums) - 2, -1, -1):
                 new[i] = new[i + 1] + sums[i]
         sums = new
-        check_index(sums[0] + predictor.base, limit, coder.place)
+        check_index(sums[0] + predictor.base, limit, source.place)
         if c:
             history = [sums[-1], *history[:-1]]
         indices.append(sums[0] + predictor.base)
         coder.check()
-    coder.finish()
+    source.finish()
     return indices
 
 

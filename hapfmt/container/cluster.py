@@ -40,6 +40,10 @@ class Entry:
     fields: bytes
     offset: int
 
+    @property
+    def stop(self) -> int:
+        return self.start + self.span
+
 
 def entry_fields(packet: Packet) -> bytes:
     return b"".join(

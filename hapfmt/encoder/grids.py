@@ -35,6 +35,8 @@ def nearest(x: Indices, grid: LpcParameters) -> Indices:
 
 
 def nearest_uniform(x: Indices, grid: LpcParameters) -> Indices:
+    if grid.step == 1:
+        return x - grid.zero if grid.zero else x
     return (2 * (x - grid.zero) + grid.step) // (2 * grid.step)
 
 

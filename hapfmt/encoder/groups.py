@@ -42,10 +42,11 @@ def group_units(
             size += 1
         members = list(channels[at : at + size])
         why = why_apart(members) if size > 1 else None
-        if why is None and size > 1 and required:
-            members = share_lattice(members, originals[at : at + size])
-        elif why is None and len({abs(c.calibration.step) for c in members if c.calibration}) > 1:
-            why = "they differ in step"
+        if why is None and size > 1:
+            if required:
+                members = share_lattice(members, originals[at : at + size])
+            elif len({abs(c.calibration.step) for c in members if c.calibration}) > 1:
+                why = "they differ in step"
         if why is None:
             yield members
         elif required:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 
 from ..codecs.predicted import LpcParameters
 from ..container.track import Contract, Track
@@ -19,6 +20,7 @@ from .check import decoded_pieces
 from .grids import STEP_LIMIT, Indices, grid_within, nearest_level, nearest_uniform
 from .packed import Coded, fill_below
 from .predict import encode_best, quick_estimate
+from .quick import encode_quick
 from .settings import Settings, counts_of
 from .source import Source
 from .tubed import Way, code_held, code_held_levels, code_lines, vector_ways
@@ -32,9 +34,11 @@ and more (measured; from 0 to 0.7 no recording changed by a byte)."""
 def encode_within(source: Source, base: Track, settings: Settings) -> Unit:
     """One unit by the preset of the settings, smallest first."""
     if settings.preset == "archive":
-        coded = code_grid(source, base, LpcParameters(), nearest_uniform, thorough=False)
+        code = encode_quick if settings.fast else partial(encode_best, thorough=False)
+        coded = code_grid(source, base, LpcParameters(), nearest_uniform, code=code)
         assert coded
-        return Unit(coded, None, "predicted", "lossless", exact=True)
+        reason = "lossless, fast" if settings.fast else "lossless"
+        return Unit(coded, None, "predicted", reason, exact=True)
     if settings.preset == "near-lossless":
         return encode_near(source, base, settings)
     return encode_deadband(source, base, settings)
@@ -118,7 +122,7 @@ def code_grid(
     to_indices: Callable[[Indices, LpcParameters], Indices],
     smallest: int | None = None,
     *,
-    thorough: bool = True,
+    code: Callable[[Indices], bytes] = encode_best,
 ) -> Coded | None:
     """None where it is sure not to be below ``smallest``."""
 
@@ -132,7 +136,7 @@ def code_grid(
     coded = Coded(replace(base, codec="LPCR", parameters=grid.build()))
     return fill_below(
         coded,
-        ((span, encode_best(indices, thorough=thorough)) for span, indices in pieces()),
+        ((span, code(indices)) for span, indices in pieces()),
         smallest,
     )
 

@@ -173,7 +173,11 @@ def levinson(sums: list[int], size: int) -> tuple[list[int], list[float]]:
     nothing left to predict; and the energy that each leaves."""
     r = [float(s) for s in sums]
     r[0] = r[0] * (1 + NOISE) + size / 12
-    orders = min(ORDER_LIMIT, size - 1)
+    return recursion(r, min(ORDER_LIMIT, size - 1))
+
+
+def recursion(r: list[float], orders: int) -> tuple[list[int], list[float]]:
+    """``levinson`` of an autocorrelation [33] with its noise."""
     if compiled is not None:
         found, left = np.zeros(ORDER_LIMIT, np.int8), np.zeros(ORDER_LIMIT)
         order = compiled.levinson(np.array(r), orders, LIMITS, found, left)

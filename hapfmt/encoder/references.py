@@ -319,7 +319,8 @@ def packet_alone(unit: Unit, span: Span, indices: Indices) -> bytes:
 def step_of(members: Sequence[Channel], settings: Settings) -> int | None:
     """The step of the grid that a channel alone is put on; None where it is to stay alone."""
     channel = members[0]
-    if not settings.references or settings.preset not in ("archive", "near-lossless"):
+    alone = not settings.references or settings.fast
+    if alone or settings.preset not in ("archive", "near-lossless"):
         return None
     if len(members) > 1 or channel.calibration is None or not channel.values.size:
         return None

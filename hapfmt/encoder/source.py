@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from math import ceil
 from typing import Any
 
 import numpy as np
@@ -70,12 +69,13 @@ def side_by_side(channels: Sequence[Channel]) -> NDArray[Any]:
 def cut(coverage: Sequence[Span], rate: Fraction, cluster: Fraction, components: int) -> list[Span]:
     """Coverage cut where clusters begin, and where a packet would grow too long."""
     longest = max(PACKET_SAMPLES // components, 1)
+    n, d = (cluster * rate).as_integer_ratio()
     out = []
     for span in coverage:
         at = span.start
         while at < span.stop:
-            number = at / rate // cluster + 1
-            stop = min(span.stop, ceil(number * cluster * rate), at + longest)
+            number = at * d // n + 1
+            stop = min(span.stop, -(-number * n // d), at + longest)
             out.append(Span(at, stop))
             at = stop
     return out

@@ -234,6 +234,39 @@ class BuildVarints(Protocol):
     def __call__(self, numbers: Buffer, out: Buffer, /) -> int: ...
 
 
+class RiceLoop(Protocol):
+    """(packet, coefficients int32, difference, base, limit, indices int64) -> (status, bytes read
+    or written); the last argument, or for encoding the first, is filled."""
+
+    def __call__(
+        self,
+        packet: Buffer,
+        coefficients: Buffer,
+        difference: int,
+        base: int,
+        limit: int,
+        indices: Buffer,
+        /,
+    ) -> tuple[int, int]: ...
+
+
+class QuickPredictor(Protocol):
+    """(indices int64, sines int32 [128], limits float64 [127], costs float64 [12], reflections int8
+    [12], coefficients int32 [12]) -> (difference, order); the last two are filled as far as the
+    order goes."""
+
+    def __call__(
+        self,
+        indices: Buffer,
+        sines: Buffer,
+        limits: Buffer,
+        costs: Buffer,
+        reflections: Buffer,
+        coefficients: Buffer,
+        /,
+    ) -> tuple[int, int]: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -281,6 +314,16 @@ class Kernels(Protocol):
     def coded_knots_encode(self) -> CodedKnotsEncode: ...
     @property
     def estimate(self) -> Estimate: ...
+    @property
+    def rice_decode(self) -> RiceLoop: ...
+    @property
+    def rice_encode(self) -> RiceLoop: ...
+    @property
+    def quick_predictor(self) -> QuickPredictor: ...
+
+    def clamp_counts(
+        self, numbers: Buffer, step: int, zero: int, low: int, high: int, counts: Buffer, /
+    ) -> None: ...
 
     def step_up(self, reflections: Buffer, sines: Buffer, coefficients: Buffer, /) -> bool: ...
 

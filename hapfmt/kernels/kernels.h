@@ -16,6 +16,7 @@ extern PyMethodDef hapfmt_huffman_methods[];
 extern PyMethodDef hapfmt_levels_methods[];
 extern PyMethodDef hapfmt_exact_methods[];
 extern PyMethodDef hapfmt_knots_coded_methods[];
+extern PyMethodDef hapfmt_rice_methods[];
 void hapfmt_lpcr_prepare(void);
 void hapfmt_exact_prepare(void);
 void hapfmt_knots_coded_prepare(void);
