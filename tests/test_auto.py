@@ -219,6 +219,7 @@ def test_clocks_and_states():
     assert not is_clock(np.arange(15.0))
     assert not is_clock(np.repeat(np.arange(10.0), 3))
     assert not is_clock(np.append(np.arange(16.0), 3))
+    assert not is_clock(np.array([1e308, -1e308] * 8))
     assert few_values(np.array([1.0, 2, 3, 4, 4, 1]))
     assert not few_values(np.array([1.0, 2, 3, 4, 5]))
 

@@ -387,6 +387,15 @@ class TestSources:
         assert source.read_at(0, 8) == SIGNATURE
         source.close()
 
+    @pytest.mark.parametrize("offset", [3, 2**63 - 1, 2**63, 2**64 - 1])
+    def test_beyond_the_end(self, tmp_path, offset):
+        """A footer or an index may name any of 64 bits; no system seeks that far."""
+        path = tmp_path / "abc"
+        path.write_bytes(b"abc")
+        for source in (open_source(path), BytesSource(b"abc")):
+            assert source.read_at(offset, 5) == b""
+            source.close()
+
     def test_bytes(self):
         assert BytesSource(b"abc").read_at(2, 5) == b"c"
 

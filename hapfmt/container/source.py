@@ -46,6 +46,9 @@ class FileSource:
         self.size = stream.seek(0, io.SEEK_END)
 
     def read_at(self, offset: int, size: int) -> bytes:
+        if offset >= self.size:
+            # A hostile file names places that no system can seek to.
+            return b""
         self.stream.seek(offset)
         parts = []
         while size > 0:
