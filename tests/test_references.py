@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.codecs.components import encode_component, split_components
-from hapfmt.codecs.predicted import Predictor, parse_header
+from hapfmt.codecs.predicted import Predictor, encode_indices, parse_header
 from hapfmt.encoder import references
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.predict import encode_best
@@ -346,3 +346,13 @@ def test_a_base_that_the_references_move():
     assert predictor.references
     far = encode_component(b, replace(predictor, base=predictor.base + 500), [a])
     assert len(data) < len(encode_best(b)) / 3 and len(data) <= len(far)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_higher_differences_have_no_coefficients(seed):
+    """Alone it is a second difference, beside which LPC-004 allows none; references are found."""
+    noise = np.random.default_rng(seed).integers(-40, 41, 300)
+    indices = np.arange(300) ** 2 // 9 + noise
+    alone = encode_indices(indices, Predictor(2))
+    data = references.encode_referring(indices, alone, [noise], (0,))
+    assert len(data) < len(alone) // 2

@@ -196,7 +196,8 @@ def encode_referring(
     first = refer(indices, predictor, earlier, links)
     ways = [first, *(refit(indices, first, d, earlier, links) for d in DIFFERENCES)]
     best, predictor = min(((packet_of(way), way) for way in ways), key=lambda each: len(each[0]))
-    for _ in range(ROUNDS):
+    # Higher differences have no coefficients beside them (LPC-004).
+    for _ in range(ROUNDS if predictor.difference in DIFFERENCES else 0):
         found = refit(indices, predictor, predictor.difference, earlier, links)
         packet = packet_of(found)
         if len(packet) >= len(best):
