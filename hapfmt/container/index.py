@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ..errors import FormatError
 from ..integers import build_varint, parse_varint
 from .layout import FOOT, INDEX
-from .wire import parse_fixed
+from .wire import build_fields, parse_fixed
 
 FIRST_OFFSET = 8
 INDEX_EVERY = 1 << 22
@@ -57,12 +57,13 @@ def ceil_ms(seconds: Fraction) -> int:
 
 
 def build_index(index: Index) -> bytes:
-    head = INDEX.build(
+    head = build_fields(
+        INDEX,
         {
             "covers_from": index.covers_from,
             "previous": index.previous,
             "entry_count": len(index.entries),
-        }
+        },
     )
     out = bytearray(head)
     before = index.covers_from
@@ -109,7 +110,7 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
 
 
 def build_foot(foot: Foot) -> bytes:
-    return bytes(FOOT.build(foot._asdict()))
+    return build_fields(FOOT, foot._asdict())
 
 
 def parse_foot(payload: bytes, offset: int, *, moved: bool = False) -> Foot:

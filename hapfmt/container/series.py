@@ -41,7 +41,7 @@ from .track import (
     Contract,
     Track,
 )
-from .wire import NO_TRACK, parse_fixed
+from .wire import NO_TRACK, build_fields, parse_fixed
 
 PARAMETERS, LABEL, CALIBRATIONS, UNIT, SETUPS, QUANTITY, RANGES = 1, 2, 3, 4, 5, 6, 7
 AXIS, CHANNELS, GROUP, BODY_SITE, DEVICE, CONTRACT = 8, 9, 10, 12, 14, 16
@@ -76,7 +76,8 @@ def build_series(series: Sequence[Track]) -> bytes:
         values[CONTRACT] = build_contracts([track.contract for track in series])
     if first.provenance:
         values[PROVENANCE] = first.provenance.encode("utf-8")
-    fixed = TRAK.build(
+    fixed = build_fields(
+        TRAK,
         {
             "track_count": len(series),
             "component_count": len(first.components),
@@ -89,9 +90,9 @@ def build_series(series: Sequence[Track]) -> bytes:
             "count_max": max(track.count_max for track in series),
             "first_channel": first.first_channel,
             "base": NO_TRACK if first.base is None else first.base,
-        }
+        },
     )
-    return bytes(fixed) + build_tlvs(values)
+    return fixed + build_tlvs(values)
 
 
 def build_what_differs(series: Sequence[Track]) -> dict[int, bytes]:

@@ -168,21 +168,20 @@ class Head:
 
     def build(self) -> bytes:
         known = self.epoch_ns is not None
-        return bytes(
-            HEAD.build(
-                {
-                    "major": self.major,
-                    "minor": self.minor,
-                    "level": self.level,
-                    "reserved": 0,
-                    "incompat": self.incompat,
-                    "compat": self.compat,
-                    "file_id": self.file_id,
-                    "uuid": self.uuid or bytes(16),
-                    "epoch_ns": self.epoch_ns if known else 0,
-                    "epoch_uncertainty_ns": self.epoch_uncertainty_ns if known else UNKNOWN_EPOCH,
-                }
-            )
+        return build_fields(
+            HEAD,
+            {
+                "major": self.major,
+                "minor": self.minor,
+                "level": self.level,
+                "reserved": 0,
+                "incompat": self.incompat,
+                "compat": self.compat,
+                "file_id": self.file_id,
+                "uuid": self.uuid or bytes(16),
+                "epoch_ns": self.epoch_ns if known else 0,
+                "epoch_uncertainty_ns": self.epoch_uncertainty_ns if known else UNKNOWN_EPOCH,
+            },
         )
 
 
