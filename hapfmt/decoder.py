@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from .codecs import components, knots, knots_coded, quantised
 from .codecs.exact import ExactParameters, decode_counts, decode_exact
+from .codecs.grids import LpcParameters
 from .codecs.knots import KnotParameters
 from .codecs.knots_coded import CodedKnotParameters
-from .codecs.predicted import LpcParameters
 from .codecs.quantised import QuanParameters
 from .codecs.raw import RawParameters, decode_raw
 from .container.cluster import Packet

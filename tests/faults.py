@@ -16,9 +16,10 @@ import page
 from hapfmt.codecs import knots_coded
 from hapfmt.codecs.components import decode_predicted
 from hapfmt.codecs.exact import ExactParameters, decode_counts, decode_exact
+from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.huffman import parse_codebook
 from hapfmt.codecs.knots import KnotParameters, decode_knots
-from hapfmt.codecs.predicted import LpcParameters, decode_indices
+from hapfmt.codecs.predicted import decode_indices
 from hapfmt.codecs.quantised import QuanParameters, decode_quantised
 from hapfmt.codecs.raw import RawParameters, decode_raw
 from hapfmt.codecs.varints import parse_varints

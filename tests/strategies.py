@@ -10,16 +10,11 @@ from hypothesis import strategies as st
 
 from hapfmt.codecs.components import encode_component, join_components
 from hapfmt.codecs.exact import ExactParameters, encode_exact
+from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.huffman import code_lengths
 from hapfmt.codecs.knots import KnotParameters, build_knots
 from hapfmt.codecs.knots_coded import CodedKnotParameters, encode_knots
-from hapfmt.codecs.predicted import (
-    DIFFERENCE_LIMIT,
-    INDEX_LIMIT,
-    LpcParameters,
-    Predictor,
-    encode_indices,
-)
+from hapfmt.codecs.predicted import DIFFERENCE_LIMIT, INDEX_LIMIT, Predictor, encode_indices
 from hapfmt.codecs.quantised import Alphabet, QuanParameters, encode_quantised
 from hapfmt.codecs.raw import DTYPES, RawParameters, encode_raw
 from hapfmt.codecs.references import Reference

@@ -21,7 +21,8 @@ from hapfmt.codecs.components import (
     join_components,
     prediction_errors,
 )
-from hapfmt.codecs.predicted import INDEX_LIMIT, LpcParameters, Predictor, differences
+from hapfmt.codecs.grids import LpcParameters
+from hapfmt.codecs.predicted import INDEX_LIMIT, Predictor, differences
 from hapfmt.codecs.references import Reference
 from hapfmt.errors import FormatError
 from hapfmt.kernels import compiled

@@ -320,7 +320,7 @@ class TestTracks:
             TrackDecoder(self.TRACK, ONE).decode(Packet(0, 0, 2, packet([1, 10])))
 
     def test_other_tracks_have_none(self):
-        from hapfmt.codecs.predicted import LpcParameters
+        from hapfmt.codecs.grids import LpcParameters
 
         track = Track(id=0, kind="full", codec="LPCR", rate=Fraction(1), first_channel=0,
                       components=(Component(),), parameters=LpcParameters().build())  # fmt: skip

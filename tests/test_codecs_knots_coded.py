@@ -12,6 +12,7 @@ import strategies
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.knots import KnotParameters, build_knots, decode_knots
 from hapfmt.codecs.knots_coded import (
     CodedKnotParameters,
@@ -19,7 +20,6 @@ from hapfmt.codecs.knots_coded import (
     decode_indices,
     encode_knots,
 )
-from hapfmt.codecs.predicted import LpcParameters
 from hapfmt.container.cluster import Packet
 from hapfmt.decoder import TrackDecoder
 from hapfmt.errors import FormatError, HapfmtError

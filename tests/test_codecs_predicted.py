@@ -17,14 +17,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapfmt.codecs.components import decode_predicted
-from hapfmt.codecs.predicted import (
-    INDEX_LIMIT,
-    LpcParameters,
-    Predictor,
-    deadband_levels,
-    decode_indices,
-    encode_indices,
-)
+from hapfmt.codecs.grids import LpcParameters, deadband_levels
+from hapfmt.codecs.predicted import INDEX_LIMIT, Predictor, decode_indices, encode_indices
 from hapfmt.codecs.sine import SINES
 from hapfmt.container.cluster import Packet
 from hapfmt.deadband import Deadband

@@ -12,7 +12,8 @@ from test_codecs_predicted import decoded, decoded_as_the_page_says
 from test_kernels import assert_same, built
 
 import hapfmt
-from hapfmt.codecs.predicted import INDEX_LIMIT, LpcParameters, Predictor, encode_indices
+from hapfmt.codecs.grids import LpcParameters
+from hapfmt.codecs.predicted import INDEX_LIMIT, Predictor, encode_indices
 from hapfmt.codecs.rice import WIDTH_LIMIT, RiceReader, RiceWriter, zigzag
 from hapfmt.encoder.quick import PIECE, choose_quick, encode_quick, quick_autocorrelation
 from hapfmt.errors import FormatError, ParameterError

@@ -14,7 +14,7 @@ from strategies import recordings
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
-from hapfmt.codecs.predicted import LpcParameters
+from hapfmt.codecs.grids import LpcParameters
 from hapfmt.deadband import Deadband
 from hapfmt.decoder import TrackDecoder
 from hapfmt.encoder.encode import choose_level, encode

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapfmt.codecs import knots_coded as codec
+from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.knots_coded import CodedKnotParameters, decode_within, encode_knots
-from hapfmt.codecs.predicted import LpcParameters
 from hapfmt.errors import FormatError
 from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS

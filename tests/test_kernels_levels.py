@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapfmt.codecs import predicted
-from hapfmt.codecs.predicted import LEVELS_LIMIT, LpcParameters, deadband_levels
+from hapfmt.codecs.grids import LEVELS_LIMIT, LpcParameters, deadband_levels
 from hapfmt.kernels import compiled
 
 built = pytest.mark.skipif(compiled is None, reason="the extension is not built, or HAPFMT_PURE=1")

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_tube import random_tube, tubes
 
-from hapfmt.codecs.predicted import LpcParameters
+from hapfmt.codecs.grids import LpcParameters
 from hapfmt.encoder import tube as module
 from hapfmt.encoder import vectors
 from hapfmt.encoder.grids import levels_of

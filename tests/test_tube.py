@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.knots import INTERPOLATIONS, KnotParameters, build_knots, decode_knots
 from hapfmt.codecs.knots_coded import CodedKnotParameters, decode_coded_knots, encode_knots
-from hapfmt.codecs.predicted import LpcParameters
 from hapfmt.deadband import Deadband
 from hapfmt.encoder.grids import levels_of, places
 from hapfmt.encoder.knots import select_knots

@@ -12,9 +12,8 @@ from ..errors import FormatError
 from ..integers import build_varint, parse_varint
 from ..kernels import compiled
 from ..limits import Level
+from .grids import UNIFORM, LpcParameters
 from .predicted import (
-    UNIFORM,
-    LpcParameters,
     Predictor,
     decode_body,
     decode_indices,

@@ -17,7 +17,7 @@ from ..kernels import compiled
 from ..limits import Level
 from .adaptive import BitModel, RangeDecoder, RangeEncoder
 from .components import decode_predicted
-from .predicted import LpcParameters
+from .grids import LpcParameters
 from .values import Counts, Doubles, digits_fit, ordered, spread_of, unordered, values_of
 
 RECALL, RELATIVE = 1, 2

@@ -13,8 +13,9 @@ from ..integers import build_svarint, build_varint, parse_varint
 from ..kernels import compiled
 from ..limits import Level
 from .adaptive import BitModel, RangeDecoder, RangeEncoder
+from .grids import UNIFORM, LpcParameters, deadband_levels
 from .knots import INTERPOLATIONS, Interpolation, interpolate
-from .predicted import INDEX_LIMIT, NO_ROOM, UNIFORM, LpcParameters, check_index, deadband_levels
+from .predicted import INDEX_LIMIT, NO_ROOM, check_index
 
 GAP_BITS = 24
 """A gap of 2^24 ticks is the longest within a packet of any level."""

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codecs.grids import LpcParameters
 from ..codecs.knots_coded import CodedKnotParameters
-from ..codecs.predicted import LpcParameters
 from ..container.cluster import Packet
 from ..container.track import Track
 from ..decoder import TrackDecoder

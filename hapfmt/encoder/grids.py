@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs.predicted import FINEST, LpcParameters, deadband_levels
+from ..codecs.grids import FINEST, LpcParameters, deadband_levels
 from ..limits import LEVELS
 from .unit import Bound, at_most
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codecs.grids import LpcParameters
 from ..codecs.knots import Interpolation, KnotParameters, build_knots
 from ..codecs.knots_coded import CodedKnotParameters, encode_knots
-from ..codecs.predicted import LpcParameters
 from ..container.cluster import Packet
 from ..container.track import Track
 from ..recording import Span

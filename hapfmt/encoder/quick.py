@@ -16,10 +16,11 @@ from ..codecs.predicted import (
     differences,
     encode_indices,
     encode_predicted,
+    errors_of,
 )
 from ..codecs.rice import BLOCK, RAW_BITS
 from ..kernels import compiled
-from .predict import LIMITS, SCALED_BITS, logs, prediction_errors, recursion
+from .predict import LIMITS, SCALED_BITS, logs, recursion
 
 Indices = NDArray[np.int64]
 
@@ -114,7 +115,7 @@ def quick_autocorrelation(indices: Indices) -> list[float]:
 def weight(indices: Indices, difference: int, c: list[int]) -> int:
     """256 times about the bits of the prediction errors that are looked at, by the logarithm of
     each block's mean; -1 where one of them is too large to be coded."""
-    e = prediction_errors(differences(indices - indices[0], difference), c)
+    e = errors_of(differences(indices - indices[0], difference), c)
     if e.size > SEEN * SEEN_OF:
         e = e[np.arange(e.size) // SEEN % SEEN_OF == 0]
     codes = np.where(e < 0, -2 * e - 1, 2 * e)

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.components import encode_component, join_components, prediction_errors
-from ..codecs.predicted import INDEX_LIMIT, LpcParameters, Predictor, parse_header
+from ..codecs.grids import LpcParameters
+from ..codecs.predicted import INDEX_LIMIT, Predictor, parse_header
 from ..codecs.references import TAPS
 from ..container.cluster import Packet
 from ..deadband import ZERO_LIMIT, Deadband

@@ -13,8 +13,8 @@ from fractions import Fraction
 
 import numpy as np
 
+from ..codecs.grids import LpcParameters
 from ..codecs.knots_coded import CodedKnotParameters, encode_knots
-from ..codecs.predicted import LpcParameters
 from ..container.track import Track
 from ..deadband import Deadband
 from .grids import Indices, grid_within, levels_of, places

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs.predicted import LpcParameters
+from ..codecs.grids import LpcParameters
 from ..deadband import norm_sq
 from ..errors import ParameterError
 from ..kernels import compiled
