@@ -59,7 +59,10 @@ ORIGINAL_BITS = 64
     help="Of preset near-lossless: 0.01 (in the unit), 2lsb, 0.1%.",
 )
 @click.option(
-    "--fast", is_flag=True, default=None, help="Of preset archive: faster, and about 6 % larger."
+    "--fast",
+    is_flag=True,
+    default=None,
+    help="Of preset archive: three to five times as fast, 7 % larger.",
 )
 @click.option("--k", "k", type=FractionType(), help="Weber fraction of the deadband [0.1].")
 @click.option(

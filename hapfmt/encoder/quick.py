@@ -25,7 +25,7 @@ from .predict import LIMITS, SCALED_BITS, logs, recursion
 Indices = NDArray[np.int64]
 
 ORDERS, POLYNOMIALS = 12, 3
-"""LPC of order 12 and fixed polynomials of order 3 at most (32 and 4: 0.4 % smaller, measured, and
+"""LPC of order 12 and fixed polynomials of order 3 at most (32 and 4: 0.4 % smaller, measured, at
 twice the work)."""
 
 COST = 24
