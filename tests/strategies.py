@@ -256,8 +256,8 @@ def predictors(draw, index_limit=INDEX_LIMIT):
     ks = st.lists(st.integers(-width, width) | st.just(0), max_size=32)
     reflections = tuple(draw(st.just([]) | ks))
     difference = draw(st.integers(0, 1 if reflections else DIFFERENCE_LIMIT))
-    ways = draw(st.booleans()), draw(st.booleans()), False
-    ways = draw(st.sampled_from([ways, (False, False, True)]))
+    ways = draw(st.booleans()), draw(st.booleans()), (), False
+    ways = draw(st.sampled_from([ways, (False, False, (), True)]))
     predictor = Predictor(difference, reflections, base, *ways)
     if predictor.coefficients is None:
         predictor = Predictor(difference, reflections[:2], base, *ways)
@@ -290,9 +290,10 @@ def component_rows(draw, index_limit=INDEX_LIMIT, count=None):
             "noise": noise,
         }[kind]
         rows.append(row.clip(-index_limit, index_limit))
+    chosen = [draw(predictors(index_limit)) for _ in rows]
     return [
-        (row, replace(draw(predictors(index_limit)), references=draw(references(place))))
-        for place, row in enumerate(rows)
+        (row, replace(p, references=() if p.rice else draw(references(place))))
+        for place, (row, p) in enumerate(zip(rows, chosen, strict=True))
     ]
 
 

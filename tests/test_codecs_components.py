@@ -93,13 +93,15 @@ class TestPackets:
         parts = []
         try:
             for place, (row, (_, predictor)) in enumerate(zip(lists, rows, strict=True)):
-                *given, references = astuple(predictor)
+                *given, references, rice = astuple(predictor)
                 flat = [(a, *weights) for a, weights in references]
                 constant = bytes([16, 0]) + page.varint_bytes(
                     2 * row[0] if row[0] >= 0 else -2 * row[0] - 1
                 )
                 parts.append(
-                    page.encode(row, *given, flat, lists[:place]) if len({*row}) > 1 else constant
+                    page.encode(row, *given, flat, lists[:place], rice=rice)
+                    if len({*row}) > 1
+                    else constant
                 )
         except page.BrokenRule as rule:
             assert str(rule) == "RNG-003"

@@ -89,7 +89,7 @@ class TestPackets:
         row = indices[:60].tolist()
         given = astuple(predictor)[:5]
         try:
-            expected = page.encode(row, *given)
+            expected = page.encode(row, *given, rice=predictor.rice)
         except page.BrokenRule as rule:
             assert str(rule) == ("a code of 36 bits" if predictor.rice else "RNG-003")
             expected = None
