@@ -459,7 +459,6 @@ FAULTS = [
     Fault("LPC-004", 100, "difference 2, order 1", predicted(b"\2\1\0\0")),
     Fault("LPC-004", 100, "order 33", predicted(b"\0\x21" + bytes(34))),
     Fault("LPC-004", 100, "k = -128", predicted(b"\0\1\x80\0")),
-    Fault("LPC-004", 100, "flag bit 7", predicted(b"\x80\0\0")),
     Fault("LPC-004", 104, "constant with references", several(FIRST + b"\x50\0\1\0\0\0\0\0")),
     Fault("LPC-004", 100, "constant with raw signs", predicted(b"\x30\0\0")),
     Fault("LPC-004", 100, "constant with repeats", predicted(b"\x18\0\0")),

@@ -335,7 +335,8 @@ def code_samples(coder, span, g, c, base, repeats, raw_signs, last, indices=None
         out.append(z[t] + base)
         if abs(out[-1]) > last:
             raise BrokenRule("LPC-003")
-        coder.check()
+        if isinstance(coder, Range):
+            coder.check()
     return out
 
 
