@@ -9,7 +9,8 @@ import strategies
 from hypothesis import given
 from hypothesis import strategies as st
 from test_codecs_predicted import decoded, decoded_as_the_page_says
-from test_kernels import assert_same, built
+from test_kernels import assert_same
+from twins import built
 
 import hapfmt
 from hapfmt.codecs.grids import LpcParameters

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from test_tube import random_tube, tubes
+from twins import built
 
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.encoder import tube as module
@@ -17,7 +18,6 @@ from hapfmt.encoder.vectors import joined_places
 from hapfmt.errors import ParameterError
 from hapfmt.kernels import compiled
 
-built = pytest.mark.skipif(compiled is None, reason="the extension is not built, or HAPFMT_PURE=1")
 scales = st.sampled_from([1, 2**11, 2**26, 2**31])
 
 
