@@ -229,6 +229,8 @@ class Rice:
     def code(self, _coder, e: int | None = None) -> int:
         if self.reading:
             if len(self.errors) % 32 == 0:
+                if self.at > len(self.bits):
+                    raise BrokenRule("LPC-012")
                 self.w += self.get(0)
                 if not 0 <= self.w <= 31:
                     raise BrokenRule("LPC-011")

@@ -183,7 +183,7 @@ class TestRangeCoder:
 
     @given(rows.filter(bool), st.data())
     def test_one_end(self, row, data):
-        """RNG-001: The coded bytes MUST end as this rule says: with that many bytes, that front, and zeros between front and back. A decoder checks it after the last symbol, and stops before where N - 15 + W is more than 8 times the number of coded bytes: they cannot end so any more."""
+        """RNG-001: The coded bytes MUST end as this rule says: with that many bytes, that front, and zeros between front and back. A decoder checks it after the last symbol, and stops earlier, as soon as N - 15 + W, W so far, is more than 8 times the number of coded bytes: they cannot end so any more."""
         whole = coded(row)
         extra = data.draw(st.binary(min_size=1, max_size=2))
         assert decoded(whole + extra, len(row)) != row

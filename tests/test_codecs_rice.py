@@ -90,7 +90,7 @@ class TestPackets:
         """
         LPC-010: With flag *Rice* the flags *repeats*, *raw signs* and *references* MUST be 0.
         LPC-011: Every w MUST be at least 0 and at most 31.
-        LPC-012: The last bit that is read MUST lie in the last byte of the component packet, and the bits after it MUST be 0.
+        LPC-012: The last bit that is read MUST lie in the last byte of the component packet, and the bits after it MUST be 0: a decoder takes bits behind the end for 0, and stops at the latest with the block that read one.
         """
         row = indices[:70].tolist()
         g, ks, base = predictor.difference, predictor.reflections, predictor.base

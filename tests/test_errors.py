@@ -184,12 +184,12 @@ def test_quantised(fault):
 @each("RNG", "LPC")
 def test_predicted(fault):
     """
-    RNG-001: The coded bytes MUST end as this rule says: with that many bytes, that front, and zeros between front and back. A decoder checks it after the last symbol, and stops before where N - 15 + W is more than 8 times the number of coded bytes: they cannot end so any more.
+    RNG-001: The coded bytes MUST end as this rule says: with that many bytes, that front, and zeros between front and back. A decoder checks it after the last symbol, and stops earlier, as soon as N - 15 + W, W so far, is more than 8 times the number of coded bytes: they cannot end so any more.
     RNG-003: The magnitude u MUST be less than 2^34: a decoder stops after step 2 or 3 where it is not.
     LPC-001: The component packets MUST fit the packet: their sizes are together at most what follows them.
     LPC-002: `grid` MUST be 0 or 1; `step` at most what the level allows, and on the uniform grid at least 1; `zero` a signed number of 32 bits; `kn` and `kd` at least 1 and less than 2^16, and `kd` at most 1024 * `kn`.
     LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the level's count bound (clause 15); deadband, |i| at most N.
-    LPC-004: g MUST be at most 4, at most 1 where m > 0; m at most 32; k[i] at least -127; and of a constant packet g, m and the other flags 0.
+    LPC-004: g MUST be at most 4, at most 1 where m > 0; m at most 32; k[i] at least -127; and of a constant component packet g, m and the other flags 0.
     LPC-005: Every |p[j]| after each n MUST be at most 2^36, and every |c[j]| at most 2^21.
     LPC-006: A component packet MUST hold at least `flags`, `m` and m coefficients.
     LPC-007: With flag *references* r MUST be 1 to 8, and the numbers a less than that of the component itself, each greater than the one before.

@@ -48,6 +48,8 @@ class RiceReader:
 
     def decode(self) -> int:
         if self.count % BLOCK == 0:
+            if self.taken > 8 * len(self.data):
+                raise self.wrong_end()
             self.width += self.code(0)
             if not 0 <= self.width <= WIDTH_LIMIT:
                 raise FormatError(
@@ -56,14 +58,17 @@ class RiceReader:
         self.count += 1
         return self.code(self.width - 1) if self.width else 0
 
+    def wrong_end(self) -> FormatError:
+        return FormatError(
+            "the Rice codes do not end with their packet",
+            requirement="LPC-012",
+            offset=self.place,
+        )
+
     def finish(self) -> None:
         rest = -self.taken % 8
         if -(-self.taken // 8) != len(self.data) or self.bits(rest):
-            raise FormatError(
-                "the Rice codes do not end with their packet",
-                requirement="LPC-012",
-                offset=self.place,
-            )
+            raise self.wrong_end()
 
 
 class RiceWriter:

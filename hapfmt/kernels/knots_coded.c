@@ -8,6 +8,7 @@
 #include "lines.h"
 
 enum { BAD_LENGTH = 7, BAD_TICK = 8, GAP_BITS = 24, VALUE_BITS = 34 };
+static const int64_t FARTHEST = (int64_t)1 << 48; /* ticks whose differences do not overflow */
 static const int64_t INDEX_LIMIT = (int64_t)1 << 32;
 
 typedef struct {
@@ -189,7 +190,7 @@ static int encode_knots(encoder *e, const int64_t *ticks, const int64_t *indices
     for (int64_t i = 0; i < knots * components; i++)
         if (indices[i] > INDEX_LIMIT || indices[i] < -INDEX_LIMIT) return BAD_INDEX;
     for (int64_t k = 0; k < knots; k++)
-        if (ticks[k] < 0 || ticks[k] > TICK_LIMIT) return BAD_TICK;
+        if (ticks[k] < 0 || ticks[k] > FARTHEST) return BAD_TICK;
     for (int64_t k = 1; k < knots; k++) {
         const int64_t *now = indices + k * components, *before = now - components;
         if (!linear || k < knots - 1)

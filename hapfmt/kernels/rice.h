@@ -116,6 +116,10 @@ INLINE int unrice_as(bits *given, const plan *p, const filter *f, int g, int wid
     if (taken) memset(history, 0, ORDERS * sizeof *history);
     for (int64_t from = 0; from < p->span; from += BLOCK) {
         int count = p->span - from < BLOCK ? (int)(p->span - from) : BLOCK;
+        if (RARE(8 * b.at - b.left > 8 * b.size)) {
+            *given = b;
+            return BAD_BITS;
+        }
         int64_t change = get_rice(&b, 0);
         if (RARE(change < -w || change > WIDTHS - w)) {
             *given = b;
