@@ -3,7 +3,7 @@
 Where things live, in the order of the work:
 
 * encode.py takes a recording to tracks and packets; settings.py is what the caller asks of it,
-  tolerance.py an amount of it, perception.py the defaults, auto.py the preset that chooses itself.
+  tolerance.py an amount of it, perception.py the defaults, auto.py is preset auto.
 * Doubles to counts: lattice.py finds the step, by rational.py, common_step.py and near.py; exact.py
   (LPCX) and words.py (RAWB) take what is on no lattice.
 * groups.py: axes of one vector. source.py: channels side by side, cut into packets. packed.py: a

@@ -1,4 +1,4 @@
-"""Grids of counts (SPEC 9.5), and the index that stands for a count."""
+"""Which grid (SPEC 9.5) keeps a bound, and the index that stands for a count."""
 
 from __future__ import annotations
 
