@@ -19,6 +19,7 @@ from hapfmt.encoder.lattice import (
     Tolerance,
     find_lattice,
     snap_to_lattice,
+    sparse,
     to_counts,
 )
 from hapfmt.errors import ParameterError
@@ -550,6 +551,14 @@ def test_shock() -> None:
         near = snap_to_lattice(x, Tolerance(1e-6))
         assert near is not None
         assert 0.022 < near.calibration.step < 0.024
+
+
+def test_sparse_counts_may_span_all_32_bits() -> None:
+    ends = np.array([-(2**31), 0, 2**31 - 1], np.int32)
+    assert sparse(ends)
+    assert sparse(ends.astype(np.int64))
+    assert not sparse(np.arange(9))
+    assert not sparse(np.zeros(0, np.int32))
 
 
 def test_panda() -> None:

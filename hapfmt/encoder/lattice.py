@@ -160,7 +160,10 @@ def natural_lattices(
 
 def sparse(counts: NDArray[np.int64]) -> bool:
     """Whether counts [samples] are spread so thinly that a coarser lattice may lie under theirs."""
-    return bool(counts.size) and int(np.ptp(counts)) >= SPARSE * np.unique(counts).size
+    if not counts.size:
+        return False
+    # In Python: the range of 32-bit counts takes 33.
+    return int(counts.max()) - int(counts.min()) >= SPARSE * np.unique(counts).size
 
 
 def _find(x: NDArray[np.float64], bits: int) -> Lattice | str:
