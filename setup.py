@@ -12,7 +12,7 @@ setup(
             "hapfmt.kernels._kernels",
             sorted(path.as_posix() for path in FOLDER.glob("*.c")),
             depends=sorted(path.as_posix() for path in FOLDER.glob("*.h")),
-            extra_compile_args=["-O3", "-std=c99", "-ffp-contract=off"],
+            extra_compile_args=["-O3", "-std=c99", "-ffp-contract=off", "-g0"],
             py_limited_api=True,
             optional=True,
         )

@@ -24,16 +24,11 @@ from numpy.typing import NDArray
 
 from .errors import ParameterError
 from .integers import clamp
+from .limits import FRACTION_LIMIT, ZERO_LIMIT
 from .recording import Calibration
-
-FRACTION_LIMIT = 1 << 16
-"""kn and kd are 16-bit fields."""
 
 COUNT_LIMIT = 1 << 32
 """|count| stays below: 32 bits, and one more for a sum of two tracks that is not clamped yet."""
-
-ZERO_LIMIT = 1 << 31
-"""-2**31 <= zero < 2**31, as stored; then kn * |x - zero| < 2**16 * 2**33 fits an int64."""
 
 MARGIN = 2.0**-35
 """Two float64 estimates further apart than this, relatively, are in a certain order: a sum of n

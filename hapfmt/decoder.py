@@ -72,11 +72,6 @@ class TrackDecoder:
             )
         return ExactParameters.parse(track.parameters, track.offset)
 
-    @property
-    def has_exact(self) -> bool:
-        """Whether the track holds the source's doubles beside its counts."""
-        return isinstance(self.parameters, ExactParameters)
-
     def decode_exact(self, packet: Packet, counts: NDArray[np.int32]) -> NDArray[np.float64] | None:
         """The source's doubles [span], for the counts that ``decode`` gave of the same packet; None
         where the counts are all there is."""

@@ -50,11 +50,20 @@ def parse_varint(data: bytes, position: int, base: int = 0) -> tuple[int, int]:
     raise FormatError("varint of 2^53 or more", requirement="CNV-002", offset=base + position)
 
 
+def from_signed(v: int) -> int:
+    """What stands for v in an unsigned code: 0, -1, 1, -2 ... are 0, 1, 2, 3 ..."""
+    return 2 * v if v >= 0 else -2 * v - 1
+
+
+def to_signed(u: int) -> int:
+    return (u >> 1) ^ -(u & 1)
+
+
 def build_svarint(value: int) -> bytes:
-    return build_varint(2 * value if value >= 0 else -2 * value - 1)
+    return build_varint(from_signed(value))
 
 
 def parse_svarint(data: bytes, position: int, base: int = 0) -> tuple[int, int]:
     """As parse_varint, signed."""
     number, after = parse_varint(data, position, base)
-    return (number >> 1) ^ -(number & 1), after
+    return to_signed(number), after

@@ -95,6 +95,13 @@ TICK_LIMIT = 1 << 48
 EXACT_LIMIT = 1 << 53
 """Integers up to here are exact in IEEE 754 binary64."""
 
+FRACTION_LIMIT = 1 << 16
+"""kn and kd of a Weber fraction stay below (SPEC DBC-001, LPC-002)."""
+
+ZERO_LIMIT = 1 << 31
+"""-2**31 <= zero < 2**31 (SPEC DBC-001, LPC-002); then kn * |x - zero| < 2**16 * 2**33 fits an
+int64."""
+
 AFFINE_LIMIT = 1 << 52
 """A and B of a calibration stay below, so that a svarint holds them (SPEC VAL-001)."""
 

@@ -73,9 +73,9 @@ def index_entries(source: Source, offset: int, file_id: int) -> list[IndexEntry]
             raise FormatError(
                 "no index where one should be", requirement="IDX-004", offset=position
             )
-        index = parse_index(chunk.payload, position, chunk.payload_offset)
         if parts and chunk.stop > position_after:
             raise FormatError("indexes overlap", requirement="IDX-004", offset=position)
+        index = parse_index(chunk.payload, position, chunk.payload_offset)
         parts.append(index)
         if index.covers_from == FIRST_OFFSET:
             break

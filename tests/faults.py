@@ -176,6 +176,7 @@ def opened(data: bytes) -> Callable[[], Any]:
 
 
 HEAD, TRACK, DATA = ("HEAD", f.head()), f.TRACK_0, f.DATA_0
+NESTED = ("iNDX", f.chunk("iNDX", f.index((), covers_from=88, previous=88), 1))
 TRACK_AT = 8 + 32 + 48
 DATA_AT = TRACK_AT + 32 + len(TRACK[1])
 END = DATA_AT + 32 + len(DATA[1])
@@ -326,6 +327,8 @@ FAULTS = [
     Fault("IDX-004", 100, "covers the signature", at_index(covers_from=7)),
     Fault("IDX-004", 108, "previous behind", at_index(covers_from=9, previous=501)),
     Fault("IDX-004", 8, "no index there", lambda: index_entries(BytesSource(f.file(HEAD)), 8, 7)),
+    Fault("IDX-004", 88, "an index within another",
+          lambda: index_entries(BytesSource(f.file(HEAD, NESTED)), 88 + 32, 7)),
     Fault("IDX-005", 8 + 32 + 48 + 5 * (32 + 2**20), "no index in 5 MiB",
           judged(f.file(HEAD, *LONG))),
     Fault("IDX-006", 100, "starts too late", listed(("HEAD", 8, 0, 0), ("DATA", 88, 6, 9))),

@@ -6,7 +6,7 @@ import struct
 from fractions import Fraction
 
 import page
-from page import Bit, BrokenRule, Range, bits_of, clamp
+from page import Bit, BrokenRule, Range, bits_of, clamp, varint
 
 
 def nearest(q: Fraction) -> Fraction:
@@ -139,22 +139,6 @@ def spreads(values, a: int, d: int, relative: bool, z: int) -> list[int | None]:
     exponents = [bits(v) // 2**52 % 2**11 for v in values]
     step = bits_of(abs(a)) - bits_of(d)
     return [max(clamp(step + 1075 - e, 0, 63) - z, 0) for e in exponents]
-
-
-def varint(data: bytes, at: int) -> tuple[int, int]:
-    number = 0
-    for group in range(9):
-        if group == 8 or at + group >= len(data):
-            raise BrokenRule("CNV-002")
-        byte = data[at + group]
-        number += byte % 128 * 128**group
-        if byte < 128:
-            break
-    if group and byte == 0:
-        raise BrokenRule("CNV-003")
-    if number >= 2**53:
-        raise BrokenRule("CNV-002")
-    return number, at + group + 1
 
 
 def decode(data: bytes, span: int, affine, rule: int, digits: int, last: int = 2**24):

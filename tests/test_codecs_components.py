@@ -11,6 +11,7 @@ import pytest
 import strategies
 from hypothesis import given
 from hypothesis import strategies as st
+from twins import built
 
 from hapfmt.codecs import components, predicted
 from hapfmt.codecs.components import (
@@ -29,7 +30,6 @@ from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS
 
 ONE, TWO = LEVELS[1], LEVELS[2]
-built = pytest.mark.skipif(compiled is None, reason="the extension is not built, or HAPFMT_PURE=1")
 
 
 def packet_of(rows):

@@ -9,14 +9,16 @@ import strategies
 from hypothesis import given
 from hypothesis import strategies as st
 from test_codecs_predicted import decoded, decoded_as_the_page_says
-from test_kernels import assert_same, built
+from test_kernels import assert_same
+from twins import built
 
 import hapfmt
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.predicted import INDEX_LIMIT, Predictor, encode_indices
-from hapfmt.codecs.rice import WIDTH_LIMIT, RiceReader, RiceWriter, zigzag
+from hapfmt.codecs.rice import WIDTH_LIMIT, RiceReader, RiceWriter
 from hapfmt.encoder.quick import PIECE, choose_quick, encode_quick, quick_autocorrelation
 from hapfmt.errors import FormatError, ParameterError
+from hapfmt.integers import from_signed
 from hapfmt.kernels import compiled
 
 widths = st.lists(st.integers(0, 31), min_size=1, max_size=4)
@@ -74,7 +76,7 @@ class TestCodes:
             model = page.Rice(widths=[w])
             model.errors = row
             model.end()
-            sizes.append(len(model.bits) - zigzag(w) - 1)
+            sizes.append(len(model.bits) - from_signed(w) - 1)
         writer = RiceWriter()
         for e in row:
             writer.encode(e)

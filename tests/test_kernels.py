@@ -14,6 +14,7 @@ import strategies
 from hypothesis import given
 from hypothesis import strategies as st
 from spec import ROOT
+from twins import built
 
 from hapfmt.codecs import predicted
 from hapfmt.codecs.predicted import INDEX_LIMIT, Predictor, decode_indices, encode_indices
@@ -21,7 +22,6 @@ from hapfmt.encoder import predict, quick
 from hapfmt.errors import FormatError
 from hapfmt.kernels import compiled
 
-built = pytest.mark.skipif(compiled is None, reason="the extension is not built, or HAPFMT_PURE=1")
 cases = st.tuples(strategies.index_arrays(), strategies.predictors())
 
 

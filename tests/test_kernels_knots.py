@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 import strategies
 from hypothesis import given
 from hypothesis import strategies as st
+from twins import built, by_the_twin, clamped, same
 
 from hapfmt.codecs import knots as codec
 from hapfmt.codecs import varints
@@ -15,13 +18,12 @@ from hapfmt.codecs.varints import build_varints
 from hapfmt.deadband import Deadband
 from hapfmt.encoder import knots as encoder
 from hapfmt.encoder.knots import select_knots, select_knots_plain
-from hapfmt.errors import FormatError
 from hapfmt.integers import build_varint
 from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS
 
-built = pytest.mark.skipif(compiled is None, reason="the extension is not built, or HAPFMT_PURE=1")
 levels = st.sampled_from([LEVELS[1], LEVELS[2]])
+decoded = partial(same, codec, clamped, decode_within)
 ranges = st.sampled_from([(-(2**31), 2**31 - 1), (0, 0), (-5, 100), (-(2**23), 2**23 - 1)])
 cases = levels.flatmap(
     lambda level: strategies.knot_parameters(level).flatmap(
@@ -30,35 +32,13 @@ cases = levels.flatmap(
 )
 
 
-def decoded(*given):
-    """Counts, or all that an error tells."""
-    try:
-        counts = decode_within(*given)
-    except FormatError as error:
-        return type(error).__name__, error.requirement, error.offset, error.message
-    assert counts.dtype == np.int32
-    return counts.shape, counts.tobytes()
-
-
-def by_the_twin(module, call, *given):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "compiled", None)
-        return call(*given)
-
-
-def assert_same(*given):
-    fast = decoded(*given)
-    assert fast == by_the_twin(codec, decoded, *given)
-    return fast
-
-
 @built
 class TestDecoding:
     @given(cases)
     def test_packets(self, case):
         level, parameters, (ticks, values, span), (low, high) = case
         data = build_knots(ticks, values)
-        fast = assert_same(data, parameters, span, values.shape[1], level, 9, low, high)
+        fast = decoded(data, parameters, span, values.shape[1], level, 9, low, high)
         assert fast[0] == (span, values.shape[1])
 
     @given(cases, st.data())
@@ -69,7 +49,7 @@ class TestDecoding:
         for _ in range(data.draw(st.integers(1, 3))):
             at = data.draw(st.integers(0, len(packet)))
             packet[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))
-        assert_same(bytes(packet), parameters, span, values.shape[1], level, 9, low, high)
+        decoded(bytes(packet), parameters, span, values.shape[1], level, 9, low, high)
 
     @given(
         st.lists(st.sampled_from([0, 1, 2, 3, 9, 0x7F, 0x80, 0xFF]), max_size=20).map(bytes),
@@ -79,7 +59,7 @@ class TestDecoding:
         ranges,
     )
     def test_any_bytes(self, data, parameters, span, width, limits):
-        assert_same(data, parameters, span, width, LEVELS[2], 0, *limits)
+        decoded(data, parameters, span, width, LEVELS[2], 0, *limits)
 
     @pytest.mark.parametrize("components", [1, 3, 7])
     @pytest.mark.parametrize("bits", [2, 16, 31, 33])
@@ -99,9 +79,7 @@ class TestDecoding:
             data = build_knots(shown, values)
             for low, high in ((-(2**31), 2**31 - 1), (-(far // 2), far // 3)):
                 limits = max(low, -(2**31)), min(high, 2**31 - 1)
-                fast = assert_same(
-                    data, KnotParameters(mode), span, components, LEVELS[2], 0, *limits
-                )
+                fast = decoded(data, KnotParameters(mode), span, components, LEVELS[2], 0, *limits)
                 assert fast[0] == (span, components)
 
     def test_the_longest_lines(self):
@@ -121,7 +99,7 @@ class TestDecoding:
             data = b"\2" + b"".join(build_varint(gap) + b"\2" for gap in gaps)
             for mode in ("hold", "linear"):
                 for span in (1, 2, 3, 4):
-                    assert_same(data, KnotParameters(mode), span, 1, LEVELS[2], 0, -9, 9)
+                    decoded(data, KnotParameters(mode), span, 1, LEVELS[2], 0, -9, 9)
 
 
 @st.composite

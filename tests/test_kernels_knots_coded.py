@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 import strategies
 from hypothesis import given
 from hypothesis import strategies as st
+from twins import built, clamped, packed, same
 
 from hapfmt.codecs import knots_coded as codec
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.knots_coded import CodedKnotParameters, decode_within, encode_knots
-from hapfmt.errors import FormatError
 from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS
 
-built = pytest.mark.skipif(compiled is None, reason="the extension is not built, or HAPFMT_PURE=1")
 levels = st.sampled_from([LEVELS[1], LEVELS[2]])
+decoded = partial(same, codec, clamped, decode_within)
+encoded = partial(same, codec, packed, encode_knots)
 ranges = st.sampled_from([(-(2**31), 2**31 - 1), (0, 0), (-5, 100), (-(2**23), 2**23 - 1)])
 cases = levels.flatmap(
     lambda level: st.tuples(
@@ -24,31 +27,6 @@ cases = levels.flatmap(
     )
 )
 ONE, TWO = LEVELS[1], LEVELS[2]
-
-
-def decoded(*given):
-    """Counts, or all that an error tells."""
-    try:
-        counts = decode_within(*given)
-    except FormatError as error:
-        return type(error).__name__, error.requirement, error.offset, error.message
-    assert counts.dtype == np.int32
-    return counts.shape, counts.tobytes()
-
-
-def encoded(*given):
-    try:
-        return encode_knots(*given)
-    except ValueError as error:
-        return str(error)
-
-
-def assert_same(call, *given):
-    fast = call(*given)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(codec, "compiled", None)
-        assert call(*given) == fast
-    return fast
 
 
 @built
@@ -59,9 +37,9 @@ class TestTwins:
         parameters = CodedKnotParameters(mode, parameters.grid)
         limit = parameters.grid.index_limit(level.count_bound)
         indices = indices.clip(-limit, limit)
-        data = assert_same(encoded, ticks, indices, mode)
+        data = encoded(ticks, indices, mode)
         shape = span, indices.shape[1]
-        fast = assert_same(decoded, data, parameters, *shape, level, 9, low, high)
+        fast = decoded(data, parameters, *shape, level, 9, low, high)
         assert fast[0] == shape
 
     @given(cases, st.data())
@@ -74,7 +52,7 @@ class TestTwins:
             packet[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))
         span = data.draw(st.sampled_from([span, span + 1, 1, 2, 2**20]))
         width = indices.shape[1]
-        assert_same(decoded, bytes(packet), parameters, span, width, level, 9, low, high)
+        decoded(bytes(packet), parameters, span, width, level, 9, low, high)
 
     @given(
         st.lists(st.sampled_from([0, 1, 2, 3, 9, 0x7F, 0x80, 0xFF]), max_size=20).map(bytes),
@@ -84,7 +62,7 @@ class TestTwins:
         ranges,
     )
     def test_any_bytes(self, data, parameters, span, width, limits):
-        assert_same(decoded, data, parameters, span, width, TWO, 0, *limits)
+        decoded(data, parameters, span, width, TWO, 0, *limits)
 
     @pytest.mark.parametrize("mode", ["hold", "linear"])
     @pytest.mark.parametrize("width", [1, 3])
@@ -95,13 +73,13 @@ class TestTwins:
         rng = np.random.default_rng(far * gap + width)
         ticks = np.cumsum(np.append(0, rng.integers(1, gap, 700, endpoint=True)))
         indices = rng.integers(-far, far, (701, width), endpoint=True)
-        data = assert_same(encoded, ticks, indices, mode)
+        data = encoded(ticks, indices, mode)
         span = int(ticks[-1]) + 1
         for grid in (LpcParameters(), LpcParameters(1, -(2**31)), LpcParameters(1, 7, 1, 1024)):
             given = data, CodedKnotParameters(mode, grid), span, width, TWO, 0
-            fast = assert_same(decoded, *given, -(2**31), 2**31 - 1)
+            fast = decoded(*given, -(2**31), 2**31 - 1)
             assert fast[0] == (span, width) or (grid.kn and far > 2**15)
-            assert_same(decoded, *given, -9, far // 3)
+            decoded(*given, -9, far // 3)
 
     @given(
         st.lists(st.sampled_from([0, 1, 2, 9, -1, 2**24, 2**24 + 1]), min_size=1, max_size=4),
@@ -110,7 +88,7 @@ class TestTwins:
     )
     def test_what_no_packet_holds(self, gaps, indices, mode):
         ticks = np.cumsum([0, *gaps])
-        made = assert_same(encoded, ticks, np.array(indices[: ticks.size])[:, None], mode)
+        made = encoded(ticks, np.array(indices[: ticks.size])[:, None], mode)
         wrong = min(gaps) < 1 or max(gaps) > 2**24 or max(map(abs, indices[: ticks.size])) > 2**32
         assert isinstance(made, str) == wrong
 

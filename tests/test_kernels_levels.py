@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from twins import built
 
 from hapfmt.codecs import predicted
 from hapfmt.codecs.grids import LEVELS_LIMIT, LpcParameters, deadband_levels
 from hapfmt.kernels import compiled
 
-built = pytest.mark.skipif(compiled is None, reason="the extension is not built, or HAPFMT_PURE=1")
 ratios = st.sampled_from([(1, 10), (1, 1), (2, 1), (65535, 65534), (65534, 65535), (300, 301)])
 bounds = st.sampled_from([0, 1, 2**24, 2**32 - 1, 2**32]) | st.integers(0, 2**20)
 steps = st.sampled_from([0, 1, 20, 2**24, 2**31]) | st.integers(0, 100)

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from ..errors import FormatError, TruncatedError
 from ..integers import build_svarint, build_varint, parse_svarint, parse_varint
 from ..kernels import compiled
-from ..limits import Level
+from ..limits import FRACTION_LIMIT, ZERO_LIMIT, Level
 
 UNIFORM, DEADBAND = 0, 1
-ZERO_LIMIT, FRACTION_LIMIT = 1 << 31, 1 << 16
 
 FINEST = 1024
 """The finest deadband's grid has cells of one in so many (LPC-002)."""

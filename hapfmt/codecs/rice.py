@@ -6,6 +6,7 @@ R. F. Rice, "Some practical universal noiseless coding techniques", JPL Publicat
 from __future__ import annotations
 
 from ..errors import FormatError
+from ..integers import from_signed, to_signed
 from .adaptive import OUT_OF_RANGE
 
 BLOCK = 32
@@ -16,14 +17,6 @@ ZEROS, RAW_BITS = 24, 35
 
 WIDTH_LIMIT = 31
 """Of a block: 0 where all its errors are 0, else 1 more than the low bits of each code."""
-
-
-def zigzag(e: int) -> int:
-    return 2 * e if e >= 0 else -2 * e - 1
-
-
-def unzigzag(u: int) -> int:
-    return (u >> 1) ^ -(u & 1)
 
 
 class RiceReader:
@@ -51,7 +44,7 @@ class RiceReader:
         while zeros < ZEROS and not self.bits(1):
             zeros += 1
         u = self.bits(RAW_BITS) if zeros == ZEROS else zeros << k | self.bits(k)
-        return unzigzag(u)
+        return to_signed(u)
 
     def decode(self) -> int:
         if self.count % BLOCK == 0:
@@ -87,7 +80,7 @@ class RiceWriter:
         """The bits as one number, and how many there are."""
 
     def encode(self, e: int) -> None:
-        u = zigzag(e)
+        u = from_signed(e)
         if u >> RAW_BITS:
             raise ValueError(OUT_OF_RANGE)
         self.codes.append(u)
@@ -110,7 +103,7 @@ class RiceWriter:
         for start in range(0, len(self.codes), BLOCK):
             block = self.codes[start : start + BLOCK]
             width = width_of(block)
-            self.code(zigzag(width - last), 0)
+            self.code(from_signed(width - last), 0)
             last = width
             for u in block if width else []:
                 self.code(u, width - 1)

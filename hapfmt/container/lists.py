@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from ..errors import FormatError, ParameterError, TruncatedError
 from ..integers import build_svarint, build_varint, parse_svarint, parse_varint
-from ..limits import AFFINE_LIMIT, SINGLE_MAX
+from ..limits import AFFINE_LIMIT, FRACTION_LIMIT, SINGLE_MAX, ZERO_LIMIT
 from .layout import DEVIATION
 from .tlv import share
 from .track import Affine, Contract, Track
@@ -21,7 +21,7 @@ Setup = tuple[bytes, bytes]
 
 SIGNED, WIDTHS, LISTED = 64, 32, 255
 """Codes of TLV 7: b and 64 + b for whole bits, b < 32; 255: the ends follow."""
-FRACTION_LIMIT, FLOOR_LIMIT, ZERO_LIMIT = 1 << 16, 1 << 32, 1 << 31
+FLOOR_LIMIT = 1 << 32
 VECTOR, GUARANTEED = 1, 2
 
 

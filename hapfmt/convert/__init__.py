@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple, Protocol, cast
+from typing import TYPE_CHECKING, BinaryIO, Protocol, cast
 
 from ..atomic import atomic_write
 from ..errors import HapfmtError, ParameterError
@@ -23,19 +23,8 @@ if TYPE_CHECKING:
     from ..recording import Channel, Recording
 
 
-class Format(NamedTuple):
-    """A file format: the module here that reads and writes it, and one line for ``--help``."""
-
-    module: str
-    description: str
-
-
-FORMATS: dict[str, Format] = {
-    ".npz": Format("npz", "NumPy archive: x [channels, samples], rate_hz, channel_names, unit ..."),
-    ".npy": Format("npy", "NumPy array [channels, samples] or [samples]; reading needs a rate"),
-    ".csv": Format("csv", "text with a header row 'name [unit]' and a time column (or a rate)"),
-    ".wav": Format("wav", "PCM as counts, float as doubles (extra 'audio')"),
-}
+FORMATS = {".npz": "npz", ".npy": "npy", ".csv": "csv", ".wav": "wav"}
+"""Suffixes, and the modules here that read and write such files."""
 
 MAX_MEMORY = 4 << 30
 """Bytes of sample values that a conversion may hold, unless the caller says otherwise."""
@@ -131,7 +120,7 @@ def _suffix(path: Path | None, format: str | None) -> str:
 
 
 def _converter(suffix: str) -> _Converter:
-    return cast(_Converter, import_module(f"{__name__}.{FORMATS[suffix].module}"))
+    return cast(_Converter, import_module(f"{__name__}.{FORMATS[suffix]}"))
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Grids of counts (SPEC 9.5), and the index that stands for a count."""
+"""Which grid (SPEC 9.5) keeps a bound, and the index that stands for a count."""
 
 from __future__ import annotations
 
@@ -8,17 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.grids import FINEST, LpcParameters, deadband_levels
-from ..limits import LEVELS
-from .unit import Bound, at_most
+from .unit import STEP_LIMIT, Bound, at_most
 
 Indices = NDArray[np.int64]
 
 Levels = range | NDArray[np.int64]
 """Counts in ascending order."""
-
-STEP_LIMIT = LEVELS[1].step
-"""Steps that every level allows; larger tolerances are seldom asked for, and held steps keep
-them."""
 
 
 def grid_within(bound: Bound, part: Fraction = Fraction(1)) -> LpcParameters:

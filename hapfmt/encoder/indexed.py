@@ -13,18 +13,19 @@ from functools import partial
 
 from ..codecs.grids import LpcParameters
 from ..container.track import Contract, Track
-from ..deadband import ZERO_LIMIT, Deadband
+from ..deadband import Deadband
 from ..integers import clamp
+from ..limits import ZERO_LIMIT
 from ..recording import Channel, Span
 from .check import decoded_pieces
-from .grids import STEP_LIMIT, Indices, grid_within, nearest_level, nearest_uniform
+from .grids import Indices, grid_within, nearest_level, nearest_uniform
 from .packed import Coded, fill_below
 from .predict import encode_best, quick_estimate
 from .quick import encode_quick
 from .settings import Settings, counts_of
 from .source import Source
 from .tubed import Way, code_held, code_held_levels, code_lines, vector_ways
-from .unit import Bound, Unit, bound_of
+from .unit import STEP_LIMIT, Bound, Unit, bound_of
 
 HOPE = 0.5
 """Packets of LPCR take 0.46 to 1.5 times the bits of their quick estimate, and those that won 0.72

@@ -19,8 +19,9 @@ from ..codecs.grids import LpcParameters
 from ..codecs.predicted import INDEX_LIMIT, Predictor, parse_header
 from ..codecs.references import TAPS
 from ..container.cluster import Packet
-from ..deadband import ZERO_LIMIT, Deadband
+from ..deadband import Deadband
 from ..integers import clamp, rdiv
+from ..limits import ZERO_LIMIT
 from ..recording import Channel, Span
 from .grids import nearest_uniform
 from .indexed import error_of, kept

@@ -19,11 +19,11 @@ from ..codecs.quantised import encode_quantised, quantise
 from ..codecs.raw import RawParameters, encode_raw
 from ..container.cluster import Packet
 from ..container.track import Component, Contract, Track
-from ..deadband import FRACTION_LIMIT, ZERO_LIMIT, Deadband
+from ..deadband import Deadband
 from ..decoder import TrackDecoder
 from ..errors import ParameterError
 from ..integers import clamp
-from ..limits import EXACT_LIMIT, LEVELS
+from ..limits import EXACT_LIMIT, FRACTION_LIMIT, LEVELS, ZERO_LIMIT
 from ..recording import Channel
 from .codebook import choose_codebook
 from .knots import knot_values, select_knots
@@ -43,6 +43,8 @@ COARSER = (4, 16)
 knot should follow, costs up to 8 bits a sample there."""
 
 STEP_LIMIT = LEVELS[1].step
+"""Steps that every level allows; larger tolerances are seldom asked for, and held steps keep
+them."""
 
 FLOOR_LIMIT = (1 << 31) - 1
 

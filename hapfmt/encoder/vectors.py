@@ -23,9 +23,9 @@ from ..codecs.grids import LpcParameters
 from ..deadband import norm_sq
 from ..errors import ParameterError
 from ..kernels import compiled
-from .grids import STEP_LIMIT, Indices, Levels, levels_of, places
+from .grids import Indices, Levels, levels_of, places
 from .tube import COUNT_BOUND, NO_VALUE, SHORT, SLACK, TRIES, Knot, Tube, Way, bounds
-from .unit import Bound
+from .unit import STEP_LIMIT, Bound
 
 MOVES = 40
 """Balls that are moved to before a piece is given up (100 find 1 % fewer pieces at most)."""

@@ -1,6 +1,10 @@
 """The compiled loops, where they were built; every one has a readable twin that runs instead.
 
-``HAPFMT_PURE=1`` in the environment leaves them out.
+``HAPFMT_PURE=1`` in the environment leaves them out. Here are the types of what C gives. Each .c
+file has the functions of one codec or search, and names its twin: lpcr, rice, knots, knots_coded,
+huffman (QUAN), exact (LPCX) and levels (grids) of codecs/; select, tube, sweep, links and vectors
+of encoder/. Shared headers: models.h, coder.h and integers.h are SPEC 9.4, one above the other;
+lpcr.h 9.5, search.h its predictors, lines.h lines between knots.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-/* What every file of the extension module shares: the limited API, and its table of functions. */
+/* What every file of the extension module shares: the limited API, and the tables of functions. */
 #ifndef HAPFMT_KERNELS_H
 #define HAPFMT_KERNELS_H
 
@@ -20,5 +20,11 @@ extern PyMethodDef hapfmt_rice_methods[];
 void hapfmt_lpcr_prepare(void);
 void hapfmt_exact_prepare(void);
 void hapfmt_knots_coded_prepare(void);
+
+/* Whether a buffer is a row of numbers of so many bytes. */
+static inline int whole(const Py_buffer *buffer, Py_ssize_t size)
+{
+    return buffer->len % size == 0 && (uintptr_t)buffer->buf % (uintptr_t)size == 0;
+}
 
 #endif

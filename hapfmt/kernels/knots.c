@@ -1,5 +1,5 @@
-/* Knots, both ways: packets to clamped counts, and which samples become knots. The readable twins
-   are hapfmt/codecs/knots.py and hapfmt/encoder/knots.py.
+/* KNOT in C: packets to clamped counts, and the varints of packets. The readable twins are
+   hapfmt/codecs/knots.py and varints.py.
 
    The input of the decoder is hostile. What breaks a rule is left to the twin, which says which one;
    here it is only told from what does not. Widths: values stay within ``bound`` * quantum <= 2^32, a

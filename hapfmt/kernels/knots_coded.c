@@ -100,11 +100,6 @@ static int decode_knots(decoder *d, const knot_plan *p, int64_t *row, int64_t *c
     return p->further ? check_end(d) : DONE;
 }
 
-static int whole(const Py_buffer *buffer)
-{
-    return buffer->len % 8 == 0 && (uintptr_t)buffer->buf % 8 == 0;
-}
-
 static int grid_fits(const knot_plan *p, const Py_buffer *levels)
 {
     if (p->limit < 0 || p->limit > INDEX_LIMIT || p->zero < INT32_MIN || p->zero > INT32_MAX)
@@ -119,7 +114,7 @@ static int grid_fits(const knot_plan *p, const Py_buffer *levels)
 static int plan_fits(const knot_plan *p, const Py_buffer *levels, const Py_buffer *first,
                      const Py_buffer *work)
 {
-    if (!whole(levels) || !whole(first) || !whole(work) || p->span < 1 || p->further < 0 ||
+    if (!whole(levels, 8) || !whole(first, 8) || !whole(work, 8) || p->span < 1 || p->further < 0 ||
         p->further >= p->span || work->len != 2 * first->len || !grid_fits(p, levels))
         return 0;
     const int64_t *row = first->buf;
@@ -218,7 +213,7 @@ static PyObject *coded_knots_encode(PyObject *self, PyObject *args)
     PyObject *result = NULL;
     (void)self;
     if (!PyArg_ParseTuple(args, "y*y*pw*", &ticks, &indices, &linear, &out)) return NULL;
-    if (!whole(&ticks) || !whole(&indices) || !ticks.len || indices.len % ticks.len)
+    if (!whole(&ticks, 8) || !whole(&indices, 8) || !ticks.len || indices.len % ticks.len)
         PyErr_SetString(PyExc_ValueError, "not arrays of knots");
     else {
         Py_BEGIN_ALLOW_THREADS

@@ -4,11 +4,6 @@
 
 #include "search.h"
 
-static int whole(const Py_buffer *buffer, Py_ssize_t size)
-{
-    return buffer->len % size == 0 && (uintptr_t)buffer->buf % (uintptr_t)size == 0;
-}
-
 /* (bytes or writable buffer, coefficients int32, difference, repeats, raw signs, base, limit, cross
    int64, as many as indices or none, indices int64) -> (status, bytes read or written) */
 static PyObject *run(PyObject *args, int decoding)

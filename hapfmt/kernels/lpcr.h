@@ -9,7 +9,7 @@
 #ifndef HAPFMT_LPCR_H
 #define HAPFMT_LPCR_H
 
-#include "coder.h"
+#include "integers.h"
 
 enum { ORDERS = 32, DIFFERENCES = 4, SHIFT = 13, COEFFICIENT_LIMIT = 1 << 21 };
 enum { RING = 1024, PIECE = 1024 };

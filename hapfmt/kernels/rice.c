@@ -8,11 +8,6 @@
 
 #include "rice.h"
 
-static int whole(const Py_buffer *buffer, Py_ssize_t size)
-{
-    return buffer->len % size == 0 && (uintptr_t)buffer->buf % (uintptr_t)size == 0;
-}
-
 /* (bytes or writable buffer, coefficients int32, difference, base, limit, indices int64) ->
    (status, bytes read or written) */
 static PyObject *run(PyObject *args, int decoding)
@@ -94,42 +89,9 @@ static PyObject *quick_predictor(PyObject *self, PyObject *args)
     return result;
 }
 
-/* (int64 numbers, step, zero, low, high, int32 counts): numbers * step + zero within [low, high]; the
-   caller knows that the products fit. */
-static PyObject *clamp_counts(PyObject *self, PyObject *args)
-{
-    (void)self;
-    Py_buffer numbers, counts;
-    long long step, zero, low, high;
-    if (!PyArg_ParseTuple(args, "y*LLLLw*", &numbers, &step, &zero, &low, &high, &counts)) return NULL;
-    PyObject *result = NULL;
-    const int64_t bound = (int64_t)1 << 31;
-    if (!whole(&numbers, 8) || !whole(&counts, 4) || counts.len * 2 != numbers.len || low > high ||
-        low < -bound || high >= bound)
-        PyErr_SetString(PyExc_ValueError, "not numbers and as many counts");
-    else {
-        const int64_t *from = numbers.buf;
-        int32_t *to = counts.buf;
-        Py_ssize_t size = counts.len / 4;
-        Py_BEGIN_ALLOW_THREADS
-        for (Py_ssize_t i = 0; i < size; i++) {
-            int64_t v = (int64_t)((uint64_t)from[i] * (uint64_t)step + (uint64_t)zero);
-            v = v < low ? low : v;
-            to[i] = (int32_t)(v > high ? high : v);
-        }
-        Py_END_ALLOW_THREADS
-        Py_INCREF(Py_None);
-        result = Py_None;
-    }
-    PyBuffer_Release(&numbers);
-    PyBuffer_Release(&counts);
-    return result;
-}
-
 PyMethodDef hapfmt_rice_methods[] = {
     {"rice_decode", rice_decode, METH_VARARGS, NULL},
     {"rice_encode", rice_encode, METH_VARARGS, NULL},
     {"quick_predictor", quick_predictor, METH_VARARGS, NULL},
-    {"clamp_counts", clamp_counts, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
