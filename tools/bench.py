@@ -1,4 +1,4 @@
-"""Sizes, errors and speeds beside what PyPI offers: same recordings, same bound, same run.
+"""Sizes, errors and speeds beside what other packages offer: same recordings, same bound, same run.
 
 python tools/bench.py [DATA]          a folder of recordings, or one; without: ../shared/data
 python tools/bench.py --simulated     no data needed

@@ -1,4 +1,4 @@
-"""What a user could take from PyPI in place of hapfmt, each where its package is installed.
+"""What a user could take in place of hapfmt, each where its package is installed.
 
 packages.py what is installed; exact.py coders of integers and of doubles, without loss; relative.py
 recipes for the deadband; zipped.py a whole file of what they give.

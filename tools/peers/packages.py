@@ -21,7 +21,7 @@ PACKAGES = {
     "h5py": "h5py",
     "hdf5plugin": "hdf5plugin",
 }
-"""Module: the name on PyPI."""
+"""Module: the name that pip knows."""
 
 
 @cache
@@ -42,5 +42,5 @@ def versions() -> dict[str, str]:
 
 
 def left_out() -> list[str]:
-    """Names on PyPI of what is missing."""
+    """What is missing, by the names that pip knows."""
     return [package for name, package in PACKAGES.items() if not installed(name)]
