@@ -104,6 +104,12 @@ def as_the_page_says(rest, parameters, affine, counts):
         return str(rule)
 
 
+@pytest.mark.parametrize("places", range(23))
+def test_nothing_has_any_number_of_decimals(places):
+    assert many_in_places(np.zeros(2, np.int64), 1, places).tolist() == [0.0, 0.0]
+    assert many_in_digits(np.zeros(2, np.int64), 10**15, max(places % 16, 1)).tolist() == [0.0, 0.0]
+
+
 @given(st.integers(1, 53), st.integers(1, 53), st.integers(0, 22), st.integers(1, 15), st.data())
 def test_many_at_once_are_each_alone(numerator_bits, d_bits, places, digits, data):
     d = data.draw(st.integers(1, (1 << d_bits) - 1) | st.sampled_from([10**i for i in range(16)]))

@@ -52,7 +52,7 @@ def values_of(counts: Counts, affine: Affine, rule: int, digits: int) -> Doubles
 def many_in_places(numerators: Counts, d: int, places: int) -> Doubles:
     """``in_places`` of each numerator, at once where 64 bits hold what that takes."""
     power, largest = 10**places, int(np.abs(numerators).max(initial=0))
-    if largest * power >= WIDE or 2 * d >= WIDE:
+    if max(largest, 1) * power >= WIDE or 2 * d >= WIDE:
         return np.array([in_places(n, d, places) for n in numerators.tolist()], np.float64)
     whole, rest = np.divmod(np.abs(numerators) * power, d)
     whole += (2 * rest > d) | ((2 * rest == d) & (whole % 2 == 1))
