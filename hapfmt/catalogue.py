@@ -56,10 +56,6 @@ class ChannelRef:
         return self.track.components[self.index].label
 
 
-TICKS_A_BYTE = 16
-"""What a packet says of more is no reason to make room for it."""
-
-
 @dataclass
 class Catalogue:
     """Descriptions and chunk places of one file; ``findings`` is empty where nothing is wrong."""
@@ -75,10 +71,6 @@ class Catalogue:
     foot: Foot | None = None
     indexed: bool = False
     known_findings: set[Finding] = field(default_factory=set)
-    ticks: dict[int, int] = field(default_factory=dict)
-    """Of each track, as far as the sizes of its packets make them likely; of a file without an
-    index, or one that was walked through."""
-
     head_payload: bytes = b""
 
     @property
@@ -222,8 +214,6 @@ class Catalogue:
                     requirement="DAT-008",
                     offset=entry.offset,
                 )
-            likely = min(entry.span, TICKS_A_BYTE * entry.size)
-            self.ticks[entry.track] = self.ticks.get(entry.track, 0) + likely
             # Of integers: fractions take longer than the samples of a short packet.
             rate, tick_ns = track.rate.numerator, track.rate.denominator * 10**9
             start, stop = entry.start * tick_ns // rate, -(-entry.stop * tick_ns // rate)

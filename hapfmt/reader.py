@@ -23,7 +23,7 @@ from .errors import ChecksumError, FormatError, ParameterError, TruncatedError
 from .limits import Limits
 from .opening import open_catalogue
 from .packets import LostSpan, PacketPass, Seconds, tick_range
-from .reconstruct import Decoded, Growing, add_residual, build_channel
+from .reconstruct import Decoded, add_residual, build_channel
 from .recording import Recording
 from .threads import in_order, thread_count
 
@@ -190,8 +190,7 @@ class Reader:
             self.scan()
         chosen = self.select(channels)
         wanted = wanted_tracks(chosen, band)
-        likely = self.catalogue.ticks if whole else {}
-        decoded = {track.id: Decoded(track, Growing(likely.get(track.id, 0))) for track in wanted}
+        decoded = {track.id: Decoded(track) for track in wanted}
         samples = 0
         for piece in self.pieces(wanted, start, stop, exact=exact, progress=progress):
             samples += piece.numbers.size

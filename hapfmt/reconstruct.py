@@ -13,44 +13,26 @@ from .codecs.raw import DTYPES
 from .container.track import Component, Track
 from .recording import Calibration, Channel, Deviation, Span, append_span
 
-SMALL_ROOM = 1 << 22
-"""Bytes."""
-
 
 class Growing:
-    """Rows that come piece by piece and end as one array, without both in memory at once.
+    """Rows that come piece by piece and end as one array, without both in memory at once: a
+    bytearray grows by an eighth, and large ones are moved by the operating system, not copied."""
 
-    Small room is doubled; large room grows by an eighth, and is moved by the operating system, not
-    copied.
-    """
-
-    def __init__(self, likely: int = 0) -> None:
-        """``likely``: how many rows there will be."""
-        self.likely = likely
-        self.room: NDArray[Any] | None = None
-        self.used = 0
+    def __init__(self) -> None:
+        self.room = bytearray()
+        self.like: NDArray[Any] | None = None
 
     def append(self, rows: NDArray[Any]) -> None:
-        """rows [ticks, components], of one dtype and width throughout."""
-        stop = self.used + len(rows)
-        if self.room is None:
-            self.room = np.empty((max(stop, self.likely), *rows.shape[1:]), rows.dtype)
-        elif stop > len(self.room) and self.room.nbytes < SMALL_ROOM:
-            # What numpy adds to an array that is resized it fills with zeros first.
-            room = np.empty((max(stop, 2 * len(self.room)), *rows.shape[1:]), rows.dtype)
-            room[: self.used] = self.room[: self.used]
-            self.room = room
-        elif stop > len(self.room):
-            size = max(stop, len(self.room) * 9 // 8)
-            self.room.resize((size, rows.shape[1]), refcheck=False)
-        self.room[self.used : stop] = rows
-        self.used = stop
+        """rows [ticks, ...], of one dtype and width throughout."""
+        if self.like is None:
+            self.like = rows[:0].copy()
+        self.room += np.ascontiguousarray(rows).data.cast("B")
 
     def joined(self) -> NDArray[Any] | None:
         """All rows; None where there were none. Nothing is appended after that."""
-        if self.room is not None and len(self.room) > self.used:
-            self.room.resize((self.used, self.room.shape[1]), refcheck=False)
-        return self.room
+        if self.like is None:
+            return None
+        return np.frombuffer(self.room, self.like.dtype).reshape(-1, *self.like.shape[1:])
 
 
 @dataclass
@@ -60,7 +42,7 @@ class Decoded:
     track: Track
     pieces: Growing = field(default_factory=Growing)
     spans: list[Span] = field(default_factory=list)
-    doubles: list[NDArray[np.float64]] = field(default_factory=list)
+    doubles: Growing = field(default_factory=Growing)
     """Exact values, beside each of the pieces or none."""
 
     def add(
@@ -84,7 +66,7 @@ class Decoded:
 
     def exact(self) -> NDArray[np.float64] | None:
         """[samples], or None where the counts are all there is."""
-        return np.concatenate(self.doubles) if self.doubles else None
+        return self.doubles.joined()
 
 
 def add_residual(lf: Decoded, hf: Decoded) -> Decoded:

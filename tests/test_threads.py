@@ -257,3 +257,5 @@ def test_no_pool_where_one_thread_is_enough(monkeypatch):
     stream = io.BytesIO()
     hapfmt.write(Recording((Channel(np.arange(100) % 7 / 10, Fraction(1000)),)), stream)
     assert hapfmt.read(stream.getvalue()).sample_count == 100
+    # Imported where a pool is made, and nowhere before.
+    assert not {"concurrent", "ThreadPoolExecutor"} & {*vars(module)}
