@@ -180,7 +180,7 @@ class TestExitCodes:
         assert codes["verify"] == codes["decode"] == codes["dump"] == TABLE["damaged"]
 
     def test_unsupported(self, room: Path, tmp_path: Path) -> None:
-        from hapfmt.writer import FileWriter
+        from hapfmt.container.filewriter import FileWriter
 
         path = tmp_path / "future.hapf"
         with path.open("wb") as stream:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from judge import rule, samples
 
 from hapfmt.container.cluster import Packet
+from hapfmt.container.filewriter import FileWriter
 from hapfmt.container.index import (
     Foot,
     Index,
@@ -30,7 +31,6 @@ from hapfmt.container.track import Component, Track
 from hapfmt.errors import FormatError
 from hapfmt.opening import open_catalogue
 from hapfmt.reader import Reader
-from hapfmt.writer import FileWriter
 
 HEAD = ("HEAD", f.head())
 DATA_AT = 88 + 32 + len(f.TRACK_0[1])
