@@ -1,0 +1,1 @@
+"""Samples as they arrive -> file (SPEC clause 13)."""
