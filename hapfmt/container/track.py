@@ -73,6 +73,7 @@ class Track:
     count_min: int = 0
     count_max: int = 0
     base: int | None = None
+    continues: int | None = None
     contract: Contract | None = None
     provenance: str = ""
     unsupported: str | None = None
