@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import HapfmtError, ParameterError
+from ..errors import ParameterError
 from ..recording import Calibration, spans_of
 from .inputs import Input
 from .recorder import Recorder
@@ -71,8 +70,8 @@ class Session:
                 return
         raise ParameterError(f"an object has one of {', '.join(self.actions)}")
 
-    def rows(self, values: NDArray[np.float64], tick: int | None = None) -> int:
-        """Rows [ticks, channels], NaN where a sample is missing; the tick of the first."""
+    def rows(self, values: NDArray[Any], tick: int | None = None) -> None:
+        """Rows [ticks, channels], NaN where a sample is missing."""
         recorder = self.running
         start = self.tick if tick is None else tick
         rates = {given.rate for given in recorder.inputs}
@@ -84,7 +83,9 @@ class Session:
         floats = [p for p, given in enumerate(recorder.inputs) if not given.takes_counts]
         if counts:
             chosen = values[:, counts]
-            if not np.isnan(chosen).any():
+            if chosen.dtype.kind == "i":
+                recorder.write_rows(chosen, start, counts)
+            elif not np.isnan(chosen).any():
                 recorder.write_rows(whole(chosen), start, counts)
             else:
                 for place in counts:
@@ -93,7 +94,6 @@ class Session:
             chosen = values if not counts else values[:, floats]
             recorder.write_rows(chosen, start, floats)
         self.tick = start + len(values)
-        return start
 
     def counts(self, place: int, values: NDArray[np.float64], start: int) -> None:
         """Counts of one channel, some of them missing."""
@@ -233,19 +233,3 @@ def parse_object(text: bytes) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise ParameterError("this is no JSON object")
     return found
-
-
-@contextmanager
-def placed(place: str) -> Iterator[None]:
-    """Errors say where in the stream."""
-    try:
-        yield
-    except ParameterError as error:
-        if not getattr(error, "placed", False):
-            error.args = (f"{place}: {error.message}",)
-            error.message = error.args[0]
-            error.placed = True  # type: ignore[attr-defined]
-        raise
-
-
-__all__ = ["HapfmtError", "Header", "Session", "parse_object", "placed"]
