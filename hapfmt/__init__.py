@@ -28,6 +28,9 @@ if TYPE_CHECKING:
         UnsupportedError,
     )
     from .limits import Limits
+    from .live.inputs import Input
+    from .live.recorder import Recorder
+    from .live.status import Status
     from .reader import Reader, read
     from .recording import Calibration, Channel, Recording, Span
     from .verifier import verify
@@ -41,6 +44,9 @@ _PLACES = {
     "load": "convert",
     "save": "convert",
     "Settings": "encoder.settings",
+    "Recorder": "live.recorder",
+    "Input": "live.inputs",
+    "Status": "live.status",
     "Recording": "recording",
     "Channel": "recording",
     "Calibration": "recording",
@@ -63,14 +69,17 @@ __all__ = [
     "ChecksumError",
     "FormatError",
     "HapfmtError",
+    "Input",
     "LimitError",
     "Limits",
     "MissingExtraError",
     "ParameterError",
     "Reader",
+    "Recorder",
     "Recording",
     "Settings",
     "Span",
+    "Status",
     "TruncatedError",
     "UnsupportedError",
     "__version__",

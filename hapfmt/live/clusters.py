@@ -81,7 +81,8 @@ class Clusters:
         self.done = 0
         """Clusters before this one were written."""
         self.late = 1 + ceil(patience / cluster)
-        self.size = 0
+        self.size = self.missing = 0
+        """Bytes that are here, and samples that were NaN."""
         self.rates: list[Fraction] = []
         self.grids: list[Grid] = []
         self.rate_of = np.empty(0, np.intp)
@@ -102,6 +103,11 @@ class Clusters:
         self.rate_of[channel] = self.rates.index(rate)
         self.reach[channel] = start
         self.behind[channel] = False
+
+    @property
+    def done_s(self) -> Fraction:
+        """Seconds up to which clusters are done."""
+        return self.done * self.cluster
 
     @property
     def oldest(self) -> float | None:
@@ -162,7 +168,10 @@ class Clusters:
     def pop(self, number: int) -> list[Piece]:
         bucket = self.buckets.pop(number)
         self.size -= bucket.size
-        return list(pieces_of(bucket.rows))
+        pieces = list(pieces_of(bucket.rows))
+        self.missing += sum(rows.values.size for rows in bucket.rows)
+        self.missing -= sum(piece.values.size for piece in pieces)
+        return pieces
 
 
 def pieces_of(rows: Sequence[Rows]) -> Iterator[Piece]:

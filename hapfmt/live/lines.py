@@ -156,11 +156,12 @@ class Lines:
         if not parts:
             return
         last, self.number = self.number, self.number if number is None else number
-        values = np.concatenate(parts)
+        values, recorder = np.concatenate(parts), self.session.running
+        taken = recorder.taken
         try:
             self.session.rows(values, tick)
         except ParameterError:
-            if number is None or len(values) == 1:
+            if number is None or len(values) == 1 or recorder.taken > taken:
                 raise
             # One of them is at fault: the others are kept.
             for place, row in enumerate(values):

@@ -64,13 +64,10 @@ class Output:
         finally:
             self.target.close()
 
-    def give_up(self) -> None:
-        """After an error: what stands in the file stays, with an index where that can be."""
+    def give_up(self, *, close: bool) -> None:
+        """After an error: what stands in the file stays; with index and footer where asked."""
         with suppress(Exception):
-            if self.writer.failed is None and self.writer.complete:
+            if close:
                 self.writer.close()
         with suppress(Exception):
             self.target.close()
-
-
-__all__ = ["Output", "Pipe"]

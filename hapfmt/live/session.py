@@ -49,7 +49,7 @@ class Session:
 
     def start(self, header: Header) -> None:
         self.recorder = self.begin(header)
-        self.tick = max((int(c) for c in self.recorder.cursors), default=0)
+        self.tick = max((int(c) for c in self.recorder.lanes.ticks), default=0)
 
     @property
     def running(self) -> Recorder:
@@ -100,15 +100,15 @@ class Session:
         recorder, stop = self.running, start + len(values)
         for span in spans_of(~np.isnan(values), start):
             recorder.write(place, whole(values[span.start - start : span.stop - start]), span.start)
-        recorder.skip(place, stop - int(recorder.cursors[place]))
+        recorder.skip(place, stop - int(recorder.lanes.ticks[place]))
 
     def samples(self, channel: str | int, values: NDArray[Any], tick: int | None) -> None:
         """Samples of one channel; NaN where one is missing."""
         recorder = self.running
-        place = recorder.place_of(channel)
+        place = recorder.lanes.place_of(channel)
         if values.dtype.kind == "f" and recorder.inputs[place].takes_counts:
-            start = int(recorder.cursors[place]) if tick is None else tick
-            recorder.start_of(recorder.lane_of((place,)), start)
+            start = int(recorder.lanes.ticks[place]) if tick is None else tick
+            recorder.lanes.start_of(recorder.lanes.of((place,)), start)
             self.counts(place, values.astype(np.float64), start)
         else:
             recorder.write(place, values, tick)
@@ -120,7 +120,9 @@ class Session:
         try:
             array = np.array([np.nan if v is None else v for v in values], np.float64)
         except (TypeError, ValueError, OverflowError):
-            raise ParameterError("values are a list of numbers, null where one is missing") from None
+            raise ParameterError(
+                "values are a list of numbers, null where one is missing"
+            ) from None
         self.samples(channel, array, whole_number(given.get("tick"), "tick"))
 
     def mark(self, given: dict[str, Any]) -> None:
@@ -137,7 +139,9 @@ class Session:
         name, tick, time_ns = only(
             given, "clock", "tick", "time_ns", channel=None, uncertainty_ns=None
         )
-        self.running.clock(name, given.get("channel"), tick, time_ns, given.get("uncertainty_ns") or 0)
+        self.running.clock(
+            name, given.get("channel"), tick, time_ns, given.get("uncertainty_ns") or 0
+        )
 
     def add(self, given: dict[str, Any]) -> None:
         only(given, "add")
@@ -199,7 +203,9 @@ def header_of(given: dict[str, Any]) -> Header:
     metadata = given.get("metadata", {})
     if not isinstance(metadata, dict):
         raise ParameterError("metadata is a JSON object")
-    epoch = {key: given[key] for key in ("epoch_ns", "epoch_uncertainty_ns") if key in given}
+    epoch: dict[str, Any] = {
+        key: given[key] for key in ("epoch_ns", "epoch_uncertainty_ns") if key in given
+    }
     return Header([input_of(channel) for channel in channels], metadata, epoch)
 
 

@@ -17,11 +17,11 @@ from ..container.track import Track
 from ..encoder.live import LiveEncoder
 from ..encoder.settings import Settings
 from ..errors import ParameterError
-from ..limits import LAST_TRACK_ID, LEVELS
+from ..limits import LAST_TRACK_ID
 from ..numbers import exact
+from ..recording import Recording
 from ..version import __version__
 from ..writer import check_epoch
-from ..recording import Recording
 from .clusters import Clusters
 from .extras import Extras
 from .file import SyncPolicy, create_live
@@ -91,6 +91,9 @@ class Start:
         self.policy = SyncPolicy(options.fsync)
         self.ends: list[int] = []
         self.notes: list[str] = []
+        self.metadata = dict(options.metadata)
+        self.written: dict[str, Any] = {}
+        """Metadata that stands in the file."""
         self.start_s = Fraction(0)
         if options.append:
             if not isinstance(file, (str, os.PathLike)):
@@ -98,11 +101,10 @@ class Start:
             self.append(open_append(file, sync=self.policy, clock=time.monotonic), inputs)
         else:
             self.create(file, inputs)
-        extras = Extras(maps=options.clock_maps, tracks=self.output.writer.tracks)
+        extras = Extras(maps=options.clock_maps)
         clusters = Clusters(options.cluster, options.patience)
         hold_s = None if options.hold is None else float(options.hold)
         self.worker = Worker(queue, self.output, self.encoder, clusters, extras, hold_s=hold_s)
-        self.worker.next_number = self.next_number
         self.worker.add(self.members, self.ends)
 
     def create(self, file: str | os.PathLike[str] | BinaryIO, inputs: Sequence[Input]) -> None:
@@ -113,7 +115,7 @@ class Start:
         uncertainty = options.epoch_uncertainty_ns
         check_epoch(Recording(epoch_ns=epoch_ns, epoch_uncertainty_ns=uncertainty))
         made_by = f"hapfmt {__version__}: {self.settings.describe()}"
-        metadata = {**options.metadata, "encoder": made_by}
+        self.metadata["encoder"] = made_by
         clock: Callable[[], float] = time.monotonic
         if options.canonical is not None:
             clock = self.recorded
@@ -121,7 +123,9 @@ class Start:
         self.ends = [0] * len(inputs)
         self.next_number = len(inputs)
         if isinstance(file, (str, os.PathLike)):
-            self.output = Output(create_live(file, force=options.force, sync=self.policy), self.policy)
+            self.output = Output(
+                create_live(file, force=options.force, sync=self.policy), self.policy
+            )
         else:
             self.output = Output(Pipe(file), self.policy)
         try:
@@ -134,7 +138,8 @@ class Start:
                 epoch_uncertainty_ns=uncertainty,
                 clock=clock,
             )
-            self.output.writer.metadata(metadata)
+            self.output.writer.metadata(self.metadata)
+            self.written = dict(self.metadata)
         except BaseException:
             self.output.target.close()
             raise
@@ -157,7 +162,8 @@ class Start:
                 (tick / catalogue.tracks[t].rate for t, tick in found.ends().items()),
                 default=Fraction(0),
             )
-            self.start_s = start_of(options.at, end_s, catalogue.head and catalogue.head.epoch_ns)
+            epoch_ns = catalogue.head.epoch_ns if catalogue.head else None
+            self.start_s = start_of(options.at, end_s, epoch_ns)
             self.members = self.match(catalogue.channels, inputs)
             needed = self.encoder.level(m.input for m in self.members).number
             if needed > catalogue.level.number:
@@ -165,14 +171,31 @@ class Start:
                     "the file is of level 1, and these inputs need level 2 (more than 24 bits)"
                 )
             self.ends = [ceil(self.start_s * m.input.rate) for m in self.members]
+            self.written = dict(catalogue.metadata)
             notes = catalogue.metadata.get("notes", [])
             self.notes = [note for note in notes if isinstance(note, str)]
             if found.note and found.note not in self.notes:
                 self.notes.append(found.note)
-            self.notes.append(f"appended from {float(self.start_s):.9g} s on by hapfmt {__version__}")
+            self.notes.append(
+                f"appended from {float(self.start_s):.9g} s on by hapfmt {__version__}"
+            )
         except BaseException:
             found.__exit__(None, None, None)
             raise
+
+    def closing(self, metadata: dict[str, Any]) -> dict[str, Any]:
+        """Metadata at the end: what changed, and notes of what was lost."""
+        progress = self.worker.progress
+        own = metadata.get("notes", [])
+        notes = [*self.notes, *(own if isinstance(own, list) else [])]
+        lost = [
+            f"dropped: {count} samples of {self.worker.members[place].input.label!r}, "
+            "for which the encoder was too slow"
+            for place, count in sorted(progress.dropped.items())
+        ]
+        if self.notes or lost:
+            metadata = {**metadata, "notes": [*notes, *lost]}
+        return {k: v for k, v in metadata.items() if k not in self.written or self.written[k] != v}
 
     def match(self, channels: Sequence[Any], inputs: Sequence[Input]) -> list[Member]:
         """Inputs and their channels in the file: those of the same label, rate and unit, each
@@ -185,7 +208,7 @@ class Start:
                 component = ref.track.components[ref.index]
                 if same == (component.label, ref.track.rate, component.unit):
                     free.remove(ref)
-                    members.append(Member(given, ref.number))
+                    members.append(Member(given, ref.number, is_new=False))
                     self.encoder.known(ref.number, last_track(ref))
                     break
             else:
@@ -220,4 +243,4 @@ def start_of(at: Any, end_s: Fraction, epoch_ns: int | None) -> Fraction:
     return start_s
 
 
-__all__ = ["LEVELS", "Options", "Start"]
+__all__ = ["Options", "Start"]

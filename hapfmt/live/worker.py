@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from typing import Any
 
+import numpy as np
+
 from ..container.filewriter import FileWriter
+from ..container.track import Track, complete
 from ..encoder.live import Block, LiveEncoder
 from ..errors import ParameterError
 from .clusters import Clusters, Piece, Rows
@@ -25,24 +27,26 @@ Task = Callable[[], None]
 Item = Rows | Task
 
 
-@dataclass
+@dataclass(frozen=True)
 class Member:
-    """An input and its place in the file: its channel number."""
+    """An input and its channel number in the file; ``is_new``: no track of it stands there yet."""
 
     input: Input
     number: int
+    is_new: bool = True
+
+    def block(self, start: int, values: Any) -> Block:
+        return Block(self.number, self.input, start, values)
 
 
 @dataclass
 class Progress:
     """What the thread has done so far; others only read it."""
 
-    missing: int = 0
     written: int = 0
     cluster_count: int = 0
     flushed_s: float = 0.0
     busy_s: float = 0.0
-    pending_size: int = 0
     dropped: dict[int, int] = field(default_factory=dict)
     """By input; the only part that the caller's side writes."""
 
@@ -58,18 +62,15 @@ class Worker:
         clusters: Clusters,
         extras: Extras,
         *,
-        fsync_s: float | None,
         hold_s: float | None,
     ) -> None:
         self.queue, self.output, self.encoder = queue, output, encoder
         self.clusters, self.extras = clusters, extras
-        self.fsync_s, self.hold_s = fsync_s, hold_s
-        self.synced_at = time.monotonic()
+        self.hold_s = hold_s
         self.members: list[Member] = []
-        self.tracks: dict[int, int] = {}
-        """Of channel numbers, the first track."""
         self.progress = Progress()
         self.finished = False
+        self.error: BaseException | None = None
         self.thread = threading.Thread(target=self.run, name="hapfmt recorder", daemon=True)
 
     @property
@@ -86,11 +87,11 @@ class Worker:
                 # The next one may be long in coming.
                 del item
                 self.progress.busy_s = time.thread_time() - began
-        except BaseException as error:
-            self.queue.fail(error)
-            self.output.give_up(error)
-        else:
             self.queue.fail(ParameterError("the recording was closed"))
+        except BaseException as error:
+            self.error = error
+            self.give_up()
+            self.queue.fail(error)
 
     def handle(self, item: Item | None) -> None:
         if isinstance(item, Rows):
@@ -101,61 +102,84 @@ class Worker:
         elif item is not None:
             item()
         oldest = self.clusters.oldest
-        if self.hold_s is not None and oldest is not None:
-            if time.monotonic() - oldest > self.hold_s:
-                self.write(self.clusters.rest())
-        self.progress.pending_size = self.clusters.size
+        if oldest is None or self.hold_s is None:
+            return
+        if time.monotonic() - oldest > self.hold_s:
+            self.write(self.clusters.rest())
 
-    def add(self, member: Member, start: int) -> None:
-        """An input that samples may come for, from tick ``start`` on."""
-        self.clusters.add(len(self.members), member.input.rate, start)
-        self.members.append(member)
+    def check(self, given: Input) -> None:
+        """Whether the file can hold an input that comes late; in any thread."""
+        if self.encoder.level([given]).number > self.writer.level.number:
+            raise ParameterError(
+                f"{given.label!r} needs level 2 (more than 24 bits), and the file is of level 1"
+            )
+
+    def add(self, members: Sequence[Member], starts: Sequence[int]) -> None:
+        """Inputs that samples may come for, from these ticks on."""
+        for member, start in zip(members, starts, strict=True):
+            self.clusters.add(len(self.members), member.input.rate, start)
+            self.members.append(member)
+        # What does not depend on samples is described at once: the file is whole from then on.
+        self.describe(
+            self.encoder.begin(
+                [
+                    member.block(start, np.zeros(1, np.int32))
+                    for member, start in zip(members, starts, strict=True)
+                    if member.input.takes_counts and member.is_new
+                ]
+            )
+        )
 
     def write(self, clusters: Iterable[list[Piece]]) -> None:
         for pieces in clusters:
-            blocks = []
-            for piece in pieces:
-                member = self.members[piece.channel]
-                blocks.append(Block(member.number, member.input, piece.start, piece.values))
+            blocks = [self.members[p.channel].block(p.start, p.values) for p in pieces]
             tracks, packets = self.encoder.encode(blocks)
             self.describe(tracks)
             self.writer.cluster(packets)
+            self.extras.write_observations(self.writer)
             self.progress.written += sum(block.values.size for block in blocks)
             self.progress.cluster_count += 1
-            self.write_extras(Fraction(self.clusters.done) * self.clusters.cluster)
-            if self.fsync_s is not None and time.monotonic() - self.synced_at >= self.fsync_s:
-                self.sync()
+            if self.output.settle():
+                self.progress.flushed_s = float(self.writer.stop)
 
-    def describe(self, tracks: list[Any]) -> None:
-        self.writer.describe(tracks)
-        for track in tracks:
-            for number in track.channels:
-                self.tracks.setdefault(number, track.id)
-
-    def write_extras(self, until: Fraction | None) -> None:
-        self.encoder.next_track = self.extras.write(
-            self.writer, self.tracks, until, self.encoder.next_track
-        )
-
-    def sync(self) -> None:
-        self.output.sync()
-        self.synced_at = time.monotonic()
-        self.progress.flushed_s = float(self.writer.stop)
+    def describe(self, tracks: Sequence[Track]) -> None:
+        if tracks:
+            self.writer.describe(tracks)
 
     def flush(self) -> None:
         """All that came so far, on the disk."""
+        self.write_rest()
+        self.output.sync()
+        self.progress.flushed_s = float(self.writer.stop)
+
+    def write_rest(self) -> None:
         self.write(self.clusters.rest())
-        self.write_extras(None)
-        self.sync()
+        self.extras.write_observations(self.writer)
 
     def finish(self, closing: Callable[[], dict[str, Any]]) -> None:
         """The end: ``closing`` gives the metadata that changed."""
-        self.write(self.clusters.rest())
-        self.describe(self.encoder.empty([(m.number, m.input) for m in self.members]))
-        self.write_extras(None)
+        self.write_rest()
+        self.describe_silent()
+        self.extras.write_maps(self.writer)
         metadata = closing()
         if metadata:
             self.writer.metadata(metadata)
         self.output.close()
         self.progress.flushed_s = float(self.writer.stop)
         self.finished = True
+
+    def describe_silent(self) -> None:
+        """Channels that nothing came for have a number all the same (TRK-010)."""
+        known = {number for track in self.writer.tracks.values() for number in track.channels}
+        silent = [m.block(0, np.zeros(1)) for m in self.members if m.number not in known]
+        self.describe(self.encoder.begin(silent))
+
+    def give_up(self) -> None:
+        """After an error: what stands in the file stays, closed where that can be."""
+        try:
+            if self.writer.failed is None:
+                self.describe_silent()
+        except Exception:
+            pass
+        whole = complete(self.writer.tracks.values())
+        self.output.give_up(close=whole and self.writer.failed is None)
