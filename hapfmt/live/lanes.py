@@ -37,6 +37,8 @@ class Lanes:
         self.members: list[Member] = []
         self.ticks: NDArray[np.int64] = np.empty(0, np.int64)
         """Where the next sample of each channel goes."""
+        self.silent: set[int] = set()
+        """Places that nothing came for yet: these may begin anywhere."""
         self.by_label: dict[str, int] = {}
         self.known: dict[tuple[int, ...], Lane] = {}
 
@@ -44,6 +46,8 @@ class Lanes:
         """The place of an input that is new."""
         place = len(self.members)
         self.members.append(member)
+        if member.is_new:
+            self.silent.add(place)
         self.by_label.setdefault(member.input.label, place)
         self.ticks = np.append(self.ticks, ceil(start_s * member.input.rate))
         return place
@@ -92,6 +96,10 @@ class Lanes:
                     f"to {ahead}: give the tick"
                 )
             return ahead
+        if 0 <= tick < ahead and self.silent:
+            behind = ticks > tick
+            if self.silent.issuperset(lane.index[behind].tolist()):
+                return tick
         if tick < ahead:
             place = int(ticks.argmax())
             raise ParameterError(
@@ -99,3 +107,9 @@ class Lanes:
                 f"tick {ahead}: ticks never go back"
             )
         return tick
+
+    def move(self, lane: Lane, tick: int) -> None:
+        """The next samples of a lane go to this tick."""
+        self.ticks[lane.index] = tick
+        if self.silent:
+            self.silent.difference_update(lane.channels)

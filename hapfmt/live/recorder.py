@@ -208,7 +208,7 @@ class Recorder:
                 raise ParameterError(f"a gap of {ticks} ticks in {named(lane.inputs)}")
             nothing = owned(np.empty(0, np.int32), lane.inputs)
             self.queue.put(Rows(lane.channels, start, nothing), wake=start >= lane.wake)
-            self.lanes.ticks[lane.index] = start
+            self.lanes.move(lane, start)
 
     def put(self, lane: Lane, values: ArrayLike, tick: int | None) -> None:
         rows = owned(values, lane.inputs)
@@ -233,7 +233,7 @@ class Recorder:
                     f"the encoder is {self.queue.size} bytes behind: {len(part)} samples of "
                     f"{named(lane.inputs)} at tick {start} were not taken"
                 )
-            self.lanes.ticks[lane.index] = stop
+            self.lanes.move(lane, stop)
             if wake:
                 lane.wake = lane.grid.start(lane.grid.number(stop) + 1)
 
@@ -296,16 +296,14 @@ class Recorder:
         self.queue.join()
 
     def status(self) -> Status:
-        progress, queue = self.worker.progress, self.queue
+        progress, queue, members = self.worker.progress, self.queue, self.lanes.members
         recorded_s = float(self.worker.writer.stop - self.lanes.start_s)
         return Status(
             seconds=float(self.lanes.seconds),
             taken=self.taken,
             missing=self.worker.clusters.missing,
             written=progress.written,
-            dropped={
-                self.lanes.members[p].input.label: n for p, n in sorted(progress.dropped.items())
-            },
+            dropped={members[p].input.label: n for p, n in sorted(progress.dropped.items())},
             queued_size=queue.size + self.worker.clusters.size,
             cluster_count=progress.cluster_count,
             file_size=self.worker.writer.offset,

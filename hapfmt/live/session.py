@@ -16,7 +16,8 @@ from .inputs import Input
 from .recorder import Recorder
 
 INPUT_KEYS = frozenset(f.name for f in fields(Input))
-HEADER_KEYS = frozenset({"channels", "metadata", "epoch_ns", "epoch_uncertainty_ns"})
+EPOCH_KEYS = ("epoch_ns", "epoch_uncertainty_ns")
+HEADER_KEYS = frozenset({"channels", "metadata", *EPOCH_KEYS})
 
 
 @dataclass
@@ -203,9 +204,7 @@ def header_of(given: dict[str, Any]) -> Header:
     metadata = given.get("metadata", {})
     if not isinstance(metadata, dict):
         raise ParameterError("metadata is a JSON object")
-    epoch: dict[str, Any] = {
-        key: given[key] for key in ("epoch_ns", "epoch_uncertainty_ns") if key in given
-    }
+    epoch: dict[str, Any] = {key: given[key] for key in EPOCH_KEYS if key in given}
     return Header([input_of(channel) for channel in channels], metadata, epoch)
 
 
