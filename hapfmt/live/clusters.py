@@ -24,8 +24,6 @@ class Rows(NamedTuple):
     channels: tuple[int, ...]
     start: int
     values: NDArray[Any]
-    taken_at: float = 0.0
-    """Seconds of a clock that never goes back."""
 
     @property
     def stop(self) -> int:
@@ -63,6 +61,8 @@ class Grid(NamedTuple):
 class Bucket:
     """Rows of one cluster that were not written yet."""
 
+    since: float
+    """When the first of them came, in seconds of the caller's clock."""
     rows: list[Rows] = field(default_factory=list)
     size: int = 0
 
@@ -89,6 +89,7 @@ class Clusters:
         self.reach = np.empty(0, np.int64)
         """Tick after the last one that a channel brought."""
         self.behind = np.empty(0, np.bool_)
+        self.index: dict[tuple[int, ...], NDArray[np.intp]] = {}
 
     def add(self, channel: int, rate: Fraction, start: int) -> None:
         """A channel; numbers may be added in any order, some of them never."""
@@ -112,20 +113,23 @@ class Clusters:
     @property
     def oldest(self) -> float | None:
         """When the first of the rows that are still here came."""
-        return min((b.rows[0].taken_at for b in self.buckets.values()), default=None)
+        return min((bucket.since for bucket in self.buckets.values()), default=None)
 
-    def take(self, rows: Rows) -> bool:
+    def take(self, rows: Rows, now: float = 0.0) -> bool:
         """Whether a cluster may be complete now."""
         place = int(self.rate_of[rows.channels[0]])
         grid = self.grids[place]
-        self.reach[list(rows.channels)] = rows.stop
+        index = self.index.get(rows.channels)
+        if index is None:
+            index = self.index[rows.channels] = np.array(rows.channels, np.intp)
+        self.reach[index] = rows.stop
         at = rows.start
         number = grid.number(at)
         while at < rows.stop:
             stop = min(grid.start(number + 1), rows.stop)
             part = rows.values[at - rows.start : stop - rows.start]
-            bucket = self.buckets.setdefault(number, Bucket())
-            bucket.rows.append(Rows(rows.channels, at, part, rows.taken_at))
+            bucket = self.buckets.setdefault(number, Bucket(now))
+            bucket.rows.append(Rows(rows.channels, at, part))
             bucket.size += part.nbytes
             self.size += part.nbytes
             at = stop

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import threading
-import time
 import warnings
 import weakref
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -215,7 +214,6 @@ class Recorder:
         start = self.lanes.start_of(lane, tick)
         if start + len(rows) > TICK_LIMIT:
             raise ParameterError(f"ticks of {named(lane.inputs)} lie below 2^48, not at {start}")
-        now = time.monotonic()
         step = max(len(rows), 1)
         if self.on_full == "block":
             step = max(self.queue.limit // 4 // max(rows[:1].nbytes, 1), 1)
@@ -223,7 +221,7 @@ class Recorder:
             part = rows[at : at + step]
             stop = start + at + len(part)
             wake = stop >= lane.wake
-            item = Rows(lane.channels, start + at, part, now)
+            item = Rows(lane.channels, start + at, part)
             if self.queue.put(item, part.nbytes, wake=wake, wait=self.on_full == "block"):
                 self.taken += part.size
             elif self.on_full == "drop":

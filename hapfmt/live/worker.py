@@ -95,7 +95,7 @@ class Worker:
 
     def handle(self, item: Item | None) -> None:
         if isinstance(item, Rows):
-            if self.clusters.take(item):
+            if self.clusters.take(item, time.monotonic()):
                 self.write(self.clusters.complete())
             if self.clusters.size > self.queue.limit:
                 self.write(self.clusters.rest())
