@@ -4,7 +4,7 @@ python tools/crash.py [--trials 200] [--seed 1]
 
 The process records 30 channels of three rates in chunks of random sizes, calls flush at random
 moments and tells after each, through a pipe, what is flushed. It is killed at a random moment after
-its start, every tenth one at a random moment of its life. Then the file must open; nothing worse may
+its start, every tenth at a random moment of its life. Then the file must open; nothing worse may
 be wrong with it than that it was not closed or ends within a chunk; every sample in it must be the
 one that was recorded; and all that was told must be there. Every second trial goes on with the file
 of the one before (append). After each, a recorder appends to what is left and closes it, and the
