@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         TruncatedError,
         UnsupportedError,
     )
+    from .events import Event
     from .limits import Limits
     from .reader import Reader, read
     from .recording import Calibration, Channel, Recording, Span
@@ -42,6 +43,7 @@ _PLACES = {
     "save": "convert",
     "Settings": "encoder.settings",
     "Recording": "recording",
+    "Event": "events",
     "Channel": "recording",
     "Calibration": "recording",
     "Span": "recording",
@@ -61,6 +63,7 @@ __all__ = [
     "Calibration",
     "Channel",
     "ChecksumError",
+    "Event",
     "FormatError",
     "HapfmtError",
     "LimitError",
