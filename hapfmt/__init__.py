@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         TruncatedError,
         UnsupportedError,
     )
+    from .events import Event
     from .limits import Limits
     from .live.inputs import Input
     from .live.recorder import Recorder
@@ -48,6 +49,7 @@ _PLACES = {
     "Input": "live.inputs",
     "Status": "live.status",
     "Recording": "recording",
+    "Event": "events",
     "Channel": "recording",
     "Calibration": "recording",
     "Span": "recording",
@@ -67,6 +69,7 @@ __all__ = [
     "Calibration",
     "Channel",
     "ChecksumError",
+    "Event",
     "FormatError",
     "HapfmtError",
     "Input",
