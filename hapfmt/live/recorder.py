@@ -19,9 +19,11 @@ from numpy.typing import ArrayLike
 
 from ..encoder.settings import Settings
 from ..errors import LimitError, ParameterError
+from ..events import Event
 from ..limits import TICK_LIMIT
 from ..numbers import exact
 from .clusters import Rows
+from .extras import code
 from .inputs import Input
 from .lanes import Lane, Lanes
 from .queue import Queue
@@ -261,9 +263,10 @@ class Recorder:
         with self.turn():
             place = None if channel is None else self.lanes.place_of(channel)
             at = self.lanes.seconds if time is None else exact(time)
-            event = self.worker.extras.event(text, at, exact(duration), layer)
+            event = Event(at, text, exact(duration), layer=layer)
             number = None if place is None else self.lanes.members[place].number
-            self.queue.put(partial(self.worker.extras.add_event, event, number), len(text))
+            code(event, number)
+            self.queue.put(partial(self.worker.layers.add, event, number), len(text))
 
     def clock(
         self,

@@ -23,7 +23,7 @@ from ..recording import Recording
 from ..version import __version__
 from ..writer import check_epoch
 from .clusters import Clusters
-from .extras import Extras
+from .extras import Layers
 from .file import SyncPolicy, create_live
 from .inputs import Input
 from .output import Output, Pipe
@@ -101,10 +101,10 @@ class Start:
             self.append(open_append(file, sync=self.policy, clock=time.monotonic), inputs)
         else:
             self.create(file, inputs)
-        extras = Extras(maps=options.clock_maps)
+        layers = Layers(self.output.writer.tracks.values())
         clusters = Clusters(options.cluster, options.patience)
         hold_s = None if options.hold is None else float(options.hold)
-        self.worker = Worker(queue, self.output, self.encoder, clusters, extras, hold_s=hold_s)
+        self.worker = Worker(queue, self.output, self.encoder, clusters, layers, hold_s=hold_s)
         self.worker.add(self.members, self.ends)
 
     def create(self, file: str | os.PathLike[str] | BinaryIO, inputs: Sequence[Input]) -> None:

@@ -6,16 +6,18 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
+from ..container.cluster import Packet
 from ..container.filewriter import FileWriter
 from ..container.track import Track, complete
 from ..encoder.live import Block, LiveEncoder
 from ..errors import ParameterError
 from .clusters import Clusters, Piece, Rows
-from .extras import Extras
+from .extras import Layers
 from .inputs import Input
 from .output import Output
 from .queue import Queue
@@ -60,12 +62,12 @@ class Worker:
         output: Output,
         encoder: LiveEncoder,
         clusters: Clusters,
-        extras: Extras,
+        layers: Layers,
         *,
         hold_s: float | None,
     ) -> None:
         self.queue, self.output, self.encoder = queue, output, encoder
-        self.clusters, self.extras = clusters, extras
+        self.clusters, self.layers = clusters, layers
         self.hold_s = hold_s
         self.members: list[Member] = []
         self.progress = Progress()
@@ -135,12 +137,18 @@ class Worker:
             blocks = [self.members[p.channel].block(p.start, p.values) for p in pieces]
             tracks, packets = self.encoder.encode(blocks)
             self.describe(tracks)
-            self.writer.cluster(packets)
-            self.extras.write_observations(self.writer)
+            self.writer.cluster([*packets, *self.events(self.clusters.done_s)])
             self.progress.written += sum(block.values.size for block in blocks)
             self.progress.cluster_count += 1
             if self.output.settle():
                 self.progress.flushed_s = float(self.writer.stop)
+
+    def events(self, until: Fraction | None) -> list[Packet]:
+        """Packets of the events before ``until`` seconds; None: of all."""
+        tracks, packets = self.layers.take(until, self.encoder.next_track)
+        self.encoder.next_track += len(tracks)
+        self.describe(tracks)
+        return packets
 
     def describe(self, tracks: Sequence[Track]) -> None:
         if tracks:
@@ -154,13 +162,14 @@ class Worker:
 
     def write_rest(self) -> None:
         self.write(self.clusters.rest())
-        self.extras.write_observations(self.writer)
+        events = self.events(None)
+        if events:
+            self.writer.cluster(events)
 
     def finish(self, closing: Callable[[], dict[str, Any]]) -> None:
         """The end: ``closing`` gives the metadata that changed."""
         self.write_rest()
         self.describe_silent()
-        self.extras.write_maps(self.writer)
         metadata = closing()
         if metadata:
             self.writer.metadata(metadata)
