@@ -20,6 +20,7 @@ VERBS = {
     "du": "Where the bytes go, by cause and by track.",
     "dump": "All of a file as canonical JSON.",
     "convert": "From any format to any other.",
+    "record": "Record samples as they come from another program.",
     "demo": "Simulate a stylus on a texture, encode it, show what it costs.",
 }
 ERROR = 1

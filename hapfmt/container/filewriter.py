@@ -220,9 +220,12 @@ class FileWriter:
         try:
             for packet in packets:
                 weight = len(packet.data) + entry_size(packet)
-                count = packet.span * len(self.tracks[packet.track].components)
+                count = self.tracks[packet.track].weight(packet.span, len(packet.data))
+                # Packets of events may start together; in one cluster they must not (DAT-002).
+                again = batch and (batch[-1].track, batch[-1].start) == (packet.track, packet.start)
                 full = (
-                    size + weight > target
+                    again
+                    or size + weight > target
                     or samples + count > self.level.cluster_samples
                     or len(batch) >= self.level.packets
                 )
@@ -342,11 +345,8 @@ class FileWriter:
         if self.ending:
             return
         self.ending = True
-        if (
-            getattr(self.stream, "whole_writes", False)
-            and self.entries
-            and complete(self.tracks.values())
-        ):
+        whole = not self.closed and getattr(self.stream, "whole_writes", False)
+        if whole and self.entries and complete(self.tracks.values()):
             # An index of everything may find no room where one of the rest does.
             for closing in (True, False):
                 with suppress(OSError):

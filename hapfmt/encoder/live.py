@@ -7,10 +7,11 @@ long as what a crash may take: one cluster.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ..container.cluster import Packet
@@ -18,11 +19,16 @@ from ..container.track import Track
 from ..errors import ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level
 from ..live.inputs import Input
-from .live_counts import GridLane
+from .live_counts import GridLane, Ready
+from .live_deadband import DeadbandLane
 from .live_exact import choose_exact
+from .live_many import Missing, Shelf, encode_blocks
 from .live_plan import check_settings, plan_input
 from .settings import Settings
 from .source import PACKET_SAMPLES
+
+NATIVE = (np.dtype(np.int16), np.dtype(np.int32), np.dtype(np.int64))
+"""What the compiled loop takes as it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +52,12 @@ class Lane(Protocol):
 
     def adopt(self, track: Track) -> None: ...
 
+    @property
+    def ready(self) -> Ready | None: ...
+
     def code(self, values: NDArray[Any], start: int, /) -> bytes: ...
+
+    def packed(self, packet: bytes, values: NDArray[Any], start: int, /) -> bytes: ...
 
 
 class LiveEncoder:
@@ -61,6 +72,7 @@ class LiveEncoder:
         self.next_track = first_track
         self.lanes: dict[int, Lane] = {}
         self.adopted: dict[int, Track] = {}
+        self.shelf = Shelf.empty()
 
     def level(self, inputs: Iterable[Input]) -> Level:
         """The level of a file that any samples of these inputs fit; ParameterError where one of
@@ -86,16 +98,43 @@ class LiveEncoder:
         for block in blocks:
             check_block(block)
         tracks = self.begin(blocks)
+        pieces = [piece for block in blocks for piece in cut(block)]
+        packed = self.together(pieces)
         packets = []
-        for block in blocks:
-            lane = self.lanes[block.channel]
-            for at in range(0, block.values.size, PACKET_SAMPLES):
-                piece, start = block.values[at : at + PACKET_SAMPLES], block.start + at
-                data = lane.code(piece, start)
-                if lane.track.id < 0:
-                    tracks.append(self.number(lane))
-                packets.append(Packet(lane.track.id, start, piece.size, data))
+        for place, piece in enumerate(pieces):
+            lane, packet = self.lanes[piece.channel], packed.get(place)
+            if isinstance(packet, bytes):
+                data = lane.packed(packet, piece.values, piece.start)
+            else:
+                data = lane.code(piece.values, piece.start)
+            if lane.track.id < 0:
+                tracks.append(self.number(lane))
+            packets.append(Packet(lane.track.id, piece.start, piece.values.size, data))
         return tracks, sorted(packets, key=lambda packet: (packet.track, packet.start))
+
+    def together(self, pieces: Sequence[Block]) -> dict[int, bytes | Missing]:
+        """Packets of those pieces, by their places, that need nothing found out: of each channel
+        the first at most, all of one length in one call."""
+        alike: dict[int, list[int]] = {}
+        ready: dict[int, Ready] = {}
+        seen: set[int] = set()
+        for place, piece in enumerate(pieces):
+            if piece.channel in seen:
+                continue
+            seen.add(piece.channel)
+            found = self.lanes[piece.channel].ready
+            if found is not None and piece.values.dtype in NATIVE and piece.input.takes_counts:
+                ready[place] = found
+                alike.setdefault(piece.values.size, []).append(place)
+        packets: dict[int, bytes | Missing] = {}
+        for places in alike.values():
+            blocks = [np.ascontiguousarray(pieces[place].values) for place in places]
+            given = [ready[place] for place in places]
+            made = encode_blocks(
+                blocks, [task for task, _ in given], [row for _, row in given], self.shelf
+            )
+            packets |= zip(places, made, strict=True)
+        return packets
 
     def begin(self, blocks: Sequence[Block]) -> list[Track]:
         """The tracks of channels that are new, those together that can share a chunk."""
@@ -120,15 +159,30 @@ class LiveEncoder:
     def lane_of(self, block: Block) -> Lane:
         plan = plan_input(block.input, self.settings)
         adopted = self.adopted.get(block.channel)
+        number, first = block.channel, block.values[:PACKET_SAMPLES]
         lane: Lane
-        if plan.channel.calibration is not None:
-            lane = GridLane(plan, block.channel)
+        if plan.channel.calibration is None:
+            lane = choose_exact(plan, number, first, adopted)
+        elif plan.settings.preset == "deadband" and plan.bound is not None:
+            lane = DeadbandLane(plan, plan.bound, number, self.shelf)
         else:
-            lane = choose_exact(plan, block.channel, block.values[:PACKET_SAMPLES], adopted)
+            lane = GridLane(plan, number, self.shelf)
         if adopted is not None:
             check_continued(lane.track, adopted)
             lane.adopt(adopted)
+        if isinstance(lane, DeadbandLane):
+            lane.begin(first, block.start)
         return lane
+
+
+def cut(block: Block) -> Iterator[Block]:
+    """Pieces that are not too long for a packet."""
+    if block.values.size <= PACKET_SAMPLES:
+        yield block
+        return
+    for at in range(0, block.values.size, PACKET_SAMPLES):
+        piece = block.values[at : at + PACKET_SAMPLES]
+        yield Block(block.channel, block.input, block.start + at, piece)
 
 
 def check_block(block: Block) -> None:

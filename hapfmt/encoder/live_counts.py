@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codecs.grids import LpcParameters
+from ..codecs.predicted import Predictor
 from ..container.track import Track
 from ..contract import nearest_counts
 from ..errors import ParameterError
-from .grids import nearest
+from .live_many import Shelf, Task, encode_block, indices_of, search
 from .live_plan import Plan
-from .predict import encode_best
-from .quick import encode_quick
 
 Counts = NDArray[np.int64]
+
+AGAIN = 1
+"""Packets that a predictor serves after the one that it was looked for."""
+
+LARGER, FEW = 1.05, 8
+"""It is looked for anew where a packet is that much larger than the one it was looked for, and some
+bytes."""
+
+BROKEN = "an encoder that guarantees a deadband left it"
 
 
 def counts_of_block(plan: Plan, values: NDArray[Any], channel: int, start: int) -> Counts:
@@ -62,31 +72,94 @@ def fits(track: Track, counts: Counts) -> bool:
     return track.count_min <= int(counts.min()) and int(counts.max()) <= track.count_max
 
 
-class GridLane:
-    """A channel as indices of one grid, in packets of LPCR."""
+class Ready(NamedTuple):
+    """What packs the next block together with those of other channels."""
 
-    def __init__(self, plan: Plan, number: int) -> None:
-        self.plan, self.number = plan, number
-        self.grid = plan.grid
-        self.whole = plan.track(
-            number, codec="LPCR", parameters=self.grid.build(), contract=plan.contract
+    task: Task
+    record: bytes
+
+
+class GridWay:
+    """Counts as indices of one grid, in packets of LPCR; the predictor of one packet serves the
+    next, but is looked for anew after a while, or where it does not do as well any more."""
+
+    def __init__(self, plan: Plan, number: int, grid: LpcParameters, shelf: Shelf) -> None:
+        self.plan, self.grid, self.shelf = plan, grid, shelf
+        self.track = plan.track(
+            number, codec="LPCR", parameters=grid.build(), contract=plan.contract
         )
-        self.track, self.narrow = self.whole, False
+        self.fast = plan.settings.fast
+        self.predictor: Predictor | None = None
+        self.left, self.expected = 0, 0.0
+        self.task = Task(plan.low, plan.high, grid, plan.bound.band if plan.bound else None, None)
+        self.record = shelf.record(self.task) if self.fast else b""
+
+    @property
+    def ready(self) -> Ready | None:
+        """None where a predictor must be looked for."""
+        return Ready(self.task, self.record) if self.fast or self.left else None
+
+    def pack(self, x: Counts) -> bytes:
+        """By a predictor that is looked for."""
+        if self.fast:
+            packet = encode_block(x, self.task)
+            if not isinstance(packet, bytes):
+                raise AssertionError(BROKEN)
+            return packet
+        indices = indices_of(x, self.task)
+        if indices is None:
+            raise AssertionError(BROKEN)
+        packet, predictor = search(indices, self.predictor)
+        self.left, self.expected = AGAIN, len(packet) / x.size
+        if predictor != self.predictor:
+            self.predictor = predictor
+            self.task = replace(self.task, predictor=predictor)
+            self.record = self.shelf.record(self.task)
+        return packet
+
+    def packed(self, packet: bytes, samples: int, again: Callable[[], Counts]) -> bytes:
+        """What was packed with the others, or where that is much larger than the last one, anew."""
+        if self.fast:
+            return packet
+        self.left -= 1
+        if len(packet) <= LARGER * self.expected * samples + FEW:
+            return packet
+        return self.pack(again())
+
+
+class GridLane:
+    """A channel on one grid."""
+
+    def __init__(self, plan: Plan, number: int, shelf: Shelf) -> None:
+        self.plan, self.number = plan, number
+        self.way = GridWay(plan, number, plan.grid, shelf)
+        self.track = self.way.track
+        self.wider: Track | None = None
+
+    @property
+    def ready(self) -> Ready | None:
+        return None if self.wider else self.way.ready
 
     def adopt(self, track: Track) -> None:
         """Goes on with a track of the file where it differs in its range alone."""
-        self.whole = replace(self.whole, continues=track.id)
-        self.narrow = alike(track, self.whole)
-        self.track = track if self.narrow else self.whole
+        following = replace(self.track, continues=track.id)
+        if alike(track, self.track):
+            self.track, self.wider = track, following
+        else:
+            self.track = following
 
     def code(self, values: NDArray[Any], start: int) -> bytes:
-        counts = counts_of_block(self.plan, values, self.number, start)
-        if self.narrow and not fits(self.track, counts):
-            self.track, self.narrow = self.whole, False
-        indices = nearest(counts, self.grid)
-        if self.plan.settings.fast:
-            return encode_quick(indices)
-        return encode_best(indices, thorough=False)
+        x = counts_of_block(self.plan, values, self.number, start)
+        if self.wider and not fits(self.track, x):
+            self.track, self.wider = self.wider, None
+        return self.way.pack(x)
+
+    def packed(self, packet: bytes, values: NDArray[Any], start: int) -> bytes:
+        return self.way.packed(
+            packet,
+            values.size,
+            lambda: counts_of_block(self.plan, values, self.number, start),
+        )
 
 
 def alike(track: Track, wanted: Track) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.exact import WHOLE, ExactParameters, Lacking
+from ..codecs.predicted import Predictor
 from ..codecs.raw import RawParameters, encode_raw
 from ..codecs.values import Counts, Doubles, ordered, spread_of
 from ..container.track import Affine, Track
@@ -24,8 +25,9 @@ from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..recording import Calibration
 from .exact import natural_candidate
 from .lattice import find_lattice
+from .live_counts import Ready
+from .live_many import search
 from .live_plan import Plan
-from .predict import encode_best
 
 COUNT_BITS = LEVELS[1].count_bits
 LOW, HIGH = -(1 << (COUNT_BITS - 1)), (1 << (COUNT_BITS - 1)) - 1
@@ -148,6 +150,8 @@ def binary_grid(x: Doubles) -> Lattice:
 class ExactLane:
     """Counts and corrections: LPCX."""
 
+    ready: Ready | None = None
+
     def __init__(self, plan: Plan, number: int, lattice: Lattice) -> None:
         self.plan, self.number, self.lattice = plan, number, lattice
         channel = replace(plan.channel, calibration=lattice.calibration)
@@ -159,6 +163,7 @@ class ExactLane:
             count_max=lattice.high,
         )
         self.wider: Track | None = None
+        self.predictor: Predictor | None = None
         self.way, self.left = ALL_WAYS[0], 0
 
     def adopt(self, track: Track) -> None:
@@ -177,8 +182,11 @@ class ExactLane:
         if self.wider and not within(self.lattice.nearest(x), self.lattice):
             self.track, self.lattice, self.wider = self.wider, self.lattice.wide, None
         lacking = self.lattice.lacking(x)
-        coded = encode_best(lacking.counts, thorough=False)
+        coded, self.predictor = search(lacking.counts, self.predictor)
         return build_varint(len(coded)) + coded + self.beside(lacking)
+
+    def packed(self, packet: bytes, _values: NDArray[Any], _start: int) -> bytes:
+        return packet
 
     def beside(self, lacking: Lacking) -> bytes:
         """The corrections, the way that was smallest when all were tried last."""
@@ -202,6 +210,8 @@ def within(counts: Counts, lattice: Lattice) -> bool:
 class WordsLane:
     """Words as they are: RAWB."""
 
+    ready: Ready | None = None
+
     def __init__(self, plan: Plan, number: int, number_format: str) -> None:
         self.plan, self.number = plan, number
         self.dtype = NUMBERS[number_format]
@@ -216,6 +226,9 @@ class WordsLane:
 
     def adopt(self, track: Track) -> None:
         self.track = track
+
+    def packed(self, packet: bytes, _values: NDArray[Any], _start: int) -> bytes:
+        return packet
 
     def code(self, values: NDArray[Any], start: int) -> bytes:
         x = numbers_of_block(self.plan, values, self.number)
