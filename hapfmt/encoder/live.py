@@ -73,12 +73,19 @@ class LiveEncoder:
         self.lanes: dict[int, Lane] = {}
         self.adopted: dict[int, Track] = {}
         self.shelf = Shelf.empty()
+        self.undelivered: list[Track] = []
 
     def level(self, inputs: Iterable[Input]) -> Level:
         """The level of a file that any samples of these inputs fit; ParameterError where one of
         them cannot be coded with the settings."""
         needed = [plan_input(given, self.settings).level for given in inputs]
         return max(needed, key=lambda level: level.number, default=LEVELS[1])
+
+    def settled(self, given: Input) -> bool:
+        """Whether the track of an input does not depend on its samples."""
+        plan = plan_input(given, self.settings)
+        exact = plan.channel.calibration is None
+        return not exact and (plan.bound is None or plan.settings.preset != "deadband")
 
     def known(self, channel: int, track: Track) -> None:
         """``track``, the last of the channel in the file, is gone on with where its parameters
@@ -94,10 +101,15 @@ class LiveEncoder:
 
     def encode(self, blocks: Sequence[Block]) -> tuple[list[Track], list[Packet]]:
         """New tracks in order of their ids, to be described first; and the packets, in order of
-        (track, start)."""
+        (track, start).
+
+        Where a block is refused no packet of the call counts; the others may be given again, and
+        what was made for them is described then.
+        """
         for block in blocks:
             check_block(block)
-        tracks = self.begin(blocks)
+        tracks = self.undelivered
+        tracks += self.begin(blocks)
         pieces = [piece for block in blocks for piece in cut(block)]
         packed = self.together(pieces)
         packets = []
@@ -110,6 +122,7 @@ class LiveEncoder:
             if lane.track.id < 0:
                 tracks.append(self.number(lane))
             packets.append(Packet(lane.track.id, piece.start, piece.values.size, data))
+        self.undelivered = []
         return tracks, sorted(packets, key=lambda packet: (packet.track, packet.start))
 
     def together(self, pieces: Sequence[Block]) -> dict[int, bytes | Missing]:
@@ -137,7 +150,11 @@ class LiveEncoder:
         return packets
 
     def begin(self, blocks: Sequence[Block]) -> list[Track]:
-        """The tracks of channels that are new, those together that can share a chunk."""
+        """The tracks of those channels that are new, those together that can share a chunk.
+
+        ``encode`` does so by itself. A channel that is ``settled`` may be begun before it has
+        samples, by a block of anything; one that never has any is described so at the end.
+        """
         new: dict[int, Lane] = {}
         for block in blocks:
             if block.channel not in self.lanes and block.channel not in new:
