@@ -3,18 +3,30 @@ was not made for."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import predictors
 from twins import built
 
+from hapfmt.codecs import predicted
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.predicted import TABLE, Predictor, decode_indices
 from hapfmt.deadband import Deadband
-from hapfmt.encoder import live_many
-from hapfmt.encoder.live_many import Missing, Shelf, Task, encode_block, encode_blocks
+from hapfmt.encoder import live_many, predict, quick
+from hapfmt.encoder.live_many import (
+    How,
+    Job,
+    Missing,
+    Shelf,
+    Task,
+    encode_blocks,
+    habit_of,
+    predictor_of,
+)
 from hapfmt.encoder.predict import LIMITS
 from hapfmt.encoder.quick import ORDERS, costs_of
 from hapfmt.kernels import compiled
@@ -36,7 +48,7 @@ BANDS = (None, Deadband(1, 10, (4,), (0,)), Deadband(0, 1, (3,), (0,)))
 @st.composite
 def jobs(draw):
     size = draw(st.sampled_from([1, 2, 31, 32, 33, 300]))
-    blocks, tasks = [], []
+    rows = []
     for _ in range(draw(st.integers(1, 5))):
         dtype = draw(st.sampled_from([np.int16, np.int32, np.int64]))
         top = min(np.iinfo(dtype).max, draw(st.sampled_from([3, 500, 2**15 - 1, 2**31 - 1])))
@@ -46,40 +58,50 @@ def jobs(draw):
             block = block.cumsum() // 40
         if draw(st.booleans()):
             block[:] = block[0]
-        blocks.append(np.clip(block, -top - 1, top).astype(dtype))
+        block = np.clip(block, -top - 1, top).astype(dtype)
         low, high = draw(
             st.sampled_from([(-(2**31), 2**31 - 1), (-(2**23), 2**23 - 1), (-100, 400)])
         )
-        way = draw(st.none() | predictors())
-        if way is not None:
-            way = Predictor(way.difference, way.reflections, 0, way.repeats, way.raw_signs)
-            if way.coefficients is None:
-                way = Predictor(1)
-        tasks.append(
-            Task(low, high, draw(st.sampled_from(GRIDS)), draw(st.sampled_from(BANDS)), way)
-        )
-    return blocks, tasks
+        task = Task(low, high, draw(st.sampled_from(GRIDS)), draw(st.sampled_from(BANDS)))
+        way = draw(st.just(Predictor(rice=True)) | predictors())
+        way = replace(way, base=0, references=())
+        if way.coefficients is None:
+            way = Predictor(1)
+        how = How.GIVEN if way.rice else draw(st.sampled_from(How))
+        rows.append(job(block, task, way, how))
+    return rows
 
 
-def both(blocks, tasks):
-    shelf = Shelf.empty()
-    records = [shelf.record(task) for task in tasks]
-    fast = encode_blocks(blocks, tasks, records, shelf)
+def job(block, task, predictor, how=How.GIVEN):
+    """Its record follows from the grids of all, and is put in last."""
+    return Job(block, task, b"", habit_of(predictor), how)
+
+
+def both(rows):
+    shelf = Shelf()
+    rows = [replace(row, record=shelf.record(row.task)) for row in rows]
+    fast = encode_blocks(rows, shelf)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(live_many, "compiled", None)
-        assert encode_blocks(blocks, tasks, records, shelf) == fast
+        for module in (live_many, predict, predicted, quick):
+            patch.setattr(module, "compiled", None)
+        assert encode_blocks(rows, shelf) == fast
     return fast
+
+
+WHOLE = LpcParameters()
 
 
 class TestTwin:
     @given(jobs())
-    def test_any_blocks(self, job):
-        blocks, tasks = job
-        for packet, block, task in zip(both(blocks, tasks), blocks, tasks, strict=True):
+    def test_any_blocks(self, rows):
+        for (packet, habit), row in zip(both(rows), rows, strict=True):
+            block, task = row.block, row.task
+            if row.how is How.GIVEN:
+                assert habit == row.habit
             if isinstance(packet, bytes):
                 indices = decode_indices(packet, block.size, 2**32, 0)
                 y = task.grid.counts(indices, 2**32)
-                if task.grid == LpcParameters():
+                if task.grid == WHOLE:
                     assert np.array_equal(y, block)
                 if task.band:
                     y = np.clip(y, task.low, task.high)
@@ -89,43 +111,79 @@ class TestTwin:
             else:
                 assert packet in (Missing.NO_CODE, Missing.BROKEN)
 
+    @given(st.sampled_from([900, 1800, 7000]), st.integers(0, 30), st.sampled_from(How))
+    @settings(max_examples=12)
+    def test_signals(self, size, seed, how):
+        """That predictors of several orders serve best, of short packets and of long ones, in which
+        the estimate looks at a part."""
+        g, t = np.random.default_rng(seed), np.arange(size)
+        rows = [
+            np.round(900 * np.sin(t / (3 + seed)) + g.normal(0, 3, size)),
+            np.round(3e4 * np.sin(t / 200) + g.normal(0, 0.3, size)),
+            g.normal(0, 0.1, size).cumsum().round(),
+            np.repeat(g.integers(-9, 9, size // 10 + 1), 10)[:size],
+            g.integers(-(2**20), 2**20, size),
+        ]
+        task = Task(-(2**23), 2**23 - 1, WHOLE, None)
+        before = Predictor(1, (60, -20, 11))
+        found = both([job(x.astype(np.int32), task, before, how) for x in rows])
+        if how:
+            ways = [predictor_of(habit) for _, habit in found]
+            assert len(set(ways)) > 3
+            assert any(way.repeats for way in ways)
+
+    def test_the_one_before_is_kept_where_it_does_better(self):
+        g = np.random.default_rng(1)
+        x = np.round(900 * np.sin(np.arange(400) / 9) + g.normal(0, 3, 400)).astype(np.int32)
+        task = Task(-(2**23), 2**23 - 1, WHOLE, None)
+        ((packet, habit),) = both([job(x, task, Predictor(), How.LOOK)])
+        shifted = np.roll(x, 1)
+        given, beside, alone = both([
+            job(shifted, task, predictor_of(habit), How.GIVEN),
+            job(shifted, task, predictor_of(habit), How.LOOK_BESIDE),
+            job(shifted, task, Predictor(), How.LOOK),
+        ])  # fmt: skip
+        assert len(beside[0]) == min(len(given[0]), len(alone[0])) <= len(packet) + 9
+
     def test_every_outcome(self):
         x = np.array([5, 900, -3, 8] * 20, np.int16)
-        whole = LpcParameters()
-        tasks = [
-            Task(-1000, 1000, whole, None, Predictor(1)),
-            Task(-1000, 899, whole, None, Predictor(1)),
-            Task(-1000, 1000, LpcParameters(50), Deadband(0, 1, (3,), (0,)), Predictor(1)),
-            Task(-1000, 1000, whole, None, Predictor(4, (), 0)),
-            Task(-1000, 1000, whole, None, None),
+        rows = [
+            job(x, Task(-1000, 1000, WHOLE, None), Predictor(1)),
+            job(x, Task(-1000, 899, WHOLE, None), Predictor(1)),
+            job(x, Task(-1000, 1000, LpcParameters(50), Deadband(0, 1, (3,), (0,))), Predictor(1)),
+            job(x, Task(-1000, 1000, WHOLE, None), Predictor(4)),
+            job(x, Task(-1000, 1000, WHOLE, None), Predictor(rice=True)),
         ]
-        found = both([x] * 5, tasks)
+        found = [packet for packet, _ in both(rows)]
         assert found[1:3] == [Missing.OUTSIDE, Missing.BROKEN]
         assert all(isinstance(found[i], bytes) for i in (0, 3, 4))
         far = np.array([-(2**31), 2**31 - 1] * 20, np.int32)
-        wide = Task(-(2**31), 2**31 - 1, whole, None, Predictor(4))
-        assert both([far], [wide]) == [Missing.NO_CODE]
+        wide = Task(-(2**31), 2**31 - 1, WHOLE, None)
+        assert both([job(far, wide, Predictor(4))])[0][0] is Missing.NO_CODE
+        beside = both([job(far, wide, Predictor(4), How.LOOK_BESIDE)])[0][0]
+        assert np.array_equal(decode_indices(beside, 40, 2**32, 0), far)
 
-    def test_what_finds_no_room_is_left_out(self):
-        """White noise of 32 bits beside a constant: packets are as large as their samples."""
+    def test_what_finds_no_room_is_made_alone(self):
+        """White noise of 32 bits: packets are larger than what there is room for at first."""
         g = np.random.default_rng(0)
         noise = [g.integers(-(2**31), 2**31, 400).astype(np.int32) for _ in range(3)]
-        task = Task(-(2**31), 2**31 - 1, LpcParameters(), None, Predictor(0))
-        shelf = Shelf.empty()
-        records = [shelf.record(task)] * 4
-        found = encode_blocks([*noise, np.zeros(400, np.int32)], [task] * 4, records, shelf)
-        assert Missing.FULL in found
-        assert found[0] == encode_block(noise[0], task)
-        assert isinstance(found[3], bytes)
+        task = Task(-(2**31), 2**31 - 1, WHOLE, None)
+        rows = [job(x, task, Predictor()) for x in [*noise, np.zeros(400, np.int32)]]
+        found = both(rows)
+        assert all(isinstance(packet, bytes) for packet, _ in found)
+        assert sum(len(packet) for packet, _ in found) > 4 * (2 * 400 + 64)
 
 
 def call(**changed):
-    shelf = Shelf.empty()
-    task = Task(-100, 100, LpcParameters(3, 0, 1, 10), Deadband(1, 10, (3,), (0,)), Predictor(1))
+    shelf = Shelf()
+    task = Task(-100, 100, LpcParameters(3, 0, 1, 10), Deadband(1, 10, (3,), (0,)))
+    record = shelf.record(task)
     given = {
         "blocks": [np.arange(50, dtype=np.int16)],
         "grids": shelf.levels,
-        "tasks": shelf.record(task),
+        "tasks": record,
+        "habits": bytearray(habit_of(Predictor(1))),
+        "hows": b"\0",
         "sines": TABLE,
         "limits": LIMITS,
         "costs": costs_of(50),
@@ -135,14 +193,17 @@ def call(**changed):
     return compiled.encode_blocks(*(given | changed).values())
 
 
-def record(**changed):
-    """One task's numbers, by their places."""
-    shelf = Shelf.empty()
-    task = Task(-100, 100, LpcParameters(), None, Predictor(1))
-    numbers = np.frombuffer(bytearray(shelf.record(task)), np.int64)
-    for place, value in changed.items():
-        numbers[int(place[1:])] = value
+def record(place, value):
+    """A task with another number at one place."""
+    numbers = np.frombuffer(Task(-100, 100, WHOLE, None).record(-1), np.int64).copy()
+    numbers[place] = value
     return numbers.tobytes()
+
+
+def habit(place, value):
+    numbers = np.frombuffer(bytearray(habit_of(Predictor(1))), np.int32)
+    numbers[place] = value
+    return bytearray(numbers.tobytes())
 
 
 class TestRefused:
@@ -167,20 +228,25 @@ class TestRefused:
             {"grids": [np.array([[0, 5], [9, 3]])]},
             {"grids": ()},
             {"tasks": b""},
-            {"tasks": record(_0=101)},
-            {"tasks": record(_0=-(2**40))},
-            {"tasks": record(_2=0)},
-            {"tasks": record(_2=2**33)},
-            {"tasks": record(_3=2**40)},
-            {"tasks": record(_4=1)},
-            {"tasks": record(_4=-2)},
-            {"tasks": record(_5=5)},
-            {"tasks": record(_6=33)},
-            {"tasks": record(_7=1)},
-            {"tasks": record(_8=65536)},
-            {"tasks": record(_9=-1)},
-            {"tasks": record(_10=-1)},
-            {"tasks": record(_11=2**40)},
+            {"tasks": record(0, 101)},
+            {"tasks": record(0, -(2**40))},
+            {"tasks": record(2, 0)},
+            {"tasks": record(2, 2**33)},
+            {"tasks": record(3, 2**40)},
+            {"tasks": record(4, 1)},
+            {"tasks": record(4, -2)},
+            {"tasks": record(5, 65536)},
+            {"tasks": record(6, -1)},
+            {"tasks": record(7, -1)},
+            {"tasks": record(8, 2**40)},
+            {"habits": bytearray()},
+            {"habits": habit(0, 5)},
+            {"habits": habit(0, -1)},
+            {"habits": habit(1, 33)},
+            {"habits": habit(2, 1)},
+            {"habits": habit(2, 128 | 8)},
+            {"hows": b""},
+            {"hows": b"\3"},
             {"sines": TABLE[1:]},
             {"sines": -TABLE},
             {"limits": LIMITS[1:]},
@@ -197,9 +263,12 @@ class TestRefused:
             call(blocks=[np.arange(100, dtype=np.int16)[::2]])
 
     def test_a_predictor_out_of_range_makes_no_packet(self):
-        broken = np.frombuffer(bytearray(record()), np.int64).copy()
-        broken[6] = 1
-        broken.view(np.int32)[24] = 2**30
+        wrong = habit(1, 1)
+        wrong[16:20] = (2**30).to_bytes(4, "little")
         ends = np.empty(1, np.int64)
-        call(tasks=broken.tobytes(), ends=ends)
+        call(habits=wrong, ends=ends)
         assert ends[0] == Missing.NO_CODE
+        wrong = habit(1, 1)
+        wrong[-32] = 128
+        with pytest.raises(ValueError, match="not blocks of equal length"):
+            call(habits=wrong)

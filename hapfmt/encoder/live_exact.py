@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.exact import WHOLE, ExactParameters, Lacking
-from ..codecs.predicted import Predictor
+from ..codecs.grids import LpcParameters
 from ..codecs.raw import RawParameters, encode_raw
 from ..codecs.values import Counts, Doubles, ordered, spread_of
 from ..container.track import Affine, Track
@@ -25,8 +25,8 @@ from ..limits import EXACT_LIMIT, LEVELS
 from ..recording import Calibration
 from .exact import natural_candidate
 from .lattice import find_lattice
-from .live_counts import Ready
-from .live_many import search
+from .live_counts import GridWay
+from .live_many import Shelf, Task
 from .live_plan import Plan
 
 COUNT_BITS = LEVELS[1].count_bits
@@ -152,7 +152,7 @@ def decimal_grid(x: Doubles) -> Lattice:
 class ExactLane:
     """Counts and corrections: LPCX."""
 
-    ready: Ready | None = None
+    way: GridWay | None = None
 
     def __init__(self, plan: Plan, number: int, lattice: Lattice) -> None:
         self.plan, self.number, self.lattice = plan, number, lattice
@@ -165,8 +165,16 @@ class ExactLane:
             count_max=lattice.high,
         )
         self.wider: Track | None = None
-        self.predictor: Predictor | None = None
-        self.way, self.left = ALL_WAYS[0], 0
+        self.packer = self.packer_of(lattice)
+        self.beside_way, self.left = ALL_WAYS[0], 0
+
+    def packer_of(self, lattice: Lattice) -> GridWay:
+        """How its counts are packed."""
+        task = Task(lattice.low, lattice.high, LpcParameters(), None)
+        return GridWay(task, Shelf(), fast=self.plan.settings.fast)
+
+    def packed(self) -> None:
+        return
 
     def adopt(self, track: Track) -> None:
         """Goes on with a track of the same lattice while its range holds the counts."""
@@ -183,16 +191,14 @@ class ExactLane:
         x = numbers_of_block(self.plan, values, self.number).astype(np.float64, copy=False)
         if self.wider and not within(self.lattice.nearest(x), self.lattice):
             self.track, self.lattice, self.wider = self.wider, self.lattice.wide, None
+            self.packer = self.packer_of(self.lattice)
         lacking = self.lattice.lacking(x)
-        coded, self.predictor = search(lacking.counts, self.predictor)
+        coded = self.packer.pack(lacking.counts)
         return build_varint(len(coded)) + coded + self.beside(lacking)
-
-    def packed(self, packet: bytes, _values: NDArray[Any], _start: int) -> bytes:
-        return packet
 
     def beside(self, lacking: Lacking) -> bytes:
         """The corrections, the way that was smallest when all were tried last."""
-        ways = [self.way] if self.left else ALL_WAYS
+        ways = [self.beside_way] if self.left else ALL_WAYS
         self.left = (self.left or AGAIN) - 1
         smallest: bytes | None = None
         for way in ways:
@@ -200,7 +206,7 @@ class ExactLane:
             below = WHOLE if smallest is None else len(smallest)
             data = lacking.build(recall=recall, relative=relative, below=below)
             if data is not None and (smallest is None or len(data) < len(smallest)):
-                smallest, self.way = data, way
+                smallest, self.beside_way = data, way
         assert smallest is not None
         return smallest
 
@@ -212,7 +218,7 @@ def within(counts: Counts, lattice: Lattice) -> bool:
 class WordsLane:
     """Words as they are: RAWB."""
 
-    ready: Ready | None = None
+    way: GridWay | None = None
 
     def __init__(self, plan: Plan, number: int, number_format: str) -> None:
         self.plan, self.number = plan, number
@@ -226,11 +232,11 @@ class WordsLane:
             count_max=0,
         )
 
+    def packed(self) -> None:
+        return
+
     def adopt(self, track: Track) -> None:
         self.track = track
-
-    def packed(self, packet: bytes, _values: NDArray[Any], _start: int) -> bytes:
-        return packet
 
     def code(self, values: NDArray[Any], start: int) -> bytes:
         x = numbers_of_block(self.plan, values, self.number)
