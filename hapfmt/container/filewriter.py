@@ -80,7 +80,12 @@ class FileWriter:
         self.offset += len(data)
 
     def chunk(
-        self, type_: str, payload: bytes, track: int = NO_TRACK, times: tuple[int, int] = (0, 0)
+        self,
+        type_: str,
+        payload: bytes,
+        track: int = NO_TRACK,
+        times: tuple[int, int] = (0, 0),
+        flags: int = 0,
     ) -> None:
         """One whole chunk in one write (SPEC WRT-001)."""
         if len(payload) > self.level.payload_size:
@@ -93,7 +98,14 @@ class FileWriter:
             self.index()
         entry = IndexEntry(type_, self.offset, *times)
         self.put(
-            build_chunk(type_, payload, file_id=self.file_id, sequence=self.sequence, track=track)
+            build_chunk(
+                type_,
+                payload,
+                file_id=self.file_id,
+                sequence=self.sequence,
+                track=track,
+                flags=flags,
+            )
         )
         self.sequence += 1
         if type_ not in ("iNDX", "fOOT"):

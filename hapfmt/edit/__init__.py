@@ -1,0 +1,16 @@
+"""Files cut, joined and completed without encoding anything anew (SPEC 13.2).
+
+from hapfmt import edit
+
+edit.subset("long.hapf", "part.hapf", channels=["force_z"], start=10, stop=20)
+edit.concat(["a.hapf", "b.hapf"], "both.hapf")
+"""
+
+from __future__ import annotations
+
+from .making import Edited
+from .merge import merge
+from .split import split
+from .subset import subset
+
+__all__ = ["Edited", "merge", "split", "subset"]
