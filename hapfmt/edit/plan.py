@@ -83,8 +83,8 @@ def numbers_of(tracks: Mapping[int, Track], names: Sequence[str | int] | str | i
     known: dict[int, str] = {}
     for track in tracks.values():
         if has_channels(track):
-            for number, component in zip(track.channels, track.components, strict=True):
-                known.setdefault(number, component.label)
+            for n, component in zip(track.channels, track.components, strict=True):
+                known.setdefault(n, component.label)
     for place in sorted(known, reverse=True):
         labels[known[place]] = place
     found = set()
