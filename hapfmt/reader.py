@@ -51,6 +51,8 @@ class Piece(NamedTuple):
     start: int
     numbers: NDArray[Any]
     exact: NDArray[np.float64] | None = None
+    offset: int = 0
+    """Of the packet in the file."""
 
     @property
     def digested(self) -> NDArray[Any]:
@@ -253,7 +255,8 @@ class Reader:
                 first, last = ranges[packet.track]
                 a, b = max(first - packet.start, 0), min(last - packet.start, packet.span)
                 doubles = None if doubles is None else doubles[a:b]
-                pieces.append(Piece(decoder.track, packet.start + a, numbers[a:b], doubles))
+                at = packet.offset
+                pieces.append(Piece(decoder.track, packet.start + a, numbers[a:b], doubles, at))
             return pieces
 
         threads = self.threads_for(tracks)

@@ -57,6 +57,13 @@ def plain(seed: int) -> hapfmt.Recording:
     return recording(*(counts(x, row) for x, row in zip("abc", waves(3, seed), strict=True)))
 
 
+def alike(seed: int) -> hapfmt.Recording:
+    """What references between channels are for."""
+    noise = waves(1, seed)[0] - waves(1, seed + 1)[0]
+    return recording(*(counts(x, row + i * noise) for i, (x, row) in
+                       enumerate(zip("abcd", waves(4, 5), strict=True))))  # fmt: skip
+
+
 def vectors(seed: int) -> hapfmt.Recording:
     rows = zip("xyz", waves(3, seed), strict=True)
     axes = [counts(f"f{x}", row, axis=x, group="f") for x, row in rows]
@@ -66,7 +73,7 @@ def vectors(seed: int) -> hapfmt.Recording:
 def doubles(seed: int) -> hapfmt.Recording:
     """True doubles, doubles off their lattice, words, slow counts."""
     generator = np.random.default_rng(seed)
-    words = generator.integers(0, 9, 300).astype(np.uint64) << np.uint64(40)
+    words = generator.integers(0, 1 << 63, 300).astype(np.uint64)
     return recording(
         hapfmt.Channel.from_physical(generator.normal(size=700), RATE, label="true"),
         hapfmt.Channel.from_physical(waves(1, seed)[0] * 0.1 * 3, RATE, label="near", start_tick=9),
@@ -82,6 +89,7 @@ PRESETS: dict[str, tuple[Any, dict[str, Any]]] = {
     "paper": (plain, {"preset": "paper", "bits": 5}),
     "deadband": (vectors, {"preset": "deadband"}),
     "archive": (plain, {"preset": "archive"}),
+    "archive alike": (alike, {"preset": "archive"}),
     "archive fast": (plain, {"preset": "archive", "fast": True}),
     "archive doubles": (doubles, {"preset": "archive"}),
     "default doubles": (doubles, {}),

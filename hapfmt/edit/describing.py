@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 from ..container.filewriter import FileWriter
 from ..container.layout import TRAK
-from ..container.lists import build_channels
+from ..container.lists import build_channels, build_continued
 from ..container.series import (
     CHANNELS,
+    CONTINUED,
     CONTRACT,
     CRITICAL,
     DEVIATIONS,
@@ -51,13 +51,9 @@ def same_but_place(old: Track, new: Track) -> bool:
         id=old.id,
         first_channel=old.first_channel,
         base=old.base,
+        continues=old.continues,
         components=components,
-        **continued(old),
     )
-
-
-def continued(track: Track) -> dict[str, Any]:
-    return {"continues": track.continues} if hasattr(track, "continues") else {}
 
 
 def patched(payload: bytes, old: Sequence[Track], places: Mapping[int, Place]) -> bytes | None:
@@ -83,6 +79,11 @@ def patched(payload: bytes, old: Sequence[Track], places: Mapping[int, Place]) -
         values.pop(CHANNELS, None)
         if firsts != follow_on(firsts[0], len(new[0].components), len(new)):
             values[CHANNELS] = build_channels(firsts)
+    continued = [track.continues for track in new]
+    if continued != [track.continues for track in old]:
+        values.pop(CONTINUED, None)
+        if any(id_ is not None for id_ in continued):
+            values[CONTINUED] = build_continued(continued)
     for type_, name in ((LABEL, "label"), (GROUP, "group")):
         if texts_of(new, name) != texts_of(old, name):
             values[type_] = build_strings(texts_of(new, name))
