@@ -6,7 +6,6 @@ import io
 from fractions import Fraction
 from pathlib import Path
 
-import numpy as np
 import pytest
 from edited import (
     EPOCH_NS,
@@ -19,9 +18,7 @@ from edited import (
     chunks_of,
     made,
     packets_of,
-    plain,
     tracks_of,
-    write,
 )
 from hypothesis import given
 from hypothesis import strategies as st
@@ -29,7 +26,6 @@ from hypothesis import strategies as st
 import hapfmt
 from hapfmt import edit
 from hapfmt.edit.original import common_period
-from hapfmt.reader import BANDS
 
 names = st.sampled_from(sorted(PRESETS))
 times = st.fractions(0, 4, max_denominator=50)
@@ -105,7 +101,9 @@ def test_a_band_becomes_channels_of_its_own(name: str, band: str) -> None:
         labels = split if band == "hf" else [ref.label for ref in reader.channels]
         expected = reader.read(labels, band=band)
     if not labels:
-        with pytest.raises(hapfmt.ParameterError, match="no channel that was asked for has this band"):
+        with pytest.raises(
+            hapfmt.ParameterError, match="no channel that was asked for has this band"
+        ):
             subset(data, band=band)
         return
     part, _ = subset(data, band=band)
@@ -163,7 +161,9 @@ def split_up(file: bytes, **options: object) -> list[bytes]:
 
     with tempfile.TemporaryDirectory() as folder:
         made_ = edit.split(file, f"{folder}/{{:04d}}.hapf", **options)
-        assert [Path(part.file).name for part in made_] == [f"{i:04d}.hapf" for i in range(len(made_))]
+        assert [Path(part.file).name for part in made_] == [
+            f"{i:04d}.hapf" for i in range(len(made_))
+        ]
         return [Path(part.file).read_bytes() for part in made_]
 
 

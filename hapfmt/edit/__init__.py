@@ -8,9 +8,10 @@ edit.concat(["a.hapf", "b.hapf"], "both.hapf")
 
 from __future__ import annotations
 
+from .concat import concat
 from .making import Edited
 from .merge import merge
 from .split import split
 from .subset import subset
 
-__all__ = ["Edited", "merge", "split", "subset"]
+__all__ = ["Edited", "concat", "merge", "split", "subset"]

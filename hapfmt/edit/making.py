@@ -48,6 +48,8 @@ class Edited:
     digest_count: int = 0
     start: Fraction | None = None
     stop: Fraction | None = None
+    offsets: list[Fraction] = field(default_factory=list)
+    """Where the zeros of several files lie, in seconds."""
     channels: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -56,6 +58,7 @@ class Edited:
             **vars(self),
             "start": None if self.start is None else float(self.start),
             "stop": None if self.stop is None else float(self.stop),
+            "offsets": [float(offset) for offset in self.offsets],
         }
 
 

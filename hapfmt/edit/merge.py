@@ -73,6 +73,7 @@ def merge(
         )
         with opened(out, force) as stream:
             making = Making(stream, line.head, level=level, canonical=canonical, name=name_of(out))
+            making.edited.offsets = line.offsets
             for note in [*line.notes, *collisions(plans)]:
                 making.note(note)
             for original, plan in zip(originals, plans, strict=True):

@@ -27,8 +27,9 @@ class Line(NamedTuple):
 
 def one_recording(originals: Sequence[Original]) -> bool:
     """Whether all files are parts of one recording, on its time line."""
-    names = {original.head.uuid for original in originals}
-    return len(names) == 1 and None not in names
+    first = originals[0].head
+    names = {(original.head.uuid, original.head.epoch_ns) for original in originals}
+    return names == {(first.uuid, first.epoch_ns)} and first.uuid is not None
 
 
 def period_of(originals: Sequence[Original]) -> Fraction:

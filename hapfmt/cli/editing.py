@@ -1,0 +1,71 @@
+"""What the verbs that edit share."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ParameterError
+from ..numbers import exact
+from .common import echo_json, printable
+
+if TYPE_CHECKING:
+    from ..edit import Edited
+
+canonical_option = click.option(
+    "--canonical",
+    type=click.IntRange(0, (1 << 32) - 1),
+    metavar="FILE_ID",
+    help="The same input gives the same bytes; FILE_ID stands for the random file id.",
+)
+to_zero_option = click.option(
+    "--to-zero",
+    is_flag=True,
+    help="Move the first packet to tick 0, as nearly as whole ticks of every track allow, and the "
+    "epoch with it.",
+)
+
+
+def tell(edited: Edited, target: str, as_json: bool) -> None:
+    """What was written, and what not; nothing on standard output where the file goes there."""
+    if target == "-":
+        for note in edited.notes:
+            click.echo(f"note: {printable(note)}", err=True)
+    elif as_json:
+        echo_json(edited.as_json())
+    else:
+        show(edited)
+
+
+def show(edited: Edited) -> None:
+    click.echo(f"{printable(edited.file or '-')}: {line(edited)}")
+    for note in edited.notes:
+        click.echo(f"note: {printable(note)}", err=True)
+
+
+def line(edited: Edited) -> str:
+    span = "no samples"
+    if edited.start is not None and edited.stop is not None:
+        span = f"{float(edited.start):.6g} s to {float(edited.stop):.6g} s"
+    return (
+        f"{edited.file_size} bytes, {len(edited.channels)} channels, {span}, "
+        f"{edited.packet_count} packets"
+    )
+
+
+def seconds(text: str) -> Fraction:
+    """As it is written."""
+    return exact(text)
+
+
+def named(pairs: tuple[str, ...], files: tuple[str, ...]) -> dict[int, Any]:
+    """FILE=SECONDS by the place of the file."""
+    found: dict[int, Any] = {}
+    for pair in pairs:
+        name, equals, text = pair.rpartition("=")
+        if not equals or files.count(name) != 1:
+            raise ParameterError(f"--offset is FILE=SECONDS, with one of the files, unlike {pair!r}")
+        found[files.index(name)] = seconds(text)
+    return found

@@ -1,0 +1,87 @@
+"""hapfmt subset"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+import click
+
+from .common import (
+    force_option,
+    input_of,
+    json_option,
+    output_of,
+    parse_channels,
+    parse_time,
+    progress,
+    refuse_target,
+)
+from .editing import canonical_option, tell, to_zero_option
+
+if TYPE_CHECKING:
+    from ..reader import Band
+
+
+@click.command(short_help="Some channels, a stretch of time, one band; nothing is encoded anew.")
+@click.argument("source", metavar="IN")
+@click.argument("target", metavar="OUT")
+@click.option(
+    "--channels",
+    multiple=True,
+    help="Labels or numbers: force_x,force_y or 0,3; may be given several times. [all]",
+)
+@click.option("--time", "time_", metavar="START:STOP", help="Seconds START <= t < STOP. [all]")
+@click.option(
+    "--band",
+    type=click.Choice(["full", "lf", "hf"]),
+    default="full",
+    show_default=True,
+    help="Both parts, or channels of the slow part, or of the texture alone.",
+)
+@to_zero_option
+@canonical_option
+@force_option
+@json_option
+def subset(
+    source: str,
+    target: str,
+    channels: tuple[str, ...],
+    time_: str | None,
+    band: str,
+    to_zero: bool,
+    canonical: int | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Write a part of the .hapf file IN into the .hapf file OUT. Packets are copied bit for bit.
+
+    Packets that overlap the time are kept whole, so a little more may come along; the output says
+    from when to when. The samples keep their times.
+
+    \b
+    hapfmt subset long.hapf part.hapf --channels force_z --time 10:20
+    hapfmt subset long.hapf slow.hapf --band lf
+    """
+    from .. import edit
+    from ..container.source import open_source
+    from ..edit.joining import labels_of
+    from ..opening import open_catalogue
+
+    refuse_target(target, force)
+    start, stop = parse_time(time_)
+    given = input_of(source)
+    names = None
+    if channels:
+        opened = open_source(given)
+        given = opened if not isinstance(given, str) else given  # type: ignore[assignment]
+        names = parse_channels(
+            channels, list(labels_of(list(open_catalogue(opened).tracks.values())).values())
+        )
+    with progress("copying") as advance:
+        edited = edit.subset(
+            given, output_of(target), names, start, stop,
+            band=cast("Band", band), to_zero=to_zero, canonical=canonical, force=force,
+            progress=advance,
+        )  # fmt: skip
+    tell(edited, target, as_json)
+    return 0
