@@ -161,8 +161,10 @@ def test_what_does_not_go_together_is_refused_with_what_to_do() -> None:
             against(channel, counts("b", b))
     with pytest.raises(hapfmt.ParameterError, match="channel 1 is 'c', and 'b' before"):
         against(counts("", a), counts("c", b))
-    with pytest.raises(hapfmt.ParameterError, match="1, 2 are coded together with others than"):
-        concat([made("archive"), made("deadband", uuid=None)])
+    with pytest.raises(
+        hapfmt.ParameterError, match="channels 1, 2, 3 are coded together with others than"
+    ):
+        concat([made("archive"), made("archive alike", uuid=None)])
     with pytest.raises(hapfmt.ParameterError, match="two packets overlap at 0 s"):
         concat([write(base), write(base)])
     with pytest.raises(hapfmt.ParameterError, match="nothing to concatenate"):

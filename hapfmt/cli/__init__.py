@@ -19,6 +19,10 @@ VERBS = {
     "verify": "Check every rule of a file, and its deadband contract.",
     "du": "Where the bytes go, by cause and by track.",
     "dump": "All of a file as canonical JSON.",
+    "subset": "Some channels, a stretch of time, one band; nothing is encoded anew.",
+    "split": "Parts of some length, or at some times.",
+    "concat": "Files one after the other.",
+    "merge": "Channels that were recorded apart, on one time line.",
     "convert": "From any format to any other.",
     "demo": "Simulate a stylus on a texture, encode it, show what it costs.",
 }

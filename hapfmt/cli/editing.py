@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -25,6 +24,12 @@ to_zero_option = click.option(
     is_flag=True,
     help="Move the first packet to tick 0, as nearly as whole ticks of every track allow, and the "
     "epoch with it.",
+)
+by_epoch_option = click.option(
+    "--by-epoch", is_flag=True, help="Place each file as its epoch says, to the nearest whole tick."
+)
+same_times_option = click.option(
+    "--same-times", is_flag=True, help="Tick 0 of all files is the same moment."
 )
 
 
@@ -55,17 +60,12 @@ def line(edited: Edited) -> str:
     )
 
 
-def seconds(text: str) -> Fraction:
-    """As it is written."""
-    return exact(text)
-
-
 def named(pairs: tuple[str, ...], files: tuple[str, ...]) -> dict[int, Any]:
     """FILE=SECONDS by the place of the file."""
     found: dict[int, Any] = {}
     for pair in pairs:
         name, equals, text = pair.rpartition("=")
         if not equals or files.count(name) != 1:
-            raise ParameterError(f"--offset is FILE=SECONDS, with one of the files, unlike {pair!r}")
-        found[files.index(name)] = seconds(text)
+            raise ParameterError(f"--offset is IN=SECONDS, of one of the files, unlike {pair!r}")
+        found[files.index(name)] = exact(text)
     return found

@@ -63,24 +63,14 @@ def subset(
     hapfmt subset long.hapf slow.hapf --band lf
     """
     from .. import edit
-    from ..container.source import open_source
-    from ..edit.joining import labels_of
-    from ..opening import open_catalogue
 
     refuse_target(target, force)
     start, stop = parse_time(time_)
-    given = input_of(source)
-    names = None
-    if channels:
-        opened = open_source(given)
-        given = opened if not isinstance(given, str) else given  # type: ignore[assignment]
-        names = parse_channels(
-            channels, list(labels_of(list(open_catalogue(opened).tracks.values())).values())
-        )
-    with progress("copying") as advance:
+    whole = start is None and stop is None
+    with edit.Original(input_of(source), scan=whole) as original, progress("copying") as advance:
         edited = edit.subset(
-            given, output_of(target), names, start, stop,
-            band=cast("Band", band), to_zero=to_zero, canonical=canonical, force=force,
+            original, output_of(target), parse_channels(channels, list(original.labels.values())),
+            start, stop, band=cast("Band", band), to_zero=to_zero, canonical=canonical, force=force,
             progress=advance,
         )  # fmt: skip
     tell(edited, target, as_json)

@@ -11,7 +11,9 @@ from __future__ import annotations
 from .concat import concat
 from .making import Edited
 from .merge import merge
+from .original import Original
 from .split import split
 from .subset import subset
+from .times import Times
 
-__all__ = ["Edited", "concat", "merge", "split", "subset"]
+__all__ = ["Edited", "Original", "Times", "concat", "merge", "split", "subset"]

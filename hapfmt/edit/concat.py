@@ -25,14 +25,14 @@ from .making import (
     refuse_output,
     with_note,
 )
-from .original import Advance, Input, Original
+from .original import Advance, Input, Original, open_original
 from .plan import level_for
 from .subset import title
 from .times import Times, by_epoch, one_recording, period_of
 
 
 def concat(
-    files: Sequence[Input],
+    files: Sequence[Input | Original],
     out: Output,
     *,
     times: Times | None = None,
@@ -63,7 +63,7 @@ def concat(
     if wait is not None and (wait < 0 or times is not None):
         raise ParameterError("a gap is not negative, and not given where the times are known")
     with ExitStack() as stack:
-        originals = [stack.enter_context(Original(file)) for file in files]
+        originals = [stack.enter_context(open_original(file)) for file in files]
         joining = Joining()
         for original in originals:
             original.check_known(list(original.tracks.values()))

@@ -3,7 +3,6 @@ else one that continues it (SPEC TRK-016)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 
@@ -12,7 +11,7 @@ from ..errors import ParameterError
 from ..limits import LAST_TRACK_ID
 from .describing import unknown_tlvs
 from .original import Original, ticks_of
-from .plan import LAST_CHANNEL, Place, Plan, has_channels
+from .plan import LAST_CHANNEL, Place, Plan
 
 NEVER_CLAMPED = ("RAWB", "LPCX")
 """Counts outside the declared range are errors (RAW-005, EXA-003): a wider one changes none."""
@@ -76,7 +75,7 @@ class Joining:
     def match(self, original: Original) -> dict[int, int]:
         """New channel numbers by old ones: by label where all have one of their own, else by
         number. Channels that no file before had come last."""
-        found = labels_of(list(original.tracks.values()))
+        found = original.labels
         named = all(
             len(set(x)) == len(x) and all(x) for x in (found.values(), self.labels.values())
         )
@@ -169,15 +168,6 @@ def apart(track: Track, original: Original) -> ParameterError:
         "the files before; encode one of them anew with --no-references",
         path=original.name,
     )
-
-
-def labels_of(tracks: Sequence[Track]) -> dict[int, str]:
-    found: dict[int, str] = {}
-    for track in tracks:
-        if has_channels(track):
-            for number, component in zip(track.channels, track.components, strict=True):
-                found.setdefault(number, component.label)
-    return found
 
 
 def wider(a: Component, b: Component) -> tuple[float, float] | None:

@@ -23,8 +23,8 @@ from ..errors import ParameterError
 from ..limits import TICK_LIMIT, Level
 from ..packets import Seconds
 from .describing import describe
-from .original import Advance, Original
-from .plan import Plan, has_channels
+from .original import Advance, Original, has_channels
+from .plan import Plan
 
 Output = str | os.PathLike[str] | BinaryIO
 NS = 10**9

@@ -25,14 +25,14 @@ from .making import (
     refuse_output,
     with_note,
 )
-from .original import Advance, Input, Original
-from .plan import Plan, has_channels, lay_out, level_for
+from .original import Advance, Input, Original, has_channels, open_original
+from .plan import Plan, lay_out, level_for
 from .subset import title
 from .times import Times, common_line
 
 
 def merge(
-    files: Sequence[Input],
+    files: Sequence[Input | Original],
     out: Output,
     *,
     times: Times | None = None,
@@ -59,7 +59,7 @@ def merge(
     if prefixes is not None and len(prefixes) != len(files):
         raise ParameterError("one prefix for each file; it may be empty")
     with ExitStack() as stack:
-        originals = [stack.enter_context(Original(file)) for file in files]
+        originals = [stack.enter_context(open_original(file)) for file in files]
         for original in originals:
             original.check_known(list(original.tracks.values()))
         line = common_line(originals, times, offsets or {}, canonical)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from fractions import Fraction
+from math import gcd, lcm
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
@@ -89,6 +91,11 @@ class Original:
         for track in self.tracks.values():
             found.setdefault(track.offset, []).append(track)
         return [(payloads[tracks[0].id], tracks) for tracks in found.values()]
+
+    @property
+    def labels(self) -> dict[int, str]:
+        """By channel number."""
+        return labels_of(self.tracks)
 
     def refuse(self) -> None:
         catalogue = self.catalogue
@@ -190,10 +197,27 @@ class Original:
             yield chunk
 
 
+def open_original(file: Input | Original, *, scan: bool = True) -> AbstractContextManager[Original]:
+    """One that is open already stays so."""
+    return nullcontext(file) if isinstance(file, Original) else Original(file, scan=scan)
+
+
+def has_channels(track: Track) -> bool:
+    return track.kind not in ("hf", "events")
+
+
+def labels_of(tracks: Mapping[int, Track]) -> dict[int, str]:
+    """By channel number."""
+    found: dict[int, str] = {}
+    for track in tracks.values():
+        if has_channels(track):
+            for number, component in zip(track.channels, track.components, strict=True):
+                found.setdefault(number, component.label)
+    return found
+
+
 def common_period(rates: Sequence[Fraction]) -> Fraction:
     """The shortest time, in seconds, that is a whole number of ticks at each rate."""
-    from math import gcd, lcm
-
     if not rates:
         return Fraction(1, 10**9)
     return Fraction(lcm(*(r.denominator for r in rates)), gcd(*(r.numerator for r in rates)))

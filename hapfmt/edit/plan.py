@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ..container.track import Track
 from ..errors import ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
-from .original import ticks_of
+from .original import has_channels, labels_of, ticks_of
 
 LAST_CHANNEL = 65_534
 
@@ -36,10 +36,6 @@ class Plan(NamedTuple):
     def identity(self) -> bool:
         """Whether every channel keeps its number."""
         return all(old == new for old, new in self.numbers.items())
-
-
-def has_channels(track: Track) -> bool:
-    return track.kind not in ("hf", "events")
 
 
 def lay_out(
@@ -79,14 +75,8 @@ def lay_out(
 
 def numbers_of(tracks: Mapping[int, Track], names: Sequence[str | int] | str | int) -> set[int]:
     """Channel numbers of labels or numbers; a text that is no label is taken as a number."""
-    labels: dict[str, int] = {}
-    known: dict[int, str] = {}
-    for track in tracks.values():
-        if has_channels(track):
-            for n, component in zip(track.channels, track.components, strict=True):
-                known.setdefault(n, component.label)
-    for place in sorted(known, reverse=True):
-        labels[known[place]] = place
+    known = labels_of(tracks)
+    labels = {known[number]: number for number in sorted(known, reverse=True)}
     found = set()
     for name in [names] if isinstance(names, (str, int)) else names:
         number = labels.get(name) if isinstance(name, str) else None

@@ -11,14 +11,14 @@ from ..errors import ParameterError
 from ..numbers import exact
 from ..packets import Seconds
 from .making import Edited, check_canonical, refuse_output
-from .original import Advance, Input, Original
+from .original import Advance, Input, Original, open_original
 from .subset import Window, choose, title, write_part
 
 PARTS_LIMIT = 100_000
 
 
 def split(
-    file: Input,
+    file: Input | Original,
     out: str = "part-{:03d}.hapf",
     *,
     every: Seconds | None = None,
@@ -45,7 +45,7 @@ def split(
     times = [exact(time) for time in at]
     if (step is not None and step <= 0) or times != sorted({t for t in times if t > 0}):
         raise ParameterError("times to split at are above 0 and rising")
-    with Original(file) as original:
+    with open_original(file) as original:
         cuts = cuts_of(original, step, times)
         names = names_of(out, len(cuts))
         for name in names:

@@ -24,8 +24,8 @@ from .making import (
     refuse_output,
     with_note,
 )
-from .original import Advance, Input, Original, common_period
-from .plan import has_channels, lay_out, level_for, numbers_of
+from .original import Advance, Input, Original, common_period, has_channels, open_original
+from .plan import lay_out, level_for, numbers_of
 
 
 class Window(NamedTuple):
@@ -37,7 +37,7 @@ class Window(NamedTuple):
 
 
 def subset(
-    file: Input,
+    file: Input | Original,
     out: Output,
     channels: Sequence[str | int] | str | int | None = None,
     start: Seconds | None = None,
@@ -65,7 +65,7 @@ def subset(
     refuse_output(out, force)
     if band not in BANDS:
         raise ParameterError(f"band is one of {', '.join(BANDS)}")
-    with Original(file, scan=start is None and stop is None) as original:
+    with open_original(file, scan=start is None and stop is None) as original:
         notes: list[str] = []
         kept = choose(original, channels, band, notes)
         window = overlapping(original, start, stop)
