@@ -101,6 +101,8 @@ def open_append(
         if catalogue.unsupported:
             raise catalogue.unsupported
         findings = [found for found in catalogue.findings if found.code not in HARMLESS]
+        if catalogue.head is None:
+            raise ParameterError("its HEAD is not whole: there is nothing to append to")
         end = min((found.offset for found in findings), default=file.size)
         if findings:
             check_tail(catalogue, findings, end)

@@ -346,11 +346,8 @@ class FileWriter:
         if self.ending:
             return
         self.ending = True
-        if (
-            getattr(self.stream, "whole_writes", False)
-            and self.entries
-            and complete(self.tracks.values())
-        ):
+        whole = not self.closed and getattr(self.stream, "whole_writes", False)
+        if whole and self.entries and complete(self.tracks.values()):
             # An index of everything may find no room where one of the rest does.
             for closing in (True, False):
                 with suppress(OSError):

@@ -7,8 +7,8 @@ import importlib
 import os
 from types import ModuleType
 
-FAR = 1 << 62
-"""Where Windows locks a byte: beyond every file, so that readers are not kept out."""
+FAR = 1 << 43
+"""Where Windows locks a byte: 8 TiB, beyond every file, so that readers are not kept out."""
 
 TAKEN = {errno.EACCES, errno.EAGAIN, errno.EDEADLK}
 MISSING = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EINVAL}
