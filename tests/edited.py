@@ -35,11 +35,12 @@ def waves(count: int, seed: int) -> np.ndarray:
 def counts(label: str, values: np.ndarray, rate: int = RATE, **described: Any) -> hapfmt.Channel:
     """With a gap in the middle."""
     half = len(values) // 2
-    coverage = hapfmt.Span(0, half), hapfmt.Span(half + 20, len(values) + 20)
-    return hapfmt.Channel(
-        values, Fraction(rate), coverage, calibration=hapfmt.Calibration(1, 0, 1000), label=label,
-        **({"unit": "N"} | described),
-    )  # fmt: skip
+    given: dict[str, Any] = {
+        "coverage": (hapfmt.Span(0, half), hapfmt.Span(half + 20, len(values) + 20)),
+        "calibration": hapfmt.Calibration(1, 0, 1000),
+        "unit": "N",
+    }
+    return hapfmt.Channel(values, Fraction(rate), label=label, **(given | described))
 
 
 def recording(*channels: hapfmt.Channel) -> hapfmt.Recording:

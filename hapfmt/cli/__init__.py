@@ -23,6 +23,8 @@ VERBS = {
     "split": "Parts of some length, or at some times.",
     "concat": "Files one after the other.",
     "merge": "Channels that were recorded apart, on one time line.",
+    "attach": "Files inside the file: add, list, extract.",
+    "meta": "Show or set the metadata.",
     "convert": "From any format to any other.",
     "demo": "Simulate a stylus on a texture, encode it, show what it costs.",
 }

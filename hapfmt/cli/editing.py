@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -30,6 +31,9 @@ by_epoch_option = click.option(
 )
 same_times_option = click.option(
     "--same-times", is_flag=True, help="Tick 0 of all files is the same moment."
+)
+out_option = click.option(
+    "-o", "--out", metavar="OUT", help="Leave FILE as it is, and write a copy with what is added."
 )
 
 
@@ -69,3 +73,15 @@ def named(pairs: tuple[str, ...], files: tuple[str, ...]) -> dict[int, Any]:
             raise ParameterError(f"--offset is IN=SECONDS, of one of the files, unlike {pair!r}")
         found[files.index(name)] = exact(text)
     return found
+
+
+def tell_added(file: str, what: str, notes: Sequence[str], as_json: bool) -> None:
+    """What was appended to a file; nothing on standard output where the file goes there."""
+    for note in notes:
+        click.echo(f"note: {printable(note)}", err=True)
+    if file == "-":
+        return
+    if as_json:
+        echo_json({"file": file, "notes": list(notes)})
+    else:
+        click.echo(f"{printable(file)}: {printable(what)}")

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     help="Both parts, or channels of the slow part, or of the texture alone.",
 )
 @to_zero_option
+@click.option("--level", type=click.Choice(["1", "2"]), help="At least this level. [that of IN]")
 @canonical_option
 @force_option
 @json_option
@@ -49,6 +50,7 @@ def subset(
     time_: str | None,
     band: str,
     to_zero: bool,
+    level: str | None,
     canonical: int | None,
     force: bool,
     as_json: bool,
@@ -70,8 +72,8 @@ def subset(
     with edit.Original(input_of(source), scan=whole) as original, progress("copying") as advance:
         edited = edit.subset(
             original, output_of(target), parse_channels(channels, list(original.labels.values())),
-            start, stop, band=cast("Band", band), to_zero=to_zero, canonical=canonical, force=force,
-            progress=advance,
+            start, stop, band=cast("Band", band), to_zero=to_zero,
+            level=int(level) if level else None, canonical=canonical, force=force, progress=advance,
         )  # fmt: skip
     tell(edited, target, as_json)
     return 0

@@ -8,12 +8,26 @@ edit.concat(["a.hapf", "b.hapf"], "both.hapf")
 
 from __future__ import annotations
 
+from .attach import attach, attachment_of, extract
 from .concat import concat
 from .making import Edited
 from .merge import merge
+from .meta import set_metadata
 from .original import Original
 from .split import split
 from .subset import subset
 from .times import Times
 
-__all__ = ["Edited", "Original", "Times", "concat", "merge", "split", "subset"]
+__all__ = [
+    "Edited",
+    "Original",
+    "Times",
+    "attach",
+    "attachment_of",
+    "concat",
+    "extract",
+    "merge",
+    "set_metadata",
+    "split",
+    "subset",
+]

@@ -14,19 +14,12 @@ def reach_of(track: Track) -> int:
 
 
 def slow_alone(track: Track, residual: Track) -> Track:
-    """The LF track in full band, with a contract that tells how far it is from the recording.
-
-    Without a contract of the channel d + e^ was the recording itself, so d is no further away than
-    any residual, for certain; with one it is that much more, and nothing is guaranteed.
-    """
-    size, reach = len(track.components), reach_of(residual)
-    known = residual.contract
-    if known is None:
-        contract = Contract(0, 1, False, True, (reach,) * size, (0,) * size)
-    else:
-        floor = tuple(min(floor + reach, FLOOR_LIMIT) for floor in known.floor)
-        contract = known._replace(guaranteed=False, floor=floor)
-    return replace(track, kind="full", contract=contract)
+    """The LF track in full band, its contract an aim: as far from the recording as the channel was,
+    and as its residual reaches."""
+    size = len(track.components)
+    known = residual.contract or Contract(0, 1, False, False, (0,) * size, (0,) * size)
+    floor = tuple(min(floor + reach_of(residual), FLOOR_LIMIT) for floor in known.floor)
+    return replace(track, kind="full", contract=known._replace(guaranteed=False, floor=floor))
 
 
 def residual_alone(track: Track, residual: Track) -> Track:

@@ -10,6 +10,7 @@ from ..container.cluster import Packet
 from ..container.extras import build_metadata
 from ..container.track import Track
 from ..errors import ParameterError
+from ..limits import LEVELS
 from ..packets import Seconds, tick_range
 from ..reader import BANDS, Band
 from .bands import residual_alone, slow_alone
@@ -45,6 +46,7 @@ def subset(
     *,
     band: Band = "full",
     to_zero: bool = False,
+    level: int | None = None,
     canonical: int | None = None,
     force: bool = False,
     progress: Advance | None = None,
@@ -56,7 +58,8 @@ def subset(
     are numbered from 0 on. Ticks, epoch and UUID stay as they are, since the samples keep their
     time; ``to_zero`` moves the first packet to tick 0, as nearly as a whole number of ticks of
     every track allows, and the epoch with it. ``band``: "lf" makes a channel of each slow part (a
-    channel that was not split is kept as it is), "hf" of each residual.
+    channel that was not split is kept as it is), "hf" of each residual. ``level`` 2 raises the
+    limits of the file.
 
     Raises ChecksumError or TruncatedError, with exit code 3, where the file is damaged or was not
     closed, and ParameterError where no channel would be left.
@@ -65,6 +68,8 @@ def subset(
     refuse_output(out, force)
     if band not in BANDS:
         raise ParameterError(f"band is one of {', '.join(BANDS)}")
+    if level not in (None, *LEVELS):
+        raise ParameterError("level is 1 or 2")
     with open_original(file, scan=start is None and stop is None) as original:
         notes: list[str] = []
         kept = choose(original, channels, band, notes)
@@ -72,7 +77,7 @@ def subset(
         text = said(original, kept, start, stop, band)
         return write_part(
             original, out, kept, window, text, notes,
-            to_zero=to_zero, canonical=canonical, force=force, progress=progress,
+            to_zero=to_zero, level=level, canonical=canonical, force=force, progress=progress,
         )  # fmt: skip
 
 
@@ -152,6 +157,7 @@ def write_part(
     notes: Sequence[str] = (),
     *,
     to_zero: bool = False,
+    level: int | None = None,
     canonical: int | None = None,
     force: bool = False,
     progress: Advance | None = None,
@@ -165,9 +171,10 @@ def write_part(
     plan = lay_out(kept, shift=-shift)
     metadata = with_note(original.catalogue.metadata, text)
     described = [place.track for place in plan.places.values()]
-    level = level_for(described, head.limits, largest=len(build_metadata(metadata)))
+    asked = [LEVELS[level]] if level else []
+    limits = level_for(described, head.limits, *asked, largest=len(build_metadata(metadata)))
     with opened(out, force) as stream:
-        making = Making(stream, head, level=level, canonical=canonical, name=name_of(out))
+        making = Making(stream, head, level=limits, canonical=canonical, name=name_of(out))
         for note in notes:
             making.note(note)
         making.describe(original, plan)
@@ -193,9 +200,8 @@ def said(
     numbers = sorted({n for track in kept.values() if has_channels(track) for n in track.channels})
     parts = [f"channels {', '.join(map(str, numbers))}"]
     if start is not None or stop is not None:
-        parts.append(
-            f"{'' if start is None else float(start)}:{'' if stop is None else float(stop)} s"
-        )
+        ends = ("" if time is None else f"{float(time):.9g}" for time in (start, stop))
+        parts.append(f"{':'.join(ends)} s")
     if band != "full":
         parts.append(f"band {band}")
     return f"subset of {title(original)}: {'; '.join(parts)}"
