@@ -168,7 +168,12 @@ class FileWriter:
         self.offset += len(data)
 
     def chunk(
-        self, type_: str, payload: bytes, track: int = NO_TRACK, times: tuple[int, int] = (0, 0)
+        self,
+        type_: str,
+        payload: bytes,
+        track: int = NO_TRACK,
+        times: tuple[int, int] = (0, 0),
+        flags: int = 0,
     ) -> None:
         """One whole chunk in one write (SPEC WRT-001)."""
         if self.failed:
@@ -183,12 +188,11 @@ class FileWriter:
         if self.sequence >= SEQUENCE_LIMIT:
             raise ParameterError("a file holds at most 2^32 chunks")
         entry = IndexEntry(type_, self.offset, *times)
+        chunk = build_chunk(
+            type_, payload, file_id=self.file_id, sequence=self.sequence, track=track, flags=flags
+        )
         try:
-            self.put(
-                build_chunk(
-                    type_, payload, file_id=self.file_id, sequence=self.sequence, track=track
-                )
-            )
+            self.put(chunk)
         except OSError as error:
             self.end_early(error)
             raise
