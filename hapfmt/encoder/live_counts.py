@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
-from ..codecs.predicted import Predictor
 from ..container.track import Track
 from ..contract import nearest_counts
 from ..errors import ParameterError
-from .live_many import Shelf, Task, encode_block, indices_of, search
+from .live_many import FRESH, QUICK, How, Job, Made, Missing, Shelf, Task, encode_blocks
 from .live_plan import Plan
 
 Counts = NDArray[np.int64]
@@ -72,59 +70,52 @@ def fits(track: Track, counts: Counts) -> bool:
     return track.count_min <= int(counts.min()) and int(counts.max()) <= track.count_max
 
 
-class Ready(NamedTuple):
-    """What packs the next block together with those of other channels."""
-
-    task: Task
-    record: bytes
-
-
 class GridWay:
     """Counts as indices of one grid, in packets of LPCR; the predictor of one packet serves the
     next, but is looked for anew after a while, or where it does not do as well any more."""
 
-    def __init__(self, plan: Plan, number: int, grid: LpcParameters, shelf: Shelf) -> None:
-        self.plan, self.grid, self.shelf = plan, grid, shelf
-        self.track = plan.track(
-            number, codec="LPCR", parameters=grid.build(), contract=plan.contract
-        )
-        self.fast = plan.settings.fast
-        self.predictor: Predictor | None = None
+    def __init__(self, task: Task, shelf: Shelf, *, fast: bool = False) -> None:
+        self.task, self.shelf, self.fast = task, shelf, fast
+        self.record = shelf.record(task)
+        self.habit = QUICK if fast else FRESH
         self.left, self.expected = 0, 0.0
-        self.task = Task(plan.low, plan.high, grid, plan.bound.band if plan.bound else None, None)
-        self.record = shelf.record(self.task) if self.fast else b""
 
-    @property
-    def ready(self) -> Ready | None:
-        """None where a predictor must be looked for."""
-        return Ready(self.task, self.record) if self.fast or self.left else None
+    def job(self, block: NDArray[Any], *, again: bool = False) -> Job:
+        how = How.GIVEN
+        if not self.fast and (again or not self.left):
+            how = How.LOOK if self.habit is FRESH else How.LOOK_BESIDE
+        return Job(block, self.task, self.record, self.habit, how)
 
-    def pack(self, x: Counts) -> bytes:
-        """By a predictor that is looked for."""
-        if self.fast:
-            packet = encode_block(x, self.task)
-            if not isinstance(packet, bytes):
-                raise AssertionError(BROKEN)
-            return packet
-        indices = indices_of(x, self.task)
-        if indices is None:
+    def take(self, job: Job, made: Made) -> bytes | None:
+        """The packet that was made; None where that is much larger than the last one that a
+        predictor was looked for: again."""
+        packet, self.habit = made
+        if packet is Missing.BROKEN:
             raise AssertionError(BROKEN)
-        packet, predictor = search(indices, self.predictor)
-        self.left, self.expected = AGAIN, len(packet) / x.size
-        if predictor != self.predictor:
-            self.predictor = predictor
-            self.task = replace(self.task, predictor=predictor)
-            self.record = self.shelf.record(self.task)
-        return packet
-
-    def packed(self, packet: bytes, samples: int, again: Callable[[], Counts]) -> bytes:
-        """What was packed with the others, or where that is much larger than the last one, anew."""
+        if isinstance(packet, Missing):
+            return None
         if self.fast:
+            return packet
+        if job.how:
+            self.left, self.expected = AGAIN, len(packet) / job.block.size
             return packet
         self.left -= 1
-        if len(packet) <= LARGER * self.expected * samples + FEW:
-            return packet
-        return self.pack(again())
+        return packet if len(packet) <= LARGER * self.expected * job.block.size + FEW else None
+
+    def pack(self, x: Counts) -> bytes:
+        packet = None
+        for again in (False, True):
+            job = self.job(x, again=again)
+            packet = packet or self.take(job, encode_blocks([job], self.shelf)[0])
+        assert packet is not None
+        return packet
+
+
+def grid_way(plan: Plan, number: int, grid: LpcParameters, shelf: Shelf) -> tuple[Track, GridWay]:
+    """A channel on this grid."""
+    track = plan.track(number, codec="LPCR", parameters=grid.build(), contract=plan.contract)
+    task = Task(plan.low, plan.high, grid, plan.bound.band if plan.bound else None)
+    return track, GridWay(task, shelf, fast=plan.settings.fast)
 
 
 class GridLane:
@@ -132,13 +123,15 @@ class GridLane:
 
     def __init__(self, plan: Plan, number: int, shelf: Shelf) -> None:
         self.plan, self.number = plan, number
-        self.way = GridWay(plan, number, plan.grid, shelf)
-        self.track = self.way.track
+        self.track, self.packer = grid_way(plan, number, plan.grid, shelf)
         self.wider: Track | None = None
 
     @property
-    def ready(self) -> Ready | None:
-        return None if self.wider else self.way.ready
+    def way(self) -> GridWay | None:
+        return None if self.wider else self.packer
+
+    def packed(self) -> None:
+        return
 
     def adopt(self, track: Track) -> None:
         """Goes on with a track of the file where it differs in its range alone."""
@@ -152,14 +145,7 @@ class GridLane:
         x = counts_of_block(self.plan, values, self.number, start)
         if self.wider and not fits(self.track, x):
             self.track, self.wider = self.wider, None
-        return self.way.pack(x)
-
-    def packed(self, packet: bytes, values: NDArray[Any], start: int) -> bytes:
-        return self.way.packed(
-            packet,
-            values.size,
-            lambda: counts_of_block(self.plan, values, self.number, start),
-        )
+        return self.packer.pack(x)
 
 
 def alike(track: Track, wanted: Track) -> bool:

@@ -18,7 +18,7 @@ from ..codecs.knots import Interpolation, interpolate
 from ..codecs.knots_coded import CodedKnotParameters, encode_knots
 from ..container.track import Track
 from .grids import Levels, grid_within, nearest_uniform, places
-from .live_counts import BROKEN, Counts, GridWay, Ready, alike, counts_of_block, fits
+from .live_counts import BROKEN, Counts, GridWay, alike, counts_of_block, fits, grid_way
 from .live_many import Shelf
 from .live_plan import Plan
 from .tube import COUNT_BOUND, fewest_hold, fewest_linear
@@ -36,13 +36,9 @@ takes, and its packets are smaller than this part of the others."""
 class KnotWay:
     """Knots on a grid, held or joined by lines: packets of KNTE."""
 
-    def __init__(self, plan: Plan, bound: Bound, number: int, interpolation: Interpolation) -> None:
+    def __init__(self, plan: Plan, bound: Bound, interpolation: Interpolation) -> None:
         self.plan, self.bound, self.interpolation = plan, bound, interpolation
         self.grid = grid_within(bound, HALF) if interpolation == "linear" else grid_within(bound)
-        parameters = CodedKnotParameters(interpolation, self.grid)
-        self.track = plan.track(
-            number, codec="KNTE", parameters=parameters.build(), contract=plan.contract
-        )
         if self.grid.kn:
             zero = self.grid.zero
             reach = max(abs(plan.low - zero), abs(plan.high - zero))
@@ -78,16 +74,27 @@ class KnotWay:
         return first, self.counts[middle + first : middle + last + 1]
 
 
-def ways_of(plan: Plan, bound: Bound, number: int, shelf: Shelf) -> list[KnotWay | GridWay]:
+Way = tuple[Track, KnotWay | GridWay]
+"""A track whose id is open, and how its packets are made."""
+
+
+def knot_way(plan: Plan, bound: Bound, number: int, interpolation: Interpolation) -> Way:
+    way = KnotWay(plan, bound, interpolation)
+    parameters = CodedKnotParameters(interpolation, way.grid).build()
+    track = plan.track(number, codec="KNTE", parameters=parameters, contract=plan.contract)
+    return track, way
+
+
+def ways_of(plan: Plan, bound: Bound, number: int, shelf: Shelf) -> list[Way]:
     """As encode() has them, but for held steps in varints, which KNTE is hardly larger than."""
     grid, step = grid_within(bound), min(bound.slack, STEP_LIMIT // 2 - 1)
-    ways: list[KnotWay | GridWay] = [KnotWay(plan, bound, number, "hold")]
+    ways: list[Way] = [knot_way(plan, bound, number, "hold")]
     ends = tube_of(np.array([plan.low, plan.high], np.int64), bound)
     if max(int(np.abs(end).max()) for end in ends) <= COUNT_BOUND:
-        ways.append(KnotWay(plan, bound, number, "linear"))
+        ways.append(knot_way(plan, bound, number, "linear"))
     if grid.kn:
-        ways.append(GridWay(plan, number, grid, shelf))
-    ways.append(GridWay(plan, number, LpcParameters(2 * step + 1), shelf))
+        ways.append(grid_way(plan, number, grid, shelf))
+    ways.append(grid_way(plan, number, LpcParameters(2 * step + 1), shelf))
     return ways
 
 
@@ -97,59 +104,61 @@ class DeadbandLane:
     def __init__(self, plan: Plan, bound: Bound, number: int, shelf: Shelf) -> None:
         self.plan, self.number = plan, number
         self.ways = ways_of(plan, bound, number, shelf)
-        self.now: KnotWay | GridWay | None = None
-        self.track = self.ways[0].track
+        self.now = 0
+        self.track = self.ways[0][0]
         self.before: Track | None = None
         self.narrow = False
         self.saved = [0.0] * len(self.ways)
         self.left, self.needed = 0, float(EVIDENCE)
 
+    @property
+    def way(self) -> GridWay | None:
+        """What packs the next block together with others."""
+        way = self.ways[self.now][1]
+        return way if self.left and not self.narrow and isinstance(way, GridWay) else None
+
     def adopt(self, track: Track) -> None:
         """Goes on with a track of the file where it differs from one of the ways in its range
         alone."""
         self.before = track
-        for way in self.ways:
-            if alike(track, way.track):
-                self.now, self.track, self.narrow = way, track, True
-                self.left = AGAIN
+        for place, (wanted, _) in enumerate(self.ways):
+            if alike(track, wanted):
+                self.now, self.track, self.narrow, self.left = place, track, True, AGAIN
+                return
 
     def begin(self, values: NDArray[Any], start: int) -> None:
         """The first block decides."""
-        if self.now is None:
+        if not self.left:
             x = counts_of_block(self.plan, values, self.number, start)
-            sizes = [len(way.pack(x)) for way in self.ways]
-            self.turn(self.ways[sizes.index(min(sizes))])
+            sizes = [len(way.pack(x)) for _, way in self.ways]
+            self.turn(sizes.index(min(sizes)))
             self.left = AGAIN
 
-    def turn(self, way: KnotWay | GridWay) -> None:
+    def turn(self, place: int) -> None:
         """From now on by this way, in a track of its own."""
         continues = self.before.id if self.before else None
-        self.now, self.narrow = way, False
-        self.track = replace(way.track, id=-1, continues=continues)
-
-    @property
-    def ready(self) -> Ready | None:
-        if not self.left or self.narrow or not isinstance(self.now, GridWay):
-            return None
-        return self.now.ready
+        self.now, self.narrow = place, False
+        self.track = replace(self.ways[place][0], continues=continues)
 
     def code(self, values: NDArray[Any], start: int) -> bytes:
         x = counts_of_block(self.plan, values, self.number, start)
-        assert self.now is not None
         if self.narrow and not fits(self.track, x):
             self.before = self.track
             self.turn(self.now)
         if self.left:
             self.left -= 1
-            return self.now.pack(x)
+            return self.ways[self.now][1].pack(x)
         self.left = AGAIN
-        packets = [way.pack(x) for way in self.ways]
+        packets = [way.pack(x) for _, way in self.ways]
         return packets[self.weigh([len(packet) for packet in packets])]
+
+    def packed(self) -> None:
+        """A block was packed together with others."""
+        self.left -= 1
 
     def weigh(self, sizes: list[int]) -> int:
         """Which packet is taken, of those that all ways made of a block."""
-        assert self.now is not None
-        now = self.ways.index(self.now)
+        now = self.now
         for place, size in enumerate(sizes):
             more = size < MUCH * sizes[now]
             evidence = self.saved[place] + (sizes[now] - size) * AGAIN
@@ -160,14 +169,5 @@ class DeadbandLane:
         self.needed *= 2
         self.saved = [0.0] * len(self.ways)
         self.before = self.track
-        self.turn(self.ways[best])
+        self.turn(best)
         return best
-
-    def packed(self, packet: bytes, values: NDArray[Any], start: int) -> bytes:
-        assert isinstance(self.now, GridWay)
-        self.left -= 1
-        return self.now.packed(
-            packet,
-            values.size,
-            lambda: counts_of_block(self.plan, values, self.number, start),
-        )

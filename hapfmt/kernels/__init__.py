@@ -273,14 +273,17 @@ class QuickPredictor(Protocol):
 
 class EncodeBlocks(Protocol):
     """(blocks: list of int16, int32 or int64 [samples], levels and tops: list of int64 [2, levels],
-    tasks, sines int32 [128], limits float64 [127], costs float64 [12], uint8 packets, ends int64
-    [blocks]) -> bytes written; the last two are filled. encoder/live_many.py says more."""
+    tasks, habits, hows uint8 [blocks], sines int32 [128], limits float64 [127], costs float64 [12],
+    uint8 packets, ends int64 [blocks]) -> bytes written; the last two are filled, habits become
+    those that were found. encoder/live_many.py says more."""
 
     def __call__(
         self,
         blocks: list[NDArray[Any]],
         grids: list[NDArray[Any]],
         tasks: Buffer,
+        habits: Buffer,
+        hows: Buffer,
         sines: Buffer,
         limits: Buffer,
         costs: Buffer,

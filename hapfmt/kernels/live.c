@@ -10,17 +10,14 @@
 #pragma GCC diagnostic ignored "-Wunused-function"
 #endif
 
-#include "rice.h"
+#include "live.h"
 
 enum { OUTSIDE = -1, NO_CODE = -2, FULL = -3, BROKEN = -4 };
-enum { REPEATS = 8, RAW_SIGNS = 32, RICE = 128, HEADER = 2 + ORDERS + 8 };
 
 /* What one channel asks for. ``grid``: the place of its levels and tops, -1 for multiples of the step.
    ``kd`` 0: there is no contract to check. */
 typedef struct {
-    int64_t low, high, step, zero, grid, difference, order, way, kn, kd, floor, felt;
-    int32_t coefficients[ORDERS];
-    int8_t reflections[ORDERS];
+    int64_t low, high, step, zero, grid, kn, kd, floor, felt;
 } task;
 
 /* A deadband's grid: magnitudes of counts, and the largest that stands for each. */
@@ -29,15 +26,10 @@ typedef struct {
     int64_t count;
 } cells;
 
-typedef struct {
-    const int32_t *sines;
-    const double *limits, *costs;
-} choice;
-
-/* Where a block is worked on: [samples] each, and a packet of so many bytes. */
+/* Where a block is worked on: [samples] each, and two packets of so many bytes. */
 typedef struct {
     int64_t *counts, *indices;
-    uint8_t *packet;
+    uint8_t *packet, *other;
     int64_t room;
     models *m;
 } desk;
@@ -47,12 +39,18 @@ static int sound(const task *t, int64_t grids)
     const int64_t bound = (int64_t)1 << 32;
     int fits = t->low >= -bound && t->low <= t->high && t->high <= bound && t->zero >= -bound &&
                t->zero <= bound && t->grid >= -1 && t->grid < grids &&
-               (t->grid >= 0 || (t->step >= 1 && t->step < bound)) && t->order >= 0 &&
-               t->order <= ORDERS && t->difference >= 0 && t->difference <= DIFFERENCES &&
-               !(t->way & ~(REPEATS | RAW_SIGNS | RICE)) && t->kn >= 0 && t->kn < 65536 &&
-               t->kd >= 0 && t->kd < 65536 && t->floor >= 0 && t->floor <= bound &&
-               t->felt >= -bound && t->felt <= bound;
-    for (int i = 0; fits && i < t->order; i++) fits = t->reflections[i] > -128;
+               (t->grid >= 0 || (t->step >= 1 && t->step < bound)) && t->kn >= 0 &&
+               t->kn < 65536 && t->kd >= 0 && t->kd < 65536 && t->floor >= 0 &&
+               t->floor <= bound && t->felt >= -bound && t->felt <= bound;
+    return fits;
+}
+
+static int usual(const habit *h)
+{
+    int fits = h->order >= 0 && h->order <= ORDERS && h->difference >= 0 &&
+               h->difference <= DIFFERENCES && !(h->way & ~(REPEATS | RAW_SIGNS | RICE)) &&
+               (!(h->way & RICE) || h->way == RICE);
+    for (int i = 0; fits && i < h->order; i++) fits = h->reflections[i] > -128;
     return fits;
 }
 
@@ -144,83 +142,97 @@ static int64_t put_base(uint8_t *out, int64_t base)
     return size;
 }
 
-static int64_t rounded_mean(const int64_t *x, int64_t count)
+/* Bytes of the packet of these indices, which are not all the same, or what went wrong. */
+static int64_t pack(const habit *h, const row *r, desk *d, uint8_t *packet)
 {
-    int64_t sum = 0;
-    for (int64_t i = 0; i < count; i++) sum += x[i];
-    int64_t n = 2 * sum + count, q = n / (2 * count);
-    return q - (n % (2 * count) < 0);
+    plan p = plan_of(h, r);
+    uint8_t *out = packet;
+    int64_t size = 0;
+    int status;
+    if (!valid(&p)) return NO_CODE;
+    *out++ = (uint8_t)(p.difference | h->way);
+    *out++ = (uint8_t)p.order;
+    memcpy(out, h->reflections, (size_t)p.order);
+    out += p.order;
+    out += put_base(out, p.base);
+    int64_t room = d->room - (out - packet);
+    if (h->way & RICE) {
+        bit_sink s = {out, room, 0, 0, 0};
+        status = rice(&s, &p, r->indices, &size);
+    } else {
+        encoder e;
+        models_init(d->m);
+        encoder_init(&e, out, room);
+        status = encode(&e, d->m, &p, r->indices, &size);
+    }
+    return status == DONE ? out - packet + size : status == NO_ROOM ? FULL : NO_CODE;
 }
 
-/* Bytes of the packet of these indices, or what went wrong. */
-static int64_t pack(const task *t, const choice *ways, desk *d, int64_t count)
+/* By Rice codes, which are quick to look for a predictor for. */
+static int64_t pack_quick(const row *r, const choice *ways, desk *d)
 {
-    const int64_t *x = d->indices;
-    int64_t same = 1, size = 0;
-    int32_t coefficients[ORDERS];
-    int8_t reflections[ORDERS];
-    int status, order = (int)t->order;
-    plan p = {0};
+    habit h = {0, 0, RICE, 0, {0}, {0}};
+    row from_first = *r;
+    from_first.mean = r->first;
+    h.difference = choose(r->indices, r->count, ways->sines, ways->limits, ways->costs,
+                          h.reflections, h.coefficients, &h.order);
+    int64_t size = pack(&h, &from_first, d, d->packet);
+    if (size != NO_CODE) return size;
+    /* An error too large in what was not looked at. */
+    h.order = h.difference = 0;
+    return pack(&h, &from_first, d, d->packet);
+}
+
+/* The smallest of some packets, and its predictor. */
+static int64_t look(habit *h, int before, const row *r, const choice *ways, desk *d)
+{
+    habit tried[3];
+    int count = 0, best = -1;
+    int64_t least = 0;
+    tried[count++] = best_guess(r, ways);
+    if (mostly_repeats(r)) {
+        tried[count] = with_repeats(tried, r);
+        count++;
+    }
+    if (before) tried[count++] = *h;
+    for (int i = 0; i < count; i++) {
+        int64_t size = pack(tried + i, r, d, d->other);
+        if (size == FULL) return FULL;
+        if (size == NO_CODE || (best >= 0 && size >= least)) continue;
+        uint8_t *kept = d->packet;
+        d->packet = d->other;
+        d->other = kept;
+        least = size;
+        best = i;
+    }
+    *h = tried[best];
+    return least;
+}
+
+enum { GIVEN = 0, LOOK = 1, LOOK_BESIDE = 2 };
+
+static int64_t work(const task *t, habit *h, int how, const cells *grids, const choice *ways,
+                    desk *d, const Py_buffer *block, int64_t count)
+{
+    const cells *g = t->grid < 0 ? NULL : grids + t->grid;
+    int64_t same = 1, *x = d->indices;
+    if (!take(block->buf, block->itemsize, count, t->low, t->high, d->counts)) return OUTSIDE;
+    if (!g)
+        on_steps(t, d->counts, count, x);
+    else if (!on_levels(t, g, d->counts, count, x))
+        return OUTSIDE;
+    if (t->kd && !keeps(t, g, d->counts, x, count)) return BROKEN;
     while (same < count && x[same] == x[0]) same++;
     if (same == count) {
         d->packet[0] = 16;
         d->packet[1] = 0;
         return 2 + put_base(d->packet + 2, x[0]);
     }
-    p.limit = INDEX_LIMIT;
-    p.span = count;
     if (!within(x, count, INDEX_LIMIT)) return NO_CODE;
-    if (t->way & RICE) {
-        p.base = x[0];
-        p.difference = choose(x, count, ways->sines, ways->limits, ways->costs, reflections,
-                              coefficients, &order);
-    } else {
-        p.difference = (int)t->difference;
-        memcpy(reflections, t->reflections, sizeof reflections);
-        memcpy(coefficients, t->coefficients, sizeof coefficients);
-        p.base = p.difference ? x[0] : rounded_mean(x, count);
-    }
-    p.order = order;
-    p.coefficients = coefficients;
-    p.repeats = (t->way & REPEATS) != 0;
-    p.raw_signs = (t->way & RAW_SIGNS) != 0;
-    if (!valid(&p)) return NO_CODE;
-    for (int again = 0; again < 2; again++) {
-        uint8_t *out = d->packet;
-        *out++ = (uint8_t)(p.difference | (int)t->way);
-        *out++ = (uint8_t)p.order;
-        memcpy(out, reflections, (size_t)p.order);
-        out += p.order;
-        out += put_base(out, p.base);
-        int64_t room = d->room - (out - d->packet);
-        if (t->way & RICE) {
-            bit_sink s = {out, room, 0, 0, 0};
-            status = rice(&s, &p, x, &size);
-        } else {
-            encoder e;
-            models_init(d->m);
-            encoder_init(&e, out, room);
-            status = encode(&e, d->m, &p, x, &size);
-        }
-        if (status == DONE) return out - d->packet + size;
-        if (!(t->way & RICE) || status != BAD_ERROR) break;
-        /* An error too large in what was not looked at. */
-        p.order = p.difference = 0;
-    }
-    return status == NO_ROOM ? FULL : NO_CODE;
-}
-
-static int64_t work(const task *t, const cells *grids, const choice *ways, desk *d,
-                    const Py_buffer *block, int64_t count)
-{
-    const cells *g = t->grid < 0 ? NULL : grids + t->grid;
-    if (!take(block->buf, block->itemsize, count, t->low, t->high, d->counts)) return OUTSIDE;
-    if (!g)
-        on_steps(t, d->counts, count, d->indices);
-    else if (!on_levels(t, g, d->counts, count, d->indices))
-        return OUTSIDE;
-    if (t->kd && !keeps(t, g, d->counts, d->indices, count)) return BROKEN;
-    return pack(t, ways, d, count);
+    row r = row_of(x, count);
+    if (h->way & RICE) return pack_quick(&r, ways, d);
+    if (how == GIVEN) return pack(h, &r, d, d->packet);
+    return look(h, how == LOOK_BESIDE, &r, ways, d);
 }
 
 static int is_block(const Py_buffer *b, int64_t count)
@@ -253,28 +265,65 @@ static Py_ssize_t get_all(PyObject *list, Py_buffer *out, Py_ssize_t count, int 
     return i;
 }
 
-/* (blocks: list of int16, int32 or int64 [samples], tasks: bytes, grids: list of int64 [2, levels],
-   sines int32 [128], limits float64 [127], costs float64 [12], packets, ends int64 [blocks]) -> bytes
-   written. An end is where a packet ends, or for a block that has none, what went wrong. */
+static int are_sound(const Py_buffer *tasks, const Py_buffer *habits, const Py_buffer *hows,
+                     Py_ssize_t n, Py_ssize_t grids)
+{
+    int fits = n > 0 && whole(tasks, 8) && tasks->len == n * (Py_ssize_t)sizeof(task) &&
+               whole(habits, 4) && habits->len == n * (Py_ssize_t)sizeof(habit) && hows->len == n;
+    for (Py_ssize_t i = 0; fits && i < n; i++)
+        fits = sound((const task *)tasks->buf + i, grids) && usual((const habit *)habits->buf + i) &&
+               ((const uint8_t *)hows->buf)[i] <= LOOK_BESIDE;
+    return fits;
+}
+
+static int are_tables(const Py_buffer *sines, const Py_buffer *limits, const Py_buffer *costs)
+{
+    int fits = whole(sines, 4) && sines->len == 4 * 128 && whole(limits, 8) &&
+               limits->len == 8 * 127 && whole(costs, 8) && costs->len == 8 * QUICK_ORDERS;
+    for (int i = 0; fits && i < 128; i++)
+        fits = ((int32_t *)sines->buf)[i] >= 0 && ((int32_t *)sines->buf)[i] < 32768;
+    return fits;
+}
+
+static int take_desk(desk *d, int64_t count)
+{
+    d->room = 8 * count + 2 * HEADER;
+    d->counts = PyMem_Malloc((size_t)(8 * count));
+    d->indices = PyMem_Malloc((size_t)(8 * count));
+    d->packet = PyMem_Malloc((size_t)d->room);
+    d->other = PyMem_Malloc((size_t)d->room);
+    d->m = PyMem_Malloc(sizeof *d->m);
+    return d->counts && d->indices && d->packet && d->other && d->m;
+}
+
+static void leave_desk(desk *d)
+{
+    PyMem_Free(d->counts);
+    PyMem_Free(d->indices);
+    PyMem_Free(d->packet);
+    PyMem_Free(d->other);
+    PyMem_Free(d->m);
+}
+
+/* (blocks: list of int16, int32 or int64 [samples], grids: list of int64 [2, levels], tasks, habits,
+   hows: uint8 [blocks], sines int32 [128], limits float64 [127], costs float64 [12], packets, ends
+   int64 [blocks]) -> bytes written. An end is where a packet ends, or for a block that has none, what
+   went wrong; habits become those that were found. */
 static PyObject *encode_blocks(PyObject *self, PyObject *args)
 {
     (void)self;
     PyObject *blocks, *grids, *result = NULL;
-    Py_buffer tasks, sines, limits, costs, out, ends, *views = NULL, *shapes = NULL;
+    Py_buffer tasks, habits, hows, sines, limits, costs, out, ends, *views = NULL, *shapes = NULL;
     Py_ssize_t got = 0, grids_got = 0;
     cells *given = NULL;
-    desk d = {NULL, NULL, NULL, 0, NULL};
-    if (!PyArg_ParseTuple(args, "OOy*y*y*y*w*w*", &blocks, &grids, &tasks, &sines, &limits, &costs,
-                          &out, &ends))
+    desk d = {NULL, NULL, NULL, NULL, 0, NULL};
+    if (!PyArg_ParseTuple(args, "OOy*w*y*y*y*y*w*w*", &blocks, &grids, &tasks, &habits, &hows, &sines,
+                          &limits, &costs, &out, &ends))
         return NULL;
     int fits = PyList_Check(blocks) && PyList_Check(grids);
     Py_ssize_t n = fits ? PyList_Size(blocks) : 0, kinds = fits ? PyList_Size(grids) : 0;
-    fits = fits && n > 0 && whole(&tasks, 8) && tasks.len == n * (Py_ssize_t)sizeof(task) &&
-           whole(&sines, 4) && sines.len == 4 * 128 && whole(&limits, 8) && limits.len == 8 * 127 &&
-           whole(&costs, 8) && costs.len == 8 * QUICK_ORDERS && whole(&ends, 8) && ends.len == 8 * n;
-    for (int i = 0; fits && i < 128; i++)
-        fits = ((int32_t *)sines.buf)[i] >= 0 && ((int32_t *)sines.buf)[i] < 32768;
-    for (Py_ssize_t i = 0; fits && i < n; i++) fits = sound((const task *)tasks.buf + i, kinds);
+    fits = fits && are_sound(&tasks, &habits, &hows, n, kinds) && whole(&ends, 8) &&
+           ends.len == 8 * n && are_tables(&sines, &limits, &costs);
     if (!fits) goto done;
     views = PyMem_Malloc((size_t)n * sizeof *views);
     shapes = PyMem_Malloc((size_t)(kinds + 1) * sizeof *shapes);
@@ -292,12 +341,7 @@ static PyObject *encode_blocks(PyObject *self, PyObject *args)
     for (Py_ssize_t i = 0; fits && i < n; i++) fits = is_block(views + i, count);
     for (Py_ssize_t i = 0; fits && i < kinds; i++) fits = is_grid(shapes + i, given + i);
     if (!fits) goto done;
-    d.room = 8 * count + 2 * HEADER;
-    d.counts = PyMem_Malloc((size_t)(8 * count));
-    d.indices = PyMem_Malloc((size_t)(8 * count));
-    d.packet = PyMem_Malloc((size_t)d.room);
-    d.m = PyMem_Malloc(sizeof *d.m);
-    if (!d.counts || !d.indices || !d.packet || !d.m) {
+    if (!take_desk(&d, count)) {
         PyErr_NoMemory();
         goto done;
     }
@@ -305,7 +349,8 @@ static PyObject *encode_blocks(PyObject *self, PyObject *args)
     Py_BEGIN_ALLOW_THREADS
     choice ways = {sines.buf, limits.buf, costs.buf};
     for (Py_ssize_t i = 0; i < n; i++) {
-        int64_t size = work((const task *)tasks.buf + i, given, &ways, &d, views + i, count);
+        int64_t size = work((const task *)tasks.buf + i, (habit *)habits.buf + i,
+                            ((const uint8_t *)hows.buf)[i], given, &ways, &d, views + i, count);
         if (size > out.len - at) size = FULL;
         if (size > 0) {
             memcpy((uint8_t *)out.buf + at, d.packet, (size_t)size);
@@ -318,16 +363,15 @@ static PyObject *encode_blocks(PyObject *self, PyObject *args)
 done:
     if (!result && !PyErr_Occurred())
         PyErr_SetString(PyExc_ValueError, "not blocks of equal length, or not what they are coded by");
-    PyMem_Free(d.counts);
-    PyMem_Free(d.indices);
-    PyMem_Free(d.packet);
-    PyMem_Free(d.m);
+    leave_desk(&d);
     for (Py_ssize_t i = 0; i < got; i++) PyBuffer_Release(views + i);
     for (Py_ssize_t i = 0; i < grids_got; i++) PyBuffer_Release(shapes + i);
     PyMem_Free(views);
     PyMem_Free(shapes);
     PyMem_Free(given);
     PyBuffer_Release(&tasks);
+    PyBuffer_Release(&habits);
+    PyBuffer_Release(&hows);
     PyBuffer_Release(&sines);
     PyBuffer_Release(&limits);
     PyBuffer_Release(&costs);
