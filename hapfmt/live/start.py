@@ -12,6 +12,7 @@ from math import ceil
 from typing import Any, BinaryIO, Literal
 
 from ..appending import Appending, open_append
+from ..container.clocks import ClockObservation
 from ..container.filewriter import FileWriter
 from ..container.track import Track
 from ..encoder.live import LiveEncoder
@@ -26,6 +27,7 @@ from .clusters import Clusters
 from .extras import Layers
 from .file import SyncPolicy, create_live
 from .inputs import Input
+from .observed import Observed
 from .output import Output, Pipe
 from .queue import Queue
 from .worker import Item, Member, Worker
@@ -95,6 +97,8 @@ class Start:
         self.written: dict[str, Any] = {}
         """Metadata that stands in the file."""
         self.start_s = Fraction(0)
+        self.observed: list[ClockObservation] = []
+        """Those of the file that is gone on with, where maps are asked for."""
         if options.append:
             if not isinstance(file, (str, os.PathLike)):
                 raise ParameterError("a stream that is only written cannot be appended to")
@@ -102,9 +106,10 @@ class Start:
         else:
             self.create(file, inputs)
         layers = Layers(self.output.writer.tracks.values())
+        observed = Observed(maps=options.clock_maps, before=self.observed)
         clusters = Clusters(options.cluster, options.patience)
         hold_s = None if options.hold is None else float(options.hold)
-        self.worker = Worker(queue, self.output, self.encoder, clusters, layers, hold_s=hold_s)
+        self.worker = Worker(queue, self.output, self.encoder, clusters, layers, observed, hold_s=hold_s)
         self.worker.add(self.members, self.ends)
 
     def create(self, file: str | os.PathLike[str] | BinaryIO, inputs: Sequence[Input]) -> None:
@@ -172,6 +177,8 @@ class Start:
                 )
             self.ends = [ceil(self.start_s * m.input.rate) for m in self.members]
             self.written = dict(catalogue.metadata)
+            if options.clock_maps:
+                self.observed = catalogue.clocks
             notes = catalogue.metadata.get("notes", [])
             self.notes = [note for note in notes if isinstance(note, str)]
             if found.note and found.note not in self.notes:
@@ -193,6 +200,7 @@ class Start:
             "for which the encoder was too slow"
             for place, count in sorted(progress.dropped.items())
         ]
+        lost += self.worker.notes
         if self.notes or lost:
             metadata = {**metadata, "notes": [*notes, *lost]}
         return {k: v for k, v in metadata.items() if k not in self.written or self.written[k] != v}
