@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 from .version import SPEC_VERSION, __version__
 
 if TYPE_CHECKING:
+    from .clocks import fit_clock
+    from .container.clocks import ClockMap, ClockObservation
     from .convert import load, save
     from .encoder.settings import Settings
     from .errors import (
@@ -44,6 +46,9 @@ _PLACES = {
     "Settings": "encoder.settings",
     "Recording": "recording",
     "Event": "events",
+    "ClockObservation": "container.clocks",
+    "ClockMap": "container.clocks",
+    "fit_clock": "clocks",
     "Channel": "recording",
     "Calibration": "recording",
     "Span": "recording",
@@ -63,6 +68,8 @@ __all__ = [
     "Calibration",
     "Channel",
     "ChecksumError",
+    "ClockMap",
+    "ClockObservation",
     "Event",
     "FormatError",
     "HapfmtError",
@@ -77,6 +84,7 @@ __all__ = [
     "TruncatedError",
     "UnsupportedError",
     "__version__",
+    "fit_clock",
     "load",
     "read",
     "save",

@@ -15,7 +15,7 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-DECODE = """assembly atomic catalogue codecs container contract deadband decoder dump errors
+DECODE = """assembly atomic catalogue clocks codecs container contract deadband decoder dump errors
 events integers kernels limits opening packets pieces reader reconstruct recording threads usage
 verifier"""
 ENCODE = "cli convert encoder live plotting scenes writer"

@@ -6,10 +6,12 @@ import secrets
 import uuid
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
+from itertools import groupby
 from typing import BinaryIO
 
 from ..errors import ParameterError
 from ..limits import LEVELS, Level
+from .clocks import ClockMap, ClockObservation, build_clocks, build_map
 from .cluster import Packet, build_cluster, entry_size
 from .extras import Attachment, build_attachment, build_metadata
 from .index import (
@@ -112,6 +114,17 @@ class FileWriter:
 
     def attach(self, attachment: Attachment) -> None:
         self.chunk("aTTc", build_attachment(attachment))
+
+    def clock(self, observations: Sequence[ClockObservation]) -> None:
+        """cLOk chunks for observations, in order, as few as hold them."""
+        for (_, track), seen in groupby(observations, key=lambda seen: (seen.clock, seen.track)):
+            for payload in build_clocks(list(seen)):
+                self.chunk("cLOk", payload, NO_TRACK if track is None else track)
+
+    def clock_map(self, clock_map: ClockMap) -> None:
+        """A cMAp chunk."""
+        track = clock_map.track
+        self.chunk("cMAp", build_map(clock_map), NO_TRACK if track is None else track)
 
     def cluster(self, packets: Iterable[Packet]) -> None:
         """DATA chunks for the packets of one stretch of time; several where one grows too large."""
