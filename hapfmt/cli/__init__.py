@@ -25,6 +25,7 @@ VERBS = {
     "merge": "Channels that were recorded apart, on one time line.",
     "attach": "Files inside the file: add, list, extract.",
     "meta": "Show or set the metadata.",
+    "clocks": "Other clocks: what was observed, offset, drift, jitter.",
     "convert": "From any format to any other.",
     "record": "Record samples as they come from another program.",
     "demo": "Simulate a stylus on a texture, encode it, show what it costs.",
