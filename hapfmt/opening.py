@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from .catalogue import Catalogue, ChunkRef
-from .container.index import FIRST_OFFSET, Index, IndexEntry, parse_foot, parse_index
+from .container.chain import index_chain
+from .container.index import FIRST_OFFSET, IndexEntry, parse_foot
 from .container.source import Source
 from .container.walk import Chunk, end_at, read_chunk, walk
 from .container.wire import HEADER_SIZE, SIGNATURE
@@ -65,26 +66,12 @@ def from_index(source: Source) -> Catalogue | None:
 
 def index_entries(source: Source, offset: int, file_id: int) -> list[IndexEntry]:
     """All entries, oldest first, by the chain of indexes that ends at ``offset``."""
-    parts: list[Index] = []
-    position = position_after = offset
-    while True:
-        chunk = read_chunk(source, position, file_id)
-        if chunk is None or not chunk.intact or chunk.header.type != "iNDX":
-            raise FormatError(
-                "no index where one should be", requirement="IDX-004", offset=position
-            )
-        if parts and chunk.stop > position_after:
-            raise FormatError("indexes overlap", requirement="IDX-004", offset=position)
-        index = parse_index(chunk.payload, position, chunk.payload_offset)
-        parts.append(index)
-        if index.covers_from == FIRST_OFFSET:
-            break
-        position, position_after = index.previous, position
-    entries: list[IndexEntry] = []
-    stops = [part.covers_from for part in parts[-2::-1]] + [1 << 64]
-    for index, stop in zip(reversed(parts), stops, strict=True):
-        entries += [entry for entry in index.entries if entry.offset < stop]
-    return entries
+    kept: list[list[IndexEntry]] = []
+    stop = 1 << 64
+    for _, index in reversed(index_chain(source, offset, file_id)):
+        kept.append([entry for entry in index.entries if entry.offset < stop])
+        stop = min(stop, index.covers_from)
+    return [entry for entries in reversed(kept) for entry in entries]
 
 
 def from_walk(source: Source) -> Catalogue:

@@ -18,7 +18,7 @@ MODULES = {
 DECODE = """assembly atomic catalogue clocks codecs container contract deadband decoder dump errors
 events integers kernels limits opening packets pieces reader reconstruct recording threads usage
 verifier"""
-ENCODE = "cli convert encoder live plotting scenes writer"
+ENCODE = "appending cli convert encoder live plotting scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 ONLY_IN = {
     "construct": ("container.layout", "container.wire"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
@@ -135,6 +135,16 @@ def series_of(tracks: Sequence[Track]) -> Iterator[list[Track]]:
         room -= weight
     if series:
         yield series
+
+
+def complete(tracks: Iterable[Track]) -> bool:
+    """Whether these may be the tracks of a closed file (TRK-010, TRK-012)."""
+    tracks = list(tracks)
+    bases = {track.base for track in tracks}
+    numbers = {n for track in tracks if track.kind in ("full", "lf") for n in track.channels}
+    return numbers == set(range(len(numbers))) and all(
+        track.kind != "lf" or track.id in bases for track in tracks
+    )
 
 
 def lone_lf(track: Track) -> FormatError:
