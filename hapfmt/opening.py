@@ -101,14 +101,9 @@ def from_walk(source: Source) -> Catalogue:
         raise catalogue.unsupported or broken[0][1]
     for chunk, fault in broken:
         lose_chunk(catalogue, chunk, fault)
-    for track in catalogue.table.drop_strangers() if catalogue.damaged else ():
-        catalogue.lose(
-            "bad-chunk",
-            track.offset,
-            0,
-            f"HF track {track.id} does not match its base track {track.base}",
-            "TRK-007",
-        )
+    for stranger in catalogue.table.drop_strangers() if catalogue.damaged else ():
+        at, rule = stranger.offset or 0, stranger.requirement or "TRK-007"
+        catalogue.lose("bad-chunk", at, 0, stranger.message, rule)
     check_found(catalogue)
     return catalogue
 

@@ -99,6 +99,17 @@ class TestClosedFiles:
         assert (read.metadata, read.attachments) == ({"a": 1}, {"n": ("", b"x")})
         assert {chunk.header.file_id for chunk in chunks(data)} == {5}
 
+    def test_a_channel_goes_on_in_another_track(self, tmp_path: Path):
+        path = tmp_path / "a"
+        recording(path)
+        with open_append(path) as more:
+            more.writer.describe([replace(track(2, 1), count_min=-8, continues=1)])
+            more.writer.cluster([Packet(2, 301, 2, value(-7))])
+        intact(path)
+        read = hapfmt.read(path)
+        assert [len(channel.values) for channel in read.channels] == [300, 302]
+        assert read.channels[1].values[-3:].tolist() == [3, -7, -7]
+
     def test_nothing_is_written_where_nothing_comes(self, tmp_path: Path):
         path = tmp_path / "a"
         recording(path)
