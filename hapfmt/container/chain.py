@@ -55,8 +55,9 @@ def chain_of(catalogue: Catalogue, entries: Sequence[IndexEntry]) -> list[tuple[
 def last_sequence(catalogue: Catalogue) -> int:
     """Of a file without damage: an index lists neither itself nor what follows it."""
     source = catalogue.source
+    file_id = catalogue.head.file_id if catalogue.head else None
     position, sequence = max(ref.offset for ref in catalogue.chunks), 0
-    while (header := header_at(source, position, None)) is not None:
+    while (header := header_at(source, position, file_id)) is not None:
         sequence = header.sequence
         position += HEADER_SIZE + header.payload_size
     return sequence
