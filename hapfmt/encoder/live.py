@@ -87,12 +87,6 @@ class LiveEncoder:
         needed = [plan_input(given, self.settings).level for given in inputs]
         return max(needed, key=lambda level: level.number, default=LEVELS[1])
 
-    def settled(self, given: Input) -> bool:
-        """Whether the track of an input does not depend on its samples."""
-        plan = plan_input(given, self.settings)
-        exact = plan.channel.calibration is None
-        return not exact and (plan.bound is None or plan.settings.preset != "deadband")
-
     def known(self, channel: int, track: Track) -> None:
         """``track``, the last of the channel in the file, is gone on with where its parameters
         serve, and continued by another where they do not. Before the channel's first block."""
@@ -191,8 +185,8 @@ class LiveEncoder:
     def begin(self, blocks: Sequence[Block]) -> list[Track]:
         """The tracks of those channels that are new, those together that can share a chunk.
 
-        ``encode`` does so by itself. A channel that is ``settled`` may be begun before it has
-        samples, by a block of anything; one that never has any is described so at the end.
+        ``encode`` does so by itself. A channel of counts may be begun before it has samples, by a
+        block of one sample, whichever; one that never has any is described so at the end.
         """
         new: dict[int, Lane] = {}
         for block in blocks:

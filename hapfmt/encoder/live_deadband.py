@@ -30,7 +30,10 @@ from .unit import STEP_LIMIT, Bound
 AGAIN = 16
 """After so many packets all ways are tried once more."""
 
-EVIDENCE, MUCH = 600, 0.85
+TELLING, DESCRIPTION = 16, 150.0
+"""Samples that tell one way from another, and about the bytes of a description."""
+
+EVIDENCE, MUCH = 600.0, 0.85
 """Another way takes over when it would have saved so many bytes, a few times what its description
 takes, and its packets are smaller than this part of the others."""
 
@@ -76,7 +79,7 @@ class DeadbandLane:
         self.before: Track | None = None
         self.narrow = self.decided = False
         self.saved = [0.0] * len(self.coded)
-        self.left, self.needed = 0, float(EVIDENCE)
+        self.left, self.needed = 0, EVIDENCE
 
     @property
     def ways(self) -> Sequence[Way]:
@@ -98,12 +101,19 @@ class DeadbandLane:
                 return
 
     def begin(self, values: NDArray[Any], start: int) -> None:
-        """The first block decides."""
-        if not self.decided:
-            x = counts_of_block(self.plan, values, self.number, start)
-            sizes = [len(way.pack(x)) for _, way in self.coded]
-            self.turn(sizes.index(min(sizes)))
-            self.left, self.decided = AGAIN, True
+        """The first block decides; where it tells nothing, the next one may, at the price of a
+        description."""
+        if self.decided:
+            return
+        self.decided = True
+        if values.size < TELLING:
+            self.turn(min(1, len(self.coded) - 1))
+            self.needed = DESCRIPTION
+            return
+        x = counts_of_block(self.plan, values, self.number, start)
+        sizes = [len(way.pack(x)) for _, way in self.coded]
+        self.turn(sizes.index(min(sizes)))
+        self.left = AGAIN
 
     def turn(self, place: int) -> None:
         """From now on by this way, in a track of its own."""
@@ -136,7 +146,7 @@ class DeadbandLane:
         best = self.saved.index(max(self.saved))
         if self.saved[best] < self.needed:
             return now
-        self.needed *= 2
+        self.needed = max(2 * self.needed, EVIDENCE)
         self.saved = [0.0] * len(self.coded)
         self.before = self.track
         self.turn(best)
