@@ -33,6 +33,7 @@ from test_edit import merge, split_up, subset
 
 import hapfmt
 from hapfmt import edit
+from hapfmt.appending import open_append
 from hapfmt.catalogue import Catalogue
 from hapfmt.container.source import BytesSource
 from hapfmt.edit.extras import combined
@@ -357,6 +358,17 @@ class TestDigests:
         ]
         for file, digests in cases:
             assert_intact(file, digests=digests)
+
+    def test_of_a_file_that_was_appended_to(self, tmp_path: Any) -> None:
+        path = tmp_path / "a.hapf"
+        path.write_bytes(made("archive"))
+        first = packets_of(path.read_bytes())[0]
+        with open_append(path) as (_, writer, _):
+            writer.cluster([replace(first, start=5000)])
+        assert_intact(path.read_bytes(), digests=3)
+        part, edited = subset(path.read_bytes())
+        assert_intact(part, digests=2)
+        assert edited.notes == ["digests of 1 tracks left out: they are of other packets, or times"]
 
     def test_a_part_that_holds_all_of_a_track(self) -> None:
         a, b, _ = waves(3, 1)

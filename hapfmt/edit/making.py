@@ -86,6 +86,8 @@ class Making:
         self.stops: dict[tuple[int, bool], int] = {}
         self.ends: dict[int, tuple[int, int]] = {}
         self.partial: dict[Original, set[int]] = {}
+        self.last: dict[Original, dict[int, int]] = {}
+        """Where in its file the last packet of a track stands."""
         self.seen: set[bytes] = set()
 
     def note(self, text: str) -> None:
@@ -135,6 +137,7 @@ class Making:
         """Packets of one DATA chunk after the other, those of the plan that ``pick`` takes, moved
         to their place."""
         partial = self.partial.setdefault(original, set())
+        last = self.last.setdefault(original, {})
         if start is not None or stop is not None:
             partial.update(plan.places)
         for packets in original.clusters(start, stop, progress):
@@ -146,6 +149,7 @@ class Making:
                 if pick and not pick(packet):
                     partial.add(packet.track)
                     continue
+                last[packet.track] = packet.offset
                 moved = replace(packet, track=place.track.id, start=packet.start + place.shift)
                 if moved.start < 0 or moved.stop > TICK_LIMIT:
                     raise ParameterError("a packet would move out of the ticks 0 to 2^48")
@@ -191,11 +195,12 @@ class Making:
     def digests(self, original: Original, plan: Plan) -> None:
         """Those that still hold: of tracks whose packets all came over, at their own time."""
         known = original.digests()
-        partial = self.partial.get(original, set())
+        partial, last = self.partial.get(original, set()), self.last.get(original, {})
         kept = {
-            place.track.id: known[old]
+            place.track.id: known[old][1]
             for old, place in plan.places.items()
             if old in known and old not in partial and not place.shift
+            if known[old][0] > last.get(old, 0)
         }
         lost = sum(old in plan.places for old in known) - len(kept)
         if lost:
