@@ -27,7 +27,11 @@ if TYPE_CHECKING:
         TruncatedError,
         UnsupportedError,
     )
+    from .events import Event
     from .limits import Limits
+    from .live.inputs import Input
+    from .live.recorder import Recorder
+    from .live.status import Status
     from .reader import Reader, read
     from .recording import Calibration, Channel, Recording, Span
     from .verifier import verify
@@ -41,7 +45,11 @@ _PLACES = {
     "load": "convert",
     "save": "convert",
     "Settings": "encoder.settings",
+    "Recorder": "live.recorder",
+    "Input": "live.inputs",
+    "Status": "live.status",
     "Recording": "recording",
+    "Event": "events",
     "Channel": "recording",
     "Calibration": "recording",
     "Span": "recording",
@@ -61,16 +69,20 @@ __all__ = [
     "Calibration",
     "Channel",
     "ChecksumError",
+    "Event",
     "FormatError",
     "HapfmtError",
+    "Input",
     "LimitError",
     "Limits",
     "MissingExtraError",
     "ParameterError",
     "Reader",
+    "Recorder",
     "Recording",
     "Settings",
     "Span",
+    "Status",
     "TruncatedError",
     "UnsupportedError",
     "__version__",

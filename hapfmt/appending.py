@@ -89,8 +89,8 @@ def open_append(
     """Lock a file and go on at its end, whether it was closed or not.
 
     Where writing stopped within a chunk, or left bytes that are no chunk, the end is mended first
-    (SPEC WRT-007): whole packets are kept, the rest is cut off and told. ``clock``: as for a
-    FileWriter.
+    (SPEC WRT-007): whole packets are kept, the rest is cut off and told. A closed file is taken by
+    its index: what its payloads lost shows when they are read. ``clock``: as for a FileWriter.
 
     Raises ParameterError where another program writes the file, where it is damaged elsewhere, or
     anywhere and ``repair`` is False; FormatError and UnsupportedError as a Reader does.

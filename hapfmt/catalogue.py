@@ -152,6 +152,13 @@ class Catalogue:
         ]
 
     @property
+    def layers(self) -> list[Track]:
+        """Tracks of kind events in order of their ids."""
+        return [
+            self.tracks[id_] for id_ in sorted(self.tracks) if self.tracks[id_].kind == "events"
+        ]
+
+    @property
     def duration(self) -> Fraction:
         """Seconds to the end of the last packet, to the nanosecond above."""
         if self.indexed and self.foot:

@@ -107,7 +107,7 @@ def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[
             "sha256": hashlib.sha256(packet.data).hexdigest(),
         }
         if counts:
-            told += packet.span * len(catalogue.tracks[packet.track].components)
+            told += catalogue.tracks[packet.track].weight(packet.span, len(packet.data))
             if told > NUMBERS_LIMIT:
                 raise LimitError(
                     f"the numbers of more than {NUMBERS_LIMIT} samples in one chunk: "
@@ -121,11 +121,14 @@ def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[
 
 
 def numbers_json(catalogue: Catalogue, packet: Packet) -> dict[str, Any]:
-    """[ticks][components] counts, or words as unsigned integers; exact values as words [ticks]."""
+    """[ticks][components] counts, or words as unsigned integers; exact values as words [ticks]; or
+    events."""
     from .decoder import TrackDecoder
 
     track = catalogue.tracks[packet.track]
     decoder = TrackDecoder(track, catalogue.level)
+    if track.kind == "events":
+        return {"events": [event._asdict() for event in decoder.decode_events(packet)]}
     numbers = decoder.decode(packet)
     exact = decoder.decode_exact(packet, numbers)
     if track.number_format != "counts":

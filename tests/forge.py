@@ -123,6 +123,21 @@ def trak(tlvs: bytes = HOLD, **given) -> bytes:
     return pack("BBBB4sIIiiHH", fields, given) + tlvs
 
 
+def layer(tlvs: bytes = b"", **given) -> bytes:
+    """A track of kind events."""
+    fields = {
+        "kind": 3, "codec": b"EVNT", "count_min": 0, "count_max": 0, "first_channel": NONE,
+    }  # fmt: skip
+    return trak(tlvs, **(fields | given))
+
+
+def event(step: int, text: str | bytes = "", duration: int = 0, channel: int = 0, *,
+          size: int | None = None) -> bytes:  # fmt: skip
+    raw = text if isinstance(text, bytes) else text.encode()
+    size = len(raw) if size is None else size
+    return varint(step) + varint(duration) + varint(channel) + varint(size) + raw
+
+
 def entry(track: int, size: int, start: int, span: int, body: bytes = b"", crc=None) -> bytes:
     fields = varint(track) + varint(size) + varint(start) + varint(span)
     crc = zlib.crc32(fields + body) if crc is None else crc

@@ -254,8 +254,8 @@ def test_a_live_writer_lists_every_ten_seconds(tmp_path: Path):
     intact(path)
 
 
-def three_packets() -> bytes:
-    """A closed file of 60 chunks or so in 1500 bytes: clusters, metadata, an attachment, digests."""
+def small_file() -> bytes:
+    """A small closed file: clusters, metadata, an attachment, tracks that come late."""
     stream = io.BytesIO()
     writer = FileWriter(stream, file_id=3)
     low = Track(0, "lf", "KNOT", Fraction(1000), 0, (Component(),), KNOT, count_max=9)
@@ -272,7 +272,7 @@ def three_packets() -> bytes:
     return stream.getvalue()
 
 
-WHOLE = three_packets()
+WHOLE = small_file()
 
 
 def packets_of(data: bytes) -> set[tuple[int, int, int]]:
@@ -438,7 +438,7 @@ class TestCutFiles:
 
 class TestRefusals:
     """
-    WRT-008: A writer MUST NOT append to a file with damage before the end of its last whole chunk, or with an unknown critical chunk.
+    WRT-008: A writer MUST NOT append to a file in which it finds damage before the end of the last whole chunk, or an unknown critical chunk.
     """
 
     def refused(self, path: Path, data: bytes, kind: type[HapfmtError], message: str) -> None:

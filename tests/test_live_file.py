@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import resource
 import subprocess
 import sys
 import threading
@@ -22,6 +21,7 @@ from hypothesis import strategies as st
 from spec import ROOT
 
 import hapfmt
+import hapfmt.container.track
 from hapfmt.appending import open_append
 from hapfmt.container.cluster import Packet
 from hapfmt.container.filewriter import FileWriter
@@ -31,6 +31,8 @@ from hapfmt.container.walk import walk
 from hapfmt.errors import HapfmtError, ParameterError
 from hapfmt.live import lock as locks
 from hapfmt.live.file import LiveFile, SyncPolicy, create_live, open_live
+
+resource = pytest.importorskip("resource")
 
 TRACK = Track(0, "full", "KNOT", Fraction(1000), 0, (hapfmt.container.track.Component(),),
               b"\0\1", count_min=-100, count_max=100)  # fmt: skip
@@ -433,6 +435,25 @@ class TestLocks:
             FileWriter(file)
             assert other(self.CALLS[0], path) == refusal
 
+    def test_what_is_being_recorded_is_not_replaced(self, tmp_path: Path):
+        path = tmp_path / "a"
+        with create_live(path) as file:
+            record(file, 1)
+            before = path.read_bytes()
+            with pytest.raises(ParameterError, match="being written by another program"):
+                hapfmt.write(hapfmt.Recording(()), path, force=True)
+        assert path.read_bytes() == before
+        hapfmt.write(hapfmt.Recording(()), path, force=True)
+
+    def test_whether_nobody_can_tell(self, tmp_path: Path, monkeypatch):
+        def broken(*_: object) -> None:
+            raise OSError(errno.EIO, "broken")
+
+        (tmp_path / "a").write_bytes(b"")
+        monkeypatch.setattr("fcntl.flock", broken)
+        assert not locks.in_use(tmp_path / "a")
+        assert not locks.in_use(tmp_path / "b")
+
     def test_a_lock_ends_with_its_process(self, tmp_path: Path):
         path = tmp_path / "a"
         code = """
@@ -597,11 +618,17 @@ def test_a_reader_beside_the_writer(tmp_path: Path):
         writer.describe([TRACK])
         reader = threading.Thread(target=look)
         reader.start()
-        for number in range(100):
+        for number in range(50):
             writer.cluster(packets(number, 200))
             assert findings(path) == {"not-closed"}
         writer.close()
-        stop.set()
-        reader.join()
+    with open_append(path) as more:
+        assert findings(path) == set()
+        for number in range(50, 100):
+            more.writer.cluster(packets(number, 200))
+            assert findings(path) == {"not-closed"}
+    assert findings(path) == set()
+    stop.set()
+    reader.join()
     assert wrong == []
     assert seen == sorted(seen) and len(set(seen)) > 2

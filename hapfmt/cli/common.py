@@ -255,7 +255,9 @@ def tell_some(lines: Sequence[str]) -> None:
 
 
 def lost_text(lost: LostSpan, reader: Reader) -> str:
-    track = reader.catalogue.tracks[lost.track]
+    track = reader.catalogue.tracks.get(lost.track)
+    if track is None:
+        return f"lost: track {lost.track}, whose description is lost"
     labels = ", ".join(component.label or "?" for component in track.components)
     start = float(lost.start / track.rate)
     until = "the end" if lost.stop is None else f"{float(lost.stop / track.rate):.6g} s"

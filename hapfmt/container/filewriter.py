@@ -224,9 +224,12 @@ class FileWriter:
         try:
             for packet in packets:
                 weight = len(packet.data) + entry_size(packet)
-                count = packet.span * len(self.tracks[packet.track].components)
+                count = self.tracks[packet.track].weight(packet.span, len(packet.data))
+                # Packets of events may start together; in one cluster they must not (DAT-002).
+                again = batch and (batch[-1].track, batch[-1].start) == (packet.track, packet.start)
                 full = (
-                    size + weight > target
+                    again
+                    or size + weight > target
                     or samples + count > self.level.cluster_samples
                     or len(batch) >= self.level.packets
                 )

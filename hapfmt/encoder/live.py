@@ -7,10 +7,12 @@ long as what a crash may take: one cluster.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ..container.cluster import Packet
@@ -18,11 +20,16 @@ from ..container.track import Track
 from ..errors import ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level
 from ..live.inputs import Input
-from .live_counts import GridLane
+from .live_counts import GridLane, GridWay, counts_of_block
+from .live_deadband import DeadbandLane
 from .live_exact import choose_exact
-from .live_plan import check_settings, plan_input
+from .live_many import Job, Made, Missing, Shelf, encode_blocks
+from .live_plan import Plan, check_settings, plan_input
 from .settings import Settings
 from .source import PACKET_SAMPLES
+
+NATIVE = (np.dtype(np.int16), np.dtype(np.int32), np.dtype(np.int64))
+"""What the compiled loop takes as it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +51,17 @@ class Lane(Protocol):
 
     track: Track
 
-    def adopt(self, track: Track) -> None: ...
+    @property
+    def way(self) -> GridWay | None:
+        """What packs the next block together with those of other channels, where it can be."""
 
-    def code(self, values: NDArray[Any], start: int, /) -> bytes: ...
+    def packed(self) -> None:
+        """It did."""
+
+    def code(self, values: NDArray[Any], start: int, /) -> bytes:
+        """The packet of a block on its own."""
+
+    def adopt(self, track: Track, /) -> None: ...
 
 
 class LiveEncoder:
@@ -61,12 +76,21 @@ class LiveEncoder:
         self.next_track = first_track
         self.lanes: dict[int, Lane] = {}
         self.adopted: dict[int, Track] = {}
+        self.plans: dict[int, Plan] = {}
+        self.shelf = Shelf()
+        self.undelivered: list[Track] = []
 
     def level(self, inputs: Iterable[Input]) -> Level:
         """The level of a file that any samples of these inputs fit; ParameterError where one of
         them cannot be coded with the settings."""
         needed = [plan_input(given, self.settings).level for given in inputs]
         return max(needed, key=lambda level: level.number, default=LEVELS[1])
+
+    def settled(self, given: Input) -> bool:
+        """Whether the track of an input does not depend on its samples."""
+        plan = plan_input(given, self.settings)
+        exact = plan.channel.calibration is None
+        return not exact and (plan.bound is None or plan.settings.preset != "deadband")
 
     def known(self, channel: int, track: Track) -> None:
         """``track``, the last of the channel in the file, is gone on with where its parameters
@@ -82,23 +106,89 @@ class LiveEncoder:
 
     def encode(self, blocks: Sequence[Block]) -> tuple[list[Track], list[Packet]]:
         """New tracks in order of their ids, to be described first; and the packets, in order of
-        (track, start)."""
+        (track, start).
+
+        Where a block is refused no packet of the call counts; the others may be given again, and
+        what was made for them is described then.
+        """
         for block in blocks:
             check_block(block)
-        tracks = self.begin(blocks)
+        tracks = self.undelivered
+        tracks += self.begin(blocks)
+        pieces = [piece for block in blocks for piece in cut(block)]
+        together = self.together(pieces)
         packets = []
-        for block in blocks:
-            lane = self.lanes[block.channel]
-            for at in range(0, block.values.size, PACKET_SAMPLES):
-                piece, start = block.values[at : at + PACKET_SAMPLES], block.start + at
-                data = lane.code(piece, start)
-                if lane.track.id < 0:
-                    tracks.append(self.number(lane))
-                packets.append(Packet(lane.track.id, start, piece.size, data))
-        return tracks, sorted(packets, key=lambda packet: (packet.track, packet.start))
+        for place, piece in enumerate(pieces):
+            lane, data = self.lanes[piece.channel], together.get(place)
+            if data is None:
+                data = lane.code(piece.values, piece.start)
+            else:
+                lane.packed()
+            if lane.track.id < 0:
+                tracks.append(self.number(lane))
+            packets.append(Packet(lane.track.id, piece.start, piece.values.size, data))
+        self.undelivered = []
+        return tracks, sorted(packets, key=attrgetter("track", "start"))
+
+    def together(self, pieces: Sequence[Block]) -> dict[int, bytes]:
+        """Packets of those pieces, by their places, that are packed in one call: of each channel
+        the first at most, since what follows may depend on it."""
+        ways: dict[int, GridWay] = {}
+        seen: set[int] = set()
+        for place, piece in enumerate(pieces):
+            if piece.channel not in seen:
+                seen.add(piece.channel)
+                way = self.lanes[piece.channel].way
+                if way is not None:
+                    ways[place] = way
+        jobs = {place: way.job(self.counts(pieces[place])) for place, way in ways.items()}
+        made = self.call(jobs)
+        for place, (packet, _) in made.items():
+            if packet is Missing.OUTSIDE:
+                piece, plan = pieces[place], self.plan(pieces[place].channel, pieces[place].input)
+                counts_of_block(plan, piece.values, piece.channel, piece.start)
+        packets = {place: ways[place].take(job, made[place]) for place, job in jobs.items()}
+        again = {
+            place: ways[place].job(jobs[place].block, again=True)
+            for place, packet in packets.items()
+            if packet is None
+        }
+        packets |= {
+            place: ways[place].take(again[place], one) for place, one in self.call(again).items()
+        }
+        return {place: packet for place, packet in packets.items() if packet is not None}
+
+    def call(self, jobs: Mapping[int, Job]) -> dict[int, Made]:
+        """All jobs of one length in one call."""
+        alike: dict[int, list[int]] = {}
+        for place, job in jobs.items():
+            alike.setdefault(job.block.size, []).append(place)
+        made: dict[int, Made] = {}
+        for places in alike.values():
+            found = encode_blocks([jobs[place] for place in places], self.shelf)
+            made |= zip(places, found, strict=True)
+        return made
+
+    def counts(self, piece: Block) -> NDArray[Any]:
+        """As the compiled loop takes them, which looks at their range."""
+        values = piece.values
+        if values.dtype in NATIVE and piece.input.takes_counts:
+            return np.ascontiguousarray(values)
+        plan = self.plan(piece.channel, piece.input)
+        return counts_of_block(plan, values, piece.channel, piece.start)
+
+    def plan(self, channel: int, given: Input) -> Plan:
+        found = self.plans.get(channel)
+        if found is None or found.input != given:
+            found = self.plans[channel] = plan_input(given, self.settings)
+        return found
 
     def begin(self, blocks: Sequence[Block]) -> list[Track]:
-        """The tracks of channels that are new, those together that can share a chunk."""
+        """The tracks of those channels that are new, those together that can share a chunk.
+
+        ``encode`` does so by itself. A channel that is ``settled`` may be begun before it has
+        samples, by a block of anything; one that never has any is described so at the end.
+        """
         new: dict[int, Lane] = {}
         for block in blocks:
             if block.channel not in self.lanes and block.channel not in new:
@@ -118,17 +208,32 @@ class LiveEncoder:
         return lane.track
 
     def lane_of(self, block: Block) -> Lane:
-        plan = plan_input(block.input, self.settings)
+        plan = self.plan(block.channel, block.input)
         adopted = self.adopted.get(block.channel)
+        number, first = block.channel, block.values[:PACKET_SAMPLES]
         lane: Lane
-        if plan.channel.calibration is not None:
-            lane = GridLane(plan, block.channel)
+        if plan.channel.calibration is None:
+            lane = choose_exact(plan, number, first, adopted)
+        elif plan.settings.preset == "deadband" and plan.bound is not None:
+            lane = DeadbandLane(plan, plan.bound, number, self.shelf)
         else:
-            lane = choose_exact(plan, block.channel, block.values[:PACKET_SAMPLES], adopted)
+            lane = GridLane(plan, number, self.shelf)
         if adopted is not None:
             check_continued(lane.track, adopted)
             lane.adopt(adopted)
+        if isinstance(lane, DeadbandLane):
+            lane.begin(first, block.start)
         return lane
+
+
+def cut(block: Block) -> Iterator[Block]:
+    """Pieces that are not too long for a packet."""
+    if block.values.size <= PACKET_SAMPLES:
+        yield block
+        return
+    for at in range(0, block.values.size, PACKET_SAMPLES):
+        piece = block.values[at : at + PACKET_SAMPLES]
+        yield Block(block.channel, block.input, block.start + at, piece)
 
 
 def check_block(block: Block) -> None:

@@ -8,15 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codecs.grids import LpcParameters
 from ..container.track import Track
 from ..contract import nearest_counts
 from ..errors import ParameterError
-from .grids import nearest
+from .live_many import FRESH, QUICK, How, Job, Made, Missing, Shelf, Task, encode_blocks
 from .live_plan import Plan
-from .predict import encode_best
-from .quick import encode_quick
 
 Counts = NDArray[np.int64]
+
+AGAIN = 1
+"""Packets that a predictor serves after the one that it was looked for."""
+
+LARGER, FEW = 1.05, 8
+"""It is looked for anew where a packet is that much larger than the one it was looked for, and some
+bytes."""
+
+BROKEN = "an encoder that guarantees a deadband left it"
 
 
 def counts_of_block(plan: Plan, values: NDArray[Any], channel: int, start: int) -> Counts:
@@ -62,31 +70,82 @@ def fits(track: Track, counts: Counts) -> bool:
     return track.count_min <= int(counts.min()) and int(counts.max()) <= track.count_max
 
 
-class GridLane:
-    """A channel as indices of one grid, in packets of LPCR."""
+class GridWay:
+    """Counts as indices of one grid, in packets of LPCR; the predictor of one packet serves the
+    next, but is looked for anew after a while, or where it does not do as well any more."""
 
-    def __init__(self, plan: Plan, number: int) -> None:
+    def __init__(self, task: Task, shelf: Shelf, *, fast: bool = False) -> None:
+        self.task, self.shelf, self.fast = task, shelf, fast
+        self.record = shelf.record(task)
+        self.habit = QUICK if fast else FRESH
+        self.left, self.expected = 0, 0.0
+
+    def job(self, block: NDArray[Any], *, again: bool = False) -> Job:
+        how = How.GIVEN
+        if not self.fast and (again or not self.left):
+            how = How.LOOK if self.habit is FRESH else How.LOOK_BESIDE
+        return Job(block, self.task, self.record, self.habit, how)
+
+    def take(self, job: Job, made: Made) -> bytes | None:
+        """The packet that was made; None where that is much larger than the last one that a
+        predictor was looked for: again."""
+        packet, self.habit = made
+        if packet is Missing.BROKEN:
+            raise AssertionError(BROKEN)
+        if isinstance(packet, Missing):
+            return None
+        if self.fast:
+            return packet
+        if job.how:
+            self.left, self.expected = AGAIN, len(packet) / job.block.size
+            return packet
+        self.left -= 1
+        return packet if len(packet) <= LARGER * self.expected * job.block.size + FEW else None
+
+    def pack(self, x: Counts) -> bytes:
+        packet = None
+        for again in (False, True):
+            job = self.job(x, again=again)
+            packet = packet or self.take(job, encode_blocks([job], self.shelf)[0])
+        assert packet is not None
+        return packet
+
+
+def grid_way(plan: Plan, number: int, grid: LpcParameters, shelf: Shelf) -> tuple[Track, GridWay]:
+    """A channel on this grid."""
+    track = plan.track(number, codec="LPCR", parameters=grid.build(), contract=plan.contract)
+    task = Task(plan.low, plan.high, grid, plan.bound.band if plan.bound else None)
+    return track, GridWay(task, shelf, fast=plan.settings.fast)
+
+
+class GridLane:
+    """A channel on one grid."""
+
+    def __init__(self, plan: Plan, number: int, shelf: Shelf) -> None:
         self.plan, self.number = plan, number
-        self.grid = plan.grid
-        self.whole = plan.track(
-            number, codec="LPCR", parameters=self.grid.build(), contract=plan.contract
-        )
-        self.track, self.narrow = self.whole, False
+        self.track, self.packer = grid_way(plan, number, plan.grid, shelf)
+        self.wider: Track | None = None
+
+    @property
+    def way(self) -> GridWay | None:
+        return None if self.wider else self.packer
+
+    def packed(self) -> None:
+        return
 
     def adopt(self, track: Track) -> None:
         """Goes on with a track of the file where it differs in its range alone."""
-        self.whole = replace(self.whole, continues=track.id)
-        self.narrow = alike(track, self.whole)
-        self.track = track if self.narrow else self.whole
+        following = replace(self.track, continues=track.id)
+        if alike(track, self.track):
+            self.track, self.wider = track, following
+        else:
+            self.track = following
 
     def code(self, values: NDArray[Any], start: int) -> bytes:
-        counts = counts_of_block(self.plan, values, self.number, start)
-        if self.narrow and not fits(self.track, counts):
-            self.track, self.narrow = self.whole, False
-        indices = nearest(counts, self.grid)
-        if self.plan.settings.fast:
-            return encode_quick(indices)
-        return encode_best(indices, thorough=False)
+        x = counts_of_block(self.plan, values, self.number, start)
+        if self.wider and not fits(self.track, x):
+            self.track, self.wider = self.wider, None
+        return self.packer.pack(x)
 
 
 def alike(track: Track, wanted: Track) -> bool:

@@ -17,9 +17,11 @@ extern PyMethodDef hapfmt_levels_methods[];
 extern PyMethodDef hapfmt_exact_methods[];
 extern PyMethodDef hapfmt_knots_coded_methods[];
 extern PyMethodDef hapfmt_rice_methods[];
+extern PyMethodDef hapfmt_live_methods[];
 void hapfmt_lpcr_prepare(void);
 void hapfmt_exact_prepare(void);
 void hapfmt_knots_coded_prepare(void);
+void hapfmt_live_prepare(void);
 
 /* Whether a buffer is a row of numbers of so many bytes. */
 static inline int whole(const Py_buffer *buffer, Py_ssize_t size)
