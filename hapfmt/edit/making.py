@@ -24,7 +24,8 @@ from ..limits import TICK_LIMIT, Level
 from ..packets import Seconds
 from .describing import describe
 from .original import Advance, Original, has_channels
-from .plan import Plan
+from .plan import Place, Plan
+from .renumber import renumbered
 
 Output = str | os.PathLike[str] | BinaryIO
 NS = 10**9
@@ -89,6 +90,7 @@ class Making:
         self.last: dict[Original, dict[int, int]] = {}
         """Where in its file the last packet of a track stands."""
         self.seen: set[bytes] = set()
+        self.lost_events = 0
 
     def note(self, text: str) -> None:
         if text not in self.edited.notes:
@@ -136,6 +138,7 @@ class Making:
     ) -> Iterator[list[Packet]]:
         """Packets of one DATA chunk after the other, those of the plan that ``pick`` takes, moved
         to their place."""
+        renumber = plan.numbers != {number: number for number in original.labels}
         partial = self.partial.setdefault(original, set())
         last = self.last.setdefault(original, {})
         if start is not None or stop is not None:
@@ -150,12 +153,27 @@ class Making:
                     partial.add(packet.track)
                     continue
                 last[packet.track] = packet.offset
-                moved = replace(packet, track=place.track.id, start=packet.start + place.shift)
-                if moved.start < 0 or moved.stop > TICK_LIMIT:
-                    raise ParameterError("a packet would move out of the ticks 0 to 2^48")
-                batch.append(moved)
+                numbers = plan.numbers if renumber and place.track.kind == "events" else None
+                moved = self.moved(packet, place, numbers)
+                if moved is not None:
+                    batch.append(moved)
             if batch:
                 yield batch
+
+    def moved(
+        self, packet: Packet, place: Place, numbers: Mapping[int, int] | None
+    ) -> Packet | None:
+        """At its place; ``numbers``: new channel numbers for its events, None: they stay."""
+        kept: Packet | None = packet
+        if numbers is not None:
+            kept, lost = renumbered(packet, numbers)
+            self.lost_events += lost
+        if kept is None:
+            return None
+        moved = replace(kept, track=place.track.id, start=kept.start + place.shift)
+        if moved.start < 0 or moved.stop > TICK_LIMIT:
+            raise ParameterError("a packet would move out of the ticks 0 to 2^48")
+        return moved
 
     def put(self, packets: Sequence[Packet]) -> None:
         """One cluster; packets of the tracks that were described."""
@@ -210,6 +228,8 @@ class Making:
 
     def close(self) -> Edited:
         self.out.close()
+        if self.lost_events:
+            self.note(f"{self.lost_events} events left out: of channels that are left out")
         edited, out = self.edited, self.out
         edited.file_size, edited.cluster_count = out.offset, out.data_count
         edited.track_count = len(out.tracks)

@@ -32,11 +32,6 @@ class Plan(NamedTuple):
     def moved(self) -> bool:
         return any(place.shift for place in self.places.values())
 
-    @property
-    def identity(self) -> bool:
-        """Whether every channel keeps its number."""
-        return all(old == new for old, new in self.numbers.items())
-
 
 def lay_out(
     kept: Mapping[int, Track],
