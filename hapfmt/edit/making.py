@@ -22,6 +22,7 @@ from ..container.wire import NO_TRACK, Head
 from ..errors import ParameterError
 from ..limits import TICK_LIMIT, Level
 from ..packets import Seconds
+from .clocks import TYPES, moved_clock
 from .describing import describe
 from .original import Advance, Original, has_channels
 from .plan import Place, Plan
@@ -119,6 +120,12 @@ class Making:
                     self.note(f"{header.type} chunk left out: it speaks of track {track}")
                     continue
                 track = place.track.id if place else NO_TRACK
+            if header.known and header.type in TYPES:
+                moved = moved_clock(payload, chunk.header.track, plan, chunk.payload_offset)
+                if moved is None:
+                    self.note(f"{header.type} chunk left out: its ticks cannot move so")
+                    continue
+                payload = moved
             digest = hashlib.sha256(f"{header.type} {track} ".encode() + payload).digest()
             if digest not in self.seen:
                 self.seen.add(digest)
