@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 from .version import SPEC_VERSION, __version__
 
 if TYPE_CHECKING:
+    from .clocks import fit_clock
+    from .container.clocks import ClockMap, ClockObservation
     from .convert import load, save
     from .encoder.settings import Settings
     from .errors import (
@@ -50,6 +52,9 @@ _PLACES = {
     "Status": "live.status",
     "Recording": "recording",
     "Event": "events",
+    "ClockObservation": "container.clocks",
+    "ClockMap": "container.clocks",
+    "fit_clock": "clocks",
     "Channel": "recording",
     "Calibration": "recording",
     "Span": "recording",
@@ -69,6 +74,8 @@ __all__ = [
     "Calibration",
     "Channel",
     "ChecksumError",
+    "ClockMap",
+    "ClockObservation",
     "Event",
     "FormatError",
     "HapfmtError",
@@ -86,6 +93,7 @@ __all__ = [
     "TruncatedError",
     "UnsupportedError",
     "__version__",
+    "fit_clock",
     "load",
     "read",
     "save",

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from .errors import ParameterError
-from .live.lock import in_use
+from .lock import in_use
 
 
 @contextmanager

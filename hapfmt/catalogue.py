@@ -5,11 +5,13 @@ Nothing is decoded here, and NumPy is not needed: this is all that ``hapfmt info
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from .container.clocks import ClockMap, ClockObservation, parse_clock, parse_map
 from .container.cluster import parse_count, parse_entry
 from .container.extras import Attachment, parse_attachment, parse_metadata
 from .container.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
@@ -17,7 +19,7 @@ from .container.series import parse_series
 from .container.source import Source
 from .container.track import Contract, Track, TrackTable
 from .container.walk import Chunk, Finding, read_chunk
-from .container.wire import ChunkHeader, Head, parse_head
+from .container.wire import NO_TRACK, ChunkHeader, Head, parse_head
 from .errors import FormatError, UnsupportedError
 from .limits import LEVELS, Level
 
@@ -181,6 +183,42 @@ class Catalogue:
                     name = f"{attachment.name} ({counts[attachment.name]})"
                 found[name] = attachment
         return found
+
+    @cached_property
+    def clocks(self) -> list[ClockObservation]:
+        """Observations of other clocks, in the order of the file."""
+        return [
+            seen
+            for chunk, track in self.clock_chunks("cLOk")
+            for seen in parse_clock(chunk.payload, track, chunk.payload_offset)
+        ]
+
+    @cached_property
+    def clock_maps(self) -> list[ClockMap]:
+        """The last one for each clock and track."""
+        found: dict[tuple[str, int | None], ClockMap] = {}
+        for chunk, track in self.clock_chunks("cMAp"):
+            clock_map = parse_map(chunk.payload, track, chunk.payload_offset)
+            found[clock_map.clock, track] = clock_map
+        return list(found.values())
+
+    def clock_chunks(self, type_: str) -> Iterator[tuple[Chunk, int | None]]:
+        """Intact ones, and the track whose ticks they speak of (CLK-005)."""
+        for ref in self.chunks:
+            chunk = read_chunk(self.source, ref.offset) if ref.type == type_ else None
+            if chunk is None or not chunk.intact or not chunk.header.known:
+                continue
+            track = self.tracks.get(chunk.header.track)
+            if chunk.header.track == NO_TRACK:
+                yield chunk, None
+            elif track and track.kind != "events" and track.offset < chunk.offset:
+                yield chunk, track.id
+            elif not self.damaged:
+                raise FormatError(
+                    f"a clock on the ticks of track {chunk.header.track}",
+                    requirement="CLK-005",
+                    offset=chunk.offset,
+                )
 
     def lose(self, code: str, offset: int, size: int, message: str, requirement: str) -> None:
         """Note a damage, once."""

@@ -11,6 +11,7 @@ from uuid import UUID
 
 from .assembly import BANDS, Assembly, Band, wanted_tracks
 from .catalogue import Catalogue, ChannelRef
+from .container.clocks import ClockMap, ClockObservation
 from .container.cluster import Packet
 from .container.extras import Attachment
 from .container.source import open_source
@@ -106,6 +107,16 @@ class Reader:
     @property
     def attachments(self) -> dict[str, Attachment]:
         return self.catalogue.attachments
+
+    @property
+    def clocks(self) -> list[ClockObservation]:
+        """Observations of other clocks, as they were made, in the order of the file."""
+        return self.catalogue.clocks
+
+    @property
+    def clock_maps(self) -> list[ClockMap]:
+        """From ticks to other clocks, where the file has such maps."""
+        return self.catalogue.clock_maps
 
     def scan(self) -> None:
         """Walk through the whole file, so that every byte is checked."""

@@ -28,6 +28,8 @@ CAUSES = (
     "mETa",
     "aTTc",
     "dGST",
+    "cLOk",
+    "cMAp",
     "other chunks",
     "damage",
 )

@@ -24,6 +24,7 @@ from hapfmt.codecs.predicted import decode_indices
 from hapfmt.codecs.quantised import QuanParameters, decode_quantised
 from hapfmt.codecs.raw import RawParameters, decode_raw
 from hapfmt.codecs.varints import parse_varints
+from hapfmt.container.clocks import parse_clock, parse_map
 from hapfmt.container.cluster import parse_cluster
 from hapfmt.container.extras import parse_attachment, parse_metadata
 from hapfmt.container.index import IndexEntry, check_listing, parse_foot, parse_index
@@ -208,6 +209,14 @@ DIGESTED = f.minimal(("TRAK", f.layer(), {"track": 1}), ("dGST", bytes(32), {"tr
 
 def layer(*args: Any, **fields: Any) -> Callable[[], Any]:
     return lambda: parse_series(f.layer(*args, **fields), 0, ONE, AT)
+
+
+def clock(data: bytes) -> Callable[[], Any]:
+    return lambda: parse_clock(data, None, AT)
+
+
+def mapped(data: bytes) -> Callable[[], Any]:
+    return lambda: parse_map(data, None, AT)
 
 
 def events(data: bytes) -> Callable[[], Any]:
@@ -590,6 +599,29 @@ FAULTS = [
           further(page.encode_knots([(0, [0]), (1, [2**24 + 1])], False, 2, forge=True))),
     Fault("RNG-001", 102, "a byte after the knots",
           further(page.encode_knots([(0, [0]), (1, [1])], False, 2) + b"\0")),
+    # 6.10
+    Fault("CLK-001", 100, "no name", clock(b"")),
+    Fault("CLK-001", 100, "an empty name", clock(f.clock([(0, 0, 0)], ""))),
+    Fault("CLK-001", 100, "a name past its chunk", clock(b"\2a")),
+    Fault("CLK-001", 105, "a time cut short", clock(f.clock([(0, 0, 0)])[:12])),
+    Fault("CLK-001", 114, "a byte after the observations", clock(f.clock([(0, 0, 0)]) + b"\0")),
+    Fault("CNV-002", 114, "an observation too few", clock(f.clock([(0, 0, 0)], count=2))),
+    Fault("CNV-004", 101, "a name that is not UTF-8", clock(b"\1\xff\1")),
+    Fault("CLK-002", 103, "no observation", clock(f.clock([]))),
+    Fault("CLK-002", 103, "one point", mapped(f.clock_map([(0, 0)]))),
+    Fault("CLK-003", 104, "tick -2^52", clock(f.clock([(-(2**52), 0, 0)]))),
+    Fault("CLK-003", 114, "time 2^63", clock(f.clock([(0, 2**63 - 1, 0), (1, 2**63, 0)]))),
+    Fault("CLK-003", 104, "point at -2^52", mapped(f.clock_map([(-(2**52), 0)], count=2))),
+    Fault("CLK-003", 113, "point at 2^63", mapped(f.clock_map([(0, 2**63 - 1), (1, 2**63)]))),
+    Fault("CLK-004", 113, "a tick twice", mapped(f.clock_map([(0, 0), (0, 1)]))),
+    Fault("CLK-004", 113, "a time twice", mapped(f.clock_map([(0, 0), (1, 0)]))),
+    Fault("CLK-001", 115, "a byte after the points",
+          mapped(f.clock_map([(0, 0), (1, 1)]) + b"\0")),
+    Fault("CLK-005", END, "a clock on no track", judged(
+        f.minimal(("cLOk", f.clock([(0, 0, 0)]), {"track": 9})))),
+    Fault("CLK-005", END + 32 + len(f.layer()), "a map of events", judged(
+        f.minimal(("TRAK", f.layer(), {"track": 1}),
+                  ("cMAp", f.clock_map([(0, 0), (1, 1)]), {"track": 1})))),
     # 9.9
     Fault("EVT-001", 100, "no event", events(b"")),
     Fault("EVT-001", 100 + 4 * 65536, "65537 events", events(f.event(0) * 65537)),

@@ -19,6 +19,7 @@ from hapfmt.codecs.predicted import DIFFERENCE_LIMIT, INDEX_LIMIT, Predictor, en
 from hapfmt.codecs.quantised import Alphabet, QuanParameters, encode_quantised
 from hapfmt.codecs.raw import DTYPES, RawParameters, encode_raw
 from hapfmt.codecs.references import Reference
+from hapfmt.container.clocks import ClockMap, ClockObservation
 from hapfmt.container.cluster import Packet
 from hapfmt.container.track import WORD_SIZES, Affine, Component, Contract, Track
 from hapfmt.container.wire import ChunkHeader, Head
@@ -563,6 +564,24 @@ def recordings(draw):
         attachments=draw(attachments),
         events=draw(st.just(()) | events(len(made))),
     )
+
+
+clock_names = texts.filter(bool)
+ticks = st.sampled_from([0, 1, -1, 2**52 - 1, 1 - 2**52]) | st.integers(1 - 2**52, 2**52 - 1)
+observations = st.builds(
+    ClockObservation, st.just("pc"), st.none(), ticks, i64s, st.integers(0, 2**53 - 1)
+)
+
+
+@st.composite
+def clock_maps(draw):
+    size = draw(st.sampled_from([2, 3, 9]))
+    steps = st.sampled_from([1, 2, 1000]) | st.integers(1, 10**12)
+    tick, time = draw(st.integers(-(2**51), 2**40)), draw(st.integers(-(2**62), 2**62))
+    points = [(tick, time)]
+    for _ in range(size - 1):
+        points.append((points[-1][0] + draw(steps), points[-1][1] + draw(steps)))
+    return ClockMap(draw(clock_names), None, tuple(points))
 
 
 event_texts = texts | st.sampled_from(["x" * 65535, "\N{OHM SIGN}" * 20000])

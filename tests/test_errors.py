@@ -225,6 +225,18 @@ def test_exact(fault):
     assert_reported(fault)
 
 
+@each("CLK")
+def test_clocks(fault):
+    """
+    CLK-001: The name MUST lie within the payload and not be empty, and the payload end with the last of its observations or points.
+    CLK-002: There MUST be at least one observation, and at least two points.
+    CLK-003: Each tick MUST have a magnitude below 2^52, and each time fit an i64.
+    CLK-004: From point to point the ticks and the times MUST grow.
+    CLK-005: The track id MUST be that of a track described before, not of kind events, or 0xFFFF.
+    """
+    assert_reported(fault)
+
+
 @each("EVT")
 def test_events(fault):
     """

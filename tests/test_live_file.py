@@ -22,6 +22,7 @@ from spec import ROOT
 
 import hapfmt
 import hapfmt.container.track
+from hapfmt import lock as locks
 from hapfmt.appending import open_append
 from hapfmt.container.cluster import Packet
 from hapfmt.container.filewriter import FileWriter
@@ -29,7 +30,6 @@ from hapfmt.container.source import BytesSource
 from hapfmt.container.track import Track
 from hapfmt.container.walk import walk
 from hapfmt.errors import HapfmtError, ParameterError
-from hapfmt.live import lock as locks
 from hapfmt.live.file import LiveFile, SyncPolicy, create_live, open_live
 
 resource = pytest.importorskip("resource")

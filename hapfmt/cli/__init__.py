@@ -26,6 +26,7 @@ VERBS = {
     "attach": "Files inside the file: add, list, extract.",
     "annotate": "Markers and annotations: add, list.",
     "meta": "Show or set the metadata.",
+    "clocks": "Other clocks: what was observed, offset, drift, jitter.",
     "convert": "From any format to any other.",
     "record": "Record samples as they come from another program.",
     "demo": "Simulate a stylus on a texture, encode it, show what it costs.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from fractions import Fraction
 from itertools import groupby
 from typing import Any
@@ -71,6 +72,7 @@ def describe(catalogue: Catalogue) -> dict[str, Any]:
         "track_count": len(catalogue.tracks),
         "channels": [channel_json(ref) for ref in catalogue.channels],
         "layers": [layer_json(layer) for layer in catalogue.layers],
+        "clocks": clocks_json(catalogue),
         "metadata": catalogue.metadata,
         "attachments": [
             {"name": a.name, "media_type": a.media_type, "size": len(a.content)}
@@ -120,6 +122,21 @@ def channel_json(ref: ChannelRef) -> dict[str, Any]:
     }
 
 
+def clocks_json(catalogue: Catalogue) -> list[dict[str, Any]]:
+    """Each clock on each track, with the number of its observations and of its map's points."""
+    counts = Counter((seen.clock, seen.track) for seen in catalogue.clocks)
+    points = {(found.clock, found.track): len(found.points) for found in catalogue.clock_maps}
+    return [
+        {
+            "clock": clock,
+            "track": track,
+            "observation_count": counts[clock, track],
+            "point_count": points.get((clock, track), 0),
+        }
+        for clock, track in dict.fromkeys([*counts, *points])
+    ]
+
+
 def layer_json(layer: Track) -> dict[str, Any]:
     return {
         "track": layer.id,
@@ -166,6 +183,11 @@ def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
     for layer in catalogue.layers:
         name = layer.components[0].label or "without a name"
         click.echo(printable(f"layer of events: {name} (track {layer.id}, {layer.rate} ticks/s)"))
+    for clock in found["clocks"]:
+        ticks = "ns" if clock["track"] is None else f"ticks of track {clock['track']}"
+        mapped = f", mapped by {clock['point_count']} points" if clock["point_count"] else ""
+        count = clock["observation_count"]
+        click.echo(printable(f"clock: {clock['clock']} ({count} observations by {ticks}{mapped})"))
     if found.get("events"):
         rows = [event_row(event) for event in found["events"]]
         table(["time s", "duration s", "channel", "layer", "text"], rows)

@@ -8,11 +8,13 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from fractions import Fraction
+from itertools import groupby
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from ..errors import ParameterError
 from ..limits import LEVELS, Level
 from .chain import chain_of, copied_tracks, last_sequence
+from .clocks import ClockMap, ClockObservation, build_clocks, build_map
 from .cluster import Packet, build_cluster, entry_size
 from .extras import Attachment, build_attachment, build_metadata
 from .index import (
@@ -214,6 +216,17 @@ class FileWriter:
 
     def attach(self, attachment: Attachment) -> None:
         self.chunk("aTTc", build_attachment(attachment))
+
+    def clock(self, observations: Sequence[ClockObservation]) -> None:
+        """cLOk chunks for observations, in order, as few as hold them."""
+        for (_, track), seen in groupby(observations, key=lambda seen: (seen.clock, seen.track)):
+            for payload in build_clocks(list(seen)):
+                self.chunk("cLOk", payload, NO_TRACK if track is None else track)
+
+    def clock_map(self, clock_map: ClockMap) -> None:
+        """A cMAp chunk."""
+        track = clock_map.track
+        self.chunk("cMAp", build_map(clock_map), NO_TRACK if track is None else track)
 
     def cluster(self, packets: Iterable[Packet]) -> None:
         """DATA chunks for the packets of one stretch of time; several where one grows too large."""

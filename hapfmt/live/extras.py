@@ -25,7 +25,8 @@ class Layers:
     """Events of each layer: a track at the first of them, or one that is in the file."""
 
     def __init__(self, tracks: Iterable[Track]) -> None:
-        self.tracks = {track.components[0].label: track for track in tracks if track.kind == "events"}
+        layers = (track for track in tracks if track.kind == "events")
+        self.tracks = {track.components[0].label: track for track in layers}
         self.waiting: list[Waiting] = []
 
     def add(self, event: Event, channel: int | None) -> None:

@@ -81,20 +81,20 @@ class Lines:
         *lines, self.rest = (self.rest + data).split(b"\n")
         for line in lines:
             self.line(line)
+        self.settle()
         if len(self.rest) > LINE_SIZE:
             self.number += 1
             raise ParameterError(f"a line of more than {LINE_SIZE} bytes")
-        self.settle()
 
     def finish(self) -> None:
         """The last line may have no end."""
-        if self.rest.strip():
+        if self.rest:
             self.line(self.rest)
         self.rest = b""
         self.settle()
 
     def line(self, line: bytes) -> None:
-        line = line.strip()
+        line = line.strip(b" \r")
         self.number += 1
         if not line or line.startswith(b"#"):
             return

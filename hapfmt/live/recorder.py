@@ -26,6 +26,7 @@ from .clusters import Rows
 from .extras import code
 from .inputs import Input
 from .lanes import Lane, Lanes
+from .observed import observation
 from .queue import Queue
 from .samples import named, owned
 from .start import Options, Start
@@ -281,14 +282,13 @@ class Recorder:
         with self.turn():
             place = None if channel is None else self.lanes.place_of(channel)
             number = None if place is None else self.lanes.members[place].number
-            extras = self.worker.extras
-            observation = extras.observation(tick, time_ns, uncertainty_ns)
-            self.queue.put(partial(extras.add_observation, name, number, observation), len(name))
+            seen = observation(name, number, tick, time_ns, uncertainty_ns)
+            self.queue.put(partial(self.worker.observed.add, seen), len(name))
 
     def fit_clocks(self) -> None:
         """Have maps of the clocks written at the end: see ``clock_maps``."""
         with self.turn():
-            self.queue.put(self.worker.extras.ask_maps)
+            self.worker.observed.maps = True
 
     def flush(self) -> None:
         """When this returns, all that was written so far is on the disk."""

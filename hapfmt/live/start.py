@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import ceil
-from typing import Any, BinaryIO, Literal
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 from ..appending import Appending, open_append
 from ..container.filewriter import FileWriter
@@ -26,9 +26,13 @@ from .clusters import Clusters
 from .extras import Layers
 from .file import SyncPolicy, create_live
 from .inputs import Input
+from .observed import Observed
 from .output import Output, Pipe
 from .queue import Queue
 from .worker import Item, Member, Worker
+
+if TYPE_CHECKING:
+    from ..container.clocks import ClockObservation
 
 CLUSTER_S = Fraction(1)
 """SPEC clause 13: for a live recording, where the last one may be lost."""
@@ -95,6 +99,8 @@ class Start:
         self.written: dict[str, Any] = {}
         """Metadata that stands in the file."""
         self.start_s = Fraction(0)
+        self.observed: list[ClockObservation] = []
+        """Those of the file that is gone on with, where maps are asked for."""
         if options.append:
             if not isinstance(file, (str, os.PathLike)):
                 raise ParameterError("a stream that is only written cannot be appended to")
@@ -102,9 +108,12 @@ class Start:
         else:
             self.create(file, inputs)
         layers = Layers(self.output.writer.tracks.values())
+        observed = Observed(maps=options.clock_maps, before=self.observed)
         clusters = Clusters(options.cluster, options.patience)
         hold_s = None if options.hold is None else float(options.hold)
-        self.worker = Worker(queue, self.output, self.encoder, clusters, layers, hold_s=hold_s)
+        self.worker = Worker(
+            queue, self.output, self.encoder, clusters, layers, observed, hold_s=hold_s
+        )
         self.worker.add(self.members, self.ends)
 
     def create(self, file: str | os.PathLike[str] | BinaryIO, inputs: Sequence[Input]) -> None:
@@ -158,10 +167,7 @@ class Start:
                 self.settings, first_track=max(catalogue.tracks, default=-1) + 1
             )
             self.next_number = len(catalogue.channels)
-            end_s = max(
-                (tick / catalogue.tracks[t].rate for t, tick in found.ends().items()),
-                default=Fraction(0),
-            )
+            end_s = end_of(found)
             epoch_ns = catalogue.head.epoch_ns if catalogue.head else None
             self.start_s = start_of(options.at, end_s, epoch_ns)
             self.members = self.match(catalogue.channels, inputs)
@@ -172,6 +178,8 @@ class Start:
                 )
             self.ends = [ceil(self.start_s * m.input.rate) for m in self.members]
             self.written = dict(catalogue.metadata)
+            if options.clock_maps:
+                self.observed = catalogue.clocks
             notes = catalogue.metadata.get("notes", [])
             self.notes = [note for note in notes if isinstance(note, str)]
             if found.note and found.note not in self.notes:
@@ -193,6 +201,7 @@ class Start:
             "for which the encoder was too slow"
             for place, count in sorted(progress.dropped.items())
         ]
+        lost += self.worker.notes
         if self.notes or lost:
             metadata = {**metadata, "notes": [*notes, *lost]}
         return {k: v for k, v in metadata.items() if k not in self.written or self.written[k] != v}
@@ -223,6 +232,14 @@ def last_track(ref: Any) -> Track:
     """The track that goes on with the channel."""
     track: Track = ref.parts[-1].track
     return track
+
+
+def end_of(found: Appending) -> Fraction:
+    """Seconds to the end of the last sample; events are no samples."""
+    tracks = found.catalogue.tracks
+    ends = ((tracks[id_], tick) for id_, tick in found.ends().items())
+    samples = (tick / track.rate for track, tick in ends if track.kind != "events")
+    return max(samples, default=Fraction(0))
 
 
 def start_of(at: Any, end_s: Fraction, epoch_ns: int | None) -> Fraction:

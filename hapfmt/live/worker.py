@@ -19,6 +19,7 @@ from ..errors import ParameterError
 from .clusters import Clusters, Piece, Rows
 from .extras import Layers
 from .inputs import Input
+from .observed import Observed
 from .output import Output
 from .queue import Queue
 
@@ -63,15 +64,21 @@ class Worker:
         encoder: LiveEncoder,
         clusters: Clusters,
         layers: Layers,
+        observed: Observed,
         *,
         hold_s: float | None,
     ) -> None:
         self.queue, self.output, self.encoder = queue, output, encoder
-        self.clusters, self.layers = clusters, layers
+        self.clusters, self.layers, self.observed = clusters, layers, observed
         self.hold_s = hold_s
         self.members: list[Member] = []
+        self.first_tracks: dict[int, int] = {}
+        """By channel number."""
+        self.enter(self.writer.tracks.values())
         self.progress = Progress()
         self.finished = False
+        self.notes: list[str] = []
+        """Of what the end could not do."""
         self.error: BaseException | None = None
         self.thread = threading.Thread(target=self.run, name="hapfmt recorder", daemon=True)
 
@@ -138,6 +145,7 @@ class Worker:
             tracks, packets = self.encoder.encode(blocks)
             self.describe(tracks)
             self.writer.cluster([*packets, *self.events(self.clusters.done_s)])
+            self.observed.write(self.writer, self.first_tracks)
             self.progress.written += sum(block.values.size for block in blocks)
             self.progress.cluster_count += 1
             if self.output.settle():
@@ -153,6 +161,12 @@ class Worker:
     def describe(self, tracks: Sequence[Track]) -> None:
         if tracks:
             self.writer.describe(tracks)
+            self.enter(tracks)
+
+    def enter(self, tracks: Iterable[Track]) -> None:
+        for track in tracks:
+            for number in track.channels:
+                self.first_tracks.setdefault(number, track.id)
 
     def flush(self) -> None:
         """All that came so far, on the disk."""
@@ -165,11 +179,16 @@ class Worker:
         events = self.events(None)
         if events:
             self.writer.cluster(events)
+        self.observed.write(self.writer, self.first_tracks)
 
     def finish(self, closing: Callable[[], dict[str, Any]]) -> None:
         """The end: ``closing`` gives the metadata that changed."""
         self.write_rest()
         self.describe_silent()
+        self.observed.write(self.writer, self.first_tracks)
+        maps, self.notes = self.observed.fitted(self.writer.tracks)
+        for each in maps:
+            self.writer.clock_map(each)
         metadata = closing()
         if metadata:
             self.writer.metadata(metadata)
@@ -179,7 +198,7 @@ class Worker:
 
     def describe_silent(self) -> None:
         """Channels that nothing came for have a number all the same (TRK-010)."""
-        known = {number for track in self.writer.tracks.values() for number in track.channels}
+        known = self.first_tracks
         silent = [m.block(0, np.zeros(1)) for m in self.members if m.number not in known]
         self.describe(self.encoder.begin(silent))
 
