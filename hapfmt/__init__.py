@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from .limits import Limits
     from .reader import Reader, read
     from .recording import Calibration, Channel, Recording, Span
+    from .recovery.recover import recover
     from .verifier import verify
     from .writer import write
 
@@ -38,6 +39,7 @@ _PLACES = {
     "read": "reader",
     "write": "writer",
     "verify": "verifier",
+    "recover": "recovery.recover",
     "load": "convert",
     "save": "convert",
     "Settings": "encoder.settings",
@@ -76,6 +78,7 @@ __all__ = [
     "__version__",
     "load",
     "read",
+    "recover",
     "save",
     "verify",
     "write",

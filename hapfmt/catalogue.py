@@ -70,6 +70,8 @@ class Catalogue:
     unsupported: UnsupportedError | None = None
     foot: Foot | None = None
     indexed: bool = False
+    tolerant: bool = False
+    """Whether a broken rule counts as damage in a file without any other."""
     known_findings: set[Finding] = field(default_factory=set)
     head_payload: bytes = b""
 
@@ -90,7 +92,7 @@ class Catalogue:
 
     @property
     def damaged(self) -> bool:
-        return any(finding.code not in HARMLESS for finding in self.findings)
+        return self.tolerant or any(finding.code not in HARMLESS for finding in self.findings)
 
     @property
     def closed(self) -> bool:

@@ -87,12 +87,13 @@ def index_entries(source: Source, offset: int, file_id: int) -> list[IndexEntry]
     return entries
 
 
-def from_walk(source: Source) -> Catalogue:
+def from_walk(source: Source, *, tolerant: bool = False) -> Catalogue:
     """Every chunk that can be found, in the order of the file; damage becomes findings.
 
-    A broken rule is raised where there is no damage anywhere, else it counts as damage (clause 14).
+    A broken rule is raised where there is no damage anywhere, else, and where the caller is
+    ``tolerant``, it counts as damage (clause 14).
     """
-    catalogue = Catalogue(source)
+    catalogue = Catalogue(source, tolerant=tolerant)
     broken: list[tuple[Chunk, FormatError]] = []
     for chunk in walk(source, catalogue.findings):
         header = chunk.header

@@ -27,7 +27,7 @@ from .index import (
 )
 from .series import build_series
 from .track import Track, series_of
-from .wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk
+from .wire import HEADER_SIZE, NO_TRACK, SIGNATURE, ChunkHeader, Head, crc32
 
 COPY_SHARE = 50
 """HEAD and TRAK are repeated at the end (SPEC 6.1) where that adds at most a 50th to the file."""
@@ -80,7 +80,12 @@ class FileWriter:
         self.offset += len(data)
 
     def chunk(
-        self, type_: str, payload: bytes, track: int = NO_TRACK, times: tuple[int, int] = (0, 0)
+        self,
+        type_: str,
+        payload: bytes,
+        track: int = NO_TRACK,
+        times: tuple[int, int] = (0, 0),
+        flags: int = 0,
     ) -> None:
         """One whole chunk in one write (SPEC WRT-001)."""
         if len(payload) > self.level.payload_size:
@@ -92,9 +97,10 @@ class FileWriter:
         if type_ != "iNDX" and unindexed > INDEX_EVERY and len(self.entries) > self.indexed_entries:
             self.index()
         entry = IndexEntry(type_, self.offset, *times)
-        self.put(
-            build_chunk(type_, payload, file_id=self.file_id, sequence=self.sequence, track=track)
+        header = ChunkHeader(
+            type_, self.file_id, self.sequence, len(payload), track, flags, crc32(payload)
         )
+        self.put(header.build() + payload)
         self.sequence += 1
         if type_ not in ("iNDX", "fOOT"):
             self.entries.append(entry)
@@ -102,10 +108,13 @@ class FileWriter:
     def describe(self, tracks: Sequence[Track]) -> None:
         """TRAK chunks for tracks in order of their ids."""
         for series in series_of(tracks):
-            payload = build_series(series)
-            self.series.append((series[0].id, payload))
-            self.chunk("TRAK", payload, series[0].id)
-            self.tracks.update((track.id, track) for track in series)
+            self.describe_as(build_series(series), series)
+
+    def describe_as(self, payload: bytes, series: Sequence[Track]) -> None:
+        """A TRAK chunk with these very bytes, which describe ``series``."""
+        self.series.append((series[0].id, payload))
+        self.chunk("TRAK", payload, series[0].id)
+        self.tracks.update((track.id, track) for track in series)
 
     def metadata(self, metadata: dict[str, object]) -> None:
         self.chunk("mETa", build_metadata(metadata))
