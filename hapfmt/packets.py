@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import NamedTuple
 
 from .catalogue import Catalogue, ChunkRef
-from .container.cluster import Packet, parse_cluster, salvage_cluster
-from .container.walk import header_at, read_chunk
+from .container.cluster import Packet, parse_cluster, parse_count, parse_entry
+from .container.salvage import Hole, salvage_cluster
+from .container.walk import Chunk, header_at, read_chunk
 from .errors import ChecksumError, FormatError
 from .numbers import exact
 
 Seconds = Fraction | float | int
 TAIL_LOSSES = frozenset({"missing-chunk", "truncated", "garbage", "duplicate-chunk"})
 """Findings after the last DATA chunk that may have been packets."""
+
+EXTRA_SIZE = 1 << 16
+"""Bytes that a damaged payload may be longer than its header says."""
 
 
 class LostSpan(NamedTuple):
@@ -44,6 +49,7 @@ class PacketPass:
         self.catalogue = catalogue
         self.on_damage = on_damage
         self.lost: list[LostSpan] = []
+        self.offsets = sorted(ref.offset for ref in catalogue.chunks)
 
     def packets(
         self,
@@ -61,10 +67,11 @@ class PacketPass:
             if self.missing(found, previous, ref):
                 state.broken.update(ranges)
             previous = ref
+            ahead = self.ahead(refs[done + 1 :][:1]) if ref.start_ns is None else {}
             for packet in self.cluster(ref, state, set(ranges)):
                 if packet.track not in ranges:
                     continue
-                if not self.settle(packet, state):
+                if self.beyond(packet, ahead) or not self.settle(packet, state):
                     continue
                 first, last = ranges[packet.track]
                 if packet.start < last and packet.stop > first:
@@ -126,19 +133,70 @@ class PacketPass:
                 "CHK-003",
             )
             self.on_damage()
-        for item in salvage_cluster(chunk.payload, catalogue.tracks, catalogue.level, at):
+        payload, sizes = self.region(ref, chunk)
+        for item in salvage_cluster(payload, catalogue.tracks, catalogue.level, at, sizes):
             if isinstance(item, Packet):
                 yield item
-            elif item is None:
-                catalogue.lose("bad-table", at, size, "the packet table cannot be read", "REC-003")
-                state.broken.update(wanted)
             else:
-                catalogue.lose(
-                    "bad-packet", item.offset, item.size,
-                    f"a packet, perhaps of track {item.track}, is damaged", "DAT-004",
-                )  # fmt: skip
-                # The entry itself may be what is damaged: any track may have lost something.
-                state.broken.update(wanted)
+                self.lose_packets(item, at, len(payload), state, wanted)
+
+    def ahead(self, following: Sequence[ChunkRef]) -> dict[int, int]:
+        """Where the packets of the next chunk start, by track: damage may have brought bytes of
+        another cluster, and its packets hold too."""
+        if not following or following[0].start_ns is None:
+            return {}
+        chunk = read_chunk(self.catalogue.source, following[0].offset)
+        firsts: dict[int, int] = {}
+        if chunk is not None and chunk.intact:
+            count, position = parse_count(chunk.payload, self.catalogue.level, 0)
+            for _ in range(count):
+                entry, position = parse_entry(chunk.payload, position, 0)
+                firsts.setdefault(entry.track, entry.start)
+        return firsts
+
+    def beyond(self, packet: Packet, ahead: dict[int, int]) -> bool:
+        """Whether it ends after the next packet of its track starts."""
+        late = packet.track in ahead and packet.stop > ahead[packet.track]
+        if late:
+            self.lose_overlap(packet, "ticks of the next packet")
+        return late
+
+    def region(self, ref: ChunkRef, chunk: Chunk) -> tuple[bytes, list[int]]:
+        """The bytes that a damaged payload may be, and the sizes it may have: by its header, and up
+        to the next chunk, where bytes were lost or came in."""
+        sizes = [chunk.header.payload_size]
+        place = bisect_right(self.offsets, ref.offset)
+        if place < len(self.offsets):
+            size = self.offsets[place] - chunk.payload_offset
+            if size != sizes[0] and size <= sizes[0] + EXTRA_SIZE:
+                sizes.append(size)
+        payload = chunk.payload
+        if max(sizes) > len(payload):
+            payload = self.catalogue.source.read_at(chunk.payload_offset, max(sizes))
+        return payload, sizes
+
+    def lose_packets(
+        self, hole: Hole, at: int, size: int, state: Progress, wanted: set[int]
+    ) -> None:
+        if hole.entry is not None:
+            message = f"a packet of track {hole.entry.track} cannot be delivered"
+            self.catalogue.lose("bad-packet", hole.offset, hole.size, message, "DAT-008")
+            if hole.entry.track in wanted:
+                self.lost.append(LostSpan(hole.entry.track, hole.entry.start, hole.entry.stop))
+        elif hole.after is None and hole.before is None:
+            message = "no packet can be read"
+            self.catalogue.lose("bad-table", at, size, message, "REC-003")
+            state.broken.update(wanted)
+        else:
+            tracks = hole.tracks(sorted(self.catalogue.tracks))
+            ends = sorted({tracks[0], tracks[-1]}) if tracks else ["?"]
+            message = f"packets of track {' to '.join(map(str, ends))} are damaged"
+            self.catalogue.lose("bad-packet", hole.offset, hole.size, message, "DAT-004")
+            state.broken.update(wanted & set(tracks))
+
+    def lose_overlap(self, packet: Packet, what: str) -> None:
+        message = f"a packet of track {packet.track} covers {what}"
+        self.catalogue.lose("overlap", packet.offset, len(packet.data), message, "DAT-006")
 
     def settle(self, packet: Packet, state: Progress) -> bool:
         """Order of time (DAT-006), and what was lost before this packet; False: leave it out."""
@@ -151,13 +209,7 @@ class PacketPass:
                     offset=packet.offset,
                     path=self.catalogue.source.path,
                 )
-            self.catalogue.lose(
-                "overlap",
-                packet.offset,
-                len(packet.data),
-                f"a packet of track {packet.track} covers ticks that were delivered before",
-                "DAT-006",
-            )
+            self.lose_overlap(packet, "ticks that were delivered before")
             return False
         if packet.track in state.broken:
             if packet.start > last:

@@ -17,8 +17,8 @@ from hapfmt.container.cluster import (
     build_cluster,
     entry_size,
     parse_cluster,
-    salvage_cluster,
 )
+from hapfmt.container.salvage import salvage_cluster
 from hapfmt.container.track import Component, Track
 from hapfmt.decoder import TrackDecoder
 from hapfmt.errors import FormatError
