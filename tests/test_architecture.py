@@ -17,7 +17,7 @@ MODULES = {
 }
 DECODE = """atomic catalogue codecs container contract deadband decoder dump errors integers kernels
 limits opening packets reader reconstruct recording threads usage verifier"""
-ENCODE = "cli convert encoder live plotting scenes writer"
+ENCODE = "cli convert encoder live plotting recovery scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 ONLY_IN = {
     "construct": ("container.layout", "container.wire"),

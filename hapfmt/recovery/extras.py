@@ -6,7 +6,7 @@ import json
 from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
 
-from ..catalogue import Catalogue, ChunkRef
+from ..catalogue import HARMLESS, Catalogue, ChunkRef
 from ..container.extras import build_metadata, parse_attachment, parse_metadata
 from ..container.filewriter import FileWriter
 from ..container.walk import Chunk, read_chunk
@@ -61,7 +61,8 @@ class Extras:
         if chunk.header.payload_size > self.catalogue.level.payload_size:
             return False
         safe = chunk.header.type[3].islower()
-        return chunk.header.critical or safe or not self.catalogue.damaged
+        whole = all(finding.code in HARMLESS for finding in self.catalogue.findings)
+        return chunk.header.critical or safe or whole
 
 
 def stored_digests(catalogue: Catalogue) -> Iterator[tuple[int, bytes, int]]:
