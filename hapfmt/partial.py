@@ -18,8 +18,8 @@ from .errors import FormatError
 from .limits import Level
 
 Ranges = Mapping[int, tuple[int, int]]
-TABLE_SIZE = 1 << 12
-"""Bytes of a table that are read at first, then twice as many: the rows of 256 tracks."""
+ROW_SIZE = 14
+"""Bytes of a row, mostly: as many for each track are read at first, then twice as many."""
 SHARE = 2
 """The whole payload is read where a 2nd of it is wanted."""
 
@@ -30,7 +30,7 @@ def read_table(
     """The rows of a cluster and where in the file their packets start; None where a rule does not
     hold."""
     at = ref.offset + HEADER_SIZE
-    size = max(source.gap, TABLE_SIZE)
+    size = ROW_SIZE * (len(tracks) + 1)
     while True:
         size = min(size, header.payload_size)
         part = source.read_at(at, size)

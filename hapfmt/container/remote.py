@@ -8,13 +8,16 @@ so far in a row, up to AHEAD. What came is kept, the newest CACHE bytes of it.
 from __future__ import annotations
 
 import errno
+import io
 import threading
 from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any, BinaryIO, cast
 from urllib.parse import urlsplit
 
-from ..errors import MissingExtraError
+from ..errors import HapfmtError, MissingExtraError, ParameterError
 from .source import spooled_copy
 
 BLOCK = 1 << 14
@@ -24,7 +27,7 @@ CACHE = 1 << 22
 GAP = 1 << 16
 """A request takes about as long as so many bytes (10 ms, 50 Mbit/s)."""
 
-NO_RANGES = (
+NO_PARTS = (
     "the server gives whole files only, not parts of them (no range requests); fetch the file "
     "first, or let it be copied: Reader(url, spool=True)"
 )
@@ -39,20 +42,22 @@ class RemoteSource:
         self.blocks: OrderedDict[int, bytes] = OrderedDict()
         self.next = self.streak = 0
         with network(self.path):
-            self.stream = open_url(url, cache_type="none")
-            self.size = int(getattr(self.stream, "size", None) or measured(self.stream))
+            self.files, self.stream = open_url(url, cache_type="none")
         try:
-            if self.size:
-                # The end is needed anyway, and tells whether parts can be had.
-                self.read_at(self.size - 1, 1)
+            with network(self.path):
+                size = getattr(self.stream, "size", None)
+                self.size = self.stream.seek(0, io.SEEK_END) if size is None else int(size)
+            # The end is needed anyway, and tells whether parts can be had.
+            self.read_at(self.size - 1, 1)
         except BaseException:
-            self.close()
+            self.stream.close()
             raise
 
     def read_at(self, offset: int, size: int) -> bytes:
         stop = min(offset + size, self.size)
         if offset >= stop:
             return b""
+        offset = max(offset, 0)
         first, last = offset // BLOCK, (stop - 1) // BLOCK
         with self.lock:
             parts = self.take(first, last)
@@ -102,63 +107,65 @@ class RemoteSource:
         self.stream.close()
 
 
-def measured(stream: BinaryIO) -> int:
-    return stream.seek(0, 2)
+@contextmanager
+def network(path: str | None) -> Iterator[None]:
+    """Whatever fails on the way to a URL is an OSError that names it, never damage of the file."""
+    try:
+        yield
+    except HapfmtError:
+        raise
+    except ImportError as error:
+        raise missing(error) from None
+    except PermissionError as error:
+        raise PermissionError(errno.EACCES, reason(error), path) from error
+    except Exception as error:
+        cause = error.__cause__
+        status = getattr(cause, "status", None if cause else 404)
+        if isinstance(error, FileNotFoundError) and status in (404, 410):
+            raise FileNotFoundError(errno.ENOENT, "not found", path) from error
+        words = str(error) if isinstance(error, ValueError) else ""
+        no_parts = "range requests" in words or "streaming" in words
+        raise OSError(errno.EIO, NO_PARTS if no_parts else reason(error), path) from error
 
 
-class network:  # noqa: N801
-    """Whatever fails on the way to a URL is an OSError that names it."""
-
-    def __init__(self, path: str | None) -> None:
-        self.path = path
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: object) -> None:
-        if not isinstance(error, Exception) or isinstance(error, MissingExtraError):
-            return
-        if isinstance(error, ImportError):
-            raise MissingExtraError(error.name or str(error), "remote") from None
-        if isinstance(error, FileNotFoundError):
-            raise FileNotFoundError(errno.ENOENT, reason(error), self.path) from error
-        if isinstance(error, PermissionError):
-            raise PermissionError(errno.EACCES, "not permitted", self.path) from error
-        text = str(error)
-        ranges = isinstance(error, ValueError) and ("range" in text or "streaming" in text)
-        raise OSError(errno.EIO, NO_RANGES if ranges else reason(error), self.path) from error
+def missing(error: ImportError) -> ParameterError:
+    """Each kind of URL has a package of its own, which fsspec looks for."""
+    cause = error.__cause__ if isinstance(error.__cause__, ImportError) else error
+    name = (cause.name or str(error)).split(".")[0]
+    if name in ("fsspec", "aiohttp"):
+        return MissingExtraError(name, "remote")
+    return ParameterError(f"this needs the package {name!r}; install it with: pip install {name}")
 
 
 def reason(error: BaseException) -> str:
     """What the innermost error says: fsspec calls whatever fails at first "not found"."""
     inner = error.__cause__ or error
-    if isinstance(inner, FileNotFoundError):
-        return "not found"
     status = getattr(inner, "status", None)
     if status:
         return f"the server answers {status} {getattr(inner, 'message', '')}".strip()
     return f"{type(inner).__name__}: {inner}" if str(inner) else type(inner).__name__
 
 
-def open_url(url: str, **options: Any) -> BinaryIO:
-    """An open file of fsspec. What is compressed on the way has no places: that is declined."""
+def open_url(url: str, **options: Any) -> tuple[object, BinaryIO]:
+    """A file system of fsspec, which closes its files when it goes, and an open file.
+
+    What is compressed on the way has no places: that is declined.
+    """
+    core = import_module("fsspec.core")
+    headers = {"headers": {"Accept-Encoding": "identity"}} if url[:4].lower() == "http" else {}
     try:
-        core = import_module("fsspec.core")
-    except ImportError:
-        raise MissingExtraError("fsspec", "remote") from None
-    headers = {"headers": {"Accept-Encoding": "identity"}} if "http" in scheme(url) else {}
-    files, path = core.url_to_fs(url, **headers)
-    return cast("BinaryIO", files.open(path, "rb", **options))
+        files, path = core.url_to_fs(url, **headers)
+    except ValueError as error:
+        raise ParameterError(f"{shown(url)}: {error}") from None
+    return files, cast("BinaryIO", files.open(path, "rb", **options))
 
 
 def spool_url(url: str) -> tuple[BinaryIO, str]:
     """All that stands behind a URL, and how to name it."""
-    with network(shown(url)), open_url(url, block_size=0) as stream:
-        return spooled_copy(stream), shown(url)
-
-
-def scheme(url: str) -> str:
-    return url.split(":", 1)[0].lower()
+    with network(shown(url)):
+        _files, stream = open_url(url, block_size=0)
+        with stream:
+            return spooled_copy(stream), shown(url)
 
 
 def shown(url: str) -> str:
