@@ -6,14 +6,17 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from math import ceil, floor
 from typing import NamedTuple
 
 from .catalogue import Catalogue, ChunkRef
 from .container.cluster import Packet, parse_cluster, parse_count, parse_entry
 from .container.salvage import Hole, salvage_cluster
-from .container.walk import Chunk, header_at, read_chunk
+from .container.walk import header_at, read_chunk
+from .container.wire import HEADER_SIZE, ChunkHeader, crc32
 from .errors import ChecksumError, FormatError
 from .numbers import exact
+from .partial import SHARE, Ranges, goes_on, read_packets, read_table, wanted_rows
 
 Seconds = Fraction | float | int
 TAIL_LOSSES = frozenset({"missing-chunk", "truncated", "garbage", "duplicate-chunk"})
@@ -50,6 +53,10 @@ class PacketPass:
         self.on_damage = on_damage
         self.lost: list[LostSpan] = []
         self.offsets = sorted(ref.offset for ref in catalogue.chunks)
+        self.stops: dict[int, int] = {}
+        """Where the last packet of each track ended."""
+        self.unproven: ChunkRef | None = None
+        """The last cluster that was read in part: a damaged row may hide what follows there."""
 
     def packets(
         self,
@@ -58,9 +65,12 @@ class PacketPass:
         stop: Seconds | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> Iterator[Packet]:
-        """Packets of the tracks in ``ranges`` that overlap their tick range, CRCs checked."""
+        """Packets of the tracks in ``ranges`` that overlap their tick range, CRCs checked.
+
+        FalseIndexError where a chunk is not what an index says of it (IDX-003).
+        """
         state = Progress()
-        refs = [ref for ref in self.catalogue.data if overlaps(ref, start, stop)]
+        refs = overlapping(self.catalogue.data, start, stop)
         found = {ref.sequence for ref in self.catalogue.chunks if ref.sequence is not None}
         previous: ChunkRef | None = None
         for done, ref in enumerate(refs):
@@ -68,38 +78,30 @@ class PacketPass:
                 state.broken.update(ranges)
             previous = ref
             ahead = self.ahead(refs[done + 1 :][:1]) if ref.start_ns is None else {}
-            for packet in self.cluster(ref, state, set(ranges)):
+            for packet in self.cluster(ref, state, ranges):
                 if packet.track not in ranges:
                     continue
+                first, last = ranges[packet.track]
+                if packet.start > self.stops.get(packet.track, first):
+                    self.prove(state, ranges)
                 if self.beyond(packet, ahead) or not self.settle(packet, state):
                     continue
-                first, last = ranges[packet.track]
+                self.stops[packet.track] = packet.stop
                 if packet.start < last and packet.stop > first:
                     yield packet
             if progress:
                 progress(done + 1, len(refs))
+        if any(self.stops.get(track, first) < last for track, (first, last) in ranges.items()):
+            self.prove(state, ranges)
         if self.missing(found, previous, None):
             state.broken.update(ranges)
         for track in sorted(state.broken & set(ranges)):
             self.lost.append(LostSpan(track, state.last_stop.get(track, 0), None))
 
-    def holds(self, start: Seconds | None, stop: Seconds | None) -> bool:
-        """Whether a DATA chunk stands wherever an index says that one does (IDX-003)."""
-        for ref in self.catalogue.data:
-            if self.catalogue.indexed and overlaps(ref, start, stop):
-                header = header_at(self.catalogue.source, ref.offset, self.file_id)
-                if header is None or header.type != "DATA" or not header.known:
-                    return False
-        return True
-
-    @property
-    def file_id(self) -> int | None:
-        return self.catalogue.head.file_id if self.catalogue.head else None
-
     def missing(self, found: set[int], before: ChunkRef | None, after: ChunkRef | None) -> bool:
         """Whether chunks were lost between two DATA chunks; ``found`` are the sequence numbers of
         the chunks whose header holds."""
-        if self.catalogue.indexed or not self.catalogue.damaged:
+        if not self.catalogue.damaged or (self.catalogue.indexed and after is not None):
             return False
         if after is None or after.sequence is None:
             end = before.offset if before else -1
@@ -107,38 +109,83 @@ class PacketPass:
         low = -1 if before is None or before.sequence is None else before.sequence
         return any(number not in found for number in range(low + 1, after.sequence))
 
-    def cluster(self, ref: ChunkRef, state: Progress, wanted: set[int]) -> Iterator[Packet]:
-        """The packets of one DATA chunk; damaged ones are reported instead."""
-        catalogue = self.catalogue
-        chunk = read_chunk(catalogue.source, ref.offset)
-        if chunk is None:
-            # Its header stood there when the file was opened.
+    def cluster(self, ref: ChunkRef, state: Progress, ranges: Ranges) -> Iterator[Packet]:
+        """The packets of one DATA chunk, or of it those that are wanted; damaged ones are reported
+        instead."""
+        source = self.catalogue.source
+        listed = ref.limit is not None
+        header = header_at(source, ref.offset, self.catalogue.file_id if listed else None)
+        if listed:
+            ref.checked(header)
+        if header is None:
+            # It stood there when the file was opened.
             raise ChecksumError(
-                "the file changed while it was read", offset=ref.offset, path=catalogue.source.path
+                "the file changed while it was read", offset=ref.offset, path=source.path
             )
-        at, size = chunk.payload_offset, len(chunk.payload)
-        if chunk.intact:
+        part = self.part(ref, header, ranges)
+        if part is not None:
+            yield from part
+        else:
+            yield from self.whole(ref, header, state, ranges)
+
+    def part(self, ref: ChunkRef, header: ChunkHeader, ranges: Ranges) -> list[Packet] | None:
+        """The wanted packets alone; None where that saves nothing, or where the CRC of the whole
+        payload is needed."""
+        source, tracks = self.catalogue.source, self.catalogue.tracks
+        if ref.stop_ns is None or header.payload_size <= source.gap:
+            return None
+        if SHARE * len(ranges) >= len(tracks):
+            return None
+        rows = read_table(source, ref, header, tracks, self.catalogue.level)
+        if rows is None:
+            return None
+        wanted = wanted_rows(rows, ranges)
+        if SHARE * sum(entry.size for entry, _ in wanted) >= header.payload_size:
+            return None
+        ends = {track: tick_after(ref.stop_ns, tracks[track].rate) for track in ranges}
+        listed = ref.limit is not None
+        if listed and not goes_on(rows, ranges, self.stops, ends):
+            return None
+        packets = read_packets(source, wanted)
+        if packets is not None and listed:
+            self.unproven = ref
+        return packets
+
+    def prove(self, state: Progress, ranges: Ranges) -> None:
+        """A gap: take the CRC of the payload that the missing packets may have stood in."""
+        ref, self.unproven = self.unproven, None
+        if ref is None:
+            return
+        header = header_at(self.catalogue.source, ref.offset, self.catalogue.file_id)
+        for _ in self.whole(ref, ref.checked(header), state, ranges):
+            # Those that are wanted were delivered.
+            pass
+
+    def whole(
+        self, ref: ChunkRef, header: ChunkHeader, state: Progress, ranges: Ranges
+    ) -> Iterator[Packet]:
+        catalogue = self.catalogue
+        at, size = ref.offset + HEADER_SIZE, header.payload_size
+        payload = catalogue.source.read_at(at, size)
+        if len(payload) == size and crc32(payload) == header.payload_crc:
             try:
-                yield from parse_cluster(chunk.payload, catalogue.tracks, catalogue.level, at)
+                yield from parse_cluster(payload, catalogue.tracks, catalogue.level, at)
                 return
             except FormatError as error:
                 if not catalogue.damaged:
-                    raise error.at(path=self.catalogue.source.path) from None
-        elif catalogue.indexed:
+                    raise error.at(path=catalogue.source.path) from None
+        elif ref.limit is not None:
+            message = "payload CRC of a DATA chunk differs"
             catalogue.lose(
-                "bad-payload",
-                ref.offset,
-                size + 32,
-                "payload CRC of a DATA chunk differs",
-                "CHK-003",
+                "bad-payload", ref.offset, len(payload) + HEADER_SIZE, message, "CHK-003"
             )
             self.on_damage()
-        payload, sizes = self.region(ref, chunk)
+        payload, sizes = self.region(ref, payload, size)
         for item in salvage_cluster(payload, catalogue.tracks, catalogue.level, at, sizes):
             if isinstance(item, Packet):
                 yield item
             else:
-                self.lose_packets(item, at, len(payload), state, wanted)
+                self.lose_packets(item, at, len(payload), state, set(ranges))
 
     def ahead(self, following: Sequence[ChunkRef]) -> dict[int, int]:
         """Where the packets of the next chunk start, by track: damage may have brought bytes of
@@ -161,18 +208,17 @@ class PacketPass:
             self.lose_overlap(packet, "ticks of the next packet")
         return late
 
-    def region(self, ref: ChunkRef, chunk: Chunk) -> tuple[bytes, list[int]]:
+    def region(self, ref: ChunkRef, payload: bytes, size: int) -> tuple[bytes, list[int]]:
         """The bytes that a damaged payload may be, and the sizes it may have: by its header, and up
         to the next chunk, where bytes were lost or came in."""
-        sizes = [chunk.header.payload_size]
+        at, sizes = ref.offset + HEADER_SIZE, [size]
         place = bisect_right(self.offsets, ref.offset)
         if place < len(self.offsets):
-            size = self.offsets[place] - chunk.payload_offset
+            size = self.offsets[place] - at
             if size != sizes[0] and size <= sizes[0] + EXTRA_SIZE:
                 sizes.append(size)
-        payload = chunk.payload
         if max(sizes) > len(payload):
-            payload = self.catalogue.source.read_at(chunk.payload_offset, max(sizes))
+            payload = self.catalogue.source.read_at(at, max(sizes))
         return payload, sizes
 
     def lose_packets(
@@ -232,9 +278,21 @@ def tick_range(rate: Fraction, start: Seconds | None, stop: Seconds | None) -> t
     )
 
 
-def overlaps(ref: ChunkRef, start: Seconds | None, stop: Seconds | None) -> bool:
-    if ref.start_ns is None or ref.stop_ns is None:
-        return True
-    after = stop is not None and exact(stop) * 10**9 <= ref.start_ns
-    before = start is not None and exact(start) * 10**9 >= ref.stop_ns
-    return not (after or before)
+def tick_after(time_ns: int, rate: Fraction) -> int:
+    """The first tick at ``time_ns`` or later."""
+    return -(-time_ns * rate.numerator // (rate.denominator * 10**9))
+
+
+def overlapping(
+    refs: list[ChunkRef], start: Seconds | None, stop: Seconds | None
+) -> list[ChunkRef]:
+    """DATA chunks that may hold something of the seconds [start, stop)."""
+    first = 0 if start is None else floor(exact(start) * 10**9)
+    last = None if stop is None else ceil(exact(stop) * 10**9)
+    return [
+        ref
+        for ref in refs
+        if ref.start_ns is None
+        or ref.stop_ns is None
+        or ((start is None or first < ref.stop_ns) and (last is None or ref.start_ns < last))
+    ]

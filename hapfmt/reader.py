@@ -12,7 +12,8 @@ from uuid import UUID
 import numpy as np
 from numpy.typing import NDArray
 
-from .catalogue import Catalogue, ChannelRef
+from .batches import BATCH, Batch, batches
+from .catalogue import Catalogue, ChannelRef, FalseIndexError
 from .container.cluster import Packet
 from .container.extras import Attachment
 from .container.source import open_source
@@ -31,19 +32,9 @@ Band = Literal["full", "lf", "hf"]
 BANDS: tuple[Band, ...] = ("full", "lf", "hf")
 
 
-BATCH = 1 << 15
-"""Samples that are worth handing to another thread."""
-
 IN_FLIGHT = 1 << 19
 """Samples that are decoded ahead of those that are delivered, by all threads together; a packet of
 more is decoded alone."""
-
-
-class Batch(NamedTuple):
-    """Packets that one thread decodes, and how many samples they have."""
-
-    packets: list[Packet]
-    weight: int
 
 
 class Piece(NamedTuple):
@@ -62,13 +53,17 @@ class Piece(NamedTuple):
 
 
 class Reader:
-    """Opens a path, bytes, or a binary stream.
+    """Opens a path, a URL, bytes, or a binary stream.
 
     Damage raises nothing by itself: what can be read is delivered, what is lost is in ``findings``
     and ``lost``; ``strict=True`` raises at the first damage instead. Bytes that break a rule
     although their checksums hold raise FormatError either way. ``scan=True`` walks through the
     whole file at once, which a read of everything does anyway. ``threads`` decode; None: as many as
     HAPFMT_THREADS says, else as there are CPUs, one where the work is small.
+
+    ``mapped``: a local file as a mapping, which saves copies; if somebody cuts the file meanwhile,
+    the process dies. A text with :// or :: in front is a URL for fsspec (extra "remote"), of which
+    only what is needed is read; ``spool``: the whole of it, first.
     """
 
     def __init__(
@@ -79,11 +74,13 @@ class Reader:
         strict: bool = False,
         threads: int | None = None,
         scan: bool = False,
+        mapped: bool = False,
+        spool: bool = False,
     ) -> None:
         self.limits = limits or Limits()
         self.strict = strict
         self.threads = threads
-        self.source = open_source(file)
+        self.source = open_source(file, mapped=mapped, spool=spool)
         self.lost: list[LostSpan] = []
         try:
             self.catalogue: Catalogue = open_catalogue(self.source, scan=scan)
@@ -124,7 +121,11 @@ class Reader:
 
     @property
     def attachments(self) -> dict[str, Attachment]:
-        return self.catalogue.attachments
+        try:
+            return self.catalogue.attachments
+        except FalseIndexError:
+            self.scan()
+            return self.catalogue.attachments
 
     def scan(self) -> None:
         """Walk through the whole file, so that every byte is checked."""
@@ -185,9 +186,9 @@ class Reader:
         """
         if band not in BANDS:
             raise ParameterError(f"band is one of {', '.join(BANDS)}")
-        whole = start is None and stop is None
-        if whole or not PacketPass(self.catalogue, self.refuse_damage).holds(start, stop):
+        if start is None and stop is None:
             self.scan()
+        catalogue = self.catalogue
         chosen = self.select(channels)
         wanted = wanted_tracks(chosen, band)
         decoded = {track.id: Decoded(track) for track in wanted}
@@ -196,6 +197,9 @@ class Reader:
             samples += piece.numbers.size
             self.limits.check_samples(samples)
             decoded[piece.track.id].add(piece.start, piece.numbers, piece.exact)
+        if self.catalogue is not catalogue:
+            # The index was false: other channels may be there.
+            return self.read(channels, start, stop, band=band, exact=exact, progress=progress)
         if band == "full":
             self.lost.extend(self.lost_residuals(chosen))
         return self.assemble(chosen, decoded, band)
@@ -318,12 +322,26 @@ class Reader:
         """Packets of the tracks in ``ranges``, {id: (first tick, tick after the last)}, that
         overlap their range, CRCs checked; nothing is decoded."""
         current = PacketPass(self.catalogue, self.refuse_damage)
-        if not current.holds(start, stop):
+        self.lost = current.lost
+        count, last = 0, -1
+        try:
+            for packet in current.packets(ranges, start, stop, progress):
+                count, last = count + 1, packet.offset
+                yield packet
+            return
+        except FalseIndexError:
+            # What was delivered stands where it was found; the rest is found in order (IDX-003).
             self.scan()
             self.refuse_unknown()
-            current = PacketPass(self.catalogue, self.refuse_damage)
+        current = PacketPass(self.catalogue, self.refuse_damage)
         self.lost = current.lost
-        return current.packets(ranges, start, stop, progress)
+        for packet in current.packets(ranges, start, stop, progress):
+            if packet.offset <= last:
+                count -= 1
+                continue
+            refuse_omission(count, last, self.source.path)
+            yield packet
+        refuse_omission(count, last, self.source.path)
 
     def lost_residuals(self, chosen: Sequence[ChannelRef]) -> list[LostSpan]:
         """LF tracks without their HF track: nothing of their channels can be given (DEC-006)."""
@@ -339,23 +357,12 @@ class Reader:
         self.lost.append(LostSpan(packet.track, packet.start, packet.stop))
 
 
-def batches(packets: Iterable[tuple[Packet, int]], size: int) -> Iterator[Batch]:
-    """Packets in their order, as few together as hold ``size`` samples; what an error leaves of a
-    batch comes before it."""
-    batch, weight = [], 0
-    try:
-        for packet, samples in packets:
-            batch.append(packet)
-            weight += samples
-            if weight >= size:
-                yield Batch(batch, weight)
-                batch, weight = [], 0
-    except Exception:
-        if batch:
-            yield Batch(batch, weight)
-        raise
-    if batch:
-        yield Batch(batch, weight)
+def refuse_omission(count: int, offset: int, path: str | None) -> None:
+    """Where the packets that an index led to are not all that stand before ``offset``."""
+    if count:
+        raise FormatError(
+            "the index does not list the chunks", requirement="IDX-002", offset=offset, path=path
+        )
 
 
 def wanted_tracks(chosen: Sequence[ChannelRef], band: Band) -> list[Track]:

@@ -15,17 +15,29 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-DECODE = """atomic catalogue codecs container contract deadband decoder dump errors integers kernels
-limits opening packets reader reconstruct recording threads usage verifier"""
+DECODE = """atomic batches catalogue codecs container contract deadband decoder dump errors integers kernels
+limits opening packets partial reader reconstruct recording threads usage verifier"""
 ENCODE = "cli convert encoder live plotting recovery scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 ONLY_IN = {
     "construct": ("container.layout", "container.wire"),
     "matplotlib": ("plotting",),
     "soundfile": ("convert.wav",),
+    "fsspec": ("container.remote",),
 }
 LINES = 400
-HEAVY = {"numpy", "scipy", "construct", "click", "rich", "matplotlib", "soundfile", "hid"}
+HEAVY = {
+    "numpy",
+    "scipy",
+    "construct",
+    "click",
+    "rich",
+    "matplotlib",
+    "soundfile",
+    "hid",
+    "fsspec",
+    "aiohttp",
+}
 
 
 def imports(name: str) -> set[str]:

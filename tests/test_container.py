@@ -27,7 +27,7 @@ from hapfmt.container.extras import (
     parse_metadata,
 )
 from hapfmt.container.layout import TABLES
-from hapfmt.container.source import BytesSource, FileSource, open_source
+from hapfmt.container.source import BytesSource, StreamSource, open_source
 from hapfmt.container.tlv import build_strings, build_tlvs, parse_strings, parse_tlvs
 from hapfmt.container.wire import (
     SIGNATURE,
@@ -383,7 +383,7 @@ class TestSources:
                 return False
 
         source = open_source(Pipe(f.minimal()))
-        assert isinstance(source, FileSource)
+        assert isinstance(source, StreamSource)
         assert source.read_at(0, 8) == SIGNATURE
         source.close()
 

@@ -136,8 +136,9 @@ class TestChains:
 
     @pytest.mark.parametrize("previous", [0, 8, 2**63])
     def test_out_of_place(self, previous):
-        assert rule(two_indexes(previous=previous)) == ("nonconforming", "IDX-004")
-        assert not open_catalogue(BytesSource(f.minimal()[:-1])).indexed
+        data = two_indexes(previous=previous)
+        assert rule(data) == ("nonconforming", "IDX-004")
+        assert not open_catalogue(BytesSource(data)).indexed
 
     def test_previous_is_no_index(self):
         third = 8 + 32 + 48 + 32 + len(f.TRACK_0[1])
@@ -181,10 +182,10 @@ class TestAHint:
     """
 
     @pytest.mark.parametrize("back", range(1, 70, 5))
-    def test_damaged_ends_are_walked(self, back):
+    def test_damaged_ends(self, back):
         data = bytearray(f.minimal())
         data[-back] ^= 0x10
-        assert not open_catalogue(BytesSource(bytes(data))).indexed
+        assert open_catalogue(BytesSource(bytes(data))).findings
         assert samples(bytes(data), start=0) == samples(f.minimal())
 
     @pytest.mark.parametrize("rows", [
