@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from math import ceil, floor
-from typing import NamedTuple
 
 from .catalogue import Catalogue, ChunkRef
 from .container.cluster import Packet, parse_cluster, parse_count, parse_entry
@@ -15,31 +14,30 @@ from .container.salvage import Hole, salvage_cluster
 from .container.walk import header_at, read_chunk
 from .container.wire import HEADER_SIZE, ChunkHeader, crc32
 from .errors import ChecksumError, FormatError
+from .losses import Losses
 from .numbers import exact
 from .partial import SHARE, Ranges, goes_on, read_packets, read_table, wanted_rows
+from .timeline import UNKNOWN, Timeline, Times
 
 Seconds = Fraction | float | int
 TAIL_LOSSES = frozenset({"missing-chunk", "truncated", "garbage", "duplicate-chunk"})
 """Findings after the last DATA chunk that may have been packets."""
 
+MS = 10**6
+"""Nanoseconds."""
 EXTRA_SIZE = 1 << 16
 """Bytes that a damaged payload may be longer than its header says."""
-
-
-class LostSpan(NamedTuple):
-    """Ticks of a track that damage took: start <= t < stop; stop None: nobody knows how many."""
-
-    track: int
-    start: int
-    stop: int | None
 
 
 @dataclass
 class Progress:
     """Where a pass over the packets stands, per track."""
 
+    timeline: Timeline | None
+    """None where nothing is damaged, or each chunk has its times from an index."""
     last_stop: dict[int, int] = field(default_factory=dict)
-    broken: set[int] = field(default_factory=set)
+    done: int = 0
+    """DATA chunks before the one that is read."""
 
 
 class PacketPass:
@@ -51,7 +49,8 @@ class PacketPass:
     def __init__(self, catalogue: Catalogue, on_damage: Callable[[], None]) -> None:
         self.catalogue = catalogue
         self.on_damage = on_damage
-        self.lost: list[LostSpan] = []
+        self.losses = Losses(catalogue.tracks)
+        self.lost = self.losses.spans
         self.offsets = sorted(ref.offset for ref in catalogue.chunks)
         self.stops: dict[int, int] = {}
         """Where the last packet of each track ended."""
@@ -69,13 +68,15 @@ class PacketPass:
 
         FalseIndexError where a chunk is not what an index says of it (IDX-003).
         """
-        state = Progress()
         refs = overlapping(self.catalogue.data, start, stop)
+        walked = self.catalogue.damaged and not self.catalogue.indexed
+        state = Progress(Timeline(self.catalogue, refs) if walked else None)
         found = {ref.sequence for ref in self.catalogue.chunks if ref.sequence is not None}
         previous: ChunkRef | None = None
         for done, ref in enumerate(refs):
+            state.done = done
             if self.missing(found, previous, ref):
-                state.broken.update(ranges)
+                self.suspect(state, ranges, ref.offset)
             previous = ref
             ahead = self.ahead(refs[done + 1 :][:1]) if ref.start_ns is None else {}
             for packet in self.cluster(ref, state, ranges):
@@ -93,21 +94,38 @@ class PacketPass:
                 progress(done + 1, len(refs))
         if any(self.stops.get(track, first) < last for track, (first, last) in ranges.items()):
             self.prove(state, ranges)
-        if self.missing(found, previous, None):
-            state.broken.update(ranges)
-        for track in sorted(state.broken & set(ranges)):
-            self.lost.append(LostSpan(track, state.last_stop.get(track, 0), None))
+        state.done = len(refs)
+        for offset in self.tail(previous):
+            self.suspect(state, ranges, offset)
+        for track in sorted(ranges):
+            self.losses.end(track, state.last_stop.get(track, 0))
 
-    def missing(self, found: set[int], before: ChunkRef | None, after: ChunkRef | None) -> bool:
+    def missing(self, found: set[int], before: ChunkRef | None, after: ChunkRef) -> bool:
         """Whether chunks were lost between two DATA chunks; ``found`` are the sequence numbers of
         the chunks whose header holds."""
-        if not self.catalogue.damaged or (self.catalogue.indexed and after is not None):
+        if not self.catalogue.damaged or after.sequence is None:
             return False
-        if after is None or after.sequence is None:
-            end = before.offset if before else -1
-            return any(f.code in TAIL_LOSSES and f.offset > end for f in self.catalogue.findings)
         low = -1 if before is None or before.sequence is None else before.sequence
         return any(number not in found for number in range(low + 1, after.sequence))
+
+    def tail(self, last: ChunkRef | None) -> Iterator[int]:
+        """Offsets of damage behind the last DATA chunk that may have been packets."""
+        end = last.offset if last else -1
+        for finding in self.catalogue.findings if self.catalogue.damaged else ():
+            if finding.code in TAIL_LOSSES and finding.offset > end:
+                yield finding.offset
+
+    def suspect(
+        self, state: Progress, tracks: Iterable[int], offset: int, ref: ChunkRef | None = None
+    ) -> None:
+        """Damage at ``offset``, in the chunk ``ref`` or where a chunk is missing, may have taken
+        packets of these tracks."""
+        times = UNKNOWN
+        if state.timeline is not None:
+            times = state.timeline.between(state.done, offset)
+        elif ref is not None and ref.start_ns is not None and ref.stop_ns is not None:
+            times = Times(ref.start_ns // MS, -(-ref.stop_ns // MS))
+        self.losses.suspect(tracks, times, offset)
 
     def cluster(self, ref: ChunkRef, state: Progress, ranges: Ranges) -> Iterator[Packet]:
         """The packets of one DATA chunk, or of it those that are wanted; damaged ones are reported
@@ -185,7 +203,7 @@ class PacketPass:
             if isinstance(item, Packet):
                 yield item
             else:
-                self.lose_packets(item, at, len(payload), state, set(ranges))
+                self.lose_packets(item, ref, len(payload), state, ranges)
 
     def ahead(self, following: Sequence[ChunkRef]) -> dict[int, int]:
         """Where the packets of the next chunk start, by track: damage may have brought bytes of
@@ -222,23 +240,24 @@ class PacketPass:
         return payload, sizes
 
     def lose_packets(
-        self, hole: Hole, at: int, size: int, state: Progress, wanted: set[int]
+        self, hole: Hole, ref: ChunkRef, size: int, state: Progress, ranges: Ranges
     ) -> None:
         if hole.entry is not None:
             message = f"a packet of track {hole.entry.track} cannot be delivered"
             self.catalogue.lose("bad-packet", hole.offset, hole.size, message, "DAT-008")
-            if hole.entry.track in wanted:
-                self.lost.append(LostSpan(hole.entry.track, hole.entry.start, hole.entry.stop))
+            if hole.entry.track in ranges:
+                entry = hole.entry
+                self.losses.lose(entry.track, entry.start, entry.stop, hole.offset)
         elif hole.after is None and hole.before is None:
-            message = "no packet can be read"
+            at, message = ref.offset + HEADER_SIZE, "no packet can be read"
             self.catalogue.lose("bad-table", at, size, message, "REC-003")
-            state.broken.update(wanted)
+            self.suspect(state, ranges, at, ref)
         else:
             tracks = hole.tracks(sorted(self.catalogue.tracks))
             ends = sorted({tracks[0], tracks[-1]}) if tracks else ["?"]
             message = f"packets of track {' to '.join(map(str, ends))} are damaged"
             self.catalogue.lose("bad-packet", hole.offset, hole.size, message, "DAT-004")
-            state.broken.update(wanted & set(tracks))
+            self.suspect(state, ranges.keys() & set(tracks), hole.offset, ref)
 
     def lose_overlap(self, packet: Packet, what: str) -> None:
         message = f"a packet of track {packet.track} covers {what}"
@@ -257,10 +276,7 @@ class PacketPass:
                 )
             self.lose_overlap(packet, "ticks that were delivered before")
             return False
-        if packet.track in state.broken:
-            if packet.start > last:
-                self.lost.append(LostSpan(packet.track, last, packet.start))
-            state.broken.discard(packet.track)
+        self.losses.settle(packet.track, last, packet.start)
         state.last_stop[packet.track] = packet.stop
         return True
 

@@ -22,8 +22,9 @@ from .container.walk import Finding
 from .decoder import TrackDecoder
 from .errors import ChecksumError, FormatError, ParameterError, TruncatedError
 from .limits import Limits
+from .losses import LostSpan
 from .opening import open_catalogue
-from .packets import LostSpan, PacketPass, Seconds, tick_range
+from .packets import PacketPass, Seconds, tick_range
 from .reconstruct import Decoded, add_residual, build_channel
 from .recording import Recording
 from .threads import in_order, thread_count

@@ -16,7 +16,7 @@ MODULES = {
     for path in sorted(PACKAGE.rglob("*.py"))
 }
 DECODE = """atomic batches catalogue codecs container contract deadband decoder dump errors integers kernels
-limits opening packets partial reader reconstruct recording threads usage verifier"""
+limits losses opening packets partial reader reconstruct recording threads timeline usage verifier"""
 ENCODE = "cli convert encoder live plotting recovery scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 ONLY_IN = {

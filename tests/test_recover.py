@@ -101,7 +101,7 @@ def test_any_damage_of_any_file(recording, settings, band, data):
     assert done.exit_code in (0, 3)
     assert verify(good).verdict == "intact"
     assert samples(good, band=band) == samples(bad, band=band)
-    if not done.exit_code:
+    if not done.exit_code and "not-closed" not in [finding.code for finding in done.findings]:
         assert samples(good) == samples(out.getvalue())
 
 
@@ -219,7 +219,7 @@ def test_digests():
     good, done = recovered(flipped(data, payload_of(data, "dGST") - 33))
     lost = {span.track for span in done.lost}
     kept = [chunk for chunk in chunks(good) if chunk[0] == "dGST"]
-    assert (1 in lost, done.digests) == (True, 1)
+    assert (lost, done.digests) == ({1}, 1)
     assert kept == [("dGST", before[:32])]
     assert verify(good).verdict == "intact"
 

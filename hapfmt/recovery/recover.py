@@ -21,8 +21,9 @@ from ..container.walk import Finding, read_chunk
 from ..decoder import TrackDecoder, TrackDigest
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Limits
+from ..losses import LostSpan
 from ..opening import from_walk
-from ..packets import LostSpan, PacketPass
+from ..packets import PacketPass
 from .descriptions import describe
 from .extras import Extras, stored_digests, write_note
 
