@@ -1,4 +1,4 @@
-"""Clause 12.2: what ``recover`` writes."""
+"""Clause 12.3: what ``recover`` writes."""
 
 from __future__ import annotations
 

@@ -59,6 +59,7 @@ def recover(source: str, target: str, canonical: int | None, force: bool, as_jso
 
 def show(source: str, target: str, done: Recovery) -> None:
     tell_some([f"{printable(source)}: {finding}" for finding in done.findings])
+    tell_some(done.lost_lines)
     line = f"{printable(target)}: {done.packets} packets, {done.samples} samples"
     click.echo(
         f"{line}; {'with loss' if done.exit_code == 3 else 'nothing lost'}", err=target == "-"

@@ -18,6 +18,7 @@ from ..container.cluster import Packet, entry_size
 from ..container.filewriter import FileWriter
 from ..container.source import open_source
 from ..container.walk import Finding, read_chunk
+from ..damage import damage_report, lost_lines
 from ..decoder import TrackDecoder, TrackDigest
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Limits
@@ -39,6 +40,9 @@ class Recovery:
     exit_code: int = 0
     findings: list[Finding] = field(default_factory=list)
     lost: list[LostSpan] = field(default_factory=list)
+    lost_lines: list[str] = field(default_factory=list)
+    damage: dict[str, Any] = field(default_factory=dict)
+    """The report of SPEC 12.2."""
     packets: int = 0
     samples: int = 0
     digests: int = 0
@@ -50,8 +54,7 @@ class Recovery:
     def as_json(self) -> dict[str, Any]:
         return {
             "exit_code": self.exit_code,
-            "findings": [finding.as_json() for finding in self.findings],
-            "lost": [span._asdict() for span in self.lost],
+            "damage": self.damage,
             "packet_count": self.packets,
             "sample_count": self.samples,
             "digest_count": self.digests,
@@ -166,6 +169,8 @@ class Copy:
         if done.findings or done.exit_code == 3:
             write_note(catalogue, self.writer, self.note())
         self.writer.close()
+        done.lost_lines = lost_lines(catalogue, done.lost)
+        done.damage = damage_report(catalogue, done.lost)
         done.file_size = self.writer.offset
         return done
 
