@@ -55,7 +55,7 @@ def test_edges_of_the_blocks_of_the_scan(start):
 def damaged_at(at: int) -> bytes:
     """A file whose DATA chunk starts at ``at``, after a chunk that has lost a byte."""
     start = len(f.file(("HEAD", f.head()), f.TRACK_0))
-    long = ("aTTc", f.strings("a", "") + f.SYNC[:1] * (1 << 20))
+    long = ("aTTc", f.strings("a", "") + b"\xf9\0" * (1 << 19))
     size = at - start - 32 + 1
     attached = (long[0], long[1][:size])
     data = f.file(("HEAD", f.head()), f.TRACK_0, attached, f.DATA_0)
