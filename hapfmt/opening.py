@@ -68,17 +68,11 @@ def from_foot(source: Source, chunk: Chunk) -> Catalogue | None:
 def from_checkpoint(source: Source, file_id: int) -> Catalogue | None:
     """The chunks that the last index lists, and those after it, read in order.
 
-    Only where nothing but the end of the last chunk is missing, and only an index that follows
-    directly on the last chunk that it lists: one within an attached file does not.
+    Only where nothing but the end of the last chunk is missing.
     """
-    index = last_index(source, file_id)
     catalogue = Catalogue(source, indexed=True)
-    if index is None or not learn_listed(catalogue, index.offset, file_id):
-        return None
-    before = header_at(source, catalogue.chunks[-1].offset, file_id)
-    if before is None or before.sequence + 1 != index.header.sequence:
-        return None
-    if catalogue.chunks[-1].offset + HEADER_SIZE + before.payload_size != index.offset:
+    index = learn_checkpoint(catalogue, file_id)
+    if index is None:
         return None
     for chunk in walk(source, catalogue.findings, after=index):
         catalogue.foot = None
@@ -93,6 +87,23 @@ def from_checkpoint(source: Source, file_id: int) -> Catalogue | None:
     settle_end(catalogue)
     check_found(catalogue)
     return catalogue
+
+
+def learn_checkpoint(catalogue: Catalogue, file_id: int) -> Chunk | None:
+    """The last index, and what it lists is learnt; None where there is none that can be relied on.
+
+    It follows directly on the last chunk that it lists: one within an attached file does not.
+    """
+    source = catalogue.source
+    index = last_index(source, file_id)
+    if index is None or not learn_listed(catalogue, index.offset, file_id):
+        return None
+    last = catalogue.chunks[-1]
+    before = header_at(source, last.offset, file_id)
+    if before is None or before.sequence + 1 != index.header.sequence:
+        return None
+    stop = last.offset + HEADER_SIZE + before.payload_size
+    return index if stop == index.offset else None
 
 
 def learn_listed(catalogue: Catalogue, offset: int, file_id: int) -> bool:

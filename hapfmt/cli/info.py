@@ -15,12 +15,25 @@ from .common import echo_json, input_of, json_option, printable, table
 
 @click.command(short_help="What a file holds.")
 @click.argument("file", metavar="FILE")
+@click.option("--follow", is_flag=True, help="A line a second while FILE grows.")
+@click.option(
+    "--interval",
+    type=click.FloatRange(0.01),
+    default=1.0,
+    show_default=True,
+    help="Seconds between two lines of --follow.",
+)
 @json_option
-def info(file: str, as_json: bool) -> int:
+def info(file: str, follow: bool, interval: float, as_json: bool) -> int:
     """What FILE holds: channels, rates, units, codecs, times, and whether it was closed.
 
-    Reads the index and the descriptions only; nothing is decoded.
+    Reads the index and the descriptions only; nothing is decoded. FILE may be a URL. --follow ends
+    when the file is closed, or with Ctrl-C.
     """
+    if follow:
+        from .following import follow_file
+
+        return follow_file(file, interval, as_json)
     source = open_source(input_of(file))
     try:
         catalogue = open_catalogue(source)
