@@ -55,6 +55,7 @@ class Follower:
         self.path = os.fspath(path)
         self.interval, self.timeout, self.until = interval, timeout, until
         self.restarts = 0
+        self.stamp: tuple[int, int] | None = None
         self.stopped = threading.Event()
         self.begin()
         try:
@@ -73,7 +74,7 @@ class Follower:
         self.source = open_source(self.path)
         status = Path(self.path).stat()
         self.identity = status.st_dev, status.st_ino
-        self.stamp: tuple[int, int] | None = None
+        self.stamp = None
         self.catalogue = Catalogue(self.source)
         self.last: Chunk | None = None
         self.file_id: int | None = None
