@@ -27,8 +27,9 @@ from .opening import learn_checkpoint, lose_chunk
 from .packets import PacketPass, Seconds, tick_range
 
 if TYPE_CHECKING:
+    from .assembly import Band
     from .decoder import TrackDecoder
-    from .reader import Band, Piece
+    from .reader import Piece
 
 INTERVAL = 0.2
 """Seconds between two looks at the file."""
@@ -289,7 +290,7 @@ class Wanted:
 
     def tracks(self) -> list[Track]:
         """As far as they are described."""
-        from .reader import wanted_tracks
+        from .assembly import wanted_tracks
 
         chosen = [
             ref

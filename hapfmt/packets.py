@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from math import ceil, floor
@@ -14,7 +14,7 @@ from .container.walk import header_at
 from .container.wire import HEADER_SIZE, ChunkHeader, crc32
 from .errors import ChecksumError, FormatError
 from .numbers import exact
-from .partial import SHARE, Ranges, goes_on, read_packets, read_table, wanted_rows
+from .partial import SHARE, Ranges, Row, read_packets, read_table, wanted_rows
 
 Seconds = Fraction | float | int
 TAIL_LOSSES = frozenset({"missing-chunk", "truncated", "garbage", "duplicate-chunk"})
@@ -30,11 +30,33 @@ class LostSpan(NamedTuple):
 
 
 @dataclass
-class Progress:
-    """Where a pass over the packets stands, per track."""
+class Line:
+    """Tracks that continue one another, or one alone: which is at work, and where its last packet
+    ended."""
 
-    last_stop: dict[int, int] = field(default_factory=dict)
+    tracks: tuple[int, ...]
+    place: int = 0
+    stop: int = 0
+
+
+@dataclass
+class Progress:
+    """Where a pass over the packets stands; ``lines`` by track, with its place in the line."""
+
+    lines: dict[int, tuple[Line, int]]
     broken: set[int] = field(default_factory=set)
+
+    @classmethod
+    def of(cls, catalogue: Catalogue) -> Progress:
+        rows: list[tuple[int, ...]] = [(track,) for track in catalogue.tracks]
+        for parts in catalogue.parts:
+            rows.append(tuple(part.track.id for part in parts))
+            rows.append(tuple(part.residual.id for part in parts if part.residual))
+        lines: dict[int, tuple[Line, int]] = {}
+        for row in rows:
+            line = Line(row)
+            lines |= {track: (line, place) for place, track in enumerate(row)}
+        return cls(lines)
 
 
 class PacketPass:
@@ -47,8 +69,9 @@ class PacketPass:
         self.catalogue = catalogue
         self.on_damage = on_damage
         self.lost: list[LostSpan] = []
-        self.stops: dict[int, int] = {}
-        """Where the last packet of each track ended."""
+        self.state = Progress.of(catalogue)
+        self.stops: dict[tuple[int, ...], int] = {}
+        """Where the last packet of each line ended."""
         self.unproven: ChunkRef | None = None
         """The last cluster that was read in part: a damaged row may hide what follows there."""
 
@@ -63,7 +86,7 @@ class PacketPass:
 
         FalseIndexError where a chunk is not what an index says of it (IDX-003).
         """
-        state = Progress()
+        state = self.state
         refs = overlapping(self.catalogue.data, start, stop)
         found = {ref.sequence for ref in self.catalogue.chunks if ref.sequence is not None}
         previous: ChunkRef | None = None
@@ -75,21 +98,25 @@ class PacketPass:
                 if packet.track not in ranges:
                     continue
                 first, last = ranges[packet.track]
-                if packet.start > self.stops.get(packet.track, first):
+                tracks = state.lines[packet.track][0].tracks
+                if packet.start > self.stops.get(tracks, first):
                     self.prove(state, ranges)
                 if not self.settle(packet, state):
                     continue
-                self.stops[packet.track] = packet.stop
+                self.stops[tracks] = packet.stop
                 if packet.start < last and packet.stop > first:
                     yield packet
             if progress:
                 progress(done + 1, len(refs))
-        if any(self.stops.get(track, first) < last for track, (first, last) in ranges.items()):
+        lines = [(state.lines[track][0].tracks, *ends) for track, ends in ranges.items()]
+        if any(self.stops.get(line, first) < last for line, first, last in lines):
             self.prove(state, ranges)
         if self.missing(found, previous, None):
             state.broken.update(ranges)
         for track in sorted(state.broken & set(ranges)):
-            self.lost.append(LostSpan(track, state.last_stop.get(track, 0), None))
+            line, place = state.lines[track]
+            if place >= line.place:
+                self.lost.append(LostSpan(track, line.stop, None))
 
     def missing(self, found: set[int], before: ChunkRef | None, after: ChunkRef | None) -> bool:
         """Whether chunks were lost between two DATA chunks; ``found`` are the sequence numbers of
@@ -135,14 +162,34 @@ class PacketPass:
         wanted = wanted_rows(rows, ranges)
         if SHARE * sum(entry.size for entry, _ in wanted) >= header.payload_size:
             return None
-        ends = {track: tick_after(ref.stop_ns, tracks[track].rate) for track in ranges}
         listed = ref.limit is not None
-        if listed and not goes_on(rows, ranges, self.stops, ends):
+        if listed and not self.goes_on(rows, ranges, ref.stop_ns):
             return None
         packets = read_packets(source, wanted)
         if packets is not None and listed:
             self.unproven = ref
         return packets
+
+    def goes_on(self, rows: Sequence[Row], ranges: Ranges, stop_ns: int) -> bool:
+        """Whether each wanted line has its samples without a gap, from where it stood, or the start
+        of its range, to where it ends here; one that stands at its end already needs none."""
+        here: dict[tuple[int, ...], int] = {}
+        ends: dict[tuple[int, ...], int] = {}
+        for track, (first, last) in ranges.items():
+            line = self.state.lines[track][0].tracks
+            here[line] = self.stops.get(line, first)
+            rate = self.catalogue.tracks[track].rate
+            ends[line] = min(last, tick_after(stop_ns, rate))
+        reached: set[tuple[int, ...]] = set()
+        for entry, _ in rows:
+            if entry.track not in ranges or entry.start >= ranges[entry.track][1]:
+                continue
+            line = self.state.lines[entry.track][0].tracks
+            if entry.start > here[line]:
+                return False
+            here[line] = max(here[line], entry.stop)
+            reached.add(line)
+        return all(line in reached or here[line] >= end for line, end in ends.items())
 
     def prove(self, state: Progress, ranges: Ranges) -> None:
         """A gap: take the CRC of the payload that the missing packets may have stood in."""
@@ -189,30 +236,42 @@ class PacketPass:
                 state.broken.update(ranges)
 
     def settle(self, packet: Packet, state: Progress) -> bool:
-        """Order of time (DAT-006), and what was lost before this packet; False: leave it out."""
-        last = state.last_stop.get(packet.track, 0)
-        if packet.start < last:
+        """Order of time (DAT-006, TRK-017), and what was lost before this packet; False: leave it
+        out."""
+        line, place = state.lines[packet.track]
+        last = line.stop
+        if packet.start < last or place < line.place:
+            error = disorder(packet, alone=place == line.place)
             if not self.catalogue.damaged:
-                raise FormatError(
-                    f"packets of track {packet.track} overlap",
-                    requirement="DAT-006",
-                    offset=packet.offset,
-                    path=self.catalogue.source.path,
-                )
+                raise error.at(path=self.catalogue.source.path)
             self.catalogue.lose(
                 "overlap",
                 packet.offset,
                 len(packet.data),
                 f"a packet of track {packet.track} covers ticks that were delivered before",
-                "DAT-006",
+                error.requirement or "DAT-006",
             )
             return False
-        if packet.track in state.broken:
-            if packet.start > last:
-                self.lost.append(LostSpan(packet.track, last, packet.start))
-            state.broken.discard(packet.track)
-        state.last_stop[packet.track] = packet.stop
+        if state.broken:
+            for track in line.tracks[line.place : place + 1]:
+                if track in state.broken:
+                    if packet.start > last:
+                        self.lost.append(LostSpan(track, last, packet.start))
+                    state.broken.discard(track)
+        line.place, line.stop = place, packet.stop
         return True
+
+
+def disorder(packet: Packet, *, alone: bool) -> FormatError:
+    if alone:
+        return FormatError(
+            f"packets of track {packet.track} overlap", requirement="DAT-006", offset=packet.offset
+        )
+    return FormatError(
+        f"packets of track {packet.track} and of one that it continues or is continued by overlap",
+        requirement="TRK-017",
+        offset=packet.offset,
+    )
 
 
 def tick_range(rate: Fraction, start: Seconds | None, stop: Seconds | None) -> tuple[int, int]:
