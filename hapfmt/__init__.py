@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         TruncatedError,
         UnsupportedError,
     )
+    from .follow import Follower
     from .limits import Limits
     from .reader import Reader, read
     from .recording import Calibration, Channel, Recording, Span
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 _PLACES = {
     "Reader": "reader",
     "read": "reader",
+    "Follower": "follow",
     "write": "writer",
     "verify": "verifier",
     "recover": "recovery.recover",
@@ -63,6 +65,7 @@ __all__ = [
     "Calibration",
     "Channel",
     "ChecksumError",
+    "Follower",
     "FormatError",
     "HapfmtError",
     "LimitError",

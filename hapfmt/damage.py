@@ -38,7 +38,7 @@ def by_track(catalogue: Catalogue) -> dict[int, list[ChannelRef]]:
     """The channels that each track is a part of."""
     found: dict[int, list[ChannelRef]] = {}
     for ref in catalogue.channels:
-        for track in [ref.track] + ([ref.residual] if ref.residual else []):
+        for track in ref.tracks:
             found.setdefault(track.id, []).append(ref)
     return found
 

@@ -3,14 +3,8 @@
 from __future__ import annotations
 
 from .catalogue import Catalogue, ChunkRef
-from .container.index import (
-    FIRST_OFFSET,
-    INDEX_EVERY,
-    Index,
-    IndexEntry,
-    parse_foot,
-    parse_index,
-)
+from .container.chain import index_chain
+from .container.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
 from .container.source import Source
 from .container.walk import Chunk, header_at, read_chunk, walk
 from .container.wire import HEADER_SIZE, SIGNATURE, SYNC
@@ -68,17 +62,11 @@ def from_foot(source: Source, chunk: Chunk) -> Catalogue | None:
 def from_checkpoint(source: Source, file_id: int) -> Catalogue | None:
     """The chunks that the last index lists, and those after it, read in order.
 
-    Only where nothing but the end of the last chunk is missing, and only an index that follows
-    directly on the last chunk that it lists: one within an attached file does not.
+    Only where nothing but the end of the last chunk is missing.
     """
-    index = last_index(source, file_id)
     catalogue = Catalogue(source, indexed=True)
-    if index is None or not learn_listed(catalogue, index.offset, file_id):
-        return None
-    before = header_at(source, catalogue.chunks[-1].offset, file_id)
-    if before is None or before.sequence + 1 != index.header.sequence:
-        return None
-    if catalogue.chunks[-1].offset + HEADER_SIZE + before.payload_size != index.offset:
+    index = learn_checkpoint(catalogue, file_id)
+    if index is None:
         return None
     for chunk in walk(source, catalogue.findings, after=index):
         catalogue.foot = None
@@ -93,6 +81,23 @@ def from_checkpoint(source: Source, file_id: int) -> Catalogue | None:
     settle_end(catalogue)
     check_found(catalogue)
     return catalogue
+
+
+def learn_checkpoint(catalogue: Catalogue, file_id: int) -> Chunk | None:
+    """The last index, and what it lists is learnt; None where there is none that can be relied on.
+
+    It follows directly on the last chunk that it lists: one within an attached file does not.
+    """
+    source = catalogue.source
+    index = last_index(source, file_id)
+    if index is None or not learn_listed(catalogue, index.offset, file_id):
+        return None
+    last = catalogue.chunks[-1]
+    before = header_at(source, last.offset, file_id)
+    if before is None or before.sequence + 1 != index.header.sequence:
+        return None
+    stop = last.offset + HEADER_SIZE + before.payload_size
+    return index if stop == index.offset else None
 
 
 def learn_listed(catalogue: Catalogue, offset: int, file_id: int) -> bool:
@@ -158,26 +163,12 @@ def settle_end(catalogue: Catalogue) -> None:
 
 def index_entries(source: Source, offset: int, file_id: int) -> list[IndexEntry]:
     """All entries, oldest first, by the chain of indexes that ends at ``offset``."""
-    parts: list[Index] = []
-    position = position_after = offset
-    while True:
-        chunk = read_chunk(source, position, file_id)
-        if chunk is None or not chunk.intact or chunk.header.type != "iNDX":
-            raise FormatError(
-                "no index where one should be", requirement="IDX-004", offset=position
-            )
-        if parts and chunk.stop > position_after:
-            raise FormatError("indexes overlap", requirement="IDX-004", offset=position)
-        index = parse_index(chunk.payload, position, chunk.payload_offset)
-        parts.append(index)
-        if index.covers_from == FIRST_OFFSET:
-            break
-        position, position_after = index.previous, position
-    entries: list[IndexEntry] = []
-    stops = [part.covers_from for part in parts[-2::-1]] + [1 << 64]
-    for index, stop in zip(reversed(parts), stops, strict=True):
-        entries += [entry for entry in index.entries if entry.offset < stop]
-    return entries
+    kept: list[list[IndexEntry]] = []
+    stop = 1 << 64
+    for _, index in reversed(index_chain(source, offset, file_id)):
+        kept.append([entry for entry in index.entries if entry.offset < stop])
+        stop = min(stop, index.covers_from)
+    return [entry for entries in reversed(kept) for entry in entries]
 
 
 def from_walk(source: Source, *, tolerant: bool = False) -> Catalogue:
@@ -201,14 +192,9 @@ def from_walk(source: Source, *, tolerant: bool = False) -> Catalogue:
         raise catalogue.unsupported or broken[0][1]
     for chunk, fault in broken:
         lose_chunk(catalogue, chunk, fault)
-    for track in catalogue.table.drop_strangers() if catalogue.damaged else ():
-        catalogue.lose(
-            "bad-chunk",
-            track.offset,
-            0,
-            f"HF track {track.id} does not match its base track {track.base}",
-            "TRK-007",
-        )
+    for stranger in catalogue.table.drop_strangers() if catalogue.damaged else ():
+        at, rule = stranger.offset or 0, stranger.requirement or "TRK-007"
+        catalogue.lose("bad-chunk", at, 0, stranger.message, rule)
     check_found(catalogue)
     return catalogue
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, floor
 
@@ -16,7 +16,7 @@ from .container.wire import HEADER_SIZE, ChunkHeader, crc32
 from .errors import ChecksumError, FormatError
 from .losses import Losses
 from .numbers import exact
-from .partial import SHARE, Ranges, goes_on, read_packets, read_table, wanted_rows
+from .partial import SHARE, Ranges, Row, read_packets, read_table, wanted_rows
 from .timeline import UNKNOWN, Timeline, Times
 
 Seconds = Fraction | float | int
@@ -30,14 +30,36 @@ EXTRA_SIZE = 1 << 16
 
 
 @dataclass
-class Progress:
-    """Where a pass over the packets stands, per track."""
+class Line:
+    """Tracks that continue one another, or one alone: which is at work, and where its last packet
+    ended."""
 
-    timeline: Timeline | None
+    tracks: tuple[int, ...]
+    place: int = 0
+    stop: int = 0
+
+
+@dataclass
+class Progress:
+    """Where a pass over the packets stands; ``lines`` by track, with its place in the line."""
+
+    lines: dict[int, tuple[Line, int]]
+    timeline: Timeline | None = None
     """None where nothing is damaged, or each chunk has its times from an index."""
-    last_stop: dict[int, int] = field(default_factory=dict)
     done: int = 0
     """DATA chunks before the one that is read."""
+
+    @classmethod
+    def of(cls, catalogue: Catalogue) -> Progress:
+        rows: list[tuple[int, ...]] = [(track,) for track in catalogue.tracks]
+        for parts in catalogue.parts:
+            rows.append(tuple(part.track.id for part in parts))
+            rows.append(tuple(part.residual.id for part in parts if part.residual))
+        lines: dict[int, tuple[Line, int]] = {}
+        for row in rows:
+            line = Line(row)
+            lines |= {track: (line, place) for place, track in enumerate(row)}
+        return cls(lines)
 
 
 class PacketPass:
@@ -52,8 +74,9 @@ class PacketPass:
         self.losses = Losses(catalogue.tracks)
         self.lost = self.losses.spans
         self.offsets = sorted(ref.offset for ref in catalogue.chunks)
-        self.stops: dict[int, int] = {}
-        """Where the last packet of each track ended."""
+        self.state = Progress.of(catalogue)
+        self.stops: dict[tuple[int, ...], int] = {}
+        """Where the last packet of each line ended."""
         self.unproven: ChunkRef | None = None
         """The last cluster that was read in part: a damaged row may hide what follows there."""
 
@@ -68,9 +91,10 @@ class PacketPass:
 
         FalseIndexError where a chunk is not what an index says of it (IDX-003).
         """
+        state = self.state
         refs = overlapping(self.catalogue.data, start, stop)
         walked = self.catalogue.damaged and not self.catalogue.indexed
-        state = Progress(Timeline(self.catalogue, refs) if walked else None)
+        state.timeline = Timeline(self.catalogue, refs) if walked else None
         found = {ref.sequence for ref in self.catalogue.chunks if ref.sequence is not None}
         previous: ChunkRef | None = None
         for done, ref in enumerate(refs):
@@ -83,22 +107,24 @@ class PacketPass:
                 if packet.track not in ranges:
                     continue
                 first, last = ranges[packet.track]
-                if packet.start > self.stops.get(packet.track, first):
+                tracks = state.lines[packet.track][0].tracks
+                if packet.start > self.stops.get(tracks, first):
                     self.prove(state, ranges)
                 if self.beyond(packet, ahead) or not self.settle(packet, state):
                     continue
-                self.stops[packet.track] = packet.stop
+                self.stops[tracks] = packet.stop
                 if packet.start < last and packet.stop > first:
                     yield packet
             if progress:
                 progress(done + 1, len(refs))
-        if any(self.stops.get(track, first) < last for track, (first, last) in ranges.items()):
+        lines = [(state.lines[track][0].tracks, *ends) for track, ends in ranges.items()]
+        if any(self.stops.get(line, first) < last for line, first, last in lines):
             self.prove(state, ranges)
         state.done = len(refs)
         for offset in self.tail(previous):
             self.suspect(state, ranges, offset)
         for track in sorted(ranges):
-            self.losses.end(track, state.last_stop.get(track, 0))
+            self.losses.end(track, state.lines[track][0].stop)
 
     def missing(self, found: set[int], before: ChunkRef | None, after: ChunkRef) -> bool:
         """Whether chunks were lost between two DATA chunks; ``found`` are the sequence numbers of
@@ -160,14 +186,34 @@ class PacketPass:
         wanted = wanted_rows(rows, ranges)
         if SHARE * sum(entry.size for entry, _ in wanted) >= header.payload_size:
             return None
-        ends = {track: tick_after(ref.stop_ns, tracks[track].rate) for track in ranges}
         listed = ref.limit is not None
-        if listed and not goes_on(rows, ranges, self.stops, ends):
+        if listed and not self.goes_on(rows, ranges, ref.stop_ns):
             return None
         packets = read_packets(source, wanted)
         if packets is not None and listed:
             self.unproven = ref
         return packets
+
+    def goes_on(self, rows: Sequence[Row], ranges: Ranges, stop_ns: int) -> bool:
+        """Whether each wanted line has its samples without a gap, from where it stood, or the start
+        of its range, to where it ends here; one that stands at its end already needs none."""
+        here: dict[tuple[int, ...], int] = {}
+        ends: dict[tuple[int, ...], int] = {}
+        for track, (first, last) in ranges.items():
+            line = self.state.lines[track][0].tracks
+            here[line] = self.stops.get(line, first)
+            rate = self.catalogue.tracks[track].rate
+            ends[line] = min(last, tick_after(stop_ns, rate))
+        reached: set[tuple[int, ...]] = set()
+        for entry, _ in rows:
+            if entry.track not in ranges or entry.start >= ranges[entry.track][1]:
+                continue
+            line = self.state.lines[entry.track][0].tracks
+            if entry.start > here[line]:
+                return False
+            here[line] = max(here[line], entry.stop)
+            reached.add(line)
+        return all(line in reached or here[line] >= end for line, end in ends.items())
 
     def prove(self, state: Progress, ranges: Ranges) -> None:
         """A gap: take the CRC of the payload that the missing packets may have stood in."""
@@ -259,26 +305,37 @@ class PacketPass:
             self.catalogue.lose("bad-packet", hole.offset, hole.size, message, "DAT-004")
             self.suspect(state, ranges.keys() & set(tracks), hole.offset, ref)
 
-    def lose_overlap(self, packet: Packet, what: str) -> None:
-        message = f"a packet of track {packet.track} covers {what}"
-        self.catalogue.lose("overlap", packet.offset, len(packet.data), message, "DAT-006")
+    def lose_overlap(self, packet: Packet, what: str, rule: str | None = None) -> None:
+        message, size = f"a packet of track {packet.track} covers {what}", len(packet.data)
+        self.catalogue.lose("overlap", packet.offset, size, message, rule or "DAT-006")
 
     def settle(self, packet: Packet, state: Progress) -> bool:
-        """Order of time (DAT-006), and what was lost before this packet; False: leave it out."""
-        last = state.last_stop.get(packet.track, 0)
-        if packet.start < last:
+        """Order of time (DAT-006, TRK-017), and what was lost before this packet; False: leave it
+        out."""
+        line, place = state.lines[packet.track]
+        last = line.stop
+        if packet.start < last or place < line.place:
+            error = disorder(packet, alone=place == line.place)
             if not self.catalogue.damaged:
-                raise FormatError(
-                    f"packets of track {packet.track} overlap",
-                    requirement="DAT-006",
-                    offset=packet.offset,
-                    path=self.catalogue.source.path,
-                )
-            self.lose_overlap(packet, "ticks that were delivered before")
+                raise error.at(path=self.catalogue.source.path)
+            self.lose_overlap(packet, "ticks that were delivered before", error.requirement)
             return False
-        self.losses.settle(packet.track, last, packet.start)
-        state.last_stop[packet.track] = packet.stop
+        for track in line.tracks[line.place : place + 1]:
+            self.losses.settle(track, last, packet.start)
+        line.place, line.stop = place, packet.stop
         return True
+
+
+def disorder(packet: Packet, *, alone: bool) -> FormatError:
+    if alone:
+        return FormatError(
+            f"packets of track {packet.track} overlap", requirement="DAT-006", offset=packet.offset
+        )
+    return FormatError(
+        f"packets of track {packet.track} and of one that it continues or is continued by overlap",
+        requirement="TRK-017",
+        offset=packet.offset,
+    )
 
 
 def tick_range(rate: Fraction, start: Seconds | None, stop: Seconds | None) -> tuple[int, int]:

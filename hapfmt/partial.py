@@ -18,6 +18,8 @@ from .errors import FormatError
 from .limits import Level
 
 Ranges = Mapping[int, tuple[int, int]]
+Row = tuple[Entry, int]
+"""Of the table, and where its packet stands in the file."""
 ROW_SIZE = 14
 """Bytes of a row, mostly: as many for each track are read at first, then twice as many."""
 SHARE = 2
@@ -26,7 +28,7 @@ SHARE = 2
 
 def read_table(
     source: Source, ref: ChunkRef, header: ChunkHeader, tracks: Mapping[int, Track], level: Level
-) -> list[tuple[Entry, int]] | None:
+) -> list[Row] | None:
     """The rows of a cluster and where in the file their packets start; None where a rule does not
     hold."""
     at = ref.offset + HEADER_SIZE
@@ -44,7 +46,7 @@ def read_table(
 
 def parse_table(
     part: bytes, base: int, payload_size: int, tracks: Mapping[int, Track], level: Level
-) -> list[tuple[Entry, int]] | None:
+) -> list[Row] | None:
     """From the first bytes of a payload; FormatError where they end within the table."""
     count, position = parse_count(part, level, base)
     entries: list[Entry] = []
@@ -67,11 +69,11 @@ def parse_table(
     return rows if position == payload_size else None
 
 
-def read_packets(source: Source, rows: Sequence[tuple[Entry, int]]) -> list[Packet] | None:
+def read_packets(source: Source, rows: Sequence[Row]) -> list[Packet] | None:
     """The packets of rows in order of their places; neighbours in one reading. None where a CRC
     differs."""
     packets: list[Packet] = []
-    runs: list[list[tuple[Entry, int]]] = []
+    runs: list[list[Row]] = []
     for row in rows:
         last = runs[-1][-1] if runs else None
         if last is not None and row[1] - last[1] - last[0].size <= source.gap:
@@ -89,7 +91,7 @@ def read_packets(source: Source, rows: Sequence[tuple[Entry, int]]) -> list[Pack
     return packets
 
 
-def wanted_rows(rows: Sequence[tuple[Entry, int]], ranges: Ranges) -> list[tuple[Entry, int]]:
+def wanted_rows(rows: Sequence[Row], ranges: Ranges) -> list[Row]:
     return [
         (entry, at)
         for entry, at in rows
@@ -97,27 +99,3 @@ def wanted_rows(rows: Sequence[tuple[Entry, int]], ranges: Ranges) -> list[tuple
         and entry.start < ranges[entry.track][1]
         and entry.stop > ranges[entry.track][0]
     ]
-
-
-def goes_on(
-    rows: Sequence[tuple[Entry, int]],
-    ranges: Ranges,
-    stops: Mapping[int, int],
-    ends: Mapping[int, int],
-) -> bool:
-    """Whether each wanted track has its samples without a gap, from where it stood (``stops``, or
-    the start of its range) to where it ends here; one that stands at its end already needs none.
-    """
-    here = dict(stops)
-    for track, (first, _) in ranges.items():
-        here.setdefault(track, first)
-    reached: set[int] = set()
-    for entry, _ in rows:
-        if entry.track not in ranges or entry.start >= ranges[entry.track][1]:
-            continue
-        place = here[entry.track]
-        if entry.start > place:
-            return False
-        here[entry.track] = max(place, entry.stop)
-        reached.add(entry.track)
-    return all(t in reached or here[t] >= min(last, ends[t]) for t, (_, last) in ranges.items())

@@ -15,9 +15,10 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-DECODE = """atomic batches catalogue codecs container contract damage deadband decoder dump errors integers kernels
-limits losses opening packets partial reader reconstruct recording threads timeline usage verifier"""
-ENCODE = "cli convert encoder live plotting recovery scenes writer"
+DECODE = """assembly atomic batches catalogue codecs container contract damage deadband decoder dump errors
+follow integers kernels limits losses opening packets partial reader reconstruct recording threads timeline
+usage verifier"""
+ENCODE = "appending cli convert encoder live plotting recovery scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 ONLY_IN = {
     "construct": ("container.layout", "container.wire"),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from ..catalogue import Catalogue
 from ..container.series import build_series
-from ..container.track import KINDS, SERIES_SIZE, Component, Track, series_of
+from ..container.track import KINDS, SERIES_SIZE, Component, Track, TrackTable, series_of
 from ..container.walk import read_chunk
 from ..container.wire import HEADER_SIZE
 from ..decoder import TrackDecoder
@@ -34,7 +34,7 @@ class Described:
 def describe(catalogue: Catalogue) -> tuple[list[Described], list[Track]]:
     """TRAK chunks for all that can be kept, bases first; and the tracks that stand for lost ones,
     without packets."""
-    kept = usable(catalogue)
+    kept = rejoined(usable(catalogue))
     series = list(copied(catalogue, kept))
     series.sort(key=lambda part: (part.tracks[0].kind == "hf", part.tracks[0].id))
     described = {track.id: track for part in series for track in part.tracks}
@@ -62,6 +62,18 @@ def usable(catalogue: Catalogue) -> dict[int, Track]:
     return found
 
 
+def rejoined(kept: dict[int, Track]) -> dict[int, Track]:
+    """Tracks that continue one that is lost continue the one before it, or none."""
+    table = TrackTable()
+    table.tracks = kept
+    out = dict(kept)
+    for chain in table.chains():
+        for before, track in zip([None, *chain], chain, strict=False):
+            if track.continues is not None and track.continues not in kept:
+                out[track.id] = replace(track, continues=before.id if before else None)
+    return out
+
+
 def copied(catalogue: Catalogue, kept: dict[int, Track]) -> Iterator[Described]:
     """The series as they stand, byte for byte where all of their tracks are kept."""
     by_chunk: dict[int, list[Track]] = {}
@@ -69,7 +81,8 @@ def copied(catalogue: Catalogue, kept: dict[int, Track]) -> Iterator[Described]:
         by_chunk.setdefault(track.offset, []).append(track)
     for offset, tracks in by_chunk.items():
         chunk = read_chunk(catalogue.source, offset - HEADER_SIZE)
-        if chunk is not None and chunk.payload[0] == len(tracks):
+        same = all(track is catalogue.tracks[track.id] for track in tracks)
+        if chunk is not None and chunk.payload[0] == len(tracks) and same:
             yield Described(chunk.payload, tracks)
             continue
         for track in tracks:
