@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .limits import Limits
     from .reader import Reader, read
     from .recording import Calibration, Channel, Recording, Span
+    from .recovery.inplace import recover_in_place
     from .recovery.recover import recover
     from .verifier import verify
     from .writer import write
@@ -42,6 +43,7 @@ _PLACES = {
     "write": "writer",
     "verify": "verifier",
     "recover": "recovery.recover",
+    "recover_in_place": "recovery.inplace",
     "load": "convert",
     "save": "convert",
     "Settings": "encoder.settings",
@@ -82,6 +84,7 @@ __all__ = [
     "load",
     "read",
     "recover",
+    "recover_in_place",
     "save",
     "verify",
     "write",

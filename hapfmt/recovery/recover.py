@@ -48,6 +48,10 @@ class Recovery:
     digests: int = 0
     file_size: int = 0
     empty_tracks: int = 0
+    mended: str = ""
+    """In place: "end", "file", or nothing where nothing was to be done."""
+    kept_as: str | None = None
+    """In place: where the damaged file is now."""
     kept_unknown: list[str] = field(default_factory=list)
     dropped_unknown: list[str] = field(default_factory=list)
 
@@ -62,6 +66,8 @@ class Recovery:
             "empty_track_count": self.empty_tracks,
             "unknown_chunks": self.kept_unknown,
             "dropped_chunks": self.dropped_unknown,
+            "mended": self.mended or None,
+            "kept_as": self.kept_as,
         }
 
 
