@@ -291,8 +291,8 @@ class PacketPass:
         if hole.entry is not None:
             message = f"a packet of track {hole.entry.track} cannot be delivered"
             self.catalogue.lose("bad-packet", hole.offset, hole.size, message, "DAT-008")
-            if hole.entry.track in ranges:
-                entry = hole.entry
+            entry = hole.entry
+            if entry.track in ranges or entry.track not in self.catalogue.tracks:
                 self.losses.lose(entry.track, entry.start, entry.stop, hole.offset)
         elif hole.after is None and hole.before is None:
             at, message = ref.offset + HEADER_SIZE, "no packet can be read"

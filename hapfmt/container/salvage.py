@@ -16,6 +16,10 @@ PLACES = 1 << 16
 """Offsets at which the last entry is looked for."""
 CHECKED_FACTOR, CHECKED_BASE = 8, 1 << 16
 """Checksums are taken of at most so many times the payload, and so many bytes, in that search."""
+EVIDENCE = 4
+"""Bytes of packets that hold which are as many bits as their CRC."""
+TRIED = 4
+"""Entries by which the first packet is looked for, the shortest packets first."""
 ENTRY_SIZES = range(8, 23)
 """Bytes of an entry that keeps the limits of its fields."""
 COUNT_SIZE = 3
@@ -96,9 +100,30 @@ class Salvage:
             self.forwards(self.table_stop)
             for stop in self.stops:
                 self.backwards(stop, self.table_stop)
-        if not any(placed.entry.size for placed in self.found.values()):
+        if not self.sure():
+            before = dict(self.found), self.table_stop, self.whole
+            self.found.clear()
             self.search()
+            if len(self.found) < len(before[0]):
+                self.found, self.table_stop, self.whole = before
+        for place in sorted(self.found):
+            self.entries_before(self.found[place])
         return [self.found[place] for place in sorted(self.found)]
+
+    def sure(self) -> bool:
+        """Whether the table ends where it seems to: a packet of a byte or two is found anywhere."""
+        everything = self.whole and len(self.found) == len(self.rows)
+        return everything or sum(placed.entry.size for placed in self.found.values()) >= EVIDENCE
+
+    def search(self) -> None:
+        last = self.last_entry()
+        if last is not None:
+            self.table_ends(last)
+        else:
+            self.table_stop = self.packets_begin()
+        self.whole = False
+        if self.table_stop is not None:
+            self.forwards(self.table_stop)
 
     def begins(self, first: Placed, last: Placed) -> bool:
         """Whether no packet is missing before the first one that was found."""
@@ -129,10 +154,10 @@ class Salvage:
             return True
         return False
 
-    def forwards(self, position: int, until: int | None = None) -> None:
-        """One after the other from the end of the table; entries that end by ``until``."""
+    def forwards(self, position: int) -> None:
+        """One after the other from the end of the table."""
         for entry, row_stop in self.rows:
-            if until is not None and row_stop > until:
+            if row_stop > position or entry.offset in self.found:
                 return
             self.put(entry, position)
             position += entry.size
@@ -145,26 +170,21 @@ class Salvage:
                 return
             self.put(entry, stop)
 
-    def search(self) -> None:
-        """The table has no readable end: its last entry is looked for, whose packet ends where the
-        payload does; the entries before it follow from there, those in front from its end."""
-        last = self.last_entry()
-        if last is None:
-            return
-        first: Placed | None = last
-        while first is not None:
-            start = first
-            self.found[start.place] = start
-            first = self.entry_before(start)
-        after: Entry | None = last.entry
-        table_stop = last.row_stop
-        while after is not None:
-            after = self.entry_at(table_stop)
-            if after is None or after.size or not self.put(after, last.stop):
-                break
-            table_stop = self.found[table_stop].row_stop
-        self.table_stop, self.whole = table_stop, False
-        self.forwards(table_stop, start.place)
+    def table_ends(self, last: Placed) -> None:
+        """The last entry is known, but for those of packets without bytes behind it."""
+        self.found[last.place] = last
+        self.table_stop = last.row_stop
+        entry = self.entry_at(self.table_stop)
+        while entry is not None and not entry.size and self.put(entry, last.stop):
+            self.table_stop = self.found[entry.offset].row_stop
+            entry = self.entry_at(self.table_stop)
+
+    def entries_before(self, first: Placed) -> None:
+        """Those before an entry that could not be read from the front, one after the other."""
+        found = self.entry_before(first)
+        while found is not None and found.place not in self.found:
+            self.found[found.place] = found
+            found = self.entry_before(found)
 
     def last_entry(self) -> Placed | None:
         """The last place with an entry whose packet ends where the payload may end."""
@@ -188,6 +208,38 @@ class Salvage:
                     # All entries stand before all packets.
                     found, end = Placed(place, entry, at), min(end, at)
         return found
+
+    def packets_begin(self) -> int | None:
+        """Where the first packet stands: the last entry is damaged, but not those in front."""
+        budget = CHECKED_FACTOR * len(self.payload) + CHECKED_BASE
+        ahead, rows = 0, []
+        for entry, row_stop in self.rows:
+            if entry.track in self.tracks and entry.size:
+                rows.append((entry.size, row_stop, ahead, entry))
+            ahead += entry.size
+        best: int | None = None
+        most = 0
+        for size, row_stop, ahead, entry in sorted(rows, key=lambda row: row[:3])[:TRIED]:
+            for place in range(row_stop, min(len(self.payload) - size - ahead + 1, PLACES)):
+                budget -= size
+                if budget < 0:
+                    return best
+                if self.holds(entry, place + ahead):
+                    budget -= sum(entry.size for entry, _ in self.rows)
+                    held = self.count_from(place)
+                    if held > most:
+                        best, most = place, held
+            if most > 1:
+                break
+        return best
+
+    def count_from(self, position: int) -> int:
+        """How many packets hold one after the other from here."""
+        held = 0
+        for entry, _ in self.rows:
+            held += self.holds(entry, position)
+            position += entry.size
+        return held
 
     def entry_before(self, after: Placed) -> Placed | None:
         """The one whose entry and whose packet end where those of ``after`` begin."""
