@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 from .version import SPEC_VERSION, __version__
 
 if TYPE_CHECKING:
+    from .clocks import fit_clock
+    from .container.clocks import ClockMap, ClockObservation
     from .convert import load, save
     from .encoder.settings import Settings
     from .errors import (
@@ -27,8 +29,12 @@ if TYPE_CHECKING:
         TruncatedError,
         UnsupportedError,
     )
+    from .events import Event
     from .follow import Follower
     from .limits import Limits
+    from .live.inputs import Input
+    from .live.recorder import Recorder
+    from .live.status import Status
     from .reader import Reader, read
     from .recording import Calibration, Channel, Recording, Span
     from .recovery.inplace import recover_in_place
@@ -47,7 +53,14 @@ _PLACES = {
     "load": "convert",
     "save": "convert",
     "Settings": "encoder.settings",
+    "Recorder": "live.recorder",
+    "Input": "live.inputs",
+    "Status": "live.status",
     "Recording": "recording",
+    "Event": "events",
+    "ClockObservation": "container.clocks",
+    "ClockMap": "container.clocks",
+    "fit_clock": "clocks",
     "Channel": "recording",
     "Calibration": "recording",
     "Span": "recording",
@@ -67,20 +80,27 @@ __all__ = [
     "Calibration",
     "Channel",
     "ChecksumError",
+    "ClockMap",
+    "ClockObservation",
+    "Event",
     "Follower",
     "FormatError",
     "HapfmtError",
+    "Input",
     "LimitError",
     "Limits",
     "MissingExtraError",
     "ParameterError",
     "Reader",
+    "Recorder",
     "Recording",
     "Settings",
     "Span",
+    "Status",
     "TruncatedError",
     "UnsupportedError",
     "__version__",
+    "fit_clock",
     "load",
     "read",
     "recover",

@@ -32,9 +32,10 @@ EXTRA_SIZE = 1 << 16
 @dataclass
 class Line:
     """Tracks that continue one another, or one alone: which is at work, and where its last packet
-    ended."""
+    ended. ``free``: of events, whose packets come in any order."""
 
     tracks: tuple[int, ...]
+    free: bool = False
     place: int = 0
     stop: int = 0
 
@@ -57,7 +58,7 @@ class Progress:
             rows.append(tuple(part.residual.id for part in parts if part.residual))
         lines: dict[int, tuple[Line, int]] = {}
         for row in rows:
-            line = Line(row)
+            line = Line(row, any(catalogue.tracks[track].kind == "events" for track in row))
             lines |= {track: (line, place) for place, track in enumerate(row)}
         return cls(lines)
 
@@ -178,6 +179,8 @@ class PacketPass:
         source, tracks = self.catalogue.source, self.catalogue.tracks
         if ref.stop_ns is None or header.payload_size <= source.gap:
             return None
+        if any(self.state.lines[track][0].free for track in ranges):
+            return None
         if SHARE * len(ranges) >= len(tracks):
             return None
         rows = read_table(source, ref, header, tracks, self.catalogue.level)
@@ -267,7 +270,8 @@ class PacketPass:
 
     def beyond(self, packet: Packet, ahead: dict[int, int]) -> bool:
         """Whether it ends after the next packet of its track starts."""
-        late = packet.track in ahead and packet.stop > ahead[packet.track]
+        free = self.state.lines[packet.track][0].free
+        late = packet.track in ahead and packet.stop > ahead[packet.track] and not free
         if late:
             self.lose_overlap(packet, "ticks of the next packet")
         return late
@@ -314,6 +318,8 @@ class PacketPass:
         out."""
         line, place = state.lines[packet.track]
         last = line.stop
+        if line.free:
+            return True
         if packet.start < last or place < line.place:
             error = disorder(packet, alone=place == line.place)
             if not self.catalogue.damaged:

@@ -59,7 +59,7 @@ def parse_table(
         if track is None or (entry.track, entry.start) <= before:
             return None
         before = entry.track, entry.start
-        samples += entry.span * len(track.components)
+        samples += track.weight(entry.span, entry.size)
         entries.append(entry)
     level.check("cluster_samples", samples, "DAT-009", base)
     rows = []

@@ -115,7 +115,7 @@ def parse_cluster(
                 requirement="DAT-008",
                 offset=entry.offset,
             )
-        samples += entry.span * len(tracks[entry.track].components)
+        samples += tracks[entry.track].weight(entry.span, entry.size)
         level.check("cluster_samples", samples, "DAT-009", entry.offset)
         entries.append(entry)
     packets = []

@@ -281,7 +281,7 @@ def salvage_cluster(
         if not joined:
             yield hole_between(before, placed, base, salvage.stops[0])
         before = placed
-        samples += entry.span * (len(known.components) if known else 0)
+        samples += known.weight(entry.span, entry.size) if known else 0
         if known is None or samples > level.cluster_samples:
             yield Hole(None, None, base + placed.at, entry.size, entry)
         else:

@@ -25,6 +25,7 @@ from ..limits import Limits
 from ..losses import LostSpan
 from ..opening import from_walk
 from ..packets import PacketPass
+from ..pieces import PieceDecoder
 from .descriptions import describe
 from .extras import Extras, stored_digests, write_note
 
@@ -146,6 +147,8 @@ class Copy:
             for id_, track in self.tracks.items()
             if track.unsupported is None
         }
+        everything = dict.fromkeys(self.decoders, EVERYTHING)
+        self.pieces = PieceDecoder(self.decoders, everything, exact=True)
         self.extras = Extras(catalogue, self.writer, self.tracks)
         self.digests = {id_: TrackDigest() for id_, _, _ in stored_digests(catalogue)}
 
@@ -193,18 +196,16 @@ class Copy:
     def check(self, packet: Packet) -> bool:
         """Whether it decodes, and fits; it goes into its track's digest."""
         decoder = self.decoders.get(packet.track)
-        samples = packet.span * len(self.tracks[packet.track].components)
+        samples = self.tracks[packet.track].weight(packet.span, len(packet.data))
         self.limits.check_packet(samples)
         self.limits.check_work(self.done.samples + samples)
         try:
             size = len(packet.data) + entry_size(packet) + 1
             self.writer.level.check("payload_size", size, "CHK-008", packet.offset)
             if decoder is not None:
-                numbers = decoder.decode(packet)
-                exact = decoder.decode_exact(packet, numbers)
+                piece = self.pieces.decode(packet)
                 if packet.track in self.digests:
-                    numbers = numbers if exact is None else exact
-                    self.digests[packet.track].update(packet.start, numbers)
+                    self.digests[packet.track].update(packet.start, piece.digested)
         except FormatError as error:
             rule = error.requirement or "COD-001"
             self.catalogue.lose("bad-packet", packet.offset, len(packet.data), error.message, rule)
