@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import secrets
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, cast
 
 from ..appending import check_tail, open_append
-from ..atomic import atomic_write
+from ..atomic import atomic_write, sync_directory
 from ..catalogue import HARMLESS, Catalogue
 from ..container.source import open_source
 from ..errors import HapfmtError, ParameterError
@@ -89,24 +90,29 @@ def rewrite(
     kept = target.with_name(target.name + DAMAGED)
     if kept.exists():
         raise ParameterError("exists already: the damaged file would be kept there", path=str(kept))
+    beside = target.with_name(f".{secrets.token_hex(8)}.tmp")
     linked = False
     locked = open_live(target)
     try:
-        with atomic_write(target, force=True) as stream:
+        with atomic_write(beside) as stream:
             source = open_source(target)
             try:
                 catalogue = from_walk(source, tolerant=True)
                 done = Copy(catalogue, stream, canonical, limits, progress).run()
             finally:
                 source.close()
-            os.link(target, kept)
-            linked = True
-            if os.name == "nt":
-                locked.close()
+        os.link(target, kept)
+        linked = True
+        if os.name == "nt":
+            # Nothing replaces a file there that is open.
+            locked.close()
+        beside.replace(target)
+        linked = False
+        sync_directory(target.parent)
     except BaseException:
-        if linked:
+        for name_ in [beside, kept] if linked else [beside]:
             with suppress(OSError):
-                kept.unlink()
+                name_.unlink()
         raise
     finally:
         locked.close()
