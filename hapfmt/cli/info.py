@@ -163,7 +163,8 @@ def layer_json(layer: Track) -> dict[str, Any]:
 
 
 def contract_json(contract: Contract, index: int) -> dict[str, Any]:
-    """Of the component with this index."""
+    """Of the component with this index; an unsupported track may have fewer."""
+    index = min(index, len(contract.floor) - 1)
     return {
         "kn": contract.kn,
         "kd": contract.kd,
@@ -249,5 +250,6 @@ def promise_of(part: Part, index: int) -> str:
         return "exact values" if part.track.codec == "LPCX" else "-"
     word = "guaranteed" if contract.guaranteed else "aimed at"
     shape = "vector, " if contract.vector else ""
-    width = f"k {contract.kn / contract.kd:.4g}, floor {contract.floor[index]}"
+    floor = contract.floor[min(index, len(contract.floor) - 1)]
+    width = f"k {contract.kn / contract.kd:.4g}, floor {floor}"
     return f"{shape}{width}, {word}"
