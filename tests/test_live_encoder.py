@@ -149,6 +149,15 @@ class TestCounts:
             mine = [p.data for p in together.packets if p.track == channel]
             assert mine == [p.data for p in alone.packets]
 
+    def test_arrays_of_any_layout(self):
+        x = signal("walk", 400, 2).astype(np.int32)
+        odd = np.frombuffer(b"\0" + x.tobytes(), np.int32, offset=1)
+        table = np.column_stack((x, x))
+        assert not odd.flags.aligned
+        for values in (odd, table[:, 1], x[::-1][::-1]):
+            tape = recorded(values, COUNTS)
+            assert np.array_equal(tape.read()[0], x)
+
     @pytest.mark.parametrize("settings", [ARCHIVE, Settings.of("deadband", floor="3lsb")])
     def test_threads_give_the_same_bytes(self, settings):
         rows = [signal(NAMES[c % 8], 300, c) for c in range(2 * SHARE + 7)]

@@ -183,7 +183,8 @@ class LiveEncoder:
         """As the compiled loop takes them, which looks at their range."""
         values = piece.values
         if values.dtype in NATIVE and piece.input.takes_counts:
-            return np.ascontiguousarray(values)
+            flags = values.flags
+            return values if flags.c_contiguous and flags.aligned else values.copy()
         plan = self.plan(piece.channel, piece.input)
         return counts_of_block(plan, values, piece.channel, piece.start)
 
