@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 from .version import SPEC_VERSION, __version__
 
 if TYPE_CHECKING:
+    from .clocks import fit_clock
+    from .container.clocks import ClockMap, ClockObservation
     from .convert import load, save
     from .encoder.settings import Settings
     from .errors import (
@@ -27,7 +29,11 @@ if TYPE_CHECKING:
         TruncatedError,
         UnsupportedError,
     )
+    from .events import Event
     from .limits import Limits
+    from .live.inputs import Input
+    from .live.recorder import Recorder
+    from .live.status import Status
     from .reader import Reader, read
     from .recording import Calibration, Channel, Recording, Span
     from .verifier import verify
@@ -41,7 +47,14 @@ _PLACES = {
     "load": "convert",
     "save": "convert",
     "Settings": "encoder.settings",
+    "Recorder": "live.recorder",
+    "Input": "live.inputs",
+    "Status": "live.status",
     "Recording": "recording",
+    "Event": "events",
+    "ClockObservation": "container.clocks",
+    "ClockMap": "container.clocks",
+    "fit_clock": "clocks",
     "Channel": "recording",
     "Calibration": "recording",
     "Span": "recording",
@@ -61,19 +74,26 @@ __all__ = [
     "Calibration",
     "Channel",
     "ChecksumError",
+    "ClockMap",
+    "ClockObservation",
+    "Event",
     "FormatError",
     "HapfmtError",
+    "Input",
     "LimitError",
     "Limits",
     "MissingExtraError",
     "ParameterError",
     "Reader",
+    "Recorder",
     "Recording",
     "Settings",
     "Span",
+    "Status",
     "TruncatedError",
     "UnsupportedError",
     "__version__",
+    "fit_clock",
     "load",
     "read",
     "save",
