@@ -53,7 +53,7 @@ def types_of(data: bytes) -> list[str]:
 
 
 class TestRefusals:
-    """EDT-001: An editor MUST refuse a file with damage, one that was not closed, and one with an unknown critical chunk, and report whatever else it leaves out."""
+    """EDT-001: An editor MUST refuse a file in which it meets damage, one that was not closed, and one with an unknown critical chunk, and report whatever else it leaves out."""
 
     @pytest.mark.parametrize("verb", ["subset", "split", "concat", "merge", "attach", "meta"])
     @pytest.mark.parametrize("fault", ["flipped", "cut", "open", "critical"])

@@ -7,12 +7,11 @@ from fractions import Fraction
 
 from ..container.wire import NO_TRACK
 from ..integers import build_svarint, parse_svarint, parse_varint
-from .original import Original
+from .original import NS, Original
 from .plan import Plan
 
 TYPES = frozenset({"cLOk", "cMAp"})
 TICK_BOUND = 1 << 52
-NS = 10**9
 
 
 class Everything:

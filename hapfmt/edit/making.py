@@ -24,12 +24,11 @@ from ..limits import TICK_LIMIT, Level
 from ..packets import Seconds
 from .clocks import TYPES, moved_clock
 from .describing import describe
-from .original import Advance, Original, has_channels
+from .original import NS, Advance, Original, has_channels
 from .plan import Place, Plan
 from .renumber import renumbered
 
 Output = str | os.PathLike[str] | BinaryIO
-NS = 10**9
 
 
 @dataclass

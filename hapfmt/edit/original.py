@@ -15,7 +15,7 @@ from ..catalogue import Catalogue, ChunkRef
 from ..container.cluster import Packet, parse_cluster
 from ..container.source import open_source
 from ..container.track import CODECS, Track, lone_lf
-from ..container.walk import Chunk, read_chunk
+from ..container.walk import Chunk, header_at, read_chunk
 from ..container.wire import Head
 from ..errors import (
     ChecksumError,
@@ -25,13 +25,15 @@ from ..errors import (
     TruncatedError,
     UnsupportedError,
 )
+from ..numbers import exact
 from ..opening import open_catalogue
-from ..packets import PacketPass, Seconds, overlaps
+from ..packets import Seconds
 from ..verifier import DAMAGED, stored_digests
 
 Input = str | os.PathLike[str] | bytes | BinaryIO
 Advance = Callable[[int, int], None]
 
+NS = 10**9
 DESCRIBED = frozenset({"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "mETa", "dGST"})
 """Chunk types that an editor writes by itself; the others it copies or leaves out."""
 
@@ -143,10 +145,16 @@ class Original:
 
     def refs(self, start: Seconds | None, stop: Seconds | None) -> list[ChunkRef]:
         """DATA chunks that overlap these seconds, in order of time."""
-        if not PacketPass(self.catalogue, lambda: None).holds(start, stop):
-            # An index that points elsewhere (IDX-003).
+        found = [ref for ref in self.catalogue.data if overlaps(ref, start, stop)]
+        if self.catalogue.indexed and not all(map(self.stands, found)):
             self.open(scan=True)
-        return [ref for ref in self.catalogue.data if overlaps(ref, start, stop)]
+            return self.refs(start, stop)
+        return found
+
+    def stands(self, ref: ChunkRef) -> bool:
+        """Whether there is the chunk that an index tells of (IDX-003)."""
+        header = header_at(self.source, ref.offset, self.head.file_id)
+        return header is not None and header.type == ref.type and header.known
 
     def clusters(
         self,
@@ -175,7 +183,7 @@ class Original:
 
     def cluster(self, ref: ChunkRef) -> list[Packet]:
         chunk = read_chunk(self.source, ref.offset, self.head.file_id)
-        if chunk is None or not chunk.intact:
+        if chunk is None or not chunk.intact or chunk.header.type != "DATA":
             message = "payload CRC of a DATA chunk differs"
             raise self.damaged(ChecksumError, message, ref.offset)
         try:
@@ -192,10 +200,18 @@ class Original:
             if (ref.type in DESCRIBED and ref.known) or (ref.offset > first) != behind:
                 continue
             chunk = read_chunk(self.source, ref.offset, self.head.file_id)
-            if chunk is None or not chunk.intact:
+            if chunk is None or not chunk.intact or chunk.header.type != ref.type:
                 message = f"payload CRC of a {ref.type} chunk differs"
                 raise self.damaged(ChecksumError, message, ref.offset)
             yield chunk
+
+
+def overlaps(ref: ChunkRef, start: Seconds | None, stop: Seconds | None) -> bool:
+    if ref.start_ns is None or ref.stop_ns is None:
+        return True
+    after = stop is not None and exact(stop) * NS <= ref.start_ns
+    before = start is not None and exact(start) * NS >= ref.stop_ns
+    return not (after or before)
 
 
 def open_original(file: Input | Original, *, scan: bool = True) -> AbstractContextManager[Original]:
