@@ -729,3 +729,56 @@ def test_events_without_samples(tmp_path):
         recorder.flush()
     assert hapfmt.verify(path).verdict == "intact"
     assert len(hapfmt.read(path).events) == 5000
+
+
+def test_clock_observations_are_stored_raw_and_maps_only_when_asked(tmp_path):
+    path = tmp_path / "clocks.hapf"
+    inputs = [counts_input("a"), Input("x", 10, "m")]
+
+    def observe(recorder, first: int, last: int) -> None:
+        for second in range(first, last):
+            recorder.write("a", np.zeros(1000, np.int32))
+            recorder.clock("camera", "a", 1000 * second, 5 * 10**9 + second * 1_000_040_000, 100)
+            recorder.clock("gps", None, second * 10**9, 10**18 + second * 10**9)
+            recorder.clock("late", "x", 10 * second, 10**9 * second)
+
+    with Recorder(path, inputs) as recorder:
+        observe(recorder, 0, 20)
+        for wrong in [
+            ("", "a", 0, 0),
+            ("c", "b", 0, 0),
+            ("c", "a", 1 << 60, 0),
+            ("c", "a", 0.5, 0),
+        ]:
+            with pytest.raises(ParameterError):
+                recorder.clock(*wrong)
+    assert hapfmt.verify(path).verdict == "intact"
+    with hapfmt.Reader(path) as reader:
+        assert len(reader.clocks) == 60 and reader.clock_maps == []
+        seen = [o for o in reader.clocks if o.clock == "camera"]
+        assert seen[3].time_ns == 5 * 10**9 + 3 * 1_000_040_000 and seen[3].uncertainty_ns == 100
+        assert reader.catalogue.tracks[seen[3].track].components[0].label == "a"
+        assert {o.track for o in reader.clocks if o.clock == "gps"} == {None}
+    with Recorder(path, inputs, append=True, clock_maps=True) as recorder:
+        observe(recorder, 20, 40)
+        recorder.clock("once", "a", 40_000, 5)
+    assert hapfmt.verify(path).verdict == "intact"
+    with hapfmt.Reader(path) as reader:
+        assert len(reader.clocks) == 121
+        maps = {found.clock: found for found in reader.clock_maps}
+        assert set(maps) == {"camera", "gps", "late"}
+        for second in (0, 7, 39):
+            exact = 5 * 10**9 + second * 1_000_040_000
+            assert abs(maps["camera"].time_ns(1000 * second) - exact) <= 1
+        assert any("no map of clock 'once'" in note for note in reader.metadata["notes"])
+
+
+def test_maps_may_be_asked_for_later(tmp_path):
+    with Recorder(tmp_path / "a.hapf", [counts_input()]) as recorder:
+        recorder.clock("c", "force", 0, 0)
+        recorder.write("force", np.zeros(2000, np.int32))
+        recorder.flush()
+        recorder.fit_clocks()
+        recorder.clock("c", "force", 1000, 10**9)
+    with hapfmt.Reader(tmp_path / "a.hapf") as reader:
+        assert reader.clock_maps[0].time_ns(500) == 5 * 10**8

@@ -113,7 +113,7 @@ class FileWriter:
         self.parts: list[Part] = []
         self.indexed_entries = 0
         self.indexed_to = FIRST_OFFSET
-        self.clock = clock
+        self.seconds = clock
         self.indexed_at = clock() if clock else 0.0
         self.data_count = 0
         self.stop = Fraction(0)
@@ -276,7 +276,7 @@ class FileWriter:
         """Whether an index comes before a chunk of ``size`` bytes (SPEC IDX-005)."""
         if len(self.entries) == self.indexed_entries or self.ending:
             return False
-        late = self.clock is not None and self.clock() - self.indexed_at >= CHECKPOINT_SECONDS
+        late = self.seconds is not None and self.seconds() - self.indexed_at >= CHECKPOINT_SECONDS
         return late or self.offset - self.indexed_to + size > INDEX_EVERY
 
     def checkpoint(self) -> None:
@@ -300,7 +300,7 @@ class FileWriter:
         self.chunk("iNDX", payload)
         self.parts = [*parts, Part(offset, covers_from, first, len(payload))]
         self.indexed_to, self.indexed_entries = offset, len(self.entries)
-        self.indexed_at = self.clock() if self.clock else 0.0
+        self.indexed_at = self.seconds() if self.seconds else 0.0
 
     def joins(self, part: Part, first: int, room: int) -> bool:
         """Whether the last index repeats ``part``, the one before ``first``: those of this writer

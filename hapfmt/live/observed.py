@@ -6,14 +6,12 @@ from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
+from ..clocks import fit_clock
+from ..container.clocks import ClockMap, ClockObservation, build_clocks
 from ..container.filewriter import FileWriter
 from ..container.track import Track
 from ..errors import ParameterError
-
-if TYPE_CHECKING:
-    from ..container.clocks import ClockMap, ClockObservation
 
 NANOSECONDS = Fraction(10**9)
 """Ticks per second where an observation speaks of no track."""
@@ -59,9 +57,6 @@ class Observed:
         none."""
         if not self.maps:
             return [], []
-        from ..clocks import fit_clock
-        from ..container.clocks import ClockObservation
-
         maps: list[ClockMap] = []
         notes = []
         for (clock, track), flat in self.kept.items():
@@ -78,8 +73,6 @@ def observation(
     clock: str, number: int | None, tick: int, time_ns: int, uncertainty_ns: int
 ) -> ClockObservation:
     """Checked; ParameterError where it cannot be written."""
-    from ..container.clocks import ClockObservation, build_clocks
-
     numbers = (tick, time_ns, uncertainty_ns)
     if not isinstance(clock, str) or not all(isinstance(n, int) for n in numbers):
         raise ParameterError("a clock is observed by name, with integers for tick and times")

@@ -9,9 +9,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import ceil
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal
+from typing import Any, BinaryIO, Literal
 
 from ..appending import Appending, open_append
+from ..container.clocks import ClockObservation
 from ..container.filewriter import FileWriter
 from ..container.track import Track
 from ..encoder.live import LiveEncoder
@@ -30,9 +31,6 @@ from .observed import Observed
 from .output import Output, Pipe
 from .queue import Queue
 from .worker import Item, Member, Worker
-
-if TYPE_CHECKING:
-    from ..container.clocks import ClockObservation
 
 CLUSTER_S = Fraction(1)
 """SPEC clause 13: for a live recording, where the last one may be lost."""
