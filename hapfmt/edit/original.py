@@ -32,6 +32,7 @@ from ..verifier import DAMAGED, stored_digests
 Input = str | os.PathLike[str] | bytes | BinaryIO
 Advance = Callable[[int, int], None]
 
+NS = 10**9
 DESCRIBED = frozenset({"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "mETa", "dGST"})
 """Chunk types that an editor writes by itself; the others it copies or leaves out."""
 
@@ -181,7 +182,7 @@ class Original:
 
     def cluster(self, ref: ChunkRef) -> list[Packet]:
         chunk = read_chunk(self.source, ref.offset, self.head.file_id)
-        if chunk is None or not chunk.intact:
+        if chunk is None or not chunk.intact or chunk.header.type != "DATA":
             message = "payload CRC of a DATA chunk differs"
             raise self.damaged(ChecksumError, message, ref.offset)
         try:
@@ -198,7 +199,7 @@ class Original:
             if (ref.type in DESCRIBED and ref.known) or (ref.offset > first) != behind:
                 continue
             chunk = read_chunk(self.source, ref.offset, self.head.file_id)
-            if chunk is None or not chunk.intact:
+            if chunk is None or not chunk.intact or chunk.header.type != ref.type:
                 message = f"payload CRC of a {ref.type} chunk differs"
                 raise self.damaged(ChecksumError, message, ref.offset)
             yield chunk
