@@ -233,6 +233,7 @@ def test_refusals():
         ({"append": True, "force": True}, "not both"),
         ({"append": True}, "cannot be appended"),
         ({"queue_size": 0}, "a byte"),
+        ({"settings": Settings.of("archive", digest=True)}, "whole tracks"),
         ({"settings": Settings()}, "needs the whole recording"),
         ({"epoch_ns": 1 << 70}, "epoch"),
         ({"metadata": {"a": float("nan")}}, "JSON"),
