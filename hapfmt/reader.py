@@ -111,11 +111,15 @@ class Reader:
     @property
     def clocks(self) -> list[ClockObservation]:
         """Observations of other clocks, as they were made, in the order of the file."""
+        if not self.catalogue.lists(("cLOk",)):
+            self.scan()
         return self.catalogue.clocks
 
     @property
     def clock_maps(self) -> list[ClockMap]:
         """From ticks to other clocks, where the file has such maps."""
+        if not self.catalogue.lists(("cMAp",)):
+            self.scan()
         return self.catalogue.clock_maps
 
     def scan(self) -> None:

@@ -99,6 +99,17 @@ class TestClosedFiles:
         assert (read.metadata, read.attachments) == ({"a": 1}, {"n": ("", b"x")})
         assert {chunk.header.file_id for chunk in chunks(data)} == {5}
 
+    def test_a_channel_goes_on_in_another_track(self, tmp_path: Path):
+        path = tmp_path / "a"
+        recording(path)
+        with open_append(path) as more:
+            more.writer.describe([replace(track(2, 1), count_min=-8, continues=1)])
+            more.writer.cluster([Packet(2, 301, 2, value(-7))])
+        intact(path)
+        read = hapfmt.read(path)
+        assert [len(channel.values) for channel in read.channels] == [300, 302]
+        assert read.channels[1].values[-3:].tolist() == [3, -7, -7]
+
     def test_nothing_is_written_where_nothing_comes(self, tmp_path: Path):
         path = tmp_path / "a"
         recording(path)
@@ -258,14 +269,14 @@ def small_file() -> bytes:
     """A small closed file: clusters, metadata, an attachment, tracks that come late."""
     stream = io.BytesIO()
     writer = FileWriter(stream, file_id=3)
-    low = Track(0, "lf", "KNOT", Fraction(1000), 0, (Component(),), KNOT, count_max=9)
-    high = Track(1, "hf", "KNOT", Fraction(1000), 0, (Component(),), KNOT, count_max=9, base=0)
+    low = Track(0, "lf", "KNOT", Fraction(1000), 0, (Component(),), KNOT, count_max=99)
+    high = Track(1, "hf", "KNOT", Fraction(1000), 0, (Component(),), KNOT, count_max=99, base=0)
     writer.describe([low, high, track(2, 1)])
     writer.metadata({"notes": ["made by hand"]})
     for number in range(3):
-        writer.cluster(Packet(i, 100 * number, 100, value(1) + b"\1\0\1\2") for i in (0, 1, 2))
+        writer.cluster(Packet(i, 100 * number, 100, value(1 + i) + b"\1\0\1\2") for i in (0, 1, 2))
     writer.attach(Attachment("a", "", b"content"))
-    writer.describe([Track(3, "lf", "KNOT", Fraction(10), 2, (Component(),), KNOT, count_max=9),
+    writer.describe([Track(3, "lf", "KNOT", Fraction(10), 2, (Component(),), KNOT, count_max=99),
                      Track(4, "hf", "KNOT", Fraction(10), 2, (Component(),), KNOT, base=3)])  # fmt: skip
     writer.cluster([Packet(2, 300, 5, FIVE), Packet(3, 0, 5, FIVE), Packet(4, 0, 5, b"\0")])
     writer.close()

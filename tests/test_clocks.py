@@ -186,6 +186,34 @@ class TestFile:
             with contextlib.suppress(HapfmtError):
                 assert set(Reader(bytes(data)).clocks) <= set(Reader(FILE).clocks)
 
+    def test_an_index_that_names_another_chunk(self):
+        """
+        IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
+        """
+        chunks = [("HEAD", f.head()), f.TRACK_0, f.DATA_0, ("mETa", b"{}"), ("cLOk", f.clock(SEEN))]
+        rows, at = [], 8
+        for type_, payload, *_ in chunks:
+            wrong = {"mETa": "cLOk", "cLOk": "aaaa"}.get(type_, type_)
+            rows.append((wrong, at, 0, f.LATE_MS if type_ == "DATA" else 0))
+            at += 32 + len(payload)
+        assert len(Reader(f.closed(*chunks, ahead={"entries": rows})).clocks) == len(SEEN)
+
+    def test_broken_rules_are_part_of_the_damage(self):
+        broken = f.file(
+            ("HEAD", f.head()), ("aaaa", b"x", {"crc": 0}), f.TRACK_0, f.DATA_0,
+            ("cLOk", f.clock(SEEN, count=9)), ("cLOk", f.clock(SEEN[:1])),
+        )  # fmt: skip
+        reader = Reader(broken)
+        assert len(reader.clocks) == 1
+        assert ("bad-chunk", "CNV-002") in [(x.code, x.requirement) for x in reader.findings]
+
+    def test_other_files_do_not_hold_them(self, tmp_path):
+        path = tmp_path / "a.hapf"
+        path.write_bytes(FILE)
+        for verb in ("decode", "convert"):
+            done = CliRunner().invoke(cli, [verb, str(path), str(tmp_path / f"{verb}.npz")])
+            assert "clocks are not carried over" in done.stderr
+
     def test_a_lost_track(self):
         """Nobody knows what its ticks were."""
         data = bytearray(FILE)

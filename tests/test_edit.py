@@ -62,7 +62,7 @@ def test_a_subset_of_everything_is_the_same_file(name: str) -> None:
 def test_a_subset_reads_as_the_whole_does(
     name: str, data: st.DataObject, a: Fraction, b: Fraction
 ) -> None:
-    """EDT-002: An editor MUST copy packets bit for bit, each as a whole, and add one number of seconds, whole ticks of every track, to the times of all that it takes from a file."""
+    """EDT-002: An editor MUST copy packets bit for bit, each as a whole, but for the channel numbers in events, and add one number of seconds, whole ticks of every track, to the times of all that it takes from a file."""
     file = made(name)
     start, stop = min(a, b), max(a, b) + Fraction(1, 50)
     with hapfmt.Reader(file) as reader:

@@ -33,6 +33,7 @@ from test_edit import merge, split_up, subset
 
 import hapfmt
 from hapfmt import edit
+from hapfmt.appending import open_append
 from hapfmt.catalogue import Catalogue
 from hapfmt.container.source import BytesSource
 from hapfmt.edit.extras import combined
@@ -158,7 +159,7 @@ class TestRefusals:
 
 
 class TestChunks:
-    """EDT-005: An editor MUST keep attachments and chunks of clocks, and chunks of unknown types that are safe to copy (5.2), under the new ids of the tracks in their headers; it leaves out other chunks of unknown types, and all but attachments that speak of a track that it leaves out."""
+    """EDT-005: An editor MUST keep attachments and chunks of clocks, whose ticks move with their tracks, and chunks of unknown types that are safe to copy (5.2), under the new ids of the tracks in their headers; it leaves out other chunks of unknown types, and all but attachments that speak of a track that it leaves out."""
 
     def test_unknown_ones_by_their_letters(self) -> None:
         data = two_tracks(
@@ -194,6 +195,35 @@ class TestChunks:
         part, _ = subset(two_tracks(("aTTc", attached, {"track": 0})), [1])
         assert chunks_of(part, "aTTc") == [attached]
         assert_intact(part)
+
+    def test_clocks_move_along(self) -> None:
+        def clock(tick: int, name: bytes = b"ptp") -> bytes:
+            head = bytes([len(name)]) + name + forge.varint(1) + forge.svarint(tick)
+            return head + struct.pack("<q", 10**18) + forge.varint(5)
+
+        second = ("TRAK", forge.trak(first_channel=1, rate_num=3), {"track": 1})
+        data = forge.closed(
+            ("HEAD", forge.head()), forge.TRACK_0, second, ("cLOk", clock(7), {"track": 0}),
+            ("cLOk", clock(10**9)), ("cMAp", clock(-2), {"track": 1}),
+            ("DATA", forge.cluster((0, 5000, 4, forge.KNOT_DATA))), duration_ns=5_004_000_000,
+        )  # fmt: skip
+        same, _ = subset(data)
+        assert chunks_of(same, "cLOk") == chunks_of(data, "cLOk")
+        moved, edited = subset(data, to_zero=True)
+        assert edited.notes == []
+        assert chunks_of(moved, "cLOk") == [clock(7 - 5000), clock(10**9 - 5 * 10**9)]
+        assert chunks_of(moved, "cMAp") == [clock(-2 - 15)]
+        part, edited = subset(data, [1])
+        assert chunks_of(part, "cLOk") == [clock(10**9)] and chunks_of(part, "cMAp") == [clock(-2)]
+        assert edited.notes == ["cLOk chunk left out: it speaks of track 0"]
+        third, edited = merge([data], offsets={0: Fraction(1)})
+        assert chunks_of(third, "cLOk")[0] == clock(1007)
+        only = forge.closed(
+            ("HEAD", forge.head()), ("TRAK", second[1], {"track": 0}), ("cLOk", clock(1))
+        )
+        gone, edited = merge([only], offsets={0: Fraction(1, 3)})
+        assert chunks_of(gone, "cLOk") == []
+        assert edited.notes == ["cLOk chunk left out: its ticks cannot move so"]
 
     def test_each_once_where_parts_repeat_them(self) -> None:
         data = two_tracks(("xySz", b"safe"))
@@ -357,6 +387,17 @@ class TestDigests:
         ]
         for file, digests in cases:
             assert_intact(file, digests=digests)
+
+    def test_of_a_file_that_was_appended_to(self, tmp_path: Any) -> None:
+        path = tmp_path / "a.hapf"
+        path.write_bytes(made("archive"))
+        first = packets_of(path.read_bytes())[0]
+        with open_append(path) as (_, writer, _):
+            writer.cluster([replace(first, start=5000)])
+        assert_intact(path.read_bytes(), digests=3)
+        part, edited = subset(path.read_bytes())
+        assert_intact(part, digests=2)
+        assert edited.notes == ["digests of 1 tracks left out: they are of other packets, or times"]
 
     def test_a_part_that_holds_all_of_a_track(self) -> None:
         a, b, _ = waves(3, 1)

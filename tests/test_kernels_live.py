@@ -4,6 +4,7 @@ was not made for."""
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -12,11 +13,14 @@ from hypothesis import strategies as st
 from strategies import predictors
 from twins import built
 
-from hapfmt.codecs import predicted
+from hapfmt.codecs import knots, knots_coded, predicted
 from hapfmt.codecs.grids import LpcParameters
+from hapfmt.codecs.knots import INTERPOLATIONS
+from hapfmt.codecs.knots_coded import CodedKnotParameters, decode_coded_knots
 from hapfmt.codecs.predicted import TABLE, Predictor, decode_indices
 from hapfmt.deadband import Deadband
-from hapfmt.encoder import live_many, predict, quick
+from hapfmt.encoder import live_many, predict, quick, tube
+from hapfmt.encoder.grids import grid_within
 from hapfmt.encoder.live_many import (
     How,
     Job,
@@ -29,7 +33,10 @@ from hapfmt.encoder.live_many import (
 )
 from hapfmt.encoder.predict import LIMITS
 from hapfmt.encoder.quick import ORDERS, costs_of
+from hapfmt.encoder.tubed import HALF
+from hapfmt.encoder.unit import Bound
 from hapfmt.kernels import compiled
+from hapfmt.limits import LEVELS
 
 pytestmark = built
 
@@ -63,6 +70,8 @@ def jobs(draw):
             st.sampled_from([(-(2**31), 2**31 - 1), (-(2**23), 2**23 - 1), (-100, 400)])
         )
         task = Task(low, high, draw(st.sampled_from(GRIDS)), draw(st.sampled_from(BANDS)))
+        if draw(st.booleans()):
+            task = knots_task(draw, low, high)
         way = draw(st.just(Predictor(rice=True)) | predictors())
         way = replace(way, base=0, references=())
         if way.coefficients is None:
@@ -70,6 +79,17 @@ def jobs(draw):
         how = How.GIVEN if way.rice else draw(st.sampled_from(How))
         rows.append(job(block, task, way, how))
     return rows
+
+
+def knots_task(draw, low, high):
+    """Whose grid has a value within the tube of every count."""
+    slack = draw(st.sampled_from([0, 1, 3, 200]))
+    ratio = draw(st.sampled_from([Fraction(0), Fraction(1, 10), Fraction(1, 2), Fraction(3, 2)]))
+    zero = draw(st.sampled_from([0, 0, 77, -(2**20)]))
+    band = Deadband(ratio.numerator, ratio.denominator, (max(slack, 1),), (zero,))
+    joined = draw(st.sampled_from(INTERPOLATIONS))
+    part = HALF if joined == "linear" else Fraction(1)
+    return Task(low, high, grid_within(Bound(band, slack), part), band, joined, slack)
 
 
 def job(block, task, predictor, how=How.GIVEN):
@@ -82,7 +102,7 @@ def both(rows):
     rows = [replace(row, record=shelf.record(row.task)) for row in rows]
     fast = encode_blocks(rows, shelf)
     with pytest.MonkeyPatch.context() as patch:
-        for module in (live_many, predict, predicted, quick):
+        for module in (live_many, predict, predicted, quick, tube, knots_coded, knots):
             patch.setattr(module, "compiled", None)
         assert encode_blocks(rows, shelf) == fast
     return fast
@@ -96,8 +116,14 @@ class TestTwin:
     def test_any_blocks(self, rows):
         for (packet, habit), row in zip(both(rows), rows, strict=True):
             block, task = row.block, row.task
-            if row.how is How.GIVEN:
+            if row.how is How.GIVEN or task.knots:
                 assert habit == row.habit
+            if task.knots and isinstance(packet, bytes):
+                parameters = CodedKnotParameters(task.knots, task.grid)
+                y = decode_coded_knots(packet, parameters, block.size, 1, LEVELS[2], 0)[:, 0]
+                y = np.clip(y, task.low, task.high)
+                assert not task.band.outside(block.astype(np.int64), y).any()
+                continue
             if isinstance(packet, bytes):
                 indices = decode_indices(packet, block.size, 2**32, 0)
                 y = task.grid.counts(indices, 2**32)
@@ -239,6 +265,9 @@ class TestRefused:
             {"tasks": record(6, -1)},
             {"tasks": record(7, -1)},
             {"tasks": record(8, 2**40)},
+            {"tasks": record(9, 3)},
+            {"tasks": record(9, 1)},
+            {"tasks": record(10, -1)},
             {"habits": bytearray()},
             {"habits": habit(0, 5)},
             {"habits": habit(0, -1)},

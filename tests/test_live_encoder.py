@@ -639,15 +639,22 @@ class TestLevel:
         away = np.abs(tape.read()[0] - x).max()
         assert away == 0 if contract is None else away <= 2**31 // 10
 
-    def test_settled_inputs_may_be_begun_before_their_samples(self):
-        encoder = LiveEncoder(Settings.of("deadband", floor="3lsb"))
-        assert not encoder.settled(COUNTS)
-        encoder = LiveEncoder()
-        assert encoder.settled(COUNTS)
-        assert encoder.settled(replace(FLOATS, lsb=0.1))
-        assert not encoder.settled(FLOATS)
-        (track,) = encoder.begin([Block(3, COUNTS, 0, np.zeros(1, np.int32))])
-        assert track.first_channel == 3
+    @pytest.mark.parametrize("settings", [ARCHIVE, Settings.of("deadband", floor="3lsb")])
+    def test_channels_may_be_begun_before_their_samples(self, settings):
+        encoder = LiveEncoder(settings)
+        (track,) = encoder.begin([Block(3, COUNTS, 0, np.zeros(1))])
+        assert (track.id, track.first_channel) == (0, 3)
         tracks, packets = encoder.encode([Block(3, COUNTS, 0, np.array([5, 6]))])
         assert tracks == []
-        assert [packet.track for packet in packets] == [track.id]
+        assert [packet.track for packet in packets] == [0]
+
+    def test_the_first_samples_may_turn_such_a_channel(self):
+        settings = Settings.of("deadband", floor="3lsb", k=Fraction(0))
+        x = np.round(900 * np.sin(np.arange(2000) / 2)).astype(np.int64)
+        encoder = LiveEncoder(settings)
+        (first,) = encoder.begin([Block(3, COUNTS, 0, np.zeros(1, np.int32))])
+        tracks, packets = encoder.encode([Block(3, COUNTS, 0, x[:1000])])
+        assert (first.codec, [(t.codec, t.continues) for t in tracks]) == ("KNTE", [("LPCR", 0)])
+        assert [packet.track for packet in packets] == [1]
+        tracks, packets = encoder.encode([Block(3, COUNTS, 1000, x[1000:])])
+        assert (tracks, [packet.track for packet in packets]) == ([], [1])

@@ -24,6 +24,7 @@ VERBS = {
     "concat": "Files one after the other.",
     "merge": "Channels that were recorded apart, on one time line.",
     "attach": "Files inside the file: add, list, extract.",
+    "annotate": "Markers and annotations: add, list.",
     "meta": "Show or set the metadata.",
     "clocks": "Other clocks: what was observed, offset, drift, jitter.",
     "convert": "From any format to any other.",

@@ -8,6 +8,7 @@ edit.concat(["a.hapf", "b.hapf"], "both.hapf")
 
 from __future__ import annotations
 
+from .annotate import annotate
 from .attach import attach, attachment_of, extract
 from .concat import concat
 from .making import Edited
@@ -22,6 +23,7 @@ __all__ = [
     "Edited",
     "Original",
     "Times",
+    "annotate",
     "attach",
     "attachment_of",
     "concat",

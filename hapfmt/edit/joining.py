@@ -43,7 +43,7 @@ class Joining:
             for old, id_ in ids.items()
             if not only_new or id_ in new
         }
-        return Plan(places, numbers)
+        return Plan(places, numbers, shift)
 
     def add(self, original: Original) -> None:
         """The next file."""

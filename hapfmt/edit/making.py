@@ -22,9 +22,11 @@ from ..container.wire import NO_TRACK, Head
 from ..errors import ParameterError
 from ..limits import TICK_LIMIT, Level
 from ..packets import Seconds
+from .clocks import TYPES, moved_clock
 from .describing import describe
 from .original import Advance, Original, has_channels
-from .plan import Plan
+from .plan import Place, Plan
+from .renumber import renumbered
 
 Output = str | os.PathLike[str] | BinaryIO
 NS = 10**9
@@ -86,7 +88,10 @@ class Making:
         self.stops: dict[tuple[int, bool], int] = {}
         self.ends: dict[int, tuple[int, int]] = {}
         self.partial: dict[Original, set[int]] = {}
+        self.last: dict[Original, dict[int, int]] = {}
+        """Where in its file the last packet of a track stands."""
         self.seen: set[bytes] = set()
+        self.lost_events = 0
 
     def note(self, text: str) -> None:
         if text not in self.edited.notes:
@@ -115,6 +120,12 @@ class Making:
                     self.note(f"{header.type} chunk left out: it speaks of track {track}")
                     continue
                 track = place.track.id if place else NO_TRACK
+            if header.known and header.type in TYPES:
+                moved = moved_clock(payload, chunk.header.track, plan, chunk.payload_offset)
+                if moved is None:
+                    self.note(f"{header.type} chunk left out: its ticks cannot move so")
+                    continue
+                payload = moved
             digest = hashlib.sha256(f"{header.type} {track} ".encode() + payload).digest()
             if digest not in self.seen:
                 self.seen.add(digest)
@@ -134,7 +145,9 @@ class Making:
     ) -> Iterator[list[Packet]]:
         """Packets of one DATA chunk after the other, those of the plan that ``pick`` takes, moved
         to their place."""
+        renumber = plan.numbers != {number: number for number in original.labels}
         partial = self.partial.setdefault(original, set())
+        last = self.last.setdefault(original, {})
         if start is not None or stop is not None:
             partial.update(plan.places)
         for packets in original.clusters(start, stop, progress):
@@ -146,12 +159,28 @@ class Making:
                 if pick and not pick(packet):
                     partial.add(packet.track)
                     continue
-                moved = replace(packet, track=place.track.id, start=packet.start + place.shift)
-                if moved.start < 0 or moved.stop > TICK_LIMIT:
-                    raise ParameterError("a packet would move out of the ticks 0 to 2^48")
-                batch.append(moved)
+                last[packet.track] = packet.offset
+                numbers = plan.numbers if renumber and place.track.kind == "events" else None
+                moved = self.moved(packet, place, numbers)
+                if moved is not None:
+                    batch.append(moved)
             if batch:
                 yield batch
+
+    def moved(
+        self, packet: Packet, place: Place, numbers: Mapping[int, int] | None
+    ) -> Packet | None:
+        """At its place; ``numbers``: new channel numbers for its events, None: they stay."""
+        kept: Packet | None = packet
+        if numbers is not None:
+            kept, lost = renumbered(packet, numbers)
+            self.lost_events += lost
+        if kept is None:
+            return None
+        moved = replace(kept, track=place.track.id, start=kept.start + place.shift)
+        if moved.start < 0 or moved.stop > TICK_LIMIT:
+            raise ParameterError("a packet would move out of the ticks 0 to 2^48")
+        return moved
 
     def put(self, packets: Sequence[Packet]) -> None:
         """One cluster; packets of the tracks that were described."""
@@ -191,11 +220,12 @@ class Making:
     def digests(self, original: Original, plan: Plan) -> None:
         """Those that still hold: of tracks whose packets all came over, at their own time."""
         known = original.digests()
-        partial = self.partial.get(original, set())
+        partial, last = self.partial.get(original, set()), self.last.get(original, {})
         kept = {
-            place.track.id: known[old]
+            place.track.id: known[old][1]
             for old, place in plan.places.items()
             if old in known and old not in partial and not place.shift
+            if known[old][0] > last.get(old, 0)
         }
         lost = sum(old in plan.places for old in known) - len(kept)
         if lost:
@@ -205,6 +235,8 @@ class Making:
 
     def close(self) -> Edited:
         self.out.close()
+        if self.lost_events:
+            self.note(f"{self.lost_events} events left out: of channels that are left out")
         edited, out = self.edited, self.out
         edited.file_size, edited.cluster_count = out.offset, out.data_count
         edited.track_count = len(out.tracks)

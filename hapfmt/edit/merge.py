@@ -104,7 +104,7 @@ def plans_of(
 
 
 def prefixed(track: Track, prefix: str) -> Track:
-    if not prefix or track.kind == "hf":
+    if not prefix or not has_channels(track):
         return track
 
     def named(c: Component) -> Component:

@@ -136,9 +136,10 @@ class Original:
                     path=self.source.path,
                 )
 
-    def digests(self) -> dict[int, bytes]:
-        """The last digest of each track that has one."""
-        return {id_: digest for id_, (_, digest) in stored_digests(self.catalogue).items()}
+    def digests(self) -> dict[int, tuple[int, bytes]]:
+        """The last digest of each track that has one, and its offset: it is that of the packets
+        before it (DGS-003)."""
+        return stored_digests(self.catalogue)
 
     def refs(self, start: Seconds | None, stop: Seconds | None) -> list[ChunkRef]:
         """DATA chunks that overlap these seconds, in order of time."""

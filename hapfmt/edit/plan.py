@@ -23,19 +23,12 @@ class Place(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """``places`` by the old track id, ``numbers`` by the old channel number."""
+    """``places`` by the old track id, ``numbers`` by the old channel number; all tracks move by
+    ``shift`` seconds."""
 
     places: dict[int, Place]
     numbers: dict[int, int]
-
-    @property
-    def moved(self) -> bool:
-        return any(place.shift for place in self.places.values())
-
-    @property
-    def identity(self) -> bool:
-        """Whether every channel keeps its number."""
-        return all(old == new for old, new in self.numbers.items())
+    shift: Fraction = Fraction(0)
 
 
 def lay_out(
@@ -70,7 +63,7 @@ def lay_out(
                 changes["continues"] = before[track.first_channel]
             before[track.first_channel] = ids[old]
         places[old] = Place(replace(track, **changes), ticks_of(shift, track.rate))  # type: ignore[arg-type]
-    return Plan({old: places[old] for old in kept}, numbers)
+    return Plan({old: places[old] for old in kept}, numbers, shift)
 
 
 def numbers_of(tracks: Mapping[int, Track], names: Sequence[str | int] | str | int) -> set[int]:

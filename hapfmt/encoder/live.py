@@ -7,7 +7,7 @@ long as what a crash may take: one cluster.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import Any, Protocol
@@ -20,7 +20,7 @@ from ..container.track import Track
 from ..errors import ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level
 from ..live.inputs import Input
-from .live_counts import GridLane, GridWay, counts_of_block
+from .live_counts import GridLane, Way, counts_of_block
 from .live_deadband import DeadbandLane
 from .live_exact import choose_exact
 from .live_many import Job, Made, Missing, Shelf, encode_blocks
@@ -52,11 +52,12 @@ class Lane(Protocol):
     track: Track
 
     @property
-    def way(self) -> GridWay | None:
-        """What packs the next block together with those of other channels, where it can be."""
+    def ways(self) -> Sequence[Way]:
+        """What packs the next block together with those of other channels; none where something
+        must be found out first."""
 
-    def packed(self) -> None:
-        """It did."""
+    def take(self, packets: Sequence[bytes], /) -> bytes:
+        """Which of the packets, one of each way, it is."""
 
     def code(self, values: NDArray[Any], start: int, /) -> bytes:
         """The packet of a block on its own."""
@@ -86,12 +87,6 @@ class LiveEncoder:
         needed = [plan_input(given, self.settings).level for given in inputs]
         return max(needed, key=lambda level: level.number, default=LEVELS[1])
 
-    def settled(self, given: Input) -> bool:
-        """Whether the track of an input does not depend on its samples."""
-        plan = plan_input(given, self.settings)
-        exact = plan.channel.calibration is None
-        return not exact and (plan.bound is None or plan.settings.preset != "deadband")
-
     def known(self, channel: int, track: Track) -> None:
         """``track``, the last of the channel in the file, is gone on with where its parameters
         serve, and continued by another where they do not. Before the channel's first block."""
@@ -119,55 +114,59 @@ class LiveEncoder:
         together = self.together(pieces)
         packets = []
         for place, piece in enumerate(pieces):
-            lane, data = self.lanes[piece.channel], together.get(place)
-            if data is None:
-                data = lane.code(piece.values, piece.start)
-            else:
-                lane.packed()
+            lane, made = self.lanes[piece.channel], together.get(place)
+            data = lane.take(made) if made else lane.code(piece.values, piece.start)
             if lane.track.id < 0:
                 tracks.append(self.number(lane))
             packets.append(Packet(lane.track.id, piece.start, piece.values.size, data))
         self.undelivered = []
         return tracks, sorted(packets, key=attrgetter("track", "start"))
 
-    def together(self, pieces: Sequence[Block]) -> dict[int, bytes]:
+    def together(self, pieces: Sequence[Block]) -> dict[int, list[bytes]]:
         """Packets of those pieces, by their places, that are packed in one call: of each channel
         the first at most, since what follows may depend on it."""
-        ways: dict[int, GridWay] = {}
+        given: list[tuple[int, Way, NDArray[Any]]] = []
         seen: set[int] = set()
         for place, piece in enumerate(pieces):
             if piece.channel not in seen:
                 seen.add(piece.channel)
-                way = self.lanes[piece.channel].way
-                if way is not None:
-                    ways[place] = way
-        jobs = {place: way.job(self.counts(pieces[place])) for place, way in ways.items()}
+                ways = self.lanes[piece.channel].ways
+                if ways:
+                    counts = self.counts(piece)
+                    given += [(place, way, counts) for way in ways]
+        jobs = [way.job(counts) for _, way, counts in given]
         made = self.call(jobs)
-        for place, (packet, _) in made.items():
-            if packet is Missing.OUTSIDE:
-                piece, plan = pieces[place], self.plan(pieces[place].channel, pieces[place].input)
-                counts_of_block(plan, piece.values, piece.channel, piece.start)
-        packets = {place: ways[place].take(job, made[place]) for place, job in jobs.items()}
-        again = {
-            place: ways[place].job(jobs[place].block, again=True)
-            for place, packet in packets.items()
-            if packet is None
-        }
-        packets |= {
-            place: ways[place].take(again[place], one) for place, one in self.call(again).items()
-        }
-        return {place: packet for place, packet in packets.items() if packet is not None}
+        for (place, _, _), (found, _) in zip(given, made, strict=True):
+            if found is Missing.OUTSIDE:
+                self.refuse(pieces[place])
+        packets = [
+            way.take(job, one) for (_, way, _), job, one in zip(given, jobs, made, strict=True)
+        ]
+        again = [at for at, packet in enumerate(packets) if packet is None]
+        jobs = [given[at][1].job(given[at][2], again=True) for at in again]
+        for at, job, one in zip(again, jobs, self.call(jobs), strict=True):
+            packets[at] = given[at][1].take(job, one)
+        packed: dict[int, list[bytes]] = {}
+        for (place, _, _), packet in zip(given, packets, strict=True):
+            assert packet is not None
+            packed.setdefault(place, []).append(packet)
+        return packed
 
-    def call(self, jobs: Mapping[int, Job]) -> dict[int, Made]:
+    def call(self, jobs: Sequence[Job]) -> list[Made]:
         """All jobs of one length in one call."""
         alike: dict[int, list[int]] = {}
-        for place, job in jobs.items():
+        for place, job in enumerate(jobs):
             alike.setdefault(job.block.size, []).append(place)
         made: dict[int, Made] = {}
         for places in alike.values():
             found = encode_blocks([jobs[place] for place in places], self.shelf)
             made |= zip(places, found, strict=True)
-        return made
+        return [made[place] for place in range(len(jobs))]
+
+    def refuse(self, piece: Block) -> None:
+        """Raises what is wrong with its counts."""
+        plan = self.plan(piece.channel, piece.input)
+        counts_of_block(plan, piece.values, piece.channel, piece.start)
 
     def counts(self, piece: Block) -> NDArray[Any]:
         """As the compiled loop takes them, which looks at their range."""
@@ -186,8 +185,8 @@ class LiveEncoder:
     def begin(self, blocks: Sequence[Block]) -> list[Track]:
         """The tracks of those channels that are new, those together that can share a chunk.
 
-        ``encode`` does so by itself. A channel that is ``settled`` may be begun before it has
-        samples, by a block of anything; one that never has any is described so at the end.
+        ``encode`` does so by itself. A channel of counts may be begun before it has samples, by a
+        block of one sample, whichever; one that never has any is described so at the end.
         """
         new: dict[int, Lane] = {}
         for block in blocks:

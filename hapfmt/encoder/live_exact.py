@@ -6,6 +6,7 @@ any binary64 number has one, since places are counted modulo 2^64 (SPEC 9.7).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
@@ -25,7 +26,7 @@ from ..limits import EXACT_LIMIT, LEVELS
 from ..recording import Calibration
 from .exact import natural_candidate
 from .lattice import find_lattice
-from .live_counts import GridWay
+from .live_counts import Way
 from .live_many import Shelf, Task
 from .live_plan import Plan
 
@@ -152,7 +153,7 @@ def decimal_grid(x: Doubles) -> Lattice:
 class ExactLane:
     """Counts and corrections: LPCX."""
 
-    way: GridWay | None = None
+    ways: tuple[Way, ...] = ()
 
     def __init__(self, plan: Plan, number: int, lattice: Lattice) -> None:
         self.plan, self.number, self.lattice = plan, number, lattice
@@ -168,13 +169,13 @@ class ExactLane:
         self.packer = self.packer_of(lattice)
         self.beside_way, self.left = ALL_WAYS[0], 0
 
-    def packer_of(self, lattice: Lattice) -> GridWay:
+    def packer_of(self, lattice: Lattice) -> Way:
         """How its counts are packed."""
         task = Task(lattice.low, lattice.high, LpcParameters(), None)
-        return GridWay(task, Shelf(), fast=self.plan.settings.fast)
+        return Way(task, Shelf(), fast=self.plan.settings.fast)
 
-    def packed(self) -> None:
-        return
+    def take(self, packets: Sequence[bytes]) -> bytes:
+        return packets[0]
 
     def adopt(self, track: Track) -> None:
         """Goes on with a track of the same lattice while its range holds the counts."""
@@ -218,7 +219,7 @@ def within(counts: Counts, lattice: Lattice) -> bool:
 class WordsLane:
     """Words as they are: RAWB."""
 
-    way: GridWay | None = None
+    ways: tuple[Way, ...] = ()
 
     def __init__(self, plan: Plan, number: int, number_format: str) -> None:
         self.plan, self.number = plan, number
@@ -232,8 +233,8 @@ class WordsLane:
             count_max=0,
         )
 
-    def packed(self) -> None:
-        return
+    def take(self, packets: Sequence[bytes]) -> bytes:
+        return packets[0]
 
     def adopt(self, track: Track) -> None:
         self.track = track

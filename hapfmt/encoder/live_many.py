@@ -1,4 +1,4 @@
-"""Blocks of many channels to packets of LPCR in one call.
+"""Blocks of many channels to packets of LPCR or KNTE in one call.
 
 kernels/live.c has the same in C: it takes as long as the coding itself, where calls from Python,
 one for each step of each packet, take several times that.
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters, deadband_levels
+from ..codecs.knots import INTERPOLATIONS, Interpolation
 from ..codecs.predicted import (
     CONSTANT,
     INDEX_LIMIT,
@@ -31,6 +32,7 @@ from ..deadband import Deadband
 from ..integers import build_svarint, rdiv
 from ..kernels import compiled
 from .grids import nearest_uniform
+from .live_knots import pack_knots
 from .predict import LIMITS, REPEAT_SHARE, choose_predictors, with_repeats
 from .quick import choose_quick, costs_of
 
@@ -62,12 +64,15 @@ class How(IntEnum):
 
 @dataclass(frozen=True)
 class Task:
-    """What one channel asks for: its range, its grid, and the contract to be checked."""
+    """What one channel asks for: its range, its grid, and the contract to be checked; packets of
+    indices, or of knots within the slack where the floor allows less than a count."""
 
     low: int
     high: int
     grid: LpcParameters
     band: Deadband | None
+    knots: Interpolation | None = None
+    slack: int = 0
 
     @cached_property
     def levels(self) -> Levels | None:
@@ -81,7 +86,8 @@ class Task:
         """As kernels/live.c reads it; ``place`` of the levels among those that go with it."""
         band, grid = self.band, self.grid
         felt = (band.kn, band.kd, band.floor[0], band.zero[0]) if band else (0, 0, 0, 0)
-        numbers = self.low, self.high, grid.step, grid.zero, place, *felt
+        way = 0 if self.knots is None else 1 + INTERPOLATIONS.index(self.knots)
+        numbers = self.low, self.high, grid.step, grid.zero, place, *felt, way, self.slack
         return np.array(numbers, np.int64).tobytes()
 
 
@@ -182,6 +188,17 @@ def encode_block(job: Job) -> Made:
     counts, task = job.block.astype(np.int64), job.task
     if counts.min() < task.low or counts.max() > task.high:
         return Missing.OUTSIDE, job.habit
+    if task.knots is not None and task.band is not None:
+        packet = pack_knots(
+            counts,
+            task.knots,
+            task.grid,
+            task.levels,
+            task.band,
+            task.slack,
+            (task.low, task.high),
+        )
+        return Missing.BROKEN if packet is None else packet, job.habit
     indices = indices_of(counts, task)
     if indices is None:
         return Missing.BROKEN, job.habit

@@ -11,24 +11,12 @@
 #endif
 
 #include "live.h"
+#include "live_knots.h"
 
-enum { OUTSIDE = -1, NO_CODE = -2, FULL = -3, BROKEN = -4 };
-
-/* What one channel asks for. ``grid``: the place of its levels and tops, -1 for multiples of the step.
-   ``kd`` 0: there is no contract to check. */
+/* Where a block is worked on: [samples] each, rows four times as many; and two packets of so many
+   bytes. */
 typedef struct {
-    int64_t low, high, step, zero, grid, kn, kd, floor, felt;
-} task;
-
-/* A deadband's grid: magnitudes of counts, and the largest that stands for each. */
-typedef struct {
-    const int64_t *levels, *tops;
-    int64_t count;
-} cells;
-
-/* Where a block is worked on: [samples] each, and two packets of so many bytes. */
-typedef struct {
-    int64_t *counts, *indices;
+    int64_t *counts, *indices, *rows;
     uint8_t *packet, *other;
     int64_t room;
     models *m;
@@ -41,7 +29,9 @@ static int sound(const task *t, int64_t grids)
                t->zero <= bound && t->grid >= -1 && t->grid < grids &&
                (t->grid >= 0 || (t->step >= 1 && t->step < bound)) && t->kn >= 0 &&
                t->kn < 65536 && t->kd >= 0 && t->kd < 65536 && t->floor >= 0 &&
-               t->floor <= bound && t->felt >= -bound && t->felt <= bound;
+               t->floor <= bound && t->felt >= -bound && t->felt <= bound &&
+               t->way >= AS_INDICES && t->way <= JOINED && (t->way == AS_INDICES || t->kd) &&
+               t->slack >= 0 && t->slack <= bound;
     return fits;
 }
 
@@ -101,15 +91,8 @@ static int on_levels(const task *t, const cells *g, const int64_t *x, int64_t co
     int64_t at = 0;
     for (int64_t i = 0; i < count; i++) {
         int64_t c = x[i] - t->zero, size = c < 0 ? -c : c;
-        if (g->tops[at] < size || (at && g->tops[at - 1] >= size)) {
-            int64_t low = 0, high = g->count;
-            while (low < high) {
-                int64_t middle = (low + high) / 2;
-                if (g->tops[middle] < size) low = middle + 1; else high = middle;
-            }
-            if (low == g->count) return 0;
-            at = low;
-        }
+        at = first_from(g->tops, g->count, size, at);
+        if (at == g->count) return 0;
         out[i] = c < 0 ? -at : at;
     }
     return 1;
@@ -217,6 +200,8 @@ static int64_t work(const task *t, habit *h, int how, const cells *grids, const 
     const cells *g = t->grid < 0 ? NULL : grids + t->grid;
     int64_t same = 1, *x = d->indices;
     if (!take(block->buf, block->itemsize, count, t->low, t->high, d->counts)) return OUTSIDE;
+    if (t->way != AS_INDICES)
+        return hapfmt_live_knots(t, g, d->counts, count, d->rows, d->packet, d->room);
     if (!g)
         on_steps(t, d->counts, count, x);
     else if (!on_levels(t, g, d->counts, count, x))
@@ -250,8 +235,23 @@ static int is_grid(const Py_buffer *b, cells *g)
     int fits = g->count > 0 && b->len % 16 == 0 && whole(b, 8) && g->levels[0] == 0;
     for (int64_t i = 0; fits && i < g->count; i++)
         fits = g->levels[i] >= 0 && g->levels[i] <= (int64_t)1 << 33 &&
-               (!i || g->tops[i - 1] <= g->tops[i]);
+               (!i || (g->levels[i - 1] < g->levels[i] && g->tops[i - 1] <= g->tops[i]));
     return fits;
+}
+
+/* All counts of the grids about 0; 0 where memory ran out. */
+static int spread(cells *given, Py_ssize_t kinds)
+{
+    for (Py_ssize_t i = 0; i < kinds; i++) {
+        cells *g = given + i;
+        g->all = PyMem_Malloc((size_t)(8 * (2 * g->count - 1)));
+        if (!g->all) return 0;
+        for (int64_t k = 0; k < g->count; k++) {
+            g->all[g->count - 1 - k] = -g->levels[k];
+            g->all[g->count - 1 + k] = g->levels[k];
+        }
+    }
+    return 1;
 }
 
 /* Buffers of a list's items; how many were got. */
@@ -290,16 +290,18 @@ static int take_desk(desk *d, int64_t count)
     d->room = 8 * count + 2 * HEADER;
     d->counts = PyMem_Malloc((size_t)(8 * count));
     d->indices = PyMem_Malloc((size_t)(8 * count));
+    d->rows = PyMem_Malloc((size_t)(32 * count));
     d->packet = PyMem_Malloc((size_t)d->room);
     d->other = PyMem_Malloc((size_t)d->room);
     d->m = PyMem_Malloc(sizeof *d->m);
-    return d->counts && d->indices && d->packet && d->other && d->m;
+    return d->counts && d->indices && d->rows && d->packet && d->other && d->m;
 }
 
 static void leave_desk(desk *d)
 {
     PyMem_Free(d->counts);
     PyMem_Free(d->indices);
+    PyMem_Free(d->rows);
     PyMem_Free(d->packet);
     PyMem_Free(d->other);
     PyMem_Free(d->m);
@@ -316,7 +318,7 @@ static PyObject *encode_blocks(PyObject *self, PyObject *args)
     Py_buffer tasks, habits, hows, sines, limits, costs, out, ends, *views = NULL, *shapes = NULL;
     Py_ssize_t got = 0, grids_got = 0;
     cells *given = NULL;
-    desk d = {NULL, NULL, NULL, NULL, 0, NULL};
+    desk d = {NULL, NULL, NULL, NULL, NULL, 0, NULL};
     if (!PyArg_ParseTuple(args, "OOy*w*y*y*y*y*w*w*", &blocks, &grids, &tasks, &habits, &hows, &sines,
                           &limits, &costs, &out, &ends))
         return NULL;
@@ -327,7 +329,7 @@ static PyObject *encode_blocks(PyObject *self, PyObject *args)
     if (!fits) goto done;
     views = PyMem_Malloc((size_t)n * sizeof *views);
     shapes = PyMem_Malloc((size_t)(kinds + 1) * sizeof *shapes);
-    given = PyMem_Malloc((size_t)(kinds + 1) * sizeof *given);
+    given = PyMem_Calloc((size_t)(kinds + 1), sizeof *given);
     if (!views || !shapes || !given) {
         PyErr_NoMemory();
         goto done;
@@ -341,7 +343,7 @@ static PyObject *encode_blocks(PyObject *self, PyObject *args)
     for (Py_ssize_t i = 0; fits && i < n; i++) fits = is_block(views + i, count);
     for (Py_ssize_t i = 0; fits && i < kinds; i++) fits = is_grid(shapes + i, given + i);
     if (!fits) goto done;
-    if (!take_desk(&d, count)) {
+    if (!spread(given, kinds) || !take_desk(&d, count)) {
         PyErr_NoMemory();
         goto done;
     }
@@ -364,6 +366,7 @@ done:
     if (!result && !PyErr_Occurred())
         PyErr_SetString(PyExc_ValueError, "not blocks of equal length, or not what they are coded by");
     leave_desk(&d);
+    for (Py_ssize_t i = 0; given && i < kinds; i++) PyMem_Free(given[i].all);
     for (Py_ssize_t i = 0; i < got; i++) PyBuffer_Release(views + i);
     for (Py_ssize_t i = 0; i < grids_got; i++) PyBuffer_Release(shapes + i);
     PyMem_Free(views);
