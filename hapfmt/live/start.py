@@ -13,6 +13,7 @@ from typing import Any, BinaryIO, Literal
 
 from ..appending import Appending, open_append
 from ..container.clocks import ClockObservation
+from ..container.extras import build_metadata
 from ..container.filewriter import FileWriter
 from ..container.track import Track
 from ..encoder.live import LiveEncoder
@@ -72,6 +73,8 @@ class Options:
                 raise ParameterError("canonical mode knows no time of day, and no file before it")
             if self.epoch_ns == "now":
                 self.epoch_ns = None
+        if settings.digest:
+            raise ParameterError("a digest is of whole tracks: nobody knows them while recording")
         if self.append and self.force:
             raise ParameterError("a file is replaced or appended to, not both")
         if self.at is not None and not self.append:
@@ -123,6 +126,7 @@ class Start:
         check_epoch(Recording(epoch_ns=epoch_ns, epoch_uncertainty_ns=uncertainty))
         made_by = f"hapfmt {__version__}: {self.settings.describe()}"
         self.metadata["encoder"] = made_by
+        build_metadata(self.metadata)
         clock: Callable[[], float] = time.monotonic
         if options.canonical is not None:
             clock = self.recorded
