@@ -5,6 +5,7 @@ Nothing is decoded here, and NumPy is not needed: this is all that ``hapfmt info
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
@@ -19,13 +20,13 @@ from .container.track import Track, TrackTable
 from .container.walk import Chunk, Finding, read_chunk
 from .container.wire import ChunkHeader, Head, parse_head
 from .errors import FormatError, UnsupportedError
-from .limits import LEVELS, Level
+from .limits import LEVELS, Level, Limits
 
 HARMLESS = frozenset({"not-closed"})
 """Findings that lose nothing that stands in the file."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class ChunkRef:
     """Where a chunk stands, and the nanoseconds that the packets of a DATA chunk lie within.
 
@@ -61,6 +62,7 @@ class Catalogue:
     """Descriptions and chunk places of one file; ``findings`` is empty where nothing is wrong."""
 
     source: Source
+    limits: Limits = field(default_factory=Limits)
     head: Head | None = None
     table: TrackTable = field(default_factory=TrackTable)
     chunks: list[ChunkRef] = field(default_factory=list)
@@ -72,6 +74,8 @@ class Catalogue:
     indexed: bool = False
     known_findings: set[Finding] = field(default_factory=set)
     head_payload: bytes = b""
+    component_count: int = 0
+    metadata_size: int = 0
 
     @property
     def tracks(self) -> dict[int, Track]:
@@ -129,23 +133,36 @@ class Catalogue:
         """By name; a name that comes again gets a number."""
         found: dict[str, Attachment] = {}
         counts: dict[str, int] = {}
+        size = 0
+        for attachment, offset in self.each_attachment():
+            size += len(attachment.content)
+            self.limits.check_attachments(size, offset)
+            name = attachment.name
+            while name in found:
+                counts[attachment.name] = counts.get(attachment.name, 1) + 1
+                name = f"{attachment.name} ({counts[attachment.name]})"
+            found[name] = attachment
+        return found
+
+    def each_attachment(self) -> Iterator[tuple[Attachment, int]]:
+        """One after the other, and the offset of its payload."""
         for ref in self.chunks:
             chunk = read_chunk(self.source, ref.offset) if ref.type == "aTTc" else None
             if chunk is not None and chunk.intact and chunk.header.known:
-                attachment = parse_attachment(chunk.payload, chunk.payload_offset)
-                name = attachment.name
-                while name in found:
-                    counts[attachment.name] = counts.get(attachment.name, 1) + 1
-                    name = f"{attachment.name} ({counts[attachment.name]})"
-                found[name] = attachment
-        return found
+                at = chunk.payload_offset
+                yield parse_attachment(chunk.payload, at), at
 
     def lose(self, code: str, offset: int, size: int, message: str, requirement: str) -> None:
         """Note a damage, once."""
         finding = Finding(code, offset, size, message, requirement)
         if finding not in self.known_findings:
+            self.check_records()
             self.known_findings.add(finding)
             self.findings.append(finding)
+
+    def check_records(self) -> None:
+        """That there is room for another chunk or finding."""
+        self.limits.check_records(len(self.chunks) + len(self.findings) + 1)
 
     def learn(self, chunk: Chunk) -> ChunkRef | None:
         """Learn what an intact chunk says; a DATA chunk only tells its place in time."""
@@ -171,8 +188,12 @@ class Catalogue:
         if header.type == "TRAK":
             if self.table.is_new(header.track, chunk.payload, offset):
                 series = parse_series(chunk.payload, header.track, self.level, offset)
+                self.component_count += sum(len(track.components) for track in series)
+                self.limits.check_components(self.component_count)
                 self.table.add(series, damaged=self.damaged)
         elif header.type == "mETa":
+            self.metadata_size += len(chunk.payload)
+            self.limits.check_metadata(self.metadata_size, offset)
             self.metadata.update(parse_metadata(chunk.payload, offset))
         elif header.type == "fOOT":
             self.foot = parse_foot(chunk.payload, offset, moved=self.damaged)

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from .catalogue import Catalogue, ChunkRef
-from .container.index import FIRST_OFFSET, Index, IndexEntry, parse_foot, parse_index
+from .container.index import (
+    FIRST_OFFSET,
+    Index,
+    IndexEntry,
+    entry_count,
+    parse_foot,
+    parse_index,
+)
 from .container.source import Source
-from .container.walk import Chunk, end_at, read_chunk, walk
+from .container.walk import Chunk, Finding, end_at, read_chunk, walk
 from .container.wire import HEADER_SIZE, SIGNATURE
 from .errors import FormatError, HapfmtError
+from .limits import Limits
 
 MS = 10**6
 """Nanoseconds."""
@@ -16,21 +26,36 @@ LATER = frozenset({"DATA", "aTTc", "dGST"})
 """Chunks that are read when somebody asks for them."""
 
 
-def open_catalogue(source: Source, *, scan: bool = False) -> Catalogue:
+class Bounded(list[Finding]):
+    """Findings, as many as there is room for."""
+
+    def __init__(self, check: Callable[[], None]) -> None:
+        super().__init__()
+        self.check = check
+
+    def append(self, finding: Finding) -> None:
+        self.check()
+        super().append(finding)
+
+
+def open_catalogue(
+    source: Source, *, scan: bool = False, limits: Limits | None = None
+) -> Catalogue:
     """By the index where there is one and it holds, else by walking; ``scan`` always walks."""
+    limits = limits or Limits()
     try:
         if not scan:
-            found = from_index(source)
+            found = from_index(source, limits)
             if found is not None:
                 return found
-        return from_walk(source)
+        return from_walk(source, limits)
     except HapfmtError as error:
         raise error.at(path=source.path) from None
 
 
-def from_index(source: Source) -> Catalogue | None:
+def from_index(source: Source, limits: Limits) -> Catalogue | None:
     """None where anything about the index is not as it should be (IDX-003)."""
-    catalogue = Catalogue(source, indexed=True)
+    catalogue = Catalogue(source, limits, indexed=True)
     try:
         if source.size < FIRST_OFFSET + FOOT_SIZE or source.read_at(0, 8) != SIGNATURE:
             return None
@@ -43,7 +68,7 @@ def from_index(source: Source) -> Catalogue | None:
             return None
         catalogue.foot = parse_foot(last.payload, last.payload_offset)
         stop = FIRST_OFFSET
-        for entry in index_entries(source, catalogue.foot.index_offset, file_id):
+        for entry in index_entries(source, catalogue.foot.index_offset, file_id, limits):
             # Chunks do not overlap: so the index costs no more than the file is long.
             end = end_at(source, entry.offset, file_id)
             if end is None or entry.offset < stop:
@@ -63,9 +88,13 @@ def from_index(source: Source) -> Catalogue | None:
     return catalogue if catalogue.head else None
 
 
-def index_entries(source: Source, offset: int, file_id: int) -> list[IndexEntry]:
+def index_entries(
+    source: Source, offset: int, file_id: int, limits: Limits | None = None
+) -> list[IndexEntry]:
     """All entries, oldest first, by the chain of indexes that ends at ``offset``."""
+    limits = limits or Limits()
     parts: list[Index] = []
+    listed = 0
     position = position_after = offset
     while True:
         chunk = read_chunk(source, position, file_id)
@@ -75,6 +104,8 @@ def index_entries(source: Source, offset: int, file_id: int) -> list[IndexEntry]
             )
         if parts and chunk.stop > position_after:
             raise FormatError("indexes overlap", requirement="IDX-004", offset=position)
+        listed += entry_count(chunk.payload)
+        limits.check_records(listed)
         index = parse_index(chunk.payload, position, chunk.payload_offset)
         parts.append(index)
         if index.covers_from == FIRST_OFFSET:
@@ -87,12 +118,13 @@ def index_entries(source: Source, offset: int, file_id: int) -> list[IndexEntry]
     return entries
 
 
-def from_walk(source: Source) -> Catalogue:
+def from_walk(source: Source, limits: Limits) -> Catalogue:
     """Every chunk that can be found, in the order of the file; damage becomes findings.
 
     A broken rule is raised where there is no damage anywhere, else it counts as damage (clause 14).
     """
-    catalogue = Catalogue(source)
+    catalogue = Catalogue(source, limits)
+    catalogue.findings = Bounded(catalogue.check_records)
     broken: list[tuple[Chunk, FormatError]] = []
     for chunk in walk(source, catalogue.findings):
         header = chunk.header
@@ -103,6 +135,7 @@ def from_walk(source: Source) -> Catalogue:
             size=header.payload_size,
             known=header.known,
         )
+        catalogue.check_records()
         catalogue.foot = None
         if chunk.intact:
             try:

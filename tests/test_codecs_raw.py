@@ -44,7 +44,7 @@ def test_numbers_come_back_bit_for_bit(case):
     kind, size, array = case
     data = encode_raw(array, size)
     back = decode_raw(data, RawParameters(size), kind, *array.shape, 0)
-    assert back.dtype == (np.int64 if kind == "counts" else DTYPES[kind])
+    assert back.dtype == (np.int32 if kind == "counts" else DTYPES[kind])
     assert bits_of(back) == bits_of(array)
 
 

@@ -9,21 +9,23 @@ import click
 
 from ..catalogue import Catalogue, ChannelRef
 from ..container.source import open_source
+from ..limits import Limits
 from ..opening import open_catalogue
-from .common import echo_json, input_of, json_option, printable, table
+from .common import echo_json, input_of, json_option, memory_option, printable, table
 
 
 @click.command(short_help="What a file holds.")
 @click.argument("file", metavar="FILE")
+@memory_option
 @json_option
-def info(file: str, as_json: bool) -> int:
+def info(file: str, as_json: bool, max_memory: Limits) -> int:
     """What FILE holds: channels, rates, units, codecs, times, and whether it was closed.
 
     Reads the index and the descriptions only; nothing is decoded.
     """
     source = open_source(input_of(file))
     try:
-        catalogue = open_catalogue(source)
+        catalogue = open_catalogue(source, limits=max_memory)
         found = describe(catalogue)
     finally:
         source.close()
@@ -54,7 +56,7 @@ def describe(catalogue: Catalogue) -> dict[str, Any]:
         "metadata": catalogue.metadata,
         "attachments": [
             {"name": a.name, "media_type": a.media_type, "size": len(a.content)}
-            for a in catalogue.attachments.values()
+            for a, _ in catalogue.each_attachment()
         ],
         "unknown_chunks": [header.type for header in catalogue.unknown],
         "unsupported": str(catalogue.unsupported) if catalogue.unsupported else None,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ..errors import FormatError
 from ..integers import build_varint, parse_varint
 from .layout import FOOT, INDEX
-from .wire import build_fields, parse_fixed
+from .wire import HEADER_SIZE, build_fields, parse_fixed
 
 FIRST_OFFSET = 8
 INDEX_EVERY = 1 << 22
@@ -75,6 +75,12 @@ def build_index(index: Index) -> bytes:
     return bytes(out)
 
 
+def entry_count(payload: bytes) -> int:
+    """What the payload promises, and no more than it can hold; for a bound before it is parsed."""
+    promised = int.from_bytes(payload[INDEX_SIZE - 4 : INDEX_SIZE], "little")
+    return min(promised, len(payload) // ENTRY_SIZES[0])
+
+
 def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
     """The iNDX payload at ``offset``, whose chunk starts at ``own_offset``."""
     raw = parse_fixed(INDEX, payload, 0, "IDX-001", offset)
@@ -91,9 +97,13 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
     for _ in range(raw.entry_count):
         at = position
         type_ = payload[at : at + 4].decode("latin-1")
+        if not (type_.isascii() and type_.isalpha()):
+            raise FormatError(
+                "an index entry without a chunk type", requirement="IDX-002", offset=offset + at
+            )
         further, position = parse_varint(payload, at + 4, offset)
         chunk_offset += further
-        if chunk_offset >= own_offset or (entries and not further):
+        if chunk_offset >= own_offset or (entries and further < HEADER_SIZE):
             raise FormatError(
                 "index offsets out of order", requirement="IDX-002", offset=offset + at
             )
