@@ -51,14 +51,14 @@ Number; level 2 needs 64-bit integers."""
 
 ROOM_FOR = {
     "packet_samples": 160,
-    "samples": 32,
+    "samples": 40,
     "records": 1 << 12,
     "components": 1 << 13,
     "metadata": 1 << 9,
     "attachments": 8,
 }
 """Bytes of memory for each of these that it has room for, the others beside it. A sample of the
-packet that is decoded takes up to 70 bytes, one that is held and converted 28, a chunk or a finding
+packet that is decoded takes up to 70 bytes, one that is held and converted 32, a chunk or a finding
 700, a component that is described 2500, a byte of metadata 60."""
 
 _SHIFTS = {"": 0, "k": 10, "m": 20, "g": 30, "t": 40}
