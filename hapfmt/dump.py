@@ -20,10 +20,10 @@ from .errors import HapfmtError, LimitError
 from .limits import Limits
 from .opening import open_catalogue
 
-NUMBERS_LIMIT = 1 << 22
-"""Samples of one chunk whose numbers are told, about 100 bytes each: all that a cluster of level 1
-holds, unless the caller's limits for a packet are lower. A few bytes can stand for 2^28 at level 2.
-"""
+NUMBERS_SHARE = 4
+"""The numbers of so many times fewer samples than a packet may have are told of a chunk, since each
+takes 100 to 200 bytes as text: all that a cluster of level 1 holds, unless the caller's limits are
+lower. A few bytes can stand for 2^28 at level 2."""
 
 
 def dump(
@@ -112,7 +112,7 @@ def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[
         }
         if counts:
             told += packet.span * len(catalogue.tracks[packet.track].components)
-            if told > min(NUMBERS_LIMIT, catalogue.limits.packet_samples):
+            if told > catalogue.limits.packet_samples // NUMBERS_SHARE:
                 raise LimitError(
                     "the numbers of too many samples in one chunk: decode the file instead",
                     requirement="LIM-003",

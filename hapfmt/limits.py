@@ -51,15 +51,15 @@ Number; level 2 needs 64-bit integers."""
 
 ROOM_FOR = {
     "packet_samples": 160,
-    "samples": 40,
+    "samples": 48,
     "records": 1 << 12,
-    "components": 1 << 13,
+    "components": 1 << 14,
     "metadata": 1 << 9,
     "attachments": 8,
 }
 """Bytes of memory for each of these that it has room for, the others beside it. A sample of the
-packet that is decoded takes up to 70 bytes, one that is held and converted 32, a chunk or a finding
-700, a component that is described 2500, a byte of metadata 60."""
+packet that is decoded takes up to 70 bytes, one that is held and converted 38, a chunk or a finding
+700, a component that is described and printed 8000, a byte of metadata 60."""
 
 _SHIFTS = {"": 0, "k": 10, "m": 20, "g": 30, "t": 40}
 _SIZE = re.compile(r"(\d{1,15})\s*([kmgt]?)(i?b)?", re.ASCII)
@@ -110,8 +110,8 @@ class Limits:
         bound = getattr(self, name)
         if value > bound:
             way = f"raise Limits({name}=...)"
-            if self.memory is not None:
-                way = f"raise the {self.memory} bytes of memory allowed (--max-memory)"
+            if self.memory is not None and name in ROOM_FOR:
+                way = f"allow more than {self.memory} bytes of memory (--max-memory)"
             raise LimitError(
                 f"{what} are above the limit of {bound}: {way}",
                 requirement="LIM-003",
@@ -119,12 +119,7 @@ class Limits:
             )
 
     def check_work(self, value: int) -> None:
-        if value > self.work_samples:
-            raise LimitError(
-                f"more than {self.work_samples} samples in one pass: "
-                "raise Limits(work_samples=...)",
-                requirement="LIM-003",
-            )
+        self.check("work_samples", value, f"{value} samples in one pass")
 
     def check_packet(self, value: int) -> None:
         self.check("packet_samples", value, f"{value} samples in one packet")

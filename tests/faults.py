@@ -541,4 +541,17 @@ FAULTS = [
           lambda: Reader(f.minimal(), limits=Limits(samples=1)).read()),
     Fault("LIM-003", None, "one in a packet",
           lambda: Reader(f.minimal(), limits=Limits(packet_samples=1)).read()),
+    Fault("LIM-003", None, "one sample of work",
+          lambda: Reader(f.minimal(), limits=Limits(work_samples=1)).read()),
+    Fault("LIM-003", None, "four chunks", judged(f.minimal(), Limits(records=4))),
+    Fault("LIM-003", None, "two entries of an index",
+          lambda: Reader(f.minimal(), limits=Limits(records=2))),
+    Fault("LIM-003", None, "no component", judged(f.minimal(), Limits(components=0))),
+    Fault("LIM-003", END + 32, "one byte of metadata",
+          judged(f.minimal(("mETa", b"{}")), Limits(metadata=1))),
+    Fault("LIM-003", END + 32, "no byte attached", lambda: Reader(
+        f.minimal(("aTTc", b"\1a\0b")), limits=Limits(attachments=0)).read()),
+    Fault("LIM-003", None, "two findings", judged(
+        f.SIGNATURE + f.chunk("HEAD", f.head(), 0) + f.chunk("mETa", b"", 5, crc=1),
+        Limits(records=2))),
 ]  # fmt: skip

@@ -31,7 +31,7 @@ class Size(NamedTuple):
     attached: int
 
 
-WHOLE = Size(1 << 24, 1 << 28, 65_534, 1 << 17, 1 << 24, (1 << 24) - 8, 6 << 24)
+WHOLE = Size(1 << 24, 1 << 28, 65_534, 1 << 15, 1 << 24, (1 << 24) - 8, 6 << 24)
 """What level 2 allows, in a file of a few megabytes."""
 
 
@@ -42,7 +42,7 @@ def fitting(memory: int) -> Size:
         limits.packet_samples,
         limits.samples,
         limits.components,
-        limits.records // 2 - 8,
+        limits.records // 2 - 16,
         limits.metadata,
         min(limits.attachments, WHOLE.attachment),
         limits.attachments,
@@ -103,13 +103,17 @@ def recalled(span: int) -> bytes:
     return b"\3" + CONSTANT + rest
 
 
-def series(size: Size, payload: Callable[[int, int], bytes]) -> Iterator[tuple[str, bytes, dict[str, Any]]]:
+def series(
+    size: Size, payload: Callable[[int, int], bytes]
+) -> Iterator[tuple[str, bytes, dict[str, Any]]]:
     """As many tracks as may be, 255 in a chunk; payload: (first, count)."""
     for first in range(0, size.tracks, 255):
         yield "TRAK", payload(first, min(255, size.tracks - first)), {"track": first}
 
 
-def many_tracks(size: Size, tlvs: Callable[[int, int], bytes], packet: bytes, **given: Any) -> bytes:
+def many_tracks(
+    size: Size, tlvs: Callable[[int, int], bytes], packet: bytes, **given: Any
+) -> bytes:
     """With a packet of one tick each."""
 
     def payload(first: int, count: int) -> bytes:
@@ -142,7 +146,9 @@ def own_codebooks(size: Size) -> bytes:
         return bytes(16 * a + b for a, b in zip(even[::2], even[1::2], strict=True))
 
     def tlvs(first: int, count: int) -> bytes:
-        setups = [f.quan_parameters(book(first + i), m=2047, step=1 + first + i) for i in range(count)]
+        setups = [
+            f.quan_parameters(book(first + i), m=2047, step=1 + first + i) for i in range(count)
+        ]
         return f.tlv(5, f.setups([(b"QUAN", setups)], range(count)))
 
     return many_tracks(size, tlvs, b"\0", codec=b"QUAN")
@@ -161,7 +167,7 @@ def grids(size: Size) -> bytes:
 
 def packets(size: Size) -> bytes:
     """A cluster of as many packets as may be, of nothing but their rows."""
-    count = min(size.chunks, 1 << 17)
+    count = min(4 * size.chunks, 1 << 17)
     rows = [(0, i, 1, FIVE) for i in range(count)]
     return f.closed(head(), f.TRACK_0, ("DATA", f.cluster(*rows)), duration_ns=count * 10**6)
 
