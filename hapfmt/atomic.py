@@ -48,7 +48,7 @@ def atomic_write(path: str | os.PathLike[str], *, force: bool = False) -> Iterat
         with suppress(FileNotFoundError):
             temporary.unlink()
         raise
-    _sync_directory(target.parent)
+    sync_directory(target.parent)
 
 
 def refuse(name: str, force: bool) -> None:
@@ -73,7 +73,7 @@ def refuse(name: str, force: bool) -> None:
         raise ParameterError("exists already; it is replaced only with force", path=name)
 
 
-def _sync_directory(directory: Path) -> None:
+def sync_directory(directory: Path) -> None:
     """Make the new name itself durable, where the system can (POSIX)."""
     with suppress(OSError):
         descriptor = os.open(directory, os.O_RDONLY)

@@ -9,14 +9,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from .container.cluster import parse_count, parse_entry
 from .container.extras import Attachment, parse_attachment, parse_metadata
 from .container.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
 from .container.series import parse_series
 from .container.source import Source
-from .container.track import Track, TrackTable
+from .container.track import Contract, Track, TrackTable
 from .container.walk import Chunk, Finding, read_chunk
 from .container.wire import ChunkHeader, Head, parse_head
 from .errors import FormatError, UnsupportedError
@@ -43,14 +43,42 @@ class ChunkRef:
     """False where its type, or a critical flag, is not known."""
 
 
+class Part(NamedTuple):
+    """A track that is not HF, and its HF track, if any."""
+
+    track: Track
+    residual: Track | None
+
+    @property
+    def contract(self) -> Contract | None:
+        return (self.residual or self.track).contract
+
+    @property
+    def tracks(self) -> list[Track]:
+        return [self.track] + ([self.residual] if self.residual else [])
+
+
 @dataclass(frozen=True)
 class ChannelRef:
-    """A channel's place: component ``index`` of its base track, and its HF track, if any."""
+    """A channel's place: component ``index`` of each of its parts, which continue one another."""
 
     number: int
-    track: Track
     index: int
-    residual: Track | None
+    parts: tuple[Part, ...]
+
+    @property
+    def track(self) -> Track:
+        """The first, whose description is that of the channel."""
+        return self.parts[0].track
+
+    @property
+    def residual(self) -> Track | None:
+        return self.parts[0].residual
+
+    @property
+    def tracks(self) -> list[Track]:
+        """Of all parts."""
+        return [track for part in self.parts for track in part.tracks]
 
     @property
     def label(self) -> str:
@@ -111,14 +139,21 @@ class Catalogue:
     @property
     def channels(self) -> list[ChannelRef]:
         """All channels in order of their numbers."""
-        residuals = {track.base: track for track in self.tracks.values() if track.kind == "hf"}
         found = [
-            ChannelRef(number, track, index, residuals.get(track.id))
-            for track in self.tracks.values()
-            if track.kind != "hf"
-            for index, number in enumerate(track.channels)
+            ChannelRef(number, index, parts)
+            for parts in self.parts
+            for index, number in enumerate(parts[0].track.channels)
         ]
         return sorted(found, key=lambda channel: channel.number)
+
+    @property
+    def parts(self) -> list[tuple[Part, ...]]:
+        """Tracks that continue one another together, each with its HF track."""
+        residuals = {track.base: track for track in self.tracks.values() if track.kind == "hf"}
+        return [
+            tuple(Part(track, residuals.get(track.id)) for track in chain)
+            for chain in self.table.chains()
+        ]
 
     @property
     def duration(self) -> Fraction:

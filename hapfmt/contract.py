@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .catalogue import ChannelRef
+from .catalogue import ChannelRef, Part
 from .container.track import Contract
 from .deadband import Deadband
 from .errors import ParameterError
+from .limits import TICK_LIMIT
 from .reader import Reader
 from .reconstruct import intersect
 from .recording import Calibration, Channel, Recording
@@ -21,7 +22,7 @@ from .recording import Calibration, Channel, Recording
 
 @dataclass
 class ContractCheck:
-    """One channel against its original.
+    """One track of a channel against its original.
 
     ``samples`` were compared, ``missing`` are in the original only, ``invented`` in the file only;
     ``outside`` lie outside the deadband, or differ at all where there is no contract;
@@ -30,6 +31,7 @@ class ContractCheck:
     """
 
     channel: int
+    track: int
     label: str
     contract: Contract | None
     samples: int
@@ -57,6 +59,7 @@ class ContractCheck:
         contract = self.contract
         return {
             "channel": self.channel,
+            "track": self.track,
             "label": self.label,
             "contract": contract
             and {
@@ -92,25 +95,49 @@ class Pair:
 
 
 def check_contracts(reader: Reader, against: Recording) -> list[ContractCheck]:
-    """Each channel of the file against the channel of the same place in ``against`` (DBC-003)."""
+    """Each channel of the file against the channel of the same place in ``against`` (DBC-003),
+    track by track where one continues another."""
     refs = reader.channels
     if len(refs) != len(against):
         raise ParameterError(f"the file has {len(refs)} channels, the original {len(against)}")
-    decoded = reader.read()
-    groups: dict[int, list[tuple[ChannelRef, Channel, Channel]]] = {}
-    for ref, y, x in zip(refs, decoded.channels, against.channels, strict=True):
-        if x.rate != y.rate:
-            raise ParameterError(f"channel {ref.number} has rate {y.rate}, the original {x.rate}")
-        groups.setdefault(ref.track.id, []).append((ref, x, y))
+    assembly = reader.assembly(refs)
+    groups: dict[int, list[Member]] = {}
+    for ref, x in zip(refs, against.channels, strict=True):
+        rate = ref.track.rate
+        if x.rate != rate:
+            raise ParameterError(f"channel {ref.number} has rate {rate}, the original {x.rate}")
+        decoded = assembly.parts(ref)
+        originals = cut(x, decoded)
+        for part, own, y in zip(ref.parts, originals, decoded, strict=True):
+            groups.setdefault(part.track.id, []).append(Member(ref, part, own, y))
     checks = [check for members in groups.values() for check in check_track(members)]
-    return sorted(checks, key=lambda check: check.channel)
+    return sorted(checks, key=lambda check: (check.channel, check.track))
 
 
-def check_track(members: Sequence[tuple[ChannelRef, Channel, Channel]]) -> list[ContractCheck]:
+class Member(NamedTuple):
+    """What one part of a channel should be, and what it is."""
+
+    ref: ChannelRef
+    part: Part
+    original: Channel
+    decoded: Channel
+
+
+def cut(original: Channel, parts: Sequence[Channel]) -> list[Channel]:
+    """What of the original belongs to which part: each sample to one, whatever a part lacks."""
+    if len(parts) == 1:
+        return [original]
+    ends = [part.stop_tick for part in parts]
+    stops = [max(ends[: i + 1]) for i in range(len(ends) - 1)] + [TICK_LIMIT]
+    starts = [0, *stops]
+    return [original.slice_ticks(a, b) for a, b in zip(starts, stops, strict=False)]
+
+
+def check_track(members: Sequence[Member]) -> list[ContractCheck]:
     """The channels of one track together, since a vector contract speaks of all of them."""
-    pairs = [pair_up(x, y) for _, x, y in members]
-    first = members[0][0]
-    contract = (first.residual or first.track).contract
+    pairs = [pair_up(member.original, member.decoded) for member in members]
+    part = members[0].part
+    contract = part.contract
     if contract is None:
         judged = [(int((pair.x != pair.y).sum()), Fraction(0)) for pair in pairs]
     elif contract.vector:
@@ -128,11 +155,11 @@ def check_track(members: Sequence[tuple[ChannelRef, Channel, Channel]]) -> list[
         ]
     return [
         ContractCheck(
-            ref.number, ref.label, contract, int(pair.x.size), pair.missing, pair.invented,
-            outside + pair.far, ratio, pair.largest_error, pair.moved,
+            ref.number, part.track.id, ref.label, contract, int(pair.x.size), pair.missing,
+            pair.invented, outside + pair.far, ratio, pair.largest_error, pair.moved,
             y.deviation.largest if y.deviation else 0.0,
         )
-        for (ref, _, y), pair, (outside, ratio) in zip(members, pairs, judged, strict=True)
+        for (ref, _, _, y), pair, (outside, ratio) in zip(members, pairs, judged, strict=True)
     ]  # fmt: skip
 
 

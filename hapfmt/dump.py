@@ -150,6 +150,7 @@ def track_json(track: Track) -> dict[str, Any]:
         "count_max": track.count_max,
         "first_channel": track.first_channel,
         "base": track.base,
+        "continues": track.continues,
         "parameters": track.parameters.hex(),
         "provenance": track.provenance,
         "unsupported": track.unsupported,

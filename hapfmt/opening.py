@@ -5,14 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from .catalogue import Catalogue, ChunkRef
-from .container.index import (
-    FIRST_OFFSET,
-    Index,
-    IndexEntry,
-    entry_count,
-    parse_foot,
-    parse_index,
-)
+from .container.chain import index_chain
+from .container.index import FIRST_OFFSET, IndexEntry, parse_foot
 from .container.source import Source
 from .container.walk import Chunk, Finding, end_at, read_chunk, walk
 from .container.wire import HEADER_SIZE, SIGNATURE
@@ -93,29 +87,12 @@ def index_entries(
 ) -> list[IndexEntry]:
     """All entries, oldest first, by the chain of indexes that ends at ``offset``."""
     limits = limits or Limits()
-    parts: list[Index] = []
-    listed = 0
-    position = position_after = offset
-    while True:
-        chunk = read_chunk(source, position, file_id)
-        if chunk is None or not chunk.intact or chunk.header.type != "iNDX":
-            raise FormatError(
-                "no index where one should be", requirement="IDX-004", offset=position
-            )
-        if parts and chunk.stop > position_after:
-            raise FormatError("indexes overlap", requirement="IDX-004", offset=position)
-        listed += entry_count(chunk.payload)
-        limits.check_records(listed)
-        index = parse_index(chunk.payload, position, chunk.payload_offset)
-        parts.append(index)
-        if index.covers_from == FIRST_OFFSET:
-            break
-        position, position_after = index.previous, position
-    entries: list[IndexEntry] = []
-    stops = [part.covers_from for part in parts[-2::-1]] + [1 << 64]
-    for index, stop in zip(reversed(parts), stops, strict=True):
-        entries += [entry for entry in index.entries if entry.offset < stop]
-    return entries
+    kept: list[list[IndexEntry]] = []
+    stop = 1 << 64
+    for _, index in reversed(index_chain(source, offset, file_id, limits)):
+        kept.append([entry for entry in index.entries if entry.offset < stop])
+        stop = min(stop, index.covers_from)
+    return [entry for entries in reversed(kept) for entry in entries]
 
 
 def from_walk(source: Source, limits: Limits) -> Catalogue:
@@ -147,14 +124,9 @@ def from_walk(source: Source, limits: Limits) -> Catalogue:
         raise catalogue.unsupported or broken[0][1]
     for chunk, fault in broken:
         lose_chunk(catalogue, chunk, fault)
-    for track in catalogue.table.drop_strangers() if catalogue.damaged else ():
-        catalogue.lose(
-            "bad-chunk",
-            track.offset,
-            0,
-            f"HF track {track.id} does not match its base track {track.base}",
-            "TRK-007",
-        )
+    for stranger in catalogue.table.drop_strangers() if catalogue.damaged else ():
+        at, rule = stranger.offset or 0, stranger.requirement or "TRK-007"
+        catalogue.lose("bad-chunk", at, 0, stranger.message, rule)
     check_found(catalogue)
     return catalogue
 

@@ -27,11 +27,33 @@ class LostSpan(NamedTuple):
 
 
 @dataclass
-class Progress:
-    """Where a pass over the packets stands, per track."""
+class Line:
+    """Tracks that continue one another, or one alone: which is at work, and where its last packet
+    ended."""
 
-    last_stop: dict[int, int] = field(default_factory=dict)
+    tracks: tuple[int, ...]
+    place: int = 0
+    stop: int = 0
+
+
+@dataclass
+class Progress:
+    """Where a pass over the packets stands; ``lines`` by track, with its place in the line."""
+
+    lines: dict[int, tuple[Line, int]]
     broken: set[int] = field(default_factory=set)
+
+    @classmethod
+    def of(cls, catalogue: Catalogue) -> Progress:
+        rows: list[tuple[int, ...]] = [(track,) for track in catalogue.tracks]
+        for parts in catalogue.parts:
+            rows.append(tuple(part.track.id for part in parts))
+            rows.append(tuple(part.residual.id for part in parts if part.residual))
+        lines: dict[int, tuple[Line, int]] = {}
+        for row in rows:
+            line = Line(row)
+            lines |= {track: (line, place) for place, track in enumerate(row)}
+        return cls(lines)
 
 
 class PacketPass:
@@ -53,7 +75,7 @@ class PacketPass:
         progress: Callable[[int, int], None] | None = None,
     ) -> Iterator[Packet]:
         """Packets of the tracks in ``ranges`` that overlap their tick range, CRCs checked."""
-        state = Progress()
+        state = Progress.of(self.catalogue)
         refs = [ref for ref in self.catalogue.data if overlaps(ref, start, stop)]
         found = {ref.sequence for ref in self.catalogue.chunks if ref.sequence is not None}
         previous: ChunkRef | None = None
@@ -74,7 +96,9 @@ class PacketPass:
         if self.missing(found, previous, None):
             state.broken.update(ranges)
         for track in sorted(state.broken & set(ranges)):
-            self.lost.append(LostSpan(track, state.last_stop.get(track, 0), None))
+            line, place = state.lines[track]
+            if place >= line.place:
+                self.lost.append(LostSpan(track, line.stop, None))
 
     def holds(self, start: Seconds | None, stop: Seconds | None) -> bool:
         """Whether a DATA chunk stands wherever an index says that one does (IDX-003)."""
@@ -141,30 +165,42 @@ class PacketPass:
                 state.broken.update(wanted)
 
     def settle(self, packet: Packet, state: Progress) -> bool:
-        """Order of time (DAT-006), and what was lost before this packet; False: leave it out."""
-        last = state.last_stop.get(packet.track, 0)
-        if packet.start < last:
+        """Order of time (DAT-006, TRK-017), and what was lost before this packet; False: leave it
+        out."""
+        line, place = state.lines[packet.track]
+        last = line.stop
+        if packet.start < last or place < line.place:
+            error = disorder(packet, alone=place == line.place)
             if not self.catalogue.damaged:
-                raise FormatError(
-                    f"packets of track {packet.track} overlap",
-                    requirement="DAT-006",
-                    offset=packet.offset,
-                    path=self.catalogue.source.path,
-                )
+                raise error.at(path=self.catalogue.source.path)
             self.catalogue.lose(
                 "overlap",
                 packet.offset,
                 len(packet.data),
                 f"a packet of track {packet.track} covers ticks that were delivered before",
-                "DAT-006",
+                error.requirement or "DAT-006",
             )
             return False
-        if packet.track in state.broken:
-            if packet.start > last:
-                self.lost.append(LostSpan(packet.track, last, packet.start))
-            state.broken.discard(packet.track)
-        state.last_stop[packet.track] = packet.stop
+        if state.broken:
+            for track in line.tracks[line.place : place + 1]:
+                if track in state.broken:
+                    if packet.start > last:
+                        self.lost.append(LostSpan(track, last, packet.start))
+                    state.broken.discard(track)
+        line.place, line.stop = place, packet.stop
         return True
+
+
+def disorder(packet: Packet, *, alone: bool) -> FormatError:
+    if alone:
+        return FormatError(
+            f"packets of track {packet.track} overlap", requirement="DAT-006", offset=packet.offset
+        )
+    return FormatError(
+        f"packets of track {packet.track} and of one that it continues or is continued by overlap",
+        requirement="TRK-017",
+        offset=packet.offset,
+    )
 
 
 def tick_range(rate: Fraction, start: Seconds | None, stop: Seconds | None) -> tuple[int, int]:

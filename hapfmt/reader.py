@@ -6,12 +6,13 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from types import TracebackType
-from typing import Any, BinaryIO, Literal, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 from uuid import UUID
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .assembly import BANDS, Assembly, Band, wanted_tracks
 from .catalogue import Catalogue, ChannelRef
 from .container.cluster import Packet
 from .container.extras import Attachment
@@ -23,13 +24,9 @@ from .errors import ChecksumError, FormatError, ParameterError, TruncatedError
 from .limits import Limits
 from .opening import open_catalogue
 from .packets import LostSpan, PacketPass, Seconds, tick_range
-from .reconstruct import Decoded, add_residual, build_channel
+from .reconstruct import Decoded
 from .recording import Recording
 from .threads import in_order, thread_count
-
-Band = Literal["full", "lf", "hf"]
-BANDS: tuple[Band, ...] = ("full", "lf", "hf")
-
 
 BATCH = 1 << 15
 """Samples that are worth handing to another thread."""
@@ -54,6 +51,8 @@ class Piece(NamedTuple):
     start: int
     numbers: NDArray[Any]
     exact: NDArray[np.float64] | None = None
+    offset: int = 0
+    """Of the packet in the file."""
 
     @property
     def digested(self) -> NDArray[Any]:
@@ -189,44 +188,10 @@ class Reader:
         if whole or not PacketPass(self.catalogue, self.refuse_damage).holds(start, stop):
             self.scan()
         chosen = self.select(channels)
-        wanted = wanted_tracks(chosen, band)
-        decoded = {track.id: Decoded(track) for track in wanted}
-        samples = 0
-        for piece in self.pieces(wanted, start, stop, exact=exact, progress=progress):
-            samples += piece.numbers.size
-            self.limits.check_samples(samples)
-            decoded[piece.track.id].add(piece.start, piece.numbers, piece.exact)
-        if band == "full":
-            self.lost.extend(self.lost_residuals(chosen))
-        return self.assemble(chosen, decoded, band)
-
-    def assemble(
-        self, chosen: Sequence[ChannelRef], decoded: dict[int, Decoded], band: Band
-    ) -> Recording:
-        sums: dict[int, Decoded] = {}
-        built = []
-        for ref in chosen:
-            component = ref.track.components[ref.index]
-            if band == "hf":
-                track = decoded[ref.residual.id] if ref.residual else Decoded(ref.track)
-                built.append(build_channel(track, ref.index, component, hf_only=True))
-                continue
-            if ref.track.kind == "lf" and ref.residual is None and band == "full":
-                # Its HF track is lost: what is left is not the channel (DEC-006).
-                built.append(build_channel(Decoded(ref.track), ref.index, component))
-                continue
-            if ref.residual is not None and band == "full":
-                if ref.track.id not in sums:
-                    sums[ref.track.id] = add_residual(
-                        decoded[ref.track.id], decoded[ref.residual.id]
-                    )
-                track = sums[ref.track.id]
-            else:
-                track = decoded[ref.track.id]
-            built.append(build_channel(track, ref.index, component))
+        assembly = self.assembly(chosen, start, stop, band=band, exact=exact, progress=progress)
         head = self.catalogue.head
         return Recording(
-            tuple(built),
+            tuple(assembly.channel(ref) for ref in chosen),
             uuid=UUID(bytes=head.uuid) if head and head.uuid else None,
             epoch_ns=head.epoch_ns if head else None,
             epoch_uncertainty_ns=head.epoch_uncertainty_ns if head else 0,
@@ -235,6 +200,27 @@ class Reader:
                 name: (found.media_type, found.content) for name, found in self.attachments.items()
             },
         )
+
+    def assembly(
+        self,
+        chosen: Sequence[ChannelRef],
+        start: Seconds | None = None,
+        stop: Seconds | None = None,
+        *,
+        band: Band = "full",
+        exact: bool = True,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Assembly:
+        """What some channels are put together from, decoded."""
+        wanted = wanted_tracks(chosen, band)
+        decoded = {track.id: Decoded(track) for track in wanted}
+        samples = 0
+        for piece in self.pieces(wanted, start, stop, exact=exact, progress=progress):
+            samples += piece.numbers.size
+            self.limits.check_samples(samples)
+            decoded[piece.track.id].add(piece.start, piece.numbers, piece.exact)
+        self.lost.extend(self.lost_parts(chosen, band))
+        return Assembly(decoded, band)
 
     def pieces(
         self,
@@ -269,7 +255,8 @@ class Reader:
                 first, last = ranges[packet.track]
                 a, b = max(first - packet.start, 0), min(last - packet.start, packet.span)
                 doubles = None if doubles is None else doubles[a:b]
-                pieces.append(Piece(decoder.track, packet.start + a, numbers[a:b], doubles))
+                at = packet.offset
+                pieces.append(Piece(decoder.track, packet.start + a, numbers[a:b], doubles, at))
             return pieces
 
         threads = self.threads_for(tracks)
@@ -325,12 +312,18 @@ class Reader:
         self.lost = current.lost
         return current.packets(ranges, start, stop, progress)
 
-    def lost_residuals(self, chosen: Sequence[ChannelRef]) -> list[LostSpan]:
-        """LF tracks without their HF track: nothing of their channels can be given (DEC-006)."""
-        bare = {r.track.id: r.track for r in chosen if r.track.kind == "lf" and not r.residual}
+    def lost_parts(self, chosen: Sequence[ChannelRef], band: Band) -> list[LostSpan]:
+        """What nobody can give for want of a description: LF tracks without their HF track
+        (DEC-006), and tracks that a known one continues."""
+        parts = {part.track.id: part for ref in chosen for part in ref.parts}
+        bare = [p.track for p in parts.values() if p.track.kind == "lf" and not p.residual]
+        if band != "full":
+            bare = []
         if bare and self.catalogue.closed and not self.catalogue.damaged:
-            raise lone_lf(next(iter(bare.values()))).at(path=self.source.path)
-        return [LostSpan(id_, 0, None) for id_ in sorted(bare)]
+            raise lone_lf(bare[0]).at(path=self.source.path)
+        before = [p.track.continues for p in parts.values() if p.track.continues is not None]
+        lost = {id_ for id_ in before if id_ not in self.catalogue.tracks}
+        return [LostSpan(id_, 0, None) for id_ in sorted(lost | {track.id for track in bare})]
 
     def lose_packet(self, packet: Packet, error: FormatError) -> None:
         size = len(packet.data)
@@ -356,17 +349,6 @@ def batches(packets: Iterable[tuple[Packet, int]], size: int) -> Iterator[Batch]
         raise
     if batch:
         yield Batch(batch, weight)
-
-
-def wanted_tracks(chosen: Sequence[ChannelRef], band: Band) -> list[Track]:
-    """The tracks that a band of some channels needs, each once."""
-    tracks: dict[int, Track] = {}
-    for ref in chosen:
-        if band != "hf":
-            tracks[ref.track.id] = ref.track
-        if band != "lf" and ref.residual is not None:
-            tracks[ref.residual.id] = ref.residual
-    return list(tracks.values())
 
 
 def read(

@@ -77,13 +77,13 @@ def measure(source: Source, limits: Limits | None = None) -> Usage:
     """Walks through the whole file; decodes nothing."""
     catalogue = open_catalogue(source, scan=True, limits=limits)
     usage = Usage(source.size, exit_code=catalogue.exit_code)
+    described = {t.id: parts[0].track for parts in catalogue.parts for p in parts for t in p.tracks}
     for track in catalogue.tracks.values():
-        described = track if track.base is None else catalogue.tracks.get(track.base, track)
         usage.tracks[track.id] = TrackUsage(
             track.id,
             track.kind,
             track.codec,
-            [component.label for component in described.components],
+            [component.label for component in described.get(track.id, track).components],
             parameters_size=len(track.parameters),
         )
     causes = usage.causes

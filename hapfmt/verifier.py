@@ -170,7 +170,7 @@ def check_structure(catalogue: Catalogue) -> None:
 def check_packets(
     reader: Reader, report: Report, progress: Callable[[int, int], None] | None
 ) -> None:
-    """Decode all that is supported, and compare digests."""
+    """Decode all that is supported, and compare digests with the packets before them."""
     catalogue = reader.catalogue
     known = [track for track in catalogue.tracks.values() if not track.unsupported]
     wanted = stored_digests(catalogue)
@@ -178,7 +178,7 @@ def check_packets(
     for piece in reader.pieces(known, exact=True, progress=progress):
         report.packets += 1
         report.samples += piece.numbers.size
-        if piece.track.id in digests:
+        if piece.track.id in digests and piece.offset < wanted[piece.track.id][0]:
             digests[piece.track.id].update(piece.start, piece.digested)
     report.digests = len(wanted)
     for id_, (offset, digest) in wanted.items():

@@ -188,6 +188,17 @@ UP_TO_HF = f.trak(kind=1)
 RESIDUAL = f.trak(kind=2, base=0)
 
 
+CONTINUING = f.trak(f.HOLD + f.tlv(11, b"\1"))
+CHAIN_AT = TRACK_AT + 32 + len(TRACK[1]) + 32 + len(CONTINUING) + 32
+
+
+def chain(*packets: tuple[int, int, int], then: tuple[int, int, int] | None = None) -> bytes:
+    """A channel of two tracks; (track, start, span) of one cluster, and of one in the next."""
+    clusters = [("DATA", f.cluster(*[(*packet, f.KNOT_DATA) for packet in packets]))]
+    clusters += [("DATA", f.cluster((*then, f.KNOT_DATA)))] if then else []
+    return f.file(HEAD, TRACK, ("TRAK", CONTINUING, {"track": 1}), *clusters)
+
+
 def at_index(*rows: tuple[Any, ...], cut: int = 0, **given: Any) -> Callable[[], Any]:
     data = f.index(rows, **given)
     return lambda: parse_index(data[: len(data) - cut], 500, AT)
@@ -299,6 +310,25 @@ FAULTS = [
     Fault("TRK-005", 116, "25 bits listed",
           series(f.tlv(7, b"\x18"), count_min=0, count_max=2**24 - 1)),
     Fault("TRK-015", 132, "another first channel", series(f.tlv(9, b"\1"))),
+    Fault("TLV-007", 133, "a continued track too many", series(f.tlv(11, b"\0\0"))),
+    Fault("CNV-002", 133, "a continued track too few", series(f.tlv(11, b"\0"), track_count=2)),
+    Fault("TRK-016", 100, "continues nothing", added(CONTINUING)),
+    Fault("TRK-016", 100, "continues itself", added(f.trak(f.tlv(11, b"\1")))),
+    Fault("TRK-016", 100, "continues a later one", added(f.trak(f.tlv(11, b"\2\0"), track_count=2))),
+    Fault("TRK-016", 100, "continued twice", added(f.trak(f.tlv(9, b"\0\0\0") + f.tlv(11, b"\0\1\1"), track_count=3))),
+    Fault("TRK-016", 100, "another rate, continued",
+          added(f.trak(), f.trak(f.tlv(11, b"\1"), rate_num=1))),
+    Fault("TRK-016", 100, "other channels", added(f.trak(), f.trak(f.tlv(11, b"\1"), first_channel=1))),
+    Fault("TRK-016", 100, "more components",
+          added(f.trak(), f.trak(f.tlv(11, b"\1"), component_count=2))),
+    Fault("TRK-016", 100, "another unit",
+          added(f.trak(), f.trak(f.tlv(4, f.strings("N")) + f.tlv(11, b"\1")))),
+    Fault("TRK-016", 100, "another calibration",
+          added(f.trak(), f.trak(f.tlv(3, f.calibration(2)) + f.tlv(11, b"\1")))),
+    Fault("TRK-016", 100, "HF continues", series(f.tlv(11, b"\1"), kind=2, base=0)),
+    Fault("TRK-017", CHAIN_AT + 18, "before the end of the other", judged(chain((0, 0, 4), (1, 3, 4)))),
+    Fault("TRK-017", CHAIN_AT + 32 + 19, "after the one that continues it",
+          judged(chain((1, 0, 4), then=(0, 4, 4)))),
     # 6.4
     Fault("DAT-001", 100, "no packet", cluster(b"\0")),
     Fault("DAT-001", 100, "2^14 + 1 packets", cluster(f.varint(2**14 + 1))),

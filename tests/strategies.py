@@ -163,6 +163,7 @@ def series(draw, level=LEVELS[2]):
                 count_min=low,
                 count_max=high,
                 base=i if kind == "hf" else None,
+                continues=None if kind == "hf" else draw(st.none() | st.integers(0, 65533)),
                 contract=contract,
                 provenance=provenance,
             )

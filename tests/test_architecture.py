@@ -15,9 +15,9 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-DECODE = """atomic catalogue codecs container contract deadband decoder dump errors integers kernels
+DECODE = """assembly atomic catalogue codecs container contract deadband decoder dump errors integers kernels
 limits opening packets reader reconstruct recording threads usage verifier"""
-ENCODE = "cli convert encoder live plotting scenes writer"
+ENCODE = "appending cli convert encoder live plotting scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 ONLY_IN = {
     "construct": ("container.layout", "container.wire"),

@@ -51,7 +51,7 @@ def check(data: bytes, clean: dict) -> None:
     lost = [key for key in clean if key not in delivered and key[0] < len(reader.channels)]
     for channel, tick in lost:
         (ref,) = [ref for ref in reader.channels if ref.number == channel]
-        tracks = {ref.track.id} | ({ref.residual.id} if ref.residual else set())
+        tracks = {track.id for track in ref.tracks} | {part.track.continues for part in ref.parts}
         assert any(
             span.track in tracks and span.start <= tick and (span.stop is None or tick < span.stop)
             for span in reader.lost

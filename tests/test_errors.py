@@ -78,7 +78,7 @@ def test_tlv(fault):
     """
     TLV-001: TLVs MUST stand in strictly increasing order of their type.
     TLV-002: A TLV MUST end within its chunk, and no byte may be left over after the last one.
-    TLV-004: A list MUST have one entry, which speaks for all, or one entry for each component of each track: the components of the first track, then those of the second, and so on; ranges and channels have one entry for each track, always; the list of deadband contracts, which speak of whole tracks, has one entry or one for each track.
+    TLV-004: A list MUST have one entry, which speaks for all, or one entry for each component of each track: the components of the first track, then those of the second, and so on; ranges, channels and continued tracks have one entry for each track, always; the list of deadband contracts, which speak of whole tracks, has one entry or one for each track.
     TLV-005: Both numbers of a deviation MUST be finite and not negative, and `largest` at most `declared`.
     TLV-007: A value that is a list MUST end with the last byte of its last entry.
     """
@@ -96,10 +96,12 @@ def test_tracks(fault):
     TRK-008: `base` MUST be 0xFFFF in tracks of other kinds.
     TRK-009: An HF track MUST carry no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base.
     TRK-012: In a closed file every track of kind LF MUST be the base of an HF track; an LF part that stands alone is of kind full band.
-    TRK-010: Channel numbers MUST be different for different components, and those of all tracks that are not HF together are 0, 1, 2 ... without a hole once the file is closed; the highest is 65534.
+    TRK-010: Channel numbers MUST be different for different components, but for those of tracks that continue one another, and those of all tracks that are not HF together are 0, 1, 2 ... without a hole once the file is closed; the highest is 65534.
     TRK-013: Setups MUST stand only where TLV 1 does not, with at least one codec, at least one setup for each, no more setups than tracks, and the place of one of them for each track; the codec of the first track is `codec`.
     TRK-014: There MUST be one range for each track, each w of this table, and `count_min` and `count_max` the lowest and the highest of all ranges.
     TRK-015: There MUST be one number for each track, the first of them `first_channel`.
+    TRK-016: A track that continues another MUST be of kind full band or LF, and the other one too, described before it under a smaller id, with the same component count, channel numbers, rate (as a ratio), number format, calibrations and units; no two tracks continue the same one.
+    TRK-017: The packets of a track that continues another MUST come after all packets of that other one, in time and within the file, and those of its HF track after all packets of the other one's HF track.
     """
     assert_reported(fault)
 

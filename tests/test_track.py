@@ -241,7 +241,7 @@ class TestCopies:
 
 class TestChannelNumbers:
     """
-    TRK-010: Channel numbers MUST be different for different components, and those of all tracks that are not HF together are 0, 1, 2 ... without a hole once the file is closed; the highest is 65534.
+    TRK-010: Channel numbers MUST be different for different components, but for those of tracks that continue one another, and those of all tracks that are not HF together are 0, 1, 2 ... without a hole once the file is closed; the highest is 65534.
     """
 
     def test_a_hole(self):

@@ -139,6 +139,13 @@ class TestDigests:
         assert rule(f.minimal(stale, true)) == ("intact", None)
         assert rule(f.minimal(true, stale)) == ("damaged", "DGS-002")
 
+    def test_of_the_packets_before_it(self):
+        digest = ("dGST", FIVES, {"track": 0})
+        later = ("DATA", f.cluster((0, 4, 1, f.KNOT_DATA)))
+        assert rule(f.minimal(digest, later, duration_ns=5_000_000)) == ("intact", None)
+        early = f.closed(HEAD, f.TRACK_0, digest, f.DATA_0)
+        assert rule(early) == ("damaged", "DGS-002")
+
     @pytest.mark.parametrize("size", [0, 1, 31, 33])
     def test_of_another_size(self, size):
         data = f.minimal(("dGST", bytes(size), {"track": 0}))
@@ -151,7 +158,7 @@ class TestDigests:
     @given(strategies.packets())
     def test_as_the_page_says(self, case):
         """
-        DGS-003: A digest, where a writer writes one, MUST follow the last packet of its track; a writer that appends packets writes it anew.
+        DGS-003: A digest MUST be that of the packets of its track that stand before it in the file, and of no others.
         """
         track, packets, _ = case
         decoder, digest = TrackDecoder(track, LEVELS[1]), TrackDigest()

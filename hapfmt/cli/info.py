@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import Any
 from uuid import UUID
 
 import click
 
-from ..catalogue import Catalogue, ChannelRef
+from ..catalogue import Catalogue, ChannelRef, Part
 from ..container.source import open_source
+from ..container.track import Contract
 from ..limits import Limits
 from ..opening import open_catalogue
 from .common import echo_json, input_of, json_option, memory_option, printable, table
@@ -67,8 +69,7 @@ def describe(catalogue: Catalogue) -> dict[str, Any]:
 
 def channel_json(ref: ChannelRef) -> dict[str, Any]:
     component = ref.track.components[ref.index]
-    tracks = [ref.track] + ([ref.residual] if ref.residual else [])
-    contract = tracks[-1].contract
+    contract = ref.parts[0].contract
     a, b, d = component.calibration
     return {
         "channel": ref.number,
@@ -85,21 +86,40 @@ def channel_json(ref: ChannelRef) -> dict[str, Any]:
         "calibration": {"a": a, "b": b, "d": d} if ref.track.number_format == "counts" else None,
         "count_min": ref.track.count_min,
         "count_max": ref.track.count_max,
-        "tracks": [{"id": t.id, "kind": t.kind, "codec": t.codec} for t in tracks],
-        "contract": contract
-        and {
-            "kn": contract.kn,
-            "kd": contract.kd,
-            "vector": contract.vector,
-            "guaranteed": contract.guaranteed,
-            "floor": contract.floor[ref.index],
-            "zero": contract.zero[ref.index],
-        },
+        "tracks": [
+            {
+                "id": t.id,
+                "kind": t.kind,
+                "codec": t.codec,
+                "continues": t.continues,
+                "contract": t.contract and contract_json(t.contract, ref.index),
+            }
+            for t in ref.tracks
+        ],
+        "contract": contract and contract_json(contract, ref.index),
         "deviation": component.deviation
         and {"declared": component.deviation[0], "largest": component.deviation[1]},
-        "exact": ref.track.codec == "LPCX",
-        "unsupported": ref.track.unsupported,
+        "exact": any(track.codec == "LPCX" for track in ref.tracks),
+        "unsupported": unsupported_of(ref),
     }
+
+
+def contract_json(contract: Contract, index: int) -> dict[str, Any]:
+    """Of the component with this index."""
+    return {
+        "kn": contract.kn,
+        "kd": contract.kd,
+        "vector": contract.vector,
+        "guaranteed": contract.guaranteed,
+        "floor": contract.floor[index],
+        "zero": contract.zero[index],
+    }
+
+
+def unsupported_of(ref: ChannelRef) -> str | None:
+    """Of its tracks that are not HF, the first reason."""
+    reasons = [part.track.unsupported for part in ref.parts]
+    return next((reason for reason in reasons if reason), None)
 
 
 def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
@@ -127,23 +147,32 @@ def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
 
 def channel_row(ref: ChannelRef) -> list[str]:
     component = ref.track.components[ref.index]
-    tracks = [ref.track] + ([ref.residual] if ref.residual else [])
-    contract = tracks[-1].contract
     rate = ref.track.rate
     a, _, d = component.calibration
     step = f"{a / d:.6g}" if ref.track.number_format == "counts" else ref.track.number_format
-    promise = "exact values" if ref.track.codec == "LPCX" else "-"
-    if contract:
-        word = "guaranteed" if contract.guaranteed else "aimed at"
-        shape = "vector, " if contract.vector else ""
-        width = f"k {contract.kn / contract.kd:.4g}, floor {contract.floor[ref.index]}"
-        promise = f"{shape}{width}, {word}"
+    codings = [" + ".join(f"{t.codec} {t.kind}" for t in part.tracks) for part in ref.parts]
+    promises = [promise_of(part, ref.index) for part in ref.parts]
     return [
         str(ref.number),
         component.label,
         component.unit,
         str(rate.numerator) if rate.denominator == 1 else f"{float(rate):.6g}",
         step,
-        " + ".join(f"{t.codec} {t.kind}" for t in tracks),
-        ref.track.unsupported or promise,
+        each_once(codings),
+        unsupported_of(ref) or each_once(promises),
     ]
+
+
+def each_once(texts: list[str]) -> str:
+    """Of tracks that continue one another, without repeats."""
+    return ", then ".join(text for text, _ in groupby(texts))
+
+
+def promise_of(part: Part, index: int) -> str:
+    contract = part.contract
+    if contract is None:
+        return "exact values" if part.track.codec == "LPCX" else "-"
+    word = "guaranteed" if contract.guaranteed else "aimed at"
+    shape = "vector, " if contract.vector else ""
+    width = f"k {contract.kn / contract.kd:.4g}, floor {contract.floor[index]}"
+    return f"{shape}{width}, {word}"

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import secrets
 import uuid
-from collections.abc import Iterable, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from fractions import Fraction
-from typing import BinaryIO
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from ..errors import ParameterError
 from ..limits import LEVELS, Level
+from .chain import chain_of, copied_tracks, last_sequence
 from .cluster import Packet, build_cluster, entry_size
 from .extras import Attachment, build_attachment, build_metadata
 from .index import (
-    ENTRY_SIZES,
     FIRST_OFFSET,
     INDEX_EVERY,
+    INDEX_SIZE,
     Foot,
     Index,
     IndexEntry,
@@ -26,8 +29,11 @@ from .index import (
     floor_ms,
 )
 from .series import build_series
-from .track import Track, series_of
+from .track import Track, complete, series_of
 from .wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk
+
+if TYPE_CHECKING:
+    from ..catalogue import Catalogue
 
 COPY_SHARE = 50
 """HEAD and TRAK are repeated at the end (SPEC 6.1) where that adds at most a 50th to the file."""
@@ -35,45 +41,127 @@ COPY_SHARE = 50
 PAYLOAD_TARGET = {1: 1 << 19, 2: 1 << 22}
 """Clusters are split above this size, well below the limit of the level."""
 
+CHECKPOINT_SECONDS = 10
+"""Between two indexes of a live writer (SPEC IDX-005)."""
+
+JOINT_SIZE = 8
+"""Bytes that one distance may take more where two indexes become one."""
+
+SEQUENCE_LIMIT = 1 << 32
+
+
+class Stream(Protocol):
+    """Where chunks go. One that has ``whole_writes`` keeps all of a write or nothing: after a
+    failed one the file still ends with a whole chunk, and can be closed."""
+
+    def write(self, data: bytes, /) -> object: ...
+
+
+class Part(NamedTuple):
+    """An index in the chain: its offset, what it covers, its first entry, its payload's size."""
+
+    offset: int
+    covers_from: int
+    first: int
+    size: int
+
 
 class FileWriter:
     """Writes chunks to a stream, one after the other, and the index and the footer by itself.
 
-    ``file_id`` None: at random (SPEC WRT-005). The stream needs ``write`` only.
+    ``file_id`` None: at random (SPEC WRT-005). The stream needs ``write`` only. ``clock`` gives
+    seconds to a live writer: it writes an index every 10 of them.
     """
 
     def __init__(
         self,
-        stream: BinaryIO,
+        stream: Stream,
         *,
         level: Level = LEVELS[1],
         file_id: int | None = None,
         recording_uuid: uuid.UUID | None = None,
         epoch_ns: int | None = None,
         epoch_uncertainty_ns: int = 0,
+        clock: Callable[[], float] | None = None,
     ) -> None:
-        self.stream = stream
-        self.level = level
-        self.file_id = secrets.randbits(32) if file_id is None else file_id
-        self.head = Head(
+        head = Head(
             level.number,
-            self.file_id,
+            secrets.randbits(32) if file_id is None else file_id,
             recording_uuid.bytes if recording_uuid else None,
             epoch_ns,
             epoch_uncertainty_ns,
         )
-        self.offset = 0
-        self.sequence = 0
+        self.begin(stream, head, head.build(), clock)
+        self.put(SIGNATURE)
+        self.chunk("HEAD", self.head_payload)
+
+    def begin(
+        self, stream: Stream, head: Head, payload: bytes, clock: Callable[[], float] | None
+    ) -> None:
+        self.stream = stream
+        self.head, self.head_payload = head, payload
+        self.level, self.file_id = head.limits, head.file_id
+        self.offset = self.sequence = 0
         self.tracks: dict[int, Track] = {}
         self.series: list[tuple[int, bytes]] = []
+        self.copied: set[int] = set()
+        """First track ids of TRAK chunks that stand in the file twice, NO_TRACK for HEAD."""
         self.entries: list[IndexEntry] = []
+        self.resumed_entries = 0
+        self.parts: list[Part] = []
         self.indexed_entries = 0
         self.indexed_to = FIRST_OFFSET
-        self.last_index = 0
+        self.clock = clock
+        self.indexed_at = clock() if clock else 0.0
         self.data_count = 0
         self.stop = Fraction(0)
-        self.put(SIGNATURE)
-        self.chunk("HEAD", self.head.build())
+        self.closed = self.ending = False
+        self.failed: OSError | None = None
+        self.unwritten: list[Packet] = []
+        """Packets that a failed write lost."""
+
+    @classmethod
+    def resume(
+        cls,
+        stream: Stream,
+        catalogue: Catalogue,
+        *,
+        clock: Callable[[], float] | None = None,
+    ) -> FileWriter:
+        """Goes on where a file without damage ends; ``stream`` writes there (SPEC WRT-006)."""
+        assert catalogue.head is not None
+        self = cls.__new__(cls)
+        self.begin(stream, catalogue.head, catalogue.head_payload, clock)
+        self.offset = catalogue.source.size
+        self.tracks = dict(catalogue.tracks)
+        self.series = list(catalogue.table.payloads.items())
+        self.entries = [
+            IndexEntry(
+                ref.type,
+                ref.offset,
+                floor_ms(Fraction(ref.start_ns or 0, 10**9)),
+                ceil_ms(Fraction(ref.stop_ns or 0, 10**9)),
+            )
+            for ref in catalogue.chunks
+            if ref.type not in ("iNDX", "fOOT")
+        ]
+        self.resumed_entries = len(self.entries)
+        offsets = [entry.offset for entry in self.entries]
+        self.copied = copied_tracks(catalogue.source, self.entries)
+        for offset, index in chain_of(catalogue, self.entries):
+            first = bisect_left(offsets, index.covers_from)
+            self.parts.append(Part(offset, index.covers_from, first, len(build_index(index))))
+            self.indexed_to, self.indexed_entries = offset, bisect_left(offsets, offset)
+        self.sequence = 1 + last_sequence(catalogue)
+        self.data_count = len(catalogue.data)
+        self.stop = catalogue.duration
+        self.closed = catalogue.closed
+        return self
+
+    @property
+    def last_index(self) -> int:
+        """Offset of the last iNDX chunk, 0: none."""
+        return self.parts[-1].offset if self.parts else 0
 
     def put(self, data: bytes) -> None:
         self.stream.write(data)
@@ -83,18 +171,28 @@ class FileWriter:
         self, type_: str, payload: bytes, track: int = NO_TRACK, times: tuple[int, int] = (0, 0)
     ) -> None:
         """One whole chunk in one write (SPEC WRT-001)."""
+        if self.failed:
+            raise self.failed
         if len(payload) > self.level.payload_size:
             raise ParameterError(
                 f"a {type_} chunk of {len(payload)} bytes is above {self.level.payload_size}, "
                 f"the limit of level {self.level.number}"
             )
-        unindexed = self.offset - self.indexed_to + HEADER_SIZE + len(payload)
-        if type_ != "iNDX" and unindexed > INDEX_EVERY and len(self.entries) > self.indexed_entries:
+        if type_ != "iNDX" and self.index_due(HEADER_SIZE + len(payload)):
             self.index()
+        if self.sequence >= SEQUENCE_LIMIT:
+            raise ParameterError("a file holds at most 2^32 chunks")
         entry = IndexEntry(type_, self.offset, *times)
-        self.put(
-            build_chunk(type_, payload, file_id=self.file_id, sequence=self.sequence, track=track)
-        )
+        try:
+            self.put(
+                build_chunk(
+                    type_, payload, file_id=self.file_id, sequence=self.sequence, track=track
+                )
+            )
+        except OSError as error:
+            self.end_early(error)
+            raise
+        self.closed = type_ == "fOOT"
         self.sequence += 1
         if type_ not in ("iNDX", "fOOT"):
             self.entries.append(entry)
@@ -103,8 +201,8 @@ class FileWriter:
         """TRAK chunks for tracks in order of their ids."""
         for series in series_of(tracks):
             payload = build_series(series)
-            self.series.append((series[0].id, payload))
             self.chunk("TRAK", payload, series[0].id)
+            self.series.append((series[0].id, payload))
             self.tracks.update((track.id, track) for track in series)
 
     def metadata(self, metadata: dict[str, object]) -> None:
@@ -116,24 +214,30 @@ class FileWriter:
     def cluster(self, packets: Iterable[Packet]) -> None:
         """DATA chunks for the packets of one stretch of time; several where one grows too large."""
         batch: list[Packet] = []
-        size = samples = 0
+        size = samples = written = 0
         target = PAYLOAD_TARGET[self.level.number]
-        for packet in sorted(packets, key=lambda p: (p.track, p.start)):
-            weight = len(packet.data) + entry_size(packet)
-            count = packet.span * len(self.tracks[packet.track].components)
-            full = (
-                size + weight > target
-                or samples + count > self.level.cluster_samples
-                or len(batch) >= self.level.packets
-            )
-            if batch and full:
+        packets = sorted(packets, key=lambda p: (p.track, p.start))
+        try:
+            for packet in packets:
+                weight = len(packet.data) + entry_size(packet)
+                count = packet.span * len(self.tracks[packet.track].components)
+                full = (
+                    size + weight > target
+                    or samples + count > self.level.cluster_samples
+                    or len(batch) >= self.level.packets
+                )
+                if batch and full:
+                    self.data(batch)
+                    written += len(batch)
+                    batch, size, samples = [], 0, 0
+                batch.append(packet)
+                size += weight
+                samples += count
+            if batch:
                 self.data(batch)
-                batch, size, samples = [], 0, 0
-            batch.append(packet)
-            size += weight
-            samples += count
-        if batch:
-            self.data(batch)
+        except OSError:
+            self.unwritten += packets[written:]
+            raise
 
     def data(self, packets: Sequence[Packet]) -> None:
         ends: dict[tuple[int, int], tuple[int, int]] = {}
@@ -148,15 +252,43 @@ class FileWriter:
         self.data_count += 1
         self.stop = max(self.stop, stop)
 
-    def index(self, *, everything: bool = False) -> None:
-        """An index of what was not indexed yet, or of everything where that fits a payload."""
-        entries, covers_from = self.entries[self.indexed_entries :], self.indexed_to
-        if everything and len(self.entries) * ENTRY_SIZES[1] < self.level.payload_size // 2:
-            entries, covers_from = self.entries, FIRST_OFFSET
-        payload = build_index(Index(covers_from, self.last_index, tuple(entries)))
-        self.last_index, self.indexed_to = self.offset, self.offset
-        self.indexed_entries = len(self.entries)
+    def index_due(self, size: int) -> bool:
+        """Whether an index comes before a chunk of ``size`` bytes (SPEC IDX-005)."""
+        if len(self.entries) == self.indexed_entries or self.ending:
+            return False
+        late = self.clock is not None and self.clock() - self.indexed_at >= CHECKPOINT_SECONDS
+        return late or self.offset - self.indexed_to + size > INDEX_EVERY
+
+    def checkpoint(self) -> None:
+        """An index of what was not indexed yet, if anything."""
+        if len(self.entries) > self.indexed_entries:
+            self.index()
+
+    def index(self, *, closing: bool = False) -> None:
+        """An index of what was not indexed yet; at the end of more, so that the chain is short."""
+        first, covers_from = self.indexed_entries, self.indexed_to
+        parts = list(self.parts)
+        if closing:
+            room = self.level.payload_size - JOINT_SIZE
+            room -= len(build_index(Index(covers_from, 0, tuple(self.entries[first:]))))
+            while parts and self.joins(parts[-1], first, room):
+                _, covers_from, first, size = parts.pop()
+                room -= size - INDEX_SIZE + JOINT_SIZE
+        before = self.last_index if covers_from == FIRST_OFFSET else parts[-1].offset
+        payload = build_index(Index(covers_from, before, tuple(self.entries[first:])))
+        offset = self.offset
         self.chunk("iNDX", payload)
+        self.parts = [*parts, Part(offset, covers_from, first, len(payload))]
+        self.indexed_to, self.indexed_entries = offset, len(self.entries)
+        self.indexed_at = self.clock() if self.clock else 0.0
+
+    def joins(self, part: Part, first: int, room: int) -> bool:
+        """Whether the last index repeats ``part``, the one before ``first``: those of this writer
+        always, those that stood in the file before only where they are no longer than what is new,
+        so that appending little again and again adds little."""
+        if part.size - INDEX_SIZE + JOINT_SIZE > room:
+            return False
+        return part.first >= self.resumed_entries or 2 * first <= len(self.entries) + part.first
 
     def digest(self, digests: dict[int, bytes]) -> None:
         """dGST chunks; ``digests`` by track id, runs of ids in one chunk each."""
@@ -170,13 +302,32 @@ class FileWriter:
             self.chunk("dGST", b"".join(digests[t] for t in run), run[0])
 
     def close(self) -> None:
-        """Copies of the description, index, footer; the stream stays open."""
-        described = [self.head.build(), *(payload for _, payload in self.series)]
-        if COPY_SHARE * sum(len(part) + HEADER_SIZE for part in described) <= self.offset:
-            self.chunk("HEAD", self.head.build())
-            for track, payload in self.series:
-                self.chunk("TRAK", payload, track)
-        self.index(everything=True)
+        """Copies of the description, index, footer; the stream stays open.
+
+        Nothing is written where the file was closed and nothing came since. On a full disk the
+        copies may be missing.
+        """
+        if self.closed:
+            return
+        try:
+            self.copy()
+            self.index(closing=True)
+            self.foot()
+        except OSError:
+            if not self.closed:
+                raise
+
+    def copy(self) -> None:
+        """HEAD and TRAK again (SPEC 6.1), each once in the life of a file."""
+        copies = [("HEAD", NO_TRACK, self.head_payload)]
+        copies += [("TRAK", track, payload) for track, payload in self.series]
+        copies = [copy for copy in copies if copy[1] not in self.copied]
+        if COPY_SHARE * sum(len(payload) + HEADER_SIZE for *_, payload in copies) <= self.offset:
+            for type_, track, payload in copies:
+                self.chunk(type_, payload, track)
+                self.copied.add(track)
+
+    def foot(self) -> None:
         foot = Foot(
             self.last_index,
             self.offset + HEADER_SIZE + 32,
@@ -185,3 +336,23 @@ class FileWriter:
             ceil_ns(self.stop),
         )
         self.chunk("fOOT", build_foot(foot))
+
+    def end_early(self, error: OSError) -> None:
+        """After a failed write: index and footer, where there is room; then nothing more."""
+        if self.ending:
+            return
+        self.ending = True
+        if (
+            getattr(self.stream, "whole_writes", False)
+            and self.entries
+            and complete(self.tracks.values())
+        ):
+            # An index of everything may find no room where one of the rest does.
+            for closing in (True, False):
+                with suppress(OSError):
+                    self.index(closing=closing)
+                    break
+            if self.indexed_entries == len(self.entries):
+                with suppress(OSError):
+                    self.foot()
+        self.failed = error

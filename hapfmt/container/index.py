@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import NamedTuple
@@ -135,12 +136,10 @@ def parse_foot(payload: bytes, offset: int, *, moved: bool = False) -> Foot:
 
 
 def check_listing(index: Index, own_offset: int, chunks: Sequence[IndexEntry], offset: int) -> None:
-    """IDX-002 and IDX-006 against what was found in the file itself."""
-    expected = [
-        chunk
-        for chunk in chunks
-        if index.covers_from <= chunk.offset < own_offset and chunk.type not in ("iNDX", "fOOT")
-    ]
+    """IDX-002 and IDX-006 against what was found in the file itself, in order of the offsets."""
+    start = bisect_left(chunks, index.covers_from, key=lambda chunk: chunk.offset)
+    stop = bisect_left(chunks, own_offset, key=lambda chunk: chunk.offset)
+    expected = [chunk for chunk in chunks[start:stop] if chunk.type not in ("iNDX", "fOOT")]
     for listed, found in zip(index.entries, expected, strict=False):
         if (listed.type, listed.offset) != (found.type, found.offset):
             break

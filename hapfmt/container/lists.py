@@ -173,10 +173,26 @@ def build_channels(firsts: Sequence[int]) -> bytes:
 
 
 def parse_channels(value: bytes, offset: int, count: int) -> list[int]:
+    return parse_numbers(value, offset, count)
+
+
+def parse_numbers(value: bytes, offset: int, count: int) -> list[int]:
     cursor = Cursor(value, offset)
-    firsts = [cursor.varint() for _ in range(count)]
+    numbers = [cursor.varint() for _ in range(count)]
     cursor.end()
-    return firsts
+    return numbers
+
+
+# TLV 11
+
+
+def build_continued(continued: Sequence[int | None]) -> bytes:
+    return b"".join(build_varint(0 if id_ is None else id_ + 1) for id_ in continued)
+
+
+def parse_continued(value: bytes, offset: int, count: int) -> list[int | None]:
+    """For each track the id of the one that it continues."""
+    return [number - 1 if number else None for number in parse_numbers(value, offset, count)]
 
 
 # TLV 16

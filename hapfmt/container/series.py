@@ -17,6 +17,7 @@ from .lists import (
     Setup,
     build_calibration,
     build_channels,
+    build_continued,
     build_contracts,
     build_deviation,
     build_range,
@@ -24,6 +25,7 @@ from .lists import (
     entries_of,
     parse_calibration,
     parse_channels,
+    parse_continued,
     parse_contract,
     parse_deviation,
     parse_ranges,
@@ -44,9 +46,9 @@ from .track import (
 from .wire import NO_TRACK, build_fields, parse_fixed
 
 PARAMETERS, LABEL, CALIBRATIONS, UNIT, SETUPS, QUANTITY, RANGES = 1, 2, 3, 4, 5, 6, 7
-AXIS, CHANNELS, GROUP, BODY_SITE, DEVICE, CONTRACT = 8, 9, 10, 12, 14, 16
+AXIS, CHANNELS, GROUP, CONTINUED, BODY_SITE, DEVICE, CONTRACT = 8, 9, 10, 11, 12, 14, 16
 DEVIATIONS, WEIGHTS, PROVENANCE = 18, 20, 22
-CRITICAL = (PARAMETERS, CALIBRATIONS, SETUPS, RANGES, CHANNELS)
+CRITICAL = (PARAMETERS, CALIBRATIONS, SETUPS, RANGES, CHANNELS, CONTINUED)
 STRINGS = {
     LABEL: "label",
     UNIT: "unit",
@@ -96,7 +98,7 @@ def build_series(series: Sequence[Track]) -> bytes:
 
 
 def build_what_differs(series: Sequence[Track]) -> dict[int, bytes]:
-    """Codec parameters, and what a track may have of its own: TLVs 1, 5, 7 and 9."""
+    """Codec parameters, and what a track may have of its own: TLVs 1, 5, 7, 9 and 11."""
     first, values = series[0], {}
     if len({(track.codec, track.parameters) for track in series}) > 1:
         values[SETUPS] = build_setups(series)
@@ -107,6 +109,8 @@ def build_what_differs(series: Sequence[Track]) -> dict[int, bytes]:
     firsts = [track.first_channel for track in series]
     if firsts != follow_on(firsts[0], len(first.components), len(series)):
         values[CHANNELS] = build_channels(firsts)
+    if any(track.continues is not None for track in series):
+        values[CONTINUED] = build_continued([track.continues for track in series])
     return values
 
 
@@ -156,6 +160,8 @@ def parse_series(payload: bytes, first_id: int, level: Level, offset: int) -> li
     base = None if raw.base == NO_TRACK else raw.base
     components = tuple(parse_components(tlvs, count * size))
     contracts = contracts_of(tlvs, count, size)
+    at, value = tlvs.get(CONTINUED, (0, bytes(count)))
+    continued = parse_continued(value, at, count)
     text_offset, text = tlvs.get(PROVENANCE, (0, b""))
     tracks = [
         Track(
@@ -170,6 +176,7 @@ def parse_series(payload: bytes, first_id: int, level: Level, offset: int) -> li
             count_min=ranges[i][0],
             count_max=ranges[i][1],
             base=None if base is None else base + i,
+            continues=continued[i],
             contract=contracts[i],
             provenance=parse_text(text, text_offset),
             unsupported=unknown or unknown_codec(setups[i][0]),
@@ -285,6 +292,10 @@ def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
     if not hf and track.base is not None:
         raise FormatError(
             "base track named by a track that is not HF", requirement="TRK-008", offset=offset + 26
+        )
+    if hf and track.continues is not None:
+        raise FormatError(
+            "an HF track that continues another", requirement="TRK-016", offset=offset
         )
     if hf and INHERITED & tlvs.keys():
         raise FormatError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
@@ -73,6 +73,8 @@ class Track:
     count_min: int = 0
     count_max: int = 0
     base: int | None = None
+    continues: int | None = None
+    """Id of the track whose channels this one goes on coding."""
     contract: Contract | None = None
     provenance: str = ""
     unsupported: str | None = None
@@ -90,6 +92,17 @@ class Track:
             self.kind, self.rate, len(self.components), self.number_format, self.provenance,
             self.base is None, self.unsupported,
         )  # fmt: skip
+
+    def fits(self, before: Track) -> bool:
+        """Whether this track can continue another one (TRK-016)."""
+        return (
+            {self.kind, before.kind} <= {"full", "lf"}
+            and self.id > before.id
+            and (self.channels, self.rate) == (before.channels, before.rate)
+            and self.number_format == before.number_format
+            and [(c.calibration, c.unit) for c in self.components]
+            == [(c.calibration, c.unit) for c in before.components]
+        )
 
     def follows(self, before: Track) -> bool:
         """Whether this track can continue the series that ends with ``before``."""
@@ -118,20 +131,39 @@ def series_of(tracks: Sequence[Track]) -> Iterator[list[Track]]:
         yield series
 
 
+def complete(tracks: Iterable[Track]) -> bool:
+    """Whether these may be the tracks of a closed file (TRK-010, TRK-012)."""
+    tracks = list(tracks)
+    bases = {track.base for track in tracks}
+    numbers = {n for track in tracks if track.kind in ("full", "lf") for n in track.channels}
+    return numbers == set(range(len(numbers))) and all(
+        track.kind != "lf" or track.id in bases for track in tracks
+    )
+
+
 def lone_lf(track: Track) -> FormatError:
     return FormatError(
         f"LF track {track.id} without an HF track", requirement="TRK-012", offset=track.offset
     )
 
 
+def unlike(track: Track) -> FormatError:
+    return FormatError(
+        f"track {track.id} cannot continue track {track.continues}",
+        requirement="TRK-016",
+        offset=track.offset,
+    )
+
+
 class TrackTable:
-    """The tracks described so far, and what must hold between them (TRK-003, 007 and 010)."""
+    """The tracks described so far, and what must hold between them (TRK-003, 007, 010 and 016)."""
 
     def __init__(self) -> None:
         self.tracks: dict[int, Track] = {}
         self.payloads: dict[int, bytes] = {}
         self.channels: set[int] = set()
         self.bases: set[int] = set()
+        self.continued: set[int] = set()
 
     def is_new(self, first_id: int, payload: bytes, offset: int) -> bool:
         """False for an exact copy of a TRAK payload that is known already."""
@@ -147,13 +179,18 @@ class TrackTable:
         )
 
     def add(self, series: Sequence[Track], *, damaged: bool = False) -> None:
-        """``damaged``: an HF track may have lost its base, and is kept."""
+        """``damaged``: an HF track may have lost its base, a track the one it continues; both are
+        kept."""
         for track in series:
             if track.id in self.tracks:
                 raise self.twice(track.id, track.offset)
             if track.kind == "hf":
                 if track.unsupported is None and (track.base in self.tracks or not damaged):
                     self.check_base(track)
+            elif track.continues is not None:
+                if track.unsupported is None and not damaged:
+                    self.check_continued(track)
+                self.continued.add(track.continues)
             elif not self.channels.isdisjoint(track.channels):
                 raise FormatError(
                     f"channel number of track {track.id} is taken",
@@ -166,20 +203,48 @@ class TrackTable:
                 self.bases.add(track.base)
             self.tracks[track.id] = track
 
-    def drop_strangers(self) -> list[Track]:
-        """In a damaged file: HF tracks whose base came later, or never, and does not match."""
+    def chains(self) -> list[list[Track]]:
+        """Tracks but for HF, those together that continue one another, in order of their ids.
+
+        They share their channel numbers, and nothing else does: so a lost one breaks no chain.
+        """
+        found: dict[int, list[Track]] = {}
+        for id_ in sorted(self.tracks):
+            track = self.tracks[id_]
+            if track.kind != "hf":
+                found.setdefault(track.first_channel, []).append(track)
+        return list(found.values())
+
+    def drop_strangers(self) -> list[FormatError]:
+        """In a damaged file: drops tracks that do not match their base or the track that they
+        continue, where these came later, or never."""
         dropped = []
+        for chain in self.chains():
+            before = chain[0]
+            for track in chain[1:]:
+                known = track.continues in self.tracks and track.continues != before.id
+                if known or track.continues is None or not track.fits(before):
+                    del self.tracks[track.id]
+                    dropped.append(unlike(track))
+                else:
+                    before = track
         self.bases.clear()
         for track in [track for track in self.tracks.values() if track.kind == "hf"]:
             try:
                 if track.unsupported is None and track.base in self.tracks:
                     self.check_base(track)
-            except FormatError:
-                dropped.append(self.tracks.pop(track.id))
+            except FormatError as error:
+                del self.tracks[track.id]
+                dropped.append(error)
                 continue
             if track.base is not None:
                 self.bases.add(track.base)
         return dropped
+
+    def check_continued(self, track: Track) -> None:
+        before = self.tracks.get(-1 if track.continues is None else track.continues)
+        if before is None or track.continues in self.continued or not track.fits(before):
+            raise unlike(track)
 
     def check_base(self, track: Track) -> None:
         base = self.tracks.get(-1 if track.base is None else track.base)

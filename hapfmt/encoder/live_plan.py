@@ -1,0 +1,197 @@
+"""What is known of a channel before its first sample, and what the preset makes of it.
+
+The whole recording is not at hand: nothing here is relative to a range, and nothing is found in the
+samples but the grid of doubles (live_exact.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from ..codecs.grids import LpcParameters
+from ..container.track import Component, Contract, Track
+from ..errors import ParameterError
+from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS, Level
+from ..live.inputs import Input
+from ..recording import Calibration, Channel, Deviation, Span
+from .auto import CLOCK_LABEL, absolute_threshold, quantity_of
+from .grids import grid_within
+from .perception import WEBER_LIMITS
+from .rational import shortest_fraction
+from .settings import Settings
+from .source import Source, component_of
+from .tolerance import Tolerance
+from .unit import Bound, bound_of
+
+WHOLE_ONLY = {
+    "default": "its low-pass filter reaches into the future, and its code words follow from all of",
+    "paper": "its low-pass filter, step and code words follow from all of",
+}
+
+ROUNDING = Fraction(1, 1 << 17)
+"""A value's count is found in binary64: 32-bit counts may be off their middle by that part."""
+
+ONE_COUNT = Tolerance(1, "lsb")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How one input is coded.
+
+    ``channel``: its description, without samples; ``low`` ... ``high``: the counts it may have;
+    ``settings``: of preset archive, near-lossless or deadband; ``bound``: what these allow, None
+    where every bit is kept.
+    """
+
+    input: Input
+    channel: Channel
+    low: int
+    high: int
+    settings: Settings
+    bound: Bound | None
+
+    @property
+    def calibration(self) -> Calibration:
+        assert self.channel.calibration is not None
+        return self.channel.calibration
+
+    @property
+    def component(self) -> Component:
+        return component_of(self.channel)
+
+    @property
+    def contract(self) -> Contract | None:
+        if self.bound is None:
+            return None
+        band = self.bound.band
+        return Contract(band.kn, band.kd, False, True, band.floor, band.zero)
+
+    @property
+    def grid(self) -> LpcParameters:
+        """The grid that keeps the bound."""
+        return grid_within(self.bound) if self.bound else LpcParameters()
+
+    @property
+    def level(self) -> Level:
+        """The lowest level that holds any samples of the input."""
+        one = LEVELS[1]
+        wide = max(-self.low - 1, self.high) >> (one.count_bits - 1)
+        zero = self.grid.zero if self.grid.kn else 0
+        far = max(zero - self.low, self.high - zero) > one.count_bound
+        return LEVELS[2 if wide or far else 1]
+
+    def track(self, number: int, **given: Any) -> Track:
+        """A track of channel ``number``; its id is open."""
+        given = {"count_min": self.low, "count_max": self.high} | given
+        return Track(
+            id=-1,
+            kind="full",
+            rate=self.input.rate,
+            first_channel=number,
+            components=(self.component,),
+            **given,
+        )
+
+
+def check_settings(settings: Settings) -> None:
+    """ParameterError where a recording cannot be coded so while it grows."""
+    if settings.preset in WHOLE_ONLY:
+        raise ParameterError(
+            f"preset {settings.preset} needs the whole recording, {WHOLE_ONLY[settings.preset]} "
+            "it: record with archive, near-lossless, deadband or auto"
+        )
+    if settings.tolerance is not None:
+        raise ParameterError("while recording, an input states its lsb in place of a tolerance")
+    if settings.max_error is not None and settings.max_error.kind == "range":
+        raise ParameterError(relative("the largest error", "1lsb"))
+    if settings.preset == "deadband" and settings.floor.kind == "range":
+        raise ParameterError(relative("the floor", "0.01 (N) or 2lsb"))
+
+
+def relative(what: str, example: str) -> str:
+    return (
+        f"{what} is relative to the range of the samples, which nobody knows before the end: give "
+        f"an amount in the channel's unit or in steps, {example}"
+    )
+
+
+def plan_input(given: Input, settings: Settings) -> Plan:
+    """ParameterError where the input cannot be coded with the settings."""
+    if given.rate.numerator >> 32 or given.rate.denominator >> 32:
+        raise ParameterError(f"rate {given.rate} of channel {given.label!r} needs over 32 bits")
+    low, high = -(1 << (given.bits - 1)), (1 << (given.bits - 1)) - 1
+    calibration, deviation = given.calibration, None
+    if given.lsb is not None:
+        calibration = calibration_of(given, given.lsb)
+        half = float(abs(calibration.step) / 2 * (1 + ROUNDING))
+        deviation = Deviation(half, half)
+    if calibration is not None and not calibration.covers(low, high):
+        raise ParameterError(
+            f"{given.bits}-bit counts of channel {given.label!r} times A are above 2^53: "
+            "declare fewer bits, or a smaller A and B"
+        )
+    channel = Channel(
+        np.zeros(0, np.int64),
+        given.rate,
+        calibration=calibration,
+        label=given.label,
+        unit=given.unit,
+        quantity=given.quantity,
+        axis=given.axis,
+        group=given.group,
+        body_site=given.body_site,
+        device=given.device,
+        deviation=deviation,
+        lsb=given.lsb,
+    )
+    if settings.preset == "auto":
+        settings = settings_by_quantity(channel, settings)
+    bound = None if calibration is None else bound_for(channel, settings)
+    return Plan(given, channel, low, high, settings, bound)
+
+
+def calibration_of(given: Input, lsb: float) -> Calibration:
+    """The lsb as the simplest fraction that is the same double."""
+    step = shortest_fraction(lsb) if isfinite(lsb) else Fraction(0)
+    if not 0 < step.numerator < AFFINE_LIMIT or step.denominator >= EXACT_LIMIT:
+        raise ParameterError(
+            f"the lsb {lsb:g} of channel {given.label!r} is no fraction of integers below 2^52: "
+            "use another unit"
+        )
+    return Calibration(step.numerator, 0, step.denominator)
+
+
+def settings_by_quantity(channel: Channel, settings: Settings) -> Settings:
+    """Preset auto, by what is known beforehand: quantities that are felt in proportion get their
+    deadband, with a floor of one count where none is given; all else is kept without loss, but for
+    an absolute floor that the caller gave."""
+    quantity = quantity_of(channel)
+    felt = quantity in WEBER_LIMITS
+    clock = quantity == "time" or (not quantity and CLOCK_LABEL.search(channel.label))
+    exact = replace(settings, preset="archive")
+    if clock or (not felt and settings.floor.kind == "range"):
+        return exact
+    limit = WEBER_LIMITS.get(quantity, Fraction(0))
+    k = settings.k if limit is None else min(settings.k, limit)
+    floor = absolute_threshold(channel, settings) or settings.floor
+    if floor.kind == "range":
+        floor = ONE_COUNT
+    return replace(settings, preset="deadband", k=k, floor=floor)
+
+
+def bound_for(channel: Channel, settings: Settings) -> Bound | None:
+    """None where nothing may be lost."""
+    if settings.preset == "archive":
+        return None
+    if settings.max_error is not None:
+        settings = replace(settings, k=Fraction(0), floor=settings.max_error)
+    nothing = np.zeros((1, 1), np.int64)
+    bound = bound_of(Source((channel,), nothing, (Span(0, 1),)), settings)
+    if settings.preset == "near-lossless":
+        return bound if bound.slack else None
+    return bound
