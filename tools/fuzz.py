@@ -36,7 +36,7 @@ SLOW = 20
 RAW = 8
 """One mutation of so many leaves checksums as they are."""
 
-ROOM = {"file": 80 << 10}
+ROOM = {"file": 80 << 10, "append": 24 << 10}
 OTHER_ROOM = 8 << 10
 """Bytes of the inputs of a target that are kept."""
 
@@ -57,7 +57,7 @@ def fuzz(name: str, arguments: list[str]) -> None:
 
     with atheris.instrument_imports(include=["hapfmt"]):
         from fuzzing import TARGETS
-        from fuzzing.mend import build, parts_of
+        from fuzzing.mend import build, mend_file, parts_of
     target = TARGETS[name]
 
     def change_parts(data: bytes, size: int, rng: random.Random) -> bytes:
@@ -80,7 +80,7 @@ def fuzz(name: str, arguments: list[str]) -> None:
 
     def mutate(data: bytes, size: int, seed: int) -> bytes:
         rng = random.Random(seed)
-        if name == "file" and rng.randrange(RAW):
+        if target.mend is mend_file and rng.randrange(RAW):
             changed = change_parts(data, size, rng)
         else:
             changed = atheris.Mutate(data, size)

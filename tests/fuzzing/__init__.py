@@ -3,6 +3,7 @@ run by tools/fuzz.py."""
 
 from __future__ import annotations
 
+from .appended import APPENDED
 from .decoders import DECODERS
 from .files import FILES
 from .foreign import FOREIGN
@@ -10,7 +11,7 @@ from .parsers import PARSERS
 from .target import Target
 
 TARGETS: dict[str, Target] = {
-    target.name: target for target in (*PARSERS, *DECODERS, *FILES, *FOREIGN)
+    target.name: target for target in (*PARSERS, *DECODERS, *FILES, *APPENDED, *FOREIGN)
 }
 
 __all__ = ["TARGETS", "Target"]
