@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 from hapfmt.codecs.raw import DTYPES, RawParameters, decode_raw, encode_raw
 from hapfmt.errors import FormatError
 
+pytestmark = pytest.mark.capped
+
 
 def slow_words(planes: bytes, size: int, ticks: int, width: int, signed: bool) -> list[list[int]]:
     """Numbers [ticks][components] from the planes, byte by byte."""

@@ -9,6 +9,8 @@ from fuzzing import TARGETS
 from fuzzing.mend import SYNC, mend_cluster, mend_file
 from spec import ROOT
 
+pytestmark = pytest.mark.capped
+
 CORPUS = ROOT / "tests" / "corpus"
 SIZE_LIMIT = 200 << 10
 """Bytes of the corpus."""
