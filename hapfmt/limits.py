@@ -56,10 +56,11 @@ ROOM_FOR = {
     "components": 1 << 14,
     "metadata": 1 << 9,
     "attachments": 8,
+    "events": 1 << 12,
 }
 """Bytes of memory for each of these that it has room for, the others beside it. A sample of the
 packet that is decoded takes up to 70 bytes, one that is held and converted 38, a chunk or a finding
-700, a component that is described and printed 8000, a byte of metadata 60."""
+700, a component that is described and printed 8000, a byte of metadata 60, an event 1000."""
 
 _SHIFTS = {"": 0, "k": 10, "m": 20, "g": 30, "t": 40}
 _SIZE = re.compile(r"(\d{1,15})\s*([kmgt]?)(i?b)?", re.ASCII)
@@ -81,7 +82,8 @@ class Limits:
     other bounds are then no larger than it has room for. ``samples``: decoded samples held at once.
     ``packet_samples``: samples of one packet. ``work_samples``: samples decoded in one pass, held
     or not (108 hours of 22 channels at 1 kHz). ``records``: chunks, and findings where there is
-    damage. ``components``: described in all. ``metadata``, ``attachments``: bytes of them.
+    damage. ``components``: described in all. ``metadata`` (with clocks), ``attachments``: bytes
+    of them. ``events``: held at once.
     """
 
     samples: int = 1 << 28
@@ -92,6 +94,7 @@ class Limits:
     components: int = 1 << 17
     metadata: int = 1 << 26
     attachments: int = 1 << 30
+    events: int = 1 << 18
 
     def __post_init__(self) -> None:
         if self.memory is None:
@@ -121,6 +124,9 @@ class Limits:
     def check_work(self, value: int) -> None:
         self.check("work_samples", value, f"{value} samples in one pass")
 
+    def check_events(self, value: int) -> None:
+        self.check("events", value, f"{value} events at once")
+
     def check_packet(self, value: int) -> None:
         self.check("packet_samples", value, f"{value} samples in one packet")
 
@@ -134,7 +140,7 @@ class Limits:
         self.check("components", value, f"{value} components described")
 
     def check_metadata(self, value: int, offset: int) -> None:
-        self.check("metadata", value, f"{value} bytes of metadata", offset)
+        self.check("metadata", value, f"{value} bytes of metadata and clocks", offset)
 
     def check_attachments(self, value: int, offset: int) -> None:
         self.check("attachments", value, f"{value} bytes of attachments", offset)

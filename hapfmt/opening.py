@@ -16,7 +16,7 @@ from .limits import Limits
 MS = 10**6
 """Nanoseconds."""
 FOOT_SIZE = HEADER_SIZE + 32
-LATER = frozenset({"DATA", "aTTc", "dGST"})
+LATER = frozenset({"DATA", "aTTc", "dGST", "cLOk", "cMAp"})
 """Chunks that are read when somebody asks for them."""
 
 

@@ -29,9 +29,10 @@ class LostSpan(NamedTuple):
 @dataclass
 class Line:
     """Tracks that continue one another, or one alone: which is at work, and where its last packet
-    ended."""
+    ended. ``free``: of events, whose packets come in any order."""
 
     tracks: tuple[int, ...]
+    free: bool = False
     place: int = 0
     stop: int = 0
 
@@ -51,7 +52,7 @@ class Progress:
             rows.append(tuple(part.residual.id for part in parts if part.residual))
         lines: dict[int, tuple[Line, int]] = {}
         for row in rows:
-            line = Line(row)
+            line = Line(row, any(catalogue.tracks[track].kind == "events" for track in row))
             lines |= {track: (line, place) for place, track in enumerate(row)}
         return cls(lines)
 
@@ -169,6 +170,8 @@ class PacketPass:
         out."""
         line, place = state.lines[packet.track]
         last = line.stop
+        if line.free:
+            return True
         if packet.start < last or place < line.place:
             error = disorder(packet, alone=place == line.place)
             if not self.catalogue.damaged:

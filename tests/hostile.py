@@ -238,6 +238,23 @@ def large_attachments(size: Size) -> bytes:
     return f.closed(head(), f.TRACK_0, *[("aTTc", content)] * (size.attached // size.attachment))
 
 
+def events(size: Size) -> bytes:
+    """Packets of nothing but events without a text."""
+    rows = [(0, 0, 1, f.event(0) * min(size.chunks, 1 << 16))]
+    layers = [(i, *rows[0][1:]) for i in range(size.chunks >> 13)]
+    described = f.layer(track_count=len(layers))
+    return f.closed(
+        head(), ("TRAK", described, {"track": 0}), ("DATA", f.cluster(*layers)), duration_ns=10**6
+    )
+
+
+def clocks(size: Size) -> bytes:
+    """Observations of a clock that stands."""
+    count = (size.json - 32) // 3
+    observed = f.clock([(0, 0, 0)], count=count) + bytes(3 * (count - 1))
+    return f.closed(head(), f.TRACK_0, ("cLOk", observed, {"track": 0}))
+
+
 FIVE = f.svarint(5)
 CONSTANT = b"\x10\0" + FIVE
 LPCR, DEADBAND = f.lpcr_parameters(), f.lpcr_parameters(1, step=1, kn=1, kd=1024)
@@ -284,6 +301,8 @@ FILES: dict[str, Callable[[Size], bytes]] = {
     "JSON of numbers": wide_json(b"-1e5"),
     "JSON of texts": wide_json(b'"ab"'),
     "JSON in many chunks": many_json,
+    "events": events,
+    "clocks": clocks,
     "attachments of nothing": attachments,
     "large attachments": large_attachments,
 }  # fmt: skip

@@ -15,8 +15,9 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-DECODE = """assembly atomic catalogue codecs container contract deadband decoder dump errors integers kernels
-limits opening packets reader reconstruct recording threads usage verifier"""
+DECODE = """assembly atomic catalogue clocks codecs container contract deadband decoder dump errors
+events integers kernels limits opening packets pieces reader reconstruct recording threads usage
+verifier"""
 ENCODE = "appending cli convert encoder live plotting scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 ONLY_IN = {

@@ -12,7 +12,7 @@ import forge as f
 import numpy as np
 
 import hapfmt
-from hapfmt import Calibration, Channel, Limits, Recording, Settings
+from hapfmt import Calibration, Channel, Event, Limits, Recording, Settings
 from hapfmt.cli.info import describe
 from hapfmt.container.source import BytesSource
 from hapfmt.dump import dump
@@ -45,6 +45,7 @@ def samples(data: bytes, *, scan: bool) -> Samples:
         for ref, channel in zip(reader.channels, recording.channels, strict=True):
             exact = b"" if channel.exact is None else channel.exact.tobytes()
             found[band, ref.number] = (channel.values.tobytes(), exact, channel.coverage)
+        found[band, -1] = recording.events
         json.dumps([finding.as_json() for finding in reader.findings])
     return found
 
@@ -68,6 +69,8 @@ def file(data: bytes) -> None:
     part = settled(Reader, data, limits=LIMITS)
     if part is not None:
         settled(part.read, start=Fraction(1, 1000), stop=Fraction(3, 1000))
+        settled(part.events, start=Fraction(1, 1000))
+        settled(lambda: (part.clocks, part.clock_maps))
     told = settled(lambda: list(dump(BytesSource(data), counts=True)))
     json.dumps(told, allow_nan=False)
     usage = settled(measure, BytesSource(data))
@@ -104,6 +107,7 @@ def recording() -> Recording:
             Channel(np.round(np.sin(t) * 30) * (1 / 30), Fraction(1000), unit="m"),
             Channel(np.arange(4, dtype=np.float32), Fraction(50)),
         ),
+        events=(Event(Fraction(1, 100), "contact", Fraction(1, 50), 1, "by hand"), Event(0, "go")),
         metadata={"subject": "none", "notes": ["made"]},
         attachments={"a.txt": ("text/plain", b"hello")},
     )  # fmt: skip
@@ -138,6 +142,17 @@ def of_file() -> Iterable[bytes]:
     ]  # fmt: skip
     yield f.closed(*lf_hf)
     yield f.file(*lf_hf)
+    yield f.closed(
+        ("HEAD", f.head()),
+        f.TRACK_0,
+        ("TRAK", f.layer(f.tlv(2, f.strings("by hand"))), {"track": 1}),
+        ("TRAK", f.trak(f.HOLD + f.tlv(11, f.varint(1))), {"track": 2}),
+        ("cLOk", f.clock([(0, 10**18, 5), (9, 10**18 + 10**7, 0)]), {"track": 0}),
+        ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA), (1, 0, 4, f.event(1, "a", 2, 1) + f.event(2)))),
+        ("DATA", f.cluster((1, 0, 2, f.event(0, "later")), (2, 4, 4, f.KNOT_DATA))),
+        ("cMAp", f.clock_map([(0, 0), (1000, 10**9)])),
+        duration_ns=8_000_000,
+    )
     for preset, given in WAYS.items():
         yield written(recording(), Settings.of(preset, cluster=Fraction(3, 100), **given))
     alone = recording().channels

@@ -8,7 +8,9 @@ from zlib import crc32
 
 import forge as f
 
+from hapfmt.codecs.events import build_events, parse_events
 from hapfmt.codecs.varints import build_varints, parse_varints
+from hapfmt.container.clocks import build_clocks, build_map, parse_clock, parse_map
 from hapfmt.container.cluster import Packet, build_cluster, parse_cluster, salvage_cluster
 from hapfmt.container.extras import (
     build_attachment,
@@ -124,6 +126,34 @@ def attachment(data: bytes) -> None:
         assert found.safe_name and not set(found.safe_name) & set("/\\:\0")
 
 
+def events(data: bytes) -> None:
+    """First two bytes for the start, and two for the span."""
+    start, span = int.from_bytes(data[:2], "little"), 1 + int.from_bytes(data[2:4], "little")
+    found = settled(parse_events, data[4:], start, span, AT)
+    if found is not None:
+        assert all(start <= event.tick < start + span for event in found)
+        assert build_events(found, start) == data[4:]
+
+
+def clock(data: bytes) -> None:
+    found = settled(parse_clock, data, 3, AT)
+    if found is not None and len(found[0].clock.encode()) < 255:
+        parts = list(build_clocks(found))
+        assert [seen for part in parts for seen in parse_clock(part, 3, AT)] == found
+        assert parts == [data] or len(parts) > 1
+
+
+def clock_map(data: bytes) -> None:
+    found = settled(parse_map, data, None, AT)
+    if found is None:
+        return
+    if len(found.clock.encode()) < 255:
+        assert build_map(found) == data
+    for tick, time_ns in found.points:
+        assert found.time_ns(tick) == time_ns
+        assert found.tick(time_ns) == tick
+
+
 def varints(data: bytes) -> None:
     """A row at once says what one number after the other says."""
 
@@ -222,6 +252,21 @@ def of_metadata() -> Iterable[bytes]:
     yield b'{"n":123456789012345678901234567890,"x":1e308}'
 
 
+def of_events() -> Iterable[bytes]:
+    yield bytes(2) + b"\xe8\3" + f.event(5, "contact", 20, 1) + f.event(0) + f.event(7, "\u00e9nd")
+    yield b"\1\0\0\0" + f.event(0, "x")
+
+
+def of_clock() -> Iterable[bytes]:
+    yield f.clock([(0, 10**18, 5), (1000, 10**18 + 10**9, 0), (900, 0, 7)])
+    yield f.clock([(-5, -(2**63), 2**53 - 1)], "gps")
+
+
+def of_map() -> Iterable[bytes]:
+    yield f.clock_map([(0, 0), (1000, 10**9 + 40_000), (5000, 5 * 10**9)])
+    yield f.clock_map([(-(2**51), -(2**62)), (2**51, 2**52 - 2**62)])
+
+
 def of_chunks() -> Iterable[bytes]:
     yield f.minimal()
     yield f.minimal(("mETa", b"{}"), ("aTTc", f.strings("a", "b") + f.minimal()))
@@ -241,6 +286,9 @@ PARSERS = [
     Target("foot", foot, lambda: [f.foot(1, 164, 2, 3, 4), struct.pack("<QQIIq", 2**64 - 1, 132, 0, 0, -1)], size=40),
     Target("metadata", metadata, of_metadata, size=600),
     Target("attachment", attachment, lambda: [f.strings("a.txt", "text/plain") + b"hi", b"\1a\0"], size=300),
+    Target("events", events, of_events, size=300),
+    Target("clock", clock, of_clock, size=200),
+    Target("clock_map", clock_map, of_map, size=200),
     Target("varints", varints, lambda: [f.varint(300) + f.varint(2**53 - 1) + b"\0"], size=64),
     Target("chunks", chunks, of_chunks, mend_chunks, 2000),
 ]  # fmt: skip
