@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     )
     from .events import Event
     from .limits import Limits
+    from .live.inputs import Input
+    from .live.recorder import Recorder
+    from .live.status import Status
     from .reader import Reader, read
     from .recording import Calibration, Channel, Recording, Span
     from .verifier import verify
@@ -44,6 +47,9 @@ _PLACES = {
     "load": "convert",
     "save": "convert",
     "Settings": "encoder.settings",
+    "Recorder": "live.recorder",
+    "Input": "live.inputs",
+    "Status": "live.status",
     "Recording": "recording",
     "Event": "events",
     "ClockObservation": "container.clocks",
@@ -73,14 +79,17 @@ __all__ = [
     "Event",
     "FormatError",
     "HapfmtError",
+    "Input",
     "LimitError",
     "Limits",
     "MissingExtraError",
     "ParameterError",
     "Reader",
+    "Recorder",
     "Recording",
     "Settings",
     "Span",
+    "Status",
     "TruncatedError",
     "UnsupportedError",
     "__version__",
