@@ -66,7 +66,7 @@ class Reader:
         self.source = open_source(file, mapped=mapped, spool=spool)
         self.lost: list[LostSpan] = []
         try:
-            self.catalogue: Catalogue = open_catalogue(self.source, scan=scan)
+            self.catalogue: Catalogue = open_catalogue(self.source, scan=scan, limits=self.limits)
         except BaseException:
             self.source.close()
             raise
@@ -127,7 +127,7 @@ class Reader:
     def scan(self) -> None:
         """Walk through the whole file, so that every byte is checked."""
         if self.catalogue.indexed:
-            self.catalogue = open_catalogue(self.source, scan=True)
+            self.catalogue = open_catalogue(self.source, scan=True, limits=self.limits)
             self.refuse_damage()
 
     def refuse_damage(self) -> None:
