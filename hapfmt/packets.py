@@ -88,7 +88,9 @@ class PacketPass:
         """
         state = self.state
         refs = overlapping(self.catalogue.data, start, stop)
-        found = {ref.sequence for ref in self.catalogue.chunks if ref.sequence is not None}
+        found: set[int] = set()
+        if self.catalogue.damaged:
+            found = {ref.sequence for ref in self.catalogue.chunks if ref.sequence is not None}
         previous: ChunkRef | None = None
         for done, ref in enumerate(refs):
             if self.missing(found, previous, ref):
@@ -156,7 +158,7 @@ class PacketPass:
             return None
         if SHARE * len(ranges) >= len(tracks):
             return None
-        rows = read_table(source, ref, header, tracks, self.catalogue.level)
+        rows = read_table(source, ref, header, tracks, self.catalogue.level, ranges)
         if rows is None:
             return None
         wanted = wanted_rows(rows, ranges)
@@ -182,7 +184,7 @@ class PacketPass:
             ends[line] = min(last, tick_after(stop_ns, rate))
         reached: set[tuple[int, ...]] = set()
         for entry, _ in rows:
-            if entry.track not in ranges or entry.start >= ranges[entry.track][1]:
+            if entry.start >= ranges[entry.track][1]:
                 continue
             line = self.state.lines[entry.track][0].tracks
             if entry.start > here[line]:

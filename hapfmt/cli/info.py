@@ -8,7 +8,7 @@ from uuid import UUID
 
 import click
 
-from ..catalogue import Catalogue, ChannelRef, Part
+from ..catalogue import Catalogue, ChannelRef, FalseIndexError, Part
 from ..container.source import open_source
 from ..container.track import Contract
 from ..opening import open_catalogue
@@ -39,7 +39,11 @@ def info(file: str, follow: bool, interval: float, as_json: bool) -> int:
     source = open_source(input_of(file))
     try:
         catalogue = open_catalogue(source)
-        found = describe(catalogue)
+        try:
+            found = describe(catalogue)
+        except FalseIndexError:
+            catalogue = open_catalogue(source, scan=True)
+            found = describe(catalogue)
     finally:
         source.close()
     if as_json:
