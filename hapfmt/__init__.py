@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 from .version import SPEC_VERSION, __version__
 
 if TYPE_CHECKING:
+    from .clocks import fit_clock
+    from .container.clocks import ClockMap, ClockObservation
     from .convert import load, save
     from .encoder.settings import Settings
     from .errors import (
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
         TruncatedError,
         UnsupportedError,
     )
+    from .events import Event
     from .follow import Follower
     from .limits import Limits
     from .reader import Reader, read
@@ -44,6 +47,10 @@ _PLACES = {
     "save": "convert",
     "Settings": "encoder.settings",
     "Recording": "recording",
+    "Event": "events",
+    "ClockObservation": "container.clocks",
+    "ClockMap": "container.clocks",
+    "fit_clock": "clocks",
     "Channel": "recording",
     "Calibration": "recording",
     "Span": "recording",
@@ -63,6 +70,9 @@ __all__ = [
     "Calibration",
     "Channel",
     "ChecksumError",
+    "ClockMap",
+    "ClockObservation",
+    "Event",
     "Follower",
     "FormatError",
     "HapfmtError",
@@ -77,6 +87,7 @@ __all__ = [
     "TruncatedError",
     "UnsupportedError",
     "__version__",
+    "fit_clock",
     "load",
     "read",
     "save",

@@ -9,7 +9,9 @@ from typing import Literal
 import numpy as np
 
 from .catalogue import ChannelRef, Part
+from .codecs.events import CodedEvent
 from .container.track import Track
+from .events import Event, decoded, in_order
 from .reconstruct import Decoded, add_residual, build_channel
 from .recording import Channel, Deviation, Span, append_span
 
@@ -29,12 +31,39 @@ def wanted_tracks(chosen: Sequence[ChannelRef], band: Band) -> list[Track]:
 
 
 class Assembly:
-    """Puts together the channels of one band; ``decoded`` holds what ``wanted_tracks`` names."""
+    """Puts together the channels of one band; ``tracks`` are those that ``wanted_tracks``
+    names, decoded; beside them the events of the layers."""
 
-    def __init__(self, decoded: dict[int, Decoded], band: Band) -> None:
-        self.decoded = decoded
+    def __init__(self, tracks: dict[int, Decoded], band: Band) -> None:
+        self.tracks = tracks
         self.band = band
         self.sums: dict[int, Decoded] = {}
+        self.layers: dict[int, tuple[Track, list[CodedEvent]]] = {}
+        self.event_count = 0
+
+    def add_events(self, layer: Track, events: Sequence[CodedEvent]) -> None:
+        self.layers.setdefault(layer.id, (layer, []))[1].extend(events)
+        self.event_count += len(events)
+
+    def events(self) -> list[Event]:
+        """In order of time; channels are their numbers (EVT-004)."""
+        rows = [self.layers[id_] for id_ in sorted(self.layers)]
+        return in_order(decoded(event, layer) for layer, events in rows for event in events)
+
+    def events_of(
+        self, known: Sequence[ChannelRef], chosen: Sequence[ChannelRef]
+    ) -> tuple[Event, ...]:
+        """Those of the chosen channels, by their places there, and those that speak of none, or of
+        one that is lost."""
+        places: dict[int | str | None, int | None] = {None: None}
+        for place, ref in enumerate(chosen):
+            places.setdefault(ref.number, place)
+        others = {ref.number for ref in known} - places.keys()
+        return tuple(
+            replace(event, channel=places.get(event.channel))
+            for event in self.events()
+            if event.channel not in others
+        )
 
     def channel(self, ref: ChannelRef) -> Channel:
         return join(self.parts(ref))
@@ -51,14 +80,14 @@ class Assembly:
 
     def of_part(self, part: Part) -> Decoded:
         if self.band == "hf":
-            return self.decoded[part.residual.id] if part.residual else Decoded(part.track)
+            return self.tracks[part.residual.id] if part.residual else Decoded(part.track)
         if self.band == "lf" or part.track.kind != "lf":
-            return self.decoded[part.track.id]
+            return self.tracks[part.track.id]
         if part.residual is None:
             # Its HF track is lost: what is left is not the channel (DEC-006).
             return Decoded(part.track)
         if part.track.id not in self.sums:
-            lf, hf = self.decoded[part.track.id], self.decoded[part.residual.id]
+            lf, hf = self.tracks[part.track.id], self.tracks[part.residual.id]
             self.sums[part.track.id] = add_residual(lf, hf)
         return self.sums[part.track.id]
 

@@ -5,22 +5,25 @@ Nothing is decoded here, and NumPy is not needed: this is all that ``hapfmt info
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
+from .container.clocks import ClockMap, ClockObservation, parse_clock, parse_map
 from .container.cluster import parse_count, parse_entry
 from .container.extras import Attachment, parse_attachment, parse_metadata
 from .container.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
 from .container.series import parse_series
 from .container.source import Source
 from .container.track import Contract, Track, TrackTable
-from .container.walk import Chunk, Finding, read_chunk
-from .container.wire import HEADER_SIZE, ChunkHeader, Head, parse_head
+from .container.walk import Chunk, Finding, header_at, read_chunk
+from .container.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
 from .errors import FormatError, UnsupportedError
 from .limits import LEVELS, Level
 
+T = TypeVar("T")
 HARMLESS = frozenset({"not-closed"})
 """Findings that lose nothing that stands in the file."""
 
@@ -172,6 +175,13 @@ class Catalogue:
         ]
 
     @property
+    def layers(self) -> list[Track]:
+        """Tracks of kind events in order of their ids."""
+        return [
+            self.tracks[id_] for id_ in sorted(self.tracks) if self.tracks[id_].kind == "events"
+        ]
+
+    @property
     def duration(self) -> Fraction:
         """Seconds to the end of the last packet, to the nanosecond above."""
         if self.indexed and self.foot:
@@ -203,6 +213,56 @@ class Catalogue:
                     name = f"{attachment.name} ({counts[attachment.name]})"
                 found[name] = attachment
         return found
+
+    @cached_property
+    def clocks(self) -> list[ClockObservation]:
+        """Observations of other clocks, in the order of the file."""
+        return [seen for found in self.parsed_clocks("cLOk", parse_clock) for seen in found]
+
+    @cached_property
+    def clock_maps(self) -> list[ClockMap]:
+        """The last one for each clock and track."""
+        return list({(m.clock, m.track): m for m in self.parsed_clocks("cMAp", parse_map)}.values())
+
+    def parsed_clocks(
+        self, type_: str, parse: Callable[[bytes, int | None, int], T]
+    ) -> Iterator[T]:
+        """What intact chunks say; in a damaged file what breaks a rule is part of the damage."""
+        for ref in self.chunks:
+            chunk = read_chunk(self.source, ref.offset) if ref.type == type_ else None
+            if chunk is None or not chunk.intact or not chunk.header.known:
+                continue
+            try:
+                track = self.observed_track(chunk)
+                yield parse(chunk.payload, track, chunk.payload_offset)
+            except FormatError as error:
+                if not self.damaged:
+                    raise
+                size, rule = chunk.stop - chunk.offset, error.requirement or "CLK-001"
+                self.lose("bad-chunk", chunk.offset, size, f"{type_}: {error.message}", rule)
+
+    def observed_track(self, chunk: Chunk) -> int | None:
+        """The track whose ticks a clock chunk speaks of (CLK-005)."""
+        id_ = chunk.header.track
+        track = self.tracks.get(id_)
+        known = track and track.kind != "events" and (self.damaged or track.offset < chunk.offset)
+        if id_ != NO_TRACK and not known:
+            raise FormatError(
+                f"a clock on the ticks of track {id_}", requirement="CLK-005", offset=chunk.offset
+            )
+        return None if id_ == NO_TRACK else id_
+
+    def lists(self, types: Collection[str]) -> bool:
+        """Whether chunks of these types stand wherever an index says that they do (IDX-003)."""
+        if not self.indexed:
+            return True
+        file_id = self.head.file_id if self.head else None
+        for ref in self.chunks:
+            if ref.type in types:
+                header = header_at(self.source, ref.offset, file_id)
+                if header is None or header.type != ref.type:
+                    return False
+        return True
 
     def lose(self, code: str, offset: int, size: int, message: str, requirement: str) -> None:
         """Note a damage, once."""

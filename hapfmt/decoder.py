@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .codecs import components, knots, knots_coded, quantised
+from .codecs.events import CodedEvent, parse_events
 from .codecs.exact import ExactParameters, decode_counts, decode_exact
 from .codecs.grids import LpcParameters
 from .codecs.knots import KnotParameters
@@ -17,7 +18,7 @@ from .codecs.quantised import QuanParameters
 from .codecs.raw import RawParameters, decode_raw
 from .container.cluster import Packet
 from .container.track import Track
-from .errors import FormatError, HapfmtError, UnsupportedError
+from .errors import FormatError, HapfmtError, ParameterError, UnsupportedError
 from .limits import Level
 from .recording import Span, append_span
 
@@ -44,9 +45,11 @@ class TrackDecoder:
         self.path = path
         self.parameters = self.parse_parameters()
 
-    def parse_parameters(self) -> Parameters:
+    def parse_parameters(self) -> Parameters | None:
         track = self.track
         try:
+            if track.codec == "EVNT":
+                return None
             if track.codec == "KNOT":
                 return KnotParameters.parse(track.parameters, self.level, track.offset)
             if track.codec == "QUAN":
@@ -88,6 +91,13 @@ class TrackDecoder:
         except HapfmtError as error:
             raise error.at(path=self.path) from None
 
+    def decode_events(self, packet: Packet) -> list[CodedEvent]:
+        """Of a track of kind events, in the order of the bytes."""
+        try:
+            return parse_events(packet.data, packet.start, packet.span, packet.offset)
+        except HapfmtError as error:
+            raise error.at(path=self.path) from None
+
     def decode(self, packet: Packet) -> NDArray[Any]:
         """[span, components]: int32 counts, clamped to the declared range (DEC-001), or words."""
         track, parameters = self.track, self.parameters
@@ -119,6 +129,8 @@ class TrackDecoder:
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
                     track.count_min, track.count_max,
                 )  # fmt: skip
+            elif parameters is None:
+                raise ParameterError("a layer of events has no numbers")
             else:
                 return quantised.decode_within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,

@@ -8,6 +8,7 @@ from typing import Any
 from uuid import UUID
 
 from .catalogue import Catalogue
+from .container.clocks import parse_clock, parse_map
 from .container.cluster import Packet, parse_cluster, salvage_cluster
 from .container.extras import parse_attachment, parse_metadata
 from .container.index import parse_foot, parse_index
@@ -79,9 +80,20 @@ def content(catalogue: Catalogue, chunk: Chunk, counts: bool) -> dict[str, Any]:
                 "sha256": digest,
             }
         }
+    if kind in ("cLOk", "cMAp"):
+        return clock_json(chunk)
     if kind == "dGST":
         return {"digests": [payload[i : i + 32].hex() for i in range(0, len(payload), 32)]}
     return {"sha256": hashlib.sha256(payload).hexdigest()}
+
+
+def clock_json(chunk: Chunk) -> dict[str, Any]:
+    if chunk.header.type == "cMAp":
+        found = parse_map(chunk.payload, chunk.header.track, chunk.payload_offset)
+        return {"clock": found.clock, "points": [list(point) for point in found.points]}
+    seen = parse_clock(chunk.payload, chunk.header.track, chunk.payload_offset)
+    rows = [[each.tick, each.time_ns, each.uncertainty_ns] for each in seen]
+    return {"clock": seen[0].clock, "observations": rows}
 
 
 def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[str, Any]]:
@@ -107,7 +119,7 @@ def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[
             "sha256": hashlib.sha256(packet.data).hexdigest(),
         }
         if counts:
-            told += packet.span * len(catalogue.tracks[packet.track].components)
+            told += catalogue.tracks[packet.track].weight(packet.span, len(packet.data))
             if told > NUMBERS_LIMIT:
                 raise LimitError(
                     f"the numbers of more than {NUMBERS_LIMIT} samples in one chunk: "
@@ -121,11 +133,14 @@ def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[
 
 
 def numbers_json(catalogue: Catalogue, packet: Packet) -> dict[str, Any]:
-    """[ticks][components] counts, or words as unsigned integers; exact values as words [ticks]."""
+    """[ticks][components] counts, or words as unsigned integers; exact values as words [ticks]; or
+    events."""
     from .decoder import TrackDecoder
 
     track = catalogue.tracks[packet.track]
     decoder = TrackDecoder(track, catalogue.level)
+    if track.kind == "events":
+        return {"events": [event._asdict() for event in decoder.decode_events(packet)]}
     numbers = decoder.decode(packet)
     exact = decoder.decode_exact(packet, numbers)
     if track.number_format != "counts":

@@ -54,18 +54,28 @@ class Limits:
 
     ``samples``: decoded samples held at once, 12 bytes each at most. ``packet_samples``: samples of
     one packet, which takes about 80 bytes each while it is decoded. ``work_samples``: samples
-    decoded in one pass, held or not (108 hours of 22 channels at 1 kHz).
+    decoded in one pass, held or not (108 hours of 22 channels at 1 kHz). ``events``: events held at
+    once, about half a kilobyte each.
     """
 
     samples: int = 1 << 28
     packet_samples: int = 1 << 24
     work_samples: int = 1 << 33
+    events: int = 1 << 18
 
     def check_work(self, value: int) -> None:
         if value > self.work_samples:
             raise LimitError(
                 f"more than {self.work_samples} samples in one pass: "
                 "raise Limits(work_samples=...)",
+                requirement="LIM-003",
+            )
+
+    def check_events(self, value: int) -> None:
+        if value > self.events:
+            raise LimitError(
+                f"more than {self.events} events at once: read a shorter time range, or raise "
+                "Limits(events=...)",
                 requirement="LIM-003",
             )
 

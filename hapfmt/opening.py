@@ -14,7 +14,7 @@ from .limits import LEVELS
 MS = 10**6
 """Nanoseconds."""
 FOOT_SIZE = HEADER_SIZE + 32
-LATER = frozenset({"DATA", "aTTc", "dGST"})
+LATER = frozenset({"DATA", "aTTc", "dGST", "cLOk", "cMAp"})
 """Chunks that are read when somebody asks for them."""
 BACK = INDEX_EVERY + 2 * LEVELS[2].payload_size
 """How far from the end of a file that was not closed an index is looked for: so much at most may

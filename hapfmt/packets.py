@@ -32,9 +32,10 @@ class LostSpan(NamedTuple):
 @dataclass
 class Line:
     """Tracks that continue one another, or one alone: which is at work, and where its last packet
-    ended."""
+    ended. ``free``: of events, whose packets come in any order."""
 
     tracks: tuple[int, ...]
+    free: bool = False
     place: int = 0
     stop: int = 0
 
@@ -54,7 +55,7 @@ class Progress:
             rows.append(tuple(part.residual.id for part in parts if part.residual))
         lines: dict[int, tuple[Line, int]] = {}
         for row in rows:
-            line = Line(row)
+            line = Line(row, any(catalogue.tracks[track].kind == "events" for track in row))
             lines |= {track: (line, place) for place, track in enumerate(row)}
         return cls(lines)
 
@@ -100,18 +101,18 @@ class PacketPass:
                 if packet.track not in ranges:
                     continue
                 first, last = ranges[packet.track]
-                tracks = state.lines[packet.track][0].tracks
-                if packet.start > self.stops.get(tracks, first):
+                line = state.lines[packet.track][0]
+                if not line.free and packet.start > self.stops.get(line.tracks, first):
                     self.prove(state, ranges)
                 if not self.settle(packet, state):
                     continue
-                self.stops[tracks] = packet.stop
+                self.stops[line.tracks] = packet.stop
                 if packet.start < last and packet.stop > first:
                     yield packet
             if progress:
                 progress(done + 1, len(refs))
-        lines = [(state.lines[track][0].tracks, *ends) for track, ends in ranges.items()]
-        if any(self.stops.get(line, first) < last for line, first, last in lines):
+        rows = [(state.lines[track][0], *ends) for track, ends in ranges.items()]
+        if any(self.stops.get(x.tracks, first) < last for x, first, last in rows if not x.free):
             self.prove(state, ranges)
         if self.missing(found, previous, None):
             state.broken.update(ranges)
@@ -178,20 +179,23 @@ class PacketPass:
         here: dict[tuple[int, ...], int] = {}
         ends: dict[tuple[int, ...], int] = {}
         for track, (first, last) in ranges.items():
+            if self.state.lines[track][0].free:
+                continue
             line = self.state.lines[track][0].tracks
             here[line] = self.stops.get(line, first)
             rate = self.catalogue.tracks[track].rate
             ends[line] = min(last, tick_after(stop_ns, rate))
         reached: set[tuple[int, ...]] = set()
         for entry, _ in rows:
-            if entry.start >= ranges[entry.track][1]:
-                continue
             line = self.state.lines[entry.track][0].tracks
+            if line not in here or entry.start >= ranges[entry.track][1]:
+                continue
             if entry.start > here[line]:
                 return False
             here[line] = max(here[line], entry.stop)
             reached.add(line)
-        return all(line in reached or here[line] >= end for line, end in ends.items())
+        proven = all(line in reached or here[line] >= end for line, end in ends.items())
+        return proven and bool(ends)
 
     def prove(self, state: Progress, ranges: Ranges) -> None:
         """A gap: take the CRC of the payload that the missing packets may have stood in."""
@@ -242,6 +246,8 @@ class PacketPass:
         out."""
         line, place = state.lines[packet.track]
         last = line.stop
+        if line.free:
+            return True
         if packet.start < last or place < line.place:
             error = disorder(packet, alone=place == line.place)
             if not self.catalogue.damaged:
@@ -274,6 +280,14 @@ def disorder(packet: Packet, *, alone: bool) -> FormatError:
         requirement="TRK-017",
         offset=packet.offset,
     )
+
+
+def refuse_omission(count: int, offset: int, path: str | None) -> None:
+    """Where the packets that an index led to are not all that stand before ``offset``."""
+    if count:
+        raise FormatError(
+            "the index does not list the chunks", requirement="IDX-002", offset=offset, path=path
+        )
 
 
 def tick_range(rate: Fraction, start: Seconds | None, stop: Seconds | None) -> tuple[int, int]:

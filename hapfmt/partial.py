@@ -3,6 +3,8 @@
 The CRC of a packet covers its row, so what is delivered is true. But the CRC of the payload is not
 known then, and a damaged row of another track may have been one of a track that is wanted: so
 where a wanted track does not go on without a gap, the payloads on both sides are read whole.
+Events have gaps everywhere: beside samples, what the table shows of them is taken as it is, and
+alone they are always read with the whole payload.
 """
 
 from __future__ import annotations
@@ -81,7 +83,7 @@ def parse_table(
         if not 1 <= span <= level.span_ticks or start + span > TICK_LIMIT:
             return None
         track_before, start_before = track, start
-        samples += span * len(described.components)
+        samples += described.weight(span, size)
         if track in ranges:
             rows.append((row, packets_size))
         packets_size += size

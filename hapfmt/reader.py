@@ -6,15 +6,13 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from types import TracebackType
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 from uuid import UUID
-
-import numpy as np
-from numpy.typing import NDArray
 
 from .assembly import BANDS, Assembly, Band, wanted_tracks
 from .batches import BATCH, Batch, batches
 from .catalogue import Catalogue, ChannelRef, FalseIndexError
+from .container.clocks import ClockMap, ClockObservation
 from .container.cluster import Packet
 from .container.extras import Attachment
 from .container.source import open_source
@@ -22,9 +20,11 @@ from .container.track import Track, lone_lf
 from .container.walk import Finding
 from .decoder import TrackDecoder
 from .errors import ChecksumError, FormatError, ParameterError, TruncatedError
+from .events import Event
 from .limits import Limits
 from .opening import open_catalogue
-from .packets import LostSpan, PacketPass, Seconds, tick_range
+from .packets import LostSpan, PacketPass, Seconds, refuse_omission, tick_range
+from .pieces import Piece, PieceDecoder
 from .reconstruct import Decoded
 from .recording import Recording
 from .threads import in_order, thread_count
@@ -32,23 +32,6 @@ from .threads import in_order, thread_count
 IN_FLIGHT = 1 << 19
 """Samples that are decoded ahead of those that are delivered, by all threads together; a packet of
 more is decoded alone."""
-
-
-class Piece(NamedTuple):
-    """One decoded packet: numbers [ticks, components] from tick ``start`` on; exact: the source's
-    doubles [ticks], where they stand beside the counts and were asked for."""
-
-    track: Track
-    start: int
-    numbers: NDArray[Any]
-    exact: NDArray[np.float64] | None = None
-    offset: int = 0
-    """Of the packet in the file."""
-
-    @property
-    def digested(self) -> NDArray[Any]:
-        """The numbers that a digest is taken of (SPEC 6.9)."""
-        return self.numbers if self.exact is None else self.exact
 
 
 class Reader:
@@ -125,6 +108,20 @@ class Reader:
         except FalseIndexError:
             self.scan()
             return self.catalogue.attachments
+
+    @property
+    def clocks(self) -> list[ClockObservation]:
+        """Observations of other clocks, as they were made, in the order of the file."""
+        if not self.catalogue.lists(("cLOk",)):
+            self.scan()
+        return self.catalogue.clocks
+
+    @property
+    def clock_maps(self) -> list[ClockMap]:
+        """From ticks to other clocks, where the file has such maps."""
+        if not self.catalogue.lists(("cMAp",)):
+            self.scan()
+        return self.catalogue.clock_maps
 
     def scan(self) -> None:
         """Walk through the whole file, so that every byte is checked."""
@@ -203,6 +200,7 @@ class Reader:
             attachments={
                 name: (found.media_type, found.content) for name, found in self.attachments.items()
             },
+            events=assembly.events_of(self.channels, chosen),
         )
 
     def assembly(
@@ -219,12 +217,43 @@ class Reader:
         wanted = wanted_tracks(chosen, band)
         decoded = {track.id: Decoded(track) for track in wanted}
         samples = 0
-        for piece in self.pieces(wanted, start, stop, exact=exact, progress=progress):
+        assembly = Assembly(decoded, band)
+        layers = [layer for layer in self.catalogue.layers if not layer.unsupported]
+        for piece in self.pieces([*wanted, *layers], start, stop, exact=exact, progress=progress):
             samples += piece.numbers.size
             self.limits.check_samples(samples)
-            decoded[piece.track.id].add(piece.start, piece.numbers, piece.exact)
+            if piece.track.channels:
+                decoded[piece.track.id].add(piece.start, piece.numbers, piece.exact)
+            else:
+                assembly.add_events(piece.track, piece.events)
+                self.limits.check_events(assembly.event_count)
         self.lost.extend(self.lost_parts(chosen, band))
-        return Assembly(decoded, band)
+        return assembly
+
+    def events(
+        self,
+        start: Seconds | None = None,
+        stop: Seconds | None = None,
+        *,
+        layers: Sequence[str] | None = None,
+    ) -> list[Event]:
+        """Events with start <= time < stop, of all layers or those with these names, in order of
+        time. Their channels are the channels' numbers."""
+        if start is None and stop is None:
+            self.scan()
+        catalogue = self.catalogue
+        chosen = [
+            layer
+            for layer in self.catalogue.layers
+            if layers is None or layer.components[0].label in layers
+        ]
+        assembly = Assembly({}, "full")
+        for piece in self.pieces(chosen, start, stop):
+            assembly.add_events(piece.track, piece.events)
+            self.limits.check_events(assembly.event_count)
+        if self.catalogue is not catalogue:
+            return self.events(start, stop, layers=layers)
+        return assembly.events()
 
     def pieces(
         self,
@@ -246,21 +275,15 @@ class Reader:
         ranges = {t.id: tick_range(t.rate, start, stop) for t in tracks}
         decoders = {t.id: TrackDecoder(t, self.catalogue.level, self.source.path) for t in tracks}
 
+        decoder = PieceDecoder(decoders, ranges, exact=exact)
+
         def decode(batch: Batch) -> list[Piece | FormatError]:
             pieces: list[Piece | FormatError] = []
             for packet in batch.packets:
-                decoder = decoders[packet.track]
                 try:
-                    numbers = decoder.decode(packet)
-                    doubles = decoder.decode_exact(packet, numbers) if exact else None
+                    pieces.append(decoder.decode(packet))
                 except FormatError as error:
                     pieces.append(error)
-                    continue
-                first, last = ranges[packet.track]
-                a, b = max(first - packet.start, 0), min(last - packet.start, packet.span)
-                doubles = None if doubles is None else doubles[a:b]
-                at = packet.offset
-                pieces.append(Piece(decoder.track, packet.start + a, numbers[a:b], doubles, at))
             return pieces
 
         threads = self.threads_for(tracks)
@@ -284,7 +307,7 @@ class Reader:
         if self.catalogue.damaged or self.catalogue.indexed:
             return 1
         seconds = self.catalogue.duration
-        samples = sum(int(seconds * t.rate) * len(t.components) for t in tracks)
+        samples = sum(int(seconds * t.rate) * len(t.components) for t in tracks if t.channels)
         return thread_count(self.threads, samples)
 
     def weighed(
@@ -293,7 +316,7 @@ class Reader:
         """Packets that the limits let pass, and their samples."""
         work = 0
         for packet in packets:
-            samples = packet.span * len(decoders[packet.track].track.components)
+            samples = decoders[packet.track].track.weight(packet.span, len(packet.data))
             work += samples
             self.limits.check_packet(samples)
             self.limits.check_work(work)
@@ -350,14 +373,6 @@ class Reader:
         rule = error.requirement or "COD-001"
         self.catalogue.lose("bad-packet", packet.offset, size, error.message, rule)
         self.lost.append(LostSpan(packet.track, packet.start, packet.stop))
-
-
-def refuse_omission(count: int, offset: int, path: str | None) -> None:
-    """Where the packets that an index led to are not all that stand before ``offset``."""
-    if count:
-        raise FormatError(
-            "the index does not list the chunks", requirement="IDX-002", offset=offset, path=path
-        )
 
 
 def read(

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from operator import index
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 from .errors import LimitError, ParameterError
 from .limits import AFFINE_LIMIT, EXACT_LIMIT, TICK_LIMIT
 from .numbers import exact
+
+if TYPE_CHECKING:
+    from .events import Event
 
 
 class Span(NamedTuple):
@@ -243,7 +246,8 @@ class Recording:
     """Channels that share one zero of time.
 
     epoch_ns is the UTC time of tick 0 in nanoseconds since 1970-01-01 (None: not known),
-    metadata any JSON object, attachments {name: (media type, bytes)}.
+    metadata any JSON object, attachments {name: (media type, bytes)}, events markers and
+    annotations.
     """
 
     channels: tuple[Channel, ...] = ()
@@ -252,9 +256,11 @@ class Recording:
     epoch_uncertainty_ns: int = 0
     metadata: dict[str, Any] = field(default_factory=dict)
     attachments: dict[str, tuple[str, bytes]] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", tuple(self.channels))
+        object.__setattr__(self, "events", tuple(self.events))
 
     def __len__(self) -> int:
         return len(self.channels)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from .catalogue import Catalogue
+from .codecs.events import parse_events
 from .container.cluster import Packet, entry_size, parse_cluster, salvage_cluster
 from .container.source import Source
 from .container.walk import Finding, walk
@@ -27,6 +28,8 @@ CAUSES = (
     "mETa",
     "aTTc",
     "dGST",
+    "cLOk",
+    "cMAp",
     "other chunks",
     "damage",
 )
@@ -35,7 +38,7 @@ CAUSES = (
 @dataclass
 class TrackUsage:
     """Bytes of one track: packets and how many of these are exact values, its rows in the packet
-    tables; samples that they decode to."""
+    tables; samples or events that they decode to."""
 
     id: int
     kind: str
@@ -47,6 +50,7 @@ class TrackUsage:
     parameters_size: int = 0
     packet_count: int = 0
     sample_count: int = 0
+    event_count: int = 0
 
 
 @dataclass
@@ -123,12 +127,23 @@ def add_packets(usage: Usage, catalogue: Catalogue, payload: bytes, intact: bool
         track.table_size += entry_size(packet)
         track.exact_size += exact_size(packet, track.codec)
         track.packet_count += 1
-        track.sample_count += packet.span * len(catalogue.tracks[packet.track].components)
+        track.event_count += event_count(packet, track.codec)
+        if track.kind != "events":
+            track.sample_count += packet.span * len(catalogue.tracks[packet.track].components)
     size = sum(len(packet.data) for packet in packets)
     beside = sum(exact_size(packet, usage.tracks[packet.track].codec) for packet in packets)
     usage.causes["packets"] += size - beside
     usage.causes["exact values"] += beside
     return size
+
+
+def event_count(packet: Packet, codec: str) -> int:
+    if codec != "EVNT":
+        return 0
+    try:
+        return len(parse_events(packet.data, packet.start, packet.span, packet.offset))
+    except FormatError:
+        return 0
 
 
 def exact_size(packet: Packet, codec: str) -> int:

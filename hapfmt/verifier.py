@@ -47,6 +47,7 @@ class Report:
     digests: int = 0
     packets: int = 0
     samples: int = 0
+    events: int = 0
     unknown: list[str] = field(default_factory=list)
     contracts: list[ContractCheck] = field(default_factory=list)
 
@@ -68,6 +69,7 @@ class Report:
             "lost": self.lost,
             "packet_count": self.packets,
             "sample_count": self.samples,
+            "event_count": self.events,
             "digest_count": self.digests,
             "unknown_chunks": self.unknown,
             "contracts": [check.as_json() for check in self.contracts],
@@ -146,7 +148,7 @@ def check_structure(catalogue: Catalogue) -> None:
             last_index = indexed_to = ref.offset
         elif ref.offset - indexed_to > INDEX_EVERY + catalogue.level.payload_size:
             raise FormatError("no index for too long", requirement="IDX-005", offset=ref.offset)
-    _ = catalogue.attachments
+    _ = catalogue.attachments, catalogue.clocks, catalogue.clock_maps
     foot = catalogue.foot
     if foot is None:
         return
@@ -174,9 +176,18 @@ def check_packets(
     known = [track for track in catalogue.tracks.values() if not track.unsupported]
     wanted = stored_digests(catalogue)
     digests = {id_: TrackDigest() for id_ in wanted}
+    numbers = {channel.number for channel in catalogue.channels}
     for piece in reader.pieces(known, exact=True, progress=progress):
         report.packets += 1
         report.samples += piece.numbers.size
+        report.events += len(piece.events)
+        for event in piece.events if catalogue.closed and not catalogue.damaged else ():
+            if event.channel is not None and event.channel not in numbers:
+                raise FormatError(
+                    f"an event speaks of channel {event.channel}, and there is none",
+                    requirement="EVT-003",
+                    offset=piece.offset,
+                )
         if piece.track.id in digests and piece.offset < wanted[piece.track.id][0]:
             digests[piece.track.id].update(piece.start, piece.digested)
     report.digests = len(wanted)
@@ -210,6 +221,8 @@ def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:
             raise FormatError(
                 "digests of no whole number of known tracks", requirement="DGS-001", offset=at
             )
+        if any(tracks[i].kind == "events" for i in ids):
+            raise FormatError("a digest of events", requirement="DGS-004", offset=at)
         for place, id_ in enumerate(ids):
             found[id_] = at + 32 * place, chunk.payload[32 * place : 32 * place + 32]
     return found

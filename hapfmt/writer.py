@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from fractions import Fraction
@@ -14,11 +14,13 @@ from .atomic import atomic_write, refuse
 from .container.cluster import Packet
 from .container.extras import Attachment, build_attachment, build_metadata
 from .container.filewriter import FileWriter
+from .container.track import Track
 from .container.wire import UNKNOWN_EPOCH
 from .decoder import TrackDecoder, TrackDigest
 from .encoder.encode import Decision, Encoded, encode
 from .encoder.settings import Settings
 from .errors import ParameterError
+from .events import by_layer, coded, event_packets, layer_track, rate_of
 from .limits import LEVELS
 from .recording import Recording
 from .version import __version__
@@ -73,6 +75,9 @@ def write(
     level = encoded.level
     if max(len(payload) for payload in extras) > level.payload_size:
         level = LEVELS[2]
+    cluster = settings.cluster_of(recording)
+    layers, events = layers_of(recording, len(encoded.tracks), cluster)
+    tracks = [*encoded.tracks, *layers]
     own_uuid = recording.uuid or (uuid.uuid4() if canonical is None else None)
     with target(file, force) as stream:
         out = FileWriter(
@@ -83,18 +88,18 @@ def write(
             epoch_ns=recording.epoch_ns,
             epoch_uncertainty_ns=recording.epoch_uncertainty_ns,
         )
-        out.describe(encoded.tracks)
+        out.describe(tracks)
         out.metadata(metadata)
         for attachment in attached:
             out.attach(attachment)
-        for packets in clusters(encoded, settings.cluster_of(recording)):
+        for packets in clusters(tracks, encoded.packets + events, cluster):
             out.cluster(packets)
         if settings.digest:
             out.digest(digests_of(encoded))
         out.close()
     return Summary(
         out.offset,
-        sum(len(packet.data) for packet in encoded.packets),
+        sum(len(packet.data) for packet in encoded.packets + events),
         recording.sample_count,
         tuple(encoded.decisions),
     )
@@ -109,11 +114,28 @@ def check_epoch(recording: Recording) -> None:
         raise ParameterError("the uncertainty of the epoch lies between 0 and 2^64 - 2 ns")
 
 
-def clusters(encoded: Encoded, seconds: Fraction) -> Iterator[list[Packet]]:
+def layers_of(
+    recording: Recording, first_id: int, seconds: Fraction
+) -> tuple[list[Track], list[Packet]]:
+    """A track for each layer of events, and their packets."""
+    labels = [channel.label for channel in recording.channels]
+    tracks: list[Track] = []
+    packets: list[Packet] = []
+    for layer, events in by_layer(recording.events).items():
+        track = layer_track(first_id + len(tracks), layer, rate_of(events))
+        rows = [coded(event, track.rate, labels) for event in events]
+        packets += event_packets(track.id, rows, seconds * track.rate)
+        tracks.append(track)
+    return tracks, packets
+
+
+def clusters(
+    tracks: Sequence[Track], packets: Sequence[Packet], seconds: Fraction
+) -> Iterator[list[Packet]]:
     """Packets of one stretch of time after the other."""
-    ticks = {track.id: (seconds * track.rate).as_integer_ratio() for track in encoded.tracks}
+    ticks = {track.id: (seconds * track.rate).as_integer_ratio() for track in tracks}
     by_time: dict[int, list[Packet]] = {}
-    for packet in encoded.packets:
+    for packet in packets:
         n, d = ticks[packet.track]
         number = packet.start * d // n
         by_time.setdefault(number, []).append(packet)

@@ -16,6 +16,7 @@ import page
 from hapfmt.catalogue import ChunkRef
 from hapfmt.codecs import knots_coded
 from hapfmt.codecs.components import decode_predicted
+from hapfmt.codecs.events import parse_events
 from hapfmt.codecs.exact import ExactParameters, decode_counts, decode_exact
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.huffman import parse_codebook
@@ -24,6 +25,7 @@ from hapfmt.codecs.predicted import decode_indices
 from hapfmt.codecs.quantised import QuanParameters, decode_quantised
 from hapfmt.codecs.raw import RawParameters, decode_raw
 from hapfmt.codecs.varints import parse_varints
+from hapfmt.container.clocks import parse_clock, parse_map
 from hapfmt.container.cluster import parse_cluster
 from hapfmt.container.extras import parse_attachment, parse_metadata
 from hapfmt.container.index import IndexEntry, check_listing, parse_foot, parse_index
@@ -200,6 +202,29 @@ def chain(*packets: tuple[int, int, int], then: tuple[int, int, int] | None = No
     return f.file(HEAD, TRACK, ("TRAK", CONTINUING, {"track": 1}), *clusters)
 
 
+MARKED = f.minimal(("TRAK", f.layer(), {"track": 1}), ("DATA", f.cluster((1, 0, 1, f.event(0)))))
+
+
+DIGESTED = f.minimal(("TRAK", f.layer(), {"track": 1}), ("dGST", bytes(32), {"track": 1}))
+
+
+def layer(*args: Any, **fields: Any) -> Callable[[], Any]:
+    return lambda: parse_series(f.layer(*args, **fields), 0, ONE, AT)
+
+
+def clock(data: bytes) -> Callable[[], Any]:
+    return lambda: parse_clock(data, None, AT)
+
+
+def mapped(data: bytes) -> Callable[[], Any]:
+    return lambda: parse_map(data, None, AT)
+
+
+def events(data: bytes) -> Callable[[], Any]:
+    """Of a packet of ticks 0 to 3."""
+    return lambda: parse_events(data, 0, 4, AT)
+
+
 def at_index(*rows: tuple[Any, ...], cut: int = 0, **given: Any) -> Callable[[], Any]:
     data = f.index(rows, **given)
     return lambda: parse_index(data[: len(data) - cut], 500, AT)
@@ -330,6 +355,16 @@ FAULTS = [
     Fault("TRK-017", CHAIN_AT + 18, "before the end of the other", judged(chain((0, 0, 4), (1, 3, 4)))),
     Fault("TRK-017", CHAIN_AT + 32 + 19, "after the one that continues it",
           judged(chain((1, 0, 4), then=(0, 4, 4)))),
+    Fault("TRK-019", 100, "events in KNOT", series(kind=3)),
+    Fault("TRK-019", 100, "EVNT full band", series(codec=b"EVNT")),
+    Fault("TRK-019", 100, "events with channels", layer(first_channel=1)),
+    Fault("TRK-019", 100, "events with a range", layer(count_max=1)),
+    Fault("TRK-019", 100, "events of two components", layer(component_count=2)),
+    Fault("TRK-019", 100, "events that are words", layer(number_format=1)),
+    Fault("TRK-019", 100, "events with parameters", layer(f.tlv(1, b""))),
+    Fault("TRK-019", 100, "events with a unit", layer(f.tlv(4, f.strings("N")))),
+    Fault("TRK-019", 100, "events that continue", layer(f.tlv(11, b"\1"))),
+    Fault("TRK-008", 126, "events with base", layer(base=0)),
     # 6.4
     Fault("DAT-001", 100, "no packet", cluster(b"\0")),
     Fault("DAT-001", 100, "2^14 + 1 packets", cluster(f.varint(2**14 + 1))),
@@ -381,6 +416,7 @@ FAULTS = [
           lambda: parse_metadata(b'{"":' + b"[" * 64 + b"]" * 64 + b"}", AT)),
     Fault("ATT-001", 100, "name cut short", lambda: parse_attachment(b"\1", AT)),
     Fault("ATT-001", 100, "no name", lambda: parse_attachment(b"\0\0", AT)),
+    Fault("DGS-004", END + 64 + len(f.layer()), "digest of events", judged(DIGESTED)),
     Fault("DGS-001", END + 32, "no digest", judged(f.minimal(("dGST", b"", {"track": 0})))),
     Fault("DGS-001", END + 32, "digest of no track",
           judged(f.minimal(("dGST", bytes(32), {"track": 1})))),
@@ -566,9 +602,49 @@ FAULTS = [
           further(page.encode_knots([(0, [0]), (1, [2**24 + 1])], False, 2, forge=True))),
     Fault("RNG-001", 102, "a byte after the knots",
           further(page.encode_knots([(0, [0]), (1, [1])], False, 2) + b"\0")),
+    # 6.10
+    Fault("CLK-001", 100, "no name", clock(b"")),
+    Fault("CLK-001", 100, "an empty name", clock(f.clock([(0, 0, 0)], ""))),
+    Fault("CLK-001", 100, "a name past its chunk", clock(b"\2a")),
+    Fault("CLK-001", 105, "a time cut short", clock(f.clock([(0, 0, 0)])[:12])),
+    Fault("CLK-001", 114, "a byte after the observations", clock(f.clock([(0, 0, 0)]) + b"\0")),
+    Fault("CNV-002", 114, "an observation too few", clock(f.clock([(0, 0, 0)], count=2))),
+    Fault("CNV-004", 101, "a name that is not UTF-8", clock(b"\1\xff\1")),
+    Fault("CLK-002", 103, "no observation", clock(f.clock([]))),
+    Fault("CLK-002", 103, "one point", mapped(f.clock_map([(0, 0)]))),
+    Fault("CLK-003", 104, "tick -2^52", clock(f.clock([(-(2**52), 0, 0)]))),
+    Fault("CLK-003", 114, "time 2^63", clock(f.clock([(0, 2**63 - 1, 0), (1, 2**63, 0)]))),
+    Fault("CLK-003", 104, "point at -2^52", mapped(f.clock_map([(-(2**52), 0)], count=2))),
+    Fault("CLK-003", 113, "point at 2^63", mapped(f.clock_map([(0, 2**63 - 1), (1, 2**63)]))),
+    Fault("CLK-004", 113, "a tick twice", mapped(f.clock_map([(0, 0), (0, 1)]))),
+    Fault("CLK-004", 113, "a time twice", mapped(f.clock_map([(0, 0), (1, 0)]))),
+    Fault("CLK-001", 115, "a byte after the points",
+          mapped(f.clock_map([(0, 0), (1, 1)]) + b"\0")),
+    Fault("CLK-005", END, "a clock on no track", judged(
+        f.minimal(("cLOk", f.clock([(0, 0, 0)]), {"track": 9})))),
+    Fault("CLK-005", END + 32 + len(f.layer()), "a map of events", judged(
+        f.minimal(("TRAK", f.layer(), {"track": 1}),
+                  ("cMAp", f.clock_map([(0, 0), (1, 1)]), {"track": 1})))),
+    # 9.9
+    Fault("EVT-001", 100, "no event", events(b"")),
+    Fault("EVT-001", 100 + 4 * 65536, "65537 events", events(f.event(0) * 65537)),
+    Fault("EVT-001", 104, "text cut short", events(f.event(0, "a", size=2))),
+    Fault("CNV-002", 103, "event cut short", events(f.event(0)[:3])),
+    Fault("EVT-002", 100, "tick 4 of 4", events(f.event(4))),
+    Fault("EVT-002", 104, "tick 2 + 2 of 4", events(f.event(2) + f.event(2))),
+    Fault("EVT-002", 100, "end 2^48 + 1", events(f.event(1, duration=2**48))),
+    Fault("EVT-003", 100, "channel 65535", events(f.event(0, channel=65536))),
+    Fault("EVT-003", 100, "65536 bytes", events(f.event(0, "a" * 65536))),
+    Fault("EVT-003", END + 64 + len(f.layer()) + 9, "channel 1 of one", judged(
+        f.minimal(("TRAK", f.layer(), {"track": 1}),
+                  ("DATA", f.cluster((1, 0, 1, f.event(0, channel=2))))))),
+    Fault("CNV-004", 104, "an event that is not UTF-8", events(f.event(0, b"\xff"))),
+    Fault("CNV-004", 104, "an event with U+0000", events(f.event(0, "\0"))),
     # clauses 12 and 15
     Fault("LIM-003", None, "one sample allowed",
           lambda: Reader(f.minimal(), limits=Limits(samples=1)).read()),
+    Fault("LIM-003", None, "no event allowed",
+          lambda: Reader(MARKED, limits=Limits(events=0)).events()),
     Fault("LIM-003", None, "one in a packet",
           lambda: Reader(f.minimal(), limits=Limits(packet_samples=1)).read()),
 ]  # fmt: skip

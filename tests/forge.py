@@ -123,6 +123,46 @@ def trak(tlvs: bytes = HOLD, **given) -> bytes:
     return pack("BBBB4sIIiiHH", fields, given) + tlvs
 
 
+def layer(tlvs: bytes = b"", **given) -> bytes:
+    """A track of kind events."""
+    fields = {
+        "kind": 3, "codec": b"EVNT", "count_min": 0, "count_max": 0, "first_channel": NONE,
+    }  # fmt: skip
+    return trak(tlvs, **(fields | given))
+
+
+def event(step: int, text: str | bytes = "", duration: int = 0, channel: int = 0, *,
+          size: int | None = None) -> bytes:  # fmt: skip
+    raw = text if isinstance(text, bytes) else text.encode()
+    size = len(raw) if size is None else size
+    return varint(step) + varint(duration) + varint(channel) + varint(size) + raw
+
+
+def clock(observations, name: str = "pc", count: int | None = None) -> bytes:
+    """cLOk payload of (tick, time ns, uncertainty ns)."""
+    out = strings(name) + varint(len(observations) if count is None else count)
+    before = None
+    for tick, time, uncertainty in observations:
+        if before is None:
+            out += svarint(tick) + struct.pack("<q", time)
+        else:
+            out += svarint(tick - before[0]) + svarint(time - before[1])
+        out += varint(uncertainty)
+        before = tick, time
+    return out
+
+
+def clock_map(points, name: str = "pc", count: int | None = None) -> bytes:
+    """cMAp payload of (tick, time ns)."""
+    out = strings(name) + varint(len(points) if count is None else count)
+    for i, (tick, time) in enumerate(points):
+        if i == 0:
+            out += svarint(tick) + struct.pack("<q", time)
+        else:
+            out += varint(tick - points[i - 1][0]) + varint(time - points[i - 1][1])
+    return out
+
+
 def entry(track: int, size: int, start: int, span: int, body: bytes = b"", crc=None) -> bytes:
     fields = varint(track) + varint(size) + varint(start) + varint(span)
     crc = zlib.crc32(fields + body) if crc is None else crc

@@ -9,6 +9,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from hapfmt.codecs.components import encode_component, join_components
+from hapfmt.codecs.events import CodedEvent
 from hapfmt.codecs.exact import ExactParameters, encode_exact
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.huffman import code_lengths
@@ -18,11 +19,13 @@ from hapfmt.codecs.predicted import DIFFERENCE_LIMIT, INDEX_LIMIT, Predictor, en
 from hapfmt.codecs.quantised import Alphabet, QuanParameters, encode_quantised
 from hapfmt.codecs.raw import DTYPES, RawParameters, encode_raw
 from hapfmt.codecs.references import Reference
+from hapfmt.container.clocks import ClockMap, ClockObservation
 from hapfmt.container.cluster import Packet
 from hapfmt.container.track import WORD_SIZES, Affine, Component, Contract, Track
 from hapfmt.container.wire import ChunkHeader, Head
 from hapfmt.encoder.settings import Settings
 from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.events import Event
 from hapfmt.integers import build_varint
 from hapfmt.limits import LEVELS
 from hapfmt.recording import Calibration, Channel, Deviation, Recording, Span
@@ -559,7 +562,55 @@ def recordings(draw):
         epoch_uncertainty_ns=draw(st.integers(0, 2**63)) if known else 0,
         metadata=draw(metadata),
         attachments=draw(attachments),
+        events=draw(st.just(()) | events(len(made))),
     )
+
+
+clock_names = texts.filter(bool)
+ticks = st.sampled_from([0, 1, -1, 2**52 - 1, 1 - 2**52]) | st.integers(1 - 2**52, 2**52 - 1)
+observations = st.builds(
+    ClockObservation, st.just("pc"), st.none(), ticks, i64s, st.integers(0, 2**53 - 1)
+)
+
+
+@st.composite
+def clock_maps(draw):
+    size = draw(st.sampled_from([2, 3, 9]))
+    steps = st.sampled_from([1, 2, 1000]) | st.integers(1, 10**12)
+    tick, time = draw(st.integers(-(2**51), 2**40)), draw(st.integers(-(2**62), 2**62))
+    points = [(tick, time)]
+    for _ in range(size - 1):
+        points.append((points[-1][0] + draw(steps), points[-1][1] + draw(steps)))
+    return ClockMap(draw(clock_names), None, tuple(points))
+
+
+event_texts = texts | st.sampled_from(["x" * 65535, "\N{OHM SIGN}" * 20000])
+seconds = st.sampled_from(
+    [Fraction(0), Fraction(1, 3), Fraction(17), Fraction(10**6), Fraction(1, 7919)]
+) | st.builds(Fraction, st.integers(0, 10**7), st.sampled_from([1, 1000, 10**6]))
+
+
+@st.composite
+def events(draw, channel_count=0):
+    """Of few layers; some at one time, some far from each other."""
+    places = st.none() | (st.integers(0, channel_count - 1) if channel_count else st.none())
+    one = st.builds(Event, seconds, event_texts, seconds, places, st.sampled_from(["", "a", "b"]))
+    return tuple(draw(st.lists(one, max_size=6)))
+
+
+@st.composite
+def coded_events(draw):
+    """(start, span, events of one packet)"""
+    start = draw(st.sampled_from([0, 5, 2**48 - 2**24]) | st.integers(0, 2**40))
+    span = draw(st.sampled_from([1, 2, 2**24]) | st.integers(1, 300))
+    ticks = st.sampled_from([0, span - 1]) | st.integers(0, span - 1)
+    made = []
+    for tick in sorted(draw(st.lists(ticks, min_size=1, max_size=9))):
+        left = 2**48 - start - tick
+        duration = draw(st.sampled_from([0, left]) | st.integers(0, left))
+        channel = draw(st.sampled_from([None, 0, 65534]) | st.integers(0, 65534))
+        made.append(CodedEvent(start + tick, duration, channel, draw(event_texts)))
+    return start, span, made
 
 
 @st.composite

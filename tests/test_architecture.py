@@ -15,8 +15,9 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-DECODE = """assembly atomic batches catalogue codecs container contract deadband decoder dump errors
-follow integers kernels limits opening packets partial reader reconstruct recording threads usage
+DECODE = """assembly atomic batches catalogue clocks codecs container contract deadband decoder dump
+errors events follow integers kernels limits opening packets partial pieces reader reconstruct
+recording threads usage
 verifier"""
 ENCODE = "appending cli convert encoder live plotting scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]

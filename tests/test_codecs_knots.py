@@ -72,7 +72,7 @@ class TestParameters:
     def test_come_back(self, case):
         """
         KNT-001: `interpolation` MUST be 0 or 1, and `quantum` at least 1 and at most what the level allows as step.
-        COD-002: The codec parameters (TLV 1, or a setup) MUST be present and as long as their layout; those of `QUAN` may be longer by the codebook.
+        COD-002: The codec parameters (TLV 1, or a setup) MUST be present and as long as their layout; those of `QUAN` may be longer by the codebook, and `EVNT` has none.
         """
         level, parameters = case
         data = parameters.build()

@@ -96,12 +96,13 @@ def test_tracks(fault):
     TRK-008: `base` MUST be 0xFFFF in tracks of other kinds.
     TRK-009: An HF track MUST carry no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base.
     TRK-012: In a closed file every track of kind LF MUST be the base of an HF track; an LF part that stands alone is of kind full band.
-    TRK-010: Channel numbers MUST be different for different components, but for those of tracks that continue one another, and those of all tracks that are not HF together are 0, 1, 2 ... without a hole once the file is closed; the highest is 65534.
+    TRK-010: Channel numbers MUST be different for different components, but for those of tracks that continue one another, and those of all tracks that are not HF together are 0, 1, 2 ... without a hole once the file is closed; the highest is 65534, and tracks of kind events have none.
     TRK-013: Setups MUST stand only where TLV 1 does not, with at least one codec, at least one setup for each, no more setups than tracks, and the place of one of them for each track; the codec of the first track is `codec`.
     TRK-014: There MUST be one range for each track, each w of this table, and `count_min` and `count_max` the lowest and the highest of all ranges.
     TRK-015: There MUST be one number for each track, the first of them `first_channel`.
     TRK-016: A track that continues another MUST be of kind full band or LF, and the other one too, described before it under a smaller id, with the same component count, channel numbers, rate (as a ratio), number format, calibrations and units; no two tracks continue the same one.
     TRK-017: The packets of a track that continues another MUST come after all packets of that other one, in time and within the file, and those of its HF track after all packets of the other one's HF track.
+    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min and count_max 0, `first_channel` 0xFFFF, and of the TLVs of 6.2 no others than 2, 14 and 22; no track of another kind has that codec.
     """
     assert_reported(fault)
 
@@ -114,9 +115,9 @@ def test_clusters(fault):
     DAT-003: `span` MUST be at least 1 and at most what the level allows, and `start + span` at most 2^48.
     DAT-004: `packet_crc` MUST be the CRC-32 of the four varints of its entry followed by the bytes of the packet.
     DAT-005: The packets MUST fill the rest of the payload to its last byte.
-    DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file.
+    DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file, but for tracks of kind events.
     DAT-008: A packet MUST belong to a track that is described.
-    DAT-009: Over all packets of a cluster, `span` times the component count of the track MUST add up to at most what the level allows; a decoder checks it before it takes memory.
+    DAT-009: Over all packets of a cluster, `span` times the component count of the track, for a packet of events its size in bytes, MUST add up to at most what the level allows; a decoder checks it before it takes memory.
     """
     assert_reported(fault)
 
@@ -128,7 +129,7 @@ def test_index_and_footer(fault):
     IDX-002: The entries MUST list every chunk but `iNDX` and `fOOT` whose offset is at least `covers_from` and less than that of the index itself, in order of their offsets.
     IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
     IDX-004: `covers_from` MUST be at least 8; unless it is 8, `previous` MUST point to an `iNDX` chunk with a smaller offset, at or after `covers_from`.
-    IDX-006: For a `DATA` chunk `start_ms` MUST NOT be later than its earliest sample and `start_ms + length_ms` not earlier than the end of its latest; times of 2^53 and more are set to 2^53 - 1.
+    IDX-006: For a `DATA` chunk `start_ms` MUST NOT be later than the start of its earliest packet and `start_ms + length_ms` not earlier than the end of its latest; times of 2^53 and more are set to 2^53 - 1.
     FOT-001: The payload MUST be as long as the layout, and `stop_offset` the offset of its own end.
     FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it.
     FOT-003: In the last `fOOT`, `data_count` and `track_count` MUST be the numbers of `DATA` chunks and of described tracks in the file, and `duration_ns` the end of the latest packet, rounded up, at most the largest i64, 0 without packets.
@@ -142,6 +143,7 @@ def test_extras(fault):
     MET-001: The payload MUST be one JSON object (RFC 8259) in UTF-8, nested at most 64 deep, whose texts are well-formed and whose numbers are finite as binary64 or integers, of at most 1000 characters.
     ATT-001: Name and media type MUST lie within the payload, and the name MUST NOT be empty.
     DGS-001: The payload MUST be a positive multiple of 32 bytes, and the tracks MUST be described before it.
+    DGS-004: There MUST be no digest of a track of kind events.
     """
     assert_reported(fault)
 
@@ -173,7 +175,7 @@ def test_knots(fault):
 def test_quantised(fault):
     """
     COD-001: A decoder MUST use up all bytes of a packet, and report an error where bytes are missing or left over.
-    COD-002: The codec parameters (TLV 1, or a setup) MUST be present and as long as their layout; those of `QUAN` may be longer by the codebook.
+    COD-002: The codec parameters (TLV 1, or a setup) MUST be present and as long as their layout; those of `QUAN` may be longer by the codebook, and `EVNT` has none.
     QNT-001: `step` MUST be at least 1 and at most what the level allows, and `2M + R + C + 1` at most 4096, R at most 24 and C at most 32.
     QNT-002: The codebook MUST NOT describe more symbols than there are.
     QNT-003: The code words MUST be complete: over the symbols that have one, 2^-length adds up to 1; or exactly one symbol has one, and its length is 1.
@@ -220,6 +222,28 @@ def test_exact(fault):
     EXA-003: The counts MUST end within the packet and lie within the declared range of their track: what is lossless is never clamped.
     EXA-004: Undefined flags MUST be 0, z at most 63, and the coded bytes MUST end within the packet.
     EXA-005: The fields MUST end with the packet, and the bits that fill the last byte MUST be 0.
+    """
+    assert_reported(fault)
+
+
+@each("CLK")
+def test_clocks(fault):
+    """
+    CLK-001: The name MUST lie within the payload and not be empty, and the payload end with the last of its observations or points.
+    CLK-002: There MUST be at least one observation, and at least two points.
+    CLK-003: Each tick MUST have a magnitude below 2^52, and each time fit an i64.
+    CLK-004: From point to point the ticks and the times MUST grow.
+    CLK-005: The track id MUST be that of a track described before, not of kind events, or 0xFFFF.
+    """
+    assert_reported(fault)
+
+
+@each("EVT")
+def test_events(fault):
+    """
+    EVT-001: A packet MUST hold at least one event and at most 65536, and each MUST be whole.
+    EVT-002: The tick of every event MUST be less than `start + span`, and its end, tick plus duration, at most 2^48.
+    EVT-003: `size` MUST be at most 65535, and `channel` at most 65535 and in a closed file 0 or the number of a channel that there is.
     """
     assert_reported(fault)
 

@@ -39,11 +39,14 @@ def test_files_decode_to_what_stands_beside_them(name):
     expected = json.loads((EXAMPLES / f"{name}.json").read_text())
     with Reader(EXAMPLES / f"{name}.hapf") as reader:
         (channel,) = reader.read().channels
+        layers = [piece.events for piece in reader.pieces(reader.catalogue.layers)]
+        clock = [[seen.tick, seen.time_ns, seen.uncertainty_ns] for seen in reader.clocks]
     found = [
         {"start": start, "counts": [[value] for value in values.tolist()]}
         for start, values in channel.segments()
     ]
-    assert expected == {"0": found}
+    beside = {"events": [list(event) for events in layers for event in events], "clock": clock}
+    assert expected == {"0": found, **{key: rows for key, rows in beside.items() if rows}}
 
 
 def test_every_example_is_listed():

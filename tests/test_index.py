@@ -100,7 +100,7 @@ def test_nanoseconds_hold_the_time(seconds):
 
 def test_times_beyond_their_range():
     """
-    IDX-006: For a `DATA` chunk `start_ms` MUST NOT be later than its earliest sample and `start_ms + length_ms` not earlier than the end of its latest; times of 2^53 and more are set to 2^53 - 1.
+    IDX-006: For a `DATA` chunk `start_ms` MUST NOT be later than the start of its earliest packet and `start_ms + length_ms` not earlier than the end of its latest; times of 2^53 and more are set to 2^53 - 1.
     """
     far = Fraction(2**48 * 2**32)
     assert ceil_ns(far) == 2**63 - 1

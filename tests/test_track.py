@@ -162,7 +162,7 @@ class TestUnknownParts:
 
     @pytest.mark.parametrize(
         "fields",
-        [{"kind": 3}, {"kind": 255}, {"number_format": 6}, {"codec": b"SPLN"}, {"codec": b"\xff\0x "},
+        [{"kind": 4}, {"kind": 255}, {"number_format": 6}, {"codec": b"SPLN"}, {"codec": b"\xff\0x "},
          {"tlvs": f.HOLD + f.tlv(0x8001, b"")}],
     )  # fmt: skip
     def test_the_other_tracks_are_read(self, fields):
@@ -241,7 +241,7 @@ class TestCopies:
 
 class TestChannelNumbers:
     """
-    TRK-010: Channel numbers MUST be different for different components, but for those of tracks that continue one another, and those of all tracks that are not HF together are 0, 1, 2 ... without a hole once the file is closed; the highest is 65534.
+    TRK-010: Channel numbers MUST be different for different components, but for those of tracks that continue one another, and those of all tracks that are not HF together are 0, 1, 2 ... without a hole once the file is closed; the highest is 65534, and tracks of kind events have none.
     """
 
     def test_a_hole(self):

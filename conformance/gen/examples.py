@@ -16,6 +16,7 @@ from builder import (
     bits,
     cluster,
     i32,
+    i64,
     listing,
     packet,
     raw,
@@ -152,6 +153,94 @@ def residual() -> tuple[File, dict[str, object]]:
     return f, {"0": [{"start": 0, "counts": full}, {"start": 8, "counts": [[17], [17]]}]}
 
 
+def marks() -> tuple[File, dict[str, object]]:
+    """A constant channel at 1 kHz, a layer of two events in microseconds, and another clock."""
+    f = File(0x00000003)
+    f.head()
+    f.chunk(
+        "TRAK",
+        [
+            u8(1, "one track"),
+            u8(1, "one component"),
+            u8(0, "kind: full band"),
+            u8(0, "number format: counts"),
+            raw(b"KNOT", "codec"),
+            u32(1000, "rate 1000 /"),
+            u32(1, "1 Hz"),
+            i32(0, "lowest count 0"),
+            i32(1, "highest count 1"),
+            u16(0, "channel 0"),
+            u16(0xFFFF, "no base track"),
+            u16(1, "TLV 1, codec parameters"),
+            u16(2, "2 bytes"),
+            u8(0, "hold"),
+            varint(1, "quantum 1"),
+        ],
+        track=0,
+    )
+    second = f.offset
+    f.chunk(
+        "TRAK",
+        [
+            u8(1, "one track"),
+            u8(1, "one component"),
+            u8(3, "kind: events"),
+            u8(0, "number format: counts"),
+            raw(b"EVNT", "codec"),
+            u32(1_000_000, "rate 1000000 /"),
+            u32(1, "1 Hz: ticks of 1 us"),
+            i32(0, "lowest count 0"),
+            i32(0, "highest count 0"),
+            u16(0xFFFF, "no channel"),
+            u16(0xFFFF, "no base track"),
+            u16(2, "TLV 2, label"),
+            u16(6, "6 bytes"),
+            raw(b"\x05touch", "the layer 'touch'"),
+        ],
+        track=1,
+    )
+    at = f.offset
+    events = [
+        varint(0, "at the start of the packet, 1500 us"),
+        varint(0, "a moment"),
+        varint(0, "of the whole recording"),
+        varint(2, "2 bytes"),
+        raw(b"go", "'go'"),
+        varint(500, "500 us later, 2000 us"),
+        varint(1000, "for 1000 us"),
+        varint(1, "of channel 0"),
+        varint(3, "3 bytes"),
+        raw("µm".encode(), "'µm'"),
+    ]
+    rows = [
+        packet(0, 0, [svarint(1, "a single knot: constant 1")], 4),
+        packet(1, 1500, events, 501),
+    ]
+    f.chunk("DATA", cluster(rows))
+    clock = f.offset
+    f.chunk(
+        "cLOk",
+        [
+            u8(2, "2 bytes"),
+            raw(b"pc", "the clock 'pc'"),
+            varint(2, "2 observations"),
+            svarint(0, "tick 0"),
+            i64(5_000_000_000, "at 5000000000 ns"),
+            varint(1000, "give or take 1000 ns"),
+            svarint(4, "4 ticks later"),
+            svarint(4_000_160, "4000160 ns later: 40 ppm fast"),
+            varint(1000, "give or take 1000 ns"),
+        ],
+        track=0,
+    )
+    listed = [("HEAD", 8), ("TRAK", f.offsets["TRAK"]), ("TRAK", second), ("cLOk", clock)]
+    f.close([(at, 0, 4_000_000)], listed, 2)
+    told = [[1500, 0, None, "go"], [2000, 1000, 0, "µm"]]
+    seen = [[0, 5_000_000_000, 1000], [4, 5_004_000_160, 1000]]
+    expected = {"0": [{"start": 0, "counts": [[1]] * 4}], "events": told, "clock": seen}
+    return f, expected
+
+
 NOTES = {
     "hold": """`hold.hapf`: one force channel at 1 kHz, a count is 10 mN. It decodes to the counts
 100 100 100 125
@@ -161,8 +250,10 @@ d is 10 8 5 9 13 17,
 then 17 17: at tick 1 `10 + rdiv(-5 * 1, 2) = 10 - 2`, a tie. e^ is 0 1 -2 0 0 0, then 0 0: the
 level 1 at
 tick 1 would be 2 and is clamped. The channel is 10 9 3 9 13 17, then 17 17.""",
+    "marks": """`marks.hapf`: a constant channel at 1 kHz, a layer of two events, and a clock that
+was observed twice. The events are 'go' at 1.5 ms, and 'µm' of channel 0 from 2 to 3 ms.""",
 }
-MAKERS = {"hold": hold, "residual": residual}
+MAKERS = {"hold": hold, "residual": residual, "marks": marks}
 
 
 def annex() -> str:

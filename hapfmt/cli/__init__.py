@@ -19,6 +19,7 @@ VERBS = {
     "verify": "Check every rule of a file, and its deadband contract.",
     "du": "Where the bytes go, by cause and by track.",
     "dump": "All of a file as canonical JSON.",
+    "clocks": "Other clocks: what was observed, offset, drift, jitter.",
     "convert": "From any format to any other.",
     "demo": "Simulate a stylus on a texture, encode it, show what it costs.",
 }

@@ -229,6 +229,7 @@ def load_recording(name: str, format_: str | None, rate: str | None) -> tuple[Re
 
     with Reader(input_of(name)) as reader, progress("decoding") as advance:
         recording = reader.read(progress=advance)
+        tell_clocks(reader)
         return recording, tell_losses(reader)
 
 
@@ -237,6 +238,12 @@ def save_recording(recording: Recording, name: str, format_: str | None, force: 
 
     for note in save(recording, output_of(name), format=format_, force=force):
         click.echo(f"note: {printable(note)}", err=True)
+
+
+def tell_clocks(reader: Reader) -> None:
+    """What a recording does not hold."""
+    if reader.clocks or reader.clock_maps:
+        click.echo("note: observations of other clocks are not carried over", err=True)
 
 
 def tell_losses(reader: Reader) -> int:
@@ -255,7 +262,9 @@ def tell_some(lines: Sequence[str]) -> None:
 
 
 def lost_text(lost: LostSpan, reader: Reader) -> str:
-    track = reader.catalogue.tracks[lost.track]
+    track = reader.catalogue.tracks.get(lost.track)
+    if track is None:
+        return f"lost: track {lost.track}, whose description is lost"
     labels = ", ".join(component.label or "?" for component in track.components)
     start = float(lost.start / track.rate)
     until = "the end" if lost.stop is None else f"{float(lost.stop / track.rate):.6g} s"

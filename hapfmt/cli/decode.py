@@ -17,6 +17,7 @@ from .common import (
     progress,
     save_recording,
     suffix_of,
+    tell_clocks,
     tell_losses,
     threads_option,
 )
@@ -78,6 +79,7 @@ def decode(
         names = parse_channels(channels, [ref.label for ref in reader.channels])
         recording = reader.read(names, start, stop, band=cast("Band", band), progress=advance)
         save_recording(recording, target, format_, force)
+        tell_clocks(reader)
         code = tell_losses(reader)
         if as_json and target != "-":
             echo_json(

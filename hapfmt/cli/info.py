@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from fractions import Fraction
 from itertools import groupby
 from typing import Any
 from uuid import UUID
@@ -10,13 +12,14 @@ import click
 
 from ..catalogue import Catalogue, ChannelRef, FalseIndexError, Part
 from ..container.source import open_source
-from ..container.track import Contract
+from ..container.track import Contract, Track
 from ..opening import open_catalogue
 from .common import echo_json, input_of, json_option, printable, table
 
 
 @click.command(short_help="What a file holds.")
 @click.argument("file", metavar="FILE")
+@click.option("--events", "with_events", is_flag=True, help="List the events too.")
 @click.option("--follow", is_flag=True, help="A line a second while FILE grows.")
 @click.option(
     "--interval",
@@ -26,31 +29,46 @@ from .common import echo_json, input_of, json_option, printable, table
     help="Seconds between two lines of --follow.",
 )
 @json_option
-def info(file: str, follow: bool, interval: float, as_json: bool) -> int:
+def info(file: str, with_events: bool, follow: bool, interval: float, as_json: bool) -> int:
     """What FILE holds: channels, rates, units, codecs, times, and whether it was closed.
 
-    Reads the index and the descriptions only; nothing is decoded. FILE may be a URL. --follow ends
-    when the file is closed, or with Ctrl-C.
+    Reads the index and the descriptions only; nothing is decoded, but for --events. FILE may be a
+    URL. --follow ends when the file is closed, or with Ctrl-C.
     """
     if follow:
         from .following import follow_file
 
         return follow_file(file, interval, as_json)
-    source = open_source(input_of(file))
-    try:
-        catalogue = open_catalogue(source)
-        try:
-            found = describe(catalogue)
-        except FalseIndexError:
-            catalogue = open_catalogue(source, scan=True)
-            found = describe(catalogue)
-    finally:
-        source.close()
+    catalogue, found = with_its_events(file) if with_events else described(file)
     if as_json:
         echo_json(found)
     else:
         show(file, catalogue, found)
     return int(found["exit_code"])
+
+
+def described(file: str) -> tuple[Catalogue, dict[str, Any]]:
+    source = open_source(input_of(file))
+    try:
+        catalogue = open_catalogue(source)
+        try:
+            return catalogue, describe(catalogue)
+        except FalseIndexError:
+            catalogue = open_catalogue(source, scan=True)
+            return catalogue, describe(catalogue)
+    finally:
+        source.close()
+
+
+def with_its_events(file: str) -> tuple[Catalogue, dict[str, Any]]:
+    from ..reader import Reader
+
+    with Reader(input_of(file)) as reader:
+        rows = [
+            {**vars(event), "time": str(event.time), "duration": str(event.duration)}
+            for event in reader.events()
+        ]
+        return reader.catalogue, {**describe(reader.catalogue), "events": rows}
 
 
 def describe(catalogue: Catalogue) -> dict[str, Any]:
@@ -70,6 +88,8 @@ def describe(catalogue: Catalogue) -> dict[str, Any]:
         "cluster_count": len(catalogue.data),
         "track_count": len(catalogue.tracks),
         "channels": [channel_json(ref) for ref in catalogue.channels],
+        "layers": [layer_json(layer) for layer in catalogue.layers],
+        "clocks": clocks_json(catalogue),
         "metadata": catalogue.metadata,
         "attachments": [
             {"name": a.name, "media_type": a.media_type, "size": len(a.content)}
@@ -119,6 +139,33 @@ def channel_json(ref: ChannelRef) -> dict[str, Any]:
     }
 
 
+def clocks_json(catalogue: Catalogue) -> list[dict[str, Any]]:
+    """Each clock on each track, with the number of its observations and of its map's points."""
+    counts = Counter((seen.clock, seen.track) for seen in catalogue.clocks)
+    points = {(found.clock, found.track): len(found.points) for found in catalogue.clock_maps}
+    return [
+        {
+            "clock": clock,
+            "track": track,
+            "observation_count": counts[clock, track],
+            "point_count": points.get((clock, track), 0),
+        }
+        for clock, track in dict.fromkeys([*counts, *points])
+    ]
+
+
+def layer_json(layer: Track) -> dict[str, Any]:
+    return {
+        "track": layer.id,
+        "label": layer.components[0].label,
+        "device": layer.components[0].device,
+        "rate_num": layer.rate.numerator,
+        "rate_den": layer.rate.denominator,
+        "provenance": layer.provenance,
+        "unsupported": layer.unsupported,
+    }
+
+
 def contract_json(contract: Contract, index: int) -> dict[str, Any]:
     """Of the component with this index."""
     return {
@@ -150,6 +197,17 @@ def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
     rows = [channel_row(ref) for ref in catalogue.channels]
     if rows:
         table(["channel", "label", "unit", "rate Hz", "step", "coded as", "contract"], rows)
+    for layer in catalogue.layers:
+        name = layer.components[0].label or "without a name"
+        click.echo(printable(f"layer of events: {name} (track {layer.id}, {layer.rate} ticks/s)"))
+    for clock in found["clocks"]:
+        ticks = "ns" if clock["track"] is None else f"ticks of track {clock['track']}"
+        mapped = f", mapped by {clock['point_count']} points" if clock["point_count"] else ""
+        count = clock["observation_count"]
+        click.echo(printable(f"clock: {clock['clock']} ({count} observations by {ticks}{mapped})"))
+    if found.get("events"):
+        rows = [event_row(event) for event in found["events"]]
+        table(["time s", "duration s", "channel", "layer", "text"], rows)
     for key, value in catalogue.metadata.items():
         click.echo(printable(f"{key}: {value}"))
     for attachment in found["attachments"]:
@@ -158,6 +216,12 @@ def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
         click.echo(f"hapfmt: {printable(str(finding))}", err=True)
     if catalogue.unsupported:
         click.echo(f"hapfmt: {catalogue.unsupported}", err=True)
+
+
+def event_row(event: dict[str, Any]) -> list[str]:
+    channel = "-" if event["channel"] is None else str(event["channel"])
+    times = (f"{float(Fraction(event[name])):.9g}" for name in ("time", "duration"))
+    return [*times, channel, event["layer"], event["text"]]
 
 
 def channel_row(ref: ChannelRef) -> list[str]:

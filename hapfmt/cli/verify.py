@@ -59,7 +59,7 @@ def verify(
 def show(file: str, report: Report) -> None:
     click.echo(
         f"{printable(file)}: {report.verdict}; {report.packets} packets, {report.samples} samples, "
-        f"{report.digests} digests"
+        f"{report.digests} digests" + (f", {report.events} events" if report.events else "")
     )
     if report.error:
         click.echo(f"hapfmt: {printable(str(report.error))}", err=True)

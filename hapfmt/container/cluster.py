@@ -115,7 +115,7 @@ def parse_cluster(
                 requirement="DAT-008",
                 offset=entry.offset,
             )
-        samples += entry.span * len(tracks[entry.track].components)
+        samples += tracks[entry.track].weight(entry.span, entry.size)
         level.check("cluster_samples", samples, "DAT-009", entry.offset)
         entries.append(entry)
     packets = []
@@ -156,7 +156,7 @@ def salvage_cluster(
     for place, entry in enumerate(entries):
         known, at = tracks.get(entry.track), placed.get(place)
         if at is not None and known is not None and check_quietly(entry, level):
-            samples += entry.span * len(known.components)
+            samples += known.weight(entry.span, entry.size)
             if samples <= level.cluster_samples:
                 data = payload[at : at + entry.size]
                 yield Packet(entry.track, entry.start, entry.span, data, base + at)

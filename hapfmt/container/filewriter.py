@@ -8,11 +8,13 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from fractions import Fraction
+from itertools import groupby
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from ..errors import ParameterError
 from ..limits import LEVELS, Level
 from .chain import chain_of, copied_tracks, last_sequence
+from .clocks import ClockMap, ClockObservation, build_clocks, build_map
 from .cluster import Packet, build_cluster, entry_size
 from .extras import Attachment, build_attachment, build_metadata
 from .index import (
@@ -111,7 +113,7 @@ class FileWriter:
         self.parts: list[Part] = []
         self.indexed_entries = 0
         self.indexed_to = FIRST_OFFSET
-        self.clock = clock
+        self.seconds = clock
         self.indexed_at = clock() if clock else 0.0
         self.data_count = 0
         self.stop = Fraction(0)
@@ -211,6 +213,17 @@ class FileWriter:
     def attach(self, attachment: Attachment) -> None:
         self.chunk("aTTc", build_attachment(attachment))
 
+    def clock(self, observations: Sequence[ClockObservation]) -> None:
+        """cLOk chunks for observations, in order, as few as hold them."""
+        for (_, track), seen in groupby(observations, key=lambda seen: (seen.clock, seen.track)):
+            for payload in build_clocks(list(seen)):
+                self.chunk("cLOk", payload, NO_TRACK if track is None else track)
+
+    def clock_map(self, clock_map: ClockMap) -> None:
+        """A cMAp chunk."""
+        track = clock_map.track
+        self.chunk("cMAp", build_map(clock_map), NO_TRACK if track is None else track)
+
     def cluster(self, packets: Iterable[Packet]) -> None:
         """DATA chunks for the packets of one stretch of time; several where one grows too large."""
         batch: list[Packet] = []
@@ -220,9 +233,13 @@ class FileWriter:
         try:
             for packet in packets:
                 weight = len(packet.data) + entry_size(packet)
-                count = packet.span * len(self.tracks[packet.track].components)
+                count = self.tracks[packet.track].weight(packet.span, len(packet.data))
+                # Packets of events may start together; in one cluster they must not (DAT-002).
+                place = packet.track, packet.start
+                again = batch and (batch[-1].track, batch[-1].start) == place
                 full = (
-                    size + weight > target
+                    again
+                    or size + weight > target
                     or samples + count > self.level.cluster_samples
                     or len(batch) >= self.level.packets
                 )
@@ -256,7 +273,7 @@ class FileWriter:
         """Whether an index comes before a chunk of ``size`` bytes (SPEC IDX-005)."""
         if len(self.entries) == self.indexed_entries or self.ending:
             return False
-        late = self.clock is not None and self.clock() - self.indexed_at >= CHECKPOINT_SECONDS
+        late = self.seconds is not None and self.seconds() - self.indexed_at >= CHECKPOINT_SECONDS
         return late or self.offset - self.indexed_to + size > INDEX_EVERY
 
     def checkpoint(self) -> None:
@@ -280,7 +297,7 @@ class FileWriter:
         self.chunk("iNDX", payload)
         self.parts = [*parts, Part(offset, covers_from, first, len(payload))]
         self.indexed_to, self.indexed_entries = offset, len(self.entries)
-        self.indexed_at = self.clock() if self.clock else 0.0
+        self.indexed_at = self.seconds() if self.seconds else 0.0
 
     def joins(self, part: Part, first: int, room: int) -> bool:
         """Whether the last index repeats ``part``, the one before ``first``: those of this writer

@@ -50,7 +50,7 @@ HEAD = Struct(
 TRAK = Struct(
     "track_count" / Int8ul * "tracks described, with consecutive ids from the header's track id",
     "component_count" / Int8ul * "components of each track",
-    "kind" / Int8ul * "0 full band, 1 LF, 2 HF residual, 3 events (reserved)",
+    "kind" / Int8ul * "0 full band, 1 LF, 2 HF residual, 3 events",
     "number_format" / Int8ul * "0 counts, 1 int64, 2 uint64, 3 binary16, 4 binary32, 5 binary64",
     "codec" / Bytes(4) * "codec, four ASCII characters; with setups that of the first track",
     "rate_num" / Int32ul * "numerator of the rate in ticks per second",

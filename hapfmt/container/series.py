@@ -48,6 +48,7 @@ from .wire import NO_TRACK, build_fields, parse_fixed
 PARAMETERS, LABEL, CALIBRATIONS, UNIT, SETUPS, QUANTITY, RANGES = 1, 2, 3, 4, 5, 6, 7
 AXIS, CHANNELS, GROUP, CONTINUED, BODY_SITE, DEVICE, CONTRACT = 8, 9, 10, 11, 12, 14, 16
 DEVIATIONS, WEIGHTS, PROVENANCE = 18, 20, 22
+OF_EVENTS = (LABEL, DEVICE, PROVENANCE)
 CRITICAL = (PARAMETERS, CALIBRATIONS, SETUPS, RANGES, CHANNELS, CONTINUED)
 STRINGS = {
     LABEL: "label",
@@ -107,7 +108,8 @@ def build_what_differs(series: Sequence[Track]) -> dict[int, bytes]:
     if len({(track.count_min, track.count_max) for track in series}) > 1:
         values[RANGES] = b"".join(build_range(t.count_min, t.count_max) for t in series)
     firsts = [track.first_channel for track in series]
-    if firsts != follow_on(firsts[0], len(first.components), len(series)):
+    in_order = follow_on(firsts[0], len(first.components), len(series))
+    if firsts != in_order and first.kind != "events":
         values[CHANNELS] = build_channels(firsts)
     if any(track.continues is not None for track in series):
         values[CONTINUED] = build_continued([track.continues for track in series])
@@ -225,6 +227,8 @@ def ranges_of(raw: Any, tlvs: Tlvs, offset: int) -> list[Range]:
 def channels_of(raw: Any, tlvs: Tlvs, offset: int) -> list[int]:
     """The first channel number of each track (TRK-010, TRK-015)."""
     count, size = raw.track_count, raw.component_count
+    if raw.kind == KINDS.index("events"):
+        return [int(raw.first_channel)] * int(count)
     if CHANNELS in tlvs:
         at, value = tlvs[CHANNELS]
         firsts = parse_channels(value, at, count)
@@ -265,7 +269,7 @@ def unknown_codec(codec: bytes) -> str | None:
 
 
 def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
-    """TRK-005 to TRK-009, as far as one chunk tells."""
+    """TRK-005 to TRK-009 and TRK-019, as far as one chunk tells."""
     low, high, hf = track.count_min, track.count_max, track.kind == "hf"
     bound = 1 << ((level.residual_bits if hf else level.count_bits) - 1)
     if low > high or low < -bound or high >= bound:
@@ -274,6 +278,8 @@ def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
             requirement="TRK-005",
             offset=offset + RANGE_OFFSET,
         )
+    if track.kind == "events" or track.codec == "EVNT":
+        check_events(track, tlvs, offset)
     words = track.number_format != "counts"
     if words and (
         (track.kind, track.codec) != ("full", "RAWB") or low or high or CALIBRATIONS in tlvs
@@ -300,6 +306,26 @@ def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
     if hf and INHERITED & tlvs.keys():
         raise FormatError(
             "HF track describes what it has from its base", requirement="TRK-009", offset=offset
+        )
+
+
+def check_events(track: Track, tlvs: Tlvs, offset: int) -> None:
+    """TRK-019."""
+    if (track.kind, track.codec) != ("events", "EVNT"):
+        raise FormatError(
+            f"kind {track.kind} with codec {track.codec}", requirement="TRK-019", offset=offset
+        )
+    of_counts = track.number_format == "counts" and not (track.count_min or track.count_max)
+    if len(track.components) != 1 or not of_counts or track.first_channel != NO_TRACK:
+        raise FormatError(
+            "a layer of events with components, numbers or channels",
+            requirement="TRK-019",
+            offset=offset,
+        )
+    beside = [type_ for type_ in tlvs if type_ <= PROVENANCE and type_ not in OF_EVENTS]
+    if beside:
+        raise FormatError(
+            f"TLV {beside[0]} in a layer of events", requirement="TRK-019", offset=offset
         )
 
 

@@ -10,10 +10,10 @@ from typing import NamedTuple
 from ..errors import FormatError
 from ..limits import EXACT_LIMIT
 
-KINDS = ("full", "lf", "hf")
+KINDS = ("full", "lf", "hf", "events")
 NUMBER_FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64")
 WORD_SIZES = {"int64": 8, "uint64": 8, "binary16": 2, "binary32": 4, "binary64": 8}
-CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "KNTE", "LPCX")
+CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "KNTE", "LPCX", "EVNT")
 SERIES_SIZE = 255
 SETUP_SIZE = 12
 """Bytes of a setup beside its parameters, at most."""
@@ -83,7 +83,13 @@ class Track:
 
     @property
     def channels(self) -> range:
+        if self.kind == "events":
+            return range(0)
         return range(self.first_channel, self.first_channel + len(self.components))
+
+    def weight(self, span: int, size: int) -> int:
+        """What a packet of so many ticks and bytes counts in a cluster (DAT-009)."""
+        return size if self.kind == "events" else span * len(self.components)
 
     @property
     def shared(self) -> tuple[object, ...]:
@@ -204,14 +210,14 @@ class TrackTable:
             self.tracks[track.id] = track
 
     def chains(self) -> list[list[Track]]:
-        """Tracks but for HF, those together that continue one another, in order of their ids.
+        """Tracks of channels but for HF, those that continue one another together, by their ids.
 
         They share their channel numbers, and nothing else does: so a lost one breaks no chain.
         """
         found: dict[int, list[Track]] = {}
         for id_ in sorted(self.tracks):
             track = self.tracks[id_]
-            if track.kind != "hf":
+            if track.kind not in ("hf", "events"):
                 found.setdefault(track.first_channel, []).append(track)
         return list(found.values())
 

@@ -179,7 +179,7 @@ def not_carried(recording: Recording, suffix: str, *carried: str) -> list[str]:
         *(
             name
             for name in _RECORDING_FIELDS
-            if getattr(recording, name) != getattr(plain[0], name)
+            if name not in carried and getattr(recording, name) != getattr(plain[0], name)
         ),
         *(f"metadata {key!r}" for key in recording.metadata if key not in (*carried, "notes")),
         *(

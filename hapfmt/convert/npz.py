@@ -9,6 +9,8 @@
 ``start_tick``          tick of the first sample, 0 if absent
 ``index``               [channels] positions in the recording
 ``source``              text, where the recording comes from
+``events``              text, JSON: a list of objects with ``time``, ``text``, ``duration``,
+                        ``channel`` and ``layer``, times as "num/den" in s
 ``t``                   [samples] true times in s: compared with the grid and dropped
 ======================  =============================================================
 
@@ -17,6 +19,7 @@ Where channels differ in rate, each rate is a group, and its keys end in __0, __
 
 from __future__ import annotations
 
+import json
 import re
 import struct
 import zipfile
@@ -30,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ParameterError
+from ..events import Event, channel_of
 from ..limits import TICK_LIMIT
 from ..recording import Channel, Recording
 from .common import (
@@ -71,13 +75,31 @@ def read(stream: BinaryIO, *, rate: Fraction | None, max_memory: int) -> Recordi
         channels = [c for ending in endings for c in _channels(archive, ending, rate, notes)]
         positions = [p for ending in endings for p in archive.integers(f"index{ending}")]
         source = archive.texts("source")
+        events = _events(archive.texts("events"))
     if positions and sorted(positions) != list(range(len(channels))):
         raise ParameterError("the index keys do not give each channel a position of its own")
     ordered = sorted(zip(positions or range(len(channels)), channels, strict=True), key=_position)
     if unread := _unread(archive.members, endings):
         notes.append(f"keys not carried over: {unread}")
     metadata = {"source": "; ".join(source)} if source else {}
-    return Recording(tuple(c for _, c in ordered), metadata=with_notes(metadata, notes))
+    described = with_notes(metadata, notes)
+    return Recording(tuple(c for _, c in ordered), metadata=described, events=tuple(events))
+
+
+def _events(texts: list[str]) -> list[Event]:
+    """What ``_written`` made of events."""
+    with refusing("key 'events'", RecursionError, TypeError):
+        return [Event(**row) for text in texts for row in json.loads(text)]
+
+
+def _written(recording: Recording) -> str:
+    labels = [channel.label for channel in recording.channels]
+    rows = [
+        {**vars(e), "time": str(e.time), "duration": str(e.duration),
+         "channel": channel_of(e, labels)}
+        for e in recording.events
+    ]  # fmt: skip
+    return json.dumps(rows, ensure_ascii=False, separators=(",", ":"))
 
 
 def _position(placed: tuple[int, Channel]) -> int:
@@ -218,7 +240,7 @@ def _times_note(times: NDArray[np.float64], rate: Fraction, ticks: int) -> str:
 
 
 def _unread(members: Collection[str], endings: list[str]) -> str:
-    matches = {key: _KEY.fullmatch(key) for key in members if key != "source"}
+    matches = {key: _KEY.fullmatch(key) for key in members if key not in ("source", "events")}
     return _listed([k for k, m in matches.items() if m is None or (m[2] or "") not in endings])
 
 
@@ -239,7 +261,7 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
             with archive.open(info, "w", force_zip64=True) as member:
                 write_array(member, array)
     source = ["source"] if "source" in arrays else []
-    return not_carried(recording, ".npz", "unit", "label", "lsb", *source)
+    return not_carried(recording, ".npz", "unit", "label", "lsb", "events", *source)
 
 
 def _arrays(recording: Recording, max_memory: int) -> dict[str, NDArray[Any]]:
@@ -266,6 +288,8 @@ def _arrays(recording: Recording, max_memory: int) -> dict[str, NDArray[Any]]:
         arrays |= {f"{key}{ending}": array for key, array in group.items()}
     if not by_rate:
         arrays["x"] = np.empty((0, 0))
+    if recording.events:
+        arrays["events"] = _text([_written(recording)]).reshape(())
     if isinstance(source := recording.metadata.get("source"), str):
         arrays["source"] = _text([source]).reshape(())
     return arrays

@@ -1,0 +1,113 @@
+"""hapfmt clocks"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, cast
+
+import click
+
+from .common import FractionType, echo_json, input_of, json_option, table, tell_losses
+
+if TYPE_CHECKING:
+    from ..clocks import Delays
+    from ..container.clocks import ClockMap, ClockObservation
+    from ..reader import Reader
+
+NS = Fraction(10**9)
+"""Ticks per second where a clock was observed by nanoseconds of the recording."""
+
+
+@click.command(short_help="Other clocks: what was observed, offset, drift, jitter.")
+@click.argument("file", metavar="FILE")
+@click.option("--fit", is_flag=True, help="Fit a map of straight lines to each clock, and show it.")
+@click.option(
+    "--delays",
+    type=click.Choice(["both", "late"]),
+    default="both",
+    show_default=True,
+    help="Whether time stamps are early and late, or late only.",
+)
+@click.option(
+    "--window", type=FractionType(), help="Seconds of one line. [what tells best of the rest]"
+)
+@json_option
+def clocks(file: str, fit: bool, delays: str, window: Fraction | None, as_json: bool) -> int:
+    """The observations of other clocks in FILE, against the ticks of its tracks.
+
+    Offset is what a clock told beyond the time of the recording at its first observation, drift
+    how much faster it runs, and half of the observations lie within the jitter of one straight
+    line. Maps are those of FILE, or with --fit new ones, which are shown and not stored.
+    """
+    from ..reader import Reader
+
+    with Reader(input_of(file)) as reader:
+        seconds = None if window is None else float(window)
+        asked = (cast("Delays", delays), seconds) if fit else None
+        rows = [one_clock(reader, seen, asked) for seen in by_clock(reader)]
+        code = tell_losses(reader)
+    if as_json:
+        echo_json({"clocks": rows, "exit_code": code})
+    elif rows:
+        show(rows)
+    else:
+        click.echo("no other clock was observed")
+    return code
+
+
+def by_clock(reader: Reader) -> list[list[ClockObservation]]:
+    found: dict[tuple[str, int | None], list[ClockObservation]] = {}
+    for seen in reader.clocks:
+        found.setdefault((seen.clock, seen.track), []).append(seen)
+    return list(found.values())
+
+
+def one_clock(
+    reader: Reader, seen: list[ClockObservation], fitted: tuple[Delays, float | None] | None
+) -> dict[str, Any]:
+    from ..clocks import fit_clock, summarise
+
+    clock, track = seen[0].clock, seen[0].track
+    rate = NS if track is None else reader.catalogue.tracks[track].rate
+    told = summarise(seen, rate)
+    ticks = [each.tick for each in seen]
+    chosen: ClockMap | None = None
+    if fitted and min(ticks) < max(ticks):
+        chosen = fit_clock(seen, rate, delays=fitted[0], window=fitted[1])
+    elif not fitted:
+        maps = {(each.clock, each.track): each for each in reader.clock_maps}
+        chosen = maps.get((clock, track))
+    away = sorted(abs(each.time_ns - chosen.time_ns(each.tick)) for each in seen) if chosen else []
+    return {
+        "clock": clock,
+        "track": track,
+        "observation_count": told.count,
+        "first_s": float(min(ticks) / rate),
+        "last_s": float(max(ticks) / rate),
+        "offset_ns": told.offset_ns,
+        "drift_ppm": told.drift_ppm,
+        "jitter_ns": told.jitter_ns,
+        "points": [list(point) for point in chosen.points] if chosen else None,
+        "beside_map_ns": away[len(away) // 2] if away else None,
+    }
+
+
+def show(rows: list[dict[str, Any]]) -> None:
+    headers = ["clock", "ticks of", "observed", "from s", "to s", "offset s", "drift ppm",
+               "jitter us", "map points", "beside it us"]  # fmt: skip
+    cells = [
+        [
+            row["clock"],
+            "nanoseconds" if row["track"] is None else f"track {row['track']}",
+            str(row["observation_count"]),
+            f"{row['first_s']:.6g}",
+            f"{row['last_s']:.6g}",
+            f"{row['offset_ns'] / 1e9:.6f}",
+            f"{row['drift_ppm']:.3f}",
+            f"{row['jitter_ns'] / 1e3:.3f}",
+            str(len(row["points"])) if row["points"] else "-",
+            f"{row['beside_map_ns'] / 1e3:.3f}" if row["points"] else "-",
+        ]
+        for row in rows
+    ]
+    table(headers, cells)
