@@ -240,6 +240,8 @@ class Reader:
     ) -> list[Event]:
         """Events with start <= time < stop, of all layers or those with these names, in order of
         time. Their channels are the channels' numbers."""
+        if start is None and stop is None:
+            self.scan()
         catalogue = self.catalogue
         chosen = [
             layer
@@ -250,8 +252,7 @@ class Reader:
         for piece in self.pieces(chosen, start, stop):
             assembly.add_events(piece.track, piece.events)
             self.limits.check_events(assembly.event_count)
-        if (start, stop) != (None, None) and self.catalogue is not catalogue:
-            # The index was false: other layers may be there.
+        if self.catalogue is not catalogue:
             return self.events(start, stop, layers=layers)
         return assembly.events()
 

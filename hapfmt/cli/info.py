@@ -10,7 +10,7 @@ from uuid import UUID
 
 import click
 
-from ..catalogue import Catalogue, ChannelRef, Part
+from ..catalogue import Catalogue, ChannelRef, FalseIndexError, Part
 from ..container.source import open_source
 from ..container.track import Contract, Track
 from ..limits import Limits
@@ -61,7 +61,11 @@ def described(file: str, limits: Limits) -> tuple[Catalogue, dict[str, Any]]:
     source = open_source(input_of(file))
     try:
         catalogue = open_catalogue(source, limits=limits)
-        return catalogue, describe(catalogue)
+        try:
+            return catalogue, describe(catalogue)
+        except FalseIndexError:
+            catalogue = open_catalogue(source, scan=True, limits=limits)
+            return catalogue, describe(catalogue)
     finally:
         source.close()
 
