@@ -5,13 +5,16 @@ from __future__ import annotations
 
 from .appended import APPENDED
 from .decoders import DECODERS
+from .edited import EDITED
 from .files import FILES
 from .foreign import FOREIGN
 from .parsers import PARSERS
+from .streams import STREAMS
 from .target import Target
 
 TARGETS: dict[str, Target] = {
-    target.name: target for target in (*PARSERS, *DECODERS, *FILES, *APPENDED, *FOREIGN)
+    target.name: target
+    for target in (*PARSERS, *DECODERS, *FILES, *APPENDED, *EDITED, *STREAMS, *FOREIGN)
 }
 
 __all__ = ["TARGETS", "Target"]
