@@ -23,13 +23,20 @@ from hapfmt.verifier import verify
 STEP = 29 if os.environ.get("HYPOTHESIS_PROFILE", "dev") == "dev" else 1
 EXAMPLES = ROOT / "conformance" / "examples"
 PRESETS = ("archive", "default", "deadband")
-FILES = ("hold", "residual", *PRESETS)
+FILES = ("hold", "residual", "events", *PRESETS)
 KINDS = ("flipped", "deleted", "cut", "zero inserted", "ones inserted")
 
 
 @cache
 def small(name: str) -> bytes:
     """Two clusters; a worked example, or two channels by an encoder."""
+    if name == "events":
+        marks = tuple(hapfmt.Event(time=i / 100, text=f"mark {i}", channel=i % 2) for i in range(3))
+        out = io.BytesIO()
+        channel = hapfmt.Channel(np.arange(9), 100, label="f")
+        recording = hapfmt.Recording((channel, channel), events=marks)
+        hapfmt.write(recording, out, hapfmt.Settings.of("archive", cluster="0.04"), canonical=7)
+        return out.getvalue()
     if name not in PRESETS:
         return (EXAMPLES / f"{name}.hapf").read_bytes()
     x = np.random.default_rng(5).integers(-3, 4, (24, 2)).cumsum(axis=0)
@@ -44,6 +51,14 @@ def small(name: str) -> bytes:
 @cache
 def clean(name: str, band: str) -> dict:
     return samples(small(name), band=band)
+
+
+def events(data: bytes) -> list[hapfmt.Event]:
+    try:
+        with hapfmt.Reader(data, scan=True) as reader:
+            return reader.events()
+    except hapfmt.HapfmtError:
+        return []
 
 
 def cases(data: bytes, kind: str) -> Iterator[bytes]:
@@ -81,6 +96,10 @@ def test_every_single_fault(name, kind):
             continue
         report = verify(out.getvalue(), threads=1)
         assert report.verdict == "intact", (number, report.error, report.findings)
+        if name == "events":
+            told = events(bad)
+            assert set(told) <= set(events(small(name))), number
+            assert events(out.getvalue()) == told, number
         for band in bands:
             found = samples(bad, band=band)
             assert found.items() <= clean(name, band).items(), number

@@ -164,7 +164,7 @@ def test_descriptions_are_copied():
 
 class TestLostDescriptions:
     """
-    REC-008: For each LF track without its HF track a recoverer MUST describe an HF track without packets, and for channel numbers that are missing below the highest one, tracks without packets whose components have the label `(lost)`.
+    REC-008: For each LF track without its HF track a recoverer MUST describe an HF track without packets, and for channel numbers that are missing below the highest one, or that an event speaks of, tracks without packets whose components have the label `(lost)`.
     """
 
     pair = (
@@ -407,3 +407,55 @@ def test_verb(tmp_path):
     assert (piped.returncode, piped.stdout) == (3, into.read_bytes())
     whole = run("-", str(into), "--force", data=data)
     assert whole.returncode == 0 and b"nothing lost" in whole.stdout
+
+
+def test_events_and_clocks_come_along():
+    x = np.arange(300) % 50
+    events = (hapfmt.Event(time=0.25, text="a mark", channel=0), hapfmt.Event(time=0.05, text="b"))
+    channel = hapfmt.Channel(x, 1000, calibration=hapfmt.Calibration(1, 0, 10), label="f")
+    out = io.BytesIO()
+    settings = hapfmt.Settings.of("archive", cluster="0.1", digest=True)
+    hapfmt.write(hapfmt.Recording((channel,), events=events), out, settings, canonical=1)
+    data = out.getvalue()
+    for bad in (data, data + b"\0", flipped(data, payload_of(data, "DATA", 1) + 20)):
+        good, _ = recovered(bad)
+        assert verify(good).verdict == "intact"
+        assert samples(good) == samples(bad)
+        with hapfmt.Reader(bad, scan=True) as reader, hapfmt.Reader(good) as again:
+            assert again.events() == reader.events()
+    assert len(hapfmt.read(good).events) >= 1
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+def test_a_channel_of_several_tracks_of_which_one_is_lost(lost):
+    second = f.trak(f.HOLD + f.tlv(11, f.varint(1)))
+    data = f.closed(
+        ("HEAD", f.head()), f.TRACK_0, ("TRAK", second, {"track": 1}), f.DATA_0,
+        ("DATA", f.cluster((1, 4, 4, f.KNOT_DATA))), duration_ns=8_000_000,
+    )  # fmt: skip
+    assert verify(data).verdict == "intact"
+    bad = flipped(data, payload_of(data, "TRAK", lost))
+    good, done = recovered(bad)
+    assert done.exit_code == 3
+    assert verify(good).verdict == "intact", verify(good).error
+    kept = range(4, 8) if lost == 0 else range(4)
+    assert samples(good) == {(0, tick): 5 for tick in kept}
+
+
+def test_a_digest_that_packets_were_appended_to_is_no_damage():
+    x = np.arange(40)
+    out = io.BytesIO()
+    settings = hapfmt.Settings.of("archive", digest=True)
+    channel = hapfmt.Channel(x, 1000, calibration=hapfmt.Calibration(1, 0, 10), label="f")
+    hapfmt.write(hapfmt.Recording((channel,)), out, settings, canonical=f.FILE_ID)
+    whole = out.getvalue()
+    data = whole[: payload_of(whole, "iNDX") - 32]
+    with hapfmt.Reader(whole) as reader:
+        sequence = len(reader.catalogue.chunks)
+    again = dict(zip(("track", "start", "span", "data"), packets(whole)[0], strict=True))
+    late = (again["track"], again["start"] + 40, again["span"], again["data"])
+    data += f.chunk("DATA", f.cluster(late), sequence)
+    good, done = recovered(data)
+    assert (done.exit_code, done.digests) == (0, 0)
+    assert verify(good).verdict == "intact"
+    assert len(samples(good)) == 80

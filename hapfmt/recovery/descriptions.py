@@ -14,6 +14,7 @@ from ..container.wire import HEADER_SIZE
 from ..decoder import TrackDecoder
 from ..errors import FormatError
 from ..limits import LAST_TRACK_ID
+from ..packets import PacketPass
 
 EMPTY = b"\0\1"
 """Parameters of KNOT: hold, quantum 1. A track without packets needs no others."""
@@ -21,6 +22,8 @@ LOST_LABEL = "(lost)"
 LOST_RESIDUAL = "the description of this HF track was lost"
 LOST_CHANNEL = "the description of this channel was lost"
 LAST_CHANNEL = 65_534
+EVERYTHING = (0, 1 << 62)
+"""All ticks."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class Described:
 
 def describe(catalogue: Catalogue) -> tuple[list[Described], list[Track]]:
     """TRAK chunks for all that can be kept, bases first; and the tracks that stand for lost ones,
-    without packets."""
+    without packets: also of channels that an event speaks of."""
     kept = rejoined(usable(catalogue))
     series = list(copied(catalogue, kept))
     series.sort(key=lambda part: (part.tracks[0].kind == "hf", part.tracks[0].id))
@@ -103,7 +106,7 @@ def placeholders(described: dict[int, Track], catalogue: Catalogue) -> list[Trac
         for lf in sorted(described.values(), key=lambda t: t.id)
         if lf.kind == "lf" and lf.id not in bases
     ]  # fmt: skip
-    for first, count in missing_channels(described):
+    for first, count in missing_channels(described, highest_named(catalogue, described)):
         components = (Component(label=LOST_LABEL),) * count
         places.append(
             Track(
@@ -114,8 +117,25 @@ def placeholders(described: dict[int, Track], catalogue: Catalogue) -> list[Trac
     return places
 
 
-def missing_channels(described: dict[int, Track]) -> Iterator[tuple[int, int]]:
-    """(first channel number, how many) that no track has, below the highest; at most 255 each."""
+def highest_named(catalogue: Catalogue, described: dict[int, Track]) -> int:
+    """The highest channel number that an event speaks of, -1 where none does."""
+    layers = [t for t in described.values() if t.kind == "events" and t.unsupported is None]
+    everything = dict.fromkeys((layer.id for layer in layers), EVERYTHING)
+    decoders = {layer.id: TrackDecoder(layer, catalogue.level) for layer in layers}
+    highest = -1
+    for packet in PacketPass(catalogue, lambda: None).packets(everything) if layers else ():
+        try:
+            events = decoders[packet.track].decode_events(packet)
+        except FormatError:
+            continue
+        named = [event.channel for event in events if event.channel is not None]
+        highest = max(highest, *named, -1)
+    return highest
+
+
+def missing_channels(described: dict[int, Track], highest: int) -> Iterator[tuple[int, int]]:
+    """(first channel number, how many) that no track has, up to ``highest`` or the highest that one
+    has; at most 255 each."""
     numbers = {
         number
         for track in described.values()
@@ -124,13 +144,15 @@ def missing_channels(described: dict[int, Track]) -> Iterator[tuple[int, int]]:
         if number <= LAST_CHANNEL
     }
     run: list[int] = []
-    for number in range(max(numbers, default=-1) + 1):
+    for number in range(max(*numbers, highest, -1) + 1):
         if number in numbers or len(run) == SERIES_SIZE:
             if run:
                 yield run[0], len(run)
             run = []
         if number not in numbers:
             run.append(number)
+    if run:
+        yield run[0], len(run)
 
 
 def free_ids(taken: set[int]) -> Iterator[int]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 
 from ..catalogue import HARMLESS, Catalogue, ChunkRef
+from ..container.clocks import parse_clock, parse_map
 from ..container.extras import build_metadata, parse_attachment, parse_metadata
 from ..container.filewriter import FileWriter
 from ..container.walk import Chunk, read_chunk
@@ -15,6 +16,10 @@ from ..errors import FormatError, ParameterError
 
 WRITTEN_ANEW = frozenset({"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "dGST"})
 DIGEST_SIZE = 32
+CLOCKS: dict[str, Callable[[bytes, int | None, int], object]] = {
+    "cLOk": parse_clock,
+    "cMAp": parse_map,
+}
 
 
 @dataclass
@@ -50,6 +55,8 @@ class Extras:
                 parse_metadata(chunk.payload, offset)
             elif header.type == "aTTc":
                 parse_attachment(chunk.payload, offset)
+            elif header.type in CLOCKS:
+                CLOCKS[header.type](chunk.payload, header.track, offset)
         except FormatError:
             # It was reported when the file was opened, or its attachments are.
             return False
@@ -65,8 +72,9 @@ class Extras:
         return chunk.header.critical or safe or whole
 
 
-def stored_digests(catalogue: Catalogue) -> Iterator[tuple[int, bytes, int]]:
-    """(track, digest, offset) of all digests in order of the file."""
+def stored_digests(catalogue: Catalogue) -> dict[int, tuple[bytes, int]]:
+    """The last digest of each track that has one, and its offset."""
+    found: dict[int, tuple[bytes, int]] = {}
     for ref in catalogue.chunks:
         chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "dGST" else None
         if chunk is None or not chunk.intact or not chunk.header.known:
@@ -74,7 +82,8 @@ def stored_digests(catalogue: Catalogue) -> Iterator[tuple[int, bytes, int]]:
         for place in range(len(chunk.payload) // DIGEST_SIZE):
             at = DIGEST_SIZE * place
             digest = chunk.payload[at : at + DIGEST_SIZE]
-            yield chunk.header.track + place, digest, chunk.payload_offset + at
+            found[chunk.header.track + place] = digest, chunk.payload_offset + at
+    return found
 
 
 def write_note(catalogue: Catalogue, writer: FileWriter, note: str) -> None:

@@ -26,11 +26,9 @@ from ..losses import LostSpan
 from ..opening import from_walk
 from ..packets import PacketPass
 from ..pieces import PieceDecoder
-from .descriptions import describe
+from .descriptions import EVERYTHING, describe
 from .extras import Extras, stored_digests, write_note
 
-EVERYTHING = (0, 1 << 62)
-"""All ticks."""
 REMADE = frozenset({"iNDX", "fOOT"})
 
 
@@ -150,7 +148,10 @@ class Copy:
         everything = dict.fromkeys(self.decoders, EVERYTHING)
         self.pieces = PieceDecoder(self.decoders, everything, exact=True)
         self.extras = Extras(catalogue, self.writer, self.tracks)
-        self.digests = {id_: TrackDigest() for id_, _, _ in stored_digests(catalogue)}
+        self.stored = stored_digests(catalogue)
+        self.digests = {id_: TrackDigest() for id_ in self.stored}
+        self.outrun: set[int] = set()
+        """Tracks with packets behind their last digest, which is not of them (DGS-003)."""
 
     def run(self) -> Recovery:
         catalogue, done = self.catalogue, self.done
@@ -204,8 +205,10 @@ class Copy:
             self.writer.level.check("payload_size", size, "CHK-008", packet.offset)
             if decoder is not None:
                 piece = self.pieces.decode(packet)
-                if packet.track in self.digests:
+                if packet.offset < self.stored.get(packet.track, (b"", 0))[1]:
                     self.digests[packet.track].update(packet.start, piece.digested)
+                else:
+                    self.outrun.add(packet.track)
         except FormatError as error:
             rule = error.requirement or "COD-001"
             self.catalogue.lose("bad-packet", packet.offset, len(packet.data), error.message, rule)
@@ -220,17 +223,16 @@ class Copy:
         catalogue = self.catalogue
         touched = {span.track for span in self.done.lost}
         kept: dict[int, bytes] = {}
-        for track, digest, offset in stored_digests(catalogue):
+        for track, (digest, offset) in self.stored.items():
             if track not in self.tracks:
                 continue
             if track not in self.decoders:
                 same = not catalogue.findings
             else:
                 same = self.digests[track].digest() == digest
-            kept.pop(track, None)
-            if same:
+            if same and track not in self.outrun:
                 kept[track] = digest
-            elif track not in touched:
+            elif not same and track not in touched:
                 message = f"track {track} decodes to other numbers than were written"
                 catalogue.lose("bad-digest", offset, len(digest), message, "DGS-002")
         self.writer.digest(kept)
