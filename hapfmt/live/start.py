@@ -36,6 +36,9 @@ from .worker import Item, Member, Worker
 CLUSTER_S = Fraction(1)
 """SPEC clause 13: for a live recording, where the last one may be lost."""
 
+NEVER = Input("(never recorded)", Fraction(1))
+"""In place of a channel that was not described before a crash."""
+
 
 @dataclass
 class Options:
@@ -100,6 +103,8 @@ class Start:
         self.written: dict[str, Any] = {}
         """Metadata that stands in the file."""
         self.start_s = Fraction(0)
+        self.holes: list[int] = []
+        """Channel numbers below the highest without a channel."""
         self.observed: list[ClockObservation] = []
         """Those of the file that is gone on with, where maps are asked for."""
         if options.append:
@@ -115,6 +120,7 @@ class Start:
         self.worker = Worker(
             queue, self.output, self.encoder, clusters, layers, observed, hold_s=hold_s
         )
+        self.worker.fillers = [Member(NEVER, number) for number in self.holes]
         self.worker.add(self.members, self.ends)
 
     def create(self, file: str | os.PathLike[str] | BinaryIO, inputs: Sequence[Input]) -> None:
@@ -168,7 +174,9 @@ class Start:
             self.encoder = LiveEncoder(
                 self.settings, first_track=max(catalogue.tracks, default=-1) + 1
             )
-            self.next_number = len(catalogue.channels)
+            known = {channel.number for channel in catalogue.channels}
+            self.next_number = max(known, default=-1) + 1
+            self.holes = [n for n in range(self.next_number) if n not in known]
             end_s = end_of(found)
             epoch_ns = catalogue.head.epoch_ns if catalogue.head else None
             self.start_s = start_of(options.at, end_s, epoch_ns)
@@ -208,6 +216,13 @@ class Start:
             metadata = {**metadata, "notes": [*notes, *lost]}
         return {k: v for k, v in metadata.items() if k not in self.written or self.written[k] != v}
 
+    def number(self) -> int:
+        """Of a new channel: one that a crash left without a channel, else the next."""
+        if self.holes:
+            return self.holes.pop(0)
+        self.next_number += 1
+        return self.next_number - 1
+
     def match(self, channels: Sequence[Any], inputs: Sequence[Input]) -> list[Member]:
         """Inputs and their channels in the file: those of the same label, rate and unit, each
         once; else new ones."""
@@ -223,8 +238,7 @@ class Start:
                     self.encoder.known(ref.number, last_track(ref))
                     break
             else:
-                members.append(Member(given, self.next_number))
-                self.next_number += 1
+                members.append(Member(given, self.number()))
         if self.next_number > LAST_TRACK_ID:
             raise ParameterError(f"a recording has at most {LAST_TRACK_ID} channels")
         return members

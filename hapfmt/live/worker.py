@@ -72,11 +72,14 @@ class Worker:
         self.clusters, self.layers, self.observed = clusters, layers, observed
         self.hold_s = hold_s
         self.members: list[Member] = []
+        self.fillers: list[Member] = []
+        """For channel numbers that a crash left without a channel."""
         self.first_tracks: dict[int, int] = {}
         """By channel number."""
         self.enter(self.writer.tracks.values())
         self.progress = Progress()
         self.finished = False
+        self.written_at = time.monotonic()
         self.notes: list[str] = []
         """Of what the end could not do."""
         self.error: BaseException | None = None
@@ -110,11 +113,14 @@ class Worker:
                 self.write(self.clusters.rest())
         elif item is not None:
             item()
-        oldest = self.clusters.oldest
-        if oldest is None or self.hold_s is None:
+        if self.hold_s is None:
             return
-        if time.monotonic() - oldest > self.hold_s:
-            self.write(self.clusters.rest())
+        since = self.clusters.oldest
+        if since is None and (self.layers.waiting or self.observed.waiting):
+            since = self.written_at
+        if since is not None and time.monotonic() - since > self.hold_s:
+            self.write_rest()
+            self.written_at = time.monotonic()
 
     def check(self, given: Input) -> None:
         """Whether the file can hold an input that comes late; in any thread."""
@@ -148,6 +154,7 @@ class Worker:
             self.observed.write(self.writer, self.first_tracks)
             self.progress.written += sum(block.values.size for block in blocks)
             self.progress.cluster_count += 1
+            self.written_at = time.monotonic()
             if self.output.settle():
                 self.progress.flushed_s = float(self.writer.stop)
 
@@ -199,7 +206,8 @@ class Worker:
     def describe_silent(self) -> None:
         """Channels that nothing came for have a number all the same (TRK-010)."""
         known = self.first_tracks
-        silent = [m.block(0, np.zeros(1)) for m in self.members if m.number not in known]
+        members = [*self.members, *self.fillers]
+        silent = [m.block(0, np.zeros(1)) for m in members if m.number not in known]
         self.describe(self.encoder.begin(silent))
 
     def give_up(self) -> None:
