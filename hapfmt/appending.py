@@ -8,8 +8,9 @@ from types import TracebackType
 from typing import Any
 
 from .catalogue import HARMLESS, Catalogue, ChunkRef
-from .container.cluster import Packet, parse_count, parse_entry, salvage_cluster
+from .container.cluster import Packet, parse_count, parse_entry
 from .container.filewriter import FileWriter
+from .container.salvage import salvage_cluster
 from .container.series import parse_series
 from .container.source import Source
 from .container.track import TrackTable, complete
@@ -98,6 +99,9 @@ def open_append(
     file = open_live(path, sync=sync)
     try:
         catalogue = open_catalogue(file)
+        if not catalogue.closed:
+            # What stands before its last index has not been looked at yet.
+            catalogue = open_catalogue(file, scan=True)
         if catalogue.unsupported:
             raise catalogue.unsupported
         findings = [found for found in catalogue.findings if found.code not in HARMLESS]

@@ -127,6 +127,7 @@ def test_index_and_footer(fault):
     """
     IDX-001: The payload MUST end with the last byte of the last of its `entry_count` entries.
     IDX-002: The entries MUST list every chunk but `iNDX` and `fOOT` whose offset is at least `covers_from` and less than that of the index itself, in order of their offsets.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
     IDX-004: `covers_from` MUST be at least 8; unless it is 8, `previous` MUST point to an `iNDX` chunk with a smaller offset, at or after `covers_from`.
     IDX-006: For a `DATA` chunk `start_ms` MUST NOT be later than the start of its earliest packet and `start_ms + length_ms` not earlier than the end of its latest; times of 2^53 and more are set to 2^53 - 1.
     FOT-001: The payload MUST be as long as the layout, and `stop_offset` the offset of its own end.
@@ -142,7 +143,7 @@ def test_extras(fault):
     MET-001: The payload MUST be one JSON object (RFC 8259) in UTF-8, nested at most 64 deep, whose texts are well-formed and whose numbers are finite as binary64 or integers, of at most 1000 characters.
     ATT-001: Name and media type MUST lie within the payload, and the name MUST NOT be empty.
     DGS-001: The payload MUST be a positive multiple of 32 bytes, and the tracks MUST be described before it.
-    DGS-004: There MUST be no digest of a track of kind events.
+    DGS-004: There MUST be no digest of a track of kind events: events may be added to a file that is closed.
     """
     assert_reported(fault)
 

@@ -20,12 +20,25 @@ from .common import echo_json, input_of, json_option, printable, table
 @click.command(short_help="What a file holds.")
 @click.argument("file", metavar="FILE")
 @click.option("--events", "with_events", is_flag=True, help="List the events too.")
+@click.option("--follow", is_flag=True, help="A line a second while FILE grows.")
+@click.option(
+    "--interval",
+    type=click.FloatRange(0.01),
+    default=1.0,
+    show_default=True,
+    help="Seconds between two lines of --follow.",
+)
 @json_option
-def info(file: str, with_events: bool, as_json: bool) -> int:
+def info(file: str, with_events: bool, follow: bool, interval: float, as_json: bool) -> int:
     """What FILE holds: channels, rates, units, codecs, times, and whether it was closed.
 
-    Reads the index and the descriptions only; nothing is decoded, but for --events.
+    Reads the index and the descriptions only; nothing is decoded, but for --events. FILE may be a
+    URL. --follow ends when the file is closed, or with Ctrl-C.
     """
+    if follow:
+        from .following import follow_file
+
+        return follow_file(file, interval, as_json)
     catalogue, found = with_its_events(file) if with_events else described(file)
     if as_json:
         echo_json(found)
@@ -150,7 +163,8 @@ def layer_json(layer: Track) -> dict[str, Any]:
 
 
 def contract_json(contract: Contract, index: int) -> dict[str, Any]:
-    """Of the component with this index."""
+    """Of the component with this index; an unsupported track may have fewer."""
+    index = min(index, len(contract.floor) - 1)
     return {
         "kn": contract.kn,
         "kd": contract.kd,
@@ -236,5 +250,6 @@ def promise_of(part: Part, index: int) -> str:
         return "exact values" if part.track.codec == "LPCX" else "-"
     word = "guaranteed" if contract.guaranteed else "aimed at"
     shape = "vector, " if contract.vector else ""
-    width = f"k {contract.kn / contract.kd:.4g}, floor {contract.floor[index]}"
+    floor = contract.floor[min(index, len(contract.floor) - 1)]
+    width = f"k {contract.kn / contract.kd:.4g}, floor {floor}"
     return f"{shape}{width}, {word}"

@@ -206,10 +206,13 @@ class FileWriter:
     def describe(self, tracks: Sequence[Track]) -> None:
         """TRAK chunks for tracks in order of their ids."""
         for series in series_of(tracks):
-            payload = build_series(series)
-            self.chunk("TRAK", payload, series[0].id)
-            self.series.append((series[0].id, payload))
-            self.tracks.update((track.id, track) for track in series)
+            self.describe_as(build_series(series), series)
+
+    def describe_as(self, payload: bytes, series: Sequence[Track]) -> None:
+        """A TRAK chunk with these very bytes, which describe ``series``."""
+        self.chunk("TRAK", payload, series[0].id)
+        self.series.append((series[0].id, payload))
+        self.tracks.update((track.id, track) for track in series)
 
     def metadata(self, metadata: dict[str, object]) -> None:
         self.chunk("mETa", build_metadata(metadata))

@@ -212,8 +212,17 @@ class TrackTable:
     def chains(self) -> list[list[Track]]:
         """Tracks of channels but for HF, those that continue one another together, by their ids.
 
-        They share their channel numbers, and nothing else does: so a lost one breaks no chain.
+        They share their channel numbers, and nothing else does: so a lost one breaks no chain. One
+        that does not fit can only be an unsupported one, of which nothing was checked.
         """
+        chains = []
+        for first, *others in self.of_one_channel():
+            chain = [first]
+            chain += [track for track in others if track.fits(first)]
+            chains.append(chain)
+        return chains
+
+    def of_one_channel(self) -> list[list[Track]]:
         found: dict[int, list[Track]] = {}
         for id_ in sorted(self.tracks):
             track = self.tracks[id_]
@@ -225,9 +234,9 @@ class TrackTable:
         """In a damaged file: drops tracks that do not match their base or the track that they
         continue, where these came later, or never."""
         dropped = []
-        for chain in self.chains():
-            before = chain[0]
-            for track in chain[1:]:
+        for first, *others in self.of_one_channel():
+            before = first
+            for track in others:
                 known = track.continues in self.tracks and track.continues != before.id
                 if known or track.continues is None or not track.fits(before):
                     del self.tracks[track.id]
