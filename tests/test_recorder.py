@@ -290,9 +290,9 @@ def test_a_stalled_channel_does_not_hold_up_the_others(tmp_path):
     with Recorder(path, inputs, hold=1000) as recorder:
         recorder.write_rows(np.zeros((50, 2), np.int32))
         recorder.write("a", np.ones(250, np.int32))
-        wait_for(lambda: recorder.status().cluster_count == 2)
+        wait_for(lambda: recorder.status().cluster_count >= 3)
         recorder.write("a", np.ones(700, np.int32))
-        wait_for(lambda: recorder.status().cluster_count == 10)
+        wait_for(lambda: recorder.status().cluster_count >= 10)
         recorder.write("b", np.full(900, 7, np.int32))
         recorder.write_rows(np.full((50, 2), 9, np.int32), tick=1000)
     a, b = hapfmt.read(path).channels

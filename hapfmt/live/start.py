@@ -15,7 +15,7 @@ from ..appending import Appending, open_append
 from ..container.clocks import ClockObservation
 from ..container.extras import build_metadata
 from ..container.filewriter import FileWriter
-from ..container.track import Track
+from ..container.track import Track, missing_channels
 from ..encoder.live import LiveEncoder
 from ..encoder.settings import Settings
 from ..errors import ParameterError
@@ -35,9 +35,6 @@ from .worker import Item, Member, Worker
 
 CLUSTER_S = Fraction(1)
 """SPEC clause 13: for a live recording, where the last one may be lost."""
-
-NEVER = Input("(never recorded)", Fraction(1))
-"""In place of a channel that was not described before a crash."""
 
 
 @dataclass
@@ -120,7 +117,6 @@ class Start:
         self.worker = Worker(
             queue, self.output, self.encoder, clusters, layers, observed, hold_s=hold_s
         )
-        self.worker.fillers = [Member(NEVER, number) for number in self.holes]
         self.worker.add(self.members, self.ends)
 
     def create(self, file: str | os.PathLike[str] | BinaryIO, inputs: Sequence[Input]) -> None:
@@ -174,9 +170,8 @@ class Start:
             self.encoder = LiveEncoder(
                 self.settings, first_track=max(catalogue.tracks, default=-1) + 1
             )
-            known = {channel.number for channel in catalogue.channels}
-            self.next_number = max(known, default=-1) + 1
-            self.holes = [n for n in range(self.next_number) if n not in known]
+            self.next_number = max((c.number for c in catalogue.channels), default=-1) + 1
+            self.holes = missing_channels(catalogue.tracks.values())
             end_s = end_of(found)
             epoch_ns = catalogue.head.epoch_ns if catalogue.head else None
             self.start_s = start_of(options.at, end_s, epoch_ns)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..container.cluster import Packet
 from ..container.filewriter import FileWriter
-from ..container.track import Track, complete
+from ..container.track import Track
 from ..encoder.live import Block, LiveEncoder
 from ..errors import ParameterError
 from .clusters import Clusters, Piece, Rows
@@ -72,8 +72,6 @@ class Worker:
         self.clusters, self.layers, self.observed = clusters, layers, observed
         self.hold_s = hold_s
         self.members: list[Member] = []
-        self.fillers: list[Member] = []
-        """For channel numbers that a crash left without a channel."""
         self.first_tracks: dict[int, int] = {}
         """By channel number."""
         self.enter(self.writer.tracks.values())
@@ -206,8 +204,7 @@ class Worker:
     def describe_silent(self) -> None:
         """Channels that nothing came for have a number all the same (TRK-010)."""
         known = self.first_tracks
-        members = [*self.members, *self.fillers]
-        silent = [m.block(0, np.zeros(1)) for m in members if m.number not in known]
+        silent = [m.block(0, np.zeros(1)) for m in self.members if m.number not in known]
         self.describe(self.encoder.begin(silent))
 
     def give_up(self) -> None:
@@ -217,5 +214,4 @@ class Worker:
                 self.describe_silent()
         except Exception:
             pass
-        whole = complete(self.writer.tracks.values())
-        self.output.give_up(close=whole and self.writer.failed is None)
+        self.output.give_up(close=self.writer.failed is None)
