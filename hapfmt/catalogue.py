@@ -21,7 +21,7 @@ from .container.track import Contract, Track, TrackTable
 from .container.walk import Chunk, Finding, header_at, read_chunk
 from .container.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
 from .errors import FormatError, UnsupportedError
-from .limits import LEVELS, Level
+from .limits import LEVELS, Level, Limits
 
 T = TypeVar("T")
 HARMLESS = frozenset({"not-closed"})
@@ -120,6 +120,7 @@ class Catalogue:
     """Descriptions and chunk places of one file; ``findings`` is empty where nothing is wrong."""
 
     source: Source
+    limits: Limits = field(default_factory=Limits)
     head: Head | None = None
     table: TrackTable = field(default_factory=TrackTable)
     chunks: list[ChunkRef] = field(default_factory=list)
@@ -133,6 +134,8 @@ class Catalogue:
     """Whether a broken rule counts as damage in a file without any other."""
     known_findings: set[Finding] = field(default_factory=set)
     head_payload: bytes = b""
+    component_count: int = 0
+    metadata_size: int = 0
 
     @property
     def tracks(self) -> dict[int, Track]:
@@ -208,6 +211,19 @@ class Catalogue:
         """By name; a name that comes again gets a number. FalseIndexError where an index lies."""
         found: dict[str, Attachment] = {}
         counts: dict[str, int] = {}
+        size = 0
+        for attachment, offset in self.each_attachment():
+            size += len(attachment.content)
+            self.limits.check_attachments(size, offset)
+            name = attachment.name
+            while name in found:
+                counts[attachment.name] = counts.get(attachment.name, 1) + 1
+                name = f"{attachment.name} ({counts[attachment.name]})"
+            found[name] = attachment
+        return found
+
+    def each_attachment(self) -> Iterator[tuple[Attachment, int]]:
+        """One after the other, and the offset of its payload."""
         for ref in [ref for ref in self.chunks if ref.type == "aTTc"]:
             chunk = read_chunk(self.source, ref.offset, self.file_id)
             if ref.limit is not None:
@@ -216,13 +232,8 @@ class Catalogue:
                 message = "payload CRC of an aTTc chunk differs"
                 self.lose("bad-payload", ref.offset, len(chunk.payload) + 32, message, "CHK-003")
             if chunk is not None and chunk.intact and chunk.header.known:
-                attachment = parse_attachment(chunk.payload, chunk.payload_offset)
-                name = attachment.name
-                while name in found:
-                    counts[attachment.name] = counts.get(attachment.name, 1) + 1
-                    name = f"{attachment.name} ({counts[attachment.name]})"
-                found[name] = attachment
-        return found
+                at = chunk.payload_offset
+                yield parse_attachment(chunk.payload, at), at
 
     @cached_property
     def clocks(self) -> list[ClockObservation]:
@@ -242,6 +253,8 @@ class Catalogue:
             chunk = read_chunk(self.source, ref.offset) if ref.type == type_ else None
             if chunk is None or not chunk.intact or not chunk.header.known:
                 continue
+            self.metadata_size += len(chunk.payload)
+            self.limits.check_metadata(self.metadata_size, chunk.payload_offset)
             try:
                 track = self.observed_track(chunk)
                 yield parse(chunk.payload, track, chunk.payload_offset)
@@ -278,8 +291,13 @@ class Catalogue:
         """Note a damage, once."""
         finding = Finding(code, offset, size, message, requirement)
         if finding not in self.known_findings:
+            self.check_records()
             self.known_findings.add(finding)
             self.findings.append(finding)
+
+    def check_records(self) -> None:
+        """That there is room for another chunk or finding."""
+        self.limits.check_records(len(self.chunks) + len(self.findings) + 1)
 
     def learn(self, chunk: Chunk) -> ChunkRef | None:
         """Learn what an intact chunk says; a DATA chunk only tells its place in time."""
@@ -305,8 +323,12 @@ class Catalogue:
         if header.type == "TRAK":
             if self.table.is_new(header.track, chunk.payload, offset):
                 series = parse_series(chunk.payload, header.track, self.level, offset)
+                self.component_count += sum(len(track.components) for track in series)
+                self.limits.check_components(self.component_count)
                 self.table.add(series, damaged=self.damaged)
         elif header.type == "mETa":
+            self.metadata_size += len(chunk.payload)
+            self.limits.check_metadata(self.metadata_size, offset)
             self.metadata.update(parse_metadata(chunk.payload, offset))
         elif header.type == "fOOT":
             self.foot = parse_foot(chunk.payload, offset, moved=self.damaged)

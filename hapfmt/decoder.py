@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,15 @@ Parameters = (
 )
 
 
+CODEBOOKS = 128
+"""Kept parsed at a time: one takes up to 250 kB, and a file may describe 65 534 in 17 MB."""
+
+
+@lru_cache(maxsize=CODEBOOKS)
+def codebook_of(parameters: bytes, level: Level) -> QuanParameters:
+    return QuanParameters.parse(parameters, level, 0)
+
+
 class TrackDecoder:
     """Decodes packets of one track, each alone (DAT-007)."""
 
@@ -43,7 +53,12 @@ class TrackDecoder:
         self.track = track
         self.level = level
         self.path = path
-        self.parameters = self.parse_parameters()
+        parsed = self.parse_parameters()
+        self.parsed = None if isinstance(parsed, QuanParameters) else parsed
+
+    @property
+    def parameters(self) -> Parameters:
+        return self.parsed or codebook_of(self.track.parameters, self.level)
 
     def parse_parameters(self) -> Parameters | None:
         track = self.track
@@ -53,7 +68,7 @@ class TrackDecoder:
             if track.codec == "KNOT":
                 return KnotParameters.parse(track.parameters, self.level, track.offset)
             if track.codec == "QUAN":
-                return QuanParameters.parse(track.parameters, self.level, track.offset)
+                return self.parse_codebook()
             if track.codec == "LPCR":
                 return LpcParameters.parse(track.parameters, self.level, track.offset)
             if track.codec == "KNTE":
@@ -63,6 +78,13 @@ class TrackDecoder:
             return RawParameters.parse(track.parameters, track.number_format, track.offset)
         except HapfmtError as error:
             raise error.at(path=self.path) from None
+
+    def parse_codebook(self) -> QuanParameters:
+        try:
+            return codebook_of(self.track.parameters, self.level)
+        except HapfmtError:
+            # Once more, to tell the place.
+            return QuanParameters.parse(self.track.parameters, self.level, self.track.offset)
 
     def parse_exact(self) -> ExactParameters:
         track = self.track
@@ -107,41 +129,36 @@ class TrackDecoder:
                 numbers = decode_raw(
                     packet.data, parameters, track.number_format, packet.span, size, packet.offset
                 )
-                if track.number_format != "counts":
-                    return numbers
-                self.check_range(numbers, packet.offset, "RAW-005")
-            elif isinstance(parameters, ExactParameters):
+                if track.number_format == "counts":
+                    self.check_range(numbers, packet.offset, "RAW-005")
+                return numbers
+            if isinstance(parameters, ExactParameters):
                 counts = decode_counts(packet.data, packet.span, self.level, packet.offset)
-                numbers = counts[:, None]
-                self.check_range(numbers, packet.offset, "EXA-003")
-            elif isinstance(parameters, KnotParameters):
+                self.check_range(counts, packet.offset, "EXA-003")
+                return counts.astype(np.int32)[:, None]
+            if isinstance(parameters, KnotParameters):
                 return knots.decode_within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
                     track.count_min, track.count_max,
                 )  # fmt: skip
-            elif isinstance(parameters, LpcParameters):
+            if isinstance(parameters, LpcParameters):
                 return components.decode_within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
                     track.count_min, track.count_max,
                 )  # fmt: skip
-            elif isinstance(parameters, CodedKnotParameters):
+            if isinstance(parameters, CodedKnotParameters):
                 return knots_coded.decode_within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
                     track.count_min, track.count_max,
                 )  # fmt: skip
-            elif parameters is None:
+            if parameters is None:
                 raise ParameterError("a layer of events has no numbers")
-            else:
-                return quantised.decode_within(
-                    packet.data, parameters, packet.span, size, self.level, packet.offset,
-                    track.count_min, track.count_max,
-                )  # fmt: skip
+            return quantised.decode_within(
+                packet.data, parameters, packet.span, size, self.level, packet.offset,
+                track.count_min, track.count_max,
+            )  # fmt: skip
         except HapfmtError as error:
             raise error.at(path=self.path) from None
-        clamped: NDArray[np.int32] = np.clip(numbers, track.count_min, track.count_max).astype(
-            np.int32
-        )
-        return clamped
 
     def check_range(self, numbers: NDArray[Any], offset: int, requirement: str) -> None:
         """What is lossless is never clamped."""

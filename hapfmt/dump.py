@@ -19,16 +19,20 @@ from .container.track import Component, Track
 from .container.walk import Chunk, Finding, walk
 from .container.wire import parse_head
 from .errors import HapfmtError, LimitError
+from .limits import Limits
 from .opening import open_catalogue
 
-NUMBERS_LIMIT = 1 << 22
-"""Samples of one chunk whose numbers are told, about 100 bytes each: all that a cluster of level 1
-holds. A few bytes can stand for 2^28 at level 2."""
+NUMBERS_SHARE = 4
+"""The numbers of so many times fewer samples than a packet may have are told of a chunk, since each
+takes 100 to 200 bytes as text: all that a cluster of level 1 holds, unless the caller's limits are
+lower. A few bytes can stand for 2^28 at level 2."""
 
 
-def dump(source: Source, *, counts: bool = False) -> Iterator[dict[str, Any]]:
+def dump(
+    source: Source, *, counts: bool = False, limits: Limits | None = None
+) -> Iterator[dict[str, Any]]:
     """One JSON object for each chunk, then one with the findings; ``counts`` decodes packets."""
-    catalogue = open_catalogue(source, scan=True)
+    catalogue = open_catalogue(source, scan=True, limits=limits)
     findings: list[Finding] = []
     for chunk in walk(source, findings):
         entry: dict[str, Any] = {
@@ -121,10 +125,9 @@ def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[
         }
         if counts:
             told += catalogue.tracks[packet.track].weight(packet.span, len(packet.data))
-            if told > NUMBERS_LIMIT:
+            if told > catalogue.limits.packet_samples // NUMBERS_SHARE:
                 raise LimitError(
-                    f"the numbers of more than {NUMBERS_LIMIT} samples in one chunk: "
-                    "decode the file instead",
+                    "the numbers of too many samples in one chunk: decode the file instead",
                     requirement="LIM-003",
                     offset=packet.offset,
                 )

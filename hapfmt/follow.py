@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .catalogue import Catalogue, ChannelRef, FalseIndexError
 from .container.cluster import Packet, parse_cluster
@@ -30,7 +30,7 @@ from .packets import PacketPass, Seconds, tick_range
 if TYPE_CHECKING:
     from .assembly import Band
     from .decoder import TrackDecoder
-    from .reader import Piece
+    from .pieces import Piece
 
 INTERVAL = 0.2
 """Seconds between two looks at the file."""
@@ -228,8 +228,8 @@ class Follower:
     ) -> Iterator[Piece]:
         """Decoded packets as they come; ``start``: from this second on, None: what is new only.
 
-        Channels that are not described yet, by label or number, are waited for; None: all, and
-        those too that come late.
+        Channels that are not described yet, by label or number, are waited for; None: all, those
+        too that come late, and events.
         """
         wanted = Wanted(self, channels, band, exact, start)
         if start is None:
@@ -287,6 +287,7 @@ class Wanted:
         self.catalogue: Catalogue | None = None
         self.known = 0
         self.decoders: dict[int, TrackDecoder] = {}
+        self.ranges: dict[int, tuple[int, int]] = {}
         self.stops: dict[int, int] = {}
 
     def tracks(self) -> list[Track]:
@@ -298,7 +299,8 @@ class Wanted:
             for ref in self.follower.channels
             if self.names is None or {ref.label, str(ref.number)} & self.names
         ]
-        return wanted_tracks(chosen, self.band)
+        layers = self.follower.catalogue.layers if self.names is None else []
+        return [*wanted_tracks(chosen, self.band), *layers]
 
     def refresh(self) -> None:
         from .decoder import TrackDecoder
@@ -311,37 +313,30 @@ class Wanted:
         if self.known != len(catalogue.tracks):
             self.known = len(catalogue.tracks)
             for track in self.tracks():
-                if track.id not in self.decoders:
-                    self.decoders[track.id] = TrackDecoder(
-                        track, catalogue.level, self.follower.path
-                    )
+                decoder = TrackDecoder(track, catalogue.level, self.follower.path)
+                self.decoders.setdefault(track.id, decoder)
+                self.ranges[track.id] = tick_range(track.rate, self.start, None)
 
     def decode(self, packet: Packet) -> Iterator[Piece]:
         """The piece, unless it is not wanted or was delivered before."""
-        from .reader import Piece
+        from .pieces import PieceDecoder
 
         self.refresh()
-        decoder = self.decoders.get(packet.track)
-        if decoder is None or packet.start < self.stops.get(packet.track, 0):
+        if packet.track not in self.decoders:
             return
-        first, _ = tick_range(decoder.track.rate, self.start, None)
-        self.stops[packet.track] = packet.stop
-        if packet.stop <= first:
+        # Events come in any order: those of a later place in the file are new.
+        layer = self.decoders[packet.track].track.kind == "events"
+        place, stop = (packet.offset, packet.offset + 1) if layer else (packet.start, packet.stop)
+        if place < self.stops.get(packet.track, 0):
+            return
+        self.stops[packet.track] = stop
+        if packet.stop <= self.ranges[packet.track][0]:
             return
         try:
-            numbers: Any = decoder.decode(packet)
-            doubles = decoder.decode_exact(packet, numbers) if self.exact else None
+            yield PieceDecoder(self.decoders, self.ranges, exact=self.exact).decode(packet)
         except FormatError as error:
             catalogue = self.follower.catalogue
             if not catalogue.damaged:
                 raise
             rule = error.requirement or "COD-001"
             catalogue.lose("bad-packet", packet.offset, len(packet.data), error.message, rule)
-            return
-        cut = max(first - packet.start, 0)
-        yield Piece(
-            decoder.track,
-            packet.start + cut,
-            numbers[cut:],
-            None if doubles is None else doubles[cut:],
-        )

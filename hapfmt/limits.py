@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
-from .errors import FormatError, LimitError
+from .errors import FormatError, LimitError, ParameterError
 
 
 @dataclass(frozen=True)
@@ -48,52 +49,101 @@ LEVELS: dict[int, Level] = {
 Number; level 2 needs 64-bit integers."""
 
 
+ROOM_FOR = {
+    "packet_samples": 160,
+    "samples": 48,
+    "records": 1 << 12,
+    "components": 1 << 14,
+    "metadata": 1 << 9,
+    "attachments": 8,
+    "events": 1 << 12,
+}
+"""Bytes of memory for each of these that it has room for, the others beside it. A sample of the
+packet that is decoded takes up to 70 bytes, one that is held and converted 38, a chunk or a finding
+700, a component that is described and printed 8000, a byte of metadata 60, an event 1000."""
+
+_SHIFTS = {"": 0, "k": 10, "m": 20, "g": 30, "t": 40}
+_SIZE = re.compile(r"(\d{1,15})\s*([kmgt]?)(i?b)?", re.ASCII)
+
+
+def parse_size(text: str | int) -> int:
+    """Bytes of 268435456, "256M", "2 GiB"; K, M, G and T are powers of 1024."""
+    match = _SIZE.fullmatch(str(text).strip().lower())
+    if match is None or not int(match[1]):
+        raise ParameterError(f"{str(text)[:40]!r} is no size, such as 500000000, 256M or 2G")
+    return int(match[1]) << _SHIFTS[match[2]]
+
+
 @dataclass(frozen=True)
 class Limits:
     """What the caller is ready to spend on a file; more is *unsupported*, not damage (LIM-003).
 
-    ``samples``: decoded samples held at once, 12 bytes each at most. ``packet_samples``: samples of
-    one packet, which takes about 80 bytes each while it is decoded. ``work_samples``: samples
-    decoded in one pass, held or not (108 hours of 22 channels at 1 kHz). ``events``: events held at
-    once, about half a kilobyte each.
+    ``memory``: bytes that reading, checking or converting may take beside the program itself; the
+    other bounds are then no larger than it has room for. ``samples``: decoded samples held at once.
+    ``packet_samples``: samples of one packet. ``work_samples``: samples decoded in one pass, held
+    or not (108 hours of 22 channels at 1 kHz). ``records``: chunks, and findings where there is
+    damage. ``components``: described in all. ``metadata`` (with clocks), ``attachments``: bytes
+    of them. ``events``: held at once.
     """
 
     samples: int = 1 << 28
     packet_samples: int = 1 << 24
     work_samples: int = 1 << 33
+    memory: int | None = None
+    records: int = 1 << 20
+    components: int = 1 << 17
+    metadata: int = 1 << 26
+    attachments: int = 1 << 30
     events: int = 1 << 18
 
-    def check_work(self, value: int) -> None:
-        if value > self.work_samples:
+    def __post_init__(self) -> None:
+        if self.memory is None:
+            return
+        for name, size in ROOM_FOR.items():
+            bound = min(getattr(self, name), max(self.memory // size, 1))
+            object.__setattr__(self, name, bound)
+
+    @classmethod
+    def of_memory(cls, size: str | int) -> Limits:
+        """``size`` in bytes, or as a text: "256M"."""
+        return cls(memory=parse_size(size))
+
+    def check(self, name: str, value: int, what: str, offset: int | None = None) -> None:
+        """LimitError where ``value`` is above the bound called ``name``."""
+        bound = getattr(self, name)
+        if value > bound:
+            way = f"raise Limits({name}=...)"
+            if self.memory is not None and name in ROOM_FOR:
+                way = f"allow more than {self.memory} bytes of memory (--max-memory)"
             raise LimitError(
-                f"more than {self.work_samples} samples in one pass: "
-                "raise Limits(work_samples=...)",
+                f"{what} are above the limit of {bound}: {way}",
                 requirement="LIM-003",
+                offset=offset,
             )
+
+    def check_work(self, value: int) -> None:
+        self.check("work_samples", value, f"{value} samples in one pass")
 
     def check_events(self, value: int) -> None:
-        if value > self.events:
-            raise LimitError(
-                f"more than {self.events} events at once: read a shorter time range, or raise "
-                "Limits(events=...)",
-                requirement="LIM-003",
-            )
+        self.check("events", value, f"{value} events at once")
 
     def check_packet(self, value: int) -> None:
-        if value > self.packet_samples:
-            raise LimitError(
-                f"{value} samples in one packet are above the limit of {self.packet_samples}: "
-                "raise Limits(packet_samples=...)",
-                requirement="LIM-003",
-            )
+        self.check("packet_samples", value, f"{value} samples in one packet")
 
     def check_samples(self, value: int) -> None:
-        if value > self.samples:
-            raise LimitError(
-                f"{value} samples at once are above the limit of {self.samples}: "
-                "read fewer channels, a shorter time range, or raise Limits(samples=...)",
-                requirement="LIM-003",
-            )
+        self.check("samples", value, f"{value} samples at once (of all channels that are read)")
+
+    def check_records(self, value: int) -> None:
+        self.check("records", value, f"{value} chunks and findings")
+
+    def check_components(self, value: int) -> None:
+        self.check("components", value, f"{value} components described")
+
+    def check_metadata(self, value: int, offset: int) -> None:
+        self.check("metadata", value, f"{value} bytes of metadata and clocks", offset)
+
+    def check_attachments(self, value: int, offset: int) -> None:
+        self.check("attachments", value, f"{value} bytes of attachments", offset)
 
 
 LAST_TRACK_ID = 65_533

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from .catalogue import Catalogue, ChunkRef
 from .container.chain import index_chain
 from .container.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
 from .container.source import Source
-from .container.walk import Chunk, header_at, read_chunk, walk
+from .container.walk import Chunk, Finding, header_at, read_chunk, walk
 from .container.wire import HEADER_SIZE, SIGNATURE, SYNC
 from .errors import FormatError, HapfmtError
-from .limits import LEVELS
+from .limits import LEVELS, Limits
 
 MS = 10**6
 """Nanoseconds."""
@@ -23,19 +25,34 @@ BACK_BLOCK, TRIES = 1 << 16, 16
 """Bytes looked at first, then twice as many; what looks like an index and is none."""
 
 
-def open_catalogue(source: Source, *, scan: bool = False) -> Catalogue:
+class Bounded(list[Finding]):
+    """Findings, as many as there is room for."""
+
+    def __init__(self, check: Callable[[], None]) -> None:
+        super().__init__()
+        self.check = check
+
+    def append(self, finding: Finding) -> None:
+        self.check()
+        super().append(finding)
+
+
+def open_catalogue(
+    source: Source, *, scan: bool = False, limits: Limits | None = None
+) -> Catalogue:
     """By the index where there is one and it holds, else by walking; ``scan`` always walks."""
+    limits = limits or Limits()
     try:
         if not scan:
-            found = from_index(source)
+            found = from_index(source, limits)
             if found is not None:
                 return found
-        return from_walk(source)
+        return from_walk(source, limits)
     except HapfmtError as error:
         raise error.at(path=source.path) from None
 
 
-def from_index(source: Source) -> Catalogue | None:
+def from_index(source: Source, limits: Limits) -> Catalogue | None:
     """By the index of a closed file, or the last one of a file that was not closed; None where
     anything about it is not as it should be (IDX-003)."""
     if source.size < FIRST_OFFSET + FOOT_SIZE or source.read_at(0, FIRST_OFFSET) != SIGNATURE:
@@ -46,25 +63,25 @@ def from_index(source: Source) -> Catalogue | None:
             return None
         last = read_chunk(source, source.size - FOOT_SIZE, first.header.file_id)
         if last is not None and last.intact and last.header.type == "fOOT":
-            return from_foot(source, last)
-        return from_checkpoint(source, first.header.file_id)
+            return from_foot(source, last, limits)
+        return from_checkpoint(source, first.header.file_id, limits)
     except FormatError:
         return None
 
 
-def from_foot(source: Source, chunk: Chunk) -> Catalogue | None:
-    catalogue = Catalogue(source, indexed=True)
+def from_foot(source: Source, chunk: Chunk, limits: Limits) -> Catalogue | None:
+    catalogue = Catalogue(source, limits, indexed=True)
     catalogue.foot = parse_foot(chunk.payload, chunk.payload_offset)
     offset, file_id = catalogue.foot.index_offset, chunk.header.file_id
     return catalogue if learn_listed(catalogue, offset, file_id) else None
 
 
-def from_checkpoint(source: Source, file_id: int) -> Catalogue | None:
+def from_checkpoint(source: Source, file_id: int, limits: Limits) -> Catalogue | None:
     """The chunks that the last index lists, and those after it, read in order.
 
     Only where nothing but the end of the last chunk is missing.
     """
-    catalogue = Catalogue(source, indexed=True)
+    catalogue = Catalogue(source, limits, indexed=True)
     index = learn_checkpoint(catalogue, file_id)
     if index is None:
         return None
@@ -108,10 +125,10 @@ def learn_listed(catalogue: Catalogue, offset: int, file_id: int) -> bool:
     than the file is long.
     """
     source = catalogue.source
-    entries = index_entries(source, offset, file_id)
-    limits = [entry.offset for entry in entries[1:]] + [offset]
+    entries = index_entries(source, offset, file_id, catalogue.limits)
+    ends = [entry.offset for entry in entries[1:]] + [offset]
     stop = FIRST_OFFSET
-    for entry, limit in zip(entries, limits, strict=True):
+    for entry, limit in zip(entries, ends, strict=True):
         if entry.offset < stop:
             return False
         stop = entry.offset + HEADER_SIZE
@@ -161,26 +178,33 @@ def settle_end(catalogue: Catalogue) -> None:
                 catalogue.chunks[place] = ref._replace(start_ns=start_ns, stop_ns=stop_ns)
 
 
-def index_entries(source: Source, offset: int, file_id: int) -> list[IndexEntry]:
+def index_entries(
+    source: Source, offset: int, file_id: int, limits: Limits | None = None
+) -> list[IndexEntry]:
     """All entries, oldest first, by the chain of indexes that ends at ``offset``."""
+    limits = limits or Limits()
     kept: list[list[IndexEntry]] = []
     stop = 1 << 64
-    for _, index in reversed(index_chain(source, offset, file_id)):
+    for _, index in reversed(index_chain(source, offset, file_id, limits)):
         kept.append([entry for entry in index.entries if entry.offset < stop])
         stop = min(stop, index.covers_from)
     return [entry for entries in reversed(kept) for entry in entries]
 
 
-def from_walk(source: Source, *, tolerant: bool = False) -> Catalogue:
+def from_walk(
+    source: Source, limits: Limits | None = None, *, tolerant: bool = False
+) -> Catalogue:
     """Every chunk that can be found, in the order of the file; damage becomes findings.
 
     A broken rule is raised where there is no damage anywhere, else, and where the caller is
     ``tolerant``, it counts as damage (clause 14).
     """
-    catalogue = Catalogue(source, tolerant=tolerant)
+    catalogue = Catalogue(source, limits or Limits(), tolerant=tolerant)
+    catalogue.findings = Bounded(catalogue.check_records)
     broken: list[tuple[Chunk, FormatError]] = []
     for chunk in walk(source, catalogue.findings):
         ref = ref_of(chunk)
+        catalogue.check_records()
         catalogue.foot = None
         if chunk.intact:
             try:

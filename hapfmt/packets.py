@@ -96,7 +96,9 @@ class PacketPass:
         refs = overlapping(self.catalogue.data, start, stop)
         walked = self.catalogue.damaged and not self.catalogue.indexed
         state.timeline = Timeline(self.catalogue, refs) if walked else None
-        found = {ref.sequence for ref in self.catalogue.chunks if ref.sequence is not None}
+        found: set[int] = set()
+        if self.catalogue.damaged:
+            found = {ref.sequence for ref in self.catalogue.chunks if ref.sequence is not None}
         previous: ChunkRef | None = None
         for done, ref in enumerate(refs):
             state.done = done
@@ -108,18 +110,18 @@ class PacketPass:
                 if packet.track not in ranges:
                     continue
                 first, last = ranges[packet.track]
-                tracks = state.lines[packet.track][0].tracks
-                if packet.start > self.stops.get(tracks, first):
+                line = state.lines[packet.track][0]
+                if not line.free and packet.start > self.stops.get(line.tracks, first):
                     self.prove(state, ranges)
                 if self.beyond(packet, ahead) or not self.settle(packet, state):
                     continue
-                self.stops[tracks] = packet.stop
+                self.stops[line.tracks] = packet.stop
                 if packet.start < last and packet.stop > first:
                     yield packet
             if progress:
                 progress(done + 1, len(refs))
-        lines = [(state.lines[track][0].tracks, *ends) for track, ends in ranges.items()]
-        if any(self.stops.get(line, first) < last for line, first, last in lines):
+        rows = [(state.lines[track][0], *ends) for track, ends in ranges.items()]
+        if any(self.stops.get(x.tracks, first) < last for x, first, last in rows if not x.free):
             self.prove(state, ranges)
         state.done = len(refs)
         for offset in self.tail(previous):
@@ -183,7 +185,7 @@ class PacketPass:
             return None
         if SHARE * len(ranges) >= len(tracks):
             return None
-        rows = read_table(source, ref, header, tracks, self.catalogue.level)
+        rows = read_table(source, ref, header, tracks, self.catalogue.level, ranges)
         if rows is None:
             return None
         wanted = wanted_rows(rows, ranges)
@@ -203,20 +205,23 @@ class PacketPass:
         here: dict[tuple[int, ...], int] = {}
         ends: dict[tuple[int, ...], int] = {}
         for track, (first, last) in ranges.items():
+            if self.state.lines[track][0].free:
+                continue
             line = self.state.lines[track][0].tracks
             here[line] = self.stops.get(line, first)
             rate = self.catalogue.tracks[track].rate
             ends[line] = min(last, tick_after(stop_ns, rate))
         reached: set[tuple[int, ...]] = set()
         for entry, _ in rows:
-            if entry.track not in ranges or entry.start >= ranges[entry.track][1]:
-                continue
             line = self.state.lines[entry.track][0].tracks
+            if line not in here or entry.start >= ranges[entry.track][1]:
+                continue
             if entry.start > here[line]:
                 return False
             here[line] = max(here[line], entry.stop)
             reached.add(line)
-        return all(line in reached or here[line] >= end for line, end in ends.items())
+        proven = all(line in reached or here[line] >= end for line, end in ends.items())
+        return proven and bool(ends)
 
     def prove(self, state: Progress, ranges: Ranges) -> None:
         """A gap: take the CRC of the payload that the missing packets may have stood in."""
@@ -342,6 +347,14 @@ def disorder(packet: Packet, *, alone: bool) -> FormatError:
         requirement="TRK-017",
         offset=packet.offset,
     )
+
+
+def refuse_omission(count: int, offset: int, path: str | None) -> None:
+    """Where the packets that an index led to are not all that stand before ``offset``."""
+    if count:
+        raise FormatError(
+            "the index does not list the chunks", requirement="IDX-002", offset=offset, path=path
+        )
 
 
 def tick_range(rate: Fraction, start: Seconds | None, stop: Seconds | None) -> tuple[int, int]:

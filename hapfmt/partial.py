@@ -3,6 +3,8 @@
 The CRC of a packet covers its row, so what is delivered is true. But the CRC of the payload is not
 known then, and a damaged row of another track may have been one of a track that is wanted: so
 where a wanted track does not go on without a gap, the payloads on both sides are read whole.
+Events have gaps everywhere: beside samples, what the table shows of them is taken as it is, and
+alone they are always read with the whole payload.
 """
 
 from __future__ import annotations
@@ -10,12 +12,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from .catalogue import ChunkRef
-from .container.cluster import Entry, Packet, check_entry, parse_count, parse_entry
+from .container.cluster import Entry, Packet, parse_count, parse_entry
 from .container.source import Source
 from .container.track import Track
 from .container.wire import HEADER_SIZE, ChunkHeader, crc32
 from .errors import FormatError
-from .limits import Level
+from .integers import parse_varint
+from .limits import TICK_LIMIT, Level
 
 Ranges = Mapping[int, tuple[int, int]]
 Row = tuple[Entry, int]
@@ -27,9 +30,14 @@ SHARE = 2
 
 
 def read_table(
-    source: Source, ref: ChunkRef, header: ChunkHeader, tracks: Mapping[int, Track], level: Level
+    source: Source,
+    ref: ChunkRef,
+    header: ChunkHeader,
+    tracks: Mapping[int, Track],
+    level: Level,
+    ranges: Ranges,
 ) -> list[Row] | None:
-    """The rows of a cluster and where in the file their packets start; None where a rule does not
+    """The rows of a cluster that are of the tracks in ``ranges``; None where a rule does not
     hold."""
     at = ref.offset + HEADER_SIZE
     size = ROW_SIZE * (len(tracks) + 1)
@@ -37,7 +45,7 @@ def read_table(
         size = min(size, header.payload_size)
         part = source.read_at(at, size)
         try:
-            return parse_table(part, at, header.payload_size, tracks, level)
+            return parse_table(part, at, header.payload_size, tracks, level, ranges)
         except FormatError:
             if size == header.payload_size:
                 return None
@@ -45,28 +53,43 @@ def read_table(
 
 
 def parse_table(
-    part: bytes, base: int, payload_size: int, tracks: Mapping[int, Track], level: Level
+    part: bytes,
+    base: int,
+    payload_size: int,
+    tracks: Mapping[int, Track],
+    level: Level,
+    ranges: Ranges,
 ) -> list[Row] | None:
-    """From the first bytes of a payload; FormatError where they end within the table."""
+    """From the first bytes of a payload; FormatError where they end within the table.
+
+    Every rule of a table is checked. The loop makes nothing of the rows that are not wanted: they
+    are many.
+    """
     count, position = parse_count(part, level, base)
-    entries: list[Entry] = []
-    samples = 0
-    before = (-1, -1)
+    rows: list[tuple[int, int]] = []
+    packets_size = samples = start_before = 0
+    track_before = -1
     for _ in range(count):
-        entry, position = parse_entry(part, position, base)
-        check_entry(entry, level)
-        track = tracks.get(entry.track)
-        if track is None or (entry.track, entry.start) <= before:
+        row = position
+        track, position = parse_varint(part, position, base)
+        size, position = parse_varint(part, position, base)
+        start, position = parse_varint(part, position, base)
+        span, position = parse_varint(part, position, base)
+        position += 4
+        described = tracks.get(track)
+        in_order = track > track_before or (track == track_before and start > start_before)
+        if described is None or not in_order:
             return None
-        before = entry.track, entry.start
-        samples += track.weight(entry.span, entry.size)
-        entries.append(entry)
-    level.check("cluster_samples", samples, "DAT-009", base)
-    rows = []
-    for entry in entries:
-        rows.append((entry, base + position))
-        position += entry.size
-    return rows if position == payload_size else None
+        if not 1 <= span <= level.span_ticks or start + span > TICK_LIMIT:
+            return None
+        track_before, start_before = track, start
+        samples += described.weight(span, size)
+        if track in ranges:
+            rows.append((row, packets_size))
+        packets_size += size
+    if position + packets_size != payload_size or samples > level.cluster_samples:
+        return None
+    return [(parse_entry(part, row, base)[0], base + position + at) for row, at in rows]
 
 
 def read_packets(source: Source, rows: Sequence[Row]) -> list[Packet] | None:
@@ -95,7 +118,5 @@ def wanted_rows(rows: Sequence[Row], ranges: Ranges) -> list[Row]:
     return [
         (entry, at)
         for entry, at in rows
-        if entry.track in ranges
-        and entry.start < ranges[entry.track][1]
-        and entry.stop > ranges[entry.track][0]
+        if entry.start < ranges[entry.track][1] and entry.stop > ranges[entry.track][0]
     ]

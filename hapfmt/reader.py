@@ -66,7 +66,7 @@ class Reader:
         self.source = open_source(file, mapped=mapped, spool=spool)
         self.lost: list[LostSpan] = []
         try:
-            self.catalogue: Catalogue = open_catalogue(self.source, scan=scan)
+            self.catalogue: Catalogue = open_catalogue(self.source, scan=scan, limits=self.limits)
         except BaseException:
             self.source.close()
             raise
@@ -127,7 +127,7 @@ class Reader:
     def scan(self) -> None:
         """Walk through the whole file, so that every byte is checked."""
         if self.catalogue.indexed:
-            self.catalogue = open_catalogue(self.source, scan=True)
+            self.catalogue = open_catalogue(self.source, scan=True, limits=self.limits)
             self.refuse_damage()
 
     def refuse_damage(self) -> None:
@@ -240,6 +240,8 @@ class Reader:
     ) -> list[Event]:
         """Events with start <= time < stop, of all layers or those with these names, in order of
         time. Their channels are the channels' numbers."""
+        if start is None and stop is None:
+            self.scan()
         catalogue = self.catalogue
         chosen = [
             layer
@@ -250,8 +252,7 @@ class Reader:
         for piece in self.pieces(chosen, start, stop):
             assembly.add_events(piece.track, piece.events)
             self.limits.check_events(assembly.event_count)
-        if (start, stop) != (None, None) and self.catalogue is not catalogue:
-            # The index was false: other layers may be there.
+        if self.catalogue is not catalogue:
             return self.events(start, stop, layers=layers)
         return assembly.events()
 

@@ -14,6 +14,7 @@ from .container.walk import Finding, walk
 from .container.wire import HEADER_SIZE, SIGNATURE
 from .errors import FormatError
 from .integers import parse_varint
+from .limits import Limits
 from .opening import open_catalogue
 
 CAUSES = (
@@ -77,9 +78,9 @@ class Usage:
         }
 
 
-def measure(source: Source) -> Usage:
+def measure(source: Source, limits: Limits | None = None) -> Usage:
     """Walks through the whole file; decodes nothing."""
-    catalogue = open_catalogue(source, scan=True)
+    catalogue = open_catalogue(source, scan=True, limits=limits)
     usage = Usage(source.size, exit_code=catalogue.exit_code)
     described = {t.id: parts[0].track for parts in catalogue.parts for p in parts for t in p.tracks}
     for track in catalogue.tracks.values():

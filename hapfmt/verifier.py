@@ -153,7 +153,9 @@ def check_structure(catalogue: Catalogue) -> None:
             last_index = indexed_to = ref.offset
         elif ref.offset - indexed_to > INDEX_EVERY + catalogue.level.payload_size:
             raise FormatError("no index for too long", requirement="IDX-005", offset=ref.offset)
-    _ = catalogue.attachments, catalogue.clocks, catalogue.clock_maps
+    for _ in catalogue.each_attachment():
+        pass
+    _ = catalogue.clocks, catalogue.clock_maps
     foot = catalogue.foot
     if foot is None:
         return

@@ -178,12 +178,12 @@ def cluster(*packets: tuple[int, int, int, bytes]) -> bytes:
 def index(entries, *, covers_from: int = 8, previous: int = 0, count=None) -> bytes:
     """iNDX payload of (type, offset, start ms, stop ms)."""
     count = len(entries) if count is None else count
-    out, before = struct.pack("<QQI", covers_from, previous, count), covers_from
+    out, before = bytearray(struct.pack("<QQI", covers_from, previous, count)), covers_from
     for type_, offset, start, stop in entries:
         out += type_.encode() + varint(offset - before)
         out += varint(start) + varint(stop - start) if type_ == "DATA" else b""
         before = offset
-    return out
+    return bytes(out)
 
 
 def foot(index_offset: int, stop_offset: int, data_count: int, track_count: int,
@@ -193,10 +193,11 @@ def foot(index_offset: int, stop_offset: int, data_count: int, track_count: int,
 
 def file(*chunks: Chunk | tuple[str, bytes]) -> bytes:
     """The signature, then (type, payload, changes to the header) one after the other."""
-    out = SIGNATURE
+    out = [SIGNATURE]
     for sequence, (type_, payload, *changes) in enumerate(chunks):
-        out += chunk(type_, payload, **({"sequence": sequence} | (changes[0] if changes else {})))
-    return out
+        given = {"sequence": sequence} | (changes[0] if changes else {})
+        out.append(chunk(type_, payload, **given))
+    return b"".join(out)
 
 
 def closed(*chunks: Chunk | tuple[str, bytes], ahead: dict | None = None, **changes) -> bytes:

@@ -15,9 +15,9 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-DECODE = """assembly atomic batches catalogue clocks codecs container contract damage deadband decoder
-dump errors events follow integers kernels limits lock losses opening packets partial pieces reader
-reconstruct recording threads timeline usage verifier"""
+DECODE = """assembly atomic batches catalogue clocks codecs container contract damage deadband
+decoder dump errors events follow integers kernels limits lock losses opening packets
+partial pieces reader reconstruct recording threads timeline usage verifier"""
 ENCODE = "appending cli convert edit encoder live plotting recovery scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 ONLY_IN = {

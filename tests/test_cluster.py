@@ -27,6 +27,8 @@ from hapfmt.decoder import TrackDecoder
 from hapfmt.errors import FormatError
 from hapfmt.limits import LEVELS
 
+pytestmark = pytest.mark.capped
+
 ONE = LEVELS[1]
 TRACKS = {id_: Track(id_, "full", "KNOT", Fraction(1000), id_, (Component(),)) for id_ in range(3)}
 

@@ -29,6 +29,8 @@ from hapfmt.errors import FormatError
 from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS
 
+pytestmark = pytest.mark.capped
+
 ONE, TWO = LEVELS[1], LEVELS[2]
 
 

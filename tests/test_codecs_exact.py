@@ -44,6 +44,8 @@ from hapfmt.decoder import TrackDecoder
 from hapfmt.errors import FormatError
 from hapfmt.limits import LEVELS
 
+pytestmark = pytest.mark.capped
+
 ONE = LEVELS[1]
 EXTREMES = [0.0, -0.0, 5e-324, -5e-324, 1.7976931348623157e308, -1.7976931348623157e308, 1 / 3,
             float("inf"), float("-inf"), float("nan")]  # fmt: skip

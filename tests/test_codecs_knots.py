@@ -17,6 +17,8 @@ from hapfmt.errors import FormatError
 from hapfmt.integers import rdiv
 from hapfmt.limits import LEVELS
 
+pytestmark = pytest.mark.capped
+
 ONE = LEVELS[1]
 
 

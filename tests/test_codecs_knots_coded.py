@@ -25,6 +25,8 @@ from hapfmt.decoder import TrackDecoder
 from hapfmt.errors import FormatError, HapfmtError
 from hapfmt.limits import LEVELS
 
+pytestmark = pytest.mark.capped
+
 ONE, TWO = LEVELS[1], LEVELS[2]
 FAR = 2**32
 

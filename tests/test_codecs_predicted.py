@@ -27,6 +27,8 @@ from hapfmt.encoder.predict import encode_best
 from hapfmt.errors import FormatError, HapfmtError
 from hapfmt.limits import LEVELS
 
+pytestmark = pytest.mark.capped
+
 ONE, TWO = LEVELS[1], LEVELS[2]
 cases = st.tuples(strategies.index_arrays(), strategies.predictors())
 

@@ -25,6 +25,8 @@ from hapfmt.errors import FormatError, TruncatedError
 from hapfmt.integers import rdiv
 from hapfmt.limits import LEVELS
 
+pytestmark = pytest.mark.capped
+
 ONE, TWO = LEVELS[1], LEVELS[2]
 
 

@@ -21,6 +21,8 @@ from hapfmt.errors import FormatError, ParameterError
 from hapfmt.integers import from_signed
 from hapfmt.kernels import compiled
 
+pytestmark = pytest.mark.capped
+
 widths = st.lists(st.integers(0, 31), min_size=1, max_size=4)
 errors = st.sampled_from([0, 0, 1, -1, 2**34 - 1, -(2**34)]) | st.integers(-(2**34), 2**34 - 1)
 FROZEN = [

@@ -46,6 +46,8 @@ from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedE
 from hapfmt.reader import Reader
 from hapfmt.verifier import verify
 
+pytestmark = pytest.mark.capped
+
 HEAD = ("HEAD", f.head())
 
 

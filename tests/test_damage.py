@@ -18,6 +18,8 @@ from hapfmt.errors import HapfmtError
 from hapfmt.reader import Reader
 from hapfmt.verifier import verify
 
+pytestmark = pytest.mark.capped
+
 TWO = f.closed(
     ("HEAD", f.head()),
     ("TRAK", f.trak(track_count=2), {"track": 0}),

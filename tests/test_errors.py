@@ -14,6 +14,8 @@ from test_architecture import DECODE_SIDE, MODULES
 
 from hapfmt.errors import FormatError, HapfmtError
 
+pytestmark = pytest.mark.capped
+
 ELSEWHERE = {"REC-005", "LIM-003"}
 """Refusals whose input is too large for a table."""
 

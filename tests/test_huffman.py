@@ -15,6 +15,8 @@ from hapfmt.codecs.bits import pack_bits
 from hapfmt.codecs.huffman import Codebook, build_codebook, code_lengths, parse_codebook, read_bits
 from hapfmt.errors import FormatError
 
+pytestmark = pytest.mark.capped
+
 
 def slow_lengths(data: bytes, symbols: int) -> list[int] | None:
     """SPEC's sentences, nibble by nibble; None where they are broken."""

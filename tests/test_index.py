@@ -34,6 +34,8 @@ from hapfmt.errors import FormatError
 from hapfmt.opening import open_catalogue
 from hapfmt.reader import Reader
 
+pytestmark = pytest.mark.capped
+
 HEAD = ("HEAD", f.head())
 DATA_AT = 88 + 32 + len(f.TRACK_0[1])
 i64 = st.integers(-(2**63), 2**63 - 1)

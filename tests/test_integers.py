@@ -16,6 +16,8 @@ from hapfmt.codecs.varints import build_varints, from_signed, parse_varints, to_
 from hapfmt.errors import FormatError
 from hapfmt.integers import build_svarint, build_varint, clamp, parse_varint, rdiv
 
+pytestmark = pytest.mark.capped
+
 FROZEN = {
     0: "00", 1: "01", 127: "7F", 128: "8001", 300: "AC02", 16383: "FF7F", 16384: "808001",
     2**53 - 1: "FFFFFFFFFFFFFF0F",

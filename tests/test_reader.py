@@ -23,6 +23,8 @@ from hapfmt.limits import LEVELS, Limits
 from hapfmt.reader import Reader
 from hapfmt.recording import Calibration, Channel, Recording, Span
 
+pytestmark = pytest.mark.capped
+
 HEAD = ("HEAD", f.head())
 LINE = f.tlv(1, f.knot_parameters(1))
 LEVELS_OF_ONE = f.tlv(1, f.quan_parameters(b"\x22\x22", m=1, r=1))

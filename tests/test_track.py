@@ -21,6 +21,8 @@ from hapfmt.limits import LEVELS
 from hapfmt.reader import Reader
 from hapfmt.verifier import verify
 
+pytestmark = pytest.mark.capped
+
 HEAD = ("HEAD", f.head())
 LF = ("TRAK", f.trak(kind=1), {"track": 0})
 

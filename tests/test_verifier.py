@@ -24,6 +24,8 @@ from hapfmt.recording import Calibration, Channel, Recording
 from hapfmt.usage import measure
 from hapfmt.verifier import VERDICTS, verify
 
+pytestmark = pytest.mark.capped
+
 HEAD = ("HEAD", f.head())
 UNKNOWN = ("XXXX", b"")
 BROKEN = ("mETa", b"")

@@ -16,6 +16,8 @@ from hapfmt.container.walk import BLOCK_SIZE, Finding, find_header, walk
 from hapfmt.errors import LimitError
 from hapfmt.verifier import verify
 
+pytestmark = pytest.mark.capped
+
 CHUNKS = [("HEAD", f.head()), f.TRACK_0, f.DATA_0, ("mETa", b"{}"), ("aTTc", f.strings("a", "b"))]
 DATA = f.closed(*CHUNKS)
 ATTACHED = f.closed(("HEAD", f.head()), ("aTTc", f.strings("a", "") + DATA), f.TRACK_0, f.DATA_0)

@@ -29,6 +29,7 @@ TESTS = [
     "tests/test_codecs_quantised.py",
     "tests/test_tube.py",
     "tests/test_codecs_components.py",
+    "tests/test_fuzz.py",
 ]
 PLAIN_TESTS = [
     "tests/test_kernels.py",

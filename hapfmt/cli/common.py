@@ -16,6 +16,7 @@ import click
 from ..atomic import refuse
 from ..damage import lost_lines
 from ..errors import ParameterError
+from ..limits import Limits
 from ..numbers import exact
 
 if TYPE_CHECKING:
@@ -37,12 +38,43 @@ threads_option = click.option(
     help="Threads that work together; the output does not depend on them "
     "[HAPFMT_THREADS, else the CPUs there are].",
 )
+
+
+class MemoryType(click.ParamType["Limits"]):
+    """Limits of a size in bytes."""
+
+    name = "size"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Limits:
+        if isinstance(value, Limits):
+            return value
+        try:
+            return Limits.of_memory(value)
+        except ParameterError as error:
+            self.fail(error.message, param, ctx)
+
+
+memory_option = click.option(
+    "--max-memory",
+    type=MemoryType(),
+    default=Limits(),
+    metavar="SIZE",
+    help="Memory that hapf files may take beside the program, such as 256M; what takes more is "
+    "refused, with exit code 4. [no bound but those of the format]",
+)
+"""Gives the verb ``max_memory``, the Limits for whatever it reads."""
 force_option = click.option("-f", "--force", is_flag=True, help="Replace an existing output file.")
 
 
 def echo_json(value: Any) -> None:
     """One line of JSON; numbers that are not finite become null."""
-    click.echo(json.dumps(finite(value), sort_keys=True, allow_nan=False))
+    try:
+        text = json.dumps(value, sort_keys=True, allow_nan=False)
+    except ValueError:
+        text = json.dumps(finite(value), sort_keys=True, allow_nan=False)
+    click.echo(text)
 
 
 def finite(value: Any) -> Any:
@@ -220,15 +252,19 @@ def suffix_of(name: str, format_: str | None, default: str | None = None) -> str
     return Path(name).suffix.lower()
 
 
-def load_recording(name: str, format_: str | None, rate: str | None) -> tuple[Recording, int]:
+def load_recording(
+    name: str, format_: str | None, rate: str | None, limits: Limits | None = None
+) -> tuple[Recording, int]:
     """The recording in a file of any format, and the exit code that reading it deserves."""
-    from ..convert import load
+    from ..convert import MAX_MEMORY, load
 
+    limits = limits or Limits()
     if suffix_of(name, format_) != HAPF:
-        return load(input_of(name), format=format_, rate=rate), 0
+        room = min(MAX_MEMORY, limits.memory or MAX_MEMORY)
+        return load(input_of(name), format=format_, rate=rate, max_memory=room), 0
     from ..reader import Reader
 
-    with Reader(input_of(name)) as reader, progress("decoding") as advance:
+    with Reader(input_of(name), limits=limits) as reader, progress("decoding") as advance:
         recording = reader.read(progress=advance)
         tell_clocks(reader)
         return recording, tell_losses(reader)

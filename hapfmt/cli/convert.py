@@ -6,12 +6,14 @@ import click
 
 from ..atomic import refuse
 from ..errors import ParameterError
+from ..limits import Limits
 from .common import (
     HAPF,
     echo_json,
     force_option,
     json_option,
     load_recording,
+    memory_option,
     notes_of,
     output_of,
     save_recording,
@@ -26,6 +28,7 @@ from .common import (
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
 @click.option("--from", "from_", help="Format of the input, for a pipe.")
 @click.option("--to", "to", help="Format of the output, for a pipe.")
+@memory_option
 @force_option
 @json_option
 def convert(
@@ -36,6 +39,7 @@ def convert(
     to: str | None,
     force: bool,
     as_json: bool,
+    max_memory: Limits,
 ) -> int:
     """Convert IN to OUT by their suffixes: .npz .npy .csv .wav .hapf.
 
@@ -46,7 +50,7 @@ def convert(
         raise ParameterError("both are .hapf: copy the file, or encode it anew with encode")
     if target != "-":
         refuse(target, force)
-    recording, code = load_recording(source, from_, rate)
+    recording, code = load_recording(source, from_, rate, max_memory)
     tell_notes(recording)
     if suffix_of(target, to) == HAPF:
         from ..encoder.settings import Settings

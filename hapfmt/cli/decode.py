@@ -12,6 +12,7 @@ from .common import (
     force_option,
     input_of,
     json_option,
+    memory_option,
     parse_channels,
     parse_time,
     progress,
@@ -23,6 +24,7 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from ..limits import Limits
     from ..reader import Band
 
 
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 )
 @click.option("--to", "format_", help="Format of the output, for a pipe: npz npy csv wav.")
 @threads_option
+@memory_option
 @force_option
 @json_option
 def decode(
@@ -56,6 +59,7 @@ def decode(
     force: bool,
     as_json: bool,
     threads: int | None,
+    max_memory: Limits,
 ) -> int:
     """Decode the .hapf file IN into OUT (.npz .npy .csv .wav). Gaps become NaN.
 
@@ -73,7 +77,7 @@ def decode(
         refuse(target, force)
     start, stop = parse_time(time_)
     with (
-        Reader(input_of(source), threads=threads) as reader,
+        Reader(input_of(source), threads=threads, limits=max_memory) as reader,
         progress("decoding") as advance,
     ):
         names = parse_channels(channels, [ref.label for ref in reader.channels])

@@ -5,19 +5,21 @@ from __future__ import annotations
 import click
 
 from ..container.source import open_source
-from .common import echo_json, input_of, json_option, printable, table
+from ..limits import Limits
+from .common import echo_json, input_of, json_option, memory_option, printable, table
 
 
 @click.command(short_help="Where the bytes go, by cause and by track.")
 @click.argument("file", metavar="FILE")
+@memory_option
 @json_option
-def du(file: str, as_json: bool) -> int:
+def du(file: str, as_json: bool, max_memory: Limits) -> int:
     """Where the bytes of FILE go; the causes add up to its size."""
     from ..usage import measure
 
     source = open_source(input_of(file))
     try:
-        usage = measure(source)
+        usage = measure(source, max_memory)
     finally:
         source.close()
     if as_json:

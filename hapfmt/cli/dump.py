@@ -7,13 +7,15 @@ import json
 import click
 
 from ..container.source import open_source
-from .common import input_of
+from ..limits import Limits
+from .common import input_of, memory_option
 
 
 @click.command(short_help="All of a file as canonical JSON.")
 @click.argument("file", metavar="FILE")
 @click.option("--counts", is_flag=True, help="Decode the packets and print their counts too.")
-def dump(file: str, counts: bool) -> int:
+@memory_option
+def dump(file: str, counts: bool, max_memory: Limits) -> int:
     """FILE as one JSON array, an object a chunk in the order of the bytes, the findings last.
 
     Keys are sorted, nothing depends on the machine: two dumps can be compared as text.
@@ -24,7 +26,7 @@ def dump(file: str, counts: bool) -> int:
     code = 0
     try:
         before = "[\n"
-        for entry in dump_chunks(source, counts=counts):
+        for entry in dump_chunks(source, counts=counts, limits=max_memory):
             # Nothing is printed before the file was opened: an error leaves no half of a JSON.
             text = json.dumps(entry, sort_keys=True, separators=(",", ":"), allow_nan=False)
             click.echo(before + text, nl=False)

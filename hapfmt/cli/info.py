@@ -10,11 +10,12 @@ from uuid import UUID
 
 import click
 
-from ..catalogue import Catalogue, ChannelRef, Part
+from ..catalogue import Catalogue, ChannelRef, FalseIndexError, Part
 from ..container.source import open_source
 from ..container.track import Contract, Track
+from ..limits import Limits
 from ..opening import open_catalogue
-from .common import echo_json, input_of, json_option, printable, table
+from .common import echo_json, input_of, json_option, memory_option, printable, table
 
 
 @click.command(short_help="What a file holds.")
@@ -28,8 +29,16 @@ from .common import echo_json, input_of, json_option, printable, table
     show_default=True,
     help="Seconds between two lines of --follow.",
 )
+@memory_option
 @json_option
-def info(file: str, with_events: bool, follow: bool, interval: float, as_json: bool) -> int:
+def info(
+    file: str,
+    with_events: bool,
+    follow: bool,
+    interval: float,
+    as_json: bool,
+    max_memory: Limits,
+) -> int:
     """What FILE holds: channels, rates, units, codecs, times, and whether it was closed.
 
     Reads the index and the descriptions only; nothing is decoded, but for --events. FILE may be a
@@ -39,7 +48,8 @@ def info(file: str, with_events: bool, follow: bool, interval: float, as_json: b
         from .following import follow_file
 
         return follow_file(file, interval, as_json)
-    catalogue, found = with_its_events(file) if with_events else described(file)
+    look = with_its_events if with_events else described
+    catalogue, found = look(file, max_memory)
     if as_json:
         echo_json(found)
     else:
@@ -47,19 +57,23 @@ def info(file: str, with_events: bool, follow: bool, interval: float, as_json: b
     return int(found["exit_code"])
 
 
-def described(file: str) -> tuple[Catalogue, dict[str, Any]]:
+def described(file: str, limits: Limits) -> tuple[Catalogue, dict[str, Any]]:
     source = open_source(input_of(file))
     try:
-        catalogue = open_catalogue(source)
-        return catalogue, describe(catalogue)
+        catalogue = open_catalogue(source, limits=limits)
+        try:
+            return catalogue, describe(catalogue)
+        except FalseIndexError:
+            catalogue = open_catalogue(source, scan=True, limits=limits)
+            return catalogue, describe(catalogue)
     finally:
         source.close()
 
 
-def with_its_events(file: str) -> tuple[Catalogue, dict[str, Any]]:
+def with_its_events(file: str, limits: Limits) -> tuple[Catalogue, dict[str, Any]]:
     from ..reader import Reader
 
-    with Reader(input_of(file)) as reader:
+    with Reader(input_of(file), limits=limits) as reader:
         rows = [
             {**vars(event), "time": str(event.time), "duration": str(event.duration)}
             for event in reader.events()
@@ -89,7 +103,7 @@ def describe(catalogue: Catalogue) -> dict[str, Any]:
         "metadata": catalogue.metadata,
         "attachments": [
             {"name": a.name, "media_type": a.media_type, "size": len(a.content)}
-            for a in catalogue.attachments.values()
+            for a, _ in catalogue.each_attachment()
         ],
         "unknown_chunks": [header.type for header in catalogue.unknown],
         "unsupported": str(catalogue.unsupported) if catalogue.unsupported else None,

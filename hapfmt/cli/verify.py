@@ -11,6 +11,7 @@ from .common import (
     input_of,
     json_option,
     load_recording,
+    memory_option,
     printable,
     progress,
     table,
@@ -19,6 +20,7 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from ..limits import Limits
     from ..verifier import Report
 
 
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 @click.option("--from", "format_", help="Format of ORIGINAL, if its name does not say.")
 @click.option("--rate", help="Ticks per second of ORIGINAL, if it does not say.")
 @threads_option
+@memory_option
 @json_option
 def verify(
     file: str,
@@ -36,6 +39,7 @@ def verify(
     rate: str | None,
     as_json: bool,
     threads: int | None,
+    max_memory: Limits,
 ) -> int:
     """Check FILE: checksums, structure, every packet decoded, digests, index, limits.
 
@@ -46,9 +50,11 @@ def verify(
     """
     from ..verifier import verify as check
 
-    original = load_recording(against, format_, rate)[0] if against else None
+    original = load_recording(against, format_, rate, max_memory)[0] if against else None
     with progress("verifying") as advance:
-        report = check(input_of(file), against=original, progress=advance, threads=threads)
+        report = check(
+            input_of(file), against=original, limits=max_memory, progress=advance, threads=threads
+        )
     if as_json:
         echo_json(report.as_json())
     else:

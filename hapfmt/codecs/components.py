@@ -26,6 +26,9 @@ from .references import TAPS
 
 Indices = NDArray[np.int64]
 
+BLOCK = 1 << 16
+"""Ticks whose counts are worked out at once: what that takes is little beside the counts."""
+
 WEIGHT_SHIFT = 6
 """Weights are multiples of 2**-6."""
 
@@ -89,9 +92,16 @@ def decode_predicted(
 ) -> Indices:
     """The packet ``data``, which stands at ``offset``, as counts [span, components]."""
     limit = parameters.index_limit(level.count_bound)
+    out = np.empty((span, count), np.int64)
+    for place, indices in enumerate(decode_components(data, span, count, limit, offset)):
+        out[:, place] = parameters.counts(indices, level.count_bound)
+    return out
+
+
+def decode_components(data: bytes, span: int, count: int, limit: int, offset: int) -> list[Indices]:
+    """The indices of each component."""
     if count == 1:
-        indices = decode_indices(data, span, limit, offset)
-        return parameters.counts(indices, level.count_bound)[:, None]
+        return [decode_indices(data, span, limit, offset)]
     earlier: list[Indices] = []
     for start, end in split_components(data, count, offset):
         part, at = data[start:end], offset + start
@@ -99,10 +109,7 @@ def decode_predicted(
         c = None if constant else predictor.coefficients
         cross = None if c is None else cross_terms(predictor, earlier)
         earlier.append(decode_body(part, predictor, constant, position, span, limit, at, cross))
-    out = np.empty((span, count), np.int64)
-    for place, indices in enumerate(earlier):
-        out[:, place] = parameters.counts(indices, level.count_bound)
-    return out
+    return earlier
 
 
 def decode_within(
@@ -116,10 +123,14 @@ def decode_within(
     high: int,
 ) -> NDArray[np.int32]:
     """``decode_predicted``, clamped to the declared range (DEC-001)."""
-    if compiled is None or parameters.grid != UNIFORM or count != 1:
-        counts = decode_predicted(data, parameters, span, count, level, offset)
-        return np.asarray(np.clip(counts, low, high).astype(np.int32))
-    indices = decode_indices(data, span, parameters.index_limit(level.count_bound), offset)
-    out = np.empty((span, 1), np.int32)
-    compiled.clamp_counts(indices, parameters.step, parameters.zero, low, high, out)
+    bound = level.count_bound
+    rows = decode_components(data, span, count, parameters.index_limit(bound), offset)
+    out = np.empty((span, count), np.int32)
+    if compiled is not None and parameters.grid == UNIFORM and count == 1:
+        compiled.clamp_counts(rows[0], parameters.step, parameters.zero, low, high, out)
+        return out
+    for place, indices in enumerate(rows):
+        for first in range(0, span, BLOCK):
+            counts = parameters.counts(indices[first : first + BLOCK], bound)
+            out[first : first + BLOCK, place] = np.clip(counts, low, high)
     return out

@@ -72,18 +72,19 @@ def decode_raw(
     components: int,
     offset: int,
 ) -> NDArray[Any]:
-    """The packet ``data``, which stands at ``offset``: int64 counts or words [span, components]."""
+    """The packet ``data``, which stands at ``offset``: int32 counts or words [span, components]."""
     size = parameters.word_size
     expected = span * components * size
     planes = unpack(data, expected, offset)
     raw = np.frombuffer(planes, np.uint8).reshape(components, size, span)
-    octets = np.zeros((span, components, size if number_format != "counts" else 8), np.uint8)
-    octets[:, :, :size] = raw.transpose(2, 0, 1)
-    if number_format != "counts":
-        return octets.reshape(span, -1).view(DTYPES[number_format])
-    counts: NDArray[np.int64] = octets.reshape(span, -1).view("<i8")
-    sign = np.int64(1) << (8 * size - 1)
-    return (counts ^ sign) - sign
+    counts = number_format == "counts"
+    out = np.zeros((span, components), np.dtype("<i4") if counts else DTYPES[number_format])
+    octets = out.view(np.uint8).reshape(span, components, -1)
+    octets[:, :, -size:] = raw.transpose(2, 0, 1)
+    if counts:
+        # The highest byte stands highest, and brings its sign down with it.
+        out >>= 8 * (4 - size)
+    return out
 
 
 def unpack(data: bytes, expected: int, offset: int) -> bytes:

@@ -8,7 +8,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from ..errors import FormatError
-from .index import FIRST_OFFSET, Index, IndexEntry, check_listing, parse_index
+from ..limits import Limits
+from .index import FIRST_OFFSET, Index, IndexEntry, check_listing, entry_count, parse_index
 from .source import Source
 from .walk import header_at, read_chunk
 from .wire import HEADER_SIZE
@@ -17,8 +18,11 @@ if TYPE_CHECKING:
     from ..catalogue import Catalogue
 
 
-def index_chain(source: Source, offset: int, file_id: int) -> list[tuple[int, Index]]:
+def index_chain(
+    source: Source, offset: int, file_id: int, limits: Limits | None = None
+) -> list[tuple[int, Index]]:
     """Offsets and indexes, oldest first, of the chain that ends at ``offset``."""
+    limits, listed = limits or Limits(), 0
     parts: list[tuple[int, Index]] = []
     position = position_after = offset
     while True:
@@ -29,6 +33,8 @@ def index_chain(source: Source, offset: int, file_id: int) -> list[tuple[int, In
             )
         if parts and chunk.stop > position_after:
             raise FormatError("indexes overlap", requirement="IDX-004", offset=position)
+        listed += entry_count(chunk.payload)
+        limits.check_records(listed)
         index = parse_index(chunk.payload, position, chunk.payload_offset)
         parts.append((position, index))
         if index.covers_from == FIRST_OFFSET:

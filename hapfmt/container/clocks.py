@@ -25,7 +25,7 @@ CHUNK_COUNT = 1 << 14
 """Observations of a chunk that this writer makes: at most 27 bytes each fit level 1."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class ClockObservation:
     """At ``tick`` of a track the clock told ``time_ns``; track None: ticks are nanoseconds of the
     recording. uncertainty_ns 0: not known."""

@@ -12,7 +12,7 @@ from .track import Track
 from .wire import crc32
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Packet:
     """The coded samples of one track for ticks start <= t < start + span."""
 
@@ -28,7 +28,7 @@ class Packet:
         return self.start + self.span
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Entry:
     """One row of the packet table."""
 

@@ -43,10 +43,11 @@ def parse_metadata(payload: bytes, offset: int) -> dict[str, Any]:
         return value if math.isfinite(value) and len(text) <= DIGIT_LIMIT else refuse(text)
 
     try:
-        value = json.loads(
-            parse_text(payload, offset), parse_constant=refuse, parse_int=integer, parse_float=real
-        )
-        json.dumps(value, ensure_ascii=False).encode("utf-8")
+        text = parse_text(payload, offset)
+        value = json.loads(text, parse_constant=refuse, parse_int=integer, parse_float=real)
+        if "\\u" in text:
+            # Only an escape can stand for half of a surrogate pair.
+            check_texts(value)
     except (ValueError, RecursionError):
         raise FormatError(
             "metadata is not JSON within the bounds", requirement="MET-001", offset=offset
@@ -64,6 +65,20 @@ def parse_metadata(payload: bytes, offset: int) -> dict[str, Any]:
         if not level:
             return value
     raise FormatError("metadata nested more than 64 deep", requirement="MET-001", offset=offset)
+
+
+def check_texts(value: Any) -> None:
+    """ValueError where a text within has no UTF-8."""
+    waiting = [value]
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, str):
+            item.encode("utf-8")
+        elif isinstance(item, dict):
+            waiting.extend(item)
+            waiting.extend(item.values())
+        elif isinstance(item, list):
+            waiting.extend(item)
 
 
 @dataclass(frozen=True)

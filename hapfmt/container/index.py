@@ -76,6 +76,12 @@ def build_index(index: Index) -> bytes:
     return bytes(out)
 
 
+def entry_count(payload: bytes) -> int:
+    """What the payload promises, and no more than it can hold; for a bound before it is parsed."""
+    promised = int.from_bytes(payload[INDEX_SIZE - 4 : INDEX_SIZE], "little")
+    return min(promised, len(payload) // ENTRY_SIZES[0])
+
+
 def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
     """The iNDX payload at ``offset``, whose chunk starts at ``own_offset``."""
     raw = parse_fixed(INDEX, payload, 0, "IDX-001", offset)
@@ -98,9 +104,13 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
     for _ in range(raw.entry_count):
         at = position
         letters = payload[at : at + 4]
+        if not (letters.isascii() and letters.isalpha()):
+            raise FormatError(
+                "an index entry without a chunk type", requirement="IDX-002", offset=offset + at
+            )
         further, position = parse_varint(payload, at + 4, offset)
         chunk_offset += further
-        if chunk_offset >= own_offset or (entries and not further):
+        if chunk_offset >= own_offset or (entries and further < HEADER_SIZE):
             raise FormatError(
                 "index offsets out of order", requirement="IDX-002", offset=offset + at
             )

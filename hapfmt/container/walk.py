@@ -22,7 +22,7 @@ WORK_FACTOR, WORK_BASE = 16, 1 << 26
 size: checksums are computed over at most this many times its bytes (SPEC REC-005)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Finding:
     """One thing that is wrong: what, where, how many bytes, by which rule."""
 

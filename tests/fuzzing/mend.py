@@ -1,0 +1,116 @@
+"""Checksums made right, so that what is behind them is reached; imports nothing from hapfmt."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import NamedTuple
+
+SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
+SYNC = bytes.fromhex("F9488B1C")
+HEADER = struct.Struct("<4s4sIIIHHII")
+
+
+class Part(NamedTuple):
+    """A chunk as it stands, right or wrong."""
+
+    type: bytes
+    file_id: int
+    sequence: int
+    track: int
+    flags: int
+    payload: bytes
+
+
+def varint_at(data: bytes, at: int) -> tuple[int, int] | None:
+    value = 0
+    for place in range(8):
+        if at + place >= len(data):
+            return None
+        byte = data[at + place]
+        value |= (byte & 0x7F) << (7 * place)
+        if byte < 0x80:
+            return value, at + place + 1
+    return None
+
+
+def mend_cluster(payload: bytes) -> bytes:
+    """The CRC of every packet that lies within the payload."""
+    out = bytearray(payload)
+    found = varint_at(payload, 0)
+    if found is None or found[0] > len(payload):
+        return payload
+    count, at = found
+    rows = []
+    for _ in range(count):
+        begin, fields = at, []
+        for _ in range(4):
+            found = varint_at(payload, at)
+            if found is None:
+                return bytes(out)
+            fields.append(found[0])
+            at = found[1]
+        if at + 4 > len(payload):
+            return bytes(out)
+        rows.append((begin, at, fields[1]))
+        at += 4
+    for begin, crc_at, size in rows:
+        body = payload[at : at + size]
+        crc = zlib.crc32(body, zlib.crc32(payload[begin:crc_at]))
+        out[crc_at : crc_at + 4] = crc.to_bytes(4, "little")
+        at += size
+    return bytes(out)
+
+
+def mend_header(data: bytes) -> bytes:
+    """The sync word and the CRC of the first 32 bytes."""
+    if len(data) < 32:
+        return data
+    head = SYNC + data[4:28]
+    return head + zlib.crc32(head).to_bytes(4, "little") + data[32:]
+
+
+def parts_of(data: bytes) -> list[Part]:
+    """The chunks of a file by the sizes in their headers, checksums not looked at; a size that
+    leaves the file, or a lost sync word, ends at the next sync word."""
+    parts = []
+    at = 8
+    while at < len(data):
+        raw = data[at : at + 32].ljust(32, b"\0")
+        _, type_, file_id, sequence, size, track, flags, _, _ = HEADER.unpack(raw)
+        stop = at + 32 + size
+        if stop > len(data) or (stop < len(data) and data[stop : stop + 4] != SYNC):
+            found = data.find(SYNC, at + 32)
+            stop = len(data) if found < 0 else found
+        parts.append(Part(type_, file_id, sequence, track, flags, data[at + 32 : stop]))
+        at = stop
+    return parts
+
+
+def build(parts: list[Part]) -> bytes:
+    """A file of these chunks: one file id, sequence numbers in order, sizes and CRCs right; the
+    index and the footer name the places where the chunks came to stand."""
+    out = bytearray(SIGNATURE)
+    file_id = parts[0].file_id if parts else 0
+    index_at = 0
+    for sequence, part in enumerate(parts):
+        payload = part.payload
+        if part.type == b"DATA":
+            payload = mend_cluster(payload)
+        elif part.type == b"HEAD" and len(payload) >= 16:
+            payload = payload[:12] + file_id.to_bytes(4, "little") + payload[16:]
+        elif part.type == b"iNDX":
+            index_at = len(out)
+        elif part.type == b"fOOT" and len(payload) == 32:
+            ends = struct.pack("<QQ", index_at, len(out) + 64)
+            payload = ends + payload[16:]
+        header = HEADER.pack(
+            SYNC, part.type, file_id, sequence, len(payload), part.track, part.flags,
+            zlib.crc32(payload), 0,
+        )[:28]  # fmt: skip
+        out += header + zlib.crc32(header).to_bytes(4, "little") + payload
+    return bytes(out)
+
+
+def mend_file(data: bytes) -> bytes:
+    return build(parts_of(data))

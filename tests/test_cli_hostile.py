@@ -1,0 +1,121 @@
+"""Bytes that break a rule, through every verb: a code of SPEC clause 14, JSON that is whole, and
+never a traceback."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import faults
+import forge as f
+import pytest
+from fuzzing import TARGETS
+from spec import ROOT
+from terminal import called
+
+pytestmark = pytest.mark.capped
+
+CODES = {0, 2, 3, 4}
+READING = (
+    ["info", "--json"],
+    ["verify", "--json"],
+    ["du", "--json"],
+    ["dump"],
+    ["dump", "--counts"],
+)
+CORPUS = ROOT / "tests" / "corpus"
+
+
+def judge(data: bytes, folder: Path) -> dict[str, int]:
+    """Exit codes by verb."""
+    path, out = folder / "a.hapf", folder / "b.npz"
+    path.write_bytes(data)
+    codes = {}
+    for verb, *options in READING:
+        said = called(verb, path, *options)
+        assert said.code in CODES, said
+        assert "Traceback" not in said.err
+        assert "internal" not in said.err
+        if said.out or options == ["--json"]:
+            json.loads(said.out)
+        codes[" ".join([verb, *options])] = said.code
+    said = called("decode", path, out, "--json", "--force", "--max-memory", "1M")
+    # 1: more gaps than an array may have, or rates that the format does not hold.
+    assert said.code in CODES | {1}, said
+    json.loads(said.out)
+    codes["decode"] = said.code
+    return codes
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_corpus(part, tmp_path):
+    """
+    VRD-001: A program that reads hapf files MUST end with the code of this table.
+    """
+    paths = sorted((CORPUS / "file").iterdir())
+    for path in paths[part::4]:
+        codes = judge(path.read_bytes(), tmp_path)
+        if codes["verify --json"] == 0:
+            assert set(codes.values()) <= {0, 1}
+
+
+def test_what_is_no_file(tmp_path):
+    for path in sorted((CORPUS / "chunks").iterdir()):
+        judge(path.read_bytes(), tmp_path)
+
+
+def files_of_faults() -> dict[str, bytes]:
+    """The files among the shortest inputs that break a rule, as the reader gets to see them."""
+    found: dict[str, bytes] = {}
+
+    def kept(data: bytes, *_: object, **__: object) -> None:
+        found[fault.name] = bytes(data)
+        raise StopIteration
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("verify", "Reader", "BytesSource"):
+            patch.setattr(faults, name, kept)
+        for fault in faults.FAULTS:
+            try:
+                fault.call()
+            except StopIteration:
+                continue
+            except Exception:
+                continue
+    return found
+
+
+FAULTY = files_of_faults()
+
+
+def test_there_are_files():
+    assert len(FAULTY) > 20
+
+
+@pytest.mark.parametrize("name", FAULTY)
+def test_faults(name, tmp_path):
+    """
+    VRD-001: A program that reads hapf files MUST end with the code of this table.
+    """
+    judge(FAULTY[name], tmp_path)
+
+
+PAYLOADS = {"head": "HEAD", "series": "TRAK", "cluster": "DATA", "metadata": "mETa"}
+
+
+@pytest.mark.parametrize("name", PAYLOADS)
+def test_payloads_in_a_file(name, tmp_path):
+    """Every input of a parser where a file has it."""
+    for path in sorted((CORPUS / name).iterdir()):
+        data = path.read_bytes()
+        payload = data[3:] if name == "series" else data
+        parts = {"HEAD": f.head(), "TRAK": f.trak(), "DATA": f.DATA_0[1], "mETa": b"{}"}
+        parts[PAYLOADS[name]] = payload
+        chunks = [
+            (type_, part, {"track": 0} if type_ == "TRAK" else {}) for type_, part in parts.items()
+        ]
+        judge(f.file(*chunks), tmp_path)
+
+
+def test_targets_are_those_of_the_corpus():
+    assert PAYLOADS.keys() <= TARGETS.keys()
