@@ -13,7 +13,7 @@ from .container.filewriter import FileWriter
 from .container.salvage import salvage_cluster
 from .container.series import parse_series
 from .container.source import Source
-from .container.track import TrackTable, complete
+from .container.track import TrackTable, paired
 from .container.walk import Finding, find_header, read_chunk
 from .container.wire import HEADER_SIZE
 from .errors import HapfmtError, ParameterError
@@ -175,15 +175,15 @@ def salvage(catalogue: Catalogue, end: int) -> list[Packet | None]:
 
 def drop_incomplete(catalogue: Catalogue, end: int) -> int:
     """Where to cut: at ``end``, or before descriptions at the end that are of no use without those
-    that were to follow (TRK-010, TRK-012)."""
+    that were to follow (TRK-012)."""
     refs = [ref for ref in catalogue.chunks if ref.offset < end]
     cut = not any(ref.offset >= end for ref in catalogue.chunks if ref.type == "DATA")
     while cut and not catalogue.closed and refs and refs[-1].type == "TRAK":
-        if complete(catalogue.tracks.values()):
+        if paired(list(catalogue.tracks.values())):
             break
         end = refs.pop().offset
         catalogue.table = described(catalogue, refs)
-    if not complete(catalogue.tracks.values()):
+    if not paired(list(catalogue.tracks.values())):
         raise ParameterError(f"tracks lack those that belong to them; {RECOVER}")
     return end
 

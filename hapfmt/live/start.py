@@ -15,7 +15,7 @@ from ..appending import Appending, open_append
 from ..container.clocks import ClockObservation
 from ..container.extras import build_metadata
 from ..container.filewriter import FileWriter
-from ..container.track import Track
+from ..container.track import Track, missing_channels
 from ..encoder.live import LiveEncoder
 from ..encoder.settings import Settings
 from ..errors import ParameterError
@@ -100,6 +100,8 @@ class Start:
         self.written: dict[str, Any] = {}
         """Metadata that stands in the file."""
         self.start_s = Fraction(0)
+        self.holes: list[int] = []
+        """Channel numbers below the highest without a channel."""
         self.observed: list[ClockObservation] = []
         """Those of the file that is gone on with, where maps are asked for."""
         if options.append:
@@ -168,7 +170,8 @@ class Start:
             self.encoder = LiveEncoder(
                 self.settings, first_track=max(catalogue.tracks, default=-1) + 1
             )
-            self.next_number = len(catalogue.channels)
+            self.next_number = max((c.number for c in catalogue.channels), default=-1) + 1
+            self.holes = missing_channels(catalogue.tracks.values())
             end_s = end_of(found)
             epoch_ns = catalogue.head.epoch_ns if catalogue.head else None
             self.start_s = start_of(options.at, end_s, epoch_ns)
@@ -208,6 +211,13 @@ class Start:
             metadata = {**metadata, "notes": [*notes, *lost]}
         return {k: v for k, v in metadata.items() if k not in self.written or self.written[k] != v}
 
+    def number(self) -> int:
+        """Of a new channel: one that a crash left without a channel, else the next."""
+        if self.holes:
+            return self.holes.pop(0)
+        self.next_number += 1
+        return self.next_number - 1
+
     def match(self, channels: Sequence[Any], inputs: Sequence[Input]) -> list[Member]:
         """Inputs and their channels in the file: those of the same label, rate and unit, each
         once; else new ones."""
@@ -223,8 +233,7 @@ class Start:
                     self.encoder.known(ref.number, last_track(ref))
                     break
             else:
-                members.append(Member(given, self.next_number))
-                self.next_number += 1
+                members.append(Member(given, self.number()))
         if self.next_number > LAST_TRACK_ID:
             raise ParameterError(f"a recording has at most {LAST_TRACK_ID} channels")
         return members
