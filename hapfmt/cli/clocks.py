@@ -8,11 +8,20 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from .common import FractionType, echo_json, input_of, json_option, table, tell_losses
+from .common import (
+    FractionType,
+    echo_json,
+    input_of,
+    json_option,
+    memory_option,
+    table,
+    tell_losses,
+)
 
 if TYPE_CHECKING:
     from ..clocks import Delays
     from ..container.clocks import ClockMap, ClockObservation
+    from ..limits import Limits
     from ..reader import Reader
 
 NS = Fraction(10**9)
@@ -32,8 +41,16 @@ NS = Fraction(10**9)
 @click.option(
     "--window", type=FractionType(), help="Seconds of one line. [what tells best of the rest]"
 )
+@memory_option
 @json_option
-def clocks(file: str, fit: bool, delays: str, window: Fraction | None, as_json: bool) -> int:
+def clocks(
+    file: str,
+    fit: bool,
+    delays: str,
+    window: Fraction | None,
+    as_json: bool,
+    max_memory: Limits,
+) -> int:
     """The observations of other clocks in FILE, against the ticks of its tracks.
 
     Offset is what a clock told beyond the time of the recording at its first observation, drift
@@ -42,7 +59,7 @@ def clocks(file: str, fit: bool, delays: str, window: Fraction | None, as_json: 
     """
     from ..reader import Reader
 
-    with Reader(input_of(file)) as reader:
+    with Reader(input_of(file), limits=max_memory) as reader:
         seconds = None if window is None else float(window)
         asked = (cast("Delays", delays), seconds) if fit else None
         rows = [one_clock(reader, seen, asked) for seen in by_clock(reader)]

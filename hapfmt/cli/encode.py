@@ -18,6 +18,7 @@ from .common import (
     force_option,
     json_option,
     load_recording,
+    memory_option,
     output_of,
     printable,
     progress,
@@ -28,6 +29,7 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from ..limits import Limits
     from ..recording import Recording
     from ..writer import Summary
 
@@ -122,6 +124,7 @@ ORIGINAL_BITS = 64
     help="The same input gives the same bytes; FILE_ID stands for the random file id.",
 )
 @threads_option
+@memory_option
 @force_option
 @json_option
 def encode(
@@ -134,6 +137,7 @@ def encode(
     force: bool,
     as_json: bool,
     threads: int | None,
+    max_memory: Limits,
     vectors: tuple[str, ...],
     **given: Any,
 ) -> int:
@@ -151,7 +155,7 @@ def encode(
     refuse_target(target, force)
     given["vectors"] = "required" if vectors else None
     settings = Settings.of(preset, **given)
-    recording, code = load_recording(source, format_, rate)
+    recording, code = load_recording(source, format_, rate, max_memory)
     tell_notes(recording)
     for place, names in enumerate(vectors):
         recording = with_vector(recording, names.split(","), f"vector {place + 1}")
