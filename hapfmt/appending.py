@@ -169,7 +169,10 @@ def salvage(catalogue: Catalogue, end: int) -> list[Packet | None]:
     chunk = read_chunk(catalogue.source, end) if ref and ref.type == "DATA" else None
     if chunk is None or not chunk.header.known:
         return []
-    items = salvage_cluster(chunk.payload, catalogue.tracks, catalogue.level, chunk.payload_offset)
+    sizes = (chunk.header.payload_size, len(chunk.payload))
+    items = salvage_cluster(
+        chunk.payload, catalogue.tracks, catalogue.level, chunk.payload_offset, sizes
+    )
     return [item if isinstance(item, Packet) else None for item in items]
 
 

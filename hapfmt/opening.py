@@ -126,6 +126,8 @@ def learn_listed(catalogue: Catalogue, offset: int, file_id: int) -> bool:
     """
     source = catalogue.source
     entries = index_entries(source, offset, file_id, catalogue.limits)
+    if not entries:
+        return False
     ends = [entry.offset for entry in entries[1:]] + [offset]
     stop = FIRST_OFFSET
     for entry, limit in zip(entries, ends, strict=True):
