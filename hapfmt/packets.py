@@ -132,7 +132,7 @@ class PacketPass:
     def missing(self, found: set[int], before: ChunkRef | None, after: ChunkRef) -> bool:
         """Whether chunks were lost between two DATA chunks; ``found`` are the sequence numbers of
         the chunks whose header holds."""
-        if not self.catalogue.damaged or after.sequence is None:
+        if not self.catalogue.damaged or self.catalogue.indexed or after.sequence is None:
             return False
         low = -1 if before is None or before.sequence is None else before.sequence
         return any(number not in found for number in range(low + 1, after.sequence))
