@@ -1,5 +1,6 @@
 """The optional extension; everything else is in pyproject.toml."""
 
+import os
 from pathlib import Path
 
 from setuptools import Extension, setup
@@ -12,6 +13,7 @@ setup(
             "hapfmt.kernels._kernels",
             sorted(path.as_posix() for path in FOLDER.glob("*.c")),
             depends=sorted(path.as_posix() for path in FOLDER.glob("*.h")),
+            libraries=["m"] if os.name == "posix" else [],
             extra_compile_args=["-O3", "-std=c99", "-ffp-contract=off", "-g0"],
             py_limited_api=True,
             optional=True,

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from .events import Event
     from .follow import Follower
     from .limits import Limits
+    from .live.inputs import Input
+    from .live.recorder import Recorder
+    from .live.status import Status
     from .reader import Reader, read
     from .recording import Calibration, Channel, Recording, Span
     from .verifier import verify
@@ -46,6 +49,9 @@ _PLACES = {
     "load": "convert",
     "save": "convert",
     "Settings": "encoder.settings",
+    "Recorder": "live.recorder",
+    "Input": "live.inputs",
+    "Status": "live.status",
     "Recording": "recording",
     "Event": "events",
     "ClockObservation": "container.clocks",
@@ -76,14 +82,17 @@ __all__ = [
     "Follower",
     "FormatError",
     "HapfmtError",
+    "Input",
     "LimitError",
     "Limits",
     "MissingExtraError",
     "ParameterError",
     "Reader",
+    "Recorder",
     "Recording",
     "Settings",
     "Span",
+    "Status",
     "TruncatedError",
     "UnsupportedError",
     "__version__",

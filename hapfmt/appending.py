@@ -89,8 +89,8 @@ def open_append(
     """Lock a file and go on at its end, whether it was closed or not.
 
     Where writing stopped within a chunk, or left bytes that are no chunk, the end is mended first
-    (SPEC WRT-007): whole packets are kept, the rest is cut off and told. ``clock``: as for a
-    FileWriter.
+    (SPEC WRT-007): whole packets are kept, the rest is cut off and told. A closed file is taken by
+    its index: what its payloads lost shows when they are read. ``clock``: as for a FileWriter.
 
     Raises ParameterError where another program writes the file, where it is damaged elsewhere, or
     anywhere and ``repair`` is False; FormatError and UnsupportedError as a Reader does.
@@ -104,6 +104,8 @@ def open_append(
         if catalogue.unsupported:
             raise catalogue.unsupported
         findings = [found for found in catalogue.findings if found.code not in HARMLESS]
+        if catalogue.head is None:
+            raise ParameterError("its HEAD is not whole: there is nothing to append to")
         end = min((found.offset for found in findings), default=file.size)
         if findings:
             check_tail(catalogue, findings, end)

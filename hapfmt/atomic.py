@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from .errors import ParameterError
+from .lock import in_use
 
 
 @contextmanager
@@ -21,8 +22,9 @@ def atomic_write(path: str | os.PathLike[str], *, force: bool = False) -> Iterat
     name in one step; on any exception the temporary file is removed and ``path`` is as before.
     Permissions are those of any new file (umask); a symbolic link stays, its target is replaced.
 
-    Raises ParameterError where ``path`` exists (unless ``force``), is a directory or a device, or
-    lies in no directory; OSError, with ``path`` as its file name, where the system refuses.
+    Raises ParameterError where ``path`` exists (unless ``force``), is being recorded, is a
+    directory or a device, or lies in no directory; OSError, with ``path`` as its file name, where
+    the system refuses.
     """
     name = os.fspath(path)
     refuse(name, force)
@@ -71,6 +73,8 @@ def refuse(name: str, force: bool) -> None:
         raise ParameterError("not a regular file, so it cannot be replaced", path=name)
     if not force:
         raise ParameterError("exists already; it is replaced only with force", path=name)
+    if in_use(path):
+        raise ParameterError("is being written by another program", path=name)
 
 
 def sync_directory(directory: Path) -> None:

@@ -16,10 +16,9 @@ MODULES = {
     for path in sorted(PACKAGE.rglob("*.py"))
 }
 DECODE = """assembly atomic batches catalogue clocks codecs container contract deadband decoder dump
-errors events follow integers kernels limits opening packets partial pieces reader reconstruct
-recording threads usage
-verifier"""
-ENCODE = "appending cli convert encoder live plotting scenes writer"
+errors events follow integers kernels limits lock opening packets partial pieces reader reconstruct
+recording threads usage verifier"""
+ENCODE = "appending cli convert edit encoder live plotting scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 ONLY_IN = {
     "construct": ("container.layout", "container.wire"),
@@ -59,6 +58,12 @@ def imports(name: str) -> set[str]:
 @pytest.mark.parametrize("name", DECODE_SIDE)
 def test_the_decode_side_knows_nothing_of_the_encode_side(name):
     barred = {f"hapfmt.{part}" for part in ENCODE.split()}
+    assert not [x for x in imports(name) if ".".join(x.split(".")[:2]) in barred]
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if name.split(".")[0] == "edit"])
+def test_an_editor_encodes_nothing(name):
+    barred = {f"hapfmt.{part}" for part in ("cli", "convert", "encoder", "writer")}
     assert not [x for x in imports(name) if ".".join(x.split(".")[:2]) in barred]
 
 

@@ -264,7 +264,7 @@ class TestLimits:
 
 class TestDigests:
     """
-    DGS-004: There MUST be no digest of a track of kind events.
+    DGS-004: There MUST be no digest of a track of kind events: events may be added to a file that is closed.
     """
 
     def test_none_is_written(self):

@@ -32,6 +32,7 @@ TESTS = [
 ]
 PLAIN_TESTS = [
     "tests/test_kernels.py",
+    "tests/test_kernels_live.py",
     "tests/test_codecs_predicted.py",
     "tests/test_codecs_components.py",
 ]
@@ -64,7 +65,8 @@ def build(target: Path, more: list[str]) -> str | None:
     """None, or why not."""
     include = sysconfig.get_path("include")
     sources = [str(path) for path in sorted((ROOT / "hapfmt" / "kernels").glob("*.c"))]
-    command = [*compiler(), *FLAGS, *more, *SANITIZERS, f"-I{include}", *sources, "-o", str(target)]
+    command = [*compiler(), *FLAGS, *more, *SANITIZERS, f"-I{include}", *sources]
+    command += ["-lm", "-o", str(target)]
     try:
         done = asked(command)
     except OSError as error:

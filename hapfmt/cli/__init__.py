@@ -19,8 +19,16 @@ VERBS = {
     "verify": "Check every rule of a file, and its deadband contract.",
     "du": "Where the bytes go, by cause and by track.",
     "dump": "All of a file as canonical JSON.",
+    "subset": "Some channels, a stretch of time, one band; nothing is encoded anew.",
+    "split": "Parts of some length, or at some times.",
+    "concat": "Files one after the other.",
+    "merge": "Channels that were recorded apart, on one time line.",
+    "attach": "Files inside the file: add, list, extract.",
+    "annotate": "Markers and annotations: add, list.",
+    "meta": "Show or set the metadata.",
     "clocks": "Other clocks: what was observed, offset, drift, jitter.",
     "convert": "From any format to any other.",
+    "record": "Record samples as they come from another program.",
     "demo": "Simulate a stylus on a texture, encode it, show what it costs.",
 }
 ERROR = 1

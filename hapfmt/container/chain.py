@@ -16,8 +16,6 @@ from .wire import HEADER_SIZE
 if TYPE_CHECKING:
     from ..catalogue import Catalogue
 
-FOOT_SIZE = HEADER_SIZE + 32
-
 
 def index_chain(source: Source, offset: int, file_id: int) -> list[tuple[int, Index]]:
     """Offsets and indexes, oldest first, of the chain that ends at ``offset``."""
@@ -55,12 +53,14 @@ def chain_of(catalogue: Catalogue, entries: Sequence[IndexEntry]) -> list[tuple[
 
 
 def last_sequence(catalogue: Catalogue) -> int:
-    """Of a file without damage."""
-    numbers = [ref.sequence for ref in catalogue.chunks if ref.sequence is not None]
-    if catalogue.indexed:
-        foot = header_at(catalogue.source, catalogue.source.size - FOOT_SIZE, None)
-        numbers = [foot.sequence] if foot else []
-    return max(numbers)
+    """Of a file without damage: an index lists neither itself nor what follows it."""
+    source = catalogue.source
+    file_id = catalogue.head.file_id if catalogue.head else None
+    position, sequence = max(ref.offset for ref in catalogue.chunks), 0
+    while (header := header_at(source, position, file_id)) is not None:
+        sequence = header.sequence
+        position += HEADER_SIZE + header.payload_size
+    return sequence
 
 
 def copied_tracks(source: Source, entries: Sequence[IndexEntry]) -> set[int]:

@@ -170,7 +170,12 @@ class FileWriter:
         self.offset += len(data)
 
     def chunk(
-        self, type_: str, payload: bytes, track: int = NO_TRACK, times: tuple[int, int] = (0, 0)
+        self,
+        type_: str,
+        payload: bytes,
+        track: int = NO_TRACK,
+        times: tuple[int, int] = (0, 0),
+        flags: int = 0,
     ) -> None:
         """One whole chunk in one write (SPEC WRT-001)."""
         if self.failed:
@@ -185,12 +190,11 @@ class FileWriter:
         if self.sequence >= SEQUENCE_LIMIT:
             raise ParameterError("a file holds at most 2^32 chunks")
         entry = IndexEntry(type_, self.offset, *times)
+        chunk = build_chunk(
+            type_, payload, file_id=self.file_id, sequence=self.sequence, track=track, flags=flags
+        )
         try:
-            self.put(
-                build_chunk(
-                    type_, payload, file_id=self.file_id, sequence=self.sequence, track=track
-                )
-            )
+            self.put(chunk)
         except OSError as error:
             self.end_early(error)
             raise
@@ -235,8 +239,7 @@ class FileWriter:
                 weight = len(packet.data) + entry_size(packet)
                 count = self.tracks[packet.track].weight(packet.span, len(packet.data))
                 # Packets of events may start together; in one cluster they must not (DAT-002).
-                place = packet.track, packet.start
-                again = batch and (batch[-1].track, batch[-1].start) == place
+                again = batch and (batch[-1].track, batch[-1].start) == (packet.track, packet.start)
                 full = (
                     again
                     or size + weight > target
@@ -359,11 +362,8 @@ class FileWriter:
         if self.ending:
             return
         self.ending = True
-        if (
-            getattr(self.stream, "whole_writes", False)
-            and self.entries
-            and complete(self.tracks.values())
-        ):
+        whole = not self.closed and getattr(self.stream, "whole_writes", False)
+        if whole and self.entries and complete(self.tracks.values()):
             # An index of everything may find no room where one of the rest does.
             for closing in (True, False):
                 with suppress(OSError):

@@ -141,10 +141,16 @@ def parse_header(data: bytes, offset: int) -> ChunkHeader:
 
 
 def build_chunk(
-    type_: str, payload: bytes, *, file_id: int, sequence: int, track: int = NO_TRACK
+    type_: str,
+    payload: bytes,
+    *,
+    file_id: int,
+    sequence: int,
+    track: int = NO_TRACK,
+    flags: int = 0,
 ) -> bytes:
     """A whole chunk, header and payload."""
-    header = ChunkHeader(type_, file_id, sequence, len(payload), track, 0, crc32(payload))
+    header = ChunkHeader(type_, file_id, sequence, len(payload), track, flags, crc32(payload))
     return header.build() + payload
 
 

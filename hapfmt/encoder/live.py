@@ -7,10 +7,12 @@ long as what a crash may take: one cluster.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ..container.cluster import Packet
@@ -18,11 +20,16 @@ from ..container.track import Track
 from ..errors import ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level
 from ..live.inputs import Input
-from .live_counts import GridLane
+from .live_counts import GridLane, Way, counts_of_block
+from .live_deadband import DeadbandLane
 from .live_exact import choose_exact
-from .live_plan import check_settings, plan_input
+from .live_many import Job, Made, Missing, Shelf, encode_blocks
+from .live_plan import Plan, check_settings, plan_input
 from .settings import Settings
 from .source import PACKET_SAMPLES
+
+NATIVE = (np.dtype(np.int16), np.dtype(np.int32), np.dtype(np.int64))
+"""What the compiled loop takes as it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +51,18 @@ class Lane(Protocol):
 
     track: Track
 
-    def adopt(self, track: Track) -> None: ...
+    @property
+    def ways(self) -> Sequence[Way]:
+        """What packs the next block together with those of other channels; none where something
+        must be found out first."""
 
-    def code(self, values: NDArray[Any], start: int, /) -> bytes: ...
+    def take(self, packets: Sequence[bytes], /) -> bytes:
+        """Which of the packets, one of each way, it is."""
+
+    def code(self, values: NDArray[Any], start: int, /) -> bytes:
+        """The packet of a block on its own."""
+
+    def adopt(self, track: Track, /) -> None: ...
 
 
 class LiveEncoder:
@@ -61,6 +77,9 @@ class LiveEncoder:
         self.next_track = first_track
         self.lanes: dict[int, Lane] = {}
         self.adopted: dict[int, Track] = {}
+        self.plans: dict[int, Plan] = {}
+        self.shelf = Shelf()
+        self.undelivered: list[Track] = []
 
     def level(self, inputs: Iterable[Input]) -> Level:
         """The level of a file that any samples of these inputs fit; ParameterError where one of
@@ -82,23 +101,93 @@ class LiveEncoder:
 
     def encode(self, blocks: Sequence[Block]) -> tuple[list[Track], list[Packet]]:
         """New tracks in order of their ids, to be described first; and the packets, in order of
-        (track, start)."""
+        (track, start).
+
+        Where a block is refused no packet of the call counts; the others may be given again, and
+        what was made for them is described then.
+        """
         for block in blocks:
             check_block(block)
-        tracks = self.begin(blocks)
+        tracks = self.undelivered
+        tracks += self.begin(blocks)
+        pieces = [piece for block in blocks for piece in cut(block)]
+        together = self.together(pieces)
         packets = []
-        for block in blocks:
-            lane = self.lanes[block.channel]
-            for at in range(0, block.values.size, PACKET_SAMPLES):
-                piece, start = block.values[at : at + PACKET_SAMPLES], block.start + at
-                data = lane.code(piece, start)
-                if lane.track.id < 0:
-                    tracks.append(self.number(lane))
-                packets.append(Packet(lane.track.id, start, piece.size, data))
-        return tracks, sorted(packets, key=lambda packet: (packet.track, packet.start))
+        for place, piece in enumerate(pieces):
+            lane, made = self.lanes[piece.channel], together.get(place)
+            data = lane.take(made) if made else lane.code(piece.values, piece.start)
+            if lane.track.id < 0:
+                tracks.append(self.number(lane))
+            packets.append(Packet(lane.track.id, piece.start, piece.values.size, data))
+        self.undelivered = []
+        return tracks, sorted(packets, key=attrgetter("track", "start"))
+
+    def together(self, pieces: Sequence[Block]) -> dict[int, list[bytes]]:
+        """Packets of those pieces, by their places, that are packed in one call: of each channel
+        the first at most, since what follows may depend on it."""
+        given: list[tuple[int, Way, NDArray[Any]]] = []
+        seen: set[int] = set()
+        for place, piece in enumerate(pieces):
+            if piece.channel not in seen:
+                seen.add(piece.channel)
+                ways = self.lanes[piece.channel].ways
+                if ways:
+                    counts = self.counts(piece)
+                    given += [(place, way, counts) for way in ways]
+        jobs = [way.job(counts) for _, way, counts in given]
+        made = self.call(jobs)
+        for (place, _, _), (found, _) in zip(given, made, strict=True):
+            if found is Missing.OUTSIDE:
+                self.refuse(pieces[place])
+        packets = [
+            way.take(job, one) for (_, way, _), job, one in zip(given, jobs, made, strict=True)
+        ]
+        again = [at for at, packet in enumerate(packets) if packet is None]
+        jobs = [given[at][1].job(given[at][2], again=True) for at in again]
+        for at, job, one in zip(again, jobs, self.call(jobs), strict=True):
+            packets[at] = given[at][1].take(job, one)
+        packed: dict[int, list[bytes]] = {}
+        for (place, _, _), packet in zip(given, packets, strict=True):
+            assert packet is not None
+            packed.setdefault(place, []).append(packet)
+        return packed
+
+    def call(self, jobs: Sequence[Job]) -> list[Made]:
+        """All jobs of one length in one call."""
+        alike: dict[int, list[int]] = {}
+        for place, job in enumerate(jobs):
+            alike.setdefault(job.block.size, []).append(place)
+        made: dict[int, Made] = {}
+        for places in alike.values():
+            found = encode_blocks([jobs[place] for place in places], self.shelf)
+            made |= zip(places, found, strict=True)
+        return [made[place] for place in range(len(jobs))]
+
+    def refuse(self, piece: Block) -> None:
+        """Raises what is wrong with its counts."""
+        plan = self.plan(piece.channel, piece.input)
+        counts_of_block(plan, piece.values, piece.channel, piece.start)
+
+    def counts(self, piece: Block) -> NDArray[Any]:
+        """As the compiled loop takes them, which looks at their range."""
+        values = piece.values
+        if values.dtype in NATIVE and piece.input.takes_counts:
+            return np.ascontiguousarray(values)
+        plan = self.plan(piece.channel, piece.input)
+        return counts_of_block(plan, values, piece.channel, piece.start)
+
+    def plan(self, channel: int, given: Input) -> Plan:
+        found = self.plans.get(channel)
+        if found is None or found.input != given:
+            found = self.plans[channel] = plan_input(given, self.settings)
+        return found
 
     def begin(self, blocks: Sequence[Block]) -> list[Track]:
-        """The tracks of channels that are new, those together that can share a chunk."""
+        """The tracks of those channels that are new, those together that can share a chunk.
+
+        ``encode`` does so by itself. A channel of counts may be begun before it has samples, by a
+        block of one sample, whichever; one that never has any is described so at the end.
+        """
         new: dict[int, Lane] = {}
         for block in blocks:
             if block.channel not in self.lanes and block.channel not in new:
@@ -118,17 +207,32 @@ class LiveEncoder:
         return lane.track
 
     def lane_of(self, block: Block) -> Lane:
-        plan = plan_input(block.input, self.settings)
+        plan = self.plan(block.channel, block.input)
         adopted = self.adopted.get(block.channel)
+        number, first = block.channel, block.values[:PACKET_SAMPLES]
         lane: Lane
-        if plan.channel.calibration is not None:
-            lane = GridLane(plan, block.channel)
+        if plan.channel.calibration is None:
+            lane = choose_exact(plan, number, first, adopted)
+        elif plan.settings.preset == "deadband" and plan.bound is not None:
+            lane = DeadbandLane(plan, plan.bound, number, self.shelf)
         else:
-            lane = choose_exact(plan, block.channel, block.values[:PACKET_SAMPLES], adopted)
+            lane = GridLane(plan, number, self.shelf)
         if adopted is not None:
             check_continued(lane.track, adopted)
             lane.adopt(adopted)
+        if isinstance(lane, DeadbandLane):
+            lane.begin(first, block.start)
         return lane
+
+
+def cut(block: Block) -> Iterator[Block]:
+    """Pieces that are not too long for a packet."""
+    if block.values.size <= PACKET_SAMPLES:
+        yield block
+        return
+    for at in range(0, block.values.size, PACKET_SAMPLES):
+        piece = block.values[at : at + PACKET_SAMPLES]
+        yield Block(block.channel, block.input, block.start + at, piece)
 
 
 def check_block(block: Block) -> None:

@@ -6,41 +6,45 @@ any binary64 number has one, since places are counted modulo 2^64 (SPEC 9.7).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from itertools import product
-from math import frexp
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.exact import WHOLE, ExactParameters, Lacking
+from ..codecs.grids import LpcParameters
 from ..codecs.raw import RawParameters, encode_raw
 from ..codecs.values import Counts, Doubles, ordered, spread_of
 from ..container.track import Affine, Track
 from ..errors import ParameterError
 from ..integers import build_varint
-from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
+from ..limits import EXACT_LIMIT, LEVELS
 from ..recording import Calibration
 from .exact import natural_candidate
 from .lattice import find_lattice
+from .live_counts import Way
+from .live_many import Shelf, Task
 from .live_plan import Plan
-from .predict import encode_best
 
 COUNT_BITS = LEVELS[1].count_bits
 LOW, HIGH = -(1 << (COUNT_BITS - 1)), (1 << (COUNT_BITS - 1)) - 1
 
-HEADROOM = 5
-"""Bits of the counts that the first block leaves for later ones: 32 times its range."""
+HEADROOM, AT_REST = 32, Fraction(2)
+"""How many times the range of the first block the counts hold; and the range of nothing but 0."""
+
+POWERS, MIDDLE = range(15, -10, -1), 1 << 51
+"""Decimals of a step, and the numerator of the middle count: what calibrations hold (VAL-001 and
+VAL-002)."""
 
 SEEN = 16
 """So many distinct values tell a lattice; fewer only one of plain decimals or binary fractions."""
 
 PLAIN = 10**7
 """A denominator of plain decimals, at most."""
-
-AT_REST_BITS = 16
-"""Of the fractions that a channel gets whose first block is nothing but zeros."""
 
 ALL_WAYS, AGAIN = tuple(product((False, True), repeat=2)), 16
 """Ways to code corrections (recall, relative); after so many packets all are tried again."""
@@ -114,9 +118,9 @@ class Lattice:
 
 def lattices(x: Doubles) -> list[Lattice]:
     """What may serve the channel that begins with x: a natural lattice where x tells one, and a
-    binary grid."""
+    grid of decimals."""
     finite = x[np.isfinite(x)]
-    found = [binary_grid(finite)]
+    found = [decimal_grid(finite)]
     distinct = np.unique(finite).size
     if finite.size < x.size or distinct < 2:
         return found
@@ -128,25 +132,28 @@ def lattices(x: Doubles) -> list[Lattice]:
     return [lattice for lattice in found if lattice.calibration.covers(LOW, HIGH)]
 
 
-def binary_grid(x: Doubles) -> Lattice:
-    """Multiples of a power of two; the range of finite x takes all bits but the headroom."""
+def decimal_grid(x: Doubles) -> Lattice:
+    """Multiples of a power of ten, a range of many times that of x about its middle: no worse than
+    those of a power of two, and what turns out to be plain decimals later has no corrections."""
     low, high = (float(x.min()), float(x.max())) if x.size else (0.0, 0.0)
-    if low == high:
-        low, high = -abs(low), abs(high)
-    power = AT_REST_BITS
-    if low < high:
-        power = COUNT_BITS - 1 - HEADROOM - frexp(high / 2 - low / 2)[1] - 1
-    # Counts, and B with them, stay below 2^52, D below 2^53.
-    power = max(min(power, 52, 51 - frexp(max(-low, high))[1]), COUNT_BITS - 52)
-    middle = int(np.rint(np.ldexp(low / 2 + high / 2, power)))
-    a, d = (1, 1 << power) if power >= 0 else (1 << -power, 1)
-    if not 1 << (COUNT_BITS - 2) <= abs(middle) < AFFINE_LIMIT // a:
-        middle = 0
-    return Lattice(Calibration(a, middle * a, d), ExactParameters())
+    half, middle = Fraction(high) / 2 - Fraction(low) / 2, Fraction(high) / 2 + Fraction(low) / 2
+    if not half:
+        half, middle = abs(middle), Fraction(0)
+    if abs(middle) < HEADROOM * half:
+        middle = Fraction(0)
+    reach = HEADROOM * (half or AT_REST)
+    for places in POWERS:
+        a, d = 10 ** max(-places, 0), 10 ** max(places, 0)
+        offset = round(middle * d / a) * a
+        if HIGH * a >= reach * d and abs(offset) < MIDDLE:
+            return Lattice(Calibration(a, offset, d), ExactParameters())
+    return Lattice(Calibration(a, 0, d), ExactParameters())
 
 
 class ExactLane:
     """Counts and corrections: LPCX."""
+
+    ways: tuple[Way, ...] = ()
 
     def __init__(self, plan: Plan, number: int, lattice: Lattice) -> None:
         self.plan, self.number, self.lattice = plan, number, lattice
@@ -159,7 +166,16 @@ class ExactLane:
             count_max=lattice.high,
         )
         self.wider: Track | None = None
-        self.way, self.left = ALL_WAYS[0], 0
+        self.packer = self.packer_of(lattice)
+        self.beside_way, self.left = ALL_WAYS[0], 0
+
+    def packer_of(self, lattice: Lattice) -> Way:
+        """How its counts are packed."""
+        task = Task(lattice.low, lattice.high, LpcParameters(), None)
+        return Way(task, Shelf(), fast=self.plan.settings.fast)
+
+    def take(self, packets: Sequence[bytes]) -> bytes:
+        return packets[0]
 
     def adopt(self, track: Track) -> None:
         """Goes on with a track of the same lattice while its range holds the counts."""
@@ -176,13 +192,14 @@ class ExactLane:
         x = numbers_of_block(self.plan, values, self.number).astype(np.float64, copy=False)
         if self.wider and not within(self.lattice.nearest(x), self.lattice):
             self.track, self.lattice, self.wider = self.wider, self.lattice.wide, None
+            self.packer = self.packer_of(self.lattice)
         lacking = self.lattice.lacking(x)
-        coded = encode_best(lacking.counts, thorough=False)
+        coded = self.packer.pack(lacking.counts)
         return build_varint(len(coded)) + coded + self.beside(lacking)
 
     def beside(self, lacking: Lacking) -> bytes:
         """The corrections, the way that was smallest when all were tried last."""
-        ways = [self.way] if self.left else ALL_WAYS
+        ways = [self.beside_way] if self.left else ALL_WAYS
         self.left = (self.left or AGAIN) - 1
         smallest: bytes | None = None
         for way in ways:
@@ -190,7 +207,7 @@ class ExactLane:
             below = WHOLE if smallest is None else len(smallest)
             data = lacking.build(recall=recall, relative=relative, below=below)
             if data is not None and (smallest is None or len(data) < len(smallest)):
-                smallest, self.way = data, way
+                smallest, self.beside_way = data, way
         assert smallest is not None
         return smallest
 
@@ -201,6 +218,8 @@ def within(counts: Counts, lattice: Lattice) -> bool:
 
 class WordsLane:
     """Words as they are: RAWB."""
+
+    ways: tuple[Way, ...] = ()
 
     def __init__(self, plan: Plan, number: int, number_format: str) -> None:
         self.plan, self.number = plan, number
@@ -213,6 +232,9 @@ class WordsLane:
             count_min=0,
             count_max=0,
         )
+
+    def take(self, packets: Sequence[bytes]) -> bytes:
+        return packets[0]
 
     def adopt(self, track: Track) -> None:
         self.track = track

@@ -6,6 +6,8 @@ and of the two the one whose prediction errors are the smaller. kernels/ has the
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,8 +56,7 @@ def encode_quick(indices: Indices) -> bytes:
 
 
 def choose_quick(indices: Indices) -> Predictor:
-    first, size = int(indices[0]), indices.size
-    costs = 2.0 ** (np.arange(1, ORDERS + 1) * (2 * COST / size))
+    first, costs = int(indices[0]), costs_of(indices.size)
     if compiled is not None:
         found, coefficients = np.zeros(ORDERS, np.int8), np.zeros(ORDERS, np.int32)
         g, order = compiled.quick_predictor(indices, TABLE, LIMITS, costs, found, coefficients)
@@ -75,6 +76,12 @@ def choose_quick(indices: Indices) -> Predictor:
         if size >= 0 and (smallest < 0 or size < smallest):
             return linear
     return best
+
+
+@lru_cache(maxsize=32)
+def costs_of(size: int) -> NDArray[np.float64]:
+    """By what factor each order is to lower the energy of so many samples."""
+    return np.asarray(2.0 ** (np.arange(1, ORDERS + 1) * (2 * COST / size)))
 
 
 def linear_predictor(indices: Indices, costs: list[float]) -> Predictor:

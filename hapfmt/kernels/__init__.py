@@ -2,9 +2,9 @@
 
 ``HAPFMT_PURE=1`` in the environment leaves them out. Here are the types of what C gives. Each .c
 file has the functions of one codec or search, and names its twin: lpcr, rice, knots, knots_coded,
-huffman (QUAN), exact (LPCX) and levels (grids) of codecs/; select, tube, sweep, links and vectors
-of encoder/. Shared headers: models.h, coder.h and integers.h are SPEC 9.4, one above the other;
-lpcr.h 9.5, search.h its predictors, lines.h lines between knots.
+huffman (QUAN), exact (LPCX) and levels (grids) of codecs/; select, tube, sweep, links, vectors
+and live (many packets in one call) of encoder/. Shared headers: models.h, coder.h and integers.h
+are SPEC 9.4, one above the other; lpcr.h 9.5, search.h its predictors, lines.h lines between knots.
 """
 
 from __future__ import annotations
@@ -271,6 +271,28 @@ class QuickPredictor(Protocol):
     ) -> tuple[int, int]: ...
 
 
+class EncodeBlocks(Protocol):
+    """(blocks: list of int16, int32 or int64 [samples], levels and tops: list of int64 [2, levels],
+    tasks, habits, hows uint8 [blocks], sines int32 [128], limits float64 [127], costs float64 [12],
+    uint8 packets, ends int64 [blocks]) -> bytes written; the last two are filled, habits become
+    those that were found. encoder/live_many.py says more."""
+
+    def __call__(
+        self,
+        blocks: list[NDArray[Any]],
+        grids: list[NDArray[Any]],
+        tasks: Buffer,
+        habits: Buffer,
+        hows: Buffer,
+        sines: Buffer,
+        limits: Buffer,
+        costs: Buffer,
+        packets: Buffer,
+        ends: Buffer,
+        /,
+    ) -> int: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -324,6 +346,8 @@ class Kernels(Protocol):
     def rice_encode(self) -> RiceLoop: ...
     @property
     def quick_predictor(self) -> QuickPredictor: ...
+    @property
+    def encode_blocks(self) -> EncodeBlocks: ...
 
     def clamp_counts(
         self, numbers: Buffer, step: int, zero: int, low: int, high: int, counts: Buffer, /

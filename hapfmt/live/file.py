@@ -18,7 +18,7 @@ from ..atomic import refuse, sync_directory
 from ..container.source import FILE_GAP
 from ..container.wire import SIGNATURE
 from ..errors import ParameterError
-from .lock import lock, unlock
+from ..lock import lock, unlock
 
 OPENED = os.O_RDWR | getattr(os, "O_BINARY", 0)
 TRIES = 8

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite
 
+from ..container.tlv import encode_text
 from ..errors import ParameterError
 from ..numbers import exact
 from ..recording import Calibration
@@ -36,6 +37,9 @@ class Input:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rate", exact(self.rate))
+        for text in (self.label, self.unit, self.quantity, self.axis, self.group, self.body_site):
+            encode_text(text)
+        encode_text(self.device)
         if self.rate <= 0:
             raise ParameterError(f"the rate of {self.label!r} is positive")
         if self.bits not in COUNT_BITS:

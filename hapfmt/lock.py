@@ -7,11 +7,14 @@ import importlib
 import os
 from types import ModuleType
 
-FAR = 1 << 62
-"""Where Windows locks a byte: beyond every file, so that readers are not kept out."""
+FAR = 1 << 43
+"""Where Windows locks a byte: 8 TiB, beyond every file, so that readers are not kept out."""
 
 TAKEN = {errno.EACCES, errno.EAGAIN, errno.EDEADLK}
-MISSING = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EINVAL}
+MISSING = {
+    errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EINVAL, errno.EBADF
+}  # fmt: skip
+"""EBADF: over a network, where the file is open for reading only."""
 
 
 def optional(name: str) -> ModuleType | None:
@@ -47,6 +50,20 @@ def unlock(descriptor: int) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_UN)
     elif msvcrt is not None:
         lock_far(msvcrt, msvcrt.LK_UNLCK, descriptor)
+
+
+def in_use(path: str | os.PathLike[str]) -> bool:
+    """Whether a writer has the file; False where nobody can tell."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        return lock(descriptor) is False
+    except OSError:
+        return False
+    finally:
+        os.close(descriptor)
 
 
 def lock_far(msvcrt: ModuleType, mode: int, descriptor: int) -> None:

@@ -1,0 +1,180 @@
+"""hapfmt annotate"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ParameterError
+from .common import (
+    FractionType,
+    echo_json,
+    force_option,
+    input_of,
+    json_option,
+    output_of,
+    refuse_target,
+    table,
+)
+from .editing import out_option, tell_added
+
+if TYPE_CHECKING:
+    from ..events import Event
+
+TIMES, TEXTS = ("time", "onset"), ("text", "trial_type")
+"""Names of columns; the second ones are those of BIDS."""
+
+
+@click.command(short_help="Markers and annotations: add, list.")
+@click.argument("file", metavar="FILE")
+@click.argument("text", metavar="[TEXT]", required=False)
+@click.option("--at", type=FractionType(), metavar="S", help="When, in seconds.")
+@click.option("--duration", type=FractionType(), metavar="S", help="For how long. [a moment]")
+@click.option("--channel", help="Label or number of the channel it speaks of. [all]")
+@click.option("--layer", default="", help="Events that belong together, such as an observer's.")
+@click.option(
+    "--from",
+    "table_",
+    metavar="TABLE",
+    help="Many at once: CSV with the columns time (or onset), duration, channel, layer, text (or "
+    "trial_type), or JSON lines with such members.",
+)
+@click.option("--list", "list_", is_flag=True, help="What is annotated, of --layer if given.")
+@out_option
+@force_option
+@json_option
+def annotate(
+    file: str,
+    text: str | None,
+    at: Fraction | None,
+    duration: Fraction | None,
+    channel: str | None,
+    layer: str,
+    table_: str | None,
+    list_: bool,
+    out: str | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Add an event to the .hapf file FILE, in place. Nothing that stands in it changes.
+
+    \b
+    hapfmt annotate touch.hapf --at 1.25 "first contact"
+    hapfmt annotate touch.hapf --at 2 --duration 0.5 --channel force_z --layer anna slip
+    hapfmt annotate touch.hapf --from events.csv
+    hapfmt annotate touch.hapf --list
+    """
+    from .. import edit
+
+    if list_:
+        return show(file, layer, as_json)
+    one = [text, at, duration, channel]
+    if table_ is not None:
+        if any(x is not None for x in one):
+            raise ParameterError("--from, or one event with --at and TEXT, not both")
+        events = read_table(table_, layer)
+    else:
+        if text is None or at is None:
+            raise ParameterError("an event is --at SECONDS and TEXT; or give --from or --list")
+        row = {"time": at, "duration": duration, "channel": channel, "text": text}
+        events = [event_of(row, layer)]
+    if out is not None:
+        refuse_target(out, force)
+    given = input_of(file) if out is not None else file
+    notes = edit.annotate(given, events, out and output_of(out), force=force)
+    what = f"{len(events)} event{'s' * (len(events) > 1)} added"
+    tell_added(out or file, what, notes, as_json)
+    return 0
+
+
+def event_of(row: dict[str, Any], layer: str) -> Event:
+    from ..events import Event
+
+    channel = row.get("channel")
+    if isinstance(channel, str):
+        channel = channel or None
+    return Event(
+        row["time"], row.get("text") or "", row.get("duration") or Fraction(0), channel,
+        row.get("layer") or layer,
+    )  # fmt: skip
+
+
+def read_table(name: str, layer: str) -> list[Event]:
+    """CSV, or JSON lines where the first character is a brace."""
+    raw = sys.stdin.buffer.read() if name == "-" else Path(name).read_bytes()
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ParameterError("events are UTF-8 text", path=name) from None
+    rows = json_rows(text) if text.lstrip().startswith("{") else csv_rows(text)
+    events = []
+    for number, row in rows:
+        try:
+            time = next((row[x] for x in TIMES if row.get(x) not in (None, "")), None)
+            if time is None:
+                raise ParameterError("no time (nor onset)")
+            words = next((row[x] for x in TEXTS if row.get(x) is not None), "")
+            events.append(event_of({**row, "time": time, "text": words}, layer))
+        except ParameterError as error:
+            raise ParameterError(f"line {number}: {error.message}", path=name) from None
+    return events
+
+
+def csv_rows(text: str) -> list[tuple[int, dict[str, Any]]]:
+    first = text.split("\n", 1)[0]
+    delimiter = max("\t;,", key=first.count)
+    reader = csv.DictReader(io.StringIO(text, newline=""), delimiter=delimiter, restval="")
+    try:
+        return [
+            (reader.line_num, {str(key).strip().lower(): row[key] for key in row}) for row in reader
+        ]
+    except csv.Error as error:
+        raise ParameterError(f"not a CSV table: {error}") from None
+
+
+def json_rows(text: str) -> list[tuple[int, dict[str, Any]]]:
+    rows = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip():
+            continue
+        try:
+            row = json.loads(line, parse_float=str)
+        except (ValueError, RecursionError):
+            row = None
+        if not isinstance(row, dict):
+            raise ParameterError(f"line {number} is no JSON object")
+        rows.append((number, row))
+    return rows
+
+
+def show(file: str, layer: str, as_json: bool) -> int:
+    from ..reader import Reader
+    from .common import tell_losses
+
+    with Reader(input_of(file)) as reader:
+        events = reader.events(layers=[layer] if layer else None)
+        labels = {ref.number: ref.label for ref in reader.channels}
+        code = tell_losses(reader)
+    if as_json:
+        rows = [{**vars(e), "time": float(e.time), "duration": float(e.duration)} for e in events]
+        echo_json({"events": rows, "exit_code": code})
+    elif events:
+        table(
+            ["time s", "duration s", "channel", "layer", "text"],
+            [
+                [
+                    f"{float(e.time):.9g}", f"{float(e.duration):.9g}",
+                    "-" if e.channel is None else labels.get(int(e.channel)) or str(e.channel),
+                    e.layer, e.text,
+                ]
+                for e in events
+            ],
+        )  # fmt: skip
+    return code

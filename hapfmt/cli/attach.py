@@ -1,0 +1,101 @@
+"""hapfmt attach"""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import click
+
+from ..errors import ParameterError
+from .common import (
+    echo_json,
+    force_option,
+    input_of,
+    json_option,
+    output_of,
+    printable,
+    refuse_target,
+    table,
+)
+from .editing import out_option, tell_added
+
+if TYPE_CHECKING:
+    from ..edit import Original
+
+
+@click.command(short_help="Files inside the file: add, list, extract.")
+@click.argument("file", metavar="FILE")
+@click.argument("paths", metavar="[PATH]...", nargs=-1)
+@click.option("--name", help="Name of the attachment, for one PATH. [its own]")
+@click.option("--media-type", help="Such as text/plain or image/png. [guessed from the name]")
+@click.option("--list", "list_", is_flag=True, help="What is attached.")
+@click.option(
+    "--extract", is_flag=True, help="Write attachments into a folder: PATH are names. [all]"
+)
+@click.option("--to", "folder", default=".", show_default=True, help="Folder to extract into.")
+@out_option
+@force_option
+@json_option
+def attach(
+    file: str,
+    paths: tuple[str, ...],
+    name: str | None,
+    media_type: str | None,
+    list_: bool,
+    extract: bool,
+    folder: str,
+    out: str | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Attach the files PATH to the .hapf file FILE, in place. Nothing that stands in it changes.
+
+    \b
+    hapfmt attach touch.hapf photo.png calibration.pdf
+    hapfmt attach touch.hapf --list
+    hapfmt attach touch.hapf --extract photo.png --to /tmp
+    """
+    from .. import edit
+
+    if list_ and extract:
+        raise ParameterError("--list or --extract, not both")
+    if list_:
+        with edit.Original(input_of(file), scan=False) as original:
+            show(original, as_json)
+        return 0
+    if extract:
+        written = edit.extract(input_of(file), paths or None, folder, force=force)
+        if as_json:
+            echo_json({"files": [os.fspath(path) for path in written]})
+        for path in () if as_json else written:
+            click.echo(printable(os.fspath(path)))
+        return 0
+    if not paths:
+        raise ParameterError("nothing to attach: give files, --list or --extract")
+    if name is not None and len(paths) != 1:
+        raise ParameterError("--name is for one file")
+    attachments = [edit.attachment_of(path, name=name, media_type=media_type) for path in paths]
+    if out is not None:
+        refuse_target(out, force)
+    given = input_of(file) if out is not None else file
+    notes = edit.attach(given, attachments, out and output_of(out), force=force)
+    names = ", ".join(attachment.name for attachment in attachments)
+    tell_added(out or file, f"attached {names}", notes, as_json)
+    return 0
+
+
+def show(original: Original, as_json: bool) -> None:
+    known = original.catalogue.attachments
+    if as_json:
+        echo_json(
+            {
+                "attachments": [
+                    {"name": name, "media_type": a.media_type, "size": len(a.content)}
+                    for name, a in known.items()
+                ]
+            }
+        )
+    elif known:
+        rows = [[name, a.media_type, str(len(a.content))] for name, a in known.items()]
+        table(["name", "media type", "bytes"], rows)

@@ -1,0 +1,75 @@
+"""hapfmt concat"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import click
+
+from ..errors import ParameterError
+from .common import (
+    FractionType,
+    force_option,
+    input_of,
+    json_option,
+    output_of,
+    progress,
+    refuse_target,
+)
+from .editing import by_epoch_option, canonical_option, same_times_option, tell
+
+if TYPE_CHECKING:
+    from ..edit import Times
+
+
+@click.command(short_help="Files one after the other.")
+@click.argument("sources", metavar="IN...", nargs=-1, required=True)
+@click.argument("target", metavar="OUT")
+@click.option(
+    "--gap",
+    type=FractionType(),
+    metavar="S",
+    help="Seconds between the end of a file and the zero of the next.",
+)
+@by_epoch_option
+@same_times_option
+@canonical_option
+@force_option
+@json_option
+def concat(
+    sources: tuple[str, ...],
+    target: str,
+    gap: Fraction | None,
+    by_epoch: bool,
+    same_times: bool,
+    canonical: int | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Put the .hapf files IN one after the other into OUT. Packets are copied bit for bit.
+
+    Channels are matched by label, or by number where labels are missing. Parts of one recording, as
+    split makes them, keep their times; else each file begins where the one before ends.
+
+    \b
+    hapfmt concat part-*.hapf whole.hapf
+    hapfmt concat monday.hapf tuesday.hapf both.hapf --gap 1
+    """
+    from .. import edit
+
+    refuse_target(target, force)
+    times = times_of(by_epoch, same_times)
+    with progress("copying") as advance:
+        edited = edit.concat(
+            [input_of(source) for source in sources], output_of(target), times=times, gap=gap,
+            canonical=canonical, force=force, progress=advance,
+        )  # fmt: skip
+    tell(edited, target, as_json)
+    return 0
+
+
+def times_of(by_epoch: bool, same_times: bool) -> Times | None:
+    if by_epoch and same_times:
+        raise ParameterError("--by-epoch or --same-times, not both")
+    return "epoch" if by_epoch else "same" if same_times else None

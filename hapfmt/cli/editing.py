@@ -1,0 +1,87 @@
+"""What the verbs that edit share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ParameterError
+from ..numbers import exact
+from .common import echo_json, printable
+
+if TYPE_CHECKING:
+    from ..edit import Edited
+
+canonical_option = click.option(
+    "--canonical",
+    type=click.IntRange(0, (1 << 32) - 1),
+    metavar="FILE_ID",
+    help="The same input gives the same bytes; FILE_ID stands for the random file id.",
+)
+to_zero_option = click.option(
+    "--to-zero",
+    is_flag=True,
+    help="Move the first packet to tick 0, as nearly as whole ticks of every track allow, and the "
+    "epoch with it.",
+)
+by_epoch_option = click.option(
+    "--by-epoch", is_flag=True, help="Place each file as its epoch says, to the nearest whole tick."
+)
+same_times_option = click.option(
+    "--same-times", is_flag=True, help="Tick 0 of all files is the same moment."
+)
+out_option = click.option(
+    "-o", "--out", metavar="OUT", help="Leave FILE as it is, and write a copy with what is added."
+)
+
+
+def tell(edited: Edited, target: str, as_json: bool) -> None:
+    """What was written, and what not; nothing on standard output where the file goes there."""
+    if target == "-":
+        for note in edited.notes:
+            click.echo(f"note: {printable(note)}", err=True)
+    elif as_json:
+        echo_json(edited.as_json())
+    else:
+        show(edited)
+
+
+def show(edited: Edited) -> None:
+    click.echo(f"{printable(edited.file or '-')}: {line(edited)}")
+    for note in edited.notes:
+        click.echo(f"note: {printable(note)}", err=True)
+
+
+def line(edited: Edited) -> str:
+    span = "no samples"
+    if edited.start is not None and edited.stop is not None:
+        span = f"{float(edited.start):.6g} s to {float(edited.stop):.6g} s"
+    return (
+        f"{edited.file_size} bytes, {len(edited.channels)} channels, {span}, "
+        f"{edited.packet_count} packets"
+    )
+
+
+def named(pairs: tuple[str, ...], files: tuple[str, ...]) -> dict[int, Any]:
+    """FILE=SECONDS by the place of the file."""
+    found: dict[int, Any] = {}
+    for pair in pairs:
+        name, equals, text = pair.rpartition("=")
+        if not equals or files.count(name) != 1:
+            raise ParameterError(f"--offset is IN=SECONDS, of one of the files, unlike {pair!r}")
+        found[files.index(name)] = exact(text)
+    return found
+
+
+def tell_added(file: str, what: str, notes: Sequence[str], as_json: bool) -> None:
+    """What was appended to a file; nothing on standard output where the file goes there."""
+    for note in notes:
+        click.echo(f"note: {printable(note)}", err=True)
+    if file == "-":
+        return
+    if as_json:
+        echo_json({"file": file, "notes": list(notes)})
+    else:
+        click.echo(f"{printable(file)}: {printable(what)}")

@@ -1,0 +1,76 @@
+"""hapfmt merge"""
+
+from __future__ import annotations
+
+import click
+
+from ..errors import ParameterError
+from .common import (
+    force_option,
+    input_of,
+    json_option,
+    output_of,
+    progress,
+    refuse_target,
+)
+from .concat import times_of
+from .editing import by_epoch_option, canonical_option, named, same_times_option, tell
+
+
+@click.command(short_help="Channels that were recorded apart, on one time line.")
+@click.argument("sources", metavar="IN...", nargs=-1, required=True)
+@click.argument("target", metavar="OUT")
+@by_epoch_option
+@same_times_option
+@click.option(
+    "--offset",
+    "offsets",
+    multiple=True,
+    metavar="IN=S",
+    help="Where the zero of IN lies, in seconds: whole ticks of its tracks. May be given several "
+    "times; the others lie at 0.",
+)
+@click.option(
+    "--prefix",
+    "prefixes",
+    multiple=True,
+    metavar="TEXT",
+    help="Stands before the labels of a file's channels: one for each file, in their order.",
+)
+@canonical_option
+@force_option
+@json_option
+def merge(
+    sources: tuple[str, ...],
+    target: str,
+    by_epoch: bool,
+    same_times: bool,
+    offsets: tuple[str, ...],
+    prefixes: tuple[str, ...],
+    canonical: int | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Put the channels of the .hapf files IN side by side into OUT. Packets are copied bit for bit.
+
+    Files of one recording, and such with the same epoch, share their time line; others need an
+    option that says how their times belong together.
+
+    \b
+    hapfmt merge force.hapf skin.hapf both.hapf --by-epoch
+    hapfmt merge left.hapf right.hapf hands.hapf --same-times --prefix left/ --prefix right/
+    """
+    from .. import edit
+
+    refuse_target(target, force)
+    if prefixes and len(prefixes) != len(sources):
+        raise ParameterError("one --prefix for each file; it may be empty")
+    times, given = times_of(by_epoch, same_times), named(offsets, sources)
+    with progress("copying") as advance:
+        edited = edit.merge(
+            [input_of(source) for source in sources], output_of(target), times=times,
+            offsets=given, prefixes=prefixes or None, canonical=canonical, force=force,
+            progress=advance,
+        )  # fmt: skip
+    tell(edited, target, as_json)
+    return 0

@@ -1,0 +1,69 @@
+"""hapfmt meta"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+
+from ..errors import ParameterError
+from .common import (
+    echo_json,
+    force_option,
+    input_of,
+    json_option,
+    output_of,
+    printable,
+    refuse_target,
+)
+from .editing import out_option, tell_added
+
+
+@click.command(short_help="Show or set the metadata.")
+@click.argument("file", metavar="FILE")
+@click.argument("members", metavar="[KEY=VALUE]...", nargs=-1)
+@out_option
+@force_option
+@json_option
+def meta(file: str, members: tuple[str, ...], out: str | None, force: bool, as_json: bool) -> int:
+    """Set members of the metadata of the .hapf file FILE, in place; without any, show them all.
+
+    VALUE is JSON, or else a text.
+
+    \b
+    hapfmt meta touch.hapf
+    hapfmt meta touch.hapf subject=S07 'session={"number": 2}'
+    """
+    from .. import edit
+
+    if not members:
+        with edit.Original(input_of(file), scan=False) as original:
+            known = original.catalogue.metadata
+        if as_json:
+            echo_json(known)
+        for name, value in () if as_json else known.items():
+            text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+            click.echo(printable(f"{name}: {text}"))
+        return 0
+    if out is not None:
+        refuse_target(out, force)
+    given = input_of(file) if out is not None else file
+    values = dict(map(member, members))
+    notes = edit.set_metadata(given, values, out and output_of(out), force=force)
+    tell_added(out or file, f"set {', '.join(values)}", notes, as_json)
+    return 0
+
+
+def member(text: str) -> tuple[str, Any]:
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise ParameterError(f"metadata is KEY=VALUE, unlike {text!r}")
+    try:
+        return name, json.loads(value, parse_constant=refuse)
+    except ValueError:
+        return name, value
+
+
+def refuse(name: str) -> Any:
+    raise ValueError(name)

@@ -1,0 +1,256 @@
+"""hapfmt record"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import sys
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from fractions import Fraction
+from types import FrameType
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import click
+
+from ..errors import ParameterError
+from .common import AmountType, FractionType, echo_json, force_option, json_option, printable
+
+if TYPE_CHECKING:
+    from ..live.recorder import Recorder
+    from ..live.session import Header
+    from ..live.status import Status
+
+PIECE = 1 << 16
+"""Bytes taken from the stream at once, at most."""
+
+TOLD_S = 0.5
+"""Between two lines of status."""
+
+LOST = 3
+"""Exit code: done with loss (SPEC clause 14)."""
+
+
+@click.command(short_help="Record samples as they come from another program.")
+@click.argument("target", metavar="OUT")
+@click.option(
+    "--from", "source", default="-", metavar="FILE", help="What to read [-, standard input]."
+)
+@click.option("--rate", type=FractionType(), help="Ticks per second of a bare table.")
+@click.option("--labels", help="Channels of a bare table: a,b,c [1,2,3, or as its first line].")
+@click.option("--unit", help="Unit of a bare table, in UCUM [1].")
+@click.option("--lsb", type=float, help="Put a bare table on multiples of this step.")
+@click.option(
+    "--preset",
+    type=click.Choice(["archive", "auto", "deadband", "near-lossless"]),
+    default="archive",
+    show_default=True,
+    help="As of encode; those that need the whole recording are left out.",
+)
+@click.option("--fast", is_flag=True, default=None, help="Preset archive: faster, 7 % larger.")
+@click.option("--max-error", type=AmountType(), help="Preset near-lossless: 0.01, 2lsb.")
+@click.option("--k", "k", type=FractionType(), help="Weber fraction of the deadband [0.1].")
+@click.option("--floor", type=AmountType(), help="Absolute floor of the deadband: 0.01, 2lsb.")
+@click.option(
+    "--cluster", type=FractionType(), help="Seconds of a cluster: what a crash may take [1]."
+)
+@click.option(
+    "--fsync",
+    default="cluster",
+    show_default=True,
+    help="When the disk is waited for: cluster, close, never, or seconds.",
+)
+@click.option(
+    "--on-full",
+    type=click.Choice(["block", "drop", "raise"]),
+    default="block",
+    show_default=True,
+    help="Where the encoder is too slow: make the stream wait, leave samples out, or stop.",
+)
+@click.option("--append", is_flag=True, help="Go on with OUT, where it ends.")
+@click.option("--at", help="With --append: at so many seconds, or now, by the file's epoch.")
+@click.option("--clock-maps", is_flag=True, help="Fit a map to each clock at the end.")
+@click.option(
+    "--canonical",
+    type=click.IntRange(0, (1 << 32) - 1),
+    metavar="FILE_ID",
+    help="No time of day and no random number in the file.",
+)
+@force_option
+@json_option
+def record(
+    target: str,
+    source: str,
+    rate: Fraction | None,
+    labels: str | None,
+    unit: str | None,
+    lsb: float | None,
+    preset: str,
+    fsync: str,
+    append: bool,
+    force: bool,
+    as_json: bool,
+    **given: Any,
+) -> int:
+    """Record the stream on standard input into OUT, cluster by cluster, until it ends or Ctrl-C.
+
+    \b
+    sensor | hapfmt record touch.hapf --rate 1000 --labels fx,fy,fz --unit N
+    sensor | hapfmt record touch.hapf --append
+
+    Two kinds of streams, lines of text and binary frames, are described in docs/streams.md.
+    """
+    from ..encoder.settings import Settings
+    from ..live.lines import Table
+    from ..live.recorder import Recorder
+    from ..live.streams import Stream
+
+    chosen = ("fast", "max_error", "k", "floor")
+    settings = Settings.of(preset, **{name: given.pop(name) for name in chosen})
+    options = {**given, "append": append, "force": force, "fsync": fsync_of(fsync)}
+
+    def begin(header: Header) -> Recorder:
+        file: str | BinaryIO = sys.stdout.buffer if target == "-" else target
+        more = header.given if not append else {}
+        return Recorder(file, header.inputs, settings, metadata=header.metadata, **options, **more)
+
+    table = Table(rate, labels.split(",") if labels else (), unit, lsb)
+    stream = Stream(begin, table)
+    began = time.monotonic()
+    with warnings.catch_warnings(), ExitSignals() as stopping:
+        warnings.simplefilter("ignore", RuntimeWarning)
+        try:
+            with opened(source) as descriptor, StatusLine(stream) as line:
+                for data in pieces(descriptor, stopping, line):
+                    stream.feed(data)
+            if not stopping.asked:
+                stream.finish()
+        finally:
+            if stream.recorder is not None:
+                stream.recorder.close()
+    recorder = stream.recorder
+    if recorder is None:
+        raise ParameterError("stopped before any channel was named; nothing was written")
+    status = recorder.status()
+    if as_json and target != "-":
+        labels_ = [given.label for given in recorder.inputs]
+        echo_json({**status.as_json(), "wall_s": time.monotonic() - began, "channels": labels_})
+    else:
+        click.echo(f"{printable(target)}: {summary(status)}", err=target == "-")
+    if status.dropped:
+        click.echo(f"hapfmt: {dropped(status)}", err=True)
+        return LOST
+    return 0
+
+
+def fsync_of(text: str) -> str | float:
+    with suppress(ValueError):
+        return float(text)
+    return text
+
+
+def summary(status: Status) -> str:
+    return (
+        f"{status.seconds:.6g} s, {status.written} samples, {status.cluster_count} clusters, "
+        f"{status.file_size} bytes"
+    )
+
+
+def dropped(status: Status) -> str:
+    """Of the first few channels."""
+    parts = [f"{printable(label)} {count}" for label, count in list(status.dropped.items())[:10]]
+    return f"dropped {status.dropped_count} samples: {', '.join(parts)}"
+
+
+class ExitSignals:
+    """SIGINT and SIGTERM ask for the end in place of ending the program; a second one ends it."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        self.before: dict[int, Any] = {}
+
+    def __enter__(self) -> ExitSignals:
+        self.reader, self.writer = os.pipe()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            with suppress(ValueError):  # not in the main thread
+                self.before[number] = signal.signal(number, self.ask)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self.before.items():
+            signal.signal(number, handler)
+        os.close(self.reader)
+        os.close(self.writer)
+
+    def ask(self, _number: int, _frame: FrameType | None) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+        os.write(self.writer, b"!")
+        if os.name == "nt":
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def opened(source: str) -> Iterator[int]:
+    """A descriptor to read from."""
+    if source == "-":
+        yield sys.stdin.fileno()
+        return
+    descriptor = os.open(source, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+    try:
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def pieces(descriptor: int, stopping: ExitSignals, line: StatusLine) -> Iterator[bytes]:
+    """What comes, as it comes, until the end or a signal."""
+    while not stopping.asked:
+        if os.name != "nt":
+            ready = select.select([descriptor, stopping.reader], [], [], line.wait_s)[0]
+            line.tell()
+            if descriptor not in ready:
+                continue
+            data = os.read(descriptor, PIECE)
+        else:
+            # There nothing waits for a pipe and a signal together.
+            try:
+                data = os.read(descriptor, PIECE)
+            except KeyboardInterrupt:
+                return
+            line.tell()
+        if not data:
+            return
+        yield data
+
+
+class StatusLine:
+    """One line on a terminal, over and over."""
+
+    def __init__(self, stream: Any) -> None:
+        self.stream = stream
+        self.shown = sys.stderr.isatty()
+        self.wait_s = TOLD_S if self.shown else None
+        self.next = time.monotonic() + TOLD_S
+
+    def __enter__(self) -> StatusLine:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.shown:
+            click.echo("\r\x1b[K", err=True, nl=False)
+
+    def tell(self) -> None:
+        recorder = self.stream.recorder
+        if not self.shown or recorder is None or time.monotonic() < self.next:
+            return
+        self.next = time.monotonic() + TOLD_S
+        status = recorder.status()
+        text = f"{summary(status)}, {status.queued_size >> 10} KiB waiting"
+        if status.dropped:
+            text += f", {status.dropped_count} samples dropped"
+        click.echo(f"\r\x1b[K{text}", err=True, nl=False)

@@ -1,0 +1,72 @@
+"""hapfmt split"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import click
+
+from ..errors import ParameterError
+from .common import (
+    FractionType,
+    echo_json,
+    force_option,
+    fraction,
+    input_of,
+    json_option,
+    progress,
+    refuse_target,
+)
+from .editing import canonical_option, show, to_zero_option
+
+
+@click.command(short_help="Parts of some length, or at some times.")
+@click.argument("source", metavar="IN")
+@click.option("--every", type=FractionType(), metavar="S", help="A part for each S seconds.")
+@click.option("--at", metavar="T1,T2,...", help="Seconds at which a new part begins.")
+@click.option(
+    "--out",
+    default="part-{:03d}.hapf",
+    show_default=True,
+    help="Name of a part, with a place for its number.",
+)
+@to_zero_option
+@canonical_option
+@force_option
+@json_option
+def split(
+    source: str,
+    every: Fraction | None,
+    at: str | None,
+    out: str,
+    to_zero: bool,
+    canonical: int | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Cut the .hapf file IN into parts. Packets are copied bit for bit.
+
+    Each packet is kept whole, in the part in which it begins. Every part has all channels, metadata
+    and attachments, and keeps its times, so that concat puts the parts together again.
+
+    \b
+    hapfmt split long.hapf --every 600 --out 'part-{:03d}.hapf'
+    hapfmt split long.hapf --at 12.5,30
+    """
+    from .. import edit
+
+    if out == "-":
+        raise ParameterError("parts are files: give a name with a place for the number")
+    refuse_target(out, force=True)
+    times = [fraction(text) for text in at.split(",")] if at else []
+    with progress("copying") as advance:
+        parts = edit.split(
+            input_of(source), out, every=every, at=times, to_zero=to_zero, canonical=canonical,
+            force=force, progress=advance,
+        )  # fmt: skip
+    if as_json:
+        echo_json({"parts": [part.as_json() for part in parts]})
+        return 0
+    for part in parts:
+        show(part)
+    return 0

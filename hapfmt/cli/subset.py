@@ -1,0 +1,79 @@
+"""hapfmt subset"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+import click
+
+from .common import (
+    force_option,
+    input_of,
+    json_option,
+    output_of,
+    parse_channels,
+    parse_time,
+    progress,
+    refuse_target,
+)
+from .editing import canonical_option, tell, to_zero_option
+
+if TYPE_CHECKING:
+    from ..reader import Band
+
+
+@click.command(short_help="Some channels, a stretch of time, one band; nothing is encoded anew.")
+@click.argument("source", metavar="IN")
+@click.argument("target", metavar="OUT")
+@click.option(
+    "--channels",
+    multiple=True,
+    help="Labels or numbers: force_x,force_y or 0,3; may be given several times. [all]",
+)
+@click.option("--time", "time_", metavar="START:STOP", help="Seconds START <= t < STOP. [all]")
+@click.option(
+    "--band",
+    type=click.Choice(["full", "lf", "hf"]),
+    default="full",
+    show_default=True,
+    help="Both parts, or channels of the slow part, or of the texture alone.",
+)
+@to_zero_option
+@click.option("--level", type=click.Choice(["1", "2"]), help="At least this level. [that of IN]")
+@canonical_option
+@force_option
+@json_option
+def subset(
+    source: str,
+    target: str,
+    channels: tuple[str, ...],
+    time_: str | None,
+    band: str,
+    to_zero: bool,
+    level: str | None,
+    canonical: int | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Write a part of the .hapf file IN into the .hapf file OUT. Packets are copied bit for bit.
+
+    Packets that overlap the time are kept whole, so a little more may come along; the output says
+    from when to when. The samples keep their times.
+
+    \b
+    hapfmt subset long.hapf part.hapf --channels force_z --time 10:20
+    hapfmt subset long.hapf slow.hapf --band lf
+    """
+    from .. import edit
+
+    refuse_target(target, force)
+    start, stop = parse_time(time_)
+    whole = start is None and stop is None
+    with edit.Original(input_of(source), scan=whole) as original, progress("copying") as advance:
+        edited = edit.subset(
+            original, output_of(target), parse_channels(channels, list(original.labels.values())),
+            start, stop, band=cast("Band", band), to_zero=to_zero,
+            level=int(level) if level else None, canonical=canonical, force=force, progress=advance,
+        )  # fmt: skip
+    tell(edited, target, as_json)
+    return 0

@@ -1,0 +1,227 @@
+"""Which tracks of one file go on in the next: the same track where its description is the same,
+else one that continues it (SPEC TRK-016)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+from ..container.track import Affine, Component, Track
+from ..errors import ParameterError
+from ..limits import LAST_TRACK_ID
+from .describing import unknown_tlvs
+from .original import Original, ticks_of
+from .plan import LAST_CHANNEL, Place, Plan
+
+NEVER_CLAMPED = ("RAWB", "LPCX")
+"""Counts outside the declared range are errors (RAW-005, EXA-003): a wider one changes none."""
+
+
+class Joining:
+    """Tracks of the result, file by file."""
+
+    def __init__(self) -> None:
+        self.tracks: dict[int, Track] = {}
+        self.chains: dict[int, list[int]] = {}
+        """Ids of tracks that continue one another, by their first channel."""
+        self.owners: dict[int, int] = {}
+        """Which of them each channel number belongs to."""
+        self.residuals: dict[int, int] = {}
+        self.layers: dict[tuple[str, object], int] = {}
+        self.foreign: set[int] = set()
+        """Tracks with TLVs that are not known here: they stay as they are."""
+        self.labels: dict[int, str] = {}
+        self.notes: list[str] = []
+        self.added: list[tuple[dict[int, int], dict[int, int], range]] = []
+        """Of each file: new ids by old ones, channel numbers by old ones, which ids are new."""
+
+    def plan(self, number: int, shift: Fraction = Fraction(0), *, only_new: bool = False) -> Plan:
+        """For the file that was added as this number; ``only_new``: what it describes first."""
+        ids, numbers, new = self.added[number]
+        places = {
+            old: Place(self.tracks[id_], ticks_of(shift, self.tracks[id_].rate))
+            for old, id_ in ids.items()
+            if not only_new or id_ in new
+        }
+        return Plan(places, numbers, shift)
+
+    def add(self, original: Original) -> None:
+        """The next file."""
+        numbers = self.match(original)
+        foreign = {
+            track.id
+            for payload, tracks in original.series
+            if unknown_tlvs(payload)
+            for track in tracks
+        }
+        bases = {track.base: track for track in original.tracks.values() if track.base is not None}
+        before, ids = len(self.tracks), {}
+        for track in original.tracks.values():
+            moved = self.moved(track, numbers, original)
+            if track.kind == "events":
+                ids[track.id] = self.layer(moved)
+            elif track.base is None:
+                residual = bases.get(track.id)
+                ids[track.id] = self.go_on(moved, residual, track.id in foreign, original)
+            elif ids[track.base] in self.residuals:
+                ids[track.id] = self.residuals[ids[track.base]]
+                self.widen(ids[track.id], track)
+            else:
+                ids[track.id] = self.new(replace(moved, base=ids[track.base]))
+                self.residuals[ids[track.base]] = ids[track.id]
+        self.foreign |= {ids[old] for old in foreign}
+        self.added.append((ids, numbers, range(before, len(self.tracks))))
+
+    def match(self, original: Original) -> dict[int, int]:
+        """New channel numbers by old ones: by label where all have one of their own, else by
+        number. Channels that no file before had come last."""
+        found = original.labels
+        named = all(
+            len(set(x)) == len(x) and all(x) for x in (found.values(), self.labels.values())
+        )
+        known = {label: number for number, label in self.labels.items()}
+        numbers: dict[int, int] = {}
+        for number in sorted(found):
+            label = found[number]
+            if named:
+                place = known.get(label)
+            else:
+                place = number if number in self.labels else None
+                if place is not None and "" != label != self.labels[place] != "":
+                    raise ParameterError(
+                        f"channel {number} is {label!r}, and {self.labels[place]!r} before; "
+                        "reorder the channels with subset and merge",
+                        path=original.name,
+                    )
+            if place is None:
+                place = max(self.labels, default=-1) + 1
+                if self.chains:
+                    self.notes.append(f"channel {label or place} is new in {original.name}")
+                if place > LAST_CHANNEL:
+                    raise ParameterError("more channels than a file can have, 65 535")
+            numbers[number] = place
+            self.labels.setdefault(place, label)
+        return numbers
+
+    def moved(self, track: Track, numbers: dict[int, int], original: Original) -> Track:
+        if track.kind == "events":
+            return track
+        places = [numbers[number] for number in track.channels]
+        if places != list(range(places[0], places[0] + len(places))):
+            raise apart(track, original)
+        return replace(track, first_channel=places[0], continues=None)
+
+    def new(self, track: Track) -> int:
+        id_ = len(self.tracks)
+        if id_ > LAST_TRACK_ID:
+            raise ParameterError("more tracks than a file can have, 65 534")
+        self.tracks[id_] = replace(track, id=id_)
+        return id_
+
+    def layer(self, track: Track) -> int:
+        """Events of one layer and rate are one track."""
+        key = track.components[0].label, (track.rate, track.provenance)
+        if key not in self.layers:
+            self.layers[key] = self.new(track)
+        return self.layers[key]
+
+    def go_on(self, track: Track, residual: Track | None, foreign: bool, original: Original) -> int:
+        """The id under which a channel's track goes on."""
+        chain = self.chains.setdefault(track.first_channel, [])
+        if not chain:
+            if any(n in self.owners for n in track.channels):
+                raise apart(track, original)
+            self.owners |= dict.fromkeys(track.channels, track.first_channel)
+            chain.append(self.new(track))
+            return chain[-1]
+        last = self.tracks[chain[-1]]
+        check_alike(track, last, original)
+        theirs = self.residuals.get(last.id)
+        mine = [(track, last)]
+        if residual is not None and theirs is not None:
+            mine.append((residual, self.tracks[theirs]))
+        alike = (residual is None) == (theirs is None) and all(joinable(a, b) for a, b in mine)
+        if alike and not foreign and last.id not in self.foreign:
+            self.widen(last.id, track)
+            return last.id
+        chain.append(self.new(replace(track, continues=last.id)))
+        return chain[-1]
+
+    def widen(self, id_: int, track: Track) -> None:
+        """One description for both, as wide as both need it."""
+        mine = self.tracks[id_]
+        components = tuple(
+            replace(a, deviation=wider(a, b))
+            for a, b in zip(mine.components, track.components, strict=True)
+        )
+        self.tracks[id_] = replace(
+            mine,
+            components=components,
+            count_min=min(mine.count_min, track.count_min),
+            count_max=max(mine.count_max, track.count_max),
+        )
+
+
+def apart(track: Track, original: Original) -> ParameterError:
+    return ParameterError(
+        f"channels {', '.join(map(str, track.channels))} are coded together with others than in "
+        "the files before; encode one of them anew with --no-references",
+        path=original.name,
+    )
+
+
+def wider(a: Component, b: Component) -> tuple[float, float] | None:
+    if a.deviation is None or b.deviation is None:
+        return None
+    return max(a.deviation, b.deviation)
+
+
+def joinable(track: Track, last: Track) -> bool:
+    """Whether one description can stand for both and change no decoded number."""
+    declared = [[c.deviation and c.deviation[0] for c in t.components] for t in (track, last)]
+    if declared[0] != declared[1]:
+        return False
+    changes = {
+        "id": last.id,
+        "first_channel": last.first_channel,
+        "base": last.base,
+        "continues": last.continues,
+        "offset": last.offset,
+        "components": tuple(
+            replace(a, deviation=b.deviation)
+            for a, b in zip(track.components, last.components, strict=True)
+        ),
+    }
+    if track.codec in NEVER_CLAMPED and track.number_format == "counts":
+        changes |= {"count_min": last.count_min, "count_max": last.count_max}
+    return replace(track, **changes) == last  # type: ignore[arg-type]
+
+
+def check_alike(track: Track, last: Track, original: Original) -> None:
+    """What no two tracks of one channel may differ in."""
+    pairs = [
+        ("rate", f"{track.rate} Hz", f"{last.rate} Hz"),
+        ("number format", track.number_format, last.number_format),
+        *(
+            pair
+            for a, b in zip(track.components, last.components, strict=False)
+            for pair in (
+                ("calibration", formula(a.calibration), formula(b.calibration)),
+                ("unit", a.unit, b.unit),
+            )
+        ),
+    ]
+    label = track.components[0].label or f"channel {track.first_channel}"
+    for name, mine, theirs in pairs:
+        if mine != theirs:
+            raise ParameterError(
+                f"{label}: {name} {mine}, and {theirs} in the files before; leave the channel out "
+                "with subset, or encode one of them anew with the same",
+                path=original.name,
+            )
+    if len(track.components) != len(last.components):
+        raise apart(track, original)
+
+
+def formula(affine: Affine) -> str:
+    return f"({affine.a} * count + {affine.b}) / {affine.d}"

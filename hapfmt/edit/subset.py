@@ -1,0 +1,215 @@
+"""Some channels, a stretch of time, one band of a file; packets are copied bit for bit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
+from typing import NamedTuple
+
+from ..container.cluster import Packet
+from ..container.extras import build_metadata
+from ..container.track import Track
+from ..errors import ParameterError
+from ..limits import LEVELS
+from ..packets import Seconds, tick_range
+from ..reader import BANDS, Band
+from .bands import residual_alone, slow_alone
+from .making import (
+    Edited,
+    Making,
+    Output,
+    another,
+    check_canonical,
+    name_of,
+    opened,
+    refuse_output,
+    with_note,
+)
+from .original import Advance, Input, Original, common_period, has_channels, open_original
+from .plan import lay_out, level_for, numbers_of
+
+
+class Window(NamedTuple):
+    """Seconds to look at, and which packets are taken there; None: all."""
+
+    start: Seconds | None = None
+    stop: Seconds | None = None
+    pick: Callable[[Packet], bool] | None = None
+
+
+def subset(
+    file: Input | Original,
+    out: Output,
+    channels: Sequence[str | int] | str | int | None = None,
+    start: Seconds | None = None,
+    stop: Seconds | None = None,
+    *,
+    band: Band = "full",
+    to_zero: bool = False,
+    level: int | None = None,
+    canonical: int | None = None,
+    force: bool = False,
+    progress: Advance | None = None,
+) -> Edited:
+    """Write the channels, seconds [start, stop) and band that are asked for into ``out``.
+
+    Nothing is decoded: packets that overlap the seconds are kept whole, so that a little more may
+    come along, as do all channels that are coded in one track with one that is asked for. Channels
+    are numbered from 0 on. Ticks, epoch and UUID stay as they are, since the samples keep their
+    time; ``to_zero`` moves the first packet to tick 0, as nearly as a whole number of ticks of
+    every track allows, and the epoch with it. ``band``: "lf" makes a channel of each slow part (a
+    channel that was not split is kept as it is), "hf" of each residual. ``level`` 2 raises the
+    limits of the file.
+
+    Raises ChecksumError or TruncatedError, with exit code 3, where the file is damaged or was not
+    closed, and ParameterError where no channel would be left.
+    """
+    check_canonical(canonical)
+    refuse_output(out, force)
+    if band not in BANDS:
+        raise ParameterError(f"band is one of {', '.join(BANDS)}")
+    if level not in (None, *LEVELS):
+        raise ParameterError("level is 1 or 2")
+    with open_original(file, scan=start is None and stop is None) as original:
+        notes: list[str] = []
+        kept = choose(original, channels, band, notes)
+        window = overlapping(original, start, stop)
+        text = said(original, kept, start, stop, band)
+        return write_part(
+            original, out, kept, window, text, notes,
+            to_zero=to_zero, level=level, canonical=canonical, force=force, progress=progress,
+        )  # fmt: skip
+
+
+def choose(
+    original: Original,
+    channels: Sequence[str | int] | str | int | None,
+    band: Band,
+    notes: list[str],
+) -> dict[int, Track]:
+    """The tracks to keep, as they will be described, by id in the order of the file."""
+    tracks = original.tracks
+    all_numbers = {n for t in tracks.values() if has_channels(t) for n in t.channels}
+    asked = all_numbers if channels is None else numbers_of(tracks, channels)
+    residuals = {t.base: t for t in tracks.values() if t.kind == "hf"}
+    kept: dict[int, Track] = {}
+    along: set[int] = set()
+    for track in tracks.values():
+        if track.kind == "events":
+            kept[track.id] = track
+        if not has_channels(track) or asked.isdisjoint(track.channels):
+            continue
+        along.update(set(track.channels) - asked)
+        residual = residuals.get(track.id)
+        if band == "full":
+            kept[track.id] = track
+            if residual:
+                kept[residual.id] = residual
+        elif band == "lf":
+            kept[track.id] = slow_alone(track, residual) if residual else track
+        elif residual:
+            kept[residual.id] = residual_alone(track, residual)
+    if not any(map(has_channels, kept.values())) and (channels is not None or band == "hf"):
+        raise ParameterError(
+            "no channel that was asked for has this band", path=original.source.path
+        )
+    if along:
+        listed = ", ".join(map(str, sorted(along)))
+        notes.append(f"channels {listed} come along: they are coded in one track with others")
+    if band != "full":
+        left = asked - {n for t in kept.values() if has_channels(t) for n in t.channels}
+        if left:
+            notes.append(f"channels {', '.join(map(str, sorted(left)))} have no such band")
+    original.check_known(list(kept.values()))
+    return {id_: kept[id_] for id_ in tracks if id_ in kept}
+
+
+def overlapping(original: Original, start: Seconds | None, stop: Seconds | None) -> Window:
+    """Packets that overlap these seconds."""
+    if start is None and stop is None:
+        return Window()
+    ranges = {t.id: tick_range(t.rate, start, stop) for t in original.tracks.values()}
+
+    def pick(packet: Packet) -> bool:
+        first, last = ranges[packet.track]
+        return packet.start < last and packet.stop > first
+
+    return Window(start, stop, pick)
+
+
+def first_time(original: Original, kept: Mapping[int, Track], window: Window) -> Fraction:
+    """Where the first packet begins, in seconds; 0 where there is none."""
+    starts = [
+        packet.start / kept[packet.track].rate
+        for packets in original.clusters(window.start, window.stop)
+        for packet in packets
+        if packet.track in kept and (window.pick is None or window.pick(packet))
+    ]
+    return min(starts, default=Fraction(0))
+
+
+def write_part(
+    original: Original,
+    out: Output,
+    kept: Mapping[int, Track],
+    window: Window,
+    text: str,
+    notes: Sequence[str] = (),
+    *,
+    to_zero: bool = False,
+    level: int | None = None,
+    canonical: int | None = None,
+    force: bool = False,
+    progress: Advance | None = None,
+) -> Edited:
+    """One file of the tracks in ``kept`` and of the packets in ``window``."""
+    head, shift = original.head, Fraction(0)
+    if to_zero:
+        period = common_period([track.rate for track in kept.values()])
+        shift = first_time(original, kept, window) // period * period
+        head = another(head, shift, canonical)
+    plan = lay_out(kept, shift=-shift)
+    metadata = with_note(original.catalogue.metadata, text)
+    described = [place.track for place in plan.places.values()]
+    asked = [LEVELS[level]] if level else []
+    limits = level_for(described, head.limits, *asked, largest=len(build_metadata(metadata)))
+    with opened(out, force) as stream:
+        making = Making(stream, head, level=limits, canonical=canonical, name=name_of(out))
+        for note in notes:
+            making.note(note)
+        making.describe(original, plan)
+        making.metadata(metadata)
+        making.others(original, plan, behind=False)
+        for packets in making.clusters(
+            original, plan, window.start, window.stop, pick=window.pick, progress=progress
+        ):
+            making.put(packets)
+        making.others(original, plan, behind=True)
+        making.digests(original, plan)
+        return making.close()
+
+
+def said(
+    original: Original,
+    kept: Mapping[int, Track],
+    start: Seconds | None,
+    stop: Seconds | None,
+    band: Band,
+) -> str:
+    """What happened, for the member ``notes`` of the metadata."""
+    numbers = sorted({n for track in kept.values() if has_channels(track) for n in track.channels})
+    parts = [f"channels {', '.join(map(str, numbers))}"]
+    if start is not None or stop is not None:
+        ends = ("" if time is None else f"{float(time):.9g}" for time in (start, stop))
+        parts.append(f"{':'.join(ends)} s")
+    if band != "full":
+        parts.append(f"band {band}")
+    return f"subset of {title(original)}: {'; '.join(parts)}"
+
+
+def title(original: Original) -> str:
+    """The recording by its UUID, or the name of its file."""
+    from uuid import UUID
+
+    known = original.head.uuid
+    return str(UUID(bytes=known)) if known else original.stem or "a recording"

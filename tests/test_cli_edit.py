@@ -1,0 +1,131 @@
+"""The verbs that edit, as programs: output, pipes, JSON, exit codes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from edited import assert_intact, assert_same, made
+from test_cli import run, run_json
+
+import hapfmt
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    """a.hapf and b.hapf, of the same channels; damaged.hapf."""
+    (tmp_path / "a.hapf").write_bytes(made("default"))
+    (tmp_path / "b.hapf").write_bytes(made("default", 1, uuid=None, epoch_ns=None))
+    (tmp_path / "damaged.hapf").write_bytes(made("default")[:-999])
+    return tmp_path
+
+
+def test_subset(room: Path) -> None:
+    done = run("subset", "a.hapf", "part.hapf", "--channels", "a,c", "--time", "1.2:1.3", cwd=room)
+    assert done.returncode == 0, done.stderr
+    line = done.stdout.decode()
+    assert line.startswith("part.hapf: ") and "2 channels, 1 s to 1.5 s, 4 packets" in line
+    assert [c.label for c in hapfmt.read(room / "part.hapf").channels] == ["a", "c"]
+    code, told = run_json("subset", "a.hapf", "x.hapf", "--band", "hf", "--to-zero", cwd=room)
+    assert (code, told["file"], told["start"]) == (0, "x.hapf", 0.0)
+    assert [channel["label"] for channel in told["channels"]] == ["a", "b", "c"]
+    piped = run("subset", "-", "-", "--channels", "1", stdin=made("default"), cwd=room)
+    assert piped.returncode == 0
+    assert_same(hapfmt.read(piped.stdout), hapfmt.read(made("default"), ["b"]))
+
+
+def test_subsets_of_one_file_are_the_same_bytes(room: Path) -> None:
+    twice = [
+        run("subset", "a.hapf", "-", "--channels", "b", "--canonical", "3", cwd=room).stdout
+        for _ in range(2)
+    ]
+    assert twice[0] == twice[1]
+    assert_intact(twice[0])
+
+
+def test_split_and_concat(room: Path) -> None:
+    done = run("split", "a.hapf", "--at", "0.9,2", "--out", "p{:02d}.hapf", cwd=room)
+    assert done.returncode == 0, done.stderr
+    names = ["p00.hapf", "p01.hapf", "p02.hapf"]
+    assert [line.split(":")[0] for line in done.stdout.decode().splitlines()] == names
+    again = run("split", "a.hapf", "--at", "0.9,2", "--out", "p{:02d}.hapf", cwd=room)
+    assert again.returncode == 1 and b"exists already" in again.stderr
+    code, told = run_json("concat", *names, "whole.hapf", cwd=room)
+    assert code == 0 and told["offsets"] == [0.0, 0.0, 0.0]
+    assert_same(hapfmt.read(room / "whole.hapf"), hapfmt.read(room / "a.hapf"))
+    code, told = run_json("split", "a.hapf", "--every", "1", "--to-zero", cwd=room)
+    assert [part["start"] for part in told["parts"]] == [0.0] * 4
+    assert run("split", "a.hapf", "--every", "1", "--out", "-", cwd=room).returncode == 1
+
+
+def test_merge(room: Path) -> None:
+    done = run("merge", "a.hapf", "b.hapf", "both.hapf", cwd=room)
+    assert done.returncode == 1 and b"give --by-epoch, --same-times" in done.stderr
+    done = run("merge", "a.hapf", "b.hapf", "both.hapf", "--offset", "b.hapf=0.5", cwd=room)
+    assert done.returncode == 0
+    assert b"note: labels that more than one file has: a, b, c" in done.stderr
+    code, told = run_json(
+        "merge", "a.hapf", "b.hapf", "c.hapf", "--same-times", "--prefix", "l/", "--prefix", "r/",
+        cwd=room,
+    )  # fmt: skip
+    assert code == 0 and [c["label"] for c in told["channels"]][2:4] == ["l/c", "r/a"]
+    wrong: list[list[str]] = [
+        ["--offset", "b.hapf"], ["--offset", "c.hapf=1"], ["--offset", "b.hapf=0.0001"],
+        ["--by-epoch", "--same-times"], ["--prefix", "x"], ["--by-epoch"],
+    ]  # fmt: skip
+    for options in wrong:
+        assert run("merge", "a.hapf", "b.hapf", "d.hapf", *options, cwd=room).returncode == 1
+    assert not (room / "d.hapf").exists()
+
+
+def test_attach_and_meta(room: Path) -> None:
+    (room / "note.txt").write_text("hello")
+    assert run("attach", "a.hapf", "note.txt", cwd=room).stdout == b"a.hapf: attached note.txt\n"
+    code, told = run_json("attach", "a.hapf", "--list", cwd=room)
+    assert code == 0 and told["attachments"][1] == {
+        "name": "note.txt", "media_type": "text/plain", "size": 5,
+    }  # fmt: skip
+    assert b"note.txt" in run("attach", "a.hapf", "--list", cwd=room).stdout
+    (room / "out").mkdir()
+    done = run("attach", "a.hapf", "--extract", "note.txt", "--to", "out", cwd=room)
+    assert (room / "out" / "note.txt").read_text() == "hello" and done.returncode == 0
+    code, told = run_json("attach", "a.hapf", "--extract", "--to", "out", "-f", cwd=room)
+    assert len(told["files"]) == 2
+    done = run("meta", "a.hapf", "subject=S7", 'rig={"v": 2}', "x=NaN", cwd=room)
+    assert done.stdout == b"a.hapf: set subject, rig, x\n"
+    code, known = run_json("meta", "a.hapf", cwd=room)
+    assert (known["subject"], known["rig"], known["x"]) == ("S7", {"v": 2}, "NaN")
+    assert 'rig: {"v": 2}' in run("meta", "a.hapf", cwd=room).stdout.decode()
+    assert_intact((room / "a.hapf").read_bytes(), digests=6)
+    before = (room / "a.hapf").read_bytes()
+    done = run("meta", "-", "subject=S8", "-o", "-", stdin=before, cwd=room)
+    assert done.stdout.startswith(before)
+    assert hapfmt.read(done.stdout).metadata["subject"] == "S8"
+    wrong: list[list[str]] = [
+        ["attach", "a.hapf"], ["attach", "a.hapf", "--list", "--extract"], ["attach", "a.hapf", "no"],
+        ["attach", "a.hapf", "note.txt", "a.hapf", "--name", "x"], ["meta", "a.hapf", "subject"],
+        ["meta", "a.hapf", "a=1", "-o", "b.hapf"], ["meta", "a.hapf", "a=1", "-o", "b.wav"],
+    ]  # fmt: skip
+    for arguments in wrong:
+        assert run(*arguments, cwd=room).returncode == 1
+    assert (room / "a.hapf").read_bytes() == before
+
+
+VERBS: list[list[Any]] = [
+    ["subset", "damaged.hapf", "out.hapf"],
+    ["split", "damaged.hapf", "--every", "1", "--out", "out-{}.hapf"],
+    ["concat", "a.hapf", "damaged.hapf", "out.hapf"],
+    ["merge", "a.hapf", "damaged.hapf", "out.hapf", "--same-times"],
+    ["meta", "damaged.hapf", "a=1", "-o", "out.hapf"],
+]
+
+
+@pytest.mark.parametrize("arguments", VERBS, ids=lambda arguments: arguments[0])
+def test_damage_is_refused_with_its_own_exit_code(room: Path, arguments: list[str]) -> None:
+    done = run(*arguments, "--json", cwd=room)
+    assert done.returncode == 3
+    assert b"run hapfmt recover first" in done.stderr
+    assert json.loads(done.stdout)["exit_code"] == 3
+    assert list(room.glob("out*")) == []

@@ -1,0 +1,177 @@
+"""hapfmt record: pipes, signals, exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from spec import ROOT
+
+import hapfmt
+from hapfmt import Span
+
+HEAD = b'{"channels": [{"label": "a", "rate": 1000, "calibration": [1, 0, 100]}]}\n'
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
+
+
+def started(*arguments: str) -> subprocess.Popen:
+    return subprocess.Popen(
+        [sys.executable, "-m", "hapfmt", "record", *arguments],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=ENVIRONMENT,
+    )  # fmt: skip
+
+
+def run(data: bytes, *arguments: str) -> tuple[int, str, str]:
+    done = subprocess.run(
+        [sys.executable, "-m", "hapfmt", "record", *arguments],
+        input=data, capture_output=True, env=ENVIRONMENT, check=False, timeout=120,
+    )  # fmt: skip
+    return done.returncode, done.stdout.decode(), done.stderr.decode()
+
+
+def test_a_table_then_more_of_it(tmp_path):
+    path = str(tmp_path / "a.hapf")
+    rows = "".join(f"{n},{n / 8}\n" for n in range(2500)).encode()
+    table = ["--rate", "1000", "--labels", "x,y", "--unit", "N"]
+    code, out, err = run(rows, path, *table)
+    assert (code, err) == (0, "")
+    assert out.startswith(f"{path}: 2.5 s, 5000 samples, 3 clusters, ")
+    assert hapfmt.verify(path).verdict == "intact"
+    code, out, err = run(rows, path, *table)
+    assert code == 1 and "exists already" in err
+    code, out, _ = run(rows[: rows.index(b"\n10,") + 1], path, *table, "--append", "--json")
+    assert code == 0
+    told = json.loads(out)
+    assert told["written"] == 20 and told["channels"] == ["x", "y"] and told["dropped"] == {}
+    x, y = hapfmt.read(path).channels
+    assert x.coverage == (Span(0, 2510),) and x.unit == "N"
+    assert y.physical()[2500:].tolist() == [n / 8 for n in range(10)]
+    assert run(rows, path, *table, "--force")[0] == 0
+    assert hapfmt.read(path).channels[0].coverage == (Span(0, 2500),)
+
+
+def test_a_bad_line_ends_with_1_and_keeps_what_came_before(tmp_path):
+    path = str(tmp_path / "a.hapf")
+    code, out, err = run(HEAD + b"1\n2\nx\n", path, "--json")
+    assert code == 1 and "line 4: 'x' is no number" in err
+    assert json.loads(out)["exit_code"] == 1
+    assert hapfmt.verify(path).verdict == "intact"
+    assert hapfmt.read(path).channels[0].values.tolist() == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("data", "arguments", "message"),
+    [
+        (b"1\n", [], "a table needs its rate"),
+        (b"", ["--rate", "10"], "ended before any channel"),
+        (b"1\n", ["--rate", "10", "--fsync", "often"], "fsync is one of"),
+        (b"1\n", ["--rate", "10", "--preset", "near-lossless"], "the largest error"),
+        (b"1\n", ["--rate", "10", "--append"], "No such file"),
+        (b"1\n", ["--rate", "10", "--from", "nowhere"], "No such file"),
+    ],
+)
+def test_what_cannot_begin_leaves_no_file(tmp_path, data, arguments, message):
+    path = tmp_path / "a.hapf"
+    code, _, err = run(data, str(path), *arguments)
+    assert code == 1 and message in err and not path.exists()
+
+
+def test_from_a_file_to_a_pipe_with_an_id(tmp_path):
+    source = tmp_path / "rows.txt"
+    source.write_bytes(HEAD + b"1\n2\n3\n")
+    outputs = set()
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, "-m", "hapfmt", "record", "-", "--from", str(source), "--canonical", "7"],
+            capture_output=True, env=ENVIRONMENT, check=True,
+        )  # fmt: skip
+        outputs.add(done.stdout)
+        assert b"3 samples" in done.stderr
+    (data,) = outputs
+    assert hapfmt.read(data).channels[0].values.tolist() == [1, 2, 3]
+
+
+def wait_for_samples(path: Path) -> None:
+    end = time.monotonic() + 60
+    while not path.exists() or b"DATA" not in path.read_bytes():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_closes_the_file(tmp_path, number):
+    path = tmp_path / "a.hapf"
+    process = started(str(path))
+    process.stdin.write(HEAD + b'1\n2\n{"flush": true}\n')
+    process.stdin.flush()
+    wait_for_samples(path)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (0, b"")
+    assert b"2 samples" in out
+    assert hapfmt.verify(path).verdict == "intact"
+    assert hapfmt.read(path).channels[0].values.tolist() == [1, 2]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+def test_a_signal_before_anything_came(tmp_path):
+    path = tmp_path / "a.hapf"
+    process = started(str(path))
+    time.sleep(1.5)
+    process.send_signal(signal.SIGTERM)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode in (1, -signal.SIGTERM) and not path.exists(), err
+
+
+def test_dropped_samples_end_with_3(tmp_path, monkeypatch):
+    """The encoder is held up by a disk that takes its time."""
+    from click.testing import CliRunner
+
+    from hapfmt.cli import cli
+    from hapfmt.live import recorder as module
+
+    monkeypatch.setattr(module, "QUEUE_SIZE", 4096)
+    monkeypatch.setattr(module.Recorder.__init__, "__kwdefaults__", {
+        **module.Recorder.__init__.__kwdefaults__, "queue_size": 4096
+    })  # fmt: skip
+    pwrite = os.pwrite
+    monkeypatch.setattr(os, "pwrite", lambda *given: (time.sleep(0.05), pwrite(*given))[1])
+    source = tmp_path / "rows.txt"
+    noise = np.random.default_rng(0).integers(-999, 999, 300_000)
+    source.write_bytes(HEAD + "\n".join(map(str, noise)).encode())
+    path = tmp_path / "a.hapf"
+    arguments = [
+        "record",
+        str(path),
+        "--from",
+        str(source),
+        "--on-full",
+        "drop",
+        "--fsync",
+        "never",
+    ]
+    done = CliRunner().invoke(cli, arguments, standalone_mode=False)
+    assert done.return_value == 3 and "dropped " in done.stderr
+    back = hapfmt.read(path)
+    values = back.channels[0]
+    ticks = np.concatenate([np.arange(*span) for span in values.coverage])
+    assert 0 < values.values.size < noise.size and (values.values == noise[ticks]).all()
+    assert "for which the encoder was too slow" in back.metadata["notes"][0]
+
+
+def test_a_few_crashes():
+    """tools/crash.py, a few of its trials."""
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "tools" / "crash.py"), "--trials", "6", "--seed", "3"],
+        capture_output=True, text=True, env=ENVIRONMENT, check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "|                              faults |" in done.stdout

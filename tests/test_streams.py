@@ -1,0 +1,255 @@
+"""Streams for `hapfmt record`: docs/streams.md, and what breaks it."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from spec import ROOT
+
+import hapfmt
+from hapfmt import Calibration, Input, Recorder, Span
+from hapfmt.errors import ParameterError
+from hapfmt.live.frames import HEADER, OBJECT, PAYLOAD_SIZE, ROWS, SAMPLES, build_frame
+from hapfmt.live.lines import LINE_SIZE, Table
+from hapfmt.live.streams import Stream
+
+PAGE = (ROOT / "docs" / "streams.md").read_text("utf-8")
+
+
+def examples(kind: str) -> list[bytes]:
+    return [body.encode() for body in re.findall(rf"```{kind}\n(.*?)```", PAGE, re.S)]
+
+
+def recorded(data: bytes, table: Table | None = None, pieces: list[int] | None = None, **options):
+    """The recording of a stream that comes in pieces, and the error that ended it."""
+    out = io.BytesIO()
+
+    def begin(header):
+        given_ = {**header.given, **options}
+        return Recorder(out, header.inputs, metadata=header.metadata, canonical=1, **given_)
+
+    stream = Stream(begin, table)
+    error = None
+    try:
+        at = 0
+        for size in pieces or [len(data)]:
+            stream.feed(data[at : at + size])
+            at += size
+        stream.feed(data[at:])
+        stream.finish()
+    except ParameterError as found:
+        error = found
+    if stream.recorder is None:
+        return None, error
+    stream.recorder.close()
+    assert hapfmt.verify(out.getvalue()).verdict == "intact"
+    return hapfmt.read(out.getvalue()), error
+
+
+def test_the_header_and_rows_of_the_page():
+    back, error = recorded(examples("lines")[0])
+    assert error is None
+    force, position = back.channels
+    assert (force.label, force.rate, force.unit) == ("force", 1000, "N")
+    assert force.calibration == Calibration(1, 0, 4000)
+    assert force.values.tolist() == [-3, -1, 8, 9]
+    assert force.coverage == (Span(0, 2), Span(1000, 1002))
+    assert position.physical().tolist() == [12.25, 12.251, 12.252, 12.5]
+    assert position.coverage == (Span(0, 3), Span(1000, 1001))
+    assert back.metadata["subject"] == "S7"
+
+
+def test_the_actions_of_the_page():
+    back, error = recorded(examples("lines")[1])
+    assert error is None
+    force, grip, late = back.channels
+    assert force.values.tolist() == [1, 2, 4, 5]
+    assert force.coverage == (Span(0, 2), Span(3, 4), Span(10, 11))
+    assert grip.rate == Fraction(44100, 7) and grip.physical().tolist() == [0.5, 0.25]
+    assert (late.unit, late.coverage) == ("Cel", (Span(2, 3),))
+    assert back.metadata["trial"] == 4
+
+
+def test_every_action_of_the_table_is_taken():
+    for line in re.findall(r"^\| `(\{.*?\})` \|", PAGE, re.M):
+        header = {"channels": [{"label": "force", "rate": 1000, "calibration": [1, 0, 1]}]}
+        assert recorded(f"{json.dumps(header)}\n{line}\n".encode())[1] is None, line
+
+
+def test_the_table_of_the_page():
+    back, error = recorded(examples("table")[0], Table(Fraction(1000)))
+    assert error is None
+    assert [(c.label, c.unit) for c in back.channels] == [("force", "N"), ("position", "mm")]
+    assert back.channels[1].physical().tolist() == [12.25, 12.251]
+
+
+def test_the_frames_of_the_page():
+    names: dict[str, bytes] = {}
+    exec(examples("python")[0].decode(), names)
+    back, error = recorded(names["stream"])
+    assert error is None
+    assert back.channels[0].values.tolist() == [1, 2, 3, 4, 5]
+    assert back.channels[1].physical().tolist() == [0.5, 0.25, 0.125, 0.0625]
+
+
+@given(st.data())
+def test_pieces_of_any_size_are_the_same_stream(data):
+    names: dict[str, bytes] = {}
+    exec(examples("python")[0].decode(), names)
+    stream = data.draw(st.sampled_from([*examples("lines"), names["stream"]]))
+    pieces = data.draw(st.lists(st.integers(1, 60), max_size=30))
+    whole, cut = recorded(stream)[0], recorded(stream, pieces=pieces)[0]
+    for a, b in zip(whole.channels, cut.channels, strict=True):
+        assert a.coverage == b.coverage and a.physical().tobytes() == b.physical().tobytes()
+
+
+@given(
+    st.integers(1, 4),
+    st.lists(st.lists(st.none() | st.integers(-999, 999), min_size=4, max_size=4), max_size=50),
+    st.sampled_from([",", ";", "\t"]),
+)
+def test_rows_come_back(width, rows, separator):
+    text = "".join(
+        separator.join("" if x is None else str(x) for x in row[:width]) + "\r\n"
+        for row in rows
+        if width > 1 or row[0] is not None
+    )
+    kept = [row[:width] for row in rows if width > 1 or row[0] is not None]
+    channels = [
+        {"label": str(n), "rate": 10, **({"calibration": [1, 0, 1]} if n % 2 else {})}
+        for n in range(width)
+    ]
+    back, error = recorded(json.dumps({"channels": channels}).encode() + b"\n" + text.encode())
+    assert error is None
+    for place, channel in enumerate(back.channels):
+        dense = channel.dense(0, len(kept))
+        wanted = [np.nan if row[place] is None else row[place] for row in kept]
+        assert np.array_equal(dense, np.array(wanted, float), equal_nan=True)
+
+
+HEAD = b'{"channels": [{"label": "a", "rate": 10, "calibration": [1,0,1]}, {"label": "b", "rate": 10}]}\n'
+
+
+@pytest.mark.parametrize(
+    ("lines", "place", "message"),
+    [
+        (b"1,2\n3\n", 3, "1 values for 2 channels"),
+        (b"1,2\n3,4,5\n6,7\n", 3, "3 values for 2"),
+        (b"1,2\nx,3\n", 3, "'x' is no number"),
+        (b"1,2\n\n# c\n1.5,3\n", 5, "1.5 is no integer count"),
+        (b"1,2\n8388608,3\n", 3, "need more than its 24 bits"),
+        (b"1,2\n1e300,3\n", 3, "beyond 2^53"),
+        (b"1,2\n@0 3,4\n", 3, "ticks never go back"),
+        (b"1,2\n@x 3,4\n", 3, "followed by a tick"),
+        (b"1,2\n@7\n", 3, "followed by a tick"),
+        (b"1,2\n{]\n", 3, "not JSON"),
+        (b'1,2\n{"a": NaN, "b"\n', 3, "not JSON"),
+        (b"1,2\n" + HEAD, 3, "a second header"),
+        (b'1,2\n{"what": 1}\n', 3, "an object has one of values, mark"),
+        (b'1,2\n{"values": [1]}\n', 3, "misses 'channel'"),
+        (b'1,2\n{"values": 1, "channel": 0}\n', 3, "list of numbers"),
+        (b'1,2\n{"values": ["x"], "channel": 0}\n', 3, "list of numbers"),
+        (b'1,2\n{"values": [1], "channel": "c"}\n', 3, "no channel 'c'"),
+        (b'1,2\n{"values": [1], "channel": 0, "tick": 1.5}\n', 3, "tick is an integer"),
+        (b'1,2\n{"values": [1], "channel": 0, "x": 1}\n', 3, "unknown 'x'"),
+        (b'1,2\n{"skip": -1, "channel": "a"}\n', 3, "a gap of -1"),
+        (b'1,2\n{"add": {"label": "c"}}\n', 3, "a label and a rate"),
+        (b'1,2\n{"add": {"label": "c", "rate": 0}}\n', 3, "positive"),
+        (b'1,2\n{"add": {"label": 3, "rate": 1}}\n', 3, "label of a channel is a text"),
+        (b'1,2\n{"add": {"label": "c", "rate": 1, "calibration": [1]}}\n', 3, None),
+        (b'1,2\n{"add": {"label": "c", "rate": 1, "calibration": 5}}\n', 3, "numbers for rate"),
+        (b'1,2\n{"add": {"label": "c", "rate": 1, "bits": "x"}}\n', 3, "bits"),
+        (b'1,2\n{"add": {"label": "c", "rate": 1, "lsb": "x"}}\n', 3, "numbers for rate"),
+        (b'1,2\n{"add": {"label": "c", "rate": 1, "colour": 1}}\n', 3, "has no 'colour'"),
+        (b'1,2\n{"metadata": 4}\n', 3, "a JSON object"),
+        (b"1,2\n" + b"9" * (LINE_SIZE + 2), 3, "a line of more than"),
+    ],
+)
+def test_a_bad_line_is_named_and_what_came_before_is_kept(lines, place, message):
+    back, error = recorded(HEAD + lines)
+    if message is None:
+        assert error is None
+        return
+    assert str(error).startswith(f"line {place}: ") and message in str(error)
+    assert back.channels[0].values.tolist() == [1] and back.channels[1].physical().tolist() == [2.0]
+
+
+@pytest.mark.parametrize(
+    ("data", "table", "message"),
+    [
+        (b"", None, "ended before any channel"),
+        (b"# nothing\n", None, "ended before any channel"),
+        (b"1,2\n", None, "line 1: a table needs its rate"),
+        (b"1,2\n", Table(Fraction(1), ("a",)), "line 1: 1 labels for 2 columns"),
+        (b'{"channels": []}\n', None, "line 1: a header has a list of channels"),
+        (b'{"channels": [3]}\n', None, "line 1: a channel is an object"),
+        (b'{"channels": [{"label":"a","rate":1}], "x": 1}\n', None, "line 1: a header has no 'x'"),
+        (b'{"channels": [{"label":"a","rate":"x"}]}\n', None, "line 1: 'x' is not a number"),
+        (b'{"channels": [{"label":"a","rate":1}], "metadata": 1}\n', None, "a JSON object"),
+        (b'{"mark": "x"}\n', None, "line 1: a header has no 'mark'"),
+        (b"hFr1" + bytes(20), None, "byte 0: this is not JSON"),
+        (build_frame(SAMPLES, b"ab", number_format=1, count=1), None, "without its header"),
+    ],
+)
+def test_a_stream_without_a_good_header_writes_nothing(data, table, message):
+    back, error = recorded(data, table)
+    assert back is None and message in str(error)
+
+
+FRAMES = build_frame(OBJECT, HEAD) + build_frame(ROWS, bytes(16), number_format=4, count=1)
+
+
+@pytest.mark.parametrize(
+    ("frame", "message"),
+    [
+        (b"hFr2" + bytes(20), "no frame begins here"),
+        (HEADER.pack(b"hFr1", 1, 1, 0, -1, 0, PAYLOAD_SIZE + 1), "a frame of 67108865 bytes"),
+        (build_frame(3, b""), "type 3"),
+        (build_frame(SAMPLES, b"", number_format=9), "number format 9"),
+        (build_frame(SAMPLES, b"", number_format=1, tick=-2), "tick -2"),
+        (build_frame(SAMPLES, b"abc", number_format=1, count=1), "3 bytes are not 1 times 1"),
+        (build_frame(ROWS, b"abcd", number_format=1, count=2), "4 bytes are not 2 times 2"),
+        (build_frame(SAMPLES, b"ab", number_format=1, count=1, channel=7), "no channel 7"),
+        (build_frame(OBJECT, b"\xff"), "not JSON"),
+        (build_frame(SAMPLES, b"ab", number_format=1, count=1, tick=0), "ticks never go back"),
+        (FRAMES[:30], "a second header"),
+        (build_frame(SAMPLES, b"ab", number_format=1, count=1)[:-1], "25 bytes into it"),
+    ],
+)
+def test_a_bad_frame_is_named_and_what_came_before_is_kept(frame, message):
+    if message == "a second header":
+        frame = build_frame(OBJECT, HEAD)
+    back, error = recorded(FRAMES + frame)
+    assert str(error).startswith(f"byte {len(FRAMES)}: ") and message in str(error)
+    assert back.channels[0].values.tolist() == [0] and back.channels[1].physical().tolist() == [0.0]
+
+
+@given(st.binary(max_size=300), st.sampled_from([b"", b"hFr1", HEAD, FRAMES, HEAD + b"1,2\n"]))
+def test_any_bytes_give_a_recording_or_an_error(data, begin):
+    recorded(begin + data, Table(Fraction(10)))
+
+
+def test_rows_for_channels_of_two_rates_are_refused():
+    head = b'{"channels": [{"label": "a", "rate": 10}, {"label": "b", "rate": 20}]}\n'
+    assert "channels of one rate" in str(recorded(head + b"1,2\n")[1])
+
+
+def test_rows_go_on_after_skip_and_counts_have_gaps():
+    back, error = recorded(HEAD + b'1,2\n,3\n{"skip": 3}\n4,\n5,6\n')
+    assert error is None
+    assert back.channels[0].coverage == (Span(0, 1), Span(5, 7))
+    assert back.channels[1].coverage == (Span(0, 2), Span(6, 7))
+
+
+def test_an_input_of_a_table_may_have_a_lattice():
+    back, _ = recorded(b"0.1\n0.30000001\n", Table(Fraction(10), lsb=0.1, unit="V"))
+    assert back.channels[0].calibration == Calibration(1, 0, 10)
+    assert (back.channels[0].label, back.channels[0].unit) == ("1", "V")
+    assert Input("1", 10, "V", lsb=0.1).lsb == 0.1
