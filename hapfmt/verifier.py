@@ -220,7 +220,11 @@ def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:
         if ref.type != "dGST" or catalogue.damaged:
             continue
         chunk = read_chunk(catalogue.source, ref.offset)
-        if chunk is None or not chunk.header.known:
+        if (
+            chunk is None
+            or not chunk.intact
+            or (chunk.header.type, chunk.header.known) != ("dGST", True)
+        ):
             continue
         at, size = chunk.payload_offset, len(chunk.payload)
         ids = range(chunk.header.track, chunk.header.track + size // 32)

@@ -17,10 +17,12 @@ from test_walk import damaged
 
 import hapfmt
 from hapfmt import packets
+from hapfmt.codecs.events import CodedEvent, build_events
 from hapfmt.container.cluster import Packet
 from hapfmt.container.filewriter import FileWriter
 from hapfmt.container.source import BytesSource
 from hapfmt.container.track import Component, Track
+from hapfmt.container.wire import NO_TRACK
 from hapfmt.errors import FormatError, HapfmtError
 from hapfmt.opening import open_catalogue
 from hapfmt.reader import Reader
@@ -334,3 +336,28 @@ class TestFalseIndexes:
         assert catalogue.head
         assert sum(min(size, len(data)) for _, size in source.seen) < 12 * len(data)
         assert len(source.seen) < 2000
+
+
+def test_events_beside_samples():
+    """A layer has gaps everywhere, and its events are there."""
+    rows = [(0, 0, 10), (0, 10, 10), (0, 20, 10)]
+    out = io.BytesIO()
+    writer = FileWriter(out, file_id=f.FILE_ID)
+    layer = Track(2, "events", "EVNT", Fraction(10), NO_TRACK, (Component(label="notes"),), b"")
+    writer.describe([
+        *(Track(i, "full", "RAWB", Fraction(10), i, (Component(),), f.raw_parameters(1),
+                count_min=-128, count_max=127) for i in range(2)),
+        layer,
+    ])  # fmt: skip
+    for c, (_, start, span) in enumerate(rows):
+        body = [Packet(i, start, span, bytes([0, *range(span)])) for i in range(2)]
+        if c == 1:
+            body.append(Packet(2, 12, 1, build_events([CodedEvent(12, 0, 0, "touch")], 12)))
+        writer.cluster(body)
+    writer.close()
+    reader = Reader(out.getvalue())
+    assert reader.catalogue.indexed
+    found = reader.read(0, 0, 3)
+    assert [event.text for event in found.events] == ["touch"]
+    assert found.channels[0].gaps == () and len(found.channels[0].values) == 30
+    assert [event.text for event in reader.events(1, 2)] == ["touch"]
