@@ -240,11 +240,14 @@ def large_attachments(size: Size) -> bytes:
 
 def events(size: Size) -> bytes:
     """Packets of nothing but events without a text."""
-    rows = [(0, 0, 1, f.event(0) * min(size.chunks, 1 << 16))]
-    layers = [(i, *rows[0][1:]) for i in range(size.chunks >> 13)]
-    described = f.layer(track_count=len(layers))
+    events = f.event(0) * min(size.chunks, 1 << 16)
+    layers = [(1 + i, 0, 1, events) for i in range(size.chunks >> 13)]
     return f.closed(
-        head(), ("TRAK", described, {"track": 0}), ("DATA", f.cluster(*layers)), duration_ns=10**6
+        head(),
+        f.TRACK_0,
+        ("TRAK", f.layer(track_count=len(layers)), {"track": 1}),
+        ("DATA", f.cluster(*layers)),
+        duration_ns=10**6,
     )
 
 

@@ -83,7 +83,7 @@ def results(folder: Path, size: hostile.Size, names: list[str], *more: str) -> d
 
 
 NAMES = list(hostile.FILES)
-FITS = ("packets", "bad packets", "index", "chunks in", "chunks of", "attach", "large")
+FITS = ("packets", "bad packets", "index", "chunks in", "chunks of", "attach", "large", "events")
 TOO_MUCH = {name for name in NAMES if not name.startswith(FITS)}
 """What a memory of 256 MiB has no room for."""
 

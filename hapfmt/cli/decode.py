@@ -82,8 +82,8 @@ def decode(
     ):
         names = parse_channels(channels, [ref.label for ref in reader.channels])
         recording = reader.read(names, start, stop, band=cast("Band", band), progress=advance)
-        save_recording(recording, target, format_, force)
         tell_clocks(reader)
+        save_recording(recording, target, format_, force)
         code = tell_losses(reader)
         if as_json and target != "-":
             echo_json(
