@@ -193,9 +193,7 @@ def index_entries(
     return [entry for entries in reversed(kept) for entry in entries]
 
 
-def from_walk(
-    source: Source, limits: Limits | None = None, *, tolerant: bool = False
-) -> Catalogue:
+def from_walk(source: Source, limits: Limits | None = None, *, tolerant: bool = False) -> Catalogue:
     """Every chunk that can be found, in the order of the file; damage becomes findings.
 
     A broken rule is raised where there is no damage anywhere, else, and where the caller is
