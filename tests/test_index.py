@@ -206,6 +206,13 @@ class TestAHint:
         rows = tuple(sorted(set(rows), key=lambda r: r[1])) if at != 88 else (rows[0], rows[2])
         assert samples(f.minimal(ahead={"entries": rows}), start=0) == samples(f.minimal())
 
+    @pytest.mark.parametrize("closed", [True, False])
+    def test_no_entry(self, closed):
+        data = f.minimal(ahead={"entries": ()})
+        data = data if closed else data[:-64]
+        assert not open_catalogue(BytesSource(data)).indexed
+        assert samples(data, start=0) == samples(f.minimal())
+
     def test_a_description_left_out(self):
         rows = (("HEAD", 8, 0, 0), ("DATA", DATA_AT, 0, 10**12))
         assert samples(f.minimal(ahead={"entries": rows})) == samples(f.minimal())
