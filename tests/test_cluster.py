@@ -212,7 +212,8 @@ def placed_by_size(payload: bytes) -> set[tuple[int, int, int, bytes]]:
         at += entry.size
     for entry in reversed(rows):
         stop -= entry.size
-        if stop < position:
+        known = (entry.track, entry.start, entry.span) in {row[:3] for row in found}
+        if stop < position or (known and entry.size):
             break
         keep(entry, stop)
     return found

@@ -36,7 +36,8 @@ def file_of(*clusters, **changes) -> bytes:
 
 
 def row(track: int, start: int, span: int = 4) -> tuple[int, int, int, bytes]:
-    return track, start, span, f.svarint(track + 1)
+    """Of 5 bytes: fewer may stand anywhere."""
+    return track, start, span, f.svarint(track + 1) + b"\1\0\1\0"
 
 
 STEADY = file_of(*[[row(track, start) for track in range(3)] for start in (0, 4, 8)])
@@ -49,7 +50,7 @@ def test_a_damaged_packet_costs_its_own_track(cluster, track):
     REC-003: A reader that does not stop at the first damage MUST report every stretch of bytes that was lost, and every span, as far as the packets around it tell.
     REC-012: A damage report MUST name every sample that is missing, by a span of its track or of one that its channel needs.
     """
-    body = payload_of(STEADY, "DATA", cluster) + 1 + 3 * 8 + track
+    body = payload_of(STEADY, "DATA", cluster) + 1 + 3 * 8 + 5 * track
     in_table = payload_of(STEADY, "DATA", cluster) + 1 + track * 8 + 3
     for at in (body, in_table):
         assert lost(flipped(STEADY, at)) == [(track, 4 * cluster, 4 * cluster + 4)]
@@ -98,7 +99,7 @@ def test_without_an_index_the_packets_around_it_say():
     assert lost(flipped(data, third - 10)) == [(track, 44, None) for track in range(3)]
     # The damaged entry may have been one of a neighbour, in the gaps next to it.
     spans = [(0, 44, 80), (1, 4, 80), (2, 4, 40)]
-    assert lost(flipped(data, second + 1 + 3 * 8 + 1)) == spans
+    assert lost(flipped(data, second + 1 + 3 * 8 + 5)) == spans
 
 
 def test_a_lost_description_costs_its_own_track():
@@ -137,14 +138,14 @@ def test_report():
     """
     REC-012: A damage report MUST name every sample that is missing, by a span of its track or of one that its channel needs.
     """
-    at = payload_of(STEADY, "DATA", 1) + 1 + 3 * 8 + 1
+    at = payload_of(STEADY, "DATA", 1) + 1 + 3 * 8 + 5
     report = verify(flipped(STEADY, at)).damage
     codes = [damage["code"] for damage in report["damages"]]
     assert codes == ["bad-payload", "bad-packet"]
     assert report["damages"][1]["lost"] == [
         {"track": 1, "channels": [1], "start": 4, "stop": 8, "start_s": 0.004, "stop_s": 0.008}
     ]
-    assert (report["lost"], report["byte_count"]) == ([], 32 + 1 + 3 * 9)
+    assert (report["lost"], report["byte_count"]) == ([], 32 + 1 + 3 * 13)
     assert report["channels"] == [
         {"channel": n, "label": "", "lost_ticks": 4 * (n == 1), "lost_s": 0.004 * (n == 1)}
         for n in range(3)

@@ -100,11 +100,11 @@ class Salvage:
             self.forwards(self.table_stop)
             for stop in self.stops:
                 self.backwards(stop, self.table_stop)
-        if not self.sure():
+        if not self.sure() or self.rows[-1][0].offset not in self.found:
             before = dict(self.found), self.table_stop, self.whole
             self.found.clear()
             self.search()
-            if len(self.found) < len(before[0]):
+            if len(self.found) <= len(before[0]):
                 self.found, self.table_stop, self.whole = before
         for place in sorted(self.found):
             self.entries_before(self.found[place])
@@ -166,7 +166,7 @@ class Salvage:
         """From the last one on, up to one that is placed."""
         for entry, _ in reversed(self.rows):
             stop -= entry.size
-            if stop < table_stop or entry.offset in self.found:
+            if stop < table_stop or (entry.size and entry.offset in self.found):
                 return
             self.put(entry, stop)
 
@@ -275,6 +275,9 @@ def salvage_cluster(
     found = salvage.run()
     before: Placed | None = None
     samples = 0
+    if found and not salvage.sure():
+        # So few bytes may stand anywhere: they do not tell what is missing around them.
+        yield Hole(None, None, base, len(payload))
     for placed in found:
         entry, known = placed.entry, tracks.get(placed.entry.track)
         joined = before.joins(placed) if before else salvage.begins(placed, found[-1])
