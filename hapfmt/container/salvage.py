@@ -104,7 +104,7 @@ class Salvage:
             before = dict(self.found), self.table_stop, self.whole
             self.found.clear()
             self.search()
-            if len(self.found) < len(before[0]):
+            if len(self.found) <= len(before[0]):
                 self.found, self.table_stop, self.whole = before
         for place in sorted(self.found):
             self.entries_before(self.found[place])
