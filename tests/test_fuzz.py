@@ -16,6 +16,7 @@ SIZE_LIMIT = 200 << 10
 """Bytes of the corpus."""
 
 FOUND = {
+    "stream-tick-of-5000-digits": ("stream", "a tick of so many digits ended in a ValueError"),
     "index-type-not-ascii": ("index", "an entry whose type was no letters was taken"),
 }
 """Inputs that broke something, in corpus/found: the target, and what was wrong."""
