@@ -30,20 +30,26 @@ if TYPE_CHECKING:
         UnsupportedError,
     )
     from .events import Event
+    from .follow import Follower
     from .limits import Limits
     from .live.inputs import Input
     from .live.recorder import Recorder
     from .live.status import Status
     from .reader import Reader, read
     from .recording import Calibration, Channel, Recording, Span
+    from .recovery.inplace import recover_in_place
+    from .recovery.recover import recover
     from .verifier import verify
     from .writer import write
 
 _PLACES = {
     "Reader": "reader",
     "read": "reader",
+    "Follower": "follow",
     "write": "writer",
     "verify": "verifier",
+    "recover": "recovery.recover",
+    "recover_in_place": "recovery.inplace",
     "load": "convert",
     "save": "convert",
     "Settings": "encoder.settings",
@@ -77,6 +83,7 @@ __all__ = [
     "ClockMap",
     "ClockObservation",
     "Event",
+    "Follower",
     "FormatError",
     "HapfmtError",
     "Input",
@@ -96,6 +103,8 @@ __all__ = [
     "fit_clock",
     "load",
     "read",
+    "recover",
+    "recover_in_place",
     "save",
     "verify",
     "write",

@@ -8,11 +8,12 @@ from types import TracebackType
 from typing import Any
 
 from .catalogue import HARMLESS, Catalogue, ChunkRef
-from .container.cluster import Packet, parse_count, parse_entry, salvage_cluster
+from .container.cluster import Packet, parse_count, parse_entry
 from .container.filewriter import FileWriter
+from .container.salvage import salvage_cluster
 from .container.series import parse_series
 from .container.source import Source
-from .container.track import TrackTable, complete
+from .container.track import TrackTable, paired
 from .container.walk import Finding, find_header, read_chunk
 from .container.wire import HEADER_SIZE
 from .errors import HapfmtError, ParameterError
@@ -98,6 +99,9 @@ def open_append(
     file = open_live(path, sync=sync)
     try:
         catalogue = open_catalogue(file)
+        if not catalogue.closed:
+            # What stands before its last index has not been looked at yet.
+            catalogue = open_catalogue(file, scan=True)
         if catalogue.unsupported:
             raise catalogue.unsupported
         findings = [found for found in catalogue.findings if found.code not in HARMLESS]
@@ -165,21 +169,24 @@ def salvage(catalogue: Catalogue, end: int) -> list[Packet | None]:
     chunk = read_chunk(catalogue.source, end) if ref and ref.type == "DATA" else None
     if chunk is None or not chunk.header.known:
         return []
-    items = salvage_cluster(chunk.payload, catalogue.tracks, catalogue.level, chunk.payload_offset)
+    sizes = (chunk.header.payload_size, len(chunk.payload))
+    items = salvage_cluster(
+        chunk.payload, catalogue.tracks, catalogue.level, chunk.payload_offset, sizes
+    )
     return [item if isinstance(item, Packet) else None for item in items]
 
 
 def drop_incomplete(catalogue: Catalogue, end: int) -> int:
     """Where to cut: at ``end``, or before descriptions at the end that are of no use without those
-    that were to follow (TRK-010, TRK-012)."""
+    that were to follow (TRK-012)."""
     refs = [ref for ref in catalogue.chunks if ref.offset < end]
     cut = not any(ref.offset >= end for ref in catalogue.chunks if ref.type == "DATA")
     while cut and not catalogue.closed and refs and refs[-1].type == "TRAK":
-        if complete(catalogue.tracks.values()):
+        if paired(list(catalogue.tracks.values())):
             break
         end = refs.pop().offset
         catalogue.table = described(catalogue, refs)
-    if not complete(catalogue.tracks.values()):
+    if not paired(list(catalogue.tracks.values())):
         raise ParameterError(f"tracks lack those that belong to them; {RECOVER}")
     return end
 

@@ -6,7 +6,7 @@ import os
 import secrets
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -51,6 +51,15 @@ def atomic_write(path: str | os.PathLike[str], *, force: bool = False) -> Iterat
             temporary.unlink()
         raise
     sync_directory(target.parent)
+
+
+def target(
+    file: str | os.PathLike[str] | BinaryIO, force: bool
+) -> AbstractContextManager[BinaryIO]:
+    """A stream for a path, written atomically, or the stream that is given."""
+    if isinstance(file, (str, os.PathLike)):
+        return atomic_write(file, force=force)
+    return nullcontext(file)
 
 
 def refuse(name: str, force: bool) -> None:

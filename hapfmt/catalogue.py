@@ -19,7 +19,7 @@ from .container.series import parse_series
 from .container.source import Source
 from .container.track import Contract, Track, TrackTable
 from .container.walk import Chunk, Finding, header_at, read_chunk
-from .container.wire import NO_TRACK, ChunkHeader, Head, parse_head
+from .container.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
 from .errors import FormatError, UnsupportedError
 from .limits import LEVELS, Level, Limits
 
@@ -28,8 +28,19 @@ HARMLESS = frozenset({"not-closed"})
 """Findings that lose nothing that stands in the file."""
 
 
-@dataclass(frozen=True, slots=True)
-class ChunkRef:
+class FalseIndexError(FormatError):
+    """An entry of an index differs from what stands there: the file is to be walked (IDX-003)."""
+
+
+def refuse_omission(count: int, offset: int, path: str | None) -> None:
+    """Where the packets that an index led to are not all that stand before ``offset``."""
+    if count:
+        raise FormatError(
+            "the index does not list the chunks", requirement="IDX-002", offset=offset, path=path
+        )
+
+
+class ChunkRef(NamedTuple):
     """Where a chunk stands, and the nanoseconds that the packets of a DATA chunk lie within.
 
     The times are None where damage hides them, sequence and size where the index was read only.
@@ -43,6 +54,23 @@ class ChunkRef:
     size: int | None = None
     known: bool = True
     """False where its type, or a critical flag, is not known."""
+    limit: int | None = None
+    """Where the next listed chunk stands, if an index alone tells of this one."""
+
+    def checked(self, header: ChunkHeader | None) -> ChunkHeader:
+        """The header that stands there, if it is the one that was listed (IDX-003)."""
+        if (
+            header is None
+            or header.type != self.type
+            or not header.known
+            or self.offset + HEADER_SIZE + header.payload_size > (self.limit or self.offset)
+        ):
+            raise FalseIndexError(
+                f"no {self.type} chunk where the index names one",
+                requirement="IDX-003",
+                offset=self.offset,
+            )
+        return header
 
 
 class Part(NamedTuple):
@@ -102,6 +130,8 @@ class Catalogue:
     unsupported: UnsupportedError | None = None
     foot: Foot | None = None
     indexed: bool = False
+    tolerant: bool = False
+    """Whether a broken rule counts as damage in a file without any other."""
     known_findings: set[Finding] = field(default_factory=set)
     head_payload: bytes = b""
     component_count: int = 0
@@ -124,7 +154,7 @@ class Catalogue:
 
     @property
     def damaged(self) -> bool:
-        return any(finding.code not in HARMLESS for finding in self.findings)
+        return self.tolerant or any(finding.code not in HARMLESS for finding in self.findings)
 
     @property
     def closed(self) -> bool:
@@ -172,9 +202,13 @@ class Catalogue:
         stop = max((chunk.stop_ns or 0 for chunk in self.data), default=0)
         return Fraction(min(stop, NS_LIMIT), 10**9)
 
+    @property
+    def file_id(self) -> int | None:
+        return self.head.file_id if self.head else None
+
     @cached_property
     def attachments(self) -> dict[str, Attachment]:
-        """By name; a name that comes again gets a number."""
+        """By name; a name that comes again gets a number. FalseIndexError where an index lies."""
         found: dict[str, Attachment] = {}
         counts: dict[str, int] = {}
         size = 0
@@ -190,8 +224,13 @@ class Catalogue:
 
     def each_attachment(self) -> Iterator[tuple[Attachment, int]]:
         """One after the other, and the offset of its payload."""
-        for ref in self.chunks:
-            chunk = read_chunk(self.source, ref.offset) if ref.type == "aTTc" else None
+        for ref in [ref for ref in self.chunks if ref.type == "aTTc"]:
+            chunk = read_chunk(self.source, ref.offset, self.file_id)
+            if ref.limit is not None:
+                ref.checked(chunk.header if chunk else None)
+            if chunk is not None and ref.limit is not None and not chunk.intact:
+                message = "payload CRC of an aTTc chunk differs"
+                self.lose("bad-payload", ref.offset, len(chunk.payload) + 32, message, "CHK-003")
             if chunk is not None and chunk.intact and chunk.header.known:
                 at = chunk.payload_offset
                 yield parse_attachment(chunk.payload, at), at
@@ -293,7 +332,7 @@ class Catalogue:
             self.metadata.update(parse_metadata(chunk.payload, offset))
         elif header.type == "fOOT":
             self.foot = parse_foot(chunk.payload, offset, moved=self.damaged)
-        elif header.type == "DATA" and not self.indexed:
+        elif header.type == "DATA":
             start_ns, stop_ns = self.time_range(chunk)
             return ChunkRef(
                 "DATA", chunk.offset, start_ns, stop_ns, header.sequence, header.payload_size

@@ -9,9 +9,10 @@ from uuid import UUID
 
 from .catalogue import Catalogue
 from .container.clocks import parse_clock, parse_map
-from .container.cluster import Packet, parse_cluster, salvage_cluster
+from .container.cluster import Packet, parse_cluster
 from .container.extras import parse_attachment, parse_metadata
 from .container.index import parse_foot, parse_index
+from .container.salvage import salvage_cluster
 from .container.series import parse_series
 from .container.source import Source
 from .container.track import Component, Track

@@ -6,18 +6,23 @@ from collections.abc import Callable
 
 from .catalogue import Catalogue, ChunkRef
 from .container.chain import index_chain
-from .container.index import FIRST_OFFSET, IndexEntry, parse_foot
+from .container.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
 from .container.source import Source
-from .container.walk import Chunk, Finding, end_at, read_chunk, walk
-from .container.wire import HEADER_SIZE, SIGNATURE
+from .container.walk import Chunk, Finding, header_at, read_chunk, walk
+from .container.wire import HEADER_SIZE, SIGNATURE, SYNC
 from .errors import FormatError, HapfmtError
-from .limits import Limits
+from .limits import LEVELS, Limits
 
 MS = 10**6
 """Nanoseconds."""
 FOOT_SIZE = HEADER_SIZE + 32
 LATER = frozenset({"DATA", "aTTc", "dGST", "cLOk", "cMAp"})
 """Chunks that are read when somebody asks for them."""
+BACK = INDEX_EVERY + 2 * LEVELS[2].payload_size
+"""How far from the end of a file that was not closed an index is looked for: so much at most may
+stand behind it, and one more chunk that is not whole."""
+BACK_BLOCK, TRIES = 1 << 16, 16
+"""Bytes looked at first, then twice as many; what looks like an index and is none."""
 
 
 class Bounded(list[Finding]):
@@ -48,38 +53,131 @@ def open_catalogue(
 
 
 def from_index(source: Source, limits: Limits) -> Catalogue | None:
-    """None where anything about the index is not as it should be (IDX-003)."""
-    catalogue = Catalogue(source, limits, indexed=True)
+    """By the index of a closed file, or the last one of a file that was not closed; None where
+    anything about it is not as it should be (IDX-003)."""
+    if source.size < FIRST_OFFSET + FOOT_SIZE or source.read_at(0, FIRST_OFFSET) != SIGNATURE:
+        return None
     try:
-        if source.size < FIRST_OFFSET + FOOT_SIZE or source.read_at(0, 8) != SIGNATURE:
-            return None
         first = read_chunk(source, FIRST_OFFSET)
         if first is None or not first.intact or first.header.type != "HEAD":
             return None
-        file_id = first.header.file_id
-        last = read_chunk(source, source.size - FOOT_SIZE, file_id)
-        if last is None or not last.intact or last.header.type != "fOOT":
-            return None
-        catalogue.foot = parse_foot(last.payload, last.payload_offset)
-        stop = FIRST_OFFSET
-        for entry in index_entries(source, catalogue.foot.index_offset, file_id, limits):
-            # Chunks do not overlap: so the index costs no more than the file is long.
-            end = end_at(source, entry.offset, file_id)
-            if end is None or entry.offset < stop:
-                return None
-            stop = end
-            catalogue.chunks.append(
-                ChunkRef(entry.type, entry.offset, entry.start_ms * MS, entry.stop_ms * MS)
-            )
-            if entry.type in LATER:
-                continue
-            chunk = read_chunk(source, entry.offset, file_id)
-            if chunk is None or not chunk.intact or chunk.header.type != entry.type:
-                return None
-            catalogue.learn(chunk)
+        last = read_chunk(source, source.size - FOOT_SIZE, first.header.file_id)
+        if last is not None and last.intact and last.header.type == "fOOT":
+            return from_foot(source, last, limits)
+        return from_checkpoint(source, first.header.file_id, limits)
     except FormatError:
         return None
-    return catalogue if catalogue.head else None
+
+
+def from_foot(source: Source, chunk: Chunk, limits: Limits) -> Catalogue | None:
+    catalogue = Catalogue(source, limits, indexed=True)
+    catalogue.foot = parse_foot(chunk.payload, chunk.payload_offset)
+    offset, file_id = catalogue.foot.index_offset, chunk.header.file_id
+    return catalogue if learn_listed(catalogue, offset, file_id) else None
+
+
+def from_checkpoint(source: Source, file_id: int, limits: Limits) -> Catalogue | None:
+    """The chunks that the last index lists, and those after it, read in order.
+
+    Only where nothing but the end of the last chunk is missing.
+    """
+    catalogue = Catalogue(source, limits, indexed=True)
+    index = learn_checkpoint(catalogue, file_id)
+    if index is None:
+        return None
+    for chunk in walk(source, catalogue.findings, after=index):
+        catalogue.foot = None
+        found = catalogue.learn(chunk) if chunk.intact else None
+        catalogue.chunks.append(found or ref_of(chunk))
+    ends = all(
+        finding.code in ("truncated", "garbage") and finding.offset + finding.size == source.size
+        for finding in catalogue.findings
+    )
+    if not ends or catalogue.foot is not None:
+        return None
+    settle_end(catalogue)
+    check_found(catalogue)
+    return catalogue
+
+
+def learn_checkpoint(catalogue: Catalogue, file_id: int) -> Chunk | None:
+    """The last index, and what it lists is learnt; None where there is none that can be relied on.
+
+    It follows directly on the last chunk that it lists: one within an attached file does not.
+    """
+    source = catalogue.source
+    index = last_index(source, file_id)
+    if index is None or not learn_listed(catalogue, index.offset, file_id):
+        return None
+    last = catalogue.chunks[-1]
+    before = header_at(source, last.offset, file_id)
+    if before is None or before.sequence + 1 != index.header.sequence:
+        return None
+    stop = last.offset + HEADER_SIZE + before.payload_size
+    return index if stop == index.offset else None
+
+
+def learn_listed(catalogue: Catalogue, offset: int, file_id: int) -> bool:
+    """Read the descriptions that the chain of indexes lists which ends with the one at ``offset``,
+    and note where the rest stands; False where something else stands there.
+
+    A header is read for no other chunk. What is read does not overlap, so that this costs no more
+    than the file is long.
+    """
+    source = catalogue.source
+    entries = index_entries(source, offset, file_id, catalogue.limits)
+    if not entries:
+        return False
+    ends = [entry.offset for entry in entries[1:]] + [offset]
+    stop = FIRST_OFFSET
+    for entry, limit in zip(entries, ends, strict=True):
+        if entry.offset < stop:
+            return False
+        stop = entry.offset + HEADER_SIZE
+        catalogue.chunks.append(
+            ChunkRef(entry.type, entry.offset, entry.start_ms * MS, entry.stop_ms * MS, limit=limit)
+        )
+        if entry.type in LATER:
+            continue
+        chunk = read_chunk(source, entry.offset, file_id)
+        if chunk is None or not chunk.intact or chunk.header.type != entry.type:
+            return False
+        stop = chunk.stop
+        catalogue.learn(chunk)
+    return catalogue.head is not None
+
+
+def last_index(source: Source, file_id: int) -> Chunk | None:
+    """The last intact index, if it stands where a writer puts one (IDX-005)."""
+    pattern = SYNC + b"iNDX"
+    lowest = max(source.size - BACK, FIRST_OFFSET)
+    tries, stop, size = 0, source.size, BACK_BLOCK
+    while stop > lowest:
+        start = max(stop - size, lowest)
+        block = source.read_at(start, stop - start + len(pattern) - 1)
+        at = block.rfind(pattern)
+        while at >= 0:
+            chunk = read_chunk(source, start + at, file_id)
+            if chunk is not None and chunk.intact and chunk.header.known:
+                return chunk
+            tries += 1
+            if tries == TRIES:
+                return None
+            at = block.rfind(pattern, 0, at + len(pattern) - 1)
+        stop, size = start, 2 * size
+    return None
+
+
+def settle_end(catalogue: Catalogue) -> None:
+    """The end of the latest packet to the tick: an index knows its milliseconds."""
+    latest = max((ref.stop_ns or 0 for ref in catalogue.data), default=0)
+    for place, ref in enumerate(catalogue.chunks):
+        if ref.type == "DATA" and ref.stop_ns == latest and ref.limit is not None:
+            chunk = read_chunk(catalogue.source, ref.offset, catalogue.file_id)
+            ref.checked(chunk.header if chunk else None)
+            if chunk is not None and chunk.intact:
+                start_ns, stop_ns = catalogue.time_range(chunk)
+                catalogue.chunks[place] = ref._replace(start_ns=start_ns, stop_ns=stop_ns)
 
 
 def index_entries(
@@ -95,23 +193,17 @@ def index_entries(
     return [entry for entries in reversed(kept) for entry in entries]
 
 
-def from_walk(source: Source, limits: Limits) -> Catalogue:
+def from_walk(source: Source, limits: Limits | None = None, *, tolerant: bool = False) -> Catalogue:
     """Every chunk that can be found, in the order of the file; damage becomes findings.
 
-    A broken rule is raised where there is no damage anywhere, else it counts as damage (clause 14).
+    A broken rule is raised where there is no damage anywhere, else, and where the caller is
+    ``tolerant``, it counts as damage (clause 14).
     """
-    catalogue = Catalogue(source, limits)
+    catalogue = Catalogue(source, limits or Limits(), tolerant=tolerant)
     catalogue.findings = Bounded(catalogue.check_records)
     broken: list[tuple[Chunk, FormatError]] = []
     for chunk in walk(source, catalogue.findings):
-        header = chunk.header
-        ref = ChunkRef(
-            header.type,
-            chunk.offset,
-            sequence=header.sequence,
-            size=header.payload_size,
-            known=header.known,
-        )
+        ref = ref_of(chunk)
         catalogue.check_records()
         catalogue.foot = None
         if chunk.intact:
@@ -129,6 +221,17 @@ def from_walk(source: Source, limits: Limits) -> Catalogue:
         catalogue.lose("bad-chunk", at, 0, stranger.message, rule)
     check_found(catalogue)
     return catalogue
+
+
+def ref_of(chunk: Chunk) -> ChunkRef:
+    header = chunk.header
+    return ChunkRef(
+        header.type,
+        chunk.offset,
+        sequence=header.sequence,
+        size=header.payload_size,
+        known=header.known,
+    )
 
 
 def lose_chunk(catalogue: Catalogue, chunk: Chunk, error: HapfmtError) -> None:

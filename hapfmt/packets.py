@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import NamedTuple
+from math import ceil, floor
 
 from .catalogue import Catalogue, ChunkRef
-from .container.cluster import Packet, parse_cluster, salvage_cluster
+from .container.cluster import Packet, parse_cluster, parse_count, parse_entry
+from .container.salvage import Hole, salvage_cluster
 from .container.walk import header_at, read_chunk
+from .container.wire import HEADER_SIZE, ChunkHeader, crc32
 from .errors import ChecksumError, FormatError
+from .losses import Losses
 from .numbers import exact
+from .partial import SHARE, Ranges, Row, read_packets, read_table, wanted_rows
+from .timeline import UNKNOWN, Timeline, Times
 
 Seconds = Fraction | float | int
 TAIL_LOSSES = frozenset({"missing-chunk", "truncated", "garbage", "duplicate-chunk"})
 """Findings after the last DATA chunk that may have been packets."""
 
-
-class LostSpan(NamedTuple):
-    """Ticks of a track that damage took: start <= t < stop; stop None: nobody knows how many."""
-
-    track: int
-    start: int
-    stop: int | None
+MS = 10**6
+"""Nanoseconds."""
+EXTRA_SIZE = 1 << 16
+"""Bytes that a damaged payload may be longer than its header says."""
 
 
 @dataclass
@@ -42,7 +45,10 @@ class Progress:
     """Where a pass over the packets stands; ``lines`` by track, with its place in the line."""
 
     lines: dict[int, tuple[Line, int]]
-    broken: set[int] = field(default_factory=set)
+    timeline: Timeline | None = None
+    """None where nothing is damaged, or each chunk has its times from an index."""
+    done: int = 0
+    """DATA chunks before the one that is read."""
 
     @classmethod
     def of(cls, catalogue: Catalogue) -> Progress:
@@ -66,7 +72,14 @@ class PacketPass:
     def __init__(self, catalogue: Catalogue, on_damage: Callable[[], None]) -> None:
         self.catalogue = catalogue
         self.on_damage = on_damage
-        self.lost: list[LostSpan] = []
+        self.losses = Losses(catalogue.tracks)
+        self.lost = self.losses.spans
+        self.offsets = sorted(ref.offset for ref in catalogue.chunks)
+        self.state = Progress.of(catalogue)
+        self.stops: dict[tuple[int, ...], int] = {}
+        """Where the last packet of each line ended."""
+        self.unproven: ChunkRef | None = None
+        """The last cluster that was read in part: a damaged row may hide what follows there."""
 
     def packets(
         self,
@@ -75,95 +88,235 @@ class PacketPass:
         stop: Seconds | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> Iterator[Packet]:
-        """Packets of the tracks in ``ranges`` that overlap their tick range, CRCs checked."""
-        state = Progress.of(self.catalogue)
-        refs = [ref for ref in self.catalogue.data if overlaps(ref, start, stop)]
-        found = {ref.sequence for ref in self.catalogue.chunks if ref.sequence is not None}
+        """Packets of the tracks in ``ranges`` that overlap their tick range, CRCs checked.
+
+        FalseIndexError where a chunk is not what an index says of it (IDX-003).
+        """
+        state = self.state
+        refs = overlapping(self.catalogue.data, start, stop)
+        walked = self.catalogue.damaged and not self.catalogue.indexed
+        state.timeline = Timeline(self.catalogue, refs) if walked else None
+        found: set[int] = set()
+        if self.catalogue.damaged:
+            found = {ref.sequence for ref in self.catalogue.chunks if ref.sequence is not None}
         previous: ChunkRef | None = None
         for done, ref in enumerate(refs):
+            state.done = done
             if self.missing(found, previous, ref):
-                state.broken.update(ranges)
+                self.suspect(state, ranges, ref.offset)
             previous = ref
-            for packet in self.cluster(ref, state, set(ranges)):
+            ahead = self.ahead(refs[done + 1 :][:1]) if ref.start_ns is None else {}
+            for packet in self.cluster(ref, state, ranges):
                 if packet.track not in ranges:
                     continue
-                if not self.settle(packet, state):
-                    continue
                 first, last = ranges[packet.track]
+                line = state.lines[packet.track][0]
+                if not line.free and packet.start > self.stops.get(line.tracks, first):
+                    self.prove(state, ranges)
+                if self.beyond(packet, ahead) or not self.settle(packet, state):
+                    continue
+                self.stops[line.tracks] = packet.stop
                 if packet.start < last and packet.stop > first:
                     yield packet
             if progress:
                 progress(done + 1, len(refs))
-        if self.missing(found, previous, None):
-            state.broken.update(ranges)
-        for track in sorted(state.broken & set(ranges)):
-            line, place = state.lines[track]
-            if place >= line.place:
-                self.lost.append(LostSpan(track, line.stop, None))
+        rows = [(state.lines[track][0], *ends) for track, ends in ranges.items()]
+        if any(self.stops.get(x.tracks, first) < last for x, first, last in rows if not x.free):
+            self.prove(state, ranges)
+        state.done = len(refs)
+        for offset in self.tail(previous):
+            self.suspect(state, ranges, offset)
+        for track in sorted(ranges):
+            self.losses.end(track, state.lines[track][0].stop)
 
-    def holds(self, start: Seconds | None, stop: Seconds | None) -> bool:
-        """Whether a DATA chunk stands wherever an index says that one does (IDX-003)."""
-        for ref in self.catalogue.data:
-            if self.catalogue.indexed and overlaps(ref, start, stop):
-                header = header_at(self.catalogue.source, ref.offset, self.file_id)
-                if header is None or header.type != "DATA" or not header.known:
-                    return False
-        return True
-
-    @property
-    def file_id(self) -> int | None:
-        return self.catalogue.head.file_id if self.catalogue.head else None
-
-    def missing(self, found: set[int], before: ChunkRef | None, after: ChunkRef | None) -> bool:
+    def missing(self, found: set[int], before: ChunkRef | None, after: ChunkRef) -> bool:
         """Whether chunks were lost between two DATA chunks; ``found`` are the sequence numbers of
         the chunks whose header holds."""
-        if self.catalogue.indexed or not self.catalogue.damaged:
+        if not self.catalogue.damaged or self.catalogue.indexed or after.sequence is None:
             return False
-        if after is None or after.sequence is None:
-            end = before.offset if before else -1
-            return any(f.code in TAIL_LOSSES and f.offset > end for f in self.catalogue.findings)
         low = -1 if before is None or before.sequence is None else before.sequence
         return any(number not in found for number in range(low + 1, after.sequence))
 
-    def cluster(self, ref: ChunkRef, state: Progress, wanted: set[int]) -> Iterator[Packet]:
-        """The packets of one DATA chunk; damaged ones are reported instead."""
-        catalogue = self.catalogue
-        chunk = read_chunk(catalogue.source, ref.offset)
-        if chunk is None:
-            # Its header stood there when the file was opened.
+    def tail(self, last: ChunkRef | None) -> Iterator[int]:
+        """Offsets of damage behind the last DATA chunk that may have been packets."""
+        end = last.offset if last else -1
+        for finding in self.catalogue.findings if self.catalogue.damaged else ():
+            if finding.code in TAIL_LOSSES and finding.offset > end:
+                yield finding.offset
+
+    def suspect(
+        self, state: Progress, tracks: Iterable[int], offset: int, ref: ChunkRef | None = None
+    ) -> None:
+        """Damage at ``offset``, in the chunk ``ref`` or where a chunk is missing, may have taken
+        packets of these tracks."""
+        times = UNKNOWN
+        if state.timeline is not None:
+            times = state.timeline.between(state.done, offset)
+        elif ref is not None and ref.start_ns is not None and ref.stop_ns is not None:
+            times = Times(ref.start_ns // MS, -(-ref.stop_ns // MS))
+        self.losses.suspect(tracks, times, offset)
+
+    def cluster(self, ref: ChunkRef, state: Progress, ranges: Ranges) -> Iterator[Packet]:
+        """The packets of one DATA chunk, or of it those that are wanted; damaged ones are reported
+        instead."""
+        source = self.catalogue.source
+        listed = ref.limit is not None
+        header = header_at(source, ref.offset, self.catalogue.file_id if listed else None)
+        if listed:
+            ref.checked(header)
+        if header is None:
+            # It stood there when the file was opened.
             raise ChecksumError(
-                "the file changed while it was read", offset=ref.offset, path=catalogue.source.path
+                "the file changed while it was read", offset=ref.offset, path=source.path
             )
-        at, size = chunk.payload_offset, len(chunk.payload)
-        if chunk.intact:
+        part = self.part(ref, header, ranges)
+        if part is not None:
+            yield from part
+        else:
+            yield from self.whole(ref, header, state, ranges)
+
+    def part(self, ref: ChunkRef, header: ChunkHeader, ranges: Ranges) -> list[Packet] | None:
+        """The wanted packets alone; None where that saves nothing, or where the CRC of the whole
+        payload is needed."""
+        source, tracks = self.catalogue.source, self.catalogue.tracks
+        if ref.stop_ns is None or header.payload_size <= source.gap:
+            return None
+        if any(self.state.lines[track][0].free for track in ranges):
+            return None
+        if SHARE * len(ranges) >= len(tracks):
+            return None
+        rows = read_table(source, ref, header, tracks, self.catalogue.level, ranges)
+        if rows is None:
+            return None
+        wanted = wanted_rows(rows, ranges)
+        if SHARE * sum(entry.size for entry, _ in wanted) >= header.payload_size:
+            return None
+        listed = ref.limit is not None
+        if listed and not self.goes_on(rows, ranges, ref.stop_ns):
+            return None
+        packets = read_packets(source, wanted)
+        if packets is not None and listed:
+            self.unproven = ref
+        return packets
+
+    def goes_on(self, rows: Sequence[Row], ranges: Ranges, stop_ns: int) -> bool:
+        """Whether each wanted line has its samples without a gap, from where it stood, or the start
+        of its range, to where it ends here; one that stands at its end already needs none."""
+        here: dict[tuple[int, ...], int] = {}
+        ends: dict[tuple[int, ...], int] = {}
+        for track, (first, last) in ranges.items():
+            if self.state.lines[track][0].free:
+                continue
+            line = self.state.lines[track][0].tracks
+            here[line] = self.stops.get(line, first)
+            rate = self.catalogue.tracks[track].rate
+            ends[line] = min(last, tick_after(stop_ns, rate))
+        reached: set[tuple[int, ...]] = set()
+        for entry, _ in rows:
+            line = self.state.lines[entry.track][0].tracks
+            if line not in here or entry.start >= ranges[entry.track][1]:
+                continue
+            if entry.start > here[line]:
+                return False
+            here[line] = max(here[line], entry.stop)
+            reached.add(line)
+        proven = all(line in reached or here[line] >= end for line, end in ends.items())
+        return proven and bool(ends)
+
+    def prove(self, state: Progress, ranges: Ranges) -> None:
+        """A gap: take the CRC of the payload that the missing packets may have stood in."""
+        ref, self.unproven = self.unproven, None
+        if ref is None:
+            return
+        header = header_at(self.catalogue.source, ref.offset, self.catalogue.file_id)
+        for _ in self.whole(ref, ref.checked(header), state, ranges):
+            # Those that are wanted were delivered.
+            pass
+
+    def whole(
+        self, ref: ChunkRef, header: ChunkHeader, state: Progress, ranges: Ranges
+    ) -> Iterator[Packet]:
+        catalogue = self.catalogue
+        at, size = ref.offset + HEADER_SIZE, header.payload_size
+        payload = catalogue.source.read_at(at, size)
+        if len(payload) == size and crc32(payload) == header.payload_crc:
             try:
-                yield from parse_cluster(chunk.payload, catalogue.tracks, catalogue.level, at)
+                yield from parse_cluster(payload, catalogue.tracks, catalogue.level, at)
                 return
             except FormatError as error:
                 if not catalogue.damaged:
-                    raise error.at(path=self.catalogue.source.path) from None
-        elif catalogue.indexed:
+                    raise error.at(path=catalogue.source.path) from None
+        elif ref.limit is not None:
+            message = "payload CRC of a DATA chunk differs"
             catalogue.lose(
-                "bad-payload",
-                ref.offset,
-                size + 32,
-                "payload CRC of a DATA chunk differs",
-                "CHK-003",
+                "bad-payload", ref.offset, len(payload) + HEADER_SIZE, message, "CHK-003"
             )
             self.on_damage()
-        for item in salvage_cluster(chunk.payload, catalogue.tracks, catalogue.level, at):
+        payload, sizes = self.region(ref, payload, size)
+        for item in salvage_cluster(payload, catalogue.tracks, catalogue.level, at, sizes):
             if isinstance(item, Packet):
                 yield item
-            elif item is None:
-                catalogue.lose("bad-table", at, size, "the packet table cannot be read", "REC-003")
-                state.broken.update(wanted)
             else:
-                catalogue.lose(
-                    "bad-packet", item.offset, item.size,
-                    f"a packet, perhaps of track {item.track}, is damaged", "DAT-004",
-                )  # fmt: skip
-                # The entry itself may be what is damaged: any track may have lost something.
-                state.broken.update(wanted)
+                self.lose_packets(item, ref, len(payload), state, ranges)
+
+    def ahead(self, following: Sequence[ChunkRef]) -> dict[int, int]:
+        """Where the packets of the next chunk start, by track: damage may have brought bytes of
+        another cluster, and its packets hold too."""
+        if not following or following[0].start_ns is None:
+            return {}
+        chunk = read_chunk(self.catalogue.source, following[0].offset)
+        firsts: dict[int, int] = {}
+        if chunk is not None and chunk.intact:
+            count, position = parse_count(chunk.payload, self.catalogue.level, 0)
+            for _ in range(count):
+                entry, position = parse_entry(chunk.payload, position, 0)
+                firsts.setdefault(entry.track, entry.start)
+        return firsts
+
+    def beyond(self, packet: Packet, ahead: dict[int, int]) -> bool:
+        """Whether it ends after the next packet of its track starts."""
+        free = self.state.lines[packet.track][0].free
+        late = packet.track in ahead and packet.stop > ahead[packet.track] and not free
+        if late:
+            self.lose_overlap(packet, "ticks of the next packet")
+        return late
+
+    def region(self, ref: ChunkRef, payload: bytes, size: int) -> tuple[bytes, list[int]]:
+        """The bytes that a damaged payload may be, and the sizes it may have: by its header, and up
+        to the next chunk, where bytes were lost or came in."""
+        at, sizes = ref.offset + HEADER_SIZE, [size]
+        place = bisect_right(self.offsets, ref.offset)
+        if place < len(self.offsets):
+            size = self.offsets[place] - at
+            if size != sizes[0] and size <= sizes[0] + EXTRA_SIZE:
+                sizes.append(size)
+        if max(sizes) > len(payload):
+            payload = self.catalogue.source.read_at(at, max(sizes))
+        return payload, sizes
+
+    def lose_packets(
+        self, hole: Hole, ref: ChunkRef, size: int, state: Progress, ranges: Ranges
+    ) -> None:
+        if hole.entry is not None:
+            message = f"a packet of track {hole.entry.track} cannot be delivered"
+            self.catalogue.lose("bad-packet", hole.offset, hole.size, message, "DAT-008")
+            entry = hole.entry
+            if entry.track in ranges or entry.track not in self.catalogue.tracks:
+                self.losses.lose(entry.track, entry.start, entry.stop, hole.offset)
+        elif hole.after is None and hole.before is None:
+            at, message = ref.offset + HEADER_SIZE, "no packet can be read"
+            self.catalogue.lose("bad-table", at, size, message, "REC-003")
+            self.suspect(state, ranges, at, ref)
+        else:
+            tracks = hole.tracks(sorted(self.catalogue.tracks))
+            ends = sorted({tracks[0], tracks[-1]}) if tracks else ["?"]
+            message = f"packets of track {' to '.join(map(str, ends))} are damaged"
+            self.catalogue.lose("bad-packet", hole.offset, hole.size, message, "DAT-004")
+            self.suspect(state, ranges.keys() & set(tracks), hole.offset, ref)
+
+    def lose_overlap(self, packet: Packet, what: str, rule: str | None = None) -> None:
+        message, size = f"a packet of track {packet.track} covers {what}", len(packet.data)
+        self.catalogue.lose("overlap", packet.offset, size, message, rule or "DAT-006")
 
     def settle(self, packet: Packet, state: Progress) -> bool:
         """Order of time (DAT-006, TRK-017), and what was lost before this packet; False: leave it
@@ -176,20 +329,10 @@ class PacketPass:
             error = disorder(packet, alone=place == line.place)
             if not self.catalogue.damaged:
                 raise error.at(path=self.catalogue.source.path)
-            self.catalogue.lose(
-                "overlap",
-                packet.offset,
-                len(packet.data),
-                f"a packet of track {packet.track} covers ticks that were delivered before",
-                error.requirement or "DAT-006",
-            )
+            self.lose_overlap(packet, "ticks that were delivered before", error.requirement)
             return False
-        if state.broken:
-            for track in line.tracks[line.place : place + 1]:
-                if track in state.broken:
-                    if packet.start > last:
-                        self.lost.append(LostSpan(track, last, packet.start))
-                    state.broken.discard(track)
+        for track in line.tracks[line.place : place + 1]:
+            self.losses.settle(track, last, packet.start)
         line.place, line.stop = place, packet.stop
         return True
 
@@ -206,6 +349,14 @@ def disorder(packet: Packet, *, alone: bool) -> FormatError:
     )
 
 
+def refuse_omission(count: int, offset: int, path: str | None) -> None:
+    """Where the packets that an index led to are not all that stand before ``offset``."""
+    if count:
+        raise FormatError(
+            "the index does not list the chunks", requirement="IDX-002", offset=offset, path=path
+        )
+
+
 def tick_range(rate: Fraction, start: Seconds | None, stop: Seconds | None) -> tuple[int, int]:
     """Ticks from ceil(start * rate) to ceil(stop * rate), exactly (SPEC clause 7)."""
 
@@ -219,9 +370,21 @@ def tick_range(rate: Fraction, start: Seconds | None, stop: Seconds | None) -> t
     )
 
 
-def overlaps(ref: ChunkRef, start: Seconds | None, stop: Seconds | None) -> bool:
-    if ref.start_ns is None or ref.stop_ns is None:
-        return True
-    after = stop is not None and exact(stop) * 10**9 <= ref.start_ns
-    before = start is not None and exact(start) * 10**9 >= ref.stop_ns
-    return not (after or before)
+def tick_after(time_ns: int, rate: Fraction) -> int:
+    """The first tick at ``time_ns`` or later."""
+    return -(-time_ns * rate.numerator // (rate.denominator * 10**9))
+
+
+def overlapping(
+    refs: list[ChunkRef], start: Seconds | None, stop: Seconds | None
+) -> list[ChunkRef]:
+    """DATA chunks that may hold something of the seconds [start, stop)."""
+    first = 0 if start is None else floor(exact(start) * 10**9)
+    last = None if stop is None else ceil(exact(stop) * 10**9)
+    return [
+        ref
+        for ref in refs
+        if ref.start_ns is None
+        or ref.stop_ns is None
+        or ((start is None or first < ref.stop_ns) and (last is None or ref.start_ns < last))
+    ]

@@ -6,11 +6,12 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from types import TracebackType
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 from uuid import UUID
 
 from .assembly import BANDS, Assembly, Band, wanted_tracks
-from .catalogue import Catalogue, ChannelRef
+from .batches import BATCH, Batch, batches
+from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
 from .container.clocks import ClockMap, ClockObservation
 from .container.cluster import Packet
 from .container.extras import Attachment
@@ -21,36 +22,31 @@ from .decoder import TrackDecoder
 from .errors import ChecksumError, FormatError, ParameterError, TruncatedError
 from .events import Event
 from .limits import Limits
+from .losses import LostSpan
 from .opening import open_catalogue
-from .packets import LostSpan, PacketPass, Seconds, tick_range
+from .packets import PacketPass, Seconds, tick_range
 from .pieces import Piece, PieceDecoder
 from .reconstruct import Decoded
 from .recording import Recording
 from .threads import in_order, thread_count
-
-BATCH = 1 << 15
-"""Samples that are worth handing to another thread."""
 
 IN_FLIGHT = 1 << 19
 """Samples that are decoded ahead of those that are delivered, by all threads together; a packet of
 more is decoded alone."""
 
 
-class Batch(NamedTuple):
-    """Packets that one thread decodes, and how many samples they have."""
-
-    packets: list[Packet]
-    weight: int
-
-
 class Reader:
-    """Opens a path, bytes, or a binary stream.
+    """Opens a path, a URL, bytes, or a binary stream.
 
     Damage raises nothing by itself: what can be read is delivered, what is lost is in ``findings``
     and ``lost``; ``strict=True`` raises at the first damage instead. Bytes that break a rule
     although their checksums hold raise FormatError either way. ``scan=True`` walks through the
     whole file at once, which a read of everything does anyway. ``threads`` decode; None: as many as
     HAPFMT_THREADS says, else as there are CPUs, one where the work is small.
+
+    ``mapped``: a local file as a mapping, which saves copies; if somebody cuts the file meanwhile,
+    the process dies. A text with :// or :: in front is a URL for fsspec (extra "remote"), of which
+    only what is needed is read; ``spool``: the whole of it, first.
     """
 
     def __init__(
@@ -61,11 +57,13 @@ class Reader:
         strict: bool = False,
         threads: int | None = None,
         scan: bool = False,
+        mapped: bool = False,
+        spool: bool = False,
     ) -> None:
         self.limits = limits or Limits()
         self.strict = strict
         self.threads = threads
-        self.source = open_source(file)
+        self.source = open_source(file, mapped=mapped, spool=spool)
         self.lost: list[LostSpan] = []
         try:
             self.catalogue: Catalogue = open_catalogue(self.source, scan=scan, limits=self.limits)
@@ -106,7 +104,11 @@ class Reader:
 
     @property
     def attachments(self) -> dict[str, Attachment]:
-        return self.catalogue.attachments
+        try:
+            return self.catalogue.attachments
+        except FalseIndexError:
+            self.scan()
+            return self.catalogue.attachments
 
     @property
     def clocks(self) -> list[ClockObservation]:
@@ -138,10 +140,6 @@ class Reader:
                 offset=first.offset,
                 path=self.source.path,
             )
-
-    def holds(self, start: Seconds | None, stop: Seconds | None) -> bool:
-        """Whether the index can be trusted for a stretch of time (IDX-003)."""
-        return PacketPass(self.catalogue, self.refuse_damage).holds(start, stop)
 
     def refuse_unknown(self) -> None:
         """CHK-009."""
@@ -185,11 +183,14 @@ class Reader:
         """
         if band not in BANDS:
             raise ParameterError(f"band is one of {', '.join(BANDS)}")
-        whole = start is None and stop is None
-        if whole or not self.holds(start, stop):
+        if start is None and stop is None:
             self.scan()
+        catalogue = self.catalogue
         chosen = self.select(channels)
         assembly = self.assembly(chosen, start, stop, band=band, exact=exact, progress=progress)
+        if self.catalogue is not catalogue:
+            # The index was false: other channels may be there.
+            return self.read(channels, start, stop, band=band, exact=exact, progress=progress)
         head = self.catalogue.head
         return Recording(
             tuple(assembly.channel(ref) for ref in chosen),
@@ -239,8 +240,9 @@ class Reader:
     ) -> list[Event]:
         """Events with start <= time < stop, of all layers or those with these names, in order of
         time. Their channels are the channels' numbers."""
-        if not (start is None and stop is None) and not self.holds(start, stop):
+        if start is None and stop is None:
             self.scan()
+        catalogue = self.catalogue
         chosen = [
             layer
             for layer in self.catalogue.layers
@@ -250,6 +252,8 @@ class Reader:
         for piece in self.pieces(chosen, start, stop):
             assembly.add_events(piece.track, piece.events)
             self.limits.check_events(assembly.event_count)
+        if self.catalogue is not catalogue:
+            return self.events(start, stop, layers=layers)
         return assembly.events()
 
     def pieces(
@@ -329,12 +333,28 @@ class Reader:
         """Packets of the tracks in ``ranges``, {id: (first tick, tick after the last)}, that
         overlap their range, CRCs checked; nothing is decoded."""
         current = PacketPass(self.catalogue, self.refuse_damage)
-        if not current.holds(start, stop):
+        self.lost = current.lost
+        count, last = 0, -1
+        try:
+            for packet in current.packets(ranges, start, stop, progress):
+                count, last = count + 1, packet.offset
+                yield packet
+            return
+        except FalseIndexError:
+            # What was delivered stands where it was found; the rest is found in order (IDX-003).
             self.scan()
             self.refuse_unknown()
-            current = PacketPass(self.catalogue, self.refuse_damage)
+        current = PacketPass(self.catalogue, self.refuse_damage)
         self.lost = current.lost
-        return current.packets(ranges, start, stop, progress)
+        known = {id_: ends for id_, ends in ranges.items() if id_ in self.catalogue.tracks}
+        self.lost += [LostSpan(id_, 0, None) for id_ in sorted(ranges.keys() - known.keys())]
+        for packet in current.packets(known, start, stop, progress):
+            if packet.offset <= last:
+                count -= 1
+                continue
+            refuse_omission(count, last, self.source.path)
+            yield packet
+        refuse_omission(count, last, self.source.path)
 
     def lost_parts(self, chosen: Sequence[ChannelRef], band: Band) -> list[LostSpan]:
         """What nobody can give for want of a description: LF tracks without their HF track
@@ -354,25 +374,6 @@ class Reader:
         rule = error.requirement or "COD-001"
         self.catalogue.lose("bad-packet", packet.offset, size, error.message, rule)
         self.lost.append(LostSpan(packet.track, packet.start, packet.stop))
-
-
-def batches(packets: Iterable[tuple[Packet, int]], size: int) -> Iterator[Batch]:
-    """Packets in their order, as few together as hold ``size`` samples; what an error leaves of a
-    batch comes before it."""
-    batch, weight = [], 0
-    try:
-        for packet, samples in packets:
-            batch.append(packet)
-            weight += samples
-            if weight >= size:
-                yield Batch(batch, weight)
-                batch, weight = [], 0
-    except Exception:
-        if batch:
-            yield Batch(batch, weight)
-        raise
-    if batch:
-        yield Batch(batch, weight)
 
 
 def read(

@@ -7,7 +7,8 @@ from typing import Any
 
 from .catalogue import Catalogue
 from .codecs.events import parse_events
-from .container.cluster import Packet, entry_size, parse_cluster, salvage_cluster
+from .container.cluster import Packet, entry_size, parse_cluster
+from .container.salvage import salvage_cluster
 from .container.source import Source
 from .container.walk import Finding, walk
 from .container.wire import HEADER_SIZE, SIGNATURE

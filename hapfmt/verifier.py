@@ -21,6 +21,7 @@ from .container.index import (
 from .container.track import lone_lf
 from .container.walk import read_chunk
 from .contract import ContractCheck, check_contracts
+from .damage import damage_report, lost_lines
 from .decoder import TrackDigest
 from .errors import FormatError, HapfmtError, LimitError, UnsupportedError
 from .limits import Limits
@@ -43,6 +44,9 @@ class Report:
     exit_code: int = INTACT
     findings: list[dict[str, Any]] = field(default_factory=list)
     lost: list[dict[str, Any]] = field(default_factory=list)
+    lost_lines: list[str] = field(default_factory=list)
+    damage: dict[str, Any] | None = None
+    """The report of SPEC 12.2; None where the file could not be opened."""
     error: HapfmtError | None = None
     digests: int = 0
     packets: int = 0
@@ -65,8 +69,7 @@ class Report:
             "verdict": self.verdict,
             "exit_code": self.exit_code,
             "error": str(self.error) if self.error else None,
-            "findings": self.findings,
-            "lost": self.lost,
+            "damage": self.damage,
             "packet_count": self.packets,
             "sample_count": self.samples,
             "event_count": self.events,
@@ -109,6 +112,8 @@ def verify(
         catalogue = reader.catalogue
         report.findings = [finding.as_json() for finding in catalogue.findings]
         report.lost = [span._asdict() for span in reader.lost]
+        report.lost_lines = lost_lines(catalogue, reader.lost)
+        report.damage = damage_report(catalogue, reader.lost)
         report.unknown = [header.type for header in catalogue.unknown]
         report.worsen(catalogue.exit_code)
         if any(check.broken for check in report.contracts):
@@ -215,7 +220,11 @@ def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:
         if ref.type != "dGST" or catalogue.damaged:
             continue
         chunk = read_chunk(catalogue.source, ref.offset)
-        if chunk is None or not chunk.header.known:
+        if (
+            chunk is None
+            or not chunk.intact
+            or (chunk.header.type, chunk.header.known) != ("dGST", True)
+        ):
             continue
         at, size = chunk.payload_offset, len(chunk.payload)
         ids = range(chunk.header.track, chunk.header.track + size // 32)

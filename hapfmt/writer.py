@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import BinaryIO
 
-from .atomic import atomic_write, refuse
+from .atomic import refuse, target
 from .container.cluster import Packet
 from .container.extras import Attachment, build_attachment, build_metadata
 from .container.filewriter import FileWriter
@@ -153,11 +152,3 @@ def digests_of(encoded: Encoded) -> dict[int, bytes]:
         exact = decoder.decode_exact(packet, numbers)
         found[packet.track].update(packet.start, numbers if exact is None else exact)
     return {track: digest.digest() for track, digest in found.items()}
-
-
-def target(
-    file: str | os.PathLike[str] | BinaryIO, force: bool
-) -> AbstractContextManager[BinaryIO]:
-    if isinstance(file, (str, os.PathLike)):
-        return atomic_write(file, force=force)
-    return nullcontext(file)

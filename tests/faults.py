@@ -13,6 +13,7 @@ import forge as f
 import numpy as np
 import page
 
+from hapfmt.catalogue import ChunkRef
 from hapfmt.codecs import knots_coded
 from hapfmt.codecs.components import decode_predicted
 from hapfmt.codecs.events import parse_events
@@ -391,7 +392,9 @@ FAULTS = [
     Fault("IDX-002", 125, "within the header before",
           at_index(("HEAD", 8, 0, 0), ("TRAK", 39, 0, 0))),
     Fault("IDX-002", 125, "same twice", at_index(("HEAD", 8, 0, 0), ("TRAK", 8, 0, 0))),
+    Fault("IDX-002", 116, "17 entries in 492 bytes", at_index(*[("HEAD", 8, 0, 0)] * 17)),
     Fault("IDX-002", 100, "chunk not listed", listed(("HEAD", 8, 0, 0))),
+    Fault("IDX-003", 8, "nothing there", lambda: ChunkRef("DATA", 8, limit=99).checked(None)),
     Fault("IDX-004", 100, "covers the signature", at_index(covers_from=7)),
     Fault("IDX-004", 108, "previous behind", at_index(covers_from=9, previous=501)),
     Fault("IDX-004", 8, "no index there", lambda: index_entries(BytesSource(f.file(HEAD)), 8, 7)),

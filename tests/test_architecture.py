@@ -15,18 +15,30 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-DECODE = """assembly atomic catalogue clocks codecs container contract deadband decoder dump
-errors events integers kernels limits lock opening packets pieces reader reconstruct
-recording threads usage verifier"""
-ENCODE = "appending cli convert edit encoder live plotting scenes writer"
+DECODE = """assembly atomic batches catalogue clocks codecs container contract damage deadband
+decoder dump errors events follow integers kernels limits lock losses opening packets
+partial pieces reader reconstruct recording threads timeline usage verifier"""
+ENCODE = "appending cli convert edit encoder live plotting recovery scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 ONLY_IN = {
     "construct": ("container.layout", "container.wire"),
     "matplotlib": ("plotting",),
     "soundfile": ("convert.wav",),
+    "fsspec": ("container.remote",),
 }
 LINES = 400
-HEAVY = {"numpy", "scipy", "construct", "click", "rich", "matplotlib", "soundfile", "hid"}
+HEAVY = {
+    "numpy",
+    "scipy",
+    "construct",
+    "click",
+    "rich",
+    "matplotlib",
+    "soundfile",
+    "hid",
+    "fsspec",
+    "aiohttp",
+}
 
 
 def imports(name: str) -> set[str]:

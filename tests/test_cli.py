@@ -196,7 +196,8 @@ def test_damage_is_told_and_the_rest_delivered(room: Path, tmp_path: Path) -> No
     assert done.returncode == 3 and b"bad-packet" in done.stderr and b"lost" in done.stderr
     assert (tmp_path / "o.csv").exists()
     code, report = run_json("verify", room / "flipped.hapf", cwd=tmp_path)
-    assert code == 3 and report["lost"] and report["findings"][0]["offset"] > 0
+    damages = report["damage"]["damages"]
+    assert code == 3 and damages[0]["offset"] > 0 and any(damage["lost"] for damage in damages)
 
 
 def test_errors_as_json(room: Path) -> None:

@@ -391,6 +391,18 @@ class TestVerb:
         assert rows[1]["points"] is None
         assert "nanoseconds" in self.run(path, "--fit", "--window", "600")
 
+    def test_a_channel_that_goes_on_in_another_track(self, tmp_path):
+        path = tmp_path / "d.hapf"
+        path.write_bytes(
+            f.minimal(
+                ("TRAK", f.trak(f.HOLD + f.tlv(11, b"\1")), {"track": 1}),
+                ("cLOk", f.clock([(0, 0, 0)]), {"track": 0}),
+                ("cLOk", f.clock([(1000, 10**9, 0)]), {"track": 1}),
+            )
+        )
+        (row,) = json.loads(self.run(str(path), "--fit", "--json"))["clocks"]
+        assert (row["track"], row["points"]) == (0, [[0, 0], [1000, 10**9]])
+
     def test_stored_maps(self, tmp_path):
         path = tmp_path / "b.hapf"
         path.write_bytes(FILE)

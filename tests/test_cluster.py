@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+import zlib
 from fractions import Fraction
 
 import forge as f
@@ -17,8 +18,10 @@ from hapfmt.container.cluster import (
     build_cluster,
     entry_size,
     parse_cluster,
-    salvage_cluster,
+    parse_count,
+    parse_entry,
 )
+from hapfmt.container.salvage import salvage_cluster
 from hapfmt.container.track import Component, Track
 from hapfmt.decoder import TrackDecoder
 from hapfmt.errors import FormatError
@@ -183,3 +186,72 @@ def test_descriptions_come_first():
     head = ("HEAD", f.head())
     assert rule(f.closed(head, f.TRACK_0, f.DATA_0)) == ("intact", None)
     assert rule(f.closed(head, f.DATA_0, f.TRACK_0)) == ("nonconforming", "DAT-008")
+
+
+def placed_by_size(payload: bytes) -> set[tuple[int, int, int, bytes]]:
+    """Step 1 of clause 12's ``salvage`` alone, taken at its word."""
+    found = set()
+    try:
+        count, position = parse_count(payload, ONE, 0)
+        rows = []
+        for _ in range(count):
+            entry, position = parse_entry(payload, position, 0)
+            rows.append(entry)
+    except FormatError:
+        return found
+
+    def keep(entry, at):
+        data = payload[at : at + entry.size]
+        whole = at >= 0 and len(data) == entry.size and entry.track in TRACKS
+        if whole and zlib.crc32(entry.fields + data) == entry.crc and 1 <= entry.span <= 1 << 24:
+            found.add((entry.track, entry.start, entry.span, data))
+
+    at, stop = position, len(payload)
+    for entry in rows:
+        keep(entry, at)
+        at += entry.size
+    for entry in reversed(rows):
+        stop -= entry.size
+        if stop < position:
+            break
+        keep(entry, stop)
+    return found
+
+
+@given(clusters(), st.data())
+def test_salvage_finds_what_the_page_finds(packets, data):
+    """
+    REC-002: A recovering reader MUST find at least the chunks and packets that the procedure below finds.
+    """
+    payload = bytearray(build_cluster(packets))
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(payload) - 1))
+        payload[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))
+        if not payload:
+            return
+    kept = {
+        (item.track, item.start, item.span, item.data)
+        for item in salvage_cluster(bytes(payload), TRACKS, ONE, 0)
+        if isinstance(item, Packet)
+    }
+    assert len(kept) >= len(placed_by_size(bytes(payload)))
+    assert kept <= {(p.track, p.start, p.span, p.data) for p in packets}
+
+
+@given(clusters(), st.integers(0, 1 << 30), st.sampled_from(["flip", "delete", "insert"]))
+def test_one_wrong_byte_costs_one_packet(packets, place, kind):
+    """Wherever it is; one more where packets are so short that they may stand anywhere."""
+    payload = bytearray(build_cluster(packets))
+    size, place = len(payload), place % len(payload)
+    if kind == "flip":
+        payload[place] ^= 0x80
+    elif kind == "delete":
+        del payload[place]
+    else:
+        payload.insert(place, 0x81)
+    region = bytes(payload) + f.SYNC
+    sizes = [size, len(payload)] if len(payload) != size else [size]
+    found = salvage_cluster(region[: max(sizes)], TRACKS, ONE, 0, sizes)
+    kept = [item for item in found if isinstance(item, Packet)]
+    if all(len(packet.data) >= 4 for packet in packets):
+        assert len(kept) >= len(packets) - 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 from dataclasses import replace
 from fractions import Fraction
 
@@ -30,6 +31,9 @@ from test_edit import names, split_up, times
 
 import hapfmt
 from hapfmt import edit
+from hapfmt.container.filewriter import FileWriter
+from hapfmt.container.source import BytesSource
+from hapfmt.opening import open_catalogue
 
 OTHER = {"uuid": None, "epoch_ns": EPOCH_NS + 10 * 10**9}
 
@@ -190,6 +194,37 @@ def test_metadata_of_all_files_is_kept() -> None:
         "x": ("", b"x"),
     }
     assert len(chunks_of(joined, "mETa")) == 1
+
+
+def clocked(seed: int, name: bytes, **changes: object) -> bytes:
+    """With an observation and a map of a clock, for track 0."""
+    out = io.BytesIO(data := made("archive", seed, **changes))
+    out.seek(len(data))
+    writer = FileWriter.resume(out, open_catalogue(BytesSource(data), scan=True))
+    for type_ in ("cLOk", "cMAp"):
+        count, rest = (1, b"\x05") if type_ == "cLOk" else (2, b"\x07\x07")
+        head = bytes([len(name)]) + name + bytes([count, 6]) + struct.pack("<q", 7)
+        writer.chunk(type_, head + rest, 0)
+    writer.close()
+    return out.getvalue()
+
+
+def test_maps_of_clocks_hold_for_their_own_file_only() -> None:
+    one = clocked(0, b"ptp")
+    assert_intact(one)
+    whole, edited = concat(split_up(one, every=1))
+    assert len(chunks_of(whole, "cMAp")) == len(chunks_of(whole, "cLOk")) == 1
+    joined, edited = concat([one, clocked(1, b"ptp", **OTHER)])
+    assert_intact(joined)
+    assert chunks_of(joined, "cMAp") == [] and len(chunks_of(joined, "cLOk")) == 2
+    assert "cMAp chunk left out: packets of other files come to its track" in edited.notes
+    first, second = split_up(one, at=[1])
+    other = split_up(clocked(0, b"ntp"), at=[1])[1]
+    mixed, edited = concat([first, other])
+    assert chunks_of(mixed, "cMAp") == [] and len(chunks_of(mixed, "cLOk")) == 2
+    assert_intact(mixed)
+    alone, _ = concat([second])
+    assert len(chunks_of(alone, "cMAp")) == 1
 
 
 def test_a_concatenation_can_be_cut_and_concatenated_again() -> None:

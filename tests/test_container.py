@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import gzip
 import io
 import json
+import os
 import re
 import subprocess
 import sys
 import unicodedata
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 
 import forge as f
 import pytest
@@ -27,7 +30,7 @@ from hapfmt.container.extras import (
     parse_metadata,
 )
 from hapfmt.container.layout import TABLES
-from hapfmt.container.source import BytesSource, FileSource, open_source
+from hapfmt.container.source import BytesSource, StreamSource, open_source
 from hapfmt.container.tlv import build_strings, build_tlvs, parse_strings, parse_tlvs
 from hapfmt.container.wire import (
     SIGNATURE,
@@ -379,13 +382,57 @@ class TestSources:
                 assert source.size == len(data)
                 source.close()
 
+    @pytest.mark.parametrize("data", [b"", f.minimal()])
+    def test_mapped(self, tmp_path, data):
+        path = tmp_path / "a.hapf"
+        path.write_bytes(data)
+        source = open_source(path, mapped=True)
+        assert (source.size, source.path) == (len(data), str(path))
+        for at, size in [(0, 8), (3, 9), (len(data) - 2, 9), (2**63, 1), (len(data), 1)]:
+            assert source.read_at(max(at, 0), size) == data[max(at, 0) :][:size]
+        source.close()
+
+    def test_only_a_file_is_mapped(self):
+        for file in (f.minimal(), io.BytesIO(), "http://127.0.0.1/a.hapf"):
+            with pytest.raises(ParameterError, match="mapped"):
+                open_source(file, mapped=True)
+
+    def test_threads_share_a_file(self, tmp_path):
+        """No reading moves the place of another."""
+        path = tmp_path / "a"
+        data = bytes(range(256)) * 1000
+        path.write_bytes(data)
+        source = open_source(path)
+        places = range(0, len(data), 999)
+        with ThreadPoolExecutor(8) as pool:
+            found = list(pool.map(lambda at: source.read_at(at, 999), places))
+        source.close()
+        assert b"".join(found) == data
+
+    def test_a_stream_that_is_more_than_its_descriptor(self, tmp_path):
+        path = tmp_path / "a.gz"
+        with gzip.open(path, "wb") as packed:
+            packed.write(f.minimal())
+        with gzip.open(path) as stream:
+            assert open_source(stream).read_at(0, 8) == SIGNATURE
+
+    @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+    def test_a_named_pipe(self, tmp_path):
+        path = tmp_path / "pipe"
+        os.mkfifo(path)
+        with ThreadPoolExecutor(1) as pool:
+            pool.submit(path.write_bytes, f.minimal())
+            source = open_source(path)
+        assert source.read_at(0, len(f.minimal())) == f.minimal()
+        source.close()
+
     def test_a_pipe(self):
         class Pipe(io.BytesIO):
             def seekable(self) -> bool:
                 return False
 
         source = open_source(Pipe(f.minimal()))
-        assert isinstance(source, FileSource)
+        assert isinstance(source, StreamSource)
         assert source.read_at(0, 8) == SIGNATURE
         source.close()
 

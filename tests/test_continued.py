@@ -310,6 +310,44 @@ def find(data):
     return reader.findings
 
 
+class TestUnknown:
+    """Of an unsupported track nothing is checked: it leaves the others alone."""
+
+    @pytest.mark.parametrize(
+        "fields", [{"component_count": 1}, {"rate_num": 7}, {"first_channel": 1}]
+    )
+    def test_that_does_not_fit(self, fields, tmp_path):
+        two = ("TRAK", f.trak(component_count=2), {"track": 0})
+        tlvs = continues(1) + f.tlv(
+            16, f.deadband(entries=[(1, 0)] * fields.get("component_count", 2))
+        )
+        strange = (
+            "TRAK",
+            f.trak(tlvs, **({"component_count": 2, "codec": b"SPLN"} | fields)),
+            {"track": 1},
+        )
+        data = f.closed(
+            HEAD, two, strange, ("DATA", f.cluster((0, 0, 4, f.svarint(5) + f.svarint(6)))),
+        )  # fmt: skip
+        assert verify(data).verdict in ("unsupported", "nonconforming")
+        for band in ("full", "lf", "hf"):
+            assert samples(data, band=band, channels=[0]) is not None
+        path = tmp_path / "a.hapf"
+        path.write_bytes(data)
+        for how in ([], ["--json"]):
+            assert (
+                CliRunner().invoke(cli, ["info", str(path), *how], standalone_mode=False).exception
+                is None
+            )
+
+    def test_that_fits(self):
+        strange = ("TRAK", f.trak(continues(1), codec=b"SPLN"), {"track": 1})
+        data = f.closed(HEAD, f.TRACK_0, strange, f.DATA_0)
+        assert verify(data).verdict == "unsupported"
+        assert samples(data) is None
+        assert samples(data, band="hf") == {}
+
+
 class TestTold:
     def test_info(self, tmp_path):
         path = tmp_path / "chain.hapf"

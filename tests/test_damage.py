@@ -55,7 +55,9 @@ def check(data: bytes, clean: dict) -> None:
         (ref,) = [ref for ref in reader.channels if ref.number == channel]
         tracks = {track.id for track in ref.tracks} | {part.track.continues for part in ref.parts}
         assert any(
-            span.track in tracks and span.start <= tick and (span.stop is None or tick < span.stop)
+            (span.track in tracks or span.track not in reader.catalogue.tracks)
+            and span.start <= tick
+            and (span.stop is None or tick < span.stop)
             for span in reader.lost
         )
 

@@ -53,7 +53,7 @@ def types_of(data: bytes) -> list[str]:
 
 
 class TestRefusals:
-    """EDT-001: An editor MUST refuse a file with damage, one that was not closed, and one with an unknown critical chunk, and report whatever else it leaves out."""
+    """EDT-001: An editor MUST refuse a file in which it meets damage, one that was not closed, and one with an unknown critical chunk, and report whatever else it leaves out."""
 
     @pytest.mark.parametrize("verb", ["subset", "split", "concat", "merge", "attach", "meta"])
     @pytest.mark.parametrize("fault", ["flipped", "cut", "open", "critical"])
@@ -159,7 +159,7 @@ class TestRefusals:
 
 
 class TestChunks:
-    """EDT-005: An editor MUST keep attachments and chunks of clocks, whose ticks move with their tracks, and chunks of unknown types that are safe to copy (5.2), under the new ids of the tracks in their headers; it leaves out other chunks of unknown types, and all but attachments that speak of a track that it leaves out."""
+    """EDT-005: An editor MUST keep attachments, chunks of clocks, whose ticks move with their tracks, and chunks of unknown types that are safe to copy (5.2), under the new ids of the tracks in their headers; it leaves out other chunks of unknown types, and all but attachments that speak of a track that it leaves out."""
 
     def test_unknown_ones_by_their_letters(self) -> None:
         data = two_tracks(
@@ -224,6 +224,10 @@ class TestChunks:
         gone, edited = merge([only], offsets={0: Fraction(1, 3)})
         assert chunks_of(gone, "cLOk") == []
         assert edited.notes == ["cLOk chunk left out: its ticks cannot move so"]
+
+    def test_twice_in_one_file_stays_twice(self) -> None:
+        part, _ = subset(two_tracks(("xySz", b"safe"), ("xySz", b"safe")))
+        assert chunks_of(part, "xySz") == [b"safe"] * 2
 
     def test_each_once_where_parts_repeat_them(self) -> None:
         data = two_tracks(("xySz", b"safe"))

@@ -129,6 +129,7 @@ def test_index_and_footer(fault):
     """
     IDX-001: The payload MUST end with the last byte of the last of its `entry_count` entries.
     IDX-002: The entries MUST list every chunk but `iNDX` and `fOOT` whose offset is at least `covers_from` and less than that of the index itself, in order of their offsets.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
     IDX-004: `covers_from` MUST be at least 8; unless it is 8, `previous` MUST point to an `iNDX` chunk with a smaller offset, at or after `covers_from`.
     IDX-006: For a `DATA` chunk `start_ms` MUST NOT be later than the start of its earliest packet and `start_ms + length_ms` not earlier than the end of its latest; times of 2^53 and more are set to 2^53 - 1.
     FOT-001: The payload MUST be as long as the layout, and `stop_offset` the offset of its own end.

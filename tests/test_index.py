@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import time
 from fractions import Fraction
 
 import forge as f
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from judge import rule, samples
 
 from hapfmt.container.cluster import Packet
+from hapfmt.container.extras import Attachment
 from hapfmt.container.filewriter import FileWriter
 from hapfmt.container.index import (
     Foot,
@@ -138,8 +140,9 @@ class TestChains:
 
     @pytest.mark.parametrize("previous", [0, 8, 2**63])
     def test_out_of_place(self, previous):
-        assert rule(two_indexes(previous=previous)) == ("nonconforming", "IDX-004")
-        assert not open_catalogue(BytesSource(f.minimal()[:-1])).indexed
+        data = two_indexes(previous=previous)
+        assert rule(data) == ("nonconforming", "IDX-004")
+        assert not open_catalogue(BytesSource(data)).indexed
 
     def test_previous_is_no_index(self):
         third = 8 + 32 + 48 + 32 + len(f.TRACK_0[1])
@@ -183,10 +186,10 @@ class TestAHint:
     """
 
     @pytest.mark.parametrize("back", range(1, 70, 5))
-    def test_damaged_ends_are_walked(self, back):
+    def test_damaged_ends(self, back):
         data = bytearray(f.minimal())
         data[-back] ^= 0x10
-        assert not open_catalogue(BytesSource(bytes(data))).indexed
+        assert open_catalogue(BytesSource(bytes(data))).findings
         assert samples(bytes(data), start=0) == samples(f.minimal())
 
     @pytest.mark.parametrize("rows", [
@@ -202,6 +205,13 @@ class TestAHint:
         rows = (("HEAD", 8, 0, 0), ("TRAK", 88, 0, 0), ("DATA", at, 0, 10**12))
         rows = tuple(sorted(set(rows), key=lambda r: r[1])) if at != 88 else (rows[0], rows[2])
         assert samples(f.minimal(ahead={"entries": rows}), start=0) == samples(f.minimal())
+
+    @pytest.mark.parametrize("closed", [True, False])
+    def test_no_entry(self, closed):
+        data = f.minimal(ahead={"entries": ()})
+        data = data if closed else data[:-64]
+        assert not open_catalogue(BytesSource(data)).indexed
+        assert samples(data, start=0) == samples(f.minimal())
 
     def test_a_description_left_out(self):
         rows = (("HEAD", 8, 0, 0), ("DATA", DATA_AT, 0, 10**12))
@@ -289,3 +299,178 @@ class TestWriter:
             assert [ref.offset for ref in found] == [
                 r.offset for r in whole if r.offset + 32 <= cut
             ]
+
+
+def live(clusters: int = 12, every: int = 3, attached: bytes = b"") -> bytes:
+    """Clusters of 0.25 s at 44.1 Hz, an index after every third; not closed."""
+    out = io.BytesIO()
+    writer = FileWriter(out, file_id=f.FILE_ID)
+    parameters = f.raw_parameters(1)
+    rate = Fraction(441, 10)
+    ids = range(2)
+    writer.describe(
+        [
+            Track(
+                i,
+                "full",
+                "RAWB",
+                rate,
+                i,
+                (Component(),),
+                parameters,
+                count_min=-128,
+                count_max=127,
+            )
+            for i in ids
+        ]
+    )
+    for c in range(clusters):
+        writer.cluster(Packet(i, c * 11, 11, bytes([0] + [c % 100] * 11)) for i in ids)
+        if c % every == every - 1:
+            writer.index()
+            if attached:
+                writer.attach(Attachment("copy", "", attached))
+    return out.getvalue()
+
+
+LIVE = live()
+
+
+class TestNotClosed:
+    """
+    FIL-003: A closed file MUST end with a `fOOT` chunk.
+    """
+
+    @pytest.mark.parametrize("cut", range(0, 500, 7))
+    def test_as_if_walked(self, cut):
+        """By the last index and what follows it, or by walking: the same, wherever it ends."""
+        data = LIVE[: len(LIVE) - cut]
+        found, walked = (open_catalogue(BytesSource(data), scan=scan) for scan in (False, True))
+        assert found.indexed and not walked.indexed
+        assert (found.duration, found.closed) == (walked.duration, False)
+        assert found.findings == walked.findings != []
+        assert [ref.offset for ref in found.data] == [ref.offset for ref in walked.data]
+        assert found.exit_code == walked.exit_code
+        for start, stop in [(0, 1), (Fraction(1, 2), 2), (1, 9)]:
+            reader, scanned = Reader(data), Reader(data, scan=True)
+            a, b = (r.read(start=start, stop=stop) for r in (reader, scanned))
+            assert reader.lost == scanned.lost
+            for x, y in zip(a.channels, b.channels, strict=True):
+                assert (x.start_tick, x.gaps, x.values.tolist()) == (
+                    y.start_tick,
+                    y.gaps,
+                    y.values.tolist(),
+                )
+
+    @pytest.mark.parametrize("back", range(1, 140, 3))
+    def test_any_damage_is_walked(self, back):
+        """What is damaged behind the index is found as by walking."""
+        whole = live(14)
+        assert whole.rfind(f.SYNC + b"iNDX") < len(whole) - 150
+        data = bytearray(whole)
+        data[-back] ^= 0x20
+        found, walked = (open_catalogue(BytesSource(bytes(data)), scan=s) for s in (False, True))
+        assert found.findings == walked.findings
+
+    def test_little_is_read(self):
+        """The end, the last index, the descriptions: not the hours before."""
+
+        class Counting(BytesSource):
+            read = 0
+
+            def read_at(self, offset: int, size: int) -> bytes:
+                self.read += min(size, self.size)
+                return super().read_at(offset, size)
+
+        source = Counting(live(4001, 100))
+        catalogue = open_catalogue(source)
+        assert catalogue.indexed and len(catalogue.data) == 4001
+        assert Counting.read == 0 < source.read < source.size
+
+    def test_an_index_within_an_attached_file(self):
+        """It lists other chunks than stand before it."""
+        inner = live(3)
+        data = live(4, attached=inner)
+        cut = data[: data.rfind(f.SYNC + b"DATA")]
+        assert open_catalogue(BytesSource(data), scan=True).findings[0].code == "not-closed"
+        for file in (data, cut):
+            found, walked = (open_catalogue(BytesSource(file), scan=s) for s in (False, True))
+            assert [r.offset for r in found.data] == [r.offset for r in walked.data]
+            assert found.findings == walked.findings
+            assert not found.indexed
+
+    def test_looking_back_is_bounded(self):
+        """However much looks like an index."""
+        fake = f.chunk("iNDX", b"", 9, size=2**20)
+        data = LIVE + fake * 30_000
+        began = time.process_time()
+        from hapfmt.opening import last_index
+
+        assert last_index(BytesSource(data), f.FILE_ID) is None
+        assert time.process_time() - began < 1
+
+    def test_a_false_end(self):
+        """Of the last cluster an index lists: the end is read from its packets."""
+        assert open_catalogue(BytesSource(live(3))).duration == Fraction(
+            -(-33 * 10**10 // 441), 10**9
+        )
+
+
+class TestLazily:
+    """
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
+    """
+
+    def closed(self) -> bytes:
+        out = io.BytesIO()
+        writer = FileWriter(out, file_id=f.FILE_ID)
+        parameters = f.raw_parameters(1)
+        writer.describe(
+            [
+                Track(
+                    0,
+                    "full",
+                    "RAWB",
+                    Fraction(10),
+                    0,
+                    (Component(),),
+                    parameters,
+                    count_min=-128,
+                    count_max=127,
+                )
+            ]
+        )
+        for c in range(1000):
+            writer.cluster([Packet(0, c * 10, 10, bytes(11))])
+        writer.attach(Attachment("a", "", b"content"))
+        writer.close()
+        return out.getvalue()
+
+    def test_no_header_of_a_cluster_is_read(self):
+        data = self.closed()
+        seen = []
+
+        class Seeing(BytesSource):
+            def read_at(self, offset: int, size: int) -> bytes:
+                seen.append(offset)
+                return super().read_at(offset, size)
+
+        catalogue = open_catalogue(Seeing(data))
+        assert catalogue.indexed and len(catalogue.data) == 1000
+        assert len(seen) < 20 and not set(seen) & {ref.offset for ref in catalogue.data}
+
+    def test_attachments(self):
+        """One that is not where it is listed is looked for; one that is damaged is told."""
+        data = self.closed()
+        at = data.rfind(f.SYNC + b"aTTc")
+        assert Reader(data).attachments["a"].content == b"content"
+        bad = bytearray(data)
+        bad[at + 40] ^= 1
+        with Reader(bytes(bad)) as reader:
+            assert reader.catalogue.indexed and reader.attachments == {}
+            assert [finding.code for finding in reader.findings] == ["bad-payload"]
+        bad = bytearray(data)
+        bad[at + 20] ^= 1
+        with Reader(bytes(bad)) as reader:
+            assert reader.attachments == {} and not reader.catalogue.indexed
+            assert [finding.code for finding in reader.findings][:1] == ["garbage"]

@@ -19,7 +19,7 @@ from hapfmt.container.track import Track
 from hapfmt.deadband import Deadband
 from hapfmt.decoder import TrackDecoder
 from hapfmt.encoder.encode import encode
-from hapfmt.encoder.live import Block, LiveEncoder
+from hapfmt.encoder.live import SHARE, Block, LiveEncoder
 from hapfmt.encoder.source import PACKET_SAMPLES
 from hapfmt.limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT
 from hapfmt.live.inputs import Input
@@ -148,6 +148,27 @@ class TestCounts:
             alone = recorded(x, COUNTS, sizes=(200,), channel=channel)
             mine = [p.data for p in together.packets if p.track == channel]
             assert mine == [p.data for p in alone.packets]
+
+    def test_arrays_of_any_layout(self):
+        x = signal("walk", 400, 2).astype(np.int32)
+        odd = np.frombuffer(b"\0" + x.tobytes(), np.int32, offset=1)
+        table = np.column_stack((x, x))
+        assert not odd.flags.aligned
+        for values in (odd, table[:, 1], x[::-1][::-1]):
+            tape = recorded(values, COUNTS)
+            assert np.array_equal(tape.read()[0], x)
+
+    @pytest.mark.parametrize("settings", [ARCHIVE, Settings.of("deadband", floor="3lsb")])
+    def test_threads_give_the_same_bytes(self, settings):
+        rows = [signal(NAMES[c % 8], 300, c) for c in range(2 * SHARE + 7)]
+        made = []
+        for threads in (1, 3):
+            encoder = LiveEncoder(settings, threads=threads)
+            made.append([
+                encoder.encode([Block(c, COUNTS, at, x[at : at + 100]) for c, x in enumerate(rows)])
+                for at in (0, 100, 200)
+            ])  # fmt: skip
+        assert made[0] == made[1]
 
     def test_long_blocks_are_several_packets(self):
         x = signal("walk", PACKET_SAMPLES + 5, 3)

@@ -233,6 +233,7 @@ def test_refusals():
         ({"append": True, "force": True}, "not both"),
         ({"append": True}, "cannot be appended"),
         ({"queue_size": 0}, "a byte"),
+        ({"settings": Settings.of("archive", digest=True)}, "whole tracks"),
         ({"settings": Settings()}, "needs the whole recording"),
         ({"epoch_ns": 1 << 70}, "epoch"),
         ({"metadata": {"a": float("nan")}}, "JSON"),
@@ -289,9 +290,9 @@ def test_a_stalled_channel_does_not_hold_up_the_others(tmp_path):
     with Recorder(path, inputs, hold=1000) as recorder:
         recorder.write_rows(np.zeros((50, 2), np.int32))
         recorder.write("a", np.ones(250, np.int32))
-        wait_for(lambda: recorder.status().cluster_count == 2)
+        wait_for(lambda: recorder.status().cluster_count >= 3)
         recorder.write("a", np.ones(700, np.int32))
-        wait_for(lambda: recorder.status().cluster_count == 10)
+        wait_for(lambda: recorder.status().cluster_count >= 10)
         recorder.write("b", np.full(900, 7, np.int32))
         recorder.write_rows(np.full((50, 2), 9, np.int32), tick=1000)
     a, b = hapfmt.read(path).channels
@@ -395,10 +396,10 @@ def test_a_full_queue_blocks_and_the_time_is_counted():
     recorder.flush()
     stream.free.clear()
     threading.Timer(0.3, stream.free.set).start()
-    recorder.write("force", np.arange(1_000_000))
+    recorder.write("force", np.arange(200_000))
     recorder.close()
     assert recorder.status().blocked_s > 0.1 and not recorder.status().dropped
-    assert hapfmt.read(stream.getvalue()).channels[0].values.size == 1_000_000
+    assert hapfmt.read(stream.getvalue()).channels[0].values.size == 200_000
 
 
 class Broken(io.BytesIO):
@@ -664,7 +665,7 @@ def test_memory_stays_that_of_a_few_clusters(tmp_path):
         peaks = []
         for _ in range(3):
             tracemalloc.start()
-            for _ in range(300):
+            for _ in range(150):
                 recorder.write_rows(rows)
             recorder.flush()
             peaks.append(tracemalloc.get_traced_memory())
@@ -782,3 +783,41 @@ def test_maps_may_be_asked_for_later(tmp_path):
         recorder.clock("c", "force", 1000, 10**9)
     with hapfmt.Reader(tmp_path / "a.hapf") as reader:
         assert reader.clock_maps[0].time_ns(500) == 5 * 10**8
+
+
+@pytest.mark.parametrize("again", [["x", "force"], ["force"], ["other", "third"]])
+def test_append_where_a_crash_left_no_description_of_a_channel(tmp_path, again):
+    path = tmp_path / "hole.hapf"
+    recorder = Recorder(path, [Input("x", 10), counts_input(), Input("y", 10)])
+    recorder.write("force", [1, 2])
+    recorder.flush()
+    data = path.read_bytes()
+    recorder.close()
+    path.write_bytes(data)
+    inputs = [counts_input() if label == "force" else Input(label, 10) for label in again]
+    with Recorder(path, inputs, append=True) as recorder:
+        recorder.write(0, [1])
+    assert hapfmt.verify(path).verdict == "intact"
+    labels = [channel.label for channel in hapfmt.read(path).channels]
+    assert (
+        labels
+        == {
+            "x": ["x", "force"],
+            "force": ["(never recorded)", "force"],
+            "other": ["other", "force", "third"],
+        }[again[0]]
+    )
+
+
+def test_events_and_observations_alone_wait_no_longer_than_hold(tmp_path):
+    path = tmp_path / "alone.hapf"
+    with Recorder(path, [counts_input()], hold=0.2) as recorder:
+        recorder.mark("first", time=100)
+        recorder.clock("c", None, 5, 6)
+
+        def seen() -> bool:
+            with hapfmt.Reader(path) as reader:
+                return len(reader.read().events) == 1 and len(reader.clocks) == 1
+
+        wait_for(seen)
+    assert hapfmt.verify(path).verdict == "intact"

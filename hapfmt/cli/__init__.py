@@ -17,6 +17,7 @@ VERBS = {
     "decode": "Decode a .hapf file, or a part of it.",
     "info": "What a file holds.",
     "verify": "Check every rule of a file, and its deadband contract.",
+    "recover": "All that a damaged file still holds, in a file that is intact.",
     "du": "Where the bytes go, by cause and by track.",
     "dump": "All of a file as canonical JSON.",
     "subset": "Some channels, a stretch of time, one band; nothing is encoded anew.",

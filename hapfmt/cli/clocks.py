@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, cast
 
@@ -73,9 +74,17 @@ def clocks(
 
 
 def by_clock(reader: Reader) -> list[list[ClockObservation]]:
+    """Tracks that continue one another count the same ticks: the first stands for all."""
+    first = {
+        track.id: parts[0].track.id
+        for parts in reader.catalogue.parts
+        for part in parts
+        for track in part.tracks
+    }
     found: dict[tuple[str, int | None], list[ClockObservation]] = {}
     for seen in reader.clocks:
-        found.setdefault((seen.clock, seen.track), []).append(seen)
+        track = None if seen.track is None else first.get(seen.track, seen.track)
+        found.setdefault((seen.clock, track), []).append(replace(seen, track=track))
     return list(found.values())
 
 

@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 
 from ..atomic import refuse
+from ..damage import lost_lines
 from ..errors import ParameterError
 from ..limits import Limits
 from ..numbers import exact
 
 if TYPE_CHECKING:
     from ..encoder.tolerance import Tolerance
-    from ..reader import LostSpan, Reader
+    from ..reader import Reader
     from ..recording import Recording
 
 HAPF = ".hapf"
@@ -285,7 +286,7 @@ def tell_clocks(reader: Reader) -> None:
 def tell_losses(reader: Reader) -> int:
     """What is wrong with a file that was read, on standard error; 3 if anything is (SPEC 14)."""
     tell_some([f"{reader.source.path or 'input'}: {finding}" for finding in reader.findings])
-    tell_some([lost_text(lost, reader) for lost in reader.lost])
+    tell_some(lost_lines(reader.catalogue, reader.lost))
     return 3 if reader.findings or reader.lost else 0
 
 
@@ -295,16 +296,6 @@ def tell_some(lines: Sequence[str]) -> None:
         click.echo(f"hapfmt: {printable(line)}", err=True)
     if len(lines) > SHOWN_LINES:
         click.echo(f"hapfmt: ... and {len(lines) - SHOWN_LINES} more (--json has all)", err=True)
-
-
-def lost_text(lost: LostSpan, reader: Reader) -> str:
-    track = reader.catalogue.tracks.get(lost.track)
-    if track is None:
-        return f"lost: track {lost.track}, whose description is lost"
-    labels = ", ".join(component.label or "?" for component in track.components)
-    start = float(lost.start / track.rate)
-    until = "the end" if lost.stop is None else f"{float(lost.stop / track.rate):.6g} s"
-    return printable(f"lost: track {lost.track} ({labels}) from {start:.6g} s to {until}")
 
 
 def notes_of(recording: Recording) -> list[str]:

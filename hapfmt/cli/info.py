@@ -10,7 +10,7 @@ from uuid import UUID
 
 import click
 
-from ..catalogue import Catalogue, ChannelRef, Part
+from ..catalogue import Catalogue, ChannelRef, FalseIndexError, Part
 from ..container.source import open_source
 from ..container.track import Contract, Track
 from ..limits import Limits
@@ -21,13 +21,33 @@ from .common import echo_json, input_of, json_option, memory_option, printable, 
 @click.command(short_help="What a file holds.")
 @click.argument("file", metavar="FILE")
 @click.option("--events", "with_events", is_flag=True, help="List the events too.")
+@click.option("--follow", is_flag=True, help="A line a second while FILE grows.")
+@click.option(
+    "--interval",
+    type=click.FloatRange(0.01),
+    default=1.0,
+    show_default=True,
+    help="Seconds between two lines of --follow.",
+)
 @memory_option
 @json_option
-def info(file: str, with_events: bool, as_json: bool, max_memory: Limits) -> int:
+def info(
+    file: str,
+    with_events: bool,
+    follow: bool,
+    interval: float,
+    as_json: bool,
+    max_memory: Limits,
+) -> int:
     """What FILE holds: channels, rates, units, codecs, times, and whether it was closed.
 
-    Reads the index and the descriptions only; nothing is decoded, but for --events.
+    Reads the index and the descriptions only; nothing is decoded, but for --events. FILE may be a
+    URL. --follow ends when the file is closed, or with Ctrl-C.
     """
+    if follow:
+        from .following import follow_file
+
+        return follow_file(file, interval, as_json)
     look = with_its_events if with_events else described
     catalogue, found = look(file, max_memory)
     if as_json:
@@ -41,7 +61,11 @@ def described(file: str, limits: Limits) -> tuple[Catalogue, dict[str, Any]]:
     source = open_source(input_of(file))
     try:
         catalogue = open_catalogue(source, limits=limits)
-        return catalogue, describe(catalogue)
+        try:
+            return catalogue, describe(catalogue)
+        except FalseIndexError:
+            catalogue = open_catalogue(source, scan=True, limits=limits)
+            return catalogue, describe(catalogue)
     finally:
         source.close()
 
@@ -153,7 +177,8 @@ def layer_json(layer: Track) -> dict[str, Any]:
 
 
 def contract_json(contract: Contract, index: int) -> dict[str, Any]:
-    """Of the component with this index."""
+    """Of the component with this index; an unsupported track may have fewer."""
+    index = min(index, len(contract.floor) - 1)
     return {
         "kn": contract.kn,
         "kd": contract.kd,
@@ -239,5 +264,6 @@ def promise_of(part: Part, index: int) -> str:
         return "exact values" if part.track.codec == "LPCX" else "-"
     word = "guaranteed" if contract.guaranteed else "aimed at"
     shape = "vector, " if contract.vector else ""
-    width = f"k {contract.kn / contract.kd:.4g}, floor {contract.floor[index]}"
+    floor = contract.floor[min(index, len(contract.floor) - 1)]
+    width = f"k {contract.kn / contract.kd:.4g}, floor {floor}"
     return f"{shape}{width}, {word}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -75,7 +75,13 @@ def show(file: str, report: Report) -> None:
             for f in report.findings
         ]
     )
-    tell_some([lost_line(lost) for lost in report.lost])
+    tell_some(report.lost_lines)
+    if report.verdict == "damaged" and report.damage:
+        name = printable(file)
+        click.echo(
+            f"hapfmt: to keep these {report.packets} packets, run: hapfmt recover {name} OUT",
+            err=True,
+        )
     if report.unknown:
         click.echo(f"unknown chunks: {' '.join(report.unknown)}")
     if report.contracts:
@@ -100,8 +106,3 @@ def show(file: str, report: Report) -> None:
                     f"its lattice, the file states {c.stated:.6g}",
                     err=True,
                 )
-
-
-def lost_line(lost: dict[str, Any]) -> str:
-    until = "the end" if lost["stop"] is None else f"tick {lost['stop']}"
-    return f"lost: track {lost['track']}, tick {lost['start']} to {until}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..errors import ChecksumError, FormatError, TruncatedError
@@ -134,62 +134,3 @@ def parse_cluster(
             "bytes left over after the last packet", requirement="DAT-005", offset=base + position
         )
     return packets
-
-
-def salvage_cluster(
-    payload: bytes, tracks: Mapping[int, Track], level: Level, base: int
-) -> Iterator[Packet | Entry | None]:
-    """What stands in a damaged DATA payload: a Packet whose CRC holds, the Entry of one whose CRC
-    does not, and one None where the table cannot be read on (SPEC clause 12, ``use``)."""
-    entries = []
-    try:
-        count, position = parse_count(payload, level, base)
-        for _ in range(count):
-            entry, position = parse_entry(payload, position, base)
-            entries.append(entry)
-    except FormatError:
-        # Without the whole table nobody knows where the packets start.
-        yield None
-        return
-    placed = place_entries(payload, entries, position)
-    samples = 0
-    for place, entry in enumerate(entries):
-        known, at = tracks.get(entry.track), placed.get(place)
-        if at is not None and known is not None and check_quietly(entry, level):
-            samples += known.weight(entry.span, entry.size)
-            if samples <= level.cluster_samples:
-                data = payload[at : at + entry.size]
-                yield Packet(entry.track, entry.start, entry.span, data, base + at)
-                continue
-        yield entry
-
-
-def place_entries(payload: bytes, entries: Sequence[Entry], position: int) -> dict[int, int]:
-    """Where in the payload the packets stand whose CRC holds, by their place in the table: forwards
-    from the end of the table, and, where one size is wrong, backwards from the end."""
-
-    def holds(entry: Entry, at: int) -> bool:
-        data = payload[at : at + entry.size]
-        return len(data) == entry.size and crc32(data, crc32(entry.fields)) == entry.crc
-
-    placed: dict[int, int] = {}
-    for place, entry in enumerate(entries):
-        if holds(entry, position):
-            placed[place] = position
-        position += entry.size
-    stop = len(payload)
-    for place in range(len(entries) - 1, -1, -1):
-        stop -= entries[place].size
-        if stop < 0 or place in placed:
-            break
-        if holds(entries[place], stop):
-            placed[place] = stop
-    return placed
-
-
-def check_quietly(entry: Entry, level: Level) -> bool:
-    try:
-        check_entry(entry, level)
-    except FormatError:
-        return False
-    return True

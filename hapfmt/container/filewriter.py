@@ -31,7 +31,7 @@ from .index import (
     floor_ms,
 )
 from .series import build_series
-from .track import Track, complete, series_of
+from .track import Track, complete, series_of, silent_tracks
 from .wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk
 
 if TYPE_CHECKING:
@@ -206,10 +206,13 @@ class FileWriter:
     def describe(self, tracks: Sequence[Track]) -> None:
         """TRAK chunks for tracks in order of their ids."""
         for series in series_of(tracks):
-            payload = build_series(series)
-            self.chunk("TRAK", payload, series[0].id)
-            self.series.append((series[0].id, payload))
-            self.tracks.update((track.id, track) for track in series)
+            self.describe_as(build_series(series), series)
+
+    def describe_as(self, payload: bytes, series: Sequence[Track]) -> None:
+        """A TRAK chunk with these very bytes, which describe ``series``."""
+        self.chunk("TRAK", payload, series[0].id)
+        self.series.append((series[0].id, payload))
+        self.tracks.update((track.id, track) for track in series)
 
     def metadata(self, metadata: dict[str, object]) -> None:
         self.chunk("mETa", build_metadata(metadata))
@@ -324,12 +327,14 @@ class FileWriter:
     def close(self) -> None:
         """Copies of the description, index, footer; the stream stays open.
 
+        Channel numbers that nothing was described for get an empty track (TRK-010).
         Nothing is written where the file was closed and nothing came since. On a full disk the
         copies may be missing.
         """
         if self.closed:
             return
         try:
+            self.describe(silent_tracks(list(self.tracks.values())))
             self.copy()
             self.index(closing=True)
             self.foot()

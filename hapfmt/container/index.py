@@ -89,6 +89,12 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
         raise FormatError(
             "index length and entry count differ", requirement="IDX-001", offset=offset
         )
+    if (raw.entry_count - 1) * HEADER_SIZE >= max(own_offset - raw.covers_from, 1):
+        raise FormatError(
+            "more entries than chunks stand before the index",
+            requirement="IDX-002",
+            offset=offset + 16,
+        )
     if raw.covers_from < FIRST_OFFSET:
         raise FormatError("index covers the signature", requirement="IDX-004", offset=offset)
     if raw.covers_from != FIRST_OFFSET and not raw.covers_from <= raw.previous < own_offset:
@@ -97,8 +103,8 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
     position, chunk_offset = INDEX_SIZE, raw.covers_from
     for _ in range(raw.entry_count):
         at = position
-        type_ = payload[at : at + 4].decode("latin-1")
-        if not (type_.isascii() and type_.isalpha()):
+        letters = payload[at : at + 4]
+        if not (letters.isascii() and letters.isalpha()):
             raise FormatError(
                 "an index entry without a chunk type", requirement="IDX-002", offset=offset + at
             )
@@ -108,11 +114,12 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
             raise FormatError(
                 "index offsets out of order", requirement="IDX-002", offset=offset + at
             )
-        start_ms = span_ms = 0
-        if type_ == "DATA":
+        if letters == b"DATA":
             start_ms, position = parse_varint(payload, position, offset)
             span_ms, position = parse_varint(payload, position, offset)
-        entries.append(IndexEntry(type_, chunk_offset, start_ms, start_ms + span_ms))
+            entries.append(IndexEntry("DATA", chunk_offset, start_ms, start_ms + span_ms))
+        else:
+            entries.append(IndexEntry(letters.decode("latin-1"), chunk_offset))
     if position != len(payload):
         raise FormatError(
             "bytes left over after an index", requirement="IDX-001", offset=offset + position

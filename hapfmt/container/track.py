@@ -140,11 +140,29 @@ def series_of(tracks: Sequence[Track]) -> Iterator[list[Track]]:
 def complete(tracks: Iterable[Track]) -> bool:
     """Whether these may be the tracks of a closed file (TRK-010, TRK-012)."""
     tracks = list(tracks)
+    return paired(tracks) and not missing_channels(tracks)
+
+
+def paired(tracks: Sequence[Track]) -> bool:
+    """Whether every LF track has its HF track (TRK-012)."""
     bases = {track.base for track in tracks}
+    return all(track.kind != "lf" or track.id in bases for track in tracks)
+
+
+def missing_channels(tracks: Iterable[Track]) -> list[int]:
+    """Numbers below the highest that no track has (TRK-010)."""
     numbers = {n for track in tracks if track.kind in ("full", "lf") for n in track.channels}
-    return numbers == set(range(len(numbers))) and all(
-        track.kind != "lf" or track.id in bases for track in tracks
-    )
+    return [n for n in range(max(numbers, default=-1) + 1) if n not in numbers]
+
+
+def silent_tracks(tracks: Sequence[Track]) -> list[Track]:
+    """Empty tracks for channel numbers that were left out: in a closed file there is no hole."""
+    free = max((track.id for track in tracks), default=-1) + 1
+    component = Component(label="(never recorded)")
+    return [
+        Track(free + place, "full", "KNOT", Fraction(1), number, (component,), b"\0\1")
+        for place, number in enumerate(missing_channels(tracks))
+    ]
 
 
 def lone_lf(track: Track) -> FormatError:
@@ -212,8 +230,17 @@ class TrackTable:
     def chains(self) -> list[list[Track]]:
         """Tracks of channels but for HF, those that continue one another together, by their ids.
 
-        They share their channel numbers, and nothing else does: so a lost one breaks no chain.
+        They share their channel numbers, and nothing else does: so a lost one breaks no chain. One
+        that does not fit can only be an unsupported one, of which nothing was checked.
         """
+        chains = []
+        for first, *others in self.of_one_channel():
+            chain = [first]
+            chain += [track for track in others if track.fits(first)]
+            chains.append(chain)
+        return chains
+
+    def of_one_channel(self) -> list[list[Track]]:
         found: dict[int, list[Track]] = {}
         for id_ in sorted(self.tracks):
             track = self.tracks[id_]
@@ -225,9 +252,9 @@ class TrackTable:
         """In a damaged file: drops tracks that do not match their base or the track that they
         continue, where these came later, or never."""
         dropped = []
-        for chain in self.chains():
-            before = chain[0]
-            for track in chain[1:]:
+        for first, *others in self.of_one_channel():
+            before = first
+            for track in others:
                 known = track.continues in self.tracks and track.continues != before.id
                 if known or track.continues is None or not track.fits(before):
                     del self.tracks[track.id]

@@ -69,17 +69,6 @@ def header_at(source: Source, offset: int, file_id: int | None) -> ChunkHeader |
     return header if file_id is None or header.file_id == file_id else None
 
 
-def end_at(source: Source, offset: int, file_id: int) -> int | None:
-    """Where the chunk at ``offset`` ends, None where no header of this file stands; no more is
-    looked at, since an index may list very many chunks."""
-    data = source.read_at(offset, HEADER_SIZE)
-    if data[:4] != SYNC or data[28:] != crc32(data[:28]).to_bytes(4, "little"):
-        return None
-    if int.from_bytes(data[8:12], "little") != file_id:
-        return None
-    return offset + HEADER_SIZE + int.from_bytes(data[16:20], "little")
-
-
 def read_chunk(source: Source, offset: int, file_id: int | None = None) -> Chunk | None:
     """The chunk at ``offset``, or None where no valid header stands there."""
     header = header_at(source, offset, file_id)
@@ -106,17 +95,18 @@ def find_header(source: Source, start: int, file_id: int | None) -> int | None:
     return None
 
 
-def walk(source: Source, findings: list[Finding]) -> Iterator[Chunk]:
-    """Every chunk that can be found; what is wrong is appended to ``findings`` on the way."""
-    position = len(SIGNATURE)
-    if source.read_at(0, len(SIGNATURE)) != SIGNATURE:
+def walk(source: Source, findings: list[Finding], *, after: Chunk | None = None) -> Iterator[Chunk]:
+    """Every chunk that can be found, or those after one; what is wrong is appended to ``findings``
+    on the way."""
+    position = after.stop if after else len(SIGNATURE)
+    if after is None and source.read_at(0, len(SIGNATURE)) != SIGNATURE:
         findings.append(
             Finding("bad-signature", 0, len(SIGNATURE), "the signature differs", "FIL-001")
         )
         position = 0
     file_id = choose_file_id(source)
     seen: set[int] = set()
-    last = -1
+    last = after.header.sequence if after else -1
     suspect_from: int | None = None
     work = WORK_BASE + WORK_FACTOR * source.size
     while position < source.size or suspect_from is not None:

@@ -2,15 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 
 from ..container.wire import NO_TRACK
 from ..integers import build_svarint, parse_svarint, parse_varint
+from .original import NS, Original
 from .plan import Plan
 
 TYPES = frozenset({"cLOk", "cMAp"})
 TICK_BOUND = 1 << 52
-NS = 10**9
+
+
+class Everything:
+    """As a set: of all there is."""
+
+    def __contains__(self, _: object) -> bool:
+        return True
+
+
+def differing_maps(originals: Sequence[Original]) -> set[bytes]:
+    """Payloads of the maps that files, parts of one line of time, do not have in common."""
+    found = [
+        {
+            chunk.payload
+            for behind in (False, True)
+            for chunk in original.others(behind=behind)
+            if chunk.header.type == "cMAp" and chunk.header.known
+        }
+        for original in originals
+    ]
+    return found[0].union(*found) - found[0].intersection(*found)
 
 
 def moved_clock(payload: bytes, track: int, plan: Plan, offset: int) -> bytes | None:

@@ -12,6 +12,7 @@ from ..container.extras import build_metadata
 from ..errors import ParameterError
 from ..numbers import exact
 from ..packets import Seconds
+from .clocks import Everything, differing_maps
 from .extras import combined
 from .joining import Joining
 from .making import (
@@ -83,6 +84,9 @@ def concat(
         )
         with opened(out, force) as stream:
             making = Making(stream, head, level=level, canonical=canonical, name=name_of(out))
+            if len(originals) > 1:
+                same = times == "same"
+                making.maps_to_drop = differing_maps(originals) if same else Everything()
             for note in [*joining.notes, *notes]:
                 making.note(note)
             for number, original in enumerate(originals):

@@ -6,7 +6,7 @@ from __future__ import annotations
 import hashlib
 import os
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -24,12 +24,11 @@ from ..limits import TICK_LIMIT, Level
 from ..packets import Seconds
 from .clocks import TYPES, moved_clock
 from .describing import describe
-from .original import Advance, Original, has_channels
+from .original import NS, Advance, Original, has_channels
 from .plan import Place, Plan
 from .renumber import renumbered
 
 Output = str | os.PathLike[str] | BinaryIO
-NS = 10**9
 
 
 @dataclass
@@ -90,7 +89,10 @@ class Making:
         self.partial: dict[Original, set[int]] = {}
         self.last: dict[Original, dict[int, int]] = {}
         """Where in its file the last packet of a track stands."""
-        self.seen: set[bytes] = set()
+        self.seen: dict[bytes, Original] = {}
+        """Which file had a chunk first, by its digest."""
+        self.maps_to_drop: Container[bytes] = ()
+        """Payloads of clock maps that hold for a part of what they would speak of only."""
         self.lost_events = 0
 
     def note(self, text: str) -> None:
@@ -108,7 +110,8 @@ class Making:
             self.out.metadata(dict(metadata))
 
     def others(self, original: Original, plan: Plan, *, behind: bool) -> None:
-        """Attachments, clocks and chunks of unknown types that are safe to copy, each once."""
+        """Attachments, clocks and chunks of unknown types that are safe to copy; what an earlier
+        file had too comes once."""
         for chunk in original.others(behind=behind):
             header, payload, track = chunk.header, chunk.payload, chunk.header.track
             if not header.known and header.type[3].isupper():
@@ -127,11 +130,14 @@ class Making:
                     continue
                 payload = moved
             digest = hashlib.sha256(f"{header.type} {track} ".encode() + payload).digest()
-            if digest not in self.seen:
-                self.seen.add(digest)
-                self.out.chunk(header.type, payload, track, flags=header.flags)
-                if not header.known:
-                    self.note(f"{header.type} chunk copied: unknown, but safe to copy")
+            if self.seen.setdefault(digest, original) is not original:
+                continue
+            if header.known and header.type == "cMAp" and payload in self.maps_to_drop:
+                self.note("cMAp chunk left out: packets of other files come to its track")
+                continue
+            self.out.chunk(header.type, payload, track, flags=header.flags)
+            if not header.known:
+                self.note(f"{header.type} chunk copied: unknown, but safe to copy")
 
     def clusters(
         self,

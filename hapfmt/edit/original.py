@@ -11,11 +11,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
 
-from ..catalogue import Catalogue, ChunkRef
+from ..catalogue import Catalogue, ChunkRef, FalseIndexError
 from ..container.cluster import Packet, parse_cluster
 from ..container.source import open_source
 from ..container.track import CODECS, Track, lone_lf
-from ..container.walk import Chunk, read_chunk
+from ..container.walk import Chunk, header_at, read_chunk
 from ..container.wire import Head
 from ..errors import (
     ChecksumError,
@@ -26,12 +26,13 @@ from ..errors import (
     UnsupportedError,
 )
 from ..opening import open_catalogue
-from ..packets import PacketPass, Seconds, overlaps
+from ..packets import Seconds, overlapping
 from ..verifier import DAMAGED, stored_digests
 
 Input = str | os.PathLike[str] | bytes | BinaryIO
 Advance = Callable[[int, int], None]
 
+NS = 10**9
 DESCRIBED = frozenset({"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "mETa", "dGST"})
 """Chunk types that an editor writes by itself; the others it copies or leaves out."""
 
@@ -143,10 +144,16 @@ class Original:
 
     def refs(self, start: Seconds | None, stop: Seconds | None) -> list[ChunkRef]:
         """DATA chunks that overlap these seconds, in order of time."""
-        if not PacketPass(self.catalogue, lambda: None).holds(start, stop):
+        refs = overlapping(self.catalogue.data, start, stop)
+        try:
+            for ref in refs:
+                if ref.limit is not None:
+                    ref.checked(header_at(self.source, ref.offset, self.catalogue.file_id))
+        except FalseIndexError:
             # An index that points elsewhere (IDX-003).
             self.open(scan=True)
-        return [ref for ref in self.catalogue.data if overlaps(ref, start, stop)]
+            refs = overlapping(self.catalogue.data, start, stop)
+        return refs
 
     def clusters(
         self,
@@ -175,7 +182,7 @@ class Original:
 
     def cluster(self, ref: ChunkRef) -> list[Packet]:
         chunk = read_chunk(self.source, ref.offset, self.head.file_id)
-        if chunk is None or not chunk.intact:
+        if chunk is None or not chunk.intact or chunk.header.type != "DATA":
             message = "payload CRC of a DATA chunk differs"
             raise self.damaged(ChecksumError, message, ref.offset)
         try:
@@ -192,7 +199,7 @@ class Original:
             if (ref.type in DESCRIBED and ref.known) or (ref.offset > first) != behind:
                 continue
             chunk = read_chunk(self.source, ref.offset, self.head.file_id)
-            if chunk is None or not chunk.intact:
+            if chunk is None or not chunk.intact or chunk.header.type != ref.type:
                 message = f"payload CRC of a {ref.type} chunk differs"
                 raise self.damaged(ChecksumError, message, ref.offset)
             yield chunk

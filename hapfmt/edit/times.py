@@ -10,8 +10,8 @@ from ..container.wire import Head
 from ..errors import ParameterError
 from ..numbers import exact
 from ..packets import Seconds
-from .making import NS, another
-from .original import Original, common_period
+from .making import another
+from .original import NS, Original, common_period
 
 Times = Literal["same", "epoch"]
 """same: the ticks of all files count from one zero; epoch: the UTC times of their zeros tell."""

@@ -11,5 +11,8 @@ Where things live, in the order of the work:
 * unit.py codes a unit by presets default and paper: split.py, knots.py, codebook.py.
 * indexed.py codes it by those that keep a bound by construction: grids.py; predict.py, or quick.py
   with --fast, for LPCR; tubed.py for knots (tube.py and sweep.py, vectors.py for several axes).
+* live.py: blocks as they arrive. live_plan.py is what is known before the first sample; channels
+  are of the kinds of live_counts.py, live_deadband.py and live_exact.py; live_many.py packs many
+  blocks in one call, live_knots.py those of knots.
 * references.py joins channels that resemble each other in one track; weights.py fits them.
 """

@@ -20,6 +20,7 @@ from ..container.track import Track
 from ..errors import ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level
 from ..live.inputs import Input
+from ..threads import in_order, thread_count
 from .live_counts import GridLane, Way, counts_of_block
 from .live_deadband import DeadbandLane
 from .live_exact import choose_exact
@@ -27,6 +28,9 @@ from .live_many import Job, Made, Missing, Shelf, encode_blocks
 from .live_plan import Plan, check_settings, plan_input
 from .settings import Settings
 from .source import PACKET_SAMPLES
+
+SHARE = 100
+"""Jobs that are worth a thread of their own: a few milliseconds of work."""
 
 NATIVE = (np.dtype(np.int16), np.dtype(np.int32), np.dtype(np.int64))
 """What the compiled loop takes as it is."""
@@ -68,13 +72,16 @@ class Lane(Protocol):
 class LiveEncoder:
     """Packets of many channels, block by block; the same blocks give the same bytes.
 
-    ``first_track``: the first id that is free in the file.
+    ``first_track``: the first id that is free in the file. ``threads``: in how many the compiled
+    loops run where blocks are many; the packets do not depend on it.
     """
 
-    def __init__(self, settings: Settings | None = None, *, first_track: int = 0) -> None:
+    def __init__(
+        self, settings: Settings | None = None, *, first_track: int = 0, threads: int = 1
+    ) -> None:
         self.settings = settings or Settings("archive")
         check_settings(self.settings)
-        self.next_track = first_track
+        self.next_track, self.threads = first_track, thread_count(threads, 0)
         self.lanes: dict[int, Lane] = {}
         self.adopted: dict[int, Track] = {}
         self.plans: dict[int, Plan] = {}
@@ -153,13 +160,17 @@ class LiveEncoder:
         return packed
 
     def call(self, jobs: Sequence[Job]) -> list[Made]:
-        """All jobs of one length in one call."""
+        """All jobs of one length in one call, or in one of each thread."""
         alike: dict[int, list[int]] = {}
         for place, job in enumerate(jobs):
             alike.setdefault(job.block.size, []).append(place)
+        parts = [part for places in alike.values() for part in shares(places, self.threads)]
+
+        def work(places: Sequence[int]) -> list[Made]:
+            return encode_blocks([jobs[place] for place in places], self.shelf)
+
         made: dict[int, Made] = {}
-        for places in alike.values():
-            found = encode_blocks([jobs[place] for place in places], self.shelf)
+        for places, found in zip(parts, in_order(work, parts, self.threads), strict=True):
             made |= zip(places, found, strict=True)
         return [made[place] for place in range(len(jobs))]
 
@@ -172,7 +183,8 @@ class LiveEncoder:
         """As the compiled loop takes them, which looks at their range."""
         values = piece.values
         if values.dtype in NATIVE and piece.input.takes_counts:
-            return np.ascontiguousarray(values)
+            flags = values.flags
+            return values if flags.c_contiguous and flags.aligned else values.copy()
         plan = self.plan(piece.channel, piece.input)
         return counts_of_block(plan, values, piece.channel, piece.start)
 
@@ -223,6 +235,14 @@ class LiveEncoder:
         if isinstance(lane, DeadbandLane):
             lane.begin(first, block.start)
         return lane
+
+
+def shares(places: Sequence[int], threads: int) -> Iterator[Sequence[int]]:
+    """Parts of about the same length, of more than one only where that is many jobs."""
+    count = min(threads, len(places) // SHARE) or 1
+    size = -(-len(places) // count)
+    for at in range(0, len(places), size):
+        yield places[at : at + size]
 
 
 def cut(block: Block) -> Iterator[Block]:

@@ -24,7 +24,7 @@ AGAIN = 1
 LIKE, FEW = 0.03, 4
 """It is looked for anew where a packet is not as large as the one it was looked for, by more than
 that part and some bytes: with that sizes were 0.3 % above those of a search for each (measured on
-counts of sensors and simulated ones), in 65 % of the time."""
+counts of sensors and simulated ones), in two thirds of the time."""
 
 
 def counts_of_block(plan: Plan, values: NDArray[Any], channel: int, start: int) -> Counts:

@@ -27,15 +27,15 @@ from .tube import COUNT_BOUND
 from .tubed import HALF, tube_of
 from .unit import STEP_LIMIT, Bound
 
-AGAIN = 16
-"""After so many packets all ways are tried once more."""
+FIRST, AGAIN = 2, 16
+"""After so many packets all ways are tried once more; each time twice as many, up to the last."""
 
 TELLING, DESCRIPTION = 16, 150.0
 """Samples that tell one way from another, and about the bytes of a description."""
 
-EVIDENCE, MUCH = 600.0, 0.85
-"""Another way takes over when it would have saved so many bytes, a few times what its description
-takes, and its packets are smaller than this part of the others."""
+MUCH = 0.93
+"""Another way takes over when it would have saved more than its description takes, with packets
+smaller than this part of the others; each time twice as much is asked for."""
 
 
 Coded = tuple[Track, Way]
@@ -79,7 +79,7 @@ class DeadbandLane:
         self.before: Track | None = None
         self.narrow = self.decided = False
         self.saved = [0.0] * len(self.coded)
-        self.left, self.needed = 0, EVIDENCE
+        self.left, self.wait, self.needed = 0, FIRST, DESCRIPTION
 
     @property
     def ways(self) -> Sequence[Way]:
@@ -96,7 +96,7 @@ class DeadbandLane:
         self.before = track
         for place, (wanted, _) in enumerate(self.coded):
             if alike(track, wanted):
-                self.now, self.track, self.left = place, track, AGAIN
+                self.now, self.track, self.left = place, track, self.wait
                 self.narrow = self.decided = True
                 return
 
@@ -108,12 +108,11 @@ class DeadbandLane:
         self.decided = True
         if values.size < TELLING:
             self.turn(min(1, len(self.coded) - 1))
-            self.needed = DESCRIPTION
             return
         x = counts_of_block(self.plan, values, self.number, start)
         sizes = [len(way.pack(x)) for _, way in self.coded]
         self.turn(sizes.index(min(sizes)))
-        self.left = AGAIN
+        self.left = self.wait
 
     def turn(self, place: int) -> None:
         """From now on by this way, in a track of its own."""
@@ -125,7 +124,8 @@ class DeadbandLane:
         if self.left:
             self.left -= 1
             return packets[0]
-        self.left = AGAIN
+        self.left = self.wait
+        self.wait = min(2 * self.wait, AGAIN)
         return packets[self.weigh([len(packet) for packet in packets])]
 
     def code(self, values: NDArray[Any], start: int) -> bytes:
@@ -141,12 +141,12 @@ class DeadbandLane:
         now = self.now
         for place, size in enumerate(sizes):
             more = size < MUCH * sizes[now]
-            evidence = self.saved[place] + (sizes[now] - size) * AGAIN
+            evidence = self.saved[place] + (sizes[now] - size) * self.left
             self.saved[place] = evidence if more else self.saved[place] / 2
         best = self.saved.index(max(self.saved))
         if self.saved[best] < self.needed:
             return now
-        self.needed = max(2 * self.needed, EVIDENCE)
+        self.needed *= 2
         self.saved = [0.0] * len(self.coded)
         self.before = self.track
         self.turn(best)

@@ -25,7 +25,7 @@ from ..integers import build_varint
 from ..limits import EXACT_LIMIT, LEVELS
 from ..recording import Calibration
 from .exact import natural_candidate
-from .lattice import find_lattice
+from .lattice import find_lattice, sparse
 from .live_counts import Way
 from .live_many import Shelf, Task
 from .live_plan import Plan
@@ -127,8 +127,16 @@ def lattices(x: Doubles) -> list[Lattice]:
     exact = find_lattice(x + 0.0)
     if exact and (distinct >= SEEN or exact.calibration.d <= PLAIN):
         found.append(Lattice(exact.calibration, ExactParameters()))
+        if not sparse(exact.counts):
+            # Nothing coarser lies under it.
+            return covering(found)
     if distinct >= SEEN and (near := natural_candidate(x, exact)):
         found.append(Lattice(near.calibration, near.parameters))
+    return covering(found)
+
+
+def covering(found: Sequence[Lattice]) -> list[Lattice]:
+    """Those that allow all counts."""
     return [lattice for lattice in found if lattice.calibration.covers(LOW, HIGH)]
 
 

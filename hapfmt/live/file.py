@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 
 from ..atomic import refuse, sync_directory
+from ..container.source import FILE_GAP
 from ..container.wire import SIGNATURE
 from ..errors import ParameterError
 from ..lock import lock, unlock
@@ -63,6 +64,7 @@ class LiveFile:
     """
 
     whole_writes = True
+    gap = FILE_GAP
 
     def __init__(
         self, descriptor: int, path: str, sync: SyncPolicy, *, temporary: Path | None = None

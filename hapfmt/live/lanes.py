@@ -41,6 +41,7 @@ class Lanes:
         """Places that nothing came for yet: these may begin anywhere."""
         self.by_label: dict[str, int] = {}
         self.known: dict[tuple[int, ...], Lane] = {}
+        self.single: dict[str | int, Lane] = {}
 
     def enter(self, member: Member, start_s: Fraction) -> int:
         """The place of an input that is new."""
@@ -68,6 +69,13 @@ class Lanes:
         labels = ", ".join(repr(member.input.label) for member in self.members)
         raise ParameterError(f"no channel {channel!r}; there are: {labels}")
 
+    def one(self, channel: str | int) -> Lane:
+        """The lane of a single channel."""
+        lane = self.single.get(channel)
+        if lane is None:
+            lane = self.single[channel] = self.of((channel,))
+        return lane
+
     def of(self, channels: Sequence[str | int]) -> Lane:
         places = tuple(self.place_of(channel) for channel in channels)
         lane = self.known.get(places)
@@ -87,6 +95,8 @@ class Lanes:
 
     def start_of(self, lane: Lane, tick: int | None) -> int:
         """Where samples go; ticks never go back."""
+        if len(lane.channels) == 1 and (tick is None or tick >= self.ticks.item(lane.channels[0])):
+            return self.ticks.item(lane.channels[0]) if tick is None else tick
         ticks = self.ticks[lane.index]
         ahead = int(ticks.max())
         if tick is None:
@@ -110,6 +120,9 @@ class Lanes:
 
     def move(self, lane: Lane, tick: int) -> None:
         """The next samples of a lane go to this tick."""
-        self.ticks[lane.index] = tick
+        if len(lane.channels) == 1:
+            self.ticks[lane.channels[0]] = tick
+        else:
+            self.ticks[lane.index] = tick
         if self.silent:
             self.silent.difference_update(lane.channels)

@@ -6,8 +6,8 @@ import os
 import threading
 import warnings
 import weakref
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from fractions import Fraction
 from functools import partial
 from math import ceil
@@ -37,6 +37,30 @@ Seconds = Fraction | float | str
 OnFull = Literal["block", "drop", "raise"]
 QUEUE_SIZE = 64 << 20
 """Bytes: 4.5 minutes of 30 channels of doubles at 1 kHz."""
+
+
+class Turn:
+    """One call at a time, of a recording that goes on."""
+
+    def __init__(self, queue: Queue[Item]) -> None:
+        self.queue = queue
+        self.lock = threading.RLock()
+        self.process = os.getpid()
+        self.closed = False
+
+    def __enter__(self) -> None:
+        if os.getpid() != self.process:
+            # The thread, and whoever held the lock, stayed in the other process.
+            raise ParameterError("the recording belongs to the process that began it")
+        self.lock.acquire()
+        if self.closed or self.queue.error is not None:
+            self.lock.release()
+            if self.closed:
+                raise ParameterError("the recording was closed")
+            self.queue.refuse()
+
+    def __exit__(self, *_: object) -> None:
+        self.lock.release()
 
 
 class Recorder:
@@ -106,9 +130,8 @@ class Recorder:
             canonical,
         )
         self.on_full = on_full
-        self.lock = threading.RLock()
-        self.process = os.getpid()
         self.queue: Queue[Item] = Queue(queue_size)
+        self.turn = Turn(self.queue)
         start = Start(file, list(inputs), options, self.queue)
         self.worker, self.closing = start.worker, start.closing
         self.lanes = Lanes(options.cluster, start.start_s)
@@ -118,9 +141,9 @@ class Recorder:
         self.metadata: dict[str, Any] = start.metadata
         """Members that change are written again at the end."""
         self.taken = 0
-        self.warned = self.closed = False
+        self.warned = False
         self.worker.thread.start()
-        self.finalizer = weakref.finalize(self, shut, self.queue, self.worker, self.process)
+        self.finalizer = weakref.finalize(self, shut, self.queue, self.worker, os.getpid())
 
     def __enter__(self) -> Recorder:
         return self
@@ -139,18 +162,6 @@ class Recorder:
             if second is not error:
                 error.add_note(f"and the recording was not closed: {second}")
 
-    @contextmanager
-    def turn(self) -> Iterator[None]:
-        """One call at a time, of a recording that goes on."""
-        if os.getpid() != self.process:
-            # The thread, and whoever held the lock, stayed in the other process.
-            raise ParameterError("the recording belongs to the process that began it")
-        with self.lock:
-            if self.closed:
-                raise ParameterError("the recording was closed")
-            self.queue.refuse()
-            yield
-
     @property
     def inputs(self) -> list[Input]:
         return [member.input for member in self.lanes.members]
@@ -158,7 +169,7 @@ class Recorder:
     def add(self, given: Input) -> int:
         """A channel that comes late; its number among the inputs. It begins at the end of what is
         recorded so far, unless its first samples say another tick."""
-        with self.turn():
+        with self.turn:
             start_s = self.lanes.seconds
             number = self.next_number
             self.worker.check(given)
@@ -171,8 +182,8 @@ class Recorder:
         """Samples of one channel, [ticks]: counts where its input has a calibration, else floats,
         of which NaN is a missing one. They go on where the last ended, or at ``tick``: what lies
         between is a gap."""
-        with self.turn():
-            self.put(self.lanes.of((channel,)), values, tick)
+        with self.turn:
+            self.put(self.lanes.one(channel), values, tick)
 
     def write_rows(
         self,
@@ -182,15 +193,15 @@ class Recorder:
     ) -> None:
         """Samples of channels of one rate and kind, [ticks, channels]; None: of all channels. The
         fast way for many channels."""
-        with self.turn():
+        with self.turn:
             chosen = range(len(self.lanes.members)) if channels is None else channels
             self.put(self.lanes.of(tuple(chosen)), values, tick)
 
     def write_all(self, values: Mapping[str | int, ArrayLike]) -> None:
         """Samples of several channels from where each of them ended. Long ones are taken in turns,
         so that channels of the same time share clusters."""
-        with self.turn():
-            arrays = [(self.lanes.of((c,)), np.asarray(given)) for c, given in values.items()]
+        with self.turn:
+            arrays = [(self.lanes.one(c), np.asarray(given)) for c, given in values.items()]
             places = [0] * len(arrays)
             until = Fraction(0)
             while any(at < len(array) for at, (_, array) in zip(places, arrays, strict=True)):
@@ -203,8 +214,8 @@ class Recorder:
 
     def skip(self, channel: str | int, ticks: int) -> None:
         """So many samples of a channel are missing: a gap."""
-        with self.turn():
-            lane = self.lanes.of((channel,))
+        with self.turn:
+            lane = self.lanes.one(channel)
             start = self.lanes.start_of(lane, None) + ticks
             if ticks < 0 or start > TICK_LIMIT:
                 raise ParameterError(f"a gap of {ticks} ticks in {named(lane.inputs)}")
@@ -261,7 +272,7 @@ class Recorder:
         layer: str = "",
     ) -> None:
         """An event at ``time`` seconds; None: at the end of what is recorded so far."""
-        with self.turn():
+        with self.turn:
             place = None if channel is None else self.lanes.place_of(channel)
             at = self.lanes.seconds if time is None else exact(time)
             event = Event(at, text, exact(duration), layer=layer)
@@ -279,7 +290,7 @@ class Recorder:
     ) -> None:
         """What another clock said at a tick of a channel; None: at a nanosecond of the recording.
         It is stored as it is."""
-        with self.turn():
+        with self.turn:
             place = None if channel is None else self.lanes.place_of(channel)
             number = None if place is None else self.lanes.members[place].number
             seen = observation(name, number, tick, time_ns, uncertainty_ns)
@@ -287,12 +298,12 @@ class Recorder:
 
     def fit_clocks(self) -> None:
         """Have maps of the clocks written at the end: see ``clock_maps``."""
-        with self.turn():
+        with self.turn:
             self.worker.observed.maps = True
 
     def flush(self) -> None:
         """When this returns, all that was written so far is on the disk."""
-        with self.turn():
+        with self.turn:
             self.queue.put(self.worker.flush, wake=True)
         self.queue.join()
 
@@ -316,12 +327,12 @@ class Recorder:
 
     def close(self) -> None:
         """Write all that is here, and the index; once more does nothing."""
-        if os.getpid() != self.process:
+        if os.getpid() != self.turn.process:
             return
-        with self.lock:
-            if self.closed:
+        with self.turn.lock:
+            if self.turn.closed:
                 return
-            self.closed = True
+            self.turn.closed = True
             self.finalizer.detach()
             end = partial(self.worker.finish, partial(self.closing, dict(self.metadata)))
             with suppress(Exception):

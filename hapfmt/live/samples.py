@@ -43,10 +43,14 @@ def owned(values: ArrayLike, inputs: Sequence[Input]) -> NDArray[Any]:
 
 
 def check_range(counts: NDArray[Any], inputs: Sequence[Input]) -> None:
-    bits = min(given.bits for given in inputs)
+    bits = inputs[0].bits if len(inputs) == 1 else min(given.bits for given in inputs)
     if not counts.size or (counts.dtype.kind == "i" and 8 * counts.dtype.itemsize <= bits):
         return
-    if within(int(counts.min()), int(counts.max()), bits):
+    if counts.size == 1:
+        low = high = int(counts.item())
+    else:
+        low, high = int(counts.min()), int(counts.max())
+    if within(low, high, bits):
         return
     for place, given in enumerate(inputs):
         low, high = int(counts[:, place].min()), int(counts[:, place].max())

@@ -109,7 +109,7 @@ class Session:
         place = recorder.lanes.place_of(channel)
         if values.dtype.kind == "f" and recorder.inputs[place].takes_counts:
             start = int(recorder.lanes.ticks[place]) if tick is None else tick
-            recorder.lanes.start_of(recorder.lanes.of((place,)), start)
+            recorder.lanes.start_of(recorder.lanes.one(place), start)
             self.counts(place, values.astype(np.float64), start)
         else:
             recorder.write(place, values, tick)

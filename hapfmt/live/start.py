@@ -13,8 +13,9 @@ from typing import Any, BinaryIO, Literal
 
 from ..appending import Appending, open_append
 from ..container.clocks import ClockObservation
+from ..container.extras import build_metadata
 from ..container.filewriter import FileWriter
-from ..container.track import Track
+from ..container.track import Track, missing_channels
 from ..encoder.live import LiveEncoder
 from ..encoder.settings import Settings
 from ..errors import ParameterError
@@ -72,6 +73,8 @@ class Options:
                 raise ParameterError("canonical mode knows no time of day, and no file before it")
             if self.epoch_ns == "now":
                 self.epoch_ns = None
+        if settings.digest:
+            raise ParameterError("a digest is of whole tracks: nobody knows them while recording")
         if self.append and self.force:
             raise ParameterError("a file is replaced or appended to, not both")
         if self.at is not None and not self.append:
@@ -97,6 +100,8 @@ class Start:
         self.written: dict[str, Any] = {}
         """Metadata that stands in the file."""
         self.start_s = Fraction(0)
+        self.holes: list[int] = []
+        """Channel numbers below the highest without a channel."""
         self.observed: list[ClockObservation] = []
         """Those of the file that is gone on with, where maps are asked for."""
         if options.append:
@@ -123,6 +128,7 @@ class Start:
         check_epoch(Recording(epoch_ns=epoch_ns, epoch_uncertainty_ns=uncertainty))
         made_by = f"hapfmt {__version__}: {self.settings.describe()}"
         self.metadata["encoder"] = made_by
+        build_metadata(self.metadata)
         clock: Callable[[], float] = time.monotonic
         if options.canonical is not None:
             clock = self.recorded
@@ -164,7 +170,8 @@ class Start:
             self.encoder = LiveEncoder(
                 self.settings, first_track=max(catalogue.tracks, default=-1) + 1
             )
-            self.next_number = len(catalogue.channels)
+            self.next_number = max((c.number for c in catalogue.channels), default=-1) + 1
+            self.holes = missing_channels(catalogue.tracks.values())
             end_s = end_of(found)
             epoch_ns = catalogue.head.epoch_ns if catalogue.head else None
             self.start_s = start_of(options.at, end_s, epoch_ns)
@@ -204,6 +211,13 @@ class Start:
             metadata = {**metadata, "notes": [*notes, *lost]}
         return {k: v for k, v in metadata.items() if k not in self.written or self.written[k] != v}
 
+    def number(self) -> int:
+        """Of a new channel: one that a crash left without a channel, else the next."""
+        if self.holes:
+            return self.holes.pop(0)
+        self.next_number += 1
+        return self.next_number - 1
+
     def match(self, channels: Sequence[Any], inputs: Sequence[Input]) -> list[Member]:
         """Inputs and their channels in the file: those of the same label, rate and unit, each
         once; else new ones."""
@@ -219,8 +233,7 @@ class Start:
                     self.encoder.known(ref.number, last_track(ref))
                     break
             else:
-                members.append(Member(given, self.next_number))
-                self.next_number += 1
+                members.append(Member(given, self.number()))
         if self.next_number > LAST_TRACK_ID:
             raise ParameterError(f"a recording has at most {LAST_TRACK_ID} channels")
         return members

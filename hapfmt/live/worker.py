@@ -13,7 +13,7 @@ import numpy as np
 
 from ..container.cluster import Packet
 from ..container.filewriter import FileWriter
-from ..container.track import Track, complete
+from ..container.track import Track
 from ..encoder.live import Block, LiveEncoder
 from ..errors import ParameterError
 from .clusters import Clusters, Piece, Rows
@@ -77,6 +77,7 @@ class Worker:
         self.enter(self.writer.tracks.values())
         self.progress = Progress()
         self.finished = False
+        self.written_at = time.monotonic()
         self.notes: list[str] = []
         """Of what the end could not do."""
         self.error: BaseException | None = None
@@ -110,11 +111,14 @@ class Worker:
                 self.write(self.clusters.rest())
         elif item is not None:
             item()
-        oldest = self.clusters.oldest
-        if oldest is None or self.hold_s is None:
+        if self.hold_s is None:
             return
-        if time.monotonic() - oldest > self.hold_s:
-            self.write(self.clusters.rest())
+        since = self.clusters.oldest
+        if since is None and (self.layers.waiting or self.observed.waiting):
+            since = self.written_at
+        if since is not None and time.monotonic() - since > self.hold_s:
+            self.write_rest()
+            self.written_at = time.monotonic()
 
     def check(self, given: Input) -> None:
         """Whether the file can hold an input that comes late; in any thread."""
@@ -148,6 +152,7 @@ class Worker:
             self.observed.write(self.writer, self.first_tracks)
             self.progress.written += sum(block.values.size for block in blocks)
             self.progress.cluster_count += 1
+            self.written_at = time.monotonic()
             if self.output.settle():
                 self.progress.flushed_s = float(self.writer.stop)
 
@@ -209,5 +214,4 @@ class Worker:
                 self.describe_silent()
         except Exception:
             pass
-        whole = complete(self.writer.tracks.values())
-        self.output.give_up(close=whole and self.writer.failed is None)
+        self.output.give_up(close=self.writer.failed is None)

@@ -11,7 +11,7 @@ import forge as f
 from hapfmt.codecs.events import build_events, parse_events
 from hapfmt.codecs.varints import build_varints, parse_varints
 from hapfmt.container.clocks import build_clocks, build_map, parse_clock, parse_map
-from hapfmt.container.cluster import Packet, build_cluster, parse_cluster, salvage_cluster
+from hapfmt.container.cluster import Packet, build_cluster, parse_cluster
 from hapfmt.container.extras import (
     build_attachment,
     build_metadata,
@@ -19,6 +19,7 @@ from hapfmt.container.extras import (
     parse_metadata,
 )
 from hapfmt.container.index import build_foot, build_index, parse_foot, parse_index
+from hapfmt.container.salvage import salvage_cluster
 from hapfmt.container.series import build_series, parse_series
 from hapfmt.container.source import BytesSource
 from hapfmt.container.tlv import build_strings, build_tlvs, parse_strings, parse_tlvs

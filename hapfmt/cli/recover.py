@@ -1,0 +1,90 @@
+"""hapfmt recover"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from ..errors import ParameterError
+from .common import (
+    echo_json,
+    force_option,
+    input_of,
+    json_option,
+    output_of,
+    printable,
+    progress,
+    refuse_target,
+    tell_some,
+)
+
+if TYPE_CHECKING:
+    from ..recovery.recover import Recovery
+
+
+@click.command(short_help="All that a damaged file still holds, in a file that is intact.")
+@click.argument("source", metavar="IN")
+@click.argument("target", metavar="[OUT]", required=False)
+@click.option(
+    "--in-place", is_flag=True, help="Mend IN itself; keep IN.damaged unless only its end changes."
+)
+@click.option(
+    "--canonical",
+    type=click.IntRange(0, (1 << 32) - 1),
+    metavar="ID",
+    help="File id of canonical mode: the same input gives the same bytes.",
+)
+@force_option
+@json_option
+def recover(
+    source: str,
+    target: str | None,
+    in_place: bool,
+    canonical: int | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Write all that can be read of IN to OUT, an intact file.
+
+    Packets are copied bit for bit, nothing is decoded and encoded again; what is missing stays a
+    gap. What was lost is told, and noted in OUT's metadata. Exit code 0 where nothing was lost.
+
+    \b
+    hapfmt recover broken.hapf whole.hapf
+    hapfmt recover --in-place crashed.hapf
+    """
+    if in_place == (target is not None):
+        raise ParameterError("give OUT, or --in-place without it")
+    if target is None:
+        from ..recovery.inplace import recover_in_place
+
+        with progress("recovering") as advance:
+            done = recover_in_place(source, canonical=canonical, progress=advance)
+    else:
+        from ..recovery.recover import recover as run
+
+        refuse_target(target, force)
+        with progress("recovering") as advance:
+            done = run(
+                input_of(source),
+                output_of(target),
+                canonical=canonical,
+                force=force,
+                progress=advance,
+            )
+    if as_json and target != "-":
+        echo_json(done.as_json())
+    else:
+        show(source, target or source, done)
+    return done.exit_code
+
+
+def show(source: str, target: str, done: Recovery) -> None:
+    tell_some([f"{printable(source)}: {finding}" for finding in done.findings])
+    tell_some(done.lost_lines)
+    if done.kept_as:
+        click.echo(f"hapfmt: the damaged file is now {printable(done.kept_as)}", err=True)
+    line = f"{printable(target)}: {done.packets} packets, {done.samples} samples"
+    how = "with loss" if done.exit_code == 3 else "nothing lost"
+    click.echo(f"{line}; {how}", err=target == "-")

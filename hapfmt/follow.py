@@ -1,0 +1,342 @@
+"""A file that grows: its chunks as each is complete, as a list of facts or as decoded pieces.
+
+A chunk that is not whole yet is no damage: only what a whole chunk follows on is taken, whether it
+is whole or not. Memory is that of one cluster, and of the index that the file began with.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from .catalogue import Catalogue, ChannelRef, FalseIndexError
+from .container.cluster import Packet, parse_cluster
+from .container.index import FIRST_OFFSET
+from .container.salvage import salvage_cluster
+from .container.source import is_url, open_source
+from .container.track import Track
+from .container.walk import Chunk, Finding, header_at, read_chunk, walk
+from .container.wire import SIGNATURE
+from .errors import FormatError, ParameterError
+from .opening import learn_checkpoint, lose_chunk
+from .packets import PacketPass, Seconds, tick_range
+
+if TYPE_CHECKING:
+    from .assembly import Band
+    from .decoder import TrackDecoder
+    from .pieces import Piece
+
+INTERVAL = 0.2
+"""Seconds between two looks at the file."""
+
+
+class Follower:
+    """Follows a file until it is closed, ``timeout`` seconds bring nothing, ``until(self)`` is
+    true, or ``stop()`` is called.
+
+    Where the file is replaced, or cut to less than was read, it is followed from its beginning:
+    ``restarts`` counts that. ``findings`` of the catalogue tell damage, and nothing of the end.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        interval: float = INTERVAL,
+        timeout: float | None = None,
+        until: Callable[[Follower], bool] | None = None,
+    ) -> None:
+        if isinstance(path, str) and is_url(path):
+            raise ParameterError("only a local file can be followed")
+        self.path = os.fspath(path)
+        self.interval, self.timeout, self.until = interval, timeout, until
+        self.restarts = 0
+        self.stamp: tuple[int, int] | None = None
+        self.stopped = threading.Event()
+        self.begin()
+        try:
+            if self.look() and self.start() and self.file_id is not None:
+                self.start_at_index(self.file_id)
+        except BaseException:
+            self.source.close()
+            raise
+        # What stands behind the index is new.
+        self.stamp = None
+
+    def begin(self) -> None:
+        """At the first byte of the file that has the name now."""
+        if not Path(self.path).is_file() and Path(self.path).exists():
+            raise ParameterError(f"{self.path} is not a file that could grow")
+        self.source = open_source(self.path)
+        status = Path(self.path).stat()
+        self.identity = status.st_dev, status.st_ino
+        self.stamp = None
+        self.catalogue = Catalogue(self.source)
+        self.last: Chunk | None = None
+        self.file_id: int | None = None
+        self.closed = False
+        self.cluster_count = 0
+        self.stop_ns = 0
+        self.cluster_at = status.st_mtime
+        """When the last cluster was seen, in seconds of time.time()."""
+
+    def __enter__(self) -> Follower:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self.source.close()
+
+    def stop(self) -> None:
+        """Ends the following, from any thread."""
+        self.stopped.set()
+
+    @property
+    def duration(self) -> Fraction:
+        return Fraction(self.stop_ns, 10**9)
+
+    @property
+    def channels(self) -> list[ChannelRef]:
+        """As far as they are described."""
+        return self.catalogue.channels
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Every chunk from here on, as it is complete, to the end of the following."""
+        quiet_from = time.monotonic()
+        while True:
+            for chunk in self.poll():
+                quiet_from = time.monotonic()
+                yield chunk
+            quiet = time.monotonic() - quiet_from
+            if self.closed or self.stopped.is_set() or (self.until and self.until(self)):
+                return
+            if self.timeout is not None and quiet >= self.timeout:
+                return
+            self.stopped.wait(self.interval)
+
+    def poll(self) -> Iterator[Chunk]:
+        """Chunks that were completed since the last look."""
+        if not self.look() or not self.start():
+            return
+        findings: list[Finding] = []
+        told = 0
+        waiting: list[Chunk] = []
+        for chunk in walk(self.source, findings, after=self.last):
+            waiting.append(chunk)
+            if not chunk.intact:
+                continue
+            self.catalogue.findings += findings[told:]
+            told = len(findings)
+            for whole in waiting:
+                self.learn(whole)
+                yield whole
+            waiting = []
+
+    def look(self) -> bool:
+        """Whether the file is another than at the last look."""
+        try:
+            status = Path(self.path).stat()
+        except FileNotFoundError:
+            return False
+        other = (status.st_dev, status.st_ino) != self.identity
+        if not other and self.file_id is not None:
+            head = header_at(self.source, FIRST_OFFSET, None)
+            other = head is None or head.file_id != self.file_id
+            other = other or (self.last is not None and status.st_size < self.last.stop)
+        if other:
+            before = self.source
+            try:
+                self.begin()
+                status = Path(self.path).stat()
+            except FileNotFoundError:
+                return False
+            before.close()
+            self.restarts += 1
+        stamp = status.st_size, status.st_mtime_ns
+        if stamp == self.stamp:
+            return False
+        self.stamp = stamp
+        self.source.size = status.st_size
+        return True
+
+    def start(self) -> bool:
+        """Whether the first chunk stands there."""
+        if self.file_id is not None:
+            return True
+        begins = self.source.read_at(0, len(SIGNATURE))
+        if begins != SIGNATURE[: len(begins)]:
+            raise FormatError(
+                "not a hapf file: no signature", requirement="FIL-001", offset=0, path=self.path
+            )
+        first = read_chunk(self.source, FIRST_OFFSET)
+        if first is None or not first.intact:
+            return False
+        self.file_id = first.header.file_id
+        return True
+
+    def start_at_index(self, file_id: int) -> None:
+        catalogue = Catalogue(self.source, indexed=True)
+        try:
+            index = learn_checkpoint(catalogue, file_id)
+        except FormatError:
+            return
+        if index is None:
+            return
+        catalogue.indexed = False
+        self.catalogue, self.last = catalogue, index
+        self.cluster_count = len(catalogue.data)
+        self.stop_ns = max((ref.stop_ns or 0 for ref in catalogue.data), default=0)
+
+    def learn(self, chunk: Chunk) -> None:
+        """Take in a chunk; what of its payload is needed later is in the catalogue."""
+        self.last = Chunk(chunk.header, chunk.offset, b"", chunk.intact)
+        self.catalogue.foot = None
+        ref = None
+        if chunk.intact:
+            try:
+                ref = self.catalogue.learn(chunk)
+            except FormatError as error:
+                if not self.catalogue.damaged:
+                    raise error.at(path=self.path) from None
+                lose_chunk(self.catalogue, chunk, error)
+        if chunk.header.type == "DATA":
+            self.cluster_count += 1
+            self.cluster_at = time.time()
+            self.stop_ns = max(self.stop_ns, (ref and ref.stop_ns) or 0)
+        self.closed = self.catalogue.foot is not None and chunk.stop == self.source.size
+
+    def pieces(
+        self,
+        channels: Sequence[str | int] | str | int | None = None,
+        start: Seconds | None = None,
+        *,
+        band: Band = "full",
+        exact: bool = False,
+    ) -> Iterator[Piece]:
+        """Decoded packets as they come; ``start``: from this second on, None: what is new only.
+
+        Channels that are not described yet, by label or number, are waited for; None: all, those
+        too that come late, and events.
+        """
+        wanted = Wanted(self, channels, band, exact, start)
+        if start is None:
+            for _ in self.poll():
+                pass
+        else:
+            yield from self.past(wanted, start)
+        for chunk in self.chunks():
+            if chunk.header.type == "DATA":
+                for packet in self.packets(chunk):
+                    yield from wanted.decode(packet)
+
+    def past(self, wanted: Wanted, start: Seconds) -> Iterator[Piece]:
+        """From the clusters that the index lists."""
+        if self.last is None:
+            return
+        ranges = {track.id: tick_range(track.rate, start, None) for track in wanted.tracks()}
+        try:
+            for packet in PacketPass(self.catalogue, lambda: None).packets(ranges, start):
+                yield from wanted.decode(packet)
+        except FalseIndexError:
+            self.source.close()
+            self.begin()
+
+    def packets(self, chunk: Chunk) -> Iterator[Packet]:
+        catalogue, at = self.catalogue, chunk.payload_offset
+        if catalogue.unsupported:
+            raise catalogue.unsupported
+        if chunk.intact:
+            try:
+                yield from parse_cluster(chunk.payload, catalogue.tracks, catalogue.level, at)
+                return
+            except FormatError as error:
+                if not catalogue.damaged:
+                    raise error.at(path=self.path) from None
+        for item in salvage_cluster(chunk.payload, catalogue.tracks, catalogue.level, at):
+            if isinstance(item, Packet):
+                yield item
+
+
+class Wanted:
+    """Which packets are decoded, and how far each track has come."""
+
+    def __init__(
+        self,
+        follower: Follower,
+        channels: Sequence[str | int] | str | int | None,
+        band: Band,
+        exact: bool,
+        start: Seconds | None,
+    ) -> None:
+        self.follower, self.band, self.exact, self.start = follower, band, exact, start
+        names = [channels] if isinstance(channels, (str, int)) else channels
+        self.names = None if names is None else {str(name) for name in names}
+        self.catalogue: Catalogue | None = None
+        self.known = 0
+        self.decoders: dict[int, TrackDecoder] = {}
+        self.ranges: dict[int, tuple[int, int]] = {}
+        self.stops: dict[int, int] = {}
+
+    def tracks(self) -> list[Track]:
+        """As far as they are described."""
+        from .assembly import wanted_tracks
+
+        chosen = [
+            ref
+            for ref in self.follower.channels
+            if self.names is None or {ref.label, str(ref.number)} & self.names
+        ]
+        layers = self.follower.catalogue.layers if self.names is None else []
+        return [*wanted_tracks(chosen, self.band), *layers]
+
+    def refresh(self) -> None:
+        from .decoder import TrackDecoder
+
+        catalogue = self.follower.catalogue
+        if catalogue.source is not getattr(self.catalogue, "source", None):
+            # Another file: its tracks begin anew.
+            self.decoders, self.stops, self.known = {}, {}, 0
+        self.catalogue = catalogue
+        if self.known != len(catalogue.tracks):
+            self.known = len(catalogue.tracks)
+            for track in self.tracks():
+                decoder = TrackDecoder(track, catalogue.level, self.follower.path)
+                self.decoders.setdefault(track.id, decoder)
+                self.ranges[track.id] = tick_range(track.rate, self.start, None)
+
+    def decode(self, packet: Packet) -> Iterator[Piece]:
+        """The piece, unless it is not wanted or was delivered before."""
+        from .pieces import PieceDecoder
+
+        self.refresh()
+        if packet.track not in self.decoders:
+            return
+        # Events come in any order: those of a later place in the file are new.
+        layer = self.decoders[packet.track].track.kind == "events"
+        place, stop = (packet.offset, packet.offset + 1) if layer else (packet.start, packet.stop)
+        if place < self.stops.get(packet.track, 0):
+            return
+        self.stops[packet.track] = stop
+        if packet.stop <= self.ranges[packet.track][0]:
+            return
+        try:
+            yield PieceDecoder(self.decoders, self.ranges, exact=self.exact).decode(packet)
+        except FormatError as error:
+            catalogue = self.follower.catalogue
+            if not catalogue.damaged:
+                raise
+            rule = error.requirement or "COD-001"
+            catalogue.lose("bad-packet", packet.offset, len(packet.data), error.message, rule)

@@ -1,0 +1,120 @@
+"""A damaged file mended where it stands: its end, or all of it with the damaged one kept beside."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import BinaryIO, cast
+
+from ..appending import check_tail, open_append
+from ..atomic import atomic_write, sync_directory
+from ..catalogue import HARMLESS, Catalogue
+from ..container.source import open_source
+from ..errors import HapfmtError, ParameterError
+from ..limits import Limits
+from ..live.file import open_live
+from ..opening import from_walk
+from .recover import Copy, Recovery
+
+Progress = Callable[[int, int], None]
+DAMAGED = ".damaged"
+
+
+class Sink:
+    """Takes everything and keeps nothing: what would be lost is found out before a file changes."""
+
+    def write(self, data: bytes) -> int:
+        return len(data)
+
+
+def recover_in_place(
+    path: str | os.PathLike[str],
+    *,
+    canonical: int | None = None,
+    limits: Limits | None = None,
+    progress: Progress | None = None,
+) -> Recovery:
+    """Make the file at ``path`` intact, with all that can still be read of it.
+
+    Where only its end is damaged, or it was not closed, that is mended in the file itself. Else it
+    is written anew and takes the name, and the damaged one is kept under the same name with
+    ``.damaged`` behind it. An intact file is left alone. The file is locked meanwhile.
+
+    Raises ParameterError where another program writes the file, or NAME.damaged exists.
+    """
+    name = os.fspath(path)
+    with open_live(name):
+        # A file that grows would seem to be damaged.
+        catalogue, done, tail = survey(name, limits or Limits(), progress)
+    if not done.findings and done.exit_code in (0, 4):
+        return done
+    if tail and not catalogue.unsupported:
+        with open_append(name):
+            pass
+        done.file_size = Path(name).stat().st_size
+        done.mended = "end"
+        return done
+    return rewrite(name, canonical, limits or Limits(), progress)
+
+
+def survey(
+    name: str, limits: Limits, progress: Progress | None
+) -> tuple[Catalogue, Recovery, bool]:
+    """What a recovery would find, and whether all of it lies at the end."""
+    source = open_source(name)
+    try:
+        catalogue = from_walk(source, tolerant=True)
+        walked = [found for found in catalogue.findings if found.code not in HARMLESS]
+        end = min((found.offset for found in walked), default=source.size)
+        done = Copy(catalogue, cast(BinaryIO, Sink()), 0, limits, progress).run()
+        tail = not done.empty_tracks and catalogue.head is not None
+        tail = tail and all(found.offset >= end for found in done.findings)
+        try:
+            check_tail(catalogue, walked, end) if walked else None
+        except ParameterError:
+            tail = False
+        return catalogue, done, tail
+    except HapfmtError as error:
+        raise error.at(path=name) from None
+    finally:
+        source.close()
+
+
+def rewrite(
+    name: str, canonical: int | None, limits: Limits, progress: Progress | None
+) -> Recovery:
+    target = Path(os.path.realpath(name))
+    kept = target.with_name(target.name + DAMAGED)
+    if kept.exists():
+        raise ParameterError("exists already: the damaged file would be kept there", path=str(kept))
+    beside = target.with_name(f".{secrets.token_hex(8)}.tmp")
+    linked = False
+    locked = open_live(target)
+    try:
+        with atomic_write(beside) as stream:
+            source = open_source(target)
+            try:
+                catalogue = from_walk(source, tolerant=True)
+                done = Copy(catalogue, stream, canonical, limits, progress).run()
+            finally:
+                source.close()
+        os.link(target, kept)
+        linked = True
+        if os.name == "nt":
+            # Nothing replaces a file there that is open.
+            locked.close()
+        beside.replace(target)
+        linked = False
+        sync_directory(target.parent)
+    except BaseException:
+        for name_ in [beside, kept] if linked else [beside]:
+            with suppress(OSError):
+                name_.unlink()
+        raise
+    finally:
+        locked.close()
+    done.mended, done.kept_as = "file", str(kept)
+    return done

@@ -1,0 +1,82 @@
+"""Files whose checksums hold and whose contents do not: an editor refuses them, or writes a file
+that is no better and no worse."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from fractions import Fraction
+from functools import cache
+
+import forge
+from edited import made
+from hypothesis import given
+from hypothesis import strategies as st
+from test_annotate import SCENE, annotated
+
+import hapfmt
+from hapfmt import edit
+from hapfmt.container.source import BytesSource
+from hapfmt.container.walk import walk
+
+FILES = ["default", "deadband", "archive doubles", "archive alike"]
+
+
+@cache
+def chunks(name: str) -> list[forge.Chunk]:
+    """(type, payload, rest of the header) of all chunks."""
+    data = annotated(made(name), *SCENE)
+    return [
+        (c.header.type, c.payload, {"track": c.header.track, "file_id": c.header.file_id})
+        for c in walk(BytesSource(data), [])
+    ]
+
+
+def subset(file: bytes, out: io.BytesIO) -> None:
+    edit.subset(file, out, None, Fraction(1, 2), 2, to_zero=True)
+
+
+VERBS: list[Callable[[bytes, io.BytesIO], object]] = [
+    subset,
+    lambda file, out: edit.subset(file, out, [0], band="lf"),
+    lambda file, out: edit.concat([file, file], out, gap=1),
+    lambda file, out: edit.merge([file, made("archive")], out, times="same"),
+    lambda file, out: edit.annotate(file, SCENE, out),
+    lambda file, out: edit.set_metadata(file, {"a": 1}, out),
+]
+
+
+@given(st.sampled_from(FILES), st.data(), st.sampled_from(VERBS))
+def test_one_payload_that_lies(name: str, data: st.DataObject, verb: Callable[..., object]) -> None:
+    parts = list(chunks(name))
+    place = data.draw(st.integers(0, len(parts) - 1))
+    kind, payload, header = parts[place]
+    changed = bytearray(payload)
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(changed) - 1))
+        changed[at] = data.draw(st.integers(0, 255) | st.just(changed[at] ^ 1))
+    if data.draw(st.booleans()):
+        del changed[data.draw(st.integers(0, len(changed) - 1)) :]
+    parts[place] = (kind, bytes(changed), header)
+    file, out = forge.file(*parts), io.BytesIO()
+    try:
+        verb(file, out)
+    except hapfmt.HapfmtError:
+        return
+    assert hapfmt.verify(out.getvalue()).exit_code in (0, hapfmt.verify(file).exit_code)
+
+
+@given(st.sampled_from(FILES), st.binary(max_size=40), st.data())
+def test_any_damage_is_refused(name: str, junk: bytes, data: st.DataObject) -> None:
+    file = made(name)
+    at = data.draw(st.integers(0, len(file) - 1))
+    changed = file[:at] + junk + file[at + data.draw(st.integers(0, 40)) :]
+    if changed == file:
+        return
+    out = io.BytesIO()
+    try:
+        edit.subset(changed, out)
+    except hapfmt.HapfmtError:
+        assert out.getvalue() == b""
+        return
+    raise AssertionError("a damaged file was copied")

@@ -1,0 +1,163 @@
+"""Clause 12.2: which samples damage took, and no more than that."""
+
+from __future__ import annotations
+
+import forge as f
+import pytest
+from test_damage import TWO
+from test_recover import flipped, payload_of, recovered
+
+from hapfmt.losses import LostSpan
+from hapfmt.reader import Reader
+from hapfmt.verifier import verify
+
+THREE = f.trak(track_count=3)
+
+
+def lost(data: bytes) -> list[tuple[int, int, int | None]]:
+    with Reader(data, scan=True) as reader:
+        reader.read()
+        return sorted(tuple(span)[:3] for span in reader.lost)
+
+
+def file_of(*clusters, **changes) -> bytes:
+    """Three channels; the index says when each cluster is."""
+    data = [("DATA", f.cluster(*rows)) for rows in clusters]
+    starts = [min(row[1] for row in rows) for rows in clusters]
+    stops = [max(row[1] + row[2] for row in rows) for rows in clusters]
+    chunks = [("HEAD", f.head()), ("TRAK", THREE, {"track": 0}), *data]
+    entries, at = [], 8
+    for number, (type_, payload, *_) in enumerate(chunks):
+        times = (starts[number - 2], stops[number - 2]) if type_ == "DATA" else (0, 0)
+        entries.append((type_, at, *times))
+        at += 32 + len(payload)
+    duration = max(stops) * 10**6
+    return f.closed(*chunks, ahead={"entries": entries}, duration_ns=duration, **changes)
+
+
+def row(track: int, start: int, span: int = 4) -> tuple[int, int, int, bytes]:
+    return track, start, span, f.svarint(track + 1)
+
+
+STEADY = file_of(*[[row(track, start) for track in range(3)] for start in (0, 4, 8)])
+
+
+@pytest.mark.parametrize("track", range(3))
+@pytest.mark.parametrize("cluster", range(3))
+def test_a_damaged_packet_costs_its_own_track(cluster, track):
+    """
+    REC-003: A reader that does not stop at the first damage MUST report every stretch of bytes that was lost, and every span, as far as the packets around it tell.
+    REC-012: A damage report MUST name every sample that is missing, by a span of its track or of one that its channel needs.
+    """
+    body = payload_of(STEADY, "DATA", cluster) + 1 + 3 * 8 + track
+    in_table = payload_of(STEADY, "DATA", cluster) + 1 + track * 8 + 3
+    for at in (body, in_table):
+        assert lost(flipped(STEADY, at)) == [(track, 4 * cluster, 4 * cluster + 4)]
+
+
+@pytest.mark.parametrize("cluster", range(3))
+def test_a_missing_cluster_costs_its_own_time(cluster):
+    at = payload_of(STEADY, "DATA", cluster)
+    want = [(track, 4 * cluster, 4 * cluster + 4) for track in range(3)]
+    assert lost(flipped(STEADY, at - 10)) == want
+    assert lost(STEADY[: at - 32] + STEADY[at - 31 :]) == want
+
+
+GAPS = file_of([row(0, 0), row(1, 0)], [row(1, 100)], [row(2, 200)], [row(0, 300), row(2, 300)])
+
+
+def test_the_index_says_when():
+    """A gap that stands in no cluster is not lost."""
+    second = payload_of(GAPS, "DATA", 1)
+    assert lost(flipped(GAPS, second - 10)) == [(0, 100, 104), (1, 100, 104), (2, 100, 104)]
+    assert lost(flipped(GAPS, second + 9)) == [(0, 100, 104), (1, 100, 104), (2, 100, 104)]
+
+
+def test_a_chunk_that_was_no_cluster_costs_no_samples():
+    chunks = (("HEAD", f.head()), f.TRACK_0, f.DATA_0, ("aTTc", f.strings("a", "b")))
+    entries = [("HEAD", 8, 0, 0), ("TRAK", 88, 0, 0), ("DATA", 154, 0, 4), ("aTTc", 200, 0, 0)]
+    places = [("HEAD", 8), *[(type_, None) for type_, *_ in chunks[1:]]]
+    at = 8
+    for number, (type_, payload, *_) in enumerate(chunks):
+        entries[number] = (type_, at, *entries[number][2:])
+        at += 32 + len(payload)
+    assert len(places) == len(entries)
+    data = f.closed(*chunks, ahead={"entries": entries})
+    bad = flipped(data, payload_of(data, "aTTc") - 10)
+    assert lost(bad) == []
+    assert recovered(bad)[1].exit_code == 3
+
+
+def test_without_an_index_the_packets_around_it_say():
+    data = f.file(
+        ("HEAD", f.head()), ("TRAK", THREE, {"track": 0}),
+        *[("DATA", f.cluster(*[row(t, s) for t in range(3)])) for s in (0, 40, 80)],
+    )  # fmt: skip
+    second, third = payload_of(data, "DATA", 1), payload_of(data, "DATA", 2)
+    assert lost(flipped(data, second - 10)) == [(track, 4, 80) for track in range(3)]
+    assert lost(flipped(data, third - 10)) == [(track, 44, None) for track in range(3)]
+    # The damaged entry may have been one of a neighbour, in the gaps next to it.
+    spans = [(0, 44, 80), (1, 4, 80), (2, 4, 40)]
+    assert lost(flipped(data, second + 1 + 3 * 8 + 1)) == spans
+
+
+def test_a_lost_description_costs_its_own_track():
+    data = f.closed(
+        ("HEAD", f.head()), f.TRACK_0, ("TRAK", f.trak(first_channel=1), {"track": 1}),
+        *[("DATA", f.cluster(row(0, s), row(1, s))) for s in (0, 4)],
+        duration_ns=8_000_000,
+    )  # fmt: skip
+    bad = flipped(data, payload_of(data, "TRAK", 1))
+    report = verify(bad)
+    assert [tuple(span.values())[:3] for span in report.lost] == [(1, 0, 4), (1, 4, 8)]
+    assert any("whose description is lost" in line for line in report.lost_lines)
+
+
+def test_a_damaged_count_costs_nothing():
+    assert lost(flipped(STEADY, payload_of(STEADY, "DATA", 1))) == []
+    for wrong in (0, 2, 5, 0x80, 0xFF):
+        at = payload_of(STEADY, "DATA", 1)
+        bad = STEADY[:at] + bytes([wrong]) + STEADY[at + 1 :]
+        assert recovered(bad)[1].packets == 9
+
+
+@pytest.mark.parametrize("at", range(1, 25))
+def test_a_byte_of_the_table_costs_one_packet(at):
+    """Whatever it does to the varints behind it, or whether it is missing, or there twice."""
+    place = payload_of(STEADY, "DATA", 1) + at
+    for bad in (
+        STEADY[:place] + bytes([STEADY[place] ^ 0x80]) + STEADY[place + 1 :],
+        STEADY[:place] + STEADY[place + 1 :],
+        STEADY[:place] + STEADY[place : place + 1] + STEADY[place:],
+    ):
+        assert recovered(bad)[1].packets >= 8
+
+
+def test_report():
+    """
+    REC-012: A damage report MUST name every sample that is missing, by a span of its track or of one that its channel needs.
+    """
+    at = payload_of(STEADY, "DATA", 1) + 1 + 3 * 8 + 1
+    report = verify(flipped(STEADY, at)).damage
+    codes = [damage["code"] for damage in report["damages"]]
+    assert codes == ["bad-payload", "bad-packet"]
+    assert report["damages"][1]["lost"] == [
+        {"track": 1, "channels": [1], "start": 4, "stop": 8, "start_s": 0.004, "stop_s": 0.008}
+    ]
+    assert (report["lost"], report["byte_count"]) == ([], 32 + 1 + 3 * 9)
+    assert report["channels"] == [
+        {"channel": n, "label": "", "lost_ticks": 4 * (n == 1), "lost_s": 0.004 * (n == 1)}
+        for n in range(3)
+    ]
+    assert verify(STEADY).damage["damages"] == []
+
+
+def test_report_of_what_nobody_knows():
+    report = verify(TWO[: payload_of(TWO, "DATA", 1)]).damage
+    spans = [span for damage in report["damages"] for span in damage["lost"]]
+    assert {span["stop"] for span in spans} == {None}
+    assert {channel["lost_ticks"] for channel in report["channels"]} == {None}
+
+
+def test_spans():
+    assert LostSpan(0, 1, 2) == (0, 1, 2, None)

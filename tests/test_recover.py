@@ -1,0 +1,461 @@
+"""Clause 12.3: what ``recover`` writes."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import forge as f
+import numpy as np
+import pytest
+import strategies
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from judge import samples
+from test_walk import damaged
+
+import hapfmt
+from hapfmt.container.source import BytesSource
+from hapfmt.container.walk import read_chunk
+from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedError
+from hapfmt.opening import from_walk
+from hapfmt.recovery.recover import Recovery
+from hapfmt.verifier import verify
+
+LF = f.trak(kind=1, codec=b"KNOT")
+HF = f.trak(kind=2, base=0, codec=b"KNOT")
+
+
+def recovered(data: bytes, file_id: int = 99) -> tuple[bytes, Recovery]:
+    out = io.BytesIO()
+    done = hapfmt.recover(data, out, canonical=file_id)
+    return out.getvalue(), done
+
+
+def packets(data: bytes) -> list[tuple[int, int, int, bytes]]:
+    with hapfmt.Reader(data, scan=True) as reader:
+        everything = dict.fromkeys(reader.catalogue.tracks, (0, 1 << 62))
+        return [(p.track, p.start, p.span, p.data) for p in reader.packets(everything)]
+
+
+def chunks(data: bytes) -> list[tuple[str, bytes]]:
+    """(type, payload) of all chunks, in order."""
+    catalogue = from_walk(BytesSource(data))
+    found = (read_chunk(catalogue.source, ref.offset) for ref in catalogue.chunks)
+    return [(chunk.header.type, chunk.payload) for chunk in found if chunk]
+
+
+def flipped(data: bytes, at: int) -> bytes:
+    return data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
+
+
+def payload_of(data: bytes, type_: str, number: int = 0) -> int:
+    """Offset of a payload."""
+    refs = [ref for ref in from_walk(BytesSource(data)).chunks if ref.type == type_]
+    return refs[number].offset + 32
+
+
+def test_an_intact_file_comes_back_the_same():
+    x = np.cumsum(np.arange(200) % 7 - 3)
+    channel = hapfmt.Channel(x, 1000, calibration=hapfmt.Calibration(1, 0, 10), label="f")
+    recording = hapfmt.Recording(
+        (channel,), epoch_ns=5, metadata={"who": "me"}, attachments={"a": ("text/plain", b"b")}
+    )
+    out = io.BytesIO()
+    hapfmt.write(recording, out, hapfmt.Settings.of("default", digest=True), canonical=3)
+    data, done = recovered(out.getvalue())
+    assert (done.exit_code, done.findings, done.lost) == (0, [], [])
+    assert (done.packets, done.digests) == (len(packets(data)), 2)
+    assert packets(data) == packets(out.getvalue())
+    anew = ("HEAD", "iNDX", "fOOT")
+    assert sorted(c for c in chunks(data) if c[0] not in anew) == sorted(
+        c for c in chunks(out.getvalue()) if c[0] not in anew
+    )
+    assert verify(data).verdict == "intact"
+    back = hapfmt.read(data)
+    assert (back.epoch_ns, back.uuid) == (5, recording.uuid)
+    assert recovered(out.getvalue(), 3)[0] == out.getvalue()
+
+
+@given(
+    strategies.recordings(),
+    strategies.encoder_settings(),
+    st.sampled_from(["full", "lf"]),
+    st.data(),
+)
+def test_any_damage_of_any_file(recording, settings, band, data):
+    """
+    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, with the same track id, start, span and bytes, and no other.
+    REC-004: Missing spans MUST stay gaps.
+    """
+    out = io.BytesIO()
+    hapfmt.write(recording, out, settings, canonical=f.FILE_ID)
+    bad = data.draw(damaged(out.getvalue()))
+    assume(bad != out.getvalue())
+    try:
+        good, done = recovered(bad)
+    except FormatError:
+        assert not samples(bad)
+        return
+    assert done.exit_code in (0, 3)
+    assert verify(good).verdict == "intact"
+    assert samples(good, band=band) == samples(bad, band=band)
+    if not done.exit_code and "not-closed" not in [finding.code for finding in done.findings]:
+        assert samples(good) == samples(out.getvalue())
+
+
+def test_packets_are_copied_and_no_others():
+    """
+    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, with the same track id, start, span and bytes, and no other.
+    """
+    rows = [(0, 4 * i, 4, f.svarint(i)) for i in range(5)]
+    data = f.closed(
+        ("HEAD", f.head()), f.TRACK_0, *[("DATA", f.cluster(row)) for row in rows],
+        duration_ns=20_000_000,
+    )  # fmt: skip
+    bad = flipped(data, payload_of(data, "DATA", 2) + 9)
+    good, done = recovered(bad)
+    assert packets(good) == [row for row in rows if row[1] != 8]
+    assert (done.packets, done.samples, done.exit_code) == (4, 16, 3)
+    assert [tuple(span)[:3] for span in done.lost] == [(0, 8, 12)]
+    assert {tick for _, tick in samples(good)} == set(range(20)) - {8, 9, 10, 11}
+
+
+def test_a_packet_that_does_not_decode_is_left_out():
+    """
+    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, with the same track id, start, span and bytes, and no other.
+    """
+    late = ("DATA", f.cluster((0, 4, 4, b"\x80")))
+    data = f.closed(("HEAD", f.head()), f.TRACK_0, f.DATA_0, late, duration_ns=8_000_000)
+    assert verify(data).verdict == "nonconforming"
+    good, done = recovered(data)
+    assert (done.exit_code, [tuple(span)[:3] for span in done.lost]) == (3, [(0, 4, 8)])
+    assert verify(good).verdict == "intact"
+    assert samples(good) == samples(f.minimal())
+
+
+@pytest.mark.parametrize("payload", [f.trak(b""), f.trak(f.tlv(1, b"\2\1"))])
+def test_a_track_whose_parameters_are_wrong_is_left_out(payload):
+    """
+    REC-007: A recovered file MUST describe every track of which an intact description was found, but for HF tracks whose base is lost and tracks whose codec parameters break a rule; where all tracks of a series are described, with the same payload.
+    """
+    second = f.trak(first_channel=1)
+    data = f.closed(
+        ("HEAD", f.head()), ("TRAK", payload, {"track": 0}), ("TRAK", second, {"track": 1}),
+        ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA), (1, 0, 4, f.KNOT_DATA))),
+    )  # fmt: skip
+    good, done = recovered(data)
+    assert done.exit_code == 3
+    assert verify(good).verdict == "intact"
+    assert {channel for channel, _ in samples(good)} == {1}
+    assert ("TRAK", second) in chunks(good)
+
+
+def test_descriptions_are_copied():
+    """
+    REC-007: A recovered file MUST describe every track of which an intact description was found, but for HF tracks whose base is lost and tracks whose codec parameters break a rule; where all tracks of a series are described, with the same payload.
+    """
+    tlvs = f.HOLD + f.tlv(2, f.strings("f")) + f.tlv(0x4000, b"unknown, ancillary")
+    data = f.closed(("HEAD", f.head()), ("TRAK", f.trak(tlvs), {"track": 0}), f.DATA_0)
+    good, _ = recovered(data + b"\0")
+    assert ("TRAK", f.trak(tlvs)) in chunks(good)
+
+
+class TestLostDescriptions:
+    """
+    REC-008: For each LF track without its HF track a recoverer MUST describe an HF track without packets, and for channel numbers that are missing below the highest one, or that an event speaks of, tracks without packets whose components have the label `(lost)`.
+    """
+
+    pair = (
+        ("HEAD", f.head()),
+        ("TRAK", LF, {"track": 0}),
+        ("TRAK", HF, {"track": 1}),
+        ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA), (1, 0, 4, b"\0"))),
+    )
+
+    def test_of_the_residual(self):
+        data = f.closed(*self.pair)
+        good, done = recovered(flipped(data, payload_of(data, "TRAK", 1)))
+        assert done.exit_code == 3 and done.empty_tracks == 1
+        assert verify(good).verdict == "intact"
+        assert samples(good) == {}
+        assert samples(good, band="lf") == {(0, t): 5 for t in range(4)}
+
+    def test_of_the_base(self):
+        data = f.closed(*self.pair)
+        good, done = recovered(flipped(data, payload_of(data, "TRAK", 0)))
+        assert done.exit_code == 3
+        assert verify(good).verdict == "intact"
+        assert (hapfmt.Reader(good).channels, samples(good)) == ([], {})
+
+    @pytest.mark.parametrize("number", [1, 255, 256, 600, 65_534])
+    def test_of_channels(self, number):
+        data = f.closed(
+            ("HEAD", f.head()), ("TRAK", f.trak(first_channel=number), {"track": 3}),
+            ("DATA", f.cluster((3, 0, 4, f.KNOT_DATA))),
+        )  # fmt: skip
+        good, done = recovered(data)
+        assert done.exit_code == 3
+        assert verify(good).verdict == "intact"
+        with hapfmt.Reader(good) as reader:
+            assert [ref.number for ref in reader.channels] == list(range(number + 1))
+            assert {ref.label for ref in reader.channels[:-1]} == {"(lost)"}
+            found = reader.read(channels=[0, number])
+        assert [channel.values.tolist() for channel in found.channels] == [[], [5] * 4]
+
+
+def test_digests():
+    """
+    REC-009: A recoverer MUST NOT copy a digest that is not the one of what it kept.
+    """
+    x = np.arange(100)
+    channels = (hapfmt.Channel(x, 1000, label="a"), hapfmt.Channel(x * x, 1000, label="b"))
+    out = io.BytesIO()
+    settings = hapfmt.Settings.of("archive", cluster="0.05", references=False, digest=True)
+    hapfmt.write(hapfmt.Recording(channels), out, settings, canonical=1)
+    data = out.getvalue()
+    (_, before), *_ = [chunk for chunk in chunks(data) if chunk[0] == "dGST"]
+    good, done = recovered(flipped(data, payload_of(data, "dGST") - 33))
+    lost = {span.track for span in done.lost}
+    kept = [chunk for chunk in chunks(good) if chunk[0] == "dGST"]
+    assert (lost, done.digests) == ({1}, 1)
+    assert kept == [("dGST", before[:32])]
+    assert verify(good).verdict == "intact"
+
+
+def test_a_digest_that_differs_is_told():
+    data = f.minimal(("dGST", bytes(32), {"track": 0}))
+    good, done = recovered(data)
+    assert done.exit_code == 3
+    assert [finding.code for finding in done.findings] == ["bad-digest"]
+    assert "dGST" not in [type_ for type_, _ in chunks(good)]
+
+
+class TestOtherChunks:
+    """
+    REC-010: A recoverer MUST copy intact metadata, attachments and clock chunks, intact chunks of unknown critical types, and those of unknown ancillary types that are safe to copy; the other unknown ones only from a file without damage.
+    """
+
+    def kept(self, data: bytes) -> list[str]:
+        good, _ = recovered(data)
+        return [type_ for type_, _ in chunks(good) if type_ not in ("HEAD", "TRAK", "DATA")]
+
+    def test_known(self):
+        attached = ("aTTc", f.strings("a", "b") + b"c")
+        data = f.minimal(("mETa", b'{"a":1,"notes":["old"]}'), attached)
+        assert self.kept(data) == ["mETa", "aTTc", "iNDX", "fOOT"]
+        good, _ = recovered(data + b"\0")
+        back = hapfmt.read(good)
+        assert back.metadata["a"] == 1
+        assert back.metadata["notes"][0] == "old" and len(back.metadata["notes"]) == 2
+        assert back.attachments == {"a": ("b", b"c")}
+
+    def test_damaged_ones_are_left_out(self):
+        data = f.minimal(("mETa", b"{}"), ("aTTc", f.strings("a", "b")))
+        assert self.kept(flipped(data, payload_of(data, "aTTc"))) == [
+            "mETa",
+            "mETa",
+            "iNDX",
+            "fOOT",
+        ]
+
+    @pytest.mark.parametrize(
+        ("type_", "from_intact", "from_damaged"),
+        [("abcd", True, True), ("abcD", True, False), ("ABCD", True, True), ("ABCd", True, True)],
+    )
+    def test_unknown(self, type_, from_intact, from_damaged):
+        data = f.minimal((type_, b"what", {"track": 0, "flags": 0x8000}))
+        assert (type_ in self.kept(data)) == from_intact
+        assert (type_ in self.kept(data + b"\0")) == from_damaged
+
+    def test_unknown_critical_parts_stay_unsupported(self):
+        """
+        VRD-003: `info`, `verify` and `recover` MUST work on files with unknown critical parts as far as they are understood.
+        """
+        data = f.minimal(("ABCD", b"what"))
+        good, done = recovered(data)
+        assert (done.exit_code, done.kept_unknown) == (4, ["ABCD"])
+        assert verify(good).verdict == "unsupported"
+        assert recovered(data + b"\0")[1].exit_code == 3
+
+    def test_flags_are_kept(self):
+        data = f.minimal(("mETa", b"{}", {"flags": 1}))
+        good, done = recovered(data)
+        assert done.exit_code == 0
+        at = payload_of(good, "mETa") - 32
+        assert good[at + 22 : at + 24] == b"\1\0"
+
+
+def test_a_track_with_an_unknown_codec_is_copied():
+    """
+    VRD-003: `info`, `verify` and `recover` MUST work on files with unknown critical parts as far as they are understood.
+    """
+    unknown = ("TRAK", f.trak(codec=b"xNEW", first_channel=1), {"track": 1})
+    cluster = ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA), (1, 0, 4, b"what")))
+    data = f.closed(
+        ("HEAD", f.head()), f.TRACK_0, unknown, cluster, ("dGST", bytes(32), {"track": 1})
+    )
+    good, done = recovered(data)
+    assert (done.exit_code, done.packets, done.digests) == (4, 2, 1)
+    assert packets(good) == packets(data)
+    good, done = recovered(data + b"\0")
+    assert (done.exit_code, done.packets, done.digests) == (3, 2, 0)
+    assert samples(good, channels=[0]) == {(0, t): 5 for t in range(4)}
+
+
+@pytest.mark.parametrize("changes", [{"incompat": 1}, {"major": 2}, {"level": 3}])
+def test_unknown_versions_are_refused(changes, tmp_path):
+    data = f.closed(("HEAD", f.head(**changes)), f.TRACK_0, f.DATA_0)
+    with pytest.raises(UnsupportedError):
+        hapfmt.recover(data, tmp_path / "out.hapf")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_was_lost_is_noted():
+    """
+    REC-011: A recoverer MUST report what was lost, and say so in the member `notes` of the metadata.
+    """
+    data = f.minimal()
+    good, done = recovered(flipped(data, payload_of(data, "DATA") + 9))
+    assert done.findings and done.lost
+    (note,) = hapfmt.Reader(good).metadata["notes"]
+    assert "recovered from a damaged file" in note
+    assert hapfmt.Reader(recovered(data)[0]).metadata == {}
+
+
+@pytest.mark.parametrize("type_", ["iNDX", "fOOT"])
+def test_what_is_written_anew_is_no_loss(type_):
+    data = f.minimal()
+    good, done = recovered(flipped(data, payload_of(data, type_)))
+    assert (done.exit_code, done.lost) == (0, [])
+    assert samples(good) == samples(data)
+
+
+def test_a_file_that_was_not_closed():
+    data = f.file(("HEAD", f.head()), f.TRACK_0, f.DATA_0)
+    good, done = recovered(data)
+    assert done.exit_code == 0
+    assert verify(good).verdict == "intact"
+    assert samples(good) == samples(f.minimal())
+
+
+def test_without_a_head():
+    data = f.minimal()
+    good, done = recovered(flipped(data, 40))
+    assert done.exit_code == 3
+    assert verify(good).verdict == "intact"
+    assert samples(good) == samples(data)
+    assert hapfmt.Reader(good).catalogue.level.number == 2
+
+
+def test_what_is_no_file_is_refused(tmp_path):
+    with pytest.raises(HapfmtError):
+        hapfmt.recover(b"nothing", tmp_path / "out.hapf")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_file_id_is_new():
+    """
+    WRT-005: A writer MUST choose the file id at random outside canonical mode.
+    """
+    ids = set()
+    for _ in range(3):
+        out = io.BytesIO()
+        hapfmt.recover(f.minimal(), out)
+        ids.add(out.getvalue()[16:20])
+    assert len(ids) == 3
+    assert recovered(f.minimal(), 5)[0] == recovered(f.minimal(), 5)[0]
+
+
+def test_targets(tmp_path):
+    source, into = tmp_path / "in.hapf", tmp_path / "out.hapf"
+    source.write_bytes(f.minimal())
+    with pytest.raises(ParameterError, match="replace the damaged"):
+        hapfmt.recover(source, source, force=True)
+    hapfmt.recover(source, into)
+    with pytest.raises(ParameterError, match="exists"):
+        hapfmt.recover(source, into)
+    hapfmt.recover(source, into, force=True)
+    with pytest.raises(ParameterError, match="file id"):
+        hapfmt.recover(source, into, canonical=-1)
+    assert samples(into.read_bytes()) == samples(f.minimal())
+
+
+def run(*words: str, data: bytes | None = None):
+    import subprocess
+    import sys
+
+    return subprocess.run(
+        [sys.executable, "-m", "hapfmt", "recover", *words],
+        input=data, capture_output=True, check=False, cwd=Path(__file__).parent.parent,
+    )  # fmt: skip
+
+
+def test_verb(tmp_path):
+    data = f.minimal()
+    source, into = tmp_path / "in.hapf", tmp_path / "out.hapf"
+    source.write_bytes(flipped(data, payload_of(data, "DATA") + 9))
+    done = run(str(source), str(into), "--json", "--canonical", "4")
+    assert done.returncode == 3
+    report = json.loads(done.stdout)
+    assert (report["packet_count"], report["exit_code"]) == (0, 3)
+    assert verify(into.read_bytes()).verdict == "intact"
+    again = run(str(source), str(into))
+    assert again.returncode == 1 and b"exists" in again.stderr
+    piped = run("-", "-", "--canonical", "4", data=source.read_bytes())
+    assert (piped.returncode, piped.stdout) == (3, into.read_bytes())
+    whole = run("-", str(into), "--force", data=data)
+    assert whole.returncode == 0 and b"nothing lost" in whole.stdout
+
+
+def test_events_and_clocks_come_along():
+    x = np.arange(300) % 50
+    events = (hapfmt.Event(time=0.25, text="a mark", channel=0), hapfmt.Event(time=0.05, text="b"))
+    channel = hapfmt.Channel(x, 1000, calibration=hapfmt.Calibration(1, 0, 10), label="f")
+    out = io.BytesIO()
+    settings = hapfmt.Settings.of("archive", cluster="0.1", digest=True)
+    hapfmt.write(hapfmt.Recording((channel,), events=events), out, settings, canonical=1)
+    data = out.getvalue()
+    for bad in (data, data + b"\0", flipped(data, payload_of(data, "DATA", 1) + 20)):
+        good, _ = recovered(bad)
+        assert verify(good).verdict == "intact"
+        assert samples(good) == samples(bad)
+        with hapfmt.Reader(bad, scan=True) as reader, hapfmt.Reader(good) as again:
+            assert again.events() == reader.events()
+    assert len(hapfmt.read(good).events) >= 1
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+def test_a_channel_of_several_tracks_of_which_one_is_lost(lost):
+    second = f.trak(f.HOLD + f.tlv(11, f.varint(1)))
+    data = f.closed(
+        ("HEAD", f.head()), f.TRACK_0, ("TRAK", second, {"track": 1}), f.DATA_0,
+        ("DATA", f.cluster((1, 4, 4, f.KNOT_DATA))), duration_ns=8_000_000,
+    )  # fmt: skip
+    assert verify(data).verdict == "intact"
+    bad = flipped(data, payload_of(data, "TRAK", lost))
+    good, done = recovered(bad)
+    assert done.exit_code == 3
+    assert verify(good).verdict == "intact", verify(good).error
+    kept = range(4, 8) if lost == 0 else range(4)
+    assert samples(good) == {(0, tick): 5 for tick in kept}
+
+
+def test_a_digest_that_packets_were_appended_to_is_no_damage():
+    x = np.arange(40)
+    out = io.BytesIO()
+    settings = hapfmt.Settings.of("archive", digest=True)
+    channel = hapfmt.Channel(x, 1000, calibration=hapfmt.Calibration(1, 0, 10), label="f")
+    hapfmt.write(hapfmt.Recording((channel,)), out, settings, canonical=f.FILE_ID)
+    whole = out.getvalue()
+    data = whole[: payload_of(whole, "iNDX") - 32]
+    with hapfmt.Reader(whole) as reader:
+        sequence = len(reader.catalogue.chunks)
+    again = dict(zip(("track", "start", "span", "data"), packets(whole)[0], strict=True))
+    late = (again["track"], again["start"] + 40, again["span"], again["data"])
+    data += f.chunk("DATA", f.cluster(late), sequence)
+    good, done = recovered(data)
+    assert (done.exit_code, done.digests) == (0, 0)
+    assert verify(good).verdict == "intact"
+    assert len(samples(good)) == 80
