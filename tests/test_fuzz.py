@@ -16,6 +16,11 @@ SIZE_LIMIT = 200 << 10
 """Bytes of the corpus."""
 
 FOUND = {
+    "stream-tick-of-5000-digits": ("stream", "a tick of so many digits ended in a ValueError"),
+    "recovered-unknown-kind-has-a-channel": (
+        "recovered",
+        "the number of a track of unknown kind was given to an empty one too",
+    ),
     "index-type-not-ascii": ("index", "an entry whose type was no letters was taken"),
 }
 """Inputs that broke something, in corpus/found: the target, and what was wrong."""

@@ -58,18 +58,17 @@ def test_what_to_raise_is_said():
         Reader(data, limits=Limits.of_memory(100)).read()
 
 
-@pytest.mark.parametrize(
-    "verb", ["info", "verify", "du", "dump", "clocks", "decode", "convert", "encode"]
-)
+WRITING = {"decode": "b.npz", "convert": "b.npz", "encode": "b.hapf", "recover": "b.hapf"}
+
+
+@pytest.mark.parametrize("verb", ["info", "verify", "du", "dump", "clocks", *WRITING])
 def test_every_verb_has_the_option(verb, tmp_path):
     """
     VRD-001: A program that reads hapf files MUST end with the code of this table.
     """
-    path, out = tmp_path / "a.hapf", tmp_path / "b.npz"
+    path, out = tmp_path / "a.hapf", tmp_path / WRITING.get(verb, "none")
     path.write_bytes(f.minimal())
-    writes = verb in ("decode", "convert", "encode")
-    words = [str(path), str(out.with_suffix(".hapf") if verb == "encode" else out)]
-    words = words if writes else words[:1]
+    words = [str(path), str(out)] if verb in WRITING else [str(path)]
     refused = called(verb, *words, "--max-memory", "100")
     assert refused.code == 4
     assert "--max-memory" in refused.err + refused.out

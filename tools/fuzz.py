@@ -36,7 +36,7 @@ SLOW = 20
 RAW = 8
 """One mutation of so many leaves checksums as they are."""
 
-ROOM = {"file": 80 << 10, "append": 16 << 10, "edited": 16 << 10}
+ROOM = {"file": 80 << 10, "append": 16 << 10, "edited": 16 << 10, "recovered": 16 << 10}
 OTHER_ROOM = 8 << 10
 """Bytes of the inputs of a target that are kept."""
 

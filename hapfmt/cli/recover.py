@@ -12,6 +12,7 @@ from .common import (
     force_option,
     input_of,
     json_option,
+    memory_option,
     output_of,
     printable,
     progress,
@@ -20,6 +21,7 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from ..limits import Limits
     from ..recovery.recover import Recovery
 
 
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     metavar="ID",
     help="File id of canonical mode: the same input gives the same bytes.",
 )
+@memory_option
 @force_option
 @json_option
 def recover(
@@ -44,6 +47,7 @@ def recover(
     canonical: int | None,
     force: bool,
     as_json: bool,
+    max_memory: Limits,
 ) -> int:
     """Write all that can be read of IN to OUT, an intact file.
 
@@ -60,7 +64,9 @@ def recover(
         from ..recovery.inplace import recover_in_place
 
         with progress("recovering") as advance:
-            done = recover_in_place(source, canonical=canonical, progress=advance)
+            done = recover_in_place(
+                source, canonical=canonical, limits=max_memory, progress=advance
+            )
     else:
         from ..recovery.recover import recover as run
 
@@ -71,6 +77,7 @@ def recover(
                 output_of(target),
                 canonical=canonical,
                 force=force,
+                limits=max_memory,
                 progress=advance,
             )
     if as_json and target != "-":

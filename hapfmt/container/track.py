@@ -151,7 +151,9 @@ def paired(tracks: Sequence[Track]) -> bool:
 
 def missing_channels(tracks: Iterable[Track]) -> list[int]:
     """Numbers below the highest that no track has (TRK-010)."""
-    numbers = {n for track in tracks if track.kind in ("full", "lf") for n in track.channels}
+    # A track of a kind that is not known here has its numbers too.
+    owners = (track for track in tracks if track.kind not in ("hf", "events"))
+    numbers = {n for track in owners for n in track.channels}
     return [n for n in range(max(numbers, default=-1) + 1) if n not in numbers]
 
 

@@ -17,6 +17,9 @@ from .session import Header, Session, parse_object
 LINE_SIZE = 1 << 24
 """A longer line is refused, not collected."""
 
+TICK_DIGITS = 19
+"""More than any tick has; Python refuses to read thousands of them."""
+
 NAMED = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\]\s*)?")
 """A name, and a unit in brackets."""
 
@@ -108,7 +111,7 @@ class Lines:
         if line.startswith(b"@"):
             self.settle()
             head, _, line = line[1:].partition(b" ")
-            if not head.isdigit() or not line.strip():
+            if not head.isdigit() or len(head) > TICK_DIGITS or not line.strip():
                 raise ParameterError("@ is followed by a tick, a space, and a row")
             tick = int(head)
         if not self.rows.lines:

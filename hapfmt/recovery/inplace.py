@@ -66,7 +66,7 @@ def survey(
     """What a recovery would find, and whether all of it lies at the end."""
     source = open_source(name)
     try:
-        catalogue = from_walk(source, tolerant=True)
+        catalogue = from_walk(source, limits, tolerant=True)
         walked = [found for found in catalogue.findings if found.code not in HARMLESS]
         end = min((found.offset for found in walked), default=source.size)
         done = Copy(catalogue, cast(BinaryIO, Sink()), 0, limits, progress).run()
@@ -97,7 +97,7 @@ def rewrite(
         with atomic_write(beside) as stream:
             source = open_source(target)
             try:
-                catalogue = from_walk(source, tolerant=True)
+                catalogue = from_walk(source, limits, tolerant=True)
                 done = Copy(catalogue, stream, canonical, limits, progress).run()
             finally:
                 source.close()

@@ -96,7 +96,7 @@ def recover(
             refuse_same(file, into)
     source = open_source(file)
     try:
-        catalogue = from_walk(source, tolerant=True)
+        catalogue = from_walk(source, limits, tolerant=True)
         with target(into, force) as stream:
             return Copy(catalogue, stream, canonical, limits or Limits(), progress).run()
     except HapfmtError as error:

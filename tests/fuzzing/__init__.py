@@ -9,12 +9,13 @@ from .edited import EDITED
 from .files import FILES
 from .foreign import FOREIGN
 from .parsers import PARSERS
+from .recovered import RECOVERED
 from .streams import STREAMS
 from .target import Target
 
 TARGETS: dict[str, Target] = {
     target.name: target
-    for target in (*PARSERS, *DECODERS, *FILES, *APPENDED, *EDITED, *STREAMS, *FOREIGN)
+    for target in (*PARSERS, *DECODERS, *FILES, *APPENDED, *EDITED, *RECOVERED, *STREAMS, *FOREIGN)
 }
 
 __all__ = ["TARGETS", "Target"]
