@@ -21,6 +21,10 @@ FOUND = {
         "recovered",
         "the number of a track of unknown kind was given to an empty one too",
     ),
+    "recovered-continues-another-channel": (
+        "recovered",
+        "a track that continues one of another channel number was kept",
+    ),
     "index-type-not-ascii": ("index", "an entry whose type was no letters was taken"),
 }
 """Inputs that broke something, in corpus/found: the target, and what was wrong."""
