@@ -21,6 +21,14 @@ FOUND = {
         "recovered",
         "the number of a track of unknown kind was given to an empty one too",
     ),
+    "recovered-continues-another-channel": (
+        "recovered",
+        "a track that continues one of another channel number was kept",
+    ),
+    "recovered-level-told-late": (
+        "recovered",
+        "a description before HEAD was held to the limits of level 2 only",
+    ),
     "index-type-not-ascii": ("index", "an entry whose type was no letters was taken"),
 }
 """Inputs that broke something, in corpus/found: the target, and what was wrong."""

@@ -268,8 +268,8 @@ def unknown_codec(codec: bytes) -> str | None:
     return f"codec {codec.decode('latin-1')!r} [TRK-011]"
 
 
-def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
-    """TRK-005 to TRK-009 and TRK-019, as far as one chunk tells."""
+def check_range(track: Track, level: Level, offset: int) -> None:
+    """TRK-005."""
     low, high, hf = track.count_min, track.count_max, track.kind == "hf"
     bound = 1 << ((level.residual_bits if hf else level.count_bits) - 1)
     if low > high or low < -bound or high >= bound:
@@ -278,6 +278,12 @@ def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
             requirement="TRK-005",
             offset=offset + RANGE_OFFSET,
         )
+
+
+def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
+    """TRK-005 to TRK-009 and TRK-019, as far as one chunk tells."""
+    check_range(track, level, offset)
+    low, high, hf = track.count_min, track.count_max, track.kind == "hf"
     if track.kind == "events" or track.codec == "EVNT":
         check_events(track, tlvs, offset)
     words = track.number_format != "counts"

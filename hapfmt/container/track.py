@@ -254,11 +254,14 @@ class TrackTable:
         """In a damaged file: drops tracks that do not match their base or the track that they
         continue, where these came later, or never."""
         dropped = []
-        for first, *others in self.of_one_channel():
-            before = first
-            for track in others:
-                known = track.continues in self.tracks and track.continues != before.id
-                if known or track.continues is None or not track.fits(before):
+        for alike in self.of_one_channel():
+            before: Track | None = None
+            for track in alike:
+                strange = track.continues in self.tracks
+                if before is not None:
+                    strange = strange and track.continues != before.id
+                    strange = strange or track.continues is None or not track.fits(before)
+                if strange:
                     del self.tracks[track.id]
                     dropped.append(unlike(track))
                 else:

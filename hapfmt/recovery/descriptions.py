@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from ..catalogue import Catalogue
-from ..container.series import build_series
+from ..container.series import build_series, check_range
 from ..container.track import KINDS, SERIES_SIZE, Component, Track, TrackTable, series_of
 from ..container.walk import read_chunk
 from ..container.wire import HEADER_SIZE
@@ -55,6 +55,8 @@ def usable(catalogue: Catalogue) -> dict[int, Track]:
             continue
         try:
             if track.unsupported is None:
+                # What stood before HEAD was held to no level yet.
+                check_range(track, catalogue.level, track.offset)
                 TrackDecoder(track, catalogue.level)
         except FormatError as error:
             rule = error.requirement or "COD-002"
