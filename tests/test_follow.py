@@ -73,6 +73,13 @@ def collect(pieces) -> dict[tuple[int, int], int]:
     return found
 
 
+HEEDS = (
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
+    "from hapfmt.cli import main; main()"
+)
+"""The command line; what a shell starts in the background, and all below it, ignores interrupts."""
+
+
 class Stepper:
     """Writes a file in pieces, one before each look at it; nobody sleeps."""
 
@@ -328,7 +335,7 @@ class TestTheCommand:
         path = tmp_path / "a.hapf"
         path.write_bytes(grown(3, closed=False))
         run = subprocess.Popen(
-            [sys.executable, "-m", "hapfmt", "info", "--follow", "--interval", "0.01", "--json", str(path)],
+            [sys.executable, "-c", HEEDS, "info", "--follow", "--interval", "0.01", "--json", str(path)],
             cwd=ROOT, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         with run:
@@ -338,8 +345,9 @@ class TestTheCommand:
                 path.write_bytes(grown(3))
             else:
                 run.send_signal(signal.SIGINT)
-            lines = [json.loads(line) for line in run.stdout]
-            assert run.wait(30) == 0
+            rest, _ = run.communicate(timeout=60)
+            lines = [json.loads(line) for line in rest.splitlines()]
+            assert run.returncode == 0
         if ends == "closed":
             assert lines[-1]["closed"] and lines[-1]["file_size"] == len(grown(3))
         assert all(line["last_cluster_age_s"] >= 0 for line in lines)
