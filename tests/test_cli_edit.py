@@ -129,3 +129,19 @@ def test_damage_is_refused_with_its_own_exit_code(room: Path, arguments: list[st
     assert b"run hapfmt recover first" in done.stderr
     assert json.loads(done.stdout)["exit_code"] == 3
     assert list(room.glob("out*")) == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("subset", "a.hapf", "x.hapf"),
+        ("split", "a.hapf", "--every", "1"),
+        ("concat", "a.hapf", "b.hapf", "x.hapf"),
+        ("merge", "a.hapf", "b.hapf", "x.hapf", "--same-times"),
+    ],
+)
+def test_more_than_the_memory_is_refused(room: Path, words: tuple[str, ...]) -> None:
+    done = run(*words, "--max-memory", "2k", cwd=room)
+    assert done.returncode == 4 and b"--max-memory" in done.stderr
+    assert not (room / "x.hapf").exists() and not list(room.glob("part-*"))
+    assert run(*words, "--max-memory", "64M", cwd=room).returncode == 0

@@ -11,16 +11,17 @@ from ..errors import ParameterError
 from .common import (
     FractionType,
     force_option,
-    input_of,
     json_option,
+    memory_option,
     output_of,
     progress,
     refuse_target,
 )
-from .editing import by_epoch_option, canonical_option, same_times_option, tell
+from .editing import by_epoch_option, canonical_option, originals, same_times_option, tell
 
 if TYPE_CHECKING:
     from ..edit import Times
+    from ..limits import Limits
 
 
 @click.command(short_help="Files one after the other.")
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 @by_epoch_option
 @same_times_option
 @canonical_option
+@memory_option
 @force_option
 @json_option
 def concat(
@@ -46,6 +48,7 @@ def concat(
     canonical: int | None,
     force: bool,
     as_json: bool,
+    max_memory: Limits,
 ) -> int:
     """Put the .hapf files IN one after the other into OUT. Packets are copied bit for bit.
 
@@ -60,9 +63,9 @@ def concat(
 
     refuse_target(target, force)
     times = times_of(by_epoch, same_times)
-    with progress("copying") as advance:
+    with originals(sources, max_memory) as opened, progress("copying") as advance:
         edited = edit.concat(
-            [input_of(source) for source in sources], output_of(target), times=times, gap=gap,
+            opened, output_of(target), times=times, gap=gap,
             canonical=canonical, force=force, progress=advance,
         )  # fmt: skip
     tell(edited, target, as_json)

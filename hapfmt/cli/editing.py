@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..errors import ParameterError
 from ..numbers import exact
-from .common import echo_json, printable
+from .common import echo_json, input_of, printable
 
 if TYPE_CHECKING:
-    from ..edit import Edited
+    from ..edit import Edited, Original
+    from ..limits import Limits
 
 canonical_option = click.option(
     "--canonical",
@@ -35,6 +37,15 @@ same_times_option = click.option(
 out_option = click.option(
     "-o", "--out", metavar="OUT", help="Leave FILE as it is, and write a copy with what is added."
 )
+
+
+@contextmanager
+def originals(names: Sequence[str], limits: Limits) -> Iterator[list[Original]]:
+    """The files that are edited, open within the limits."""
+    from ..edit import Original
+
+    with ExitStack() as stack:
+        yield [stack.enter_context(Original(input_of(name), limits=limits)) for name in names]
 
 
 def tell(edited: Edited, target: str, as_json: bool) -> None:

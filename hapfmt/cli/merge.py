@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
 from ..errors import ParameterError
 from .common import (
     force_option,
-    input_of,
     json_option,
+    memory_option,
     output_of,
     progress,
     refuse_target,
 )
 from .concat import times_of
-from .editing import by_epoch_option, canonical_option, named, same_times_option, tell
+from .editing import by_epoch_option, canonical_option, named, originals, same_times_option, tell
+
+if TYPE_CHECKING:
+    from ..limits import Limits
 
 
 @click.command(short_help="Channels that were recorded apart, on one time line.")
@@ -38,6 +43,7 @@ from .editing import by_epoch_option, canonical_option, named, same_times_option
     help="Stands before the labels of a file's channels: one for each file, in their order.",
 )
 @canonical_option
+@memory_option
 @force_option
 @json_option
 def merge(
@@ -50,6 +56,7 @@ def merge(
     canonical: int | None,
     force: bool,
     as_json: bool,
+    max_memory: Limits,
 ) -> int:
     """Put the channels of the .hapf files IN side by side into OUT. Packets are copied bit for bit.
 
@@ -66,9 +73,9 @@ def merge(
     if prefixes and len(prefixes) != len(sources):
         raise ParameterError("one --prefix for each file; it may be empty")
     times, given = times_of(by_epoch, same_times), named(offsets, sources)
-    with progress("copying") as advance:
+    with originals(sources, max_memory) as opened, progress("copying") as advance:
         edited = edit.merge(
-            [input_of(source) for source in sources], output_of(target), times=times,
+            opened, output_of(target), times=times,
             offsets=given, prefixes=prefixes or None, canonical=canonical, force=force,
             progress=advance,
         )  # fmt: skip

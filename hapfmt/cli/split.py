@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,12 +13,15 @@ from .common import (
     echo_json,
     force_option,
     fraction,
-    input_of,
     json_option,
+    memory_option,
     progress,
     refuse_target,
 )
-from .editing import canonical_option, show, to_zero_option
+from .editing import canonical_option, originals, show, to_zero_option
+
+if TYPE_CHECKING:
+    from ..limits import Limits
 
 
 @click.command(short_help="Parts of some length, or at some times.")
@@ -32,6 +36,7 @@ from .editing import canonical_option, show, to_zero_option
 )
 @to_zero_option
 @canonical_option
+@memory_option
 @force_option
 @json_option
 def split(
@@ -43,6 +48,7 @@ def split(
     canonical: int | None,
     force: bool,
     as_json: bool,
+    max_memory: Limits,
 ) -> int:
     """Cut the .hapf file IN into parts. Packets are copied bit for bit.
 
@@ -59,9 +65,9 @@ def split(
         raise ParameterError("parts are files: give a name with a place for the number")
     refuse_target(out, force=True)
     times = [fraction(text) for text in at.split(",")] if at else []
-    with progress("copying") as advance:
+    with originals([source], max_memory) as (original,), progress("copying") as advance:
         parts = edit.split(
-            input_of(source), out, every=every, at=times, to_zero=to_zero, canonical=canonical,
+            original, out, every=every, at=times, to_zero=to_zero, canonical=canonical,
             force=force, progress=advance,
         )  # fmt: skip
     if as_json:

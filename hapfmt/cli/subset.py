@@ -10,6 +10,7 @@ from .common import (
     force_option,
     input_of,
     json_option,
+    memory_option,
     output_of,
     parse_channels,
     parse_time,
@@ -19,6 +20,7 @@ from .common import (
 from .editing import canonical_option, tell, to_zero_option
 
 if TYPE_CHECKING:
+    from ..limits import Limits
     from ..reader import Band
 
 
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
 @to_zero_option
 @click.option("--level", type=click.Choice(["1", "2"]), help="At least this level. [that of IN]")
 @canonical_option
+@memory_option
 @force_option
 @json_option
 def subset(
@@ -54,6 +57,7 @@ def subset(
     canonical: int | None,
     force: bool,
     as_json: bool,
+    max_memory: Limits,
 ) -> int:
     """Write a part of the .hapf file IN into the .hapf file OUT. Packets are copied bit for bit.
 
@@ -69,7 +73,8 @@ def subset(
     refuse_target(target, force)
     start, stop = parse_time(time_)
     whole = start is None and stop is None
-    with edit.Original(input_of(source), scan=whole) as original, progress("copying") as advance:
+    opened = edit.Original(input_of(source), scan=whole, limits=max_memory)
+    with opened as original, progress("copying") as advance:
         edited = edit.subset(
             original, output_of(target), parse_channels(channels, list(original.labels.values())),
             start, stop, band=cast("Band", band), to_zero=to_zero,

@@ -25,6 +25,7 @@ from ..errors import (
     TruncatedError,
     UnsupportedError,
 )
+from ..limits import Limits
 from ..opening import open_catalogue
 from ..packets import Seconds, overlapping
 from ..verifier import DAMAGED, stored_digests
@@ -38,12 +39,14 @@ DESCRIBED = frozenset({"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "mETa", "dGST"})
 
 
 class Original:
-    """Opens a path, bytes, or a binary stream for editing; ``scan`` checks all of it at once.
+    """Opens a path, bytes, or a binary stream for editing; ``scan`` checks all of it at once;
+    ``limits`` bound what of it is kept in memory.
 
     Raises an error that says to recover the file first, where anything about it is damaged.
     """
 
-    def __init__(self, file: Input, *, scan: bool = True) -> None:
+    def __init__(self, file: Input, *, scan: bool = True, limits: Limits | None = None) -> None:
+        self.limits = limits
         self.source = open_source(file)
         try:
             self.open(scan=scan)
@@ -52,7 +55,7 @@ class Original:
             raise
 
     def open(self, *, scan: bool) -> None:
-        self.catalogue: Catalogue = open_catalogue(self.source, scan=scan)
+        self.catalogue: Catalogue = open_catalogue(self.source, scan=scan, limits=self.limits)
         self.refuse()
 
     def __enter__(self) -> Original:
