@@ -30,12 +30,12 @@ if TYPE_CHECKING:
         UnsupportedError,
     )
     from .events import Event
-    from .follow import Follower
     from .limits import Limits
     from .live.inputs import Input
     from .live.recorder import Recorder
     from .live.status import Status
-    from .reader import Reader, read
+    from .reading.follow import Follower
+    from .reading.reader import Reader, read
     from .recording import Calibration, Channel, Recording, Span
     from .recovery.inplace import recover_in_place
     from .recovery.recover import recover
@@ -43,9 +43,9 @@ if TYPE_CHECKING:
     from .writer import write
 
 _PLACES = {
-    "Reader": "reader",
-    "read": "reader",
-    "Follower": "follow",
+    "Reader": "reading.reader",
+    "read": "reading.reader",
+    "Follower": "reading.follow",
     "write": "writer",
     "verify": "verifier",
     "recover": "recovery.recover",

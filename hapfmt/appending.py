@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
 from typing import Any
 
-from .catalogue import HARMLESS, Catalogue, ChunkRef
 from .container.cluster import Packet, parse_count, parse_entry
 from .container.filewriter import FileWriter
 from .container.salvage import salvage_cluster
@@ -18,7 +17,8 @@ from .container.walk import Finding, find_header, read_chunk
 from .container.wire import HEADER_SIZE
 from .errors import HapfmtError, ParameterError
 from .live.file import LiveFile, SyncPolicy, open_live
-from .opening import open_catalogue
+from .reading.catalogue import HARMLESS, Catalogue, ChunkRef
+from .reading.opening import open_catalogue
 
 TAIL = frozenset({"truncated", "bad-payload", "garbage"})
 """What is found where the writing stopped."""

@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .catalogue import ChannelRef, Part
 from .container.track import Contract
 from .deadband import Deadband
 from .errors import ParameterError
 from .limits import TICK_LIMIT
-from .reader import Reader
-from .reconstruct import intersect
+from .reading.catalogue import ChannelRef, Part
+from .reading.reader import Reader
+from .reading.reconstruct import intersect
 from .recording import Calibration, Channel, Recording
 
 

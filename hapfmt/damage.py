@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from .catalogue import Catalogue, ChannelRef
 from .container.walk import Finding
-from .losses import LostSpan
+from .reading.catalogue import Catalogue, ChannelRef
+from .reading.losses import LostSpan
 
 SHOWN = 4
 """Channels named in a line."""

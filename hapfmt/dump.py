@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Any
 from uuid import UUID
 
-from .catalogue import Catalogue
 from .container.clocks import parse_clock, parse_map
 from .container.cluster import Packet, parse_cluster
 from .container.extras import parse_attachment, parse_metadata
@@ -20,7 +19,8 @@ from .container.walk import Chunk, Finding, walk
 from .container.wire import parse_head
 from .errors import HapfmtError, LimitError
 from .limits import Limits
-from .opening import open_catalogue
+from .reading.catalogue import Catalogue
+from .reading.opening import open_catalogue
 
 NUMBERS_SHARE = 4
 """The numbers of so many times fewer samples than a packet may have are told of a chunk, since each
@@ -140,7 +140,7 @@ def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[
 def numbers_json(catalogue: Catalogue, packet: Packet) -> dict[str, Any]:
     """[ticks][components] counts, or words as unsigned integers; exact values as words [ticks]; or
     events."""
-    from .decoder import TrackDecoder
+    from .reading.decoder import TrackDecoder
 
     track = catalogue.tracks[packet.track]
     decoder = TrackDecoder(track, catalogue.level)

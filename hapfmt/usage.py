@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from .catalogue import Catalogue
 from .codecs.events import parse_events
 from .container.cluster import Packet, entry_size, parse_cluster
 from .container.salvage import salvage_cluster
@@ -15,7 +14,8 @@ from .container.wire import HEADER_SIZE, SIGNATURE
 from .errors import FormatError
 from .integers import parse_varint
 from .limits import Limits
-from .opening import open_catalogue
+from .reading.catalogue import Catalogue
+from .reading.opening import open_catalogue
 
 CAUSES = (
     "signature",

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, BinaryIO
 
-from .catalogue import Catalogue
 from .container.index import (
     FIRST_OFFSET,
     INDEX_EVERY,
@@ -22,10 +21,11 @@ from .container.track import lone_lf
 from .container.walk import read_chunk
 from .contract import ContractCheck, check_contracts
 from .damage import damage_report, lost_lines
-from .decoder import TrackDigest
 from .errors import FormatError, HapfmtError, LimitError, UnsupportedError
 from .limits import Limits
-from .reader import Reader
+from .reading.catalogue import Catalogue
+from .reading.decoder import TrackDigest
+from .reading.reader import Reader
 from .recording import Recording
 
 INTACT, NONCONFORMING, DAMAGED, UNSUPPORTED = 0, 2, 3, 4

@@ -15,12 +15,12 @@ from .container.extras import Attachment, build_attachment, build_metadata
 from .container.filewriter import FileWriter
 from .container.track import Track
 from .container.wire import UNKNOWN_EPOCH
-from .decoder import TrackDecoder, TrackDigest
 from .encoder.encode import Decision, Encoded, encode
 from .encoder.settings import Settings
 from .errors import ParameterError
 from .events import by_layer, coded, event_packets, layer_track, rate_of
 from .limits import LEVELS
+from .reading.decoder import TrackDecoder, TrackDigest
 from .recording import Recording
 from .version import __version__
 

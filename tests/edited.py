@@ -16,7 +16,7 @@ from hapfmt.container.cluster import Packet, parse_cluster
 from hapfmt.container.source import BytesSource
 from hapfmt.container.track import Track
 from hapfmt.container.walk import read_chunk
-from hapfmt.opening import open_catalogue
+from hapfmt.reading.opening import open_catalogue
 
 TICKS, RATE = 1500, 500
 UUID = uuid.UUID(int=7)

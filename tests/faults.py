@@ -13,7 +13,6 @@ import forge as f
 import numpy as np
 import page
 
-from hapfmt.catalogue import ChunkRef
 from hapfmt.codecs import knots_coded
 from hapfmt.codecs.components import decode_predicted
 from hapfmt.codecs.events import parse_events
@@ -36,8 +35,9 @@ from hapfmt.container.track import Affine, TrackTable
 from hapfmt.container.wire import parse_head, parse_header
 from hapfmt.integers import parse_varint
 from hapfmt.limits import LEVELS, Limits
-from hapfmt.opening import index_entries, open_catalogue
-from hapfmt.reader import Reader
+from hapfmt.reading.catalogue import ChunkRef
+from hapfmt.reading.opening import index_entries, open_catalogue
+from hapfmt.reading.reader import Reader
 from hapfmt.verifier import verify
 
 AT = 100

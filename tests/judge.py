@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from hapfmt.errors import HapfmtError
-from hapfmt.reader import Reader
+from hapfmt.reading.reader import Reader
 from hapfmt.verifier import verify
 
 

@@ -27,7 +27,7 @@ from hapfmt.encoder.settings import Settings
 from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedError
 from hapfmt.limits import LEVELS
 from hapfmt.live.file import SyncPolicy, create_live
-from hapfmt.opening import open_catalogue
+from hapfmt.reading.opening import open_catalogue
 from hapfmt.scenes.stylus import simulate
 
 KNOT = b"\0\1"

@@ -15,9 +15,8 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-DECODE = """assembly atomic batches catalogue clocks codecs container contract damage deadband
-decoder dump errors events follow integers kernels limits lock losses opening packets
-partial pieces reader reconstruct recording threads timeline usage verifier"""
+DECODE = """atomic clocks codecs container contract damage deadband dump errors events integers
+kernels limits lock reading recording threads usage verifier"""
 ENCODE = "appending cli convert edit encoder live plotting recovery scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 ONLY_IN = {

@@ -34,7 +34,7 @@ from hapfmt.container.source import BytesSource
 from hapfmt.dump import dump
 from hapfmt.errors import HapfmtError, ParameterError
 from hapfmt.integers import rdiv
-from hapfmt.reader import Reader
+from hapfmt.reading.reader import Reader
 from hapfmt.usage import measure
 
 SEEN = [(0, 10**18, 5000), (1000, 10**18 + 10**9 + 40_000, 0), (900, 10**18 + 9 * 10**8, 7)]

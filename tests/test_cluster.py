@@ -23,9 +23,9 @@ from hapfmt.container.cluster import (
 )
 from hapfmt.container.salvage import salvage_cluster
 from hapfmt.container.track import Component, Track
-from hapfmt.decoder import TrackDecoder
 from hapfmt.errors import FormatError
 from hapfmt.limits import LEVELS
+from hapfmt.reading.decoder import TrackDecoder
 
 pytestmark = pytest.mark.capped
 

@@ -40,9 +40,9 @@ from hapfmt.codecs.values import (
 )
 from hapfmt.container.cluster import Packet
 from hapfmt.container.track import Affine, Component, Track
-from hapfmt.decoder import TrackDecoder
 from hapfmt.errors import FormatError
 from hapfmt.limits import LEVELS
+from hapfmt.reading.decoder import TrackDecoder
 
 pytestmark = pytest.mark.capped
 

@@ -21,9 +21,9 @@ from hapfmt.codecs.knots_coded import (
     encode_knots,
 )
 from hapfmt.container.cluster import Packet
-from hapfmt.decoder import TrackDecoder
 from hapfmt.errors import FormatError, HapfmtError
 from hapfmt.limits import LEVELS
+from hapfmt.reading.decoder import TrackDecoder
 
 pytestmark = pytest.mark.capped
 

@@ -22,10 +22,10 @@ from hapfmt.codecs.predicted import INDEX_LIMIT, Predictor, decode_indices, enco
 from hapfmt.codecs.sine import SINES
 from hapfmt.container.cluster import Packet
 from hapfmt.deadband import Deadband
-from hapfmt.decoder import TrackDecoder
 from hapfmt.encoder.predict import encode_best
 from hapfmt.errors import FormatError, HapfmtError
 from hapfmt.limits import LEVELS
+from hapfmt.reading.decoder import TrackDecoder
 
 pytestmark = pytest.mark.capped
 

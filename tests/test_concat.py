@@ -33,7 +33,7 @@ import hapfmt
 from hapfmt import edit
 from hapfmt.container.filewriter import FileWriter
 from hapfmt.container.source import BytesSource
-from hapfmt.opening import open_catalogue
+from hapfmt.reading.opening import open_catalogue
 
 OTHER = {"uuid": None, "epoch_ns": EPOCH_NS + 10 * 10**9}
 

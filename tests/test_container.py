@@ -43,7 +43,7 @@ from hapfmt.container.wire import (
     size_of,
 )
 from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedError
-from hapfmt.reader import Reader
+from hapfmt.reading.reader import Reader
 from hapfmt.verifier import verify
 
 pytestmark = pytest.mark.capped

@@ -24,7 +24,7 @@ from hapfmt.container.track import Component, Track
 from hapfmt.dump import dump
 from hapfmt.encoder.encode import encode
 from hapfmt.limits import LEVELS
-from hapfmt.reader import Reader
+from hapfmt.reading.reader import Reader
 from hapfmt.recording import Calibration, Channel, Deviation, Recording, Span
 from hapfmt.usage import measure
 from hapfmt.verifier import verify

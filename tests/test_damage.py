@@ -15,7 +15,7 @@ from test_walk import damaged
 
 import hapfmt
 from hapfmt.errors import HapfmtError
-from hapfmt.reader import Reader
+from hapfmt.reading.reader import Reader
 from hapfmt.verifier import verify
 
 pytestmark = pytest.mark.capped

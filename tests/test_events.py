@@ -24,7 +24,7 @@ from hapfmt.dump import dump
 from hapfmt.errors import LimitError, ParameterError, UnsupportedError
 from hapfmt.events import Event, coded, event_packets, in_order, layer_track, rate_of
 from hapfmt.limits import Limits
-from hapfmt.reader import Reader
+from hapfmt.reading.reader import Reader
 from hapfmt.recording import Calibration, Channel, Recording, Span
 from hapfmt.usage import measure
 from hapfmt.verifier import verify

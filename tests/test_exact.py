@@ -22,7 +22,7 @@ from hapfmt.dump import dump
 from hapfmt.encoder.settings import Settings
 from hapfmt.encoder.tolerance import Tolerance
 from hapfmt.errors import ParameterError
-from hapfmt.reader import Reader
+from hapfmt.reading.reader import Reader
 from hapfmt.recording import Calibration, Channel, Recording, Span
 from hapfmt.usage import measure
 from hapfmt.verifier import verify

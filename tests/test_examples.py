@@ -11,7 +11,7 @@ import pytest
 from judge import rule
 from spec import ROOT, TEXT
 
-from hapfmt.reader import Reader
+from hapfmt.reading.reader import Reader
 
 EXAMPLES = ROOT / "conformance" / "examples"
 LISTING = re.compile(r"`(\w+)\.hapf`:.*?```\n(.*?)\n```", re.S)

@@ -26,8 +26,8 @@ from hapfmt.container.filewriter import FileWriter
 from hapfmt.container.source import BytesSource
 from hapfmt.container.track import Component, Track
 from hapfmt.errors import FormatError, ParameterError
-from hapfmt.follow import Follower
-from hapfmt.opening import open_catalogue
+from hapfmt.reading.follow import Follower
+from hapfmt.reading.opening import open_catalogue
 
 
 def track(id_: int) -> Track:

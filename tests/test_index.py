@@ -32,8 +32,8 @@ from hapfmt.container.index import (
 from hapfmt.container.source import BytesSource
 from hapfmt.container.track import Component, Track
 from hapfmt.errors import FormatError
-from hapfmt.opening import open_catalogue
-from hapfmt.reader import Reader
+from hapfmt.reading.opening import open_catalogue
+from hapfmt.reading.reader import Reader
 
 pytestmark = pytest.mark.capped
 
@@ -407,7 +407,7 @@ class TestNotClosed:
         fake = f.chunk("iNDX", b"", 9, size=2**20)
         data = LIVE + fake * 30_000
         began = time.process_time()
-        from hapfmt.opening import last_index
+        from hapfmt.reading.opening import last_index
 
         assert last_index(BytesSource(data), f.FILE_ID) is None
         assert time.process_time() - began < 1

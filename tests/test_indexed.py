@@ -16,7 +16,6 @@ import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.deadband import Deadband
-from hapfmt.decoder import TrackDecoder
 from hapfmt.encoder.encode import choose_level, encode
 from hapfmt.encoder.indexed import nearest_level, scalar_ways
 from hapfmt.encoder.source import Source, cut, make_track
@@ -24,6 +23,7 @@ from hapfmt.encoder.tolerance import Tolerance
 from hapfmt.encoder.tubed import vector_ways
 from hapfmt.encoder.unit import at_most, bound_of, decode_all
 from hapfmt.limits import LEVELS
+from hapfmt.reading.decoder import TrackDecoder
 
 
 def shapes(size, seed):

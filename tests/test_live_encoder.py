@@ -17,12 +17,12 @@ from hapfmt import Calibration, ParameterError, Settings
 from hapfmt.container.filewriter import FileWriter
 from hapfmt.container.track import Track
 from hapfmt.deadband import Deadband
-from hapfmt.decoder import TrackDecoder
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.live import SHARE, Block, LiveEncoder
 from hapfmt.encoder.source import PACKET_SAMPLES
 from hapfmt.limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT
 from hapfmt.live.inputs import Input
+from hapfmt.reading.decoder import TrackDecoder
 
 ARCHIVE, FAST = Settings("archive"), Settings.of("archive", fast=True)
 COUNTS = Input("torque", 1000, unit="N.m", calibration=Calibration(1, 0, 1000))

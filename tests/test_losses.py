@@ -7,8 +7,8 @@ import pytest
 from test_damage import TWO
 from test_recover import flipped, payload_of, recovered
 
-from hapfmt.losses import LostSpan
-from hapfmt.reader import Reader
+from hapfmt.reading.losses import LostSpan
+from hapfmt.reading.reader import Reader
 from hapfmt.verifier import verify
 
 THREE = f.trak(track_count=3)

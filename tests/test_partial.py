@@ -16,7 +16,6 @@ from judge import samples
 from test_walk import damaged
 
 import hapfmt
-from hapfmt import packets
 from hapfmt.codecs.events import CodedEvent, build_events
 from hapfmt.container.cluster import Packet
 from hapfmt.container.filewriter import FileWriter
@@ -24,8 +23,9 @@ from hapfmt.container.source import BytesSource
 from hapfmt.container.track import Component, Track
 from hapfmt.container.wire import NO_TRACK
 from hapfmt.errors import FormatError, HapfmtError
-from hapfmt.opening import open_catalogue
-from hapfmt.reader import Reader
+from hapfmt.reading import packets
+from hapfmt.reading.opening import open_catalogue
+from hapfmt.reading.reader import Reader
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -137,7 +137,7 @@ def hidden(cluster: int, row: int) -> bytes:
     before, at, after = plan[cluster][row]
     reader = Reader(DATA)
     ref = reader.catalogue.data[cluster]
-    from hapfmt.partial import read_table
+    from hapfmt.reading.partial import read_table
 
     header = packets.header_at(reader.source, ref.offset, f.FILE_ID)
     catalogue = reader.catalogue

@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from judge import rule, samples
 
 import hapfmt
-from hapfmt.decoder import TrackDecoder
 from hapfmt.errors import FormatError, HapfmtError, LimitError, ParameterError
 from hapfmt.integers import clamp
 from hapfmt.limits import LEVELS, Limits
-from hapfmt.reader import Reader
+from hapfmt.reading.decoder import TrackDecoder
+from hapfmt.reading.reader import Reader
 from hapfmt.recording import Calibration, Channel, Recording, Span
 
 pytestmark = pytest.mark.capped
@@ -87,7 +87,7 @@ class TestBands:
         )
         physical = [
             Reader(data).read(band=band).channels[0].physical().tolist()
-            for band in hapfmt.reader.BANDS
+            for band in hapfmt.reading.reader.BANDS
         ]
         assert physical == [[27.5, 28.0, 27.0, 27.5], [27.5] * 4, [0.0, 0.5, -0.5, 0.0]]
 

@@ -19,7 +19,7 @@ import hapfmt
 from hapfmt.container.source import BytesSource
 from hapfmt.container.walk import read_chunk
 from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedError
-from hapfmt.opening import from_walk
+from hapfmt.reading.opening import from_walk
 from hapfmt.recovery.recover import Recovery
 from hapfmt.verifier import verify
 

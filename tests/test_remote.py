@@ -21,7 +21,7 @@ from hapfmt.container.filewriter import FileWriter
 from hapfmt.container.source import is_url
 from hapfmt.container.track import Component, Track
 from hapfmt.errors import MissingExtraError, ParameterError
-from hapfmt.reader import Reader
+from hapfmt.reading.reader import Reader
 from hapfmt.verifier import verify
 
 fsspec = pytest.importorskip("fsspec", reason="URLs need the extra 'remote': fsspec")

@@ -60,7 +60,7 @@ def test_reading_does_not_depend_on_threads(threads):
 
 @pytest.mark.parametrize("threads", COUNTS)
 def test_pieces_come_in_order(threads, monkeypatch):
-    monkeypatch.setattr("hapfmt.reader.BATCH", 700)
+    monkeypatch.setattr("hapfmt.reading.reader.BATCH", 700)
 
     def pieces(threads: int) -> list[tuple[int, int, bytes]]:
         with hapfmt.Reader(data, threads=threads) as reader:

@@ -18,7 +18,7 @@ from hapfmt.container.series import build_series, parse_series
 from hapfmt.container.track import Component, Contract, series_of
 from hapfmt.errors import HapfmtError, ParameterError, UnsupportedError
 from hapfmt.limits import LEVELS
-from hapfmt.reader import Reader
+from hapfmt.reading.reader import Reader
 from hapfmt.verifier import verify
 
 pytestmark = pytest.mark.capped

@@ -17,9 +17,9 @@ from judge import rule
 
 import hapfmt
 from hapfmt.container.source import BytesSource
-from hapfmt.decoder import TrackDecoder, TrackDigest
 from hapfmt.dump import dump
 from hapfmt.limits import LEVELS
+from hapfmt.reading.decoder import TrackDecoder, TrackDigest
 from hapfmt.recording import Calibration, Channel, Recording
 from hapfmt.usage import measure
 from hapfmt.verifier import VERDICTS, verify

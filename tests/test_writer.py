@@ -13,7 +13,7 @@ import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.container.source import BytesSource
 from hapfmt.container.walk import walk
-from hapfmt.opening import open_catalogue
+from hapfmt.reading.opening import open_catalogue
 from hapfmt.scenes.stylus import simulate
 
 

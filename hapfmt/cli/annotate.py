@@ -155,7 +155,7 @@ def json_rows(text: str) -> list[tuple[int, dict[str, Any]]]:
 
 
 def show(file: str, layer: str, as_json: bool) -> int:
-    from ..reader import Reader
+    from ..reading.reader import Reader
     from .common import tell_losses
 
     with Reader(input_of(file)) as reader:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..clocks import Delays
     from ..container.clocks import ClockMap, ClockObservation
     from ..limits import Limits
-    from ..reader import Reader
+    from ..reading.reader import Reader
 
 NS = Fraction(10**9)
 """Ticks per second where a clock was observed by nanoseconds of the recording."""
@@ -57,7 +57,7 @@ def clocks(
     how much faster it runs, and half of the observations lie within the jitter of one straight
     line. Maps are those of FILE, or with --fit new ones, which are shown and not stored.
     """
-    from ..reader import Reader
+    from ..reading.reader import Reader
 
     with Reader(input_of(file), limits=max_memory) as reader:
         seconds = None if window is None else float(window)

@@ -21,7 +21,7 @@ from ..numbers import exact
 
 if TYPE_CHECKING:
     from ..encoder.tolerance import Tolerance
-    from ..reader import Reader
+    from ..reading.reader import Reader
     from ..recording import Recording
 
 HAPF = ".hapf"
@@ -262,7 +262,7 @@ def load_recording(
     if suffix_of(name, format_) != HAPF:
         room = min(MAX_MEMORY, limits.memory or MAX_MEMORY)
         return load(input_of(name), format=format_, rate=rate, max_memory=room), 0
-    from ..reader import Reader
+    from ..reading.reader import Reader
 
     with Reader(input_of(name), limits=limits) as reader, progress("decoding") as advance:
         recording = reader.read(progress=advance)

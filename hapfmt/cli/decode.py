@@ -25,7 +25,7 @@ from .common import (
 
 if TYPE_CHECKING:
     from ..limits import Limits
-    from ..reader import Band
+    from ..reading.reader import Band
 
 
 @click.command(short_help="Decode a .hapf file, or a part of it.")
@@ -70,7 +70,7 @@ def decode(
     hapfmt decode touch.hapf part.csv --channels force_z --time 1.5:2
     hapfmt decode - - --to csv < touch.hapf | head
     """
-    from ..reader import Reader
+    from ..reading.reader import Reader
 
     suffix_of(target, format_)
     if target != "-":

@@ -107,7 +107,7 @@ def run(recording: Recording, k: Fraction, bits: int) -> Outcome:
     """Encode with the paper's method, decode, compare."""
     from ..encoder.settings import Settings
     from ..metrics import max_error, rmse, snr_hf_db
-    from ..reader import Reader
+    from ..reading.reader import Reader
     from ..verifier import verify
     from ..writer import write
 
@@ -188,7 +188,7 @@ def draw(path: Path, recording: Recording, chosen: Outcome, k: Fraction, force: 
     from ..encoder.perception import FORCE_FLOOR_N
     from ..limits import LEVELS
     from ..plotting import plot_demo
-    from ..reader import Reader
+    from ..reading.reader import Reader
 
     with Reader(chosen.data) as reader:
         full = reader.read().channels[0]

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from ..errors import ParameterError
-from ..follow import Follower
+from ..reading.follow import Follower
 from .common import echo_json, printable, tell_some
 
 

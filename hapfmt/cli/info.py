@@ -10,11 +10,11 @@ from uuid import UUID
 
 import click
 
-from ..catalogue import Catalogue, ChannelRef, FalseIndexError, Part
 from ..container.source import open_source
 from ..container.track import Contract, Track
 from ..limits import Limits
-from ..opening import open_catalogue
+from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError, Part
+from ..reading.opening import open_catalogue
 from .common import echo_json, input_of, json_option, memory_option, printable, table
 
 
@@ -71,7 +71,7 @@ def described(file: str, limits: Limits) -> tuple[Catalogue, dict[str, Any]]:
 
 
 def with_its_events(file: str, limits: Limits) -> tuple[Catalogue, dict[str, Any]]:
-    from ..reader import Reader
+    from ..reading.reader import Reader
 
     with Reader(input_of(file), limits=limits) as reader:
         rows = [

@@ -21,7 +21,7 @@ from .editing import canonical_option, tell, to_zero_option
 
 if TYPE_CHECKING:
     from ..limits import Limits
-    from ..reader import Band
+    from ..reading.reader import Band
 
 
 @click.command(short_help="Some channels, a stretch of time, one band; nothing is encoded anew.")

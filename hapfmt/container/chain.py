@@ -15,7 +15,7 @@ from .walk import header_at, read_chunk
 from .wire import HEADER_SIZE
 
 if TYPE_CHECKING:
-    from ..catalogue import Catalogue
+    from ..reading.catalogue import Catalogue
 
 
 def index_chain(

@@ -35,7 +35,7 @@ from .track import Track, complete, series_of, silent_tracks
 from .wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk
 
 if TYPE_CHECKING:
-    from ..catalogue import Catalogue
+    from ..reading.catalogue import Catalogue
 
 COPY_SHARE = 50
 """HEAD and TRAK are repeated at the end (SPEC 6.1) where that adds at most a 50th to the file."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..catalogue import Catalogue
 from ..container.cluster import Packet
 from ..container.track import Track
 from ..errors import ParameterError
 from ..events import Event, by_layer, coded, event_packets, layer_track, rate_of
 from ..limits import LAST_TRACK_ID
+from ..reading.catalogue import Catalogue
 from .appended import appended
 from .making import Output
 from .original import Input

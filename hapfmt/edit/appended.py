@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 from ..appending import open_append
-from ..catalogue import Catalogue
 from ..container.filewriter import FileWriter
 from ..errors import ParameterError
+from ..reading.catalogue import Catalogue
 from .making import Output, opened, refuse_output
 from .original import Input, Original
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
 
-from ..catalogue import Catalogue, ChunkRef, FalseIndexError
 from ..container.cluster import Packet, parse_cluster
 from ..container.source import open_source
 from ..container.track import CODECS, Track, lone_lf
@@ -26,8 +25,9 @@ from ..errors import (
     UnsupportedError,
 )
 from ..limits import Limits
-from ..opening import open_catalogue
-from ..packets import Seconds, overlapping
+from ..reading.catalogue import Catalogue, ChunkRef, FalseIndexError
+from ..reading.opening import open_catalogue
+from ..reading.packets import Seconds, overlapping
 from ..verifier import DAMAGED, stored_digests
 
 Input = str | os.PathLike[str] | bytes | BinaryIO

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 from ..container.wire import Head
 from ..errors import ParameterError
 from ..numbers import exact
-from ..packets import Seconds
+from ..reading.packets import Seconds
 from .making import another
 from .original import NS, Original, common_period
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ..decoder import TrackDecoder
+from ..reading.decoder import TrackDecoder
 from .packed import Coded
 from .source import Source
 from .unit import ENCODE_LEVEL

@@ -14,9 +14,9 @@ from ..codecs.grids import LpcParameters
 from ..codecs.knots_coded import CodedKnotParameters
 from ..container.cluster import Packet
 from ..container.track import Track
-from ..decoder import TrackDecoder
 from ..errors import FormatError, ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
+from ..reading.decoder import TrackDecoder
 from ..recording import Channel, Recording
 from ..threads import in_order, thread_count
 from .auto import NOTHING, Plan, encode_auto, plan_channel, plan_unit

@@ -20,10 +20,10 @@ from ..codecs.raw import RawParameters, encode_raw
 from ..container.cluster import Packet
 from ..container.track import Component, Contract, Track
 from ..deadband import Deadband
-from ..decoder import TrackDecoder
 from ..errors import ParameterError
 from ..integers import clamp
 from ..limits import EXACT_LIMIT, FRACTION_LIMIT, LEVELS, ZERO_LIMIT
+from ..reading.decoder import TrackDecoder
 from ..recording import Channel
 from .codebook import choose_codebook
 from .knots import knot_values, select_knots

@@ -6,15 +6,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from ..catalogue import Catalogue
 from ..container.series import build_series, check_range
 from ..container.track import KINDS, SERIES_SIZE, Component, Track, TrackTable, series_of
 from ..container.walk import read_chunk
 from ..container.wire import HEADER_SIZE
-from ..decoder import TrackDecoder
 from ..errors import FormatError
 from ..limits import LAST_TRACK_ID
-from ..packets import PacketPass
+from ..reading.catalogue import Catalogue
+from ..reading.decoder import TrackDecoder
+from ..reading.packets import PacketPass
 
 EMPTY = b"\0\1"
 """Parameters of KNOT: hold, quantum 1. A track without packets needs no others."""

@@ -6,13 +6,13 @@ import json
 from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 
-from ..catalogue import HARMLESS, Catalogue, ChunkRef
 from ..container.clocks import parse_clock, parse_map
 from ..container.extras import build_metadata, parse_attachment, parse_metadata
 from ..container.filewriter import FileWriter
 from ..container.walk import Chunk, read_chunk
 from ..container.wire import NO_TRACK
 from ..errors import FormatError, ParameterError
+from ..reading.catalogue import HARMLESS, Catalogue, ChunkRef
 
 WRITTEN_ANEW = frozenset({"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "dGST"})
 DIGEST_SIZE = 32

@@ -11,12 +11,12 @@ from typing import BinaryIO, cast
 
 from ..appending import check_tail, open_append
 from ..atomic import atomic_write, sync_directory
-from ..catalogue import HARMLESS, Catalogue
 from ..container.source import open_source
 from ..errors import HapfmtError, ParameterError
 from ..limits import Limits
 from ..live.file import open_live
-from ..opening import from_walk
+from ..reading.catalogue import HARMLESS, Catalogue
+from ..reading.opening import from_walk
 from .recover import Copy, Recovery
 
 Progress = Callable[[int, int], None]

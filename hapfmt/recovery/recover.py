@@ -13,19 +13,19 @@ from typing import Any, BinaryIO
 from uuid import UUID
 
 from ..atomic import refuse, target
-from ..catalogue import HARMLESS, Catalogue, ChunkRef
 from ..container.cluster import Packet, entry_size
 from ..container.filewriter import FileWriter
 from ..container.source import open_source
 from ..container.walk import Finding, read_chunk
 from ..damage import damage_report, lost_lines
-from ..decoder import TrackDecoder, TrackDigest
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Limits
-from ..losses import LostSpan
-from ..opening import from_walk
-from ..packets import PacketPass
-from ..pieces import PieceDecoder
+from ..reading.catalogue import HARMLESS, Catalogue, ChunkRef
+from ..reading.decoder import TrackDecoder, TrackDigest
+from ..reading.losses import LostSpan
+from ..reading.opening import from_walk
+from ..reading.packets import PacketPass
+from ..reading.pieces import PieceDecoder
 from .descriptions import EVERYTHING, describe
 from .extras import Extras, stored_digests, write_note
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from hapfmt.appending import open_append
-from hapfmt.reader import Reader
+from hapfmt.reading.reader import Reader
 from hapfmt.verifier import Report, verify
 
 from .files import LIMITS, of_file

@@ -7,7 +7,7 @@ from fractions import Fraction
 from typing import Any
 
 from hapfmt import edit
-from hapfmt.reader import Reader
+from hapfmt.reading.reader import Reader
 from hapfmt.verifier import verify
 
 from .files import LIMITS, of_file

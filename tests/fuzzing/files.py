@@ -17,8 +17,8 @@ from hapfmt.cli.info import describe
 from hapfmt.container.source import BytesSource
 from hapfmt.dump import dump
 from hapfmt.kernels import compiled
-from hapfmt.opening import open_catalogue
-from hapfmt.reader import BANDS, Reader
+from hapfmt.reading.opening import open_catalogue
+from hapfmt.reading.reader import BANDS, Reader
 from hapfmt.usage import measure
 from hapfmt.verifier import verify
 

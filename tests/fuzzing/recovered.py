@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import io
 
-from hapfmt.reader import Reader
+from hapfmt.reading.reader import Reader
 from hapfmt.recovery.recover import recover
 from hapfmt.verifier import verify
 

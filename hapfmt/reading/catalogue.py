@@ -11,17 +11,17 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
-from .container.clocks import ClockMap, ClockObservation, parse_clock, parse_map
-from .container.cluster import parse_count, parse_entry
-from .container.extras import Attachment, parse_attachment, parse_metadata
-from .container.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
-from .container.series import parse_series
-from .container.source import Source
-from .container.track import Contract, Track, TrackTable
-from .container.walk import Chunk, Finding, header_at, read_chunk
-from .container.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
-from .errors import FormatError, UnsupportedError
-from .limits import LEVELS, Level, Limits
+from ..container.clocks import ClockMap, ClockObservation, parse_clock, parse_map
+from ..container.cluster import parse_count, parse_entry
+from ..container.extras import Attachment, parse_attachment, parse_metadata
+from ..container.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
+from ..container.series import parse_series
+from ..container.source import Source
+from ..container.track import Contract, Track, TrackTable
+from ..container.walk import Chunk, Finding, header_at, read_chunk
+from ..container.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
+from ..errors import FormatError, UnsupportedError
+from ..limits import LEVELS, Level, Limits
 
 T = TypeVar("T")
 HARMLESS = frozenset({"not-closed"})

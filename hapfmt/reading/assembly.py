@@ -8,12 +8,12 @@ from typing import Literal
 
 import numpy as np
 
+from ..codecs.events import CodedEvent
+from ..container.track import Track
+from ..events import Event, decoded, in_order
+from ..recording import Channel, Deviation, Span, append_span
 from .catalogue import ChannelRef, Part
-from .codecs.events import CodedEvent
-from .container.track import Track
-from .events import Event, decoded, in_order
 from .reconstruct import Decoded, add_residual, build_channel
-from .recording import Channel, Deviation, Span, append_span
 
 Band = Literal["full", "lf", "hf"]
 BANDS: tuple[Band, ...] = ("full", "lf", "hf")

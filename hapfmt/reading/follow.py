@@ -15,15 +15,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
+from ..container.cluster import Packet, parse_cluster
+from ..container.index import FIRST_OFFSET
+from ..container.salvage import salvage_cluster
+from ..container.source import is_url, open_source
+from ..container.track import Track
+from ..container.walk import Chunk, Finding, header_at, read_chunk, walk
+from ..container.wire import SIGNATURE
+from ..errors import FormatError, ParameterError
 from .catalogue import Catalogue, ChannelRef, FalseIndexError
-from .container.cluster import Packet, parse_cluster
-from .container.index import FIRST_OFFSET
-from .container.salvage import salvage_cluster
-from .container.source import is_url, open_source
-from .container.track import Track
-from .container.walk import Chunk, Finding, header_at, read_chunk, walk
-from .container.wire import SIGNATURE
-from .errors import FormatError, ParameterError
 from .opening import learn_checkpoint, lose_chunk
 from .packets import PacketPass, Seconds, tick_range
 

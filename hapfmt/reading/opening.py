@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ..container.chain import index_chain
+from ..container.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
+from ..container.source import Source
+from ..container.walk import Chunk, Finding, header_at, read_chunk, walk
+from ..container.wire import HEADER_SIZE, SIGNATURE, SYNC
+from ..errors import FormatError, HapfmtError
+from ..limits import LEVELS, Limits
 from .catalogue import Catalogue, ChunkRef
-from .container.chain import index_chain
-from .container.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
-from .container.source import Source
-from .container.walk import Chunk, Finding, header_at, read_chunk, walk
-from .container.wire import HEADER_SIZE, SIGNATURE, SYNC
-from .errors import FormatError, HapfmtError
-from .limits import LEVELS, Limits
 
 MS = 10**6
 """Nanoseconds."""

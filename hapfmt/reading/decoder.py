@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .codecs import components, knots, knots_coded, quantised
-from .codecs.events import CodedEvent, parse_events
-from .codecs.exact import ExactParameters, decode_counts, decode_exact
-from .codecs.grids import LpcParameters
-from .codecs.knots import KnotParameters
-from .codecs.knots_coded import CodedKnotParameters
-from .codecs.quantised import QuanParameters
-from .codecs.raw import RawParameters, decode_raw
-from .container.cluster import Packet
-from .container.track import Track
-from .errors import FormatError, HapfmtError, ParameterError, UnsupportedError
-from .limits import Level
-from .recording import Span, append_span
+from ..codecs import components, knots, knots_coded, quantised
+from ..codecs.events import CodedEvent, parse_events
+from ..codecs.exact import ExactParameters, decode_counts, decode_exact
+from ..codecs.grids import LpcParameters
+from ..codecs.knots import KnotParameters
+from ..codecs.knots_coded import CodedKnotParameters
+from ..codecs.quantised import QuanParameters
+from ..codecs.raw import RawParameters, decode_raw
+from ..container.cluster import Packet
+from ..container.track import Track
+from ..errors import FormatError, HapfmtError, ParameterError, UnsupportedError
+from ..limits import Level
+from ..recording import Span, append_span
 
 Parameters = (
     KnotParameters

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from ..container.cluster import Entry, Packet, parse_count, parse_entry
+from ..container.source import Source
+from ..container.track import Track
+from ..container.wire import HEADER_SIZE, ChunkHeader, crc32
+from ..errors import FormatError
+from ..integers import parse_varint
+from ..limits import TICK_LIMIT, Level
 from .catalogue import ChunkRef
-from .container.cluster import Entry, Packet, parse_count, parse_entry
-from .container.source import Source
-from .container.track import Track
-from .container.wire import HEADER_SIZE, ChunkHeader, crc32
-from .errors import FormatError
-from .integers import parse_varint
-from .limits import TICK_LIMIT, Level
 
 Ranges = Mapping[int, tuple[int, int]]
 Row = tuple[Entry, int]

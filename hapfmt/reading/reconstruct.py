@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .codecs.raw import DTYPES
-from .container.track import Component, Track
-from .recording import Calibration, Channel, Deviation, Span, append_span
+from ..codecs.raw import DTYPES
+from ..container.track import Component, Track
+from ..recording import Calibration, Channel, Deviation, Span, append_span
 
 
 class Growing:

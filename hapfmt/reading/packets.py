@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, floor
 
+from ..container.cluster import Packet, parse_cluster, parse_count, parse_entry
+from ..container.salvage import Hole, salvage_cluster
+from ..container.walk import header_at, read_chunk
+from ..container.wire import HEADER_SIZE, ChunkHeader, crc32
+from ..errors import ChecksumError, FormatError
+from ..numbers import exact
 from .catalogue import Catalogue, ChunkRef
-from .container.cluster import Packet, parse_cluster, parse_count, parse_entry
-from .container.salvage import Hole, salvage_cluster
-from .container.walk import header_at, read_chunk
-from .container.wire import HEADER_SIZE, ChunkHeader, crc32
-from .errors import ChecksumError, FormatError
 from .losses import Losses
-from .numbers import exact
 from .partial import SHARE, Ranges, Row, read_packets, read_table, wanted_rows
 from .timeline import UNKNOWN, Timeline, Times
 

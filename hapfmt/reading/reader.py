@@ -9,26 +9,26 @@ from types import TracebackType
 from typing import Any, BinaryIO
 from uuid import UUID
 
+from ..container.clocks import ClockMap, ClockObservation
+from ..container.cluster import Packet
+from ..container.extras import Attachment
+from ..container.source import open_source
+from ..container.track import Track, lone_lf
+from ..container.walk import Finding
+from ..errors import ChecksumError, FormatError, ParameterError, TruncatedError
+from ..events import Event
+from ..limits import Limits
+from ..recording import Recording
+from ..threads import in_order, thread_count
 from .assembly import BANDS, Assembly, Band, wanted_tracks
 from .batches import BATCH, Batch, batches
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
-from .container.clocks import ClockMap, ClockObservation
-from .container.cluster import Packet
-from .container.extras import Attachment
-from .container.source import open_source
-from .container.track import Track, lone_lf
-from .container.walk import Finding
 from .decoder import TrackDecoder
-from .errors import ChecksumError, FormatError, ParameterError, TruncatedError
-from .events import Event
-from .limits import Limits
 from .losses import LostSpan
 from .opening import open_catalogue
 from .packets import PacketPass, Seconds, tick_range
 from .pieces import Piece, PieceDecoder
 from .reconstruct import Decoded
-from .recording import Recording
-from .threads import in_order, thread_count
 
 IN_FLIGHT = 1 << 19
 """Samples that are decoded ahead of those that are delivered, by all threads together; a packet of

@@ -6,11 +6,11 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ..container.index import FIRST_OFFSET, MS_LIMIT, Index, ceil_ms, floor_ms, parse_index
+from ..container.walk import read_chunk
+from ..errors import FormatError
+from ..numbers import exact
 from .catalogue import Catalogue, ChunkRef
-from .container.index import FIRST_OFFSET, MS_LIMIT, Index, ceil_ms, floor_ms, parse_index
-from .container.walk import read_chunk
-from .errors import FormatError
-from .numbers import exact
 
 ANYWHERE = 1 << 63
 """Bytes may have come in or gone: an index does not stand where it stood."""
