@@ -374,6 +374,26 @@ def test_a_full_queue_drops_only_what_it_counts():
     ]
 
 
+def test_notes_of_what_was_dropped_stay_few_however_many_channels():
+    stream = Slow()
+    inputs = [counts_input(f"{n:050}") for n in range(2000)]
+    recorder = Recorder(stream, inputs, on_full="drop", queue_size=100_000, epoch_ns=None)
+    recorder.flush()
+    stream.free.clear()
+    with warnings.catch_warnings(record=True):
+        warnings.simplefilter("always")
+        for _ in range(20):
+            recorder.write_rows(np.ones((50, 2000), np.int64))
+    status = recorder.status()
+    stream.free.set()
+    recorder.close()
+    notes = hapfmt.read(stream.getvalue()).metadata["notes"]
+    assert len(status.dropped) == 2000 and len(notes) == 101
+    assert (
+        notes[-1] == f"dropped: {status.dropped_count * 1900 // 2000} samples of 1900 more channels"
+    )
+
+
 def test_a_full_queue_raises_where_asked_and_the_samples_can_come_again():
     stream = Slow()
     recorder = Recorder(stream, [counts_input()], on_full="raise", queue_size=20_000, epoch_ns=None)

@@ -36,6 +36,9 @@ from .worker import Item, Member, Worker
 CLUSTER_S = Fraction(1)
 """SPEC clause 13: for a live recording, where the last one may be lost."""
 
+NOTED = 100
+"""Channels whose dropped samples get a note each: metadata have to fit a chunk."""
+
 
 @dataclass
 class Options:
@@ -201,11 +204,15 @@ class Start:
         progress = self.worker.progress
         own = metadata.get("notes", [])
         notes = [*self.notes, *(own if isinstance(own, list) else [])]
+        members = self.worker.members
+        dropped = [(members[p].input.label, n) for p, n in sorted(progress.dropped.items())]
         lost = [
-            f"dropped: {count} samples of {self.worker.members[place].input.label!r}, "
-            "for which the encoder was too slow"
-            for place, count in sorted(progress.dropped.items())
+            f"dropped: {count} samples of {label!r}, for which the encoder was too slow"
+            for label, count in dropped[:NOTED]
         ]
+        if len(dropped) > NOTED:
+            more = sum(count for _, count in dropped[NOTED:])
+            lost.append(f"dropped: {more} samples of {len(dropped) - NOTED} more channels")
         lost += self.worker.notes
         if self.notes or lost:
             metadata = {**metadata, "notes": [*notes, *lost]}
