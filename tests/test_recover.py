@@ -418,9 +418,10 @@ def test_events_and_clocks_come_along():
     hapfmt.write(hapfmt.Recording((channel,), events=events), out, settings, canonical=1)
     data = out.getvalue()
     for bad in (data, data + b"\0", flipped(data, payload_of(data, "DATA", 1) + 20)):
-        good, _ = recovered(bad)
+        good, done = recovered(bad)
         assert verify(good).verdict == "intact"
         assert samples(good) == samples(bad)
+        assert done.samples == verify(good).samples == len(samples(good))
         with hapfmt.Reader(bad, scan=True) as reader, hapfmt.Reader(good) as again:
             assert again.events() == reader.events()
     assert len(hapfmt.read(good).events) >= 1

@@ -215,7 +215,8 @@ class Copy:
             self.done.lost.append(LostSpan(packet.track, packet.start, packet.stop))
             return False
         self.done.packets += 1
-        self.done.samples += samples
+        if self.tracks[packet.track].kind != "events":
+            self.done.samples += samples
         return True
 
     def copy_digests(self) -> None:
