@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -166,6 +167,41 @@ def test_dropped_samples_end_with_3(tmp_path, monkeypatch):
     ticks = np.concatenate([np.arange(*span) for span in values.coverage])
     assert 0 < values.values.size < noise.size and (values.values == noise[ticks]).all()
     assert "for which the encoder was too slow" in back.metadata["notes"][0]
+
+
+def test_what_a_kill_may_leave(tmp_path, monkeypatch):
+    """tools/crash.py: a kill within a write cuts the last chunk, and that is no fault as long as
+    all that was flushed is there; anything else that is lost is one."""
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    import crash
+
+    path = tmp_path / "crash.hapf"
+    at = [0] * crash.CHANNELS
+    flushed, told = [], []
+    with hapfmt.Recorder(path, crash.inputs(), cluster=crash.CLUSTER) as recorder:
+        for _ in range(3):
+            for number in range(crash.CHANNELS):
+                stop = at[number] + int(crash.RATES[number % 3] / 10)
+                values = crash.values(number, crash.samples(number, at[number], stop))
+                recorder.write(number, values, tick=at[number])
+                at[number] = stop
+            recorder.flush()
+            flushed.append(path.stat().st_size)
+            told.append([crash.Told(0, stop, stop) for stop in at])
+    whole = path.read_bytes()
+    cuts = [*range(flushed[1], flushed[2], 997), flushed[2] - 1]
+    codes: Counter[str] = Counter()
+    for cut in cuts:
+        path.write_bytes(whole[:cut])
+        tally = crash.Tally()
+        crash.look(path, told[1], tally)
+        codes += tally.findings
+    assert codes["truncated"] and codes["bad-packet"], codes
+    with pytest.raises(AssertionError, match="kept"):
+        crash.look(path, told[2], crash.Tally())
+    path.write_bytes(whole[: flushed[0] + 999] + b"?" + whole[flushed[0] + 1000 :])
+    with pytest.raises(AssertionError, match="bad-p"):
+        crash.look(path, told[0], crash.Tally())
 
 
 def test_a_few_crashes():
