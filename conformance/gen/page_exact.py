@@ -1,4 +1,4 @@
-"""SPEC 9.7 a second time, read from the page alone, in exact fractions; imports nothing from hapfmt."""
+"""SPEC 9.7 a second time, from the page alone, in exact fractions; imports nothing of hapfmt."""
 
 from __future__ import annotations
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
-from spec import TEXT
-
+TEXT = (Path(__file__).resolve().parent.parent.parent / "SPEC.md").read_text(encoding="utf-8")
 ANNEX_D = TEXT[TEXT.index("## Annex D") :]
 K = [int(number) for number in re.findall(r"\d+", ANNEX_D.split("```")[1])]
 """The sine table."""

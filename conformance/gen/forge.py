@@ -1,4 +1,4 @@
-"""Payloads, chunks and files byte by byte, right ones and wrong ones; imports nothing from hapfmt."""
+"""Payloads, chunks and files byte by byte, right and wrong ones; imports nothing from hapfmt."""
 
 from __future__ import annotations
 
