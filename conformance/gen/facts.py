@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import forge as f
-from case import DAMAGED, INTACT, NONCONFORMING, UNSUPPORTED, numbers
+from case import DAMAGED, INTACT, NONCONFORMING, UNSUPPORTED, Case, numbers
 
 KINDS = ("full", "lf", "hf", "events")
 FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64")
@@ -382,3 +382,14 @@ def closed_at(chunks: Sequence[Any], times: Sequence[tuple[int, int]], duration_
         at += 32 + len(payload)
     ahead = {"entries": entries} | footer.pop("ahead", {})
     return f.closed(*chunks, ahead=ahead, **({"duration_ns": duration_ns} | footer))
+
+
+def case_of(set_: str, name: str, about: str, requirements: Sequence[str], *tracks: Track,
+            layers: Sequence[Layer] = (), level: int = 1, file: dict[str, Any] | None = None,
+            data: bytes | None = None, **more: Any) -> Case:  # fmt: skip
+    """An intact file. ``file``: what ``recording`` is told besides; ``more``: members of
+    ``decode``."""
+    if data is None:
+        data = recording(*tracks, layers=layers, level=level, **(file or {}))
+    expect = intact(*tracks, layers=layers, level=level, **more)
+    return Case(set_, name, about, requirements, data, expect)
