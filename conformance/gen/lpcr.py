@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
@@ -10,6 +9,7 @@ from typing import Any, NamedTuple
 import forge as f
 import page
 from facts import Packet, Track
+from luck import Luck
 
 
 class Coding(NamedTuple):
@@ -97,10 +97,10 @@ def track(*packets: Packet, grid: Grid = PLAIN, clamped: Range = COMMON,
     )  # fmt: skip
 
 
-def walk(seed: int, size: int, steps: float, low: int = -100, high: int = 100) -> list[int]:
+def walk(seed: int, size: int, steps: int, low: int = -100, high: int = 100) -> list[int]:
     """A signal that wanders."""
-    luck, at, out = random.Random(seed), 0, []
+    luck, at, out = Luck(seed), 0, []
     for _ in range(size):
-        at = max(low, min(high, at + round((luck.random() - 0.5) * 2 * steps)))
+        at = max(low, min(high, at + luck.between(-steps, steps)))
         out.append(at)
     return out

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterator
 from functools import partial
 
@@ -10,6 +9,7 @@ import page
 from case import Case
 from facts import case_of
 from lpcr import Coding, Grid, coded, constant, packet, track, walk
+from luck import Luck
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
@@ -83,8 +83,8 @@ def predictors() -> Iterator[Case]:
         ["LPC-004", "LPC-005", "CNV-001"],
         track(packet(walk(3, 80, 30), coding=Coding(ks=ends), clamped=WIDE), clamped=WIDE),
     )  # fmt: skip
-    luck = random.Random(32)
-    ks = tuple(luck.randrange(-60, 61) for _ in range(32))
+    luck = Luck(32)
+    ks = tuple(luck.between(-60, 60) for _ in range(32))
     yield valid(
         "lpcr-predictor-32", "32 coefficients, the most there may be.", ["LPC-004", "LPC-005"],
         track(packet(walk(4, 90, 30), coding=Coding(ks=ks))),
@@ -115,16 +115,16 @@ def predictors() -> Iterator[Case]:
 
 
 def coder() -> Iterator[Case]:
-    luck = random.Random(4)
+    luck = Luck(4)
     sizes = [luck.choice((0, 1, 2, 3, 60, 600, 9000, 80000)) for _ in range(260)]
-    spread = [luck.randrange(-size, size + 1) for size in sizes]
+    spread = [luck.between(-size, size) for size in sizes]
     yield valid(
         "lpcr-every-bucket",
         "Errors of all sizes side by side: every bucket, and those beyond the last edge.",
         ["RNG-001", "RNG-003"],
         track(packet(spread, clamped=WIDE), clamped=WIDE),
     )  # fmt: skip
-    loud = [luck.randrange(-(2**22), 2**22) for _ in range(40)]
+    loud = [luck.between(-(2**22), 2**22) for _ in range(40)]
     yield valid(
         "lpcr-loud",
         "Errors of 22 bits one after the other: low bits are raw, a sudden silence has big shifts.",
@@ -139,7 +139,7 @@ def coder() -> Iterator[Case]:
     yield valid(
         "lpcr-long", "1500 samples: models that have seen their most, averages of 128.",
         ["RNG-001"],
-        track(packet([round(luck.gauss(0, 9)) for _ in range(1500)])),
+        track(packet([luck.bell(8) for _ in range(1500)])),
     )  # fmt: skip
     packets, start = [], 0
     for span in [1] * 24 + [2] * 16 + [3] * 12:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import forge as f
 from case import Case
 from facts import Packet, Track, case_of
+from luck import Luck
 from page_quantised import Escape, Run, codebook, decode, encode, lengths_of, levels_of
 
 valid = partial(case_of, "valid")
@@ -178,8 +178,8 @@ def rest() -> Iterator[Case]:
         ["QNT-001"],
         most.track(most.packet([0, Run(4096 + 5), Escape(1), Escape(2), Escape(-3), Run(8191)])),
     )  # fmt: skip
-    luck = random.Random(9)
-    levels = [round(luck.gauss(0, 1.2)) for _ in range(400)]
+    luck = Luck(9)
+    levels = [luck.bell(1) for _ in range(400)]
     rich = Quantiser([2, 3, 3, 3, 4, 4, 4, 4, 4, 5, 5], m=3, r=2, c=2, step=3)
     tokens = [level if abs(level) <= 3 else Escape(level) for level in levels]
     yield valid(

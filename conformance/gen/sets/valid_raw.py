@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
@@ -15,6 +14,7 @@ import page_raw
 from case import Case
 from deflate import DYNAMIC, FIXED, block, packed
 from facts import Packet, Track, case_of
+from luck import Luck
 from page_raw import DEFLATE, STORED
 
 valid = partial(case_of, "valid")
@@ -127,8 +127,8 @@ def formats() -> Iterator[Case]:
 
 
 def streams() -> Iterator[Case]:
-    luck = random.Random(3)
-    noise = [luck.randrange(-128, 128) for _ in range(500)]
+    luck = Luck(3)
+    noise = [luck.between(-128, 127) for _ in range(500)]
     yield valid(
         "raw-deflate", "A DEFLATE stream with codes of its own.", ["RAW-002", "RAW-004"],
         track(2, packet([noise[i % 40] * 3 for i in range(400)], 2, DEFLATE),

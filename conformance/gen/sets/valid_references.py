@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterator
 from functools import partial
 
@@ -10,6 +9,7 @@ import page
 from case import Case
 from facts import case_of
 from lpcr import Coding, coded, constant, packet, track, walk
+from luck import Luck
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
@@ -17,10 +17,10 @@ uncommon = partial(case_of, "uncommon")
 ALONE = Coding()
 
 
-def near(rows: list[int], seed: int, *, gain: float = 0.8, late: int = 0) -> list[int]:
-    luck = random.Random(seed)
+def near(rows: list[int], seed: int, *, gain: int = 8, late: int = 0) -> list[int]:
+    luck = Luck(seed)
     shifted = [rows[0]] * late + rows[: len(rows) - late]
-    return [round(gain * each) + luck.randrange(-2, 3) for each in shifted]
+    return [gain * each // 10 + luck.between(-2, 2) for each in shifted]
 
 
 def cases() -> Iterator[Case]:
@@ -79,7 +79,7 @@ def cases() -> Iterator[Case]:
         ["LPC-007"],
         track(
             packet(
-                [each + 40 for each in near(first, 5, gain=0.4)], near(first, 6, gain=0.5),
+                [each + 40 for each in near(first, 5, gain=4)], near(first, 6, gain=5),
                 coding=[Coding(base=-30), Coding(base=2, references=((0, 0, 64, 0),))],
             ),
             width=2,
@@ -131,7 +131,7 @@ def cases() -> Iterator[Case]:
             packet([9], [-7], coding=[ALONE, Coding(references=((0, 64, 64, 64),))]), width=2
         ),
     )  # fmt: skip
-    rows = [near(first[:30], seed, gain=0.7) for seed in range(10, 20)]
+    rows = [near(first[:30], seed, gain=7) for seed in range(10, 20)]
     eight = tuple((a, 3 - a, 9 + a, a - 5) for a in (0, 1, 2, 4, 5, 6, 7, 8))
     yield uncommon(
         "references-eight", "Eight references of ten components, the most there may be.",

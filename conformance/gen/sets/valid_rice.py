@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterator
 from functools import partial
 
 from case import Case
 from facts import case_of
 from lpcr import Coding, Grid, packet, track, walk
+from luck import Luck
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
@@ -22,8 +22,8 @@ def rice(*widths: int, g: int = 0, ks: tuple[int, ...] = (), base: int = 0) -> C
 
 
 def cases() -> Iterator[Case]:
-    luck = random.Random(12)
-    noise = [round(luck.gauss(0, 12)) for _ in range(70)]
+    luck = Luck(12)
+    noise = [luck.bell(10) for _ in range(70)]
     yield valid(
         "rice-blocks", "Blocks of 32 ticks, the last one shorter, all of one width.",
         ["LPC-011", "LPC-012"],
