@@ -53,8 +53,8 @@ def tokens_of(data: bytes) -> list[Token]:
     return out
 
 
-def code_lengths(counts: Counter[int], symbols: int) -> list[int]:
-    """By Huffman, the same everywhere: equal weights go by the least symbol."""
+def code_lengths(counts: Counter[int], symbols: int, limit: int = 15) -> list[int]:
+    """By Huffman, the same everywhere: equal weights go by the least symbol. Too long: flatter."""
     heap = [(n, symbol, [symbol]) for symbol, n in sorted(counts.items())]
     heapq.heapify(heap)
     out = [0] * symbols
@@ -65,6 +65,9 @@ def code_lengths(counts: Counter[int], symbols: int) -> list[int]:
         for symbol in a[2] + b[2]:
             out[symbol] += 1
         heapq.heappush(heap, (a[0] + b[0], min(a[1], b[1]), a[2] + b[2]))
+    if max(out) > limit:
+        flatter = Counter({symbol: (n + 1) // 2 for symbol, n in counts.items()})
+        return code_lengths(flatter, symbols, limit)
     return out
 
 
@@ -124,8 +127,7 @@ def block(tokens: Sequence[Token], *, last: bool, kind: int) -> str:
         while len(distance) > 1 and distance[-1] == 0:
             distance.pop()
         rows = squeezed(literal + distance)
-        table = code_lengths(Counter(symbol for symbol, _, _ in rows), 19)
-        assert max(table) <= 7 and max(literal + distance) <= 15
+        table = code_lengths(Counter(symbol for symbol, _, _ in rows), 19, 7)
         used = max(i for i, symbol in enumerate(ORDER) if table[symbol])
         out += low_first(len(literal) - 257, 5) + low_first(len(distance) - 1, 5)
         out += low_first(max(used + 1, 4) - 4, 4)
