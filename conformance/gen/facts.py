@@ -7,9 +7,10 @@ told its bytes and its numbers.
 
 from __future__ import annotations
 
+import hashlib
 import struct
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import forge as f
@@ -339,8 +340,15 @@ def damaged(damages: Sequence[Sequence[Any]], lost: Sequence[Sequence[Any]], *tr
 
 
 def nanoseconds(stop: int, rate: tuple[int, int]) -> int:
-    """Rounded up."""
-    return -(-stop * rate[1] * 10**9 // rate[0])
+    """Rounded up, at most the largest i64."""
+    return min(-(-stop * rate[1] * 10**9 // rate[0]), 2**63 - 1)
+
+
+def milliseconds(start: int, stop: int, rate: tuple[int, int]) -> tuple[int, int]:
+    """Rounded down and up, below 2^53."""
+    last = 2**53 - 1
+    begin, end = start * rate[1] * 1000 // rate[0], -(-stop * rate[1] * 1000 // rate[0])
+    return min(begin, last), min(end, last)
 
 
 def recording(*tracks: Track, layers: Sequence[Layer] = (), before: Sequence[Any] = (),
@@ -357,8 +365,7 @@ def recording(*tracks: Track, layers: Sequence[Layer] = (), before: Sequence[Any
     for cluster, track_id, start, span, _ in rows:
         rate = rates[track_id]
         stops.append(nanoseconds(start + span, rate))
-        begin = start * rate[1] * 1000 // rate[0]
-        end = -(-(start + span) * rate[1] * 1000 // rate[0])
+        begin, end = milliseconds(start, start + span, rate)
         a, b = times.get(cluster, (begin, end))
         times[cluster] = min(a, begin), max(b, end)
     described = [track for track in (*tracks, *layers) if getattr(track, "described", True)]
@@ -382,6 +389,17 @@ def closed_at(chunks: Sequence[Any], times: Sequence[tuple[int, int]], duration_
         at += 32 + len(payload)
     ahead = {"entries": entries} | footer.pop("ahead", {})
     return f.closed(*chunks, ahead=ahead, **({"duration_ns": duration_ns} | footer))
+
+
+def digest(track: Track, packets: Sequence[Packet] | None = None) -> bytes:
+    """Of the packets of a track, all unless told which, as dGST has it (6.9)."""
+    part = replace(track, packets=track.packets if packets is None else packets)
+    exact, rows = part.exact(), part.rows()
+    size = 8 if exact else {"counts": 4, "binary16": 2, "binary32": 4}.get(track.number_format, 8)
+    numbers_ = [(exact[tick],) if exact else row for tick, row in sorted(rows.items())]
+    raw = b"".join((n % 256**size).to_bytes(size, "little") for row in numbers_ for n in row)
+    covered = b"".join(struct.pack("<QQ", a, b - a) for a, b in spans_of(rows))
+    return hashlib.sha256(hashlib.sha256(raw).digest() + covered).digest()
 
 
 def case_of(set_: str, name: str, about: str, requirements: Sequence[str], *tracks: Track,
