@@ -240,7 +240,7 @@ def bands_of(tracks: Sequence[Track], wanted: str) -> list[dict[str, Any]]:
 
 def decode_of(*tracks: Track, layers: Sequence[Layer] = (), **more: Any) -> dict[str, Any]:
     """The member ``decode``: tracks, channels, where there are LF tracks the bands, layers, and
-    what else is told."""
+    what else is told; a member that is None is not compared."""
     every = sorted(tracks, key=lambda track: track.id)
     listed = [
         {
@@ -271,7 +271,8 @@ def decode_of(*tracks: Track, layers: Sequence[Layer] = (), **more: Any) -> dict
              "events": layer.events()}
             for layer in sorted(layers, key=lambda layer: layer.id)
         ]  # fmt: skip
-    return out | more
+    every_member = out | more
+    return {name: value for name, value in every_member.items() if value is not None}
 
 
 def needs_of(*tracks: Track, layers: Sequence[Layer] = (), level: int = 1) -> dict[str, Any]:
