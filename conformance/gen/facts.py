@@ -184,12 +184,14 @@ def double_bits(number: float) -> int:
     return struct.unpack("<Q", struct.pack("<d", number))[0]
 
 
+def double_of(count: int, affine: tuple[int, int, int] | None) -> int:
+    """Bits of the value (VAL-003); the quotient of two integers is rounded once in Python."""
+    a, b, d = affine or (1, 0, 1)
+    return double_bits((count * a + b) / d)
+
+
 def physical(values: dict[int, int], affine: tuple[int, int, int]) -> dict[str, Any]:
-    """VAL-003; the quotient of two integers is rounded once in Python."""
-    a, b, d = affine
-    return numbers(
-        [double_bits((values[tick] * a + b) / d) for tick in sorted(values)], words=True
-    )  # fmt: skip
+    return numbers([double_of(values[tick], affine) for tick in sorted(values)], words=True)
 
 
 def full_band(track: Track, i: int, hf: Track | None) -> dict[int, int]:
@@ -215,6 +217,8 @@ def channel_of(tracks: Sequence[Track], number: int, bases: dict[int | None, Tra
     out = first.told(i) | sampled(values, words=first.words)
     exact = {tick: word for track in tracks for tick, word in track.exact().items()}
     if exact:
+        quotients = {tick: double_of(values[tick], first.affine(i)) for tick in values}
+        exact = quotients | exact
         out["exact"] = numbers([exact[tick] for tick in sorted(exact)], words=True)
     elif first.affine(i) is not None and not first.words:
         out["physical"] = physical(values, first.affine(i))

@@ -7,7 +7,7 @@ from functools import partial
 
 import forge as f
 from case import Case
-from facts import Packet, Track, case_of
+from facts import Packet, Track, case_of, double_bits
 from lpcr import Coding
 from lpcr import packet as predicted
 
@@ -82,6 +82,24 @@ def cases() -> Iterator[Case]:
     yield uncommon(
         "continued-words", "A channel of words goes on in another track.", ["TRK-016"],
         words, more,
+    )  # fmt: skip
+    tenths = f.tlv(3, f.calibration(1, 0, 10))
+    exact = bytes.fromhex("06 00 00 06 01 4C 46 01 00 02 63 A0 00")
+    far = [0.1, 0.2, 0.30000000000000004, 0.30000000000000004, 0.7000000000000001]
+    far.append(0.30000000000000004)
+    yield uncommon(
+        "continued-exact", "Exact values, and in the track that goes on the quotients.",
+        ["TRK-018", "VAL-003"],
+        Track(
+            codec="LPCX", parameters=f.lpcx_parameters(), tlvs=tenths, calibration=(1, 0, 10),
+            packets=[
+                Packet(0, [1, 2, 3, 3, 7, 3], exact, exact=[double_bits(each) for each in far])
+            ],
+        ),
+        Track(
+            id=1, tlvs=tenths + continues(0), calibration=(1, 0, 10),
+            packets=[Packet(6, [3] * 2, f.svarint(3), 1)],
+        ),
     )  # fmt: skip
     named = Track(
         packets=[Packet(0, [5] * 4, f.svarint(5))], about={"label": "first", "device": "a"},
