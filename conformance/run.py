@@ -24,7 +24,7 @@ sys.path.insert(0, str(HERE))
 from runner import report  # noqa: E402
 from runner.known import Known, read_known  # noqa: E402
 from runner.manifest import Case, load, make_on_demand, select  # noqa: E402
-from runner.process import Caps, Implementation, Unusable  # noqa: E402
+from runner.process import Caps, Implementation, UnusableError  # noqa: E402
 from runner.running import Result, run_case  # noqa: E402
 
 OWN = (
@@ -41,7 +41,9 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     add = parser.add_argument
     add("--impl", action="append", metavar="CMD", help="command of an adapter; repeatable")
     add("--referee", action="append", metavar="CMD",
-        help="judges recovered and encoded files; repeatable [those of this repository]")  # fmt: skip
+        help="judges recovered and encoded files; repeatable [of this repository]")  # fmt: skip
+    add("--cases", type=Path, default=HERE, metavar="FOLDER",
+        help="with manifest.json, expected/ and vectors/ [this one]")  # fmt: skip
     add("--set", action="append", default=[], metavar="SET", help="only this set; repeatable")
     add("--case", action="append", default=[], metavar="GLOB",
         help="only cases whose name, or set/name, matches; repeatable")  # fmt: skip
@@ -63,8 +65,8 @@ def own(caps: Caps, *, serve: bool) -> list[Implementation]:
     for command in OWN:
         try:
             found.append(Implementation(command, caps, HERE.parent, serve=serve))
-        except Unusable as error:
-            print(f"not here: {error}", file=sys.stderr)
+        except UnusableError as error:
+            print(f"not here: {str(error).splitlines()[0]}", file=sys.stderr)
     return found
 
 
@@ -81,7 +83,7 @@ def run_all(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     given = parse(arguments)
-    every = load()
+    every = load(given.cases.resolve())
     cases = select(every, given.set, given.case)
     if given.list:
         for case in cases:
@@ -106,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             else referees
         )
         programs += tested
-    except (Unusable, ValueError, OSError) as error:
+    except (UnusableError, ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
     try:

@@ -58,11 +58,13 @@ def decode_differences(
     for name, value in wanted.items():
         if name in PARTS and PARTS[name] not in parts:
             continue
-        got = found.get(name, MISSING)
-        if PARTS.get(name) == "bands":
-            value, got = (without_empty(each) for each in (value, got))
-        out += compare(name, value, got, raw, parts)
+        trim = without_empty if PARTS.get(name) == "bands" else as_it_is
+        out += compare(name, trim(value), trim(found.get(name, MISSING)), raw, parts)
     return out
+
+
+def as_it_is(value: Any) -> Any:
+    return value
 
 
 def without_empty(band: Any) -> Any:

@@ -3,6 +3,7 @@ capped."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import selectors
@@ -41,7 +42,7 @@ class Outcome:
     errors: str = ""
 
 
-class Unusable(Exception):
+class UnusableError(Exception):
     """The implementation cannot be run, or says nothing of itself."""
 
 
@@ -76,7 +77,7 @@ class Implementation:
             try:
                 done = run_once([*self.command, "capabilities"], self.caps, self.cwd, out)
             except OSError as error:
-                raise Unusable(f"{shlex.join(self.command)}: {error}") from None
+                raise UnusableError(f"{shlex.join(self.command)}: {error}") from None
             out.seek(0)
             text = out.read().decode("utf-8", "replace")
         try:
@@ -84,7 +85,7 @@ class Implementation:
         except ValueError:
             told = None
         if done.code != 0 or not isinstance(told, dict):
-            raise Unusable(
+            raise UnusableError(
                 f"{shlex.join(self.command)} capabilities: exit code {done.code}, no JSON object"
                 f"{': ' + done.errors.strip() if done.errors.strip() else ''} {done.why}".rstrip()
             )
@@ -269,10 +270,8 @@ class Server:
         self.alive = False
         for stream in (self.process.stdin, self.process.stdout):
             if stream is not None:
-                try:
+                with contextlib.suppress(OSError):
                     stream.close()
-                except OSError:
-                    pass
         try:
             self.process.wait(1)
         except subprocess.TimeoutExpired:
@@ -282,7 +281,5 @@ class Server:
 
 def forget_peak(pid: int) -> None:
     """So that the next peak is that of the next verb (Linux)."""
-    try:
+    with contextlib.suppress(OSError):
         Path(f"/proc/{pid}/clear_refs").write_text("5", encoding="ascii")
-    except OSError:
-        pass
