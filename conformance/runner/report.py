@@ -97,7 +97,7 @@ def text(
         reason for result in results if result.status == SKIPPED for reason in result.reasons
     )
     for reason, count in reasons.most_common():
-        yield f"not tested: {count} cases that need {reason}"
+        yield f"not tested: {count} cases for want of {reason}"
     parts = claimed_parts(tested)
     if parts:
         yield f"not compared, since not claimed: {', '.join(parts)}"
@@ -193,7 +193,7 @@ def junit(tested: Implementation, results: Sequence[Result], seconds: float) -> 
         elif status == KNOWN:
             inner = f"<skipped message={quoteattr(f'known failure: {result.known}')}/>"
         elif status == SKIPPED:
-            inner = f"<skipped message={quoteattr('needs ' + ', '.join(result.reasons))}/>"
+            inner = f"<skipped message={quoteattr('for want of ' + ', '.join(result.reasons))}/>"
         rows.append(
             f"<testcase classname={group} name={name} time={quoteattr(f'{result.seconds:.4f}')}>"
             f"{inner}</testcase>"

@@ -93,6 +93,8 @@ def run_case(case: Case, tested: Implementation, referees: Sequence[Implementati
 def not_claimed(case: Case, verb: str, tested: Implementation) -> str:
     """What the implementation lacks for the verb, or nothing."""
     needs, told = case.expect.get("needs", {}), tested.capabilities
+    if case.set not in told.get("sets", [case.set]):
+        return f"set {case.set}"
     if verb not in told["verbs"]:
         return f"verb {verb}"
     for codec in needs.get("codecs", []):
