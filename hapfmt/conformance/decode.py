@@ -13,7 +13,6 @@ from ..container.layout import TRAK
 from ..container.track import Track
 from ..container.walk import read_chunk
 from ..container.wire import read_fields
-from ..errors import HapfmtError
 from ..reading.assembly import Assembly, Band
 from ..reading.catalogue import Catalogue, ChannelRef, ChunkRef
 from ..reading.reader import Reader
@@ -28,13 +27,7 @@ def decode_into(source: str, folder: str) -> int:
     """Writes decode.json and raw files; the exit code of SPEC clause 14."""
     room = Path(folder)
     with Reader(source, scan=True) as reader:
-        try:
-            write_json(room / "decode.json", decoded(reader, room))
-        except HapfmtError:
-            # Damage comes before what is not known and before broken rules.
-            if reader.findings:
-                return 3
-            raise
+        write_json(room / "decode.json", decoded(reader, room))
         return 3 if reader.findings or reader.lost else reader.catalogue.exit_code
 
 
