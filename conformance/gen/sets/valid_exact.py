@@ -12,8 +12,9 @@ import forge as f
 import page
 import page_exact
 from case import Case
-from facts import Packet, Track, case_of
+from facts import Packet, Track
 from luck import Luck
+from whole import case_of
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")

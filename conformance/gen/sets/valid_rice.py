@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from functools import partial
 
 from case import Case
-from facts import case_of
 from lpcr import Coding, Grid, packet, track, walk
 from luck import Luck
+from whole import case_of
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
@@ -93,6 +93,8 @@ def cases() -> Iterator[Case]:
         ["LPC-003", "LIM-001"],
         track(
             packet([2**32, -(2**32), 2**32, 0], grid=far, coding=rice(5), clamped=WIDEST),
+            packet([2**32, -(2**32), 2**32, 0], grid=far, coding=rice(5, g=1), clamped=WIDEST,
+                   start=4),
             clamped=WIDEST,
         ),
         level=2,
