@@ -256,6 +256,24 @@ def grids() -> Iterator[Case]:
             grid=last, clamped=WIDE,
         ),
     )  # fmt: skip
+    steps = Grid(step=2**24, zero=-(2**23))
+    yield uncommon(
+        "lpcr-largest-step", "A step of 2^24 from the lowest count of 24 bits.",
+        ["LPC-002", "LPC-003", "DEC-001"],
+        track(packet([0, 1, -1, 1], grid=steps, clamped=WIDE), grid=steps, clamped=WIDE),
+    )  # fmt: skip
+    high = Grid(step=2**31, zero=2**31 - 1, bound=2**32)
+    low = Grid(step=3, zero=-(2**31), kn=1, kd=50, bound=2**32)
+    yield uncommon(
+        "lpcr-grids-level-2", "Grids of level 2, uniform and of a deadband, to their last points.",
+        ["LPC-002", "LPC-003", "LIM-001"],
+        track(packet([0, -1, -2, 2, 1], grid=high, clamped=WIDEST), grid=high, clamped=WIDEST),
+        track(
+            packet([0, 1, 300, low.last, -low.last], grid=low, clamped=WIDEST),
+            grid=low, clamped=WIDEST, id=1, channel=1,
+        ),
+        level=2,
+    )  # fmt: skip
     whole = Grid(step=5, kn=9, kd=7)
     yield uncommon(
         "lpcr-deadband-whole", "A fraction above 1: zero is the only point of the grid.",
