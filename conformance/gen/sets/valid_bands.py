@@ -9,11 +9,10 @@ from typing import Any
 import forge as f
 import page_raw
 from case import Case
-from facts import Packet, Track
+from facts import Packet, Track, case_of
 from lpcr import Coding
 from lpcr import packet as predicted
 from page_quantised import Escape, codebook, encode, levels_of
-from whole import case_of
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")

@@ -7,10 +7,9 @@ from functools import partial
 
 import forge as f
 from case import Case
-from facts import Packet, Track, double_bits
+from facts import Packet, Track, case_of, double_bits
 from lpcr import Coding
 from lpcr import packet as predicted
-from whole import case_of
 
 from sets.valid_bands import FAST, SLOW, hf, lf, raw, stored
 

@@ -12,9 +12,8 @@ import forge as f
 import page
 import page_exact
 from case import Case
-from facts import Packet, Track
+from facts import Packet, Track, case_of
 from luck import Luck
-from whole import case_of
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")

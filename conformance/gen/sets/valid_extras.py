@@ -9,10 +9,9 @@ from typing import Any
 
 import forge as f
 from case import Case
-from facts import Packet, Track, digest
+from facts import Packet, Track, case_of, digest, recording
 from page_exact import bits as bits_of_value
 from page_exact import value
-from whole import case_of, recording
 
 from sets.valid_bands import FAST, SLOW, hf, lf, stored
 

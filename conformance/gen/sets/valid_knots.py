@@ -9,10 +9,9 @@ from typing import Any
 import forge as f
 import page_knots
 from case import Case
-from facts import Packet, Track
+from facts import Packet, Track, case_of
 from page_knots import HOLD, LINEAR
 from page_numbers import rdiv
-from whole import case_of
 
 WIDE = (-(2**23), 2**23 - 1)
 

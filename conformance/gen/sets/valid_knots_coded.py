@@ -8,11 +8,10 @@ from typing import Any
 
 import page
 from case import Case
-from facts import Packet, Track
+from facts import Packet, Track, case_of
 from lpcr import COMMON, PLAIN, Grid, Range
 from luck import Luck
 from page_knots import HOLD, LINEAR, between
-from whole import case_of
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")

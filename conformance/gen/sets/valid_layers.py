@@ -8,8 +8,7 @@ from typing import Any
 
 import forge as f
 from case import Case
-from facts import Event, Layer, Packet, Track
-from whole import case_of
+from facts import Event, Layer, Packet, Track, case_of
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")

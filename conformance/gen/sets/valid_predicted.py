@@ -7,9 +7,9 @@ from functools import partial
 
 import page
 from case import Case
+from facts import case_of
 from lpcr import Coding, Grid, coded, constant, packet, track, walk
 from luck import Luck
-from whole import case_of
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")

@@ -8,10 +8,9 @@ from typing import Any
 
 import forge as f
 from case import Case
-from facts import Packet, Track
+from facts import Packet, Track, case_of
 from luck import Luck
 from page_quantised import Escape, Run, codebook, decode, encode, lengths_of, levels_of
-from whole import case_of
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")

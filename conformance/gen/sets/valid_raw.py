@@ -13,10 +13,9 @@ import forge as f
 import page_raw
 from case import Case
 from deflate import DYNAMIC, FIXED, block, packed
-from facts import Packet, Track
+from facts import Packet, Track, case_of
 from luck import Luck
 from page_raw import DEFLATE, STORED
-from whole import case_of
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")

@@ -7,10 +7,10 @@ from functools import partial
 
 import page
 from case import Case
+from facts import case_of
 from lpcr import Coding, coded, constant, packet, track, walk
 from luck import Luck
 from page_numbers import rdiv
-from whole import case_of
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from functools import partial
 
 from case import Case
+from facts import case_of
 from lpcr import Coding, Grid, packet, track, walk
 from luck import Luck
-from whole import case_of
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")

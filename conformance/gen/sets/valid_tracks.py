@@ -8,9 +8,8 @@ from typing import Any
 
 import forge as f
 from case import Case
-from facts import Packet, Track
+from facts import Packet, Track, case_of
 from lpcr import packet as predicted
-from whole import case_of
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
