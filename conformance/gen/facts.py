@@ -1,6 +1,7 @@
 """Whole files of tracks as facts, and all that is expected of them; what sets/ begin with.
 
-``recording`` makes the file, ``intact``, ``refused``, ``damaged`` the expectation, ``case_of`` both.
+``recording`` makes the file, ``intact``, ``refused``, ``damaged`` what is expected, ``case_of``
+both.
 Imports nothing from hapfmt.
 """
 
