@@ -93,7 +93,7 @@ def cases() -> Iterator[Case]:
     tracks = [tactile(), *force(), temperature, position]
     marks = Layer(
         id=5, label="marks",
-        packets=[(0, 900_000, [Event(1000, 0, None, "begin"), Event(700_000, 90_000, 3, "tap")], 3)],
+        packets=[(0, 900_000, [Event(9, 0, None, "begin"), Event(700_000, 90_000, 3, "tap")], 3)],
     )  # fmt: skip
     seen = [(0, 1_700_000_000_000_000_000, 2000), (100, 1_700_000_000_100_004_000, 2000)]
     note = b"by hand\n"
