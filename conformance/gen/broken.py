@@ -23,6 +23,16 @@ END = DATA_AT + 32 + len(DATA[1])
 """Offset of the chunk after HEAD, TRACK, DATA."""
 
 
+CODECS = ("EVNT", "KNOT", "KNTE", "LPCR", "LPCX", "QUAN", "RAWB")
+
+
+def needs(data: bytes) -> dict[str, Any]:
+    """Codecs and level, found in the bytes."""
+    found = [codec for codec in CODECS if codec.encode() in data]
+    at = data.find(b"HEAD")
+    return {"codecs": found, "level": 2 if data[at + 30 : at + 31] == b"\2" else 1}
+
+
 def track(values: Sequence[int], number: int = 0, start: int = 0) -> dict[str, Any]:
     """One component, one span."""
     spans = [[start, start + len(values)]] if values else []
@@ -54,6 +64,7 @@ def cases(fault: str, rows: Iterable[Row | tuple]) -> Iterable[Case]:
         if decode is None:
             decode = NONCONFORMING if refused and tracks is None else EITHER
         expect: dict[str, Any] = {
+            "needs": needs(data),
             "exit": {"decode": decode, "verify": NONCONFORMING},
             "verdict": "nonconforming",
             "verify": {"requirement": rules[0] if len(rules) == 1 else rules},
