@@ -8,13 +8,19 @@ from math import ceil
 from typing import Any, NamedTuple
 
 import forge as f
-from case import NONCONFORMING, Case, numbers
+from case import DAMAGED, NONCONFORMING, Case, numbers
 
 EITHER = [0, NONCONFORMING]
 """Exit codes of ``decode`` where a decoder need not look."""
 
+RECOVERED = [0, DAMAGED]
+"""Of ``recover``, for which broken rules are damage: whether something is lost is not said here."""
+
+NOTHING = "framing/nothing"
+"""No chunk, so nothing to recover."""
+
 REFUSED = {"COD", "DAT-009", "EVT", "EXA", "KNT", "KTE", "LIM", "LPC", "QNT", "RAW", "RNG"}
-"""Rules that a decoder keeps (SPEC 16): it delivers nothing of a packet, or file, that breaks one."""
+"""Rules that a decoder keeps (SPEC 16): it refuses what breaks one."""
 
 HEAD, TRACK, DATA = ("HEAD", f.head()), f.TRACK_0, f.DATA_0
 TRACK_AT = 8 + 32 + len(HEAD[1])
@@ -58,16 +64,17 @@ class Row(NamedTuple):
 
 def cases(fault: str, rows: Iterable[Row | tuple]) -> Iterable[Case]:
     """Cases of the set invalid."""
-    for name, rule, about, data, tracks, decode in (Row(*row) for row in rows):
+    for name, rule, about, data, tracks, told in (Row(*row) for row in rows):
         rules = [rule] if isinstance(rule, str) else list(rule)
         refused = rules[0] in REFUSED or rules[0][:3] in REFUSED
-        if decode is None:
-            decode = NONCONFORMING if refused and tracks is None else EITHER
+        decode = NONCONFORMING if refused and tracks is None else EITHER
         expect: dict[str, Any] = {
             "needs": needs(data),
-            "exit": {"decode": decode, "verify": NONCONFORMING},
+            "exit": {"decode": decode if told is None else told, "verify": NONCONFORMING}
+            | {"recover": NONCONFORMING if fault == NOTHING else RECOVERED},
             "verdict": "nonconforming",
             "verify": {"requirement": rules[0] if len(rules) == 1 else rules},
+            "recover": {"verdict": "intact", "decode": {}},
         }
         if tracks is not None:
             expect["decode"] = {"tracks": list(tracks)}

@@ -6,9 +6,7 @@ from collections.abc import Iterator
 
 import broken
 import forge as f
-from broken import (
-    DATA, DATA_AT, END, FIVES, HEAD, TRACK, TRACK_AT, described, lasting, series,
-)  # fmt: skip
+from broken import DATA, DATA_AT, END, FIVES, HEAD, TRACK, TRACK_AT, described, lasting, series
 from case import Case
 
 KEPT = [FIVES]
@@ -47,13 +45,12 @@ CLUSTERS = [
      clusters(held((0, 0, 4), (0, 4, 0))), KEPT),
     ("packet-past-2-to-48", "DAT-003", "A packet ends at tick 2^48 + 1.",
      clusters(held((0, 0, 4), (0, 2**48 - 3, 4)), span=2**48 + 1)),
-    ("packet-starts-at-2-to-48", "DAT-003", "A packet starts at tick 2^48.",
-     clusters(held((0, 0, 4), (0, 2**48, 1)), span=2**48 + 1)),
     ("packets-and-a-byte", "DAT-005", "A byte follows the last packet.",
      clusters(held((0, 0, 4)) + b"\0"), KEPT),
     ("packet-past-the-payload", "DAT-005", "A packet has a byte more than is left.",
      clusters(b"\1" + f.entry(0, 2, 0, 4, f.KNOT_DATA) + f.KNOT_DATA)),
-    ("packet-count-too-large", ("DAT-005", "CNV-002", "DAT-001"), "A table of one packet announces two.",
+    ("packet-count-too-large", ("DAT-005", "CNV-002", "DAT-001"),
+     "A table of one packet announces two.",
      clusters(b"\2" + ONE + f.KNOT_DATA)),
     ("table-cut-short", ("DAT-005", "CNV-002"), "A cluster ends within its table.",
      clusters(b"\1" + ONE[:-1])),
@@ -65,10 +62,8 @@ CLUSTERS = [
      clusters(held((0, 0, 4)), held((0, 3, 4)), span=7)),
     ("clusters-in-reverse", "DAT-006", "The later cluster stands first.",
      clusters(held((0, 4, 4)), held((0, 0, 4)), span=8)),
-    ("packet-of-an-unknown-track", "DAT-008", "A packet belongs to track 9, which is not described.",
+    ("packet-of-an-unknown-track", "DAT-008", "A packet belongs to track 9, which is unknown.",
      clusters(held((0, 0, 4), (9, 0, 4))), KEPT),
-    ("packet-of-track-65535", "DAT-008", "A packet belongs to track 65535.",
-     clusters(held((0, 0, 4), (65535, 0, 4))), KEPT),
     ("packet-of-track-65536", ("DAT-008", "TRK-003"), "A packet belongs to track 65536, no u16.",
      clusters(held((0, 0, 4), (65536, 0, 4))), KEPT),
     ("cluster-of-too-many-samples", "DAT-009",
@@ -81,7 +76,7 @@ CLUSTERS = [
 
 
 def listing(*entries: tuple, count: int | None = None, covers_from: int = 8, previous: int = 0,
-            more: bytes = b"", cut: int = 0, size: int | None = None) -> bytes:  # fmt: skip
+            more: bytes = b"", cut: int = 0) -> bytes:  # fmt: skip
     """HEAD, TRACK, DATA, an index with these entries, the footer."""
     payload = f.index(entries, count=count, covers_from=covers_from, previous=previous) + more
     payload = payload[: len(payload) - cut]
@@ -113,19 +108,12 @@ INDEXES = [
     ("index-without-a-chunk", "IDX-002", "TRAK is not listed.",
      listing(RIGHT[0], RIGHT[2]), KEPT),
     ("index-without-data", "IDX-002", "DATA is not listed.", listing(*RIGHT[:2]), KEPT),
-    ("index-of-nothing", "IDX-002", "Nothing is listed.", listing(), KEPT),
     ("index-other-type", ("IDX-002", "IDX-003"), "TRAK is listed as mETa.",
      listing(RIGHT[0], ("mETa", TRACK_AT, 0, 0), RIGHT[2]), KEPT),
-    ("index-no-type", ("IDX-002", "IDX-003"), "An entry has a type with a digit.",
-     listing(RIGHT[0], ("TR4K", TRACK_AT, 0, 0), RIGHT[2]), KEPT),
     ("index-other-offset", ("IDX-002", "IDX-003"), "TRAK is listed a byte too far on.",
      listing(RIGHT[0], ("TRAK", TRACK_AT + 1, 0, 0), RIGHT[2]), KEPT),
     ("index-chunk-twice", "IDX-002", "TRAK is listed twice.",
      listing(*RIGHT[:2], *RIGHT[1:]), KEPT),
-    ("index-of-itself", "IDX-002", "An index lists itself.",
-     listing(*RIGHT, ("iNDX", END, 0, 0)), KEPT),
-    ("index-of-the-footer", "IDX-002", "An index lists the footer behind it.",
-     listing(*RIGHT, ("fOOT", END + 32 + len(f.index(RIGHT)) + 4 + 2, 0, 0)), KEPT),
     ("index-covers-the-signature", "IDX-004", "covers_from is 0.",
      listing(*RIGHT, covers_from=0), KEPT),
     ("index-previous-0", "IDX-004", "An index covers a part, and names no index before it.",
@@ -134,8 +122,6 @@ INDEXES = [
      second_index(DATA_AT), KEPT),
     ("index-previous-is-itself", "IDX-004", "An index names itself as the one before.",
      second_index(END + 32 + len(f.index(RIGHT))), KEPT),
-    ("index-previous-behind", "IDX-004", "The index before stands behind the end of the file.",
-     second_index(10**6), KEPT),
     ("index-previous-not-covered", "IDX-004", "The index before stands before covers_from.",
      second_index(END, END + 32 + len(f.index(RIGHT))), KEPT),
     ("index-starts-too-late", "IDX-006", "An index says that DATA starts at 1 ms, not at 0.",
@@ -162,8 +148,6 @@ FOOTERS = [
      f.minimal(stop_offset=SIZE - 1), KEPT),
     ("footer-of-head", "FOT-002", "The footer names HEAD as the index.",
      f.minimal(index_offset=8), KEPT),
-    ("footer-of-nothing", "FOT-002", "The footer names an index behind the file.",
-     f.minimal(index_offset=2**63), KEPT),
     ("footer-of-the-first-index", "FOT-002", "The footer names the first of two indexes.",
      f.closed(HEAD, TRACK, DATA, ("iNDX", f.index(RIGHT)), index_offset=END,
               ahead={"entries": [], "covers_from": END, "previous": END}), KEPT),
@@ -176,7 +160,8 @@ FOOTERS = [
     ("footer-other-duration", "FOT-003", "The footer says a nanosecond less.",
      f.minimal(duration_ns=f.DURATION_NS - 1), KEPT),
     ("footer-duration-rounded-down", "FOT-003", "The footer rounds 4 ticks of 3 Hz down.",
-     described(rate_num=3)[:-64] + f.chunk("fOOT", f.foot(END, SIZE, 1, 1, 4 * 10**9 // 3), 4), KEPT),
+     described(rate_num=3)[:-64] + f.chunk("fOOT", f.foot(END, SIZE, 1, 1, 1_333_333_333), 4),
+     KEPT),
     ("footer-counts-one-track-twice", "FOT-003", "The footer counts a TRAK chunk and its copy.",
      f.closed(HEAD, TRACK, DATA, TRACK, track_count=2), KEPT),
 ]  # fmt: skip
@@ -197,8 +182,6 @@ VALUES = [
      calibrated(-(2**52), count_min=0, count_max=1), KEPT),
     ("calibration-b-too-low", "VAL-001", "B is -2^52.",
      calibrated(b=-(2**52), count_min=0, count_max=1), KEPT),
-    ("calibration-b-too-high", ("CNV-002", "VAL-001"), "B is 2^52.",
-     calibrated(b=2**52, count_min=0, count_max=1), KEPT),
     ("calibration-d-too-high", ("CNV-002", "VAL-001"), "D is 2^53.", calibrated(d=2**53), KEPT),
     ("calibration-products-too-large", "VAL-002", "100 * A is above 2^53.",
      calibrated(2**53 // 100 + 1), KEPT),
@@ -218,8 +201,6 @@ VALUES = [
      contract(entries=((2**32, 0),)), KEPT),
     ("deadband-zero-too-high", "DBC-001", "The zero of a contract is 2^31.",
      contract(entries=((1, 2**31),)), KEPT),
-    ("deadband-zero-too-low", "DBC-001", "The zero of a contract is -2^31 - 1.",
-     contract(entries=((1, -(2**31) - 1),)), KEPT),
     ("deadband-cut-short", ("TLV-007", "CNV-002"), "A contract ends before its flags.",
      described(f.HOLD + f.tlv(16, f.deadband()[:2])), KEPT),
     ("deadband-without-floor", ("CNV-002", "TLV-007"), "A contract ends before its floor.",
