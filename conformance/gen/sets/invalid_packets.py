@@ -70,9 +70,6 @@ def book(codebook: bytes, packet: bytes = b"", **given: int) -> bytes:
     return levels(f.quan_parameters(codebook, **given), packet)
 
 
-ESCAPES = b"\x33" * 4
-"""Eight symbols of three bits."""
-
 LEVELS = [
     ("levels-parameters-cut-short", "COD-002", "The parameters of QUAN have seven bytes.",
      levels(FOUR[:7], b"")),
@@ -100,7 +97,7 @@ LEVELS = [
     ("levels-filled-with-ones", "QNT-005", "The bits that fill the last byte are 1.",
      levels(FOUR, b"\3", 3)),
     ("levels-product-too-large", "QNT-006", "A level times the step is 3 * 2^24.",
-     levels(f.quan_parameters(b"\x22\x22", c=3, step=BOUND), b"\xD0", 1)),
+     levels(f.quan_parameters(b"\x22\x22", c=3, step=BOUND), b"\xA0", 1)),
     ("levels-product-of-2-to-55", "QNT-006", "A level times the step is 2^55, 0 in 32 bits.",
      levels(f.quan_parameters(b"\x10\xF0\xE1", c=32, step=BOUND), b"\x80" + bytes(4), 1)),
     ("levels-missing", "COD-001", "A packet ends before its last level.", levels(FOUR, b"\0", 5)),
