@@ -94,8 +94,12 @@ def described(tlvs: bytes = f.HOLD, *more: Any, packet: bytes = f.KNOT_DATA, spa
         ("TRAK", f.trak(tlvs, **fields), {"track": first}),
         ("DATA", f.cluster((first, start, span, packet))),
         *more,
-        duration_ns=lasting(start + span),
+        duration_ns=lasting(start + span, rate_of(fields)),
     )
+
+
+def rate_of(fields: dict[str, Any]) -> Fraction:
+    return Fraction(fields.get("rate_num", 1000), fields.get("rate_den", 1) or 1) or Fraction(1)
 
 
 def packed(codec: bytes, parameters: bytes, packet: bytes, span: int = 4, **given: Any) -> bytes:
