@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator
 
 import broken
@@ -45,6 +46,10 @@ CLUSTERS = [
      clusters(held((0, 0, 4), (0, 4, 0))), KEPT),
     ("packet-past-2-to-48", "DAT-003", "A packet ends at tick 2^48 + 1.",
      clusters(held((0, 0, 4), (0, 2**48 - 3, 4)), span=2**48 + 1)),
+    ("packet-crc-differs", "DAT-004", "The CRC of a packet differs, that of its chunk is right.",
+     clusters(b"\1" + f.entry(0, 1, 0, 4, f.KNOT_DATA, crc=0) + f.KNOT_DATA), None, 2),
+    ("packet-crc-of-the-bytes-alone", "DAT-004", "The CRC of a packet leaves out its entry.",
+     clusters(b"\1" + f.entry(0, 1, 0, 4, crc=zlib.crc32(f.KNOT_DATA)) + f.KNOT_DATA), None, 2),
     ("packets-and-a-byte", "DAT-005", "A byte follows the last packet.",
      clusters(held((0, 0, 4)) + b"\0"), KEPT),
     ("packet-past-the-payload", "DAT-005", "A packet has a byte more than is left.",
