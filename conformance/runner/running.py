@@ -61,7 +61,8 @@ class Result:
     @property
     def reasons(self) -> list[str]:
         """Why what was not tested was not."""
-        return sorted({step.reason for step in self.steps if step.status == SKIPPED})
+        found = {step.reason for step in self.steps if step.status == SKIPPED}
+        return sorted({each for each in found if not each.startswith("verb ")} or found)
 
     @property
     def seconds(self) -> float:
@@ -244,8 +245,16 @@ def step(
     verb: str, differences: Sequence[Difference], program: Implementation, outcome: Outcome,
     *arguments: object,
 ) -> Step:  # fmt: skip
-    command = [*program.command, *map(str, arguments)]
+    command = [*program.command, *map(nearby, arguments)]
     return Step(verb, differences=list(differences), command=command, outcome=outcome)
+
+
+def nearby(argument: object) -> str:
+    """A path as one would type it here."""
+    here = Path.cwd()
+    if isinstance(argument, Path) and argument.is_relative_to(here):
+        return str(argument.relative_to(here))
+    return str(argument)
 
 
 def claimed_parts(tested: Implementation) -> list[str]:
