@@ -53,6 +53,11 @@ def files(cases: list[Case]) -> Iterator[tuple[str, bytes]]:
             entry["fault"] = case.fault
         if callable(case.data):
             entry["made_on_demand"] = True
+        elif isinstance(case.data, dict):
+            assert sum(map(len, case.data.values())) <= LARGEST, case.name
+            entry["files"] = sorted(case.data)
+            for name in sorted(case.data):
+                yield f"vectors/{case.set}/{case.name}/{name}", case.data[name]
         else:
             assert len(case.data) <= LARGEST, f"{case.name}: {len(case.data)} bytes"
             entry["size"] = len(case.data)
