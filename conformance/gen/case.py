@@ -27,9 +27,9 @@ INTACT, ERROR, NONCONFORMING, DAMAGED, UNSUPPORTED = range(5)
 
 @dataclass(frozen=True)
 class Case:
-    """``data`` is the file, or makes it on demand (set limits), or several files by their names
-    (set encode: the job and what it reads). ``expect``: members as in conformance/README.md; what
-    is not there is not compared."""
+    """``data`` is the file, or makes it on demand (set limits), or the files of a job by their
+    names (set encode). ``expect``: members as in conformance/README.md; what is not there is not
+    compared."""
 
     set: str
     name: str
