@@ -100,11 +100,13 @@ class PacketPass:
         found: set[int] = set()
         if self.catalogue.damaged:
             found = {ref.sequence for ref in self.catalogue.chunks if ref.sequence is not None}
+        jumps = sorted(f.offset for f in self.catalogue.findings if f.code == "missing-chunk")
         previous: ChunkRef | None = None
         for done, ref in enumerate(refs):
             state.done = done
             if self.missing(found, previous, ref):
-                self.suspect(state, ranges, ref.offset)
+                place = bisect_right(jumps, ref.offset) - 1
+                self.suspect(state, ranges, jumps[place] if place >= 0 else ref.offset)
             previous = ref
             following = refs[done + 1 :][:1]
             state.ahead = self.ahead(following) if ref.start_ns is None else {}
