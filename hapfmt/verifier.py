@@ -123,7 +123,9 @@ def verify(
 
 
 def check_structure(catalogue: Catalogue) -> None:
-    """Index, footer, attachments, channel numbers: only in a file without damage."""
+    """Index, footer, channel numbers: only in a file without damage. Attachments and clocks."""
+    if catalogue.damaged:
+        check_extras(catalogue)
     if catalogue.damaged or catalogue.unsupported:
         return
     listing = [
@@ -154,9 +156,7 @@ def check_structure(catalogue: Catalogue) -> None:
             last_index = indexed_to = ref.offset
         elif ref.offset - indexed_to > INDEX_EVERY + catalogue.level.payload_size:
             raise FormatError("no index for too long", requirement="IDX-005", offset=ref.offset)
-    for _ in catalogue.each_attachment():
-        pass
-    _ = catalogue.clocks, catalogue.clock_maps
+    check_extras(catalogue)
     foot = catalogue.foot
     if foot is None:
         return
@@ -174,6 +174,12 @@ def check_structure(catalogue: Catalogue) -> None:
     numbers = [channel.number for channel in catalogue.channels]
     if numbers != list(range(len(numbers))):
         raise FormatError("channel numbers leave a hole", requirement="TRK-010", offset=at)
+
+
+def check_extras(catalogue: Catalogue) -> None:
+    for _ in catalogue.each_attachment():
+        pass
+    _ = catalogue.clocks, catalogue.clock_maps
 
 
 def check_packets(

@@ -245,4 +245,6 @@ def wrecked(
     }
     if not found:
         del expect["decode"]
+        if not recovered or "decode" not in recovered:
+            del expect["recover"]["decode"]
     return Case("recoverable", name, about, requirements, data, expect, fault)

@@ -191,7 +191,7 @@ def check_recover(
         steps.append(step(named, differences, referee, judged, "verify", "RECOVERED", "OUT.json"))
         judged = referee.call("decode", target, room / "decoded")
         differences = ended(judged, 0 if verdict == "intact" else [0, 3, 4])
-        if not differences:
+        if not differences and decode:
             parts = referee.capabilities["parts"]
             differences = compare_decoded(room / "decoded", decode, parts)
         steps.append(step(named, differences, referee, judged, "decode", "RECOVERED", "OUT"))

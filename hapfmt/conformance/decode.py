@@ -13,7 +13,7 @@ from ..container.layout import TRAK
 from ..container.track import Track
 from ..container.walk import read_chunk
 from ..container.wire import read_fields
-from ..errors import HapfmtError
+from ..errors import HapfmtError, UnsupportedError
 from ..reading.assembly import Assembly, Band
 from ..reading.catalogue import Catalogue, ChannelRef, ChunkRef
 from ..reading.reader import Reader
@@ -30,9 +30,9 @@ def decode_into(source: str, folder: str) -> int:
     with Reader(source, scan=True) as reader:
         try:
             write_json(room / "decode.json", decoded(reader, room))
-        except HapfmtError:
-            # Damage comes before what is not known and before broken rules.
-            if reader.findings:
+        except HapfmtError as error:
+            # Damage comes before broken rules, but nothing is given of what is not understood.
+            if reader.findings and not isinstance(error, UnsupportedError):
                 return 3
             raise
         return 3 if reader.findings or reader.lost else reader.catalogue.exit_code

@@ -50,6 +50,8 @@ class Progress:
     """Where the packets of the next chunk start, by track, while a damaged one is read."""
     torn: bool = False
     """Whether chunks are missing behind the one that is read."""
+    last: ChunkRef | None = None
+    """A damaged one behind which no chunk stands."""
 
     @classmethod
     def of(cls, catalogue: Catalogue) -> Progress:
@@ -130,7 +132,7 @@ class PacketPass:
         if any(self.stops.get(x.tracks, first) < last for x, first, last in rows if not x.free):
             self.prove(state, ranges)
         state.done = len(refs)
-        for offset in self.tail(previous):
+        for offset in [*self.tail(previous), *([state.last.offset] if state.last else [])]:
             self.suspect(state, ranges, offset)
         for track in sorted(ranges):
             self.losses.end(track, state.lines[track][0].stop)
@@ -260,6 +262,8 @@ class PacketPass:
             )
             self.on_damage()
         payload, sizes = self.region(ref, payload, size)
+        if not intact and ref.offset == self.offsets[-1]:
+            state.last = ref
         items = list(salvage_cluster(payload, catalogue.tracks, catalogue.level, at, sizes))
         if not intact and self.foreign(payload[:size], items, state):
             self.suspect(state, ranges, ref.offset, ref)
@@ -271,9 +275,9 @@ class PacketPass:
 
     def foreign(self, payload: bytes, items: Sequence[Packet | Hole], state: Progress) -> bool:
         """Whether a damaged payload may hold bytes of another cluster, so that nothing in it tells
-        what is missing: chunks are missing behind it, its packets are in the way of others, or it
-        is whole, and yet not what its header speaks of."""
-        if state.torn:
+        what is missing: chunks are missing behind it, or none stands there, its packets are in the
+        way of others, or it is whole, and yet not what its header speaks of."""
+        if state.torn or state.last:
             return True
         lines = state.lines
         for item in items:

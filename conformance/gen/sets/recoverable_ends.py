@@ -64,7 +64,18 @@ def cuts() -> Iterator[Case]:
             ("bad-packet", zero.stop, stop - zero.stop), ("not-closed", stop, 0),
         ], lost=[(0, 12, None), (1, 8, None), (2, 8, None)],
     )  # fmt: skip
-    stop = THIRD.rows[1].entry_stop
+    row = THIRD.rows[1]
+    yield wrecked(
+        "last-cluster-of-an-open-file",
+        "The last chunk of a file that was not closed is damaged: nobody knows how much followed.",
+        ["REC-003", "REC-012", "VRD-002"], "transmission/bit-flip", w.flip(OPEN.data, row.at),
+        kept={0: ((0, 12),), 1: ((0, 8),), 2: ((0, 12),)},
+        damages=[
+            ("bad-payload", THIRD.at, THIRD.size), ("bad-packet", row.at, row.size),
+            ("not-closed", len(OPEN.data), 0),
+        ], lost=[(0, 12, None), (1, 8, None), (2, 12, None)],
+    )  # fmt: skip
+    stop = row.entry_stop
     yield wrecked(
         "cut-table", "Cut within the table of a cluster: no packet is left of it.",
         ["REC-003", "REC-012", "VRD-002"], "crash/cut-payload", DATA[:stop], kept=TWO_CLUSTERS,
@@ -185,5 +196,3 @@ def indexes() -> Iterator[Case]:
         lost=[(track, 44, None) for track in range(3)],
         damages=[("garbage", late.at, 7), ("not-closed", late.at + 7, 0)],
     )  # fmt: skip
-
-

@@ -134,7 +134,7 @@ def counts() -> Iterator[Case]:
 def lengths() -> Iterator[Case]:
     """Bytes that went missing or came in move the end of the payload to another place."""
     yield wrecked(
-        "packet-byte-gone", "A byte of a packet is missing: those behind it are found from the end.",
+        "packet-byte-gone", "A byte of a packet is missing: those behind are found from the end.",
         RULES, "transmission/lost-bytes", w.without(DATA, ONE.at + 2),
         kept=without_second(1), damages=[BAD, hole(ONE.at, ONE.stop - 1)], lost=second(1),
     )  # fmt: skip
@@ -268,5 +268,3 @@ def small() -> Iterator[Case]:
         decode={}, damages=[], verdict="nonconforming", exits={"decode": 2, "verify": 2},
         recovered={"decode": decode},
     )  # fmt: skip
-
-

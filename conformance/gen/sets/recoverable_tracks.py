@@ -11,7 +11,6 @@ from facts import Layer, Packet, Track, decode_of
 from wreck import HEAD, Damage, Laid, wrecked
 
 
-
 def parts(track: int, *starts: int) -> list[Packet]:
     return [
         Packet(start, [w.value(track, start + i) for i in range(4)], w.knots(track, start, 4))
@@ -119,7 +118,7 @@ def bands() -> Iterator[Case]:
     short = Track(id=1, kind="hf", base=0, packets=parts(1, 0, 8))
     cluster = laid.of("DATA", 1)
     yield wrecked(
-        "hf-packet-lost", "A packet of an HF track is lost: a gap in full band, not in the LF part.",
+        "hf-packet-lost", "A packet of an HF track is lost: a gap in full band alone.",
         ["DEC-003", "REC-004", "REC-012"], "transmission/bit-flip", w.flip(laid.data, row.at),
         decode=decode_of(slow, short), lost=[(1, 4, 8)],
         damages=[("bad-payload", cluster.at, cluster.size), ("bad-packet", row.at, row.size)],
@@ -218,5 +217,5 @@ def unknown() -> Iterator[Case]:
         "An unknown critical chunk in a file with damage: decode gives nothing, recover keeps it.",
         ["CHK-009", "REC-010", "VRD-003"], "transmission/added-bytes", laid.data + bytes(3),
         decode={}, damages=[("garbage", len(laid.data), 3)], exits={"decode": 4},
-        recovered={"verdict": "unsupported", "decode": {}},
+        recovered={"verdict": "unsupported"},
     )  # fmt: skip

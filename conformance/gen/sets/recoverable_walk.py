@@ -103,7 +103,7 @@ def between() -> Iterator[Case]:
     )  # fmt: skip
     false = f.chunk("DATA", f.cluster(w.packet(0, 4)), 3, header_crc=0)
     yield wrecked(
-        "header-with-a-wrong-crc-between", "What has a sync word and a wrong header CRC is skipped.",
+        "header-of-a-wrong-crc-between", "A header whose CRC is wrong is skipped.",
         ["CHK-002", "REC-001"], "framing/false-sync", w.with_bytes(DATA, at, false),
         damages=[("garbage", at, len(false))],
     )  # fmt: skip
