@@ -7,13 +7,14 @@ told its bytes and its numbers.
 
 from __future__ import annotations
 
+import hashlib
 import struct
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import forge as f
-from case import DAMAGED, INTACT, NONCONFORMING, UNSUPPORTED, numbers
+from case import DAMAGED, INTACT, NONCONFORMING, UNSUPPORTED, Case, numbers
 
 KINDS = ("full", "lf", "hf", "events")
 FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64")
@@ -183,12 +184,14 @@ def double_bits(number: float) -> int:
     return struct.unpack("<Q", struct.pack("<d", number))[0]
 
 
+def double_of(count: int, affine: tuple[int, int, int] | None) -> int:
+    """Bits of the value (VAL-003); the quotient of two integers is rounded once in Python."""
+    a, b, d = affine or (1, 0, 1)
+    return double_bits((count * a + b) / d)
+
+
 def physical(values: dict[int, int], affine: tuple[int, int, int]) -> dict[str, Any]:
-    """VAL-003; the quotient of two integers is rounded once in Python."""
-    a, b, d = affine
-    return numbers(
-        [double_bits((values[tick] * a + b) / d) for tick in sorted(values)], words=True
-    )  # fmt: skip
+    return numbers([double_of(values[tick], affine) for tick in sorted(values)], words=True)
 
 
 def full_band(track: Track, i: int, hf: Track | None) -> dict[int, int]:
@@ -214,6 +217,8 @@ def channel_of(tracks: Sequence[Track], number: int, bases: dict[int | None, Tra
     out = first.told(i) | sampled(values, words=first.words)
     exact = {tick: word for track in tracks for tick, word in track.exact().items()}
     if exact:
+        quotients = {tick: double_of(values[tick], first.affine(i)) for tick in values}
+        exact = quotients | exact
         out["exact"] = numbers([exact[tick] for tick in sorted(exact)], words=True)
     elif first.affine(i) is not None and not first.words:
         out["physical"] = physical(values, first.affine(i))
@@ -239,7 +244,7 @@ def bands_of(tracks: Sequence[Track], wanted: str) -> list[dict[str, Any]]:
 
 def decode_of(*tracks: Track, layers: Sequence[Layer] = (), **more: Any) -> dict[str, Any]:
     """The member ``decode``: tracks, channels, where there are LF tracks the bands, layers, and
-    what else is told."""
+    what else is told; a member that is None is not compared."""
     every = sorted(tracks, key=lambda track: track.id)
     listed = [
         {
@@ -270,7 +275,8 @@ def decode_of(*tracks: Track, layers: Sequence[Layer] = (), **more: Any) -> dict
              "events": layer.events()}
             for layer in sorted(layers, key=lambda layer: layer.id)
         ]  # fmt: skip
-    return out | more
+    every_member = out | more
+    return {name: value for name, value in every_member.items() if value is not None}
 
 
 def needs_of(*tracks: Track, layers: Sequence[Layer] = (), level: int = 1) -> dict[str, Any]:
@@ -339,8 +345,15 @@ def damaged(damages: Sequence[Sequence[Any]], lost: Sequence[Sequence[Any]], *tr
 
 
 def nanoseconds(stop: int, rate: tuple[int, int]) -> int:
-    """Rounded up."""
-    return -(-stop * rate[1] * 10**9 // rate[0])
+    """Rounded up, at most the largest i64."""
+    return min(-(-stop * rate[1] * 10**9 // rate[0]), 2**63 - 1)
+
+
+def milliseconds(start: int, stop: int, rate: tuple[int, int]) -> tuple[int, int]:
+    """Rounded down and up, below 2^53."""
+    last = 2**53 - 1
+    begin, end = start * rate[1] * 1000 // rate[0], -(-stop * rate[1] * 1000 // rate[0])
+    return min(begin, last), min(end, last)
 
 
 def recording(*tracks: Track, layers: Sequence[Layer] = (), before: Sequence[Any] = (),
@@ -357,8 +370,7 @@ def recording(*tracks: Track, layers: Sequence[Layer] = (), before: Sequence[Any
     for cluster, track_id, start, span, _ in rows:
         rate = rates[track_id]
         stops.append(nanoseconds(start + span, rate))
-        begin = start * rate[1] * 1000 // rate[0]
-        end = -(-(start + span) * rate[1] * 1000 // rate[0])
+        begin, end = milliseconds(start, start + span, rate)
         a, b = times.get(cluster, (begin, end))
         times[cluster] = min(a, begin), max(b, end)
     described = [track for track in (*tracks, *layers) if getattr(track, "described", True)]
@@ -382,3 +394,25 @@ def closed_at(chunks: Sequence[Any], times: Sequence[tuple[int, int]], duration_
         at += 32 + len(payload)
     ahead = {"entries": entries} | footer.pop("ahead", {})
     return f.closed(*chunks, ahead=ahead, **({"duration_ns": duration_ns} | footer))
+
+
+def digest(track: Track, packets: Sequence[Packet] | None = None) -> bytes:
+    """Of the packets of a track, all unless told which, as dGST has it (6.9)."""
+    part = replace(track, packets=track.packets if packets is None else packets)
+    exact, rows = part.exact(), part.rows()
+    size = 8 if exact else {"counts": 4, "binary16": 2, "binary32": 4}.get(track.number_format, 8)
+    numbers_ = [(exact[tick],) if exact else row for tick, row in sorted(rows.items())]
+    raw = b"".join((n % 256**size).to_bytes(size, "little") for row in numbers_ for n in row)
+    covered = b"".join(struct.pack("<QQ", a, b - a) for a, b in spans_of(rows))
+    return hashlib.sha256(hashlib.sha256(raw).digest() + covered).digest()
+
+
+def case_of(set_: str, name: str, about: str, requirements: Sequence[str], *tracks: Track,
+            layers: Sequence[Layer] = (), level: int = 1, file: dict[str, Any] | None = None,
+            data: bytes | None = None, **more: Any) -> Case:  # fmt: skip
+    """An intact file. ``file``: what ``recording`` is told besides; ``more``: members of
+    ``decode``."""
+    if data is None:
+        data = recording(*tracks, layers=layers, level=level, **(file or {}))
+    expect = intact(*tracks, layers=layers, level=level, **more)
+    return Case(set_, name, about, requirements, data, expect)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import zlib
+import deflate
 
 STORED, DEFLATE = 0, 1
 
@@ -16,9 +16,7 @@ def planes(components: list[list[int]], size: int) -> bytes:
     return out
 
 
-def encode(components: list[list[int]], size: int, method: int = STORED, **settings: int) -> bytes:
+def encode(components: list[list[int]], size: int, method: int = STORED,
+           kind: int = deflate.DYNAMIC) -> bytes:  # fmt: skip
     raw = planes(components, size)
-    if method == STORED:
-        return b"\0" + raw
-    stream = zlib.compressobj(wbits=-15, **settings)
-    return b"\1" + stream.compress(raw) + stream.flush()
+    return bytes([method]) + (raw if method == STORED else deflate.deflate(raw, kind))

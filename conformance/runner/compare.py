@@ -16,7 +16,7 @@ from typing import Any
 Raw = Callable[[str], bytes]
 """The content of a raw file by its name; OSError or KeyError where there is none."""
 
-VERDICTS = {0: "intact", 2: "nonconforming", 3: "damaged", 4: "unsupported"}
+VERDICTS: dict[int | None, str] = {0: "intact", 2: "nonconforming", 3: "damaged", 4: "unsupported"}
 PARTS = {
     "tracks": "tracks", "channels": "channels", "lf": "bands", "hf": "bands", "layers": "layers",
     "clocks": "clocks", "maps": "maps", "metadata": "metadata", "attachments": "attachments",

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from .schema import check
+
 SHORTEST, LONGEST = 0.001, 0.02
 """Seconds between two looks at a process."""
 TAIL = 2000
@@ -89,8 +91,10 @@ class Implementation:
                 f"{shlex.join(self.command)} capabilities: exit code {done.code}, no JSON object"
                 f"{': ' + done.errors.strip() if done.errors.strip() else ''} {done.why}".rstrip()
             )
-        empty: dict[str, Any] = {"verbs": [], "codecs": [], "parts": [], "presets": [], "level": 1}
-        return empty | told
+        problems = check(told, "capabilities", "capabilities")
+        if problems:
+            raise UnusableError(f"{shlex.join(self.command)}: {problems[0]}")
+        return told
 
     def call(self, *arguments: str | Path) -> Outcome:
         """One verb with its arguments."""

@@ -12,6 +12,7 @@ from typing import Any
 
 from .compare import (
     PARTS,
+    VERDICTS,
     Difference,
     decode_differences,
     exit_differences,
@@ -19,6 +20,7 @@ from .compare import (
 )
 from .manifest import Case
 from .process import Implementation, Outcome
+from .schema import check
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "not tested"
 REFUSED = 2
@@ -101,7 +103,7 @@ def not_claimed(case: Case, verb: str, tested: Implementation) -> str:
         if codec not in told["codecs"]:
             return f"codec {codec}"
     for preset in needs.get("presets", []):
-        if preset not in told["presets"]:
+        if preset not in told.get("presets", []):
             return f"preset {preset}"
     if needs.get("level", 1) > told["level"]:
         return f"level {needs['level']}"
@@ -127,9 +129,23 @@ def read_json(path: Path) -> tuple[dict[str, Any], list[Difference]]:
     return value, []
 
 
+def read_report(path: Path, outcome: Outcome) -> tuple[dict[str, Any], list[Difference]]:
+    """A report whose verdict is that of the exit code."""
+    report, differences = read_json(path)
+    if not differences:
+        differences = check(report, "verify", path.name)
+    if not differences and report["verdict"] != VERDICTS.get(outcome.code):
+        wanted = f"that of exit code {outcome.code}, {VERDICTS.get(outcome.code)}"
+        differences = [Difference("verdict", wanted, report["verdict"])]
+    return report, differences
+
+
 def compare_decoded(folder: Path, wanted: dict[str, Any], parts: Sequence[str]) -> list[Difference]:
     """What a decoder wrote into ``folder``."""
     found, differences = read_json(folder / "decode.json")
+    if not differences:
+        claimed = {k: v for k, v in found.items() if PARTS.get(k, "head") in {"head", *parts}}
+        differences = check(claimed, "decode", "decode.json")
     if not differences:
         differences = decode_differences(
             wanted, found, lambda name: (folder / Path(name).name).read_bytes(), parts
@@ -141,10 +157,15 @@ def check_decode(case: Case, tested: Implementation, folder: Path) -> Step:
     expect = case.expect
     outcome = tested.call("decode", case.path, folder)
     differences = ended(outcome, expect["exit"]["decode"])
-    delivered = (folder / "decode.json").exists() or outcome.code in (0, 3)
-    if not differences and "decode" in expect and outcome.code != REFUSED and delivered:
+    if not differences and "decode" in expect and delivered(outcome, folder):
         differences = compare_decoded(folder, expect["decode"], tested.capabilities["parts"])
     return step("decode", differences, tested, outcome, "decode", case.path, "OUT")
+
+
+def delivered(outcome: Outcome, folder: Path) -> bool:
+    """Whether decode.json is looked at."""
+    there = (folder / "decode.json").exists()
+    return outcome.code in (0, 3) or (outcome.code != REFUSED and there)
 
 
 def check_verify(case: Case, tested: Implementation, folder: Path) -> Step:
@@ -152,7 +173,7 @@ def check_verify(case: Case, tested: Implementation, folder: Path) -> Step:
     outcome = tested.call("verify", case.path, path)
     differences = ended(outcome, case.expect["exit"]["verify"])
     if not differences:
-        report, differences = read_json(path)
+        report, differences = read_report(path, outcome)
         if not differences:
             parts = tested.capabilities["parts"]
             differences = verify_differences(case.expect, report, parts)
@@ -166,7 +187,7 @@ def check_recover(
     outcome = tested.call("recover", case.path, target, report)
     differences = ended(outcome, expect["exit"]["recover"])
     if not differences and outcome.code in (0, 3):
-        differences = read_json(report)[1]
+        differences = read_report(report, outcome)[1]
         if not target.exists():
             differences.append(Difference("recover", "a recovered file", "none"))
     steps = [step("recover", differences, tested, outcome, "recover", case.path, "OUT", "REPORT")]
@@ -191,7 +212,7 @@ def check_recover(
         steps.append(step(named, differences, referee, judged, "verify", "RECOVERED", "OUT.json"))
         judged = referee.call("decode", target, room / "decoded")
         differences = ended(judged, 0 if verdict == "intact" else [0, 3, 4])
-        if not differences and decode:
+        if not differences and delivered(judged, room / "decoded"):
             parts = referee.capabilities["parts"]
             differences = compare_decoded(room / "decoded", decode, parts)
         steps.append(step(named, differences, referee, judged, "decode", "RECOVERED", "OUT"))

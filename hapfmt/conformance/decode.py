@@ -13,7 +13,6 @@ from ..container.layout import TRAK
 from ..container.track import Track
 from ..container.walk import read_chunk
 from ..container.wire import read_fields
-from ..errors import HapfmtError, UnsupportedError
 from ..reading.assembly import Assembly, Band
 from ..reading.catalogue import Catalogue, ChannelRef, ChunkRef
 from ..reading.reader import Reader
@@ -28,13 +27,7 @@ def decode_into(source: str, folder: str) -> int:
     """Writes decode.json and raw files; the exit code of SPEC clause 14."""
     room = Path(folder)
     with Reader(source, scan=True) as reader:
-        try:
-            write_json(room / "decode.json", decoded(reader, room))
-        except HapfmtError as error:
-            # Damage comes before broken rules, but nothing is given of what is not understood.
-            if reader.findings and not isinstance(error, UnsupportedError):
-                return 3
-            raise
+        write_json(room / "decode.json", decoded(reader, room))
         return 3 if reader.findings or reader.lost else reader.catalogue.exit_code
 
 
