@@ -150,6 +150,12 @@ def shapes() -> Iterator[Case]:
         "many-clusters", "Clusters of a twentieth of a second.",
         [channel(walk), channel(walk[::-1])], cluster_s=[1, 20],
     )  # fmt: skip
+    fine = wander("fine", 3000, 5, -500, 500)
+    yield job(
+        "between-milliseconds", "1024 ticks a second: clusters begin and end between milliseconds.",
+        [channel(fine, rate=(1024, 1), spans=[[1, 3001]])], cluster_s=[1, 3],
+        requirements=["IDX-006", "FOT-003"],
+    )  # fmt: skip
     many = [
         channel(wander(f"many {n}", 60, 3, -90, 90), label=f"taxel {n}", calibration=(1, n, 10))
         for n in range(24)
@@ -220,6 +226,9 @@ def deadbands() -> Iterator[Case]:
     jumps = [value for value in anything("jumps", 30, -9000, 9000) for _ in range(9)]
     yield made("deadband-jumps", "A signal of jumps: a line that goes on would leave the bound.",
                [channel(jumps, **force)], [1, 20], 4)  # fmt: skip
+    stairs = [level * step for step in (5, 6, 10, 11) for level in range(-9, 10) for _ in range(4)]
+    yield made("deadband-stairs", "Steps of the floor, of twice the floor, and one count more.",
+               [channel(stairs, **force)], [0, 1], 5)  # fmt: skip
     offset = (1, -5000, 1000)
     raised = [value + 5000 for value in slow]
     yield made("deadband-zero", "The physical value 0 is count 5000: the deadband is narrow there.",

@@ -47,6 +47,8 @@ def cases() -> Iterator[Case]:
     yield from attachments()
     yield from nested()
     yield from clocks()
+    yield from unknown()
+    yield from notes()
 
 
 def digests() -> Iterator[Case]:
@@ -213,4 +215,41 @@ def clocks() -> Iterator[Case]:
         ["CLK-001", "REC-010"], "transmission/bit-flip",
         w.flip(laid.data, laid.of("cMAp").stop - 1),
         decode=WHOLE | {"clocks": [pc, utc], "maps": []}, damages=[bad(laid, "cMAp")],
+    )  # fmt: skip
+
+
+def unknown() -> Iterator[Case]:
+    """Ancillary chunks: of a small fourth letter those that are safe to copy."""
+    more: list[w.Chunk] = [("abcd", b"safe"), ("abcD", b"unsafe"), ("aBcd", b"private, safe")]
+    laid = w.lay(HEAD, THREE, *w.clusters(0, 4, 8), *more)
+    told = [[place.type, place.at] for place in laid.places if place.type.lower() == "abcd"]
+    whole = WHOLE | {"unknown": told}
+    yield wrecked(
+        "unknown-chunks-and-damage",
+        "From a file with damage unknown ancillary chunks come along if they are safe to copy.",
+        ["CHK-010", "REC-010"], "transmission/added-bytes", laid.data + b"\0", decode=whole,
+        damages=[("garbage", len(laid.data), 1)],
+        recovered={"decode": WHOLE, "unknown": ["aBcd", "abcd"]},
+    )  # fmt: skip
+    bare = w.lay(HEAD, THREE, *w.clusters(0, 4, 8), *more, close=False)
+    told = [[place.type, place.at] for place in bare.places if place.type.lower() == "abcd"]
+    yield wrecked(
+        "unknown-chunks-not-closed",
+        "A file that was not closed is none with damage: all unknown ancillary chunks come along.",
+        ["CHK-010", "REC-010"], "crash/not-closed", bare.data, decode=WHOLE | {"unknown": told},
+        damages=[("not-closed", len(bare.data), 0)], recover=0,
+        recovered={"decode": WHOLE, "unknown": ["aBcd", "abcD", "abcd"]},
+    )  # fmt: skip
+
+
+def notes() -> Iterator[Case]:
+    laid = w.lay(HEAD, THREE, ("mETa", b'{"a":1,"notes":["old"]}'), *w.clusters(0, 4, 8))
+    row, place = laid.row(1, 4), laid.of("DATA", 1)
+    kept: dict[int, w.Spans] = {0: ALL, 1: ((0, 4), (8, 12)), 2: ALL}
+    yield wrecked(
+        "notes", "What was lost is noted in the metadata, beside what stood there.",
+        ["REC-011"], "transmission/bit-flip", w.flip(laid.data, row.at), kept=kept,
+        damages=[("bad-payload", place.at, place.size), ("bad-packet", row.at, row.size)],
+        lost=[(1, 4, 8)],
+        recovered={"decode": w.decoded(kept) | {"metadata": {"a": 1}}, "notes": 2},
     )  # fmt: skip

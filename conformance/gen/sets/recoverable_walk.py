@@ -88,6 +88,28 @@ def heads() -> Iterator[Case]:
         damages=[("garbage", 8, 80), ("missing-chunk", TRAK_PLACE.at, 0)],
     )  # fmt: skip
 
+    stranger = f.chunk("mETa", b"{}", 9, file_id=9)
+    data = w.with_bytes(w.flip(twice.data, 8 + 8), TRAK_PLACE.at, stranger)
+    behind = TRAK_PLACE.at + len(stranger)
+    yield wrecked(
+        "file-id-not-of-a-stranger",
+        "The header of HEAD is damaged, and a chunk of another file stands before its copy.",
+        ["CHK-002", "CHK-004"], "framing/other-file", data,
+        damages=[("garbage", 8, 80 + len(stranger)), ("missing-chunk", behind, 0)],
+    )  # fmt: skip
+    told = f.head(uuid=bytes(range(16)), epoch_ns=-5, epoch_uncertainty_ns=1000)
+    known = w.lay(("HEAD", told), THREE, *w.clusters(0, 4, 8))
+    head = {
+        "level": 1, "uuid": bytes(range(16)).hex(), "epoch_ns": "-5",
+        "epoch_uncertainty_ns": "1000",
+    }  # fmt: skip
+    yield wrecked(
+        "head-kept", "UUID and epoch come along into the recovered file.",
+        ["HED-002", "REC-006"], "transmission/added-bytes", known.data + b"\0",
+        decode=w.decoded(dict.fromkeys(range(3), ALL)) | {"head": head},
+        damages=[("garbage", len(known.data), 1)],
+    )  # fmt: skip
+
 
 def between() -> Iterator[Case]:
     at = SECOND.at
