@@ -220,9 +220,8 @@ def from_walk(source: Source, limits: Limits | None = None, *, tolerant: bool = 
         return from_walk(source, limits, tolerant=True)
     for chunk, fault in broken:
         lose_chunk(catalogue, chunk, fault)
-    for stranger in catalogue.table.drop_strangers() if catalogue.damaged else ():
-        at, rule = stranger.offset or 0, stranger.requirement or "TRK-007"
-        catalogue.lose("bad-chunk", at, 0, stranger.message, rule)
+    if catalogue.damaged:
+        lose_strangers(catalogue)
     check_found(catalogue)
     return catalogue
 
@@ -255,6 +254,20 @@ def lose_chunk(catalogue: Catalogue, chunk: Chunk, error: HapfmtError) -> None:
         f"{chunk.header.type} chunk: {error.message}",
         error.requirement or "REC-003",
     )
+
+
+def lose_strangers(catalogue: Catalogue) -> None:
+    """Tracks that do not fit others, and HF tracks whose base is lost."""
+    places = {ref.offset: ref.offset + HEADER_SIZE + (ref.size or 0) for ref in catalogue.chunks}
+    for stranger in catalogue.table.drop_strangers():
+        inside = stranger.offset or 0
+        start = max((start for start in places if start <= inside), default=0)
+        size, rule = places.get(start, start) - start, stranger.requirement or "TRK-007"
+        catalogue.lose("bad-chunk", start, size, stranger.message, rule)
+    for track in catalogue.tracks.values():
+        if track.kind == "hf" and track.base not in catalogue.tracks:
+            message = f"HF track {track.id} has lost its base track {track.base}"
+            catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-006")
 
 
 def check_found(catalogue: Catalogue) -> None:

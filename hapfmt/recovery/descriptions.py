@@ -51,7 +51,7 @@ def usable(catalogue: Catalogue) -> dict[int, Track]:
     for track in sorted(catalogue.tracks.values(), key=lambda t: (t.kind == "hf", t.id)):
         if track.kind == "hf" and track.base not in found:
             message = f"HF track {track.id} has lost its base track {track.base}"
-            catalogue.lose("lost-base", track.offset, 0, message, "DEC-006")
+            catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-006")
             continue
         try:
             if track.unsupported is None:
@@ -61,7 +61,9 @@ def usable(catalogue: Catalogue) -> dict[int, Track]:
         except FormatError as error:
             rule = error.requirement or "COD-002"
             message = f"track {track.id}: {error.message}"
-            catalogue.lose("bad-chunk", track.offset, 0, message, rule)
+            chunk = read_chunk(catalogue.source, track.offset - HEADER_SIZE)
+            size = chunk.stop - chunk.offset if chunk else 0
+            catalogue.lose("bad-chunk", track.offset - HEADER_SIZE, size, message, rule)
             continue
         found[track.id] = track
     return found
