@@ -48,7 +48,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     add("--case", action="append", default=[], metavar="GLOB",
         help="only cases whose name, or set/name, matches; repeatable")  # fmt: skip
     add("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="cases at a time")
-    add("--timeout", type=float, default=30, metavar="S", help="seconds of a verb [30]")
+    add("--timeout", type=float, default=60, metavar="S", help="seconds of a verb [60]")
     add("--memory", type=int, default=1024, metavar="MIB", help="MiB of a verb [1024]")
     add("--known-failures", type=Path, metavar="FILE",
         help="lines of 'set/name reason': these cases must fail")  # fmt: skip
