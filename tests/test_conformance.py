@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 import json
-import math
 import shlex
 import shutil
-import struct
 import subprocess
 import sys
 import xml.etree.ElementTree as Xml
-from fractions import Fraction
 from pathlib import Path
 
 import pytest
 from case import numbers
-
-ROOT = Path(__file__).resolve().parent.parent
-CONFORMANCE = ROOT / "conformance"
-sys.path.insert(0, str(CONFORMANCE))
-from runner import compare as c  # noqa: E402
-from runner import encoding, jobs, schema  # noqa: E402
-from runner.manifest import load, rules, select  # noqa: E402
+from runner.manifest import load, rules, select
+from suite import CONFORMANCE, PROGRAMS, ROOT
 
 FAKE = Path(__file__).resolve().parent / "fake_adapter.py"
-COUNTS, WORDS = [5, 6, 7, -8], [1 << 63, 3]
+COUNTS = [5, 6, 7, -8]
 CAPABILITIES = {
     "name": "fake", "version": "1", "format": "1.0", "level": 1, "verbs": ["decode", "verify"],
     "codecs": ["KNOT"], "parts": ["tracks", "findings"],
@@ -251,120 +243,11 @@ def test_selection():
     assert one in select(cases, [], [one.name]) and one in select(cases, [], [one.id])
 
 
-class TestCompare:
-    def test_numbers(self):
-        wanted = {"numbers": numbers(WORDS, words=True), "spans": [[7, 9]], "component_count": 1}
-        data = {"w": b"".join(word.to_bytes(8, "little") for word in [WORDS[0], 2])}
-        (found,) = c.compare("x", wanted, wanted | {"numbers": "w"}, data.__getitem__, [])
-        assert found == c.Difference(
-            "x.numbers, tick 8", "0x0000000000000003", "0x0000000000000002 (1 of 2 differ)"
-        )
-
-    def test_many_numbers_have_a_digest_alone(self):
-        wanted = numbers(range(300))
-        assert "numbers" not in wanted
-        data = b"".join(i.to_bytes(8, "little") for i in range(300))
-        for raw, wrong in ((data, 0), (data[8:] + data[:8], 1), (data[8:], 1)):
-            found = list(c.compare_numbers("x", wanted, "r", {}, lambda _, raw=raw: raw))
-            assert len(found) == wrong
-
-    def test_place_with_components(self):
-        owner = {"component_count": 3, "spans": [[0, 2], [5, 6]]}
-        assert c.place_of(7, owner) == "tick 5 component 1"
-        assert c.place_of(99, owner) == "number 99"
-
-    def test_json_numbers_and_truth(self):
-        assert c.same(1, 1.0) and not c.same(1, True) and not c.same(0, False)
-        assert c.same([1, {"a": [None]}], [1, {"a": [None]}]) and not c.same([1], [1, 2])
-        assert not c.same({"a": 1}, {"a": 1, "b": 2})
-
-    def test_empty_bands_may_be_left_out(self):
-        empty = {"channel": 1, "spans": [], "numbers": numbers([])}
-        for wanted, found in (([empty], []), ([], [empty | {"numbers": "e"}])):
-            assert not c.decode_differences({"hf": wanted}, {"hf": found}, c.no_raw, ["bands"])
-        assert c.decode_differences({"hf": []}, {}, c.no_raw, ["bands"])
-
-    def test_lost_spans_are_joined(self):
-        damage = {"lost": [{"track": 0, "start": 5, "stop": 8}]}
-        report = {"damages": [damage], "lost": [{"track": 0, "start": 0, "stop": 5}]}
-        assert not list(c.lost_differences([[0, 0, 8]], report))
-        assert list(c.lost_differences([[0, 0, 9]], report))
-        assert list(c.lost_differences([[0, 0, None]], report))
-        assert c.union([[1, 4, None], [1, 2, 4], [0, 1, 2]]) == [[0, 1, 2], [1, 2, None]]
-
-    def test_a_rule_among_several(self):
-        report = {"findings": [{"requirement": "KNT-003"}], "damages": [{"requirement": "FIL-003"}]}
-        assert not list(c.requirement_differences(["CNV-001", "KNT-003"], report))
-        assert not list(c.requirement_differences("FIL-003", report))
-        (found,) = c.requirement_differences("KNT-004", report)
-        assert str(found) == "requirement of a finding: expected KNT-004, found KNT-003, FIL-003"
-
-    def test_one_of_several_exit_codes(self):
-        assert not c.exit_differences([0, 2], 2)
-        (found,) = c.exit_differences([0, 2], 3)
-        assert (
-            str(found) == "exit code: expected 0 (intact) or 2 (nonconforming), found 3 (damaged)"
-        )
-
-
-class TestSchemas:
-    def test_the_manifest_keeps_its_schema(self):
-        manifest = json.loads((CONFORMANCE / "manifest.json").read_text(encoding="utf-8"))
-        assert schema.check(manifest, "manifest", "manifest") == []
-        manifest["cases"][0]["fault"] = "bad luck"
-        assert len(schema.check(manifest, "manifest", "manifest")) == 1
-
-    def test_jobs_keep_theirs(self):
-        for path in (CONFORMANCE / "vectors").glob("encode/*/job.json"):
-            job = json.loads(path.read_text(encoding="utf-8"))
-            assert schema.check(job, "job", path.parent.name) == []
-
-    @pytest.mark.parametrize("name", ["capabilities", "decode", "verify", "job", "manifest"])
-    def test_each_uses_what_the_reader_of_schemas_knows(self, name):
-        def look(rule):
-            assert rule.keys() <= schema.KEYWORDS
-            for key in ("properties", "$defs"):
-                for inner in rule.get(key, {}).values():
-                    look(inner)
-            for inner in [*rule.get("anyOf", []), *rule.get("prefixItems", [])]:
-                look(inner)
-            for key in ("items", "additionalProperties"):
-                if isinstance(rule.get(key), dict):
-                    look(rule[key])
-
-        look(schema.schema(name))
-
-    @pytest.mark.parametrize(
-        ("rule", "right", "wrong"),
-        [
-            ({"type": "integer"}, [0, 2.0], [True, 1.5, "1", None]),
-            ({"type": "number", "minimum": 1, "maximum": 3}, [1, 3.0], [0.5, 4, "2"]),
-            ({"type": "string", "pattern": "^a+$", "maxLength": 2}, ["a", "aa"], ["b", "aaa", 1]),
-            ({"enum": [1, "x"]}, [1, "x"], [True, "y"]),
-            ({"const": True}, [True], [1]),
-            ({"anyOf": [{"type": "null"}, {"type": "string"}]}, [None, ""], [1]),
-            ({"type": "array", "minItems": 1, "items": {"type": "null"}}, [[None]], [[], [1], {}]),
-            ({"prefixItems": [{"type": "null"}]}, [[None, 1], []], [[1]]),
-            ({"required": ["a"], "properties": {"a": {"type": "null"}}}, [{"a": None, "b": 1}], [{}, {"a": 1}]),
-            ({"additionalProperties": False, "properties": {"a": {}}}, [{}, {"a": 1}], [{"b": 1}]),
-        ],
-    )  # fmt: skip
-    def test_reader_of_schemas(self, rule, right, wrong):
-        assert [list(schema.faults(value, rule, "", rule)) for value in right] == [[]] * len(right)
-        assert all(list(schema.faults(value, rule, "", rule)) for value in wrong)
-
-
 def own(*options: str, impl: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, str(CONFORMANCE / "run.py"), "--impl", impl, *options],
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
-
-
-PROGRAMS = {
-    "hapfmt": [sys.executable, "-m", "hapfmt.conformance"],
-    "JavaScript": ["node", str(CONFORMANCE / "adapters" / "js" / "cli.js")],
-}
 
 
 def all_passed(name: str, folder: Path, *options: str) -> dict:
@@ -402,92 +285,6 @@ def test_hapfmt_loads_no_more_than_it_needs(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)  # fmt: skip
     assert done.stdout.split() == []
-
-
-JOB = {
-    "channels": [
-        {"label": "a", "rate": [1000, 1], "format": "counts", "calibration": [1, 0, 1],
-         "spans": [[0, 300], [400, 500]], "numbers": "a.raw"}
-    ],
-    "mode": "deadband", "k": [1, 10], "floor": 3, "guaranteed": True, "file_id": 9,
-    "cluster_s": [1, 10],
-}  # fmt: skip
-
-
-class TestEncoders:
-    """What run.py finds of encoders that are wrong in one thing."""
-
-    def run(self, tmp_path, job, deed):
-        room = tmp_path / "cases"
-        folder = room / "vectors" / "encode" / "job"
-        folder.mkdir(parents=True)
-        counts = [round(500 * math.sin(i / 20)) for i in range(400)]
-        (folder / "a.raw").write_bytes(struct.pack("<400q", *counts))
-        (folder / "job.json").write_text(json.dumps(job))
-        (room / "expected" / "encode").mkdir(parents=True)
-        (room / "expected" / "encode" / "job.json").write_text(json.dumps({"exit": {"encode": 0}}))
-        entry = {"set": "encode", "name": "job", "about": "A job.", "requirements": ["DBC-002"], "files": ["job.json", "a.raw"]}  # fmt: skip
-        (room / "manifest.json").write_text(json.dumps({"format": "1.0", "cases": [entry]}))
-        program = [sys.executable, str(FAKE.with_name("wrong_encoder.py")), deed]
-        done = subprocess.run(
-            [sys.executable, str(CONFORMANCE / "run.py"), "--cases", str(room), "--jobs", "1",
-             "--impl", shlex.join(program), "--referee", shlex.join(PROGRAMS["hapfmt"])],
-            cwd=ROOT, capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        return done.returncode, done.stdout + done.stderr
-
-    @pytest.mark.parametrize(
-        ("mode", "deed", "said"),
-        [
-            ("deadband", "nothing", None),
-            ("split", "nothing", None),
-            ("lossless", "nothing", None),
-            ("lossless", "one more", "decodes-to-input by hapfmt: channels[0], tick 0: expected 0, found 1"),
-            ("lossless", "no gap", "channels[0].spans: expected [[0, 300], [400, 500]], found [[0, 400]]"),
-            ("lossless", "no label", "channels[0].label: expected a, found"),
-            ("deadband", "wide", "bounded-error by hapfmt: channels [0], tick"),
-            ("lossless", "one more", "strict-verify by hapfmt: exit code: expected 0 (intact), found 3"),
-            ("deadband", "random id", "reencode-stable: a second run: expected the same bytes, found others from 16"),
-            ("deadband", "random id", "file id: expected 9, found"),
-            ("deadband", "no index", "index-complete: index: expected every chunk, in order, found at"),
-            ("deadband", "no footer", "index-complete: index: expected every chunk, in order, found no fOOT"),
-            ("deadband", "refuse", "not tested: 1 cases for want of an encoder that does this job"),
-            ("deadband", "no file", "encode: expected a file, found none"),
-        ],
-    )  # fmt: skip
-    def test_each(self, tmp_path, mode, deed, said):
-        code, text = self.run(tmp_path, JOB | {"mode": mode}, deed)
-        assert code == int(said is not None and deed != "refuse"), text
-        assert said is None or said in text
-
-    def test_what_a_cut_file_gives(self):
-        whole = {(0, 0): 1, (0, 1): 2}
-        assert not list(encoding.cut_differences({(0, 0): 1}, {(0, 0): 1}, whole))
-        for found, before in (({}, {(0, 0): 1}), ({(0, 0): 2}, {}), ({(0, 5): 1}, {})):
-            assert list(encoding.cut_differences(found, before, whole))
-
-    def test_a_vector_may_be_wider_than_its_axes(self):
-        told = {"rate": [1, 1], "format": "counts", "spans": [[0, 1]], "group": "g"}
-        channels = [jobs.Channel(told | {"axis": axis}, (100,)) for axis in "xy"]
-        job = jobs.Job({"mode": "deadband", "k": [1, 10], "floor": 1}, channels)
-        assert jobs.groups(channels) == [[0, 1]]
-        rows = [(114,), (100,)]
-        assert not list(jobs.bound_differences(job, [0, 1], rows))
-        assert list(jobs.bound_differences(job, [0, 1], [(115,), (100,)]))
-        assert list(jobs.bound_differences(job, [0], rows[:1]))
-
-    def test_words_may_be_counts_of_the_same_numbers(self):
-        half = struct.unpack("<Q", struct.pack("<d", 0.5))[0]
-        told = {"rate": [1, 1], "format": "binary64", "spans": [[0, 1]]}
-        channel = jobs.Channel(told, (half,))
-        assert channel.value(half) == Fraction(1, 2)
-        assert jobs.Channel(told | {"format": "binary16"}, ()).value(0x7C00) is None
-
-    @pytest.mark.parametrize(
-        ("calibration", "zero"), [((1, 0, 1), 0), ((2, -5, 9), 3), ((2, 5, 1), -2), ((-2, 5, 1), 3)]
-    )
-    def test_count_of_the_physical_value_0(self, calibration, zero):
-        assert jobs.Channel({"calibration": calibration}, ()).zero == zero
 
 
 def compiled(folder: Path, source: str) -> Path:
