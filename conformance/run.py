@@ -25,7 +25,7 @@ from runner import report  # noqa: E402
 from runner.known import Known, read_known  # noqa: E402
 from runner.manifest import Case, load, make_on_demand, select  # noqa: E402
 from runner.process import Caps, Implementation, UnusableError  # noqa: E402
-from runner.running import Result, run_case  # noqa: E402
+from runner.running import Result, made_for, run_case  # noqa: E402
 
 OWN = (
     [sys.executable, "-m", "hapfmt.conformance"],
@@ -124,7 +124,7 @@ def run_and_tell(
 ) -> int:  # fmt: skip
     reports, suites, failed = [], [], not tested
     with tempfile.TemporaryDirectory(prefix="hapf-conformance-") as room:
-        make_on_demand(cases, Path(room))
+        make_on_demand([c for c in cases if any(made_for(c, p) for p in tested)], Path(room))
         for place, program in enumerate(tested):
             began = time.monotonic()
             results = run_all(program, cases, referees, given.jobs, known)

@@ -93,10 +93,14 @@ def run_case(case: Case, tested: Implementation, referees: Sequence[Implementati
     return Result(case, steps)
 
 
+def made_for(case: Case, tested: Implementation) -> bool:
+    return case.set in tested.capabilities.get("sets", [case.set])
+
+
 def not_claimed(case: Case, verb: str, tested: Implementation) -> str:
     """What the implementation lacks for the verb, or nothing."""
     needs, told = case.expect.get("needs", {}), tested.capabilities
-    if case.set not in told.get("sets", [case.set]):
+    if not made_for(case, tested):
         return f"set {case.set}"
     if verb not in told["verbs"]:
         return f"verb {verb}"
