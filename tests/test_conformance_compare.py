@@ -8,6 +8,7 @@ import pytest
 from case import numbers
 from runner import compare as c
 from runner import schema
+from runner.manifest import load
 from suite import CONFORMANCE
 
 WORDS = [1 << 63, 3]
@@ -76,12 +77,22 @@ class TestSchemas:
         manifest["cases"][0]["fault"] = "bad luck"
         assert len(schema.check(manifest, "manifest", "manifest")) == 1
 
+    def test_expectations_keep_theirs(self):
+        """What stands there under a name that nobody knows would not be compared."""
+        paths = sorted((CONFORMANCE / "expected").rglob("*.json"))
+        assert len(paths) == len(load())
+        for path in paths:
+            expect = json.loads(path.read_text(encoding="utf-8"))
+            assert schema.check(expect, "expected", path.stem) == []
+
     def test_jobs_keep_theirs(self):
         for path in (CONFORMANCE / "vectors").glob("encode/*/job.json"):
             job = json.loads(path.read_text(encoding="utf-8"))
             assert schema.check(job, "job", path.parent.name) == []
 
-    @pytest.mark.parametrize("name", ["capabilities", "decode", "verify", "job", "manifest"])
+    @pytest.mark.parametrize(
+        "name", ["capabilities", "decode", "verify", "job", "expected", "manifest"]
+    )
     def test_each_uses_what_the_reader_of_schemas_knows(self, name):
         def look(rule):
             assert rule.keys() <= schema.KEYWORDS

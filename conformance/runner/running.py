@@ -23,6 +23,7 @@ from .process import Implementation, Outcome
 from .schema import check
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "not tested"
+LOST = 3
 REFUSED = 2
 """With this exit code nothing that was written counts."""
 RECOVERED_ANEW = ("file_id",)
@@ -220,10 +221,29 @@ def check_recover(
         if not differences and delivered(judged, room / "decoded"):
             parts = referee.capabilities["parts"]
             differences = compare_decoded(room / "decoded", decode, parts)
+            if not differences:
+                found = read_json(room / "decoded" / "decode.json")[0]
+                differences = told_differences(wanted, outcome.code, found, parts)
         steps.append(step(named, differences, referee, judged, "decode", "RECOVERED", "OUT"))
     if len(steps) == 1:
         steps.append(Step("recover, by a referee", SKIPPED, reason="a referee for the codecs"))
     return steps
+
+
+def told_differences(
+    wanted: dict[str, Any], code: int, found: dict[str, Any], parts: Sequence[str]
+) -> list[Difference]:
+    """Types of unknown chunks that came along, and how many notes there are at least: one where
+    something was lost (REC-011)."""
+    out = []
+    types = [row[0] for row in found.get("unknown", [])]
+    if "unknown" in parts and wanted.get("unknown", types) != types:
+        out.append(Difference("unknown", str(wanted["unknown"]), str(types)))
+    notes = (found.get("metadata") or {}).get("notes", [])
+    least = max(wanted.get("notes", 0), code == LOST)
+    if "metadata" in parts and (not isinstance(notes, list) or len(notes) < least):
+        out.append(Difference("metadata.notes", f"{least} or more", str(notes)))
+    return out
 
 
 def kept_by_recovery(decode: dict[str, Any]) -> dict[str, Any]:
