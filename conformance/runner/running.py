@@ -161,11 +161,11 @@ def compare_decoded(folder: Path, wanted: dict[str, Any], parts: Sequence[str]) 
 
 def check_decode(case: Case, tested: Implementation, folder: Path) -> Step:
     expect = case.expect
-    outcome = tested.call("decode", case.path, folder)
+    outcome = tested.call("decode", case.file, folder)
     differences = ended(outcome, expect["exit"]["decode"])
     if not differences and "decode" in expect and delivered(outcome, folder):
         differences = compare_decoded(folder, expect["decode"], tested.capabilities["parts"])
-    return step("decode", differences, tested, outcome, "decode", case.path, "OUT")
+    return step("decode", differences, tested, outcome, "decode", case.file, "OUT")
 
 
 def delivered(outcome: Outcome, folder: Path) -> bool:
@@ -176,27 +176,28 @@ def delivered(outcome: Outcome, folder: Path) -> bool:
 
 def check_verify(case: Case, tested: Implementation, folder: Path) -> Step:
     path = folder / "report.json"
-    outcome = tested.call("verify", case.path, path)
+    original = ["--original", case.job] if case.path.is_dir() else []
+    outcome = tested.call("verify", case.file, path, *original)
     differences = ended(outcome, case.expect["exit"]["verify"])
     if not differences:
         report, differences = read_report(path, outcome)
         if not differences:
             parts = tested.capabilities["parts"]
             differences = verify_differences(case.expect, report, parts)
-    return step("verify", differences, tested, outcome, "verify", case.path, "OUT.json")
+    return step("verify", differences, tested, outcome, "verify", case.file, "OUT.json", *original)
 
 
 def check_recover(
     case: Case, tested: Implementation, referees: Sequence[Implementation], folder: Path
 ) -> list[Step]:
     expect, target, report = case.expect, folder / "recovered.hapf", folder / "report.json"
-    outcome = tested.call("recover", case.path, target, report)
+    outcome = tested.call("recover", case.file, target, report)
     differences = ended(outcome, expect["exit"]["recover"])
     if not differences and outcome.code in (0, 3):
         differences = read_report(report, outcome)[1]
         if not target.exists():
             differences.append(Difference("recover", "a recovered file", "none"))
-    steps = [step("recover", differences, tested, outcome, "recover", case.path, "OUT", "REPORT")]
+    steps = [step("recover", differences, tested, outcome, "recover", case.file, "OUT", "REPORT")]
     if differences or outcome.code not in (0, 3):
         return steps
     wanted = expect.get("recover", {})
