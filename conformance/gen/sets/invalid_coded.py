@@ -199,7 +199,7 @@ KNOTS = [
     ("coded-knots-no-more", "KTE-002", "f is 0.", held(b"\0\0")),
     ("coded-knots-as-many-as-ticks", "KTE-002", "Two knots follow the first of two ticks.",
      held(b"\0\2")),
-    ("coded-knots-gap-of-25-bits", "KTE-003", "A gap has 25 bits.", held(b"\0\1\0")),
+    ("coded-knots-gap-of-25-bits", "KTE-003", "A gap has 25 bits.", held(b"\0\1" + bytes(4))),
     ("coded-knots-past-the-end", "KTE-004", "A knot stands at tick 2 of 2.",
      held(knots((0, 0), (2, 1)))),
     ("coded-knots-without-room", "KTE-004", "The second knot of three stands at the last tick.",
