@@ -269,7 +269,7 @@ EXACT = [
      exact(b"\4" + COUNTS[1:] + b"\0")),
     ("exact-count-too-high", "EXA-003", "A count is 101, above its declared range.",
      exact(b"\4\x10\0" + f.svarint(101))),
-    *[(name, rule, about, data, [broken.track([5])]) for name, rule, about, data in [
+    *[(*row, [broken.track([5])], None, "EXA-006") for row in [
         ("exact-flags-alone", ("EXA-004", "CNV-002"), "A packet ends behind the flags.",
          beside(b"\0")),
         ("exact-flag", "EXA-004", "An undefined flag is set.",

@@ -259,6 +259,8 @@ DEMANDED = [
      one_payload(2**24, 2), FIVES, OR_LESS),
     ("payload-above-level-2", "CHK-008", "A header says 2^24 + 1 bytes, and is none.",
      one_payload(2**24 + 1, 2), FIVES, 3),
+    ("no-index-in-7-mib", "IDX-005", "No index stands before chunks of 7 MiB are through.",
+     lambda: f.minimal(*[("aTTc", f.strings("a", "") + bytes(2**20 - 3))] * 7), FIVES, 2),
     ("packets-of-2-to-14", "DAT-001", "At level 1 a cluster has 2^14 packets.",
      rows(2**14, 1), [constant(5, 2**14)], 0),
     ("packets-above-level-1", ("DAT-001", "LIM-001"), "At level 1 a cluster has 2^14 + 1 packets.",
