@@ -170,15 +170,18 @@ def delivered(outcome: Outcome, folder: Path) -> bool:
 
 
 def check_verify(case: Case, tested: Implementation, folder: Path) -> Step:
-    path = folder / "report.json"
-    outcome = tested.call("verify", case.path, path)
+    path, words = folder / "report.json", [case.path]
+    if case.path.is_dir():
+        words = [case.path / "file.hapf", "--original", case.job]
+    outcome = tested.call("verify", words[0], path, *words[1:])
     differences = ended(outcome, case.expect["exit"]["verify"])
     if not differences:
         report, differences = read_report(path, outcome)
         if not differences:
             parts = tested.capabilities["parts"]
             differences = verify_differences(case.expect, report, parts)
-    return step("verify", differences, tested, outcome, "verify", case.path, "OUT.json")
+    told = ["verify", words[0], "OUT.json", *words[1:]]
+    return step("verify", differences, tested, outcome, *told)
 
 
 def check_recover(
