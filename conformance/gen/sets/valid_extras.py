@@ -57,6 +57,13 @@ def metadata() -> Iterator[Case]:
         metadata={"a\n": '🙂/\\"µ'},
     )  # fmt: skip
     yield uncommon(
+        "metadata-numbers", "Integers of 30 digits, exponents, minus zero, and a number near 0.",
+        ["MET-001"],
+        FIVES,
+        file={"more": [json('{"a": [123456789012345678901234567890, 1E+2, -0, -0.0, 1e-400]}')]},
+        metadata={"a": [123456789012345678901234567890, 100.0, 0, 0.0, 0.0]},
+    )  # fmt: skip
+    yield uncommon(
         "metadata-empty", "An empty object is metadata too.", ["MET-001"],
         FIVES, file={"more": [json("{}")]}, metadata={},
     )  # fmt: skip
@@ -89,6 +96,17 @@ def attachments() -> Iterator[Case]:
         ["ATT-001"],
         FIVES, file={"more": [attachment(*each) for each in files]},
         attachments=[told(*each) for each in files],
+    )  # fmt: skip
+    twice = [
+        ("a.txt", "", b"1"),
+        ("a.txt", "text/plain", b"2"),
+        ("../" + 62 * "🙂" + "/..", "", b"3"),
+    ]
+    yield uncommon(
+        "attachments-names", "Two files of one name, and a name of 254 bytes that is no path.",
+        ["ATT-001"],
+        FIVES, file={"more": [attachment(*each) for each in twice]},
+        attachments=[told(*each) for each in twice],
     )  # fmt: skip
     inner = Track(packets=[Packet(0, [9] * 8, f.svarint(9))])
     for name, file_id in (("same-id", f.FILE_ID), ("other-id", 99)):

@@ -9,17 +9,7 @@ from typing import Any
 import examples
 import forge as f
 from case import Case
-from facts import (
-    Event,
-    Layer,
-    Packet,
-    Track,
-    case_of,
-    closed_at,
-    digest,
-    nanoseconds,
-    recording,
-)
+from facts import Event, Layer, Packet, Track, case_of, closed_at, digest, nanoseconds, recording
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
@@ -275,6 +265,20 @@ def indexes() -> Iterator[Case]:
         "appended", "Three times closed: the last footer counts, and the last digest.",
         ["FOT-002", "FOT-003", "DGS-002", "DGS-003", "FIL-003"],
         track, data=grown.data,
+    )  # fmt: skip
+    more = Track(id=1, channel=1, packets=[piece(0, -4, 6)])
+    joined = Growing()
+    for each in (track, more):
+        for chunk in (HEAD, each.chunk) if each is track else (each.chunk,):
+            joined.add(*chunk)
+        rows = [(each.id, p.start, p.span, p.body) for p in each.packets]
+        joined.add("DATA", f.cluster(*rows), times=(0, each.packets[-1].stop))
+        joined.index(*joined.indexes[-1:])
+        joined.foot(nanoseconds(12, (1000, 1)))
+    yield uncommon(
+        "appended-track", "A track that was described and filled after the file had been closed.",
+        ["FOT-003", "TRK-010", "TRK-001"],
+        track, more, data=joined.data,
     )  # fmt: skip
     chunks = [HEAD, track.chunk, *map(data, packets)]
     loose = [(0, 10**9), (0, 2**53 - 1), (7, 10**6)]

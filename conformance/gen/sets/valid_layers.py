@@ -158,6 +158,11 @@ def clocks() -> Iterator[Case]:
         ),
         maps=[mapped(line), mapped(later), mapped(line, "x"), mapped(later, "pc", None)],
     )  # fmt: skip
+    name = "é" * 127
+    yield uncommon(
+        "clock-long-name", "A clock's name of 254 bytes.", ["CLK-001"],
+        FIVES, file=with_chunks(clock(one, name)), clocks=[told(one, name)],
+    )  # fmt: skip
     edge = [(-(2**52) + 1, -(2**63), 0)]
     last = [(2**52 - 1, 2**63 - 1, 2**53 - 1)]
     ends = [(-(2**51), -(2**51)), (2**51 - 1, 2**52)]
