@@ -239,6 +239,18 @@ def missing() -> Iterator[Case]:
         ["CHK-005", "REC-003"], "framing/missing", w.without(extra.data, place.at, place.stop),
         damages=[("missing-chunk", place.at, 0)], decode=decode,
     )  # fmt: skip
+    extra = w.lay(HEAD, THREE, *w.clusters(0, 4, 8), ("aTTc", f.strings("a", "")))
+    place = extra.of("aTTc")
+    yield wrecked(
+        "missing-before-index", "A chunk is missing in front of the index, and was no cluster.",
+        ["CHK-005", "REC-003"], "framing/missing", w.without(extra.data, place.at, place.stop),
+        damages=[("missing-chunk", place.at, 0)], decode=decode,
+    )  # fmt: skip
+    yield wrecked(
+        "missing-head", "The chunk HEAD is missing: UUID and epoch are lost.",
+        ["CHK-005", "HED-001"], "framing/missing", w.without(DATA, 8, TRAK_PLACE.at),
+        damages=[("missing-chunk", 8, 0), ("missing-head", 8, 0)],
+    )  # fmt: skip
     apart = w.lay(HEAD, THREE, *w.clusters(0, 40, 80), close=False)
     place = apart.of("DATA", 1)
     yield wrecked(
