@@ -237,8 +237,8 @@ def told_differences(
     """Types of unknown chunks that came along, and how many notes there are at least: one where
     something was lost (REC-011)."""
     out = []
-    types = [row[0] for row in found.get("unknown", [])]
-    if "unknown" in parts and wanted.get("unknown", types) != types:
+    types = sorted(row[0] for row in found.get("unknown", []))
+    if "unknown" in parts and sorted(wanted.get("unknown", types)) != types:
         out.append(Difference("unknown", str(wanted["unknown"]), str(types)))
     notes = (found.get("metadata") or {}).get("notes", [])
     least = max(wanted.get("notes", 0), code == LOST)
