@@ -67,4 +67,8 @@ export class IntegerModel {
     this.t++;
     return negative ? -u : u;
   }
+
+  fill(out, count) {
+    for (let i = 0; i < count; i++) out[i] = this.next();
+  }
 }
