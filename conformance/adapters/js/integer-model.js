@@ -37,14 +37,18 @@ export class IntegerModel {
     this.g = 0;
   }
 
-  next() {
-    const { range } = this;
+  // c, the model that the next bucket is coded with, and h.
+  context() {
     const S = Math.floor((this.f + this.s) / 2);
     const lg = S === 0 ? 0 : bitLength(S) - 1;
     const fr = (lg < 29 ? (S * 4) >> lg : Math.floor(S / 2 ** (lg - 2))) & 3;
-    const h = lg > 10 ? lg - 10 : 0;
-    const c = Math.max(0, 4 * Math.min(lg, 10) + fr - 8);
-    const k = range.symbol(this.Z, 16 * c);
+    return { context: Math.max(0, 4 * Math.min(lg, 10) + fr - 8), h: lg > 10 ? lg - 10 : 0 };
+  }
+
+  next() {
+    const { range } = this;
+    const { context, h } = this.context();
+    const k = range.symbol(this.Z, 16 * context);
     let u = k;
     if (k === 15) {
       let l = range.symbol(this.Y, 0);

@@ -30,6 +30,33 @@ export function parseLpcx(reader, track) {
 const LOWER = new Uint8Array(Uint16Array.of(1).buffer)[0] === 1 ? 0 : 1;
 const UPPER = 1 - LOWER;
 
+// Moves the binary64 number at halves[at], halves[at + 1] by a correction times 2^z in the order of the places.
+export function movePlace(halves, at, lower, upper, z) {
+  if (z >= 32) {
+    upper = lower << (z - 32);
+    lower = 0;
+  } else if (z > 0) {
+    upper = (upper << z) | (lower >>> (32 - z));
+    lower <<= z;
+  }
+  let high = halves[at + UPPER];
+  let low = halves[at + LOWER];
+  // The place of a negative number is its bits, all but the sign the other way round; and back again.
+  if (high < 0) {
+    high ^= 0x7fffffff;
+    low = ~low;
+  }
+  const sum = (low >>> 0) + (lower >>> 0);
+  low = sum | 0;
+  high = (high + upper + (sum > 0xffffffff ? 1 : 0)) | 0;
+  if (high < 0) {
+    high ^= 0x7fffffff;
+    low = ~low;
+  }
+  halves[at + UPPER] = high;
+  halves[at + LOWER] = low;
+}
+
 class Corrections {
   constructor(track, flags, z, coded, fields, codedOffset) {
     const { A, D } = track.calibrations[0];
@@ -116,36 +143,6 @@ class Corrections {
     }
   }
 
-  // Moves the binary64 number at halves[at], halves[at + 1] by the correction times 2^z in the order of the places.
-  apply(halves, at) {
-    let { lower, upper } = this;
-    if (lower === 0 && upper === 0) return;
-    const { z } = this;
-    if (z >= 32) {
-      upper = lower << (z - 32);
-      lower = 0;
-    } else if (z > 0) {
-      upper = (upper << z) | (lower >>> (32 - z));
-      lower <<= z;
-    }
-    let high = halves[at + UPPER];
-    let low = halves[at + LOWER];
-    // The place of a negative number is its bits, all but the sign the other way round; and back again.
-    if (high < 0) {
-      high ^= 0x7fffffff;
-      low = ~low;
-    }
-    const sum = (low >>> 0) + (lower >>> 0);
-    low = sum | 0;
-    high = (high + upper + (sum > 0xffffffff ? 1 : 0)) | 0;
-    if (high < 0) {
-      high ^= 0x7fffffff;
-      low = ~low;
-    }
-    halves[at + UPPER] = high;
-    halves[at + LOWER] = low;
-  }
-
   finish(offset, size) {
     this.range.finish();
     const { fields } = this;
@@ -167,18 +164,19 @@ function readExact(track, reader, counts) {
   if (reader.left === 0) return exact;
 
   const { offset } = reader;
+  reader.requirement = 'EXA-004';
   const flags = reader.u8();
   if (flags > 3) broken('EXA-004', `flags ${flags}`, offset);
   const z = reader.u8();
   if (z > 63) broken('EXA-004', `steps of 2^${z}`, offset);
-  reader.requirement = 'EXA-004';
   const coded = reader.bytes(reader.varint());
   const at = reader.offset;
   const fields = reader.bytes(reader.left);
   const corrections = new Corrections(track, flags, z, coded, fields, at - coded.length);
   for (let t = 0; t < span; t++) {
     corrections.next(counts[t], (halves[2 * t + UPPER] >>> 20) & 2047);
-    corrections.apply(halves, 2 * t);
+    const { lower, upper } = corrections;
+    if (lower !== 0 || upper !== 0) movePlace(halves, 2 * t, lower, upper, z);
   }
   corrections.finish(at, fields.length);
   return exact;
@@ -198,7 +196,6 @@ export function decodeLpcx(track, bytes, span, counts, offset, wantsExact) {
     }
   });
   if (!wantsExact) return null;
-  reader.requirement = 'COD-001';
   try {
     return readExact(track, reader, counts);
   } catch (error) {
