@@ -1,6 +1,8 @@
 // Bits from the highest of a byte to its lowest (9.2, 9.5 Rice, 9.7). Behind the end zeros are read; who reads
 // checks `position` against `size`.
 
+import { POWERS } from './integers.js';
+
 export class BitReader {
   constructor(bytes) {
     this.bytes = bytes;
@@ -28,7 +30,7 @@ export class BitReader {
       value = value * 16777216 + this.peek(24);
       this.position += 24;
     }
-    value = value * 2 ** n + this.peek(n);
+    value = value * POWERS[n] + this.peek(n);
     this.position += n;
     return value;
   }

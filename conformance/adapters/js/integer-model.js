@@ -1,11 +1,13 @@
 // The integer model of 9.4, which LPCR codes its prediction errors with.
 import { broken } from './error.js';
-import { bitLength } from './integers.js';
+import { POWERS, bitLength } from './integers.js';
 import { bitModels } from './range.js';
 
 export const EDGES = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 20, 28, 44];
 export const BUCKET_BITS = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 2, 3, 4];
 const CONTEXTS = 36;
+const MAGNITUDE_BOUND = 2 ** 34;
+const SMALL = 2 ** 29; // below it integers of 32 bits do
 
 // z[0] ... z[14] and n of the 36 models Z, 16 places each (First probabilities).
 const FIRST_Z = new Int32Array(16 * CONTEXTS);
@@ -35,41 +37,66 @@ export class IntegerModel {
     this.s = 32;
     this.t = 0;
     this.g = 0;
+    this.h = 0;
   }
 
-  // c, the model that the next bucket is coded with, and h.
+  // c, the model that the next bucket is coded with; and this.h.
   context() {
-    const S = Math.floor((this.f + this.s) / 2);
-    const lg = S === 0 ? 0 : bitLength(S) - 1;
-    const fr = (lg < 29 ? (S * 4) >> lg : Math.floor(S / 2 ** (lg - 2))) & 3;
-    return { context: Math.max(0, 4 * Math.min(lg, 10) + fr - 8), h: lg > 10 ? lg - 10 : 0 };
+    const { f, s } = this;
+    let lg;
+    let fr;
+    if (f < SMALL && s < SMALL) {
+      const S = (f + s) >> 1;
+      lg = S === 0 ? 0 : 31 - Math.clz32(S);
+      fr = ((S << 2) >> lg) & 3;
+    } else {
+      const S = Math.floor((f + s) / 2);
+      lg = bitLength(S) - 1;
+      fr = Math.floor(S / POWERS[lg - 2]) & 3;
+    }
+    this.h = lg > 10 ? lg - 10 : 0;
+    const c = 4 * (lg < 10 ? lg : 10) + fr - 8;
+    return c > 0 ? c : 0;
   }
 
   next() {
     const { range } = this;
-    const { context, h } = this.context();
-    const k = range.symbol(this.Z, 16 * context);
+    const k = range.symbol(this.Z, 16 * this.context());
+    const { h } = this;
     let u = k;
     if (k === 15) {
       let l = range.symbol(this.Y, 0);
       if (l === 15) l += range.raw(5);
-      const w = 43 + 2 ** l + range.raw(l);
+      const w = 43 + POWERS[l] + range.raw(l);
       // RNG-003 before the shift: w is below 2^47 + 43, h at most 31 (Annex A).
-      if (w >= 2 ** (34 - h)) broken('RNG-003', 'a coded integer of 2^34 or more', range.offset);
-      u = w * 2 ** h + range.raw(h);
+      if (w >= POWERS[34 - h]) this.tooLarge();
+      u = w * POWERS[h] + range.raw(h);
     } else if (k > 9 || h > 0) {
-      u = EDGES[k] * 2 ** h + range.raw(BUCKET_BITS[k] + h);
-      if (u >= 2 ** 34) broken('RNG-003', 'a coded integer of 2^34 or more', range.offset);
+      u = EDGES[k] * POWERS[h] + range.raw(BUCKET_BITS[k] + h);
+      if (u >= MAGNITUDE_BOUND) this.tooLarge();
     }
     let negative = 0;
     if (u > 0) negative = this.rawSigns ? range.raw(1) : range.bit(this.G, this.g + 1);
     this.g = u === 0 ? 0 : negative ? -1 : 1;
-    const U = 256 * u;
-    const a = this.t < 63 ? bitLength(this.t + 1) : 7;
-    this.f += Math.floor((U - this.f) / 8);
-    this.s += Math.floor((U - this.s) / 2 ** a);
-    this.t++;
+    this.learn(u);
     return negative ? -u : u;
+  }
+
+  learn(u) {
+    const { f, s, t } = this;
+    const a = t < 63 ? 32 - Math.clz32(t + 1) : 7;
+    this.t = t + 1;
+    if (u < SMALL / 256 && f < SMALL && s < SMALL) {
+      this.f = f + (((u << 8) - f) >> 3);
+      this.s = s + (((u << 8) - s) >> a);
+    } else {
+      this.f = f + Math.floor((256 * u - f) / 8);
+      this.s = s + Math.floor((256 * u - s) / POWERS[a]);
+    }
+  }
+
+  tooLarge() {
+    broken('RNG-003', 'a coded integer of 2^34 or more', this.range.offset);
   }
 
   fill(out, count) {

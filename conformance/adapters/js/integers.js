@@ -1,5 +1,8 @@
 // Integer arithmetic (clause 2). Numbers where Annex A keeps every step below 2^53, BigInt elsewhere.
 
+// 2^k as a table: the operator ** is slow.
+export const POWERS = Float64Array.from({ length: 64 }, (_, k) => 2 ** k);
+
 // floor() of a binary64 quotient is the exact floor while |a| is below 2^53: a quotient that is no integer is at
 // least 1 / b away from the next one, more than half a unit in its last place.
 export function floorDiv(a, b) {

@@ -2,6 +2,7 @@
 import { Reader } from './bytes.js';
 import { broken } from './error.js';
 import { readGrid } from './grid.js';
+import { POWERS } from './integers.js';
 import { putHold, putLine, readInterpolation } from './knot.js';
 import { RangeDecoder, bitModels } from './range.js';
 
@@ -30,7 +31,7 @@ export class MagnitudeModel {
       b++;
     }
     if (b < 2) return b;
-    return (2 + range.bit(H, b)) * 2 ** (b - 2) + range.raw(b - 2);
+    return (2 + range.bit(H, b)) * POWERS[b - 2] + range.raw(b - 2);
   }
 }
 

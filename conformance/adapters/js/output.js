@@ -118,6 +118,7 @@ export function decodeOutput(file, decoded) {
   for (const [band, list] of [['lf', lf], ['hf', hf]]) {
     for (const channel of list) {
       const { channel: number, spans } = channel;
+      if (spans.length === 0) continue;
       report[band].push({ channel: number, spans, numbers: store(`${band}-${number}.raw`, rawChannel(channel)) });
     }
   }

@@ -1,7 +1,7 @@
 // QUAN (9.2): levels in canonical Huffman code words, with symbols for runs of level 0.
 import { BitReader } from './bits.js';
 import { broken } from './error.js';
-import { clamp } from './integers.js';
+import { POWERS, clamp } from './integers.js';
 import { limitsOf } from './limits.js';
 
 const SYMBOL_BOUND = 4096;
@@ -88,7 +88,7 @@ export function decodeQuan(track, bytes, span, out, offset) {
       level = symbol & 1 ? (symbol + 1) / 2 : -symbol / 2;
     } else if (symbol <= 2 * M + R) {
       const j = symbol - 2 * M;
-      const run = 2 ** j + bits.take(j);
+      const run = POWERS[j] + bits.take(j);
       if (run > total - i) broken('QNT-004', 'a run that passes the end', offset);
       if (bits.position > bits.size) break;
       i += run;
@@ -96,7 +96,7 @@ export function decodeQuan(track, bytes, span, out, offset) {
       continue;
     } else {
       const j = symbol - (2 * M + R + 1);
-      level = M + 2 ** j + bits.take(j);
+      level = M + POWERS[j] + bits.take(j);
       if (bits.bit()) level = -level;
     }
     if (bits.position > bits.size) break;

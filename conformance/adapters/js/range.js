@@ -25,7 +25,7 @@ export function learnBit(models, i, b) {
   const n = models[at + 2];
   const d = (b === 0 ? 0 : 65535) - p;
   // The first product is the only one that takes more than 31 bits.
-  models[at] = p + (n === 0 ? Math.floor((d * 43690) / 65536) : (d * RATE[n]) >> 16);
+  models[at] = p + (n === 0 ? Math.floor((d * 43690) / 65536) : Math.imul(d, RATE[n]) >> 16);
   models[at + 1] += ((b === 0 ? 0 : 65535) - models[at + 1]) >> 4;
   if (n < 250) models[at + 2] = n + 1;
 }
@@ -34,8 +34,8 @@ export function learnBit(models, i, b) {
 export function learnSymbol(models, at, s) {
   const n = models[at + 15];
   const R = RATE[n];
-  for (let i = at; i < at + s; i++) models[i] += ((65535 - models[i]) * R) >> 16;
-  for (let i = at + s; i < at + 15; i++) models[i] -= (models[i] * R) >> 16;
+  for (let i = at; i < at + s; i++) models[i] += Math.imul(65535 - models[i], R) >> 16;
+  for (let i = at + s; i < at + 15; i++) models[i] -= Math.imul(models[i], R) >> 16;
   if (n < 250) models[at + 15] = n + 1;
 }
 
@@ -88,22 +88,30 @@ export class RangeDecoder {
     return b;
   }
 
+  // Finds the symbol and learns it (learnSymbol) in one pass.
   symbol(models, at) {
     const w = this.width - 16;
     const { x } = this;
+    const end = at + 15;
+    const n = models[end];
+    const R = RATE[n];
     let above = this.width;
     let v = 0;
-    let s = 0;
-    for (; s < 15; s++) {
-      v = (Math.imul(w, models[at + s]) >>> 16) + 15 - s;
+    let i = at;
+    for (; i < end; i++) {
+      const z = models[i];
+      v = (Math.imul(w, z) >>> 16) + end - i;
       if (x >= v) break;
       above = v;
+      models[i] = z + (Math.imul(65535 - z, R) >> 16);
     }
-    if (s === 15) v = 0;
+    if (i === end) v = 0;
+    const s = i - at;
+    for (; i < end; i++) models[i] -= Math.imul(models[i], R) >> 16;
+    if (n < 250) models[end] = n + 1;
     this.x = x - v;
     this.width = above - v;
     if (this.width < 32768) this.renew();
-    learnSymbol(models, at, s);
     return s;
   }
 

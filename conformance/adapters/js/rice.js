@@ -1,6 +1,7 @@
 // Rice codes of LPCR (9.5, flag Rice).
 import { BitReader } from './bits.js';
 import { broken } from './error.js';
+import { POWERS } from './integers.js';
 
 const BLOCK = 32;
 const ZERO_BOUND = 24;
@@ -8,7 +9,7 @@ const ZERO_BOUND = 24;
 export function riceCode(bits, k) {
   let n = 0;
   while (n < ZERO_BOUND && bits.bit() === 0) n++;
-  const u = n < ZERO_BOUND ? n * 2 ** k + bits.take(k) : bits.take(35);
+  const u = n < ZERO_BOUND ? n * POWERS[k] + bits.take(k) : bits.take(35);
   return u % 2 === 0 ? u / 2 : -(u + 1) / 2;
 }
 

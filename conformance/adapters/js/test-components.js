@@ -156,7 +156,8 @@ export const components = {
     const range = new RangeDecoder(bytesOf(c.coded));
     const model = new IntegerModel(range, c.raw_signs);
     const steps = c.steps.map(() => {
-      const { context, h } = model.context();
+      const context = model.context();
+      const { h } = model;
       const value = model.next();
       return [value, context, h, model.f, model.s, model.t, range.width, range.x, range.position, range.rawBits];
     });
