@@ -2,9 +2,11 @@
 import { existsSync, readFileSync, readdirSync } from 'node:fs';
 import { fileURLToPath } from 'node:url';
 import { HapfError } from './error.js';
-import { components, expected } from './test-components.js';
+import { components as codecs, expected } from './test-components.js';
+import { containers } from './test-container.js';
 
 const CONFORMANCE = fileURLToPath(new URL('../../', import.meta.url));
+const components = { ...codecs, ...containers };
 const wanted = process.argv.slice(2);
 
 function textOf(value) {
