@@ -1,9 +1,10 @@
-// Runs the component vectors: node test.js [name ...]. Exit code 1 where one fails.
+// Runs the component vectors and the decoding of the files: node test.js [name ...]. Exit code 1 where one fails.
 import { existsSync, readFileSync, readdirSync } from 'node:fs';
 import { fileURLToPath } from 'node:url';
 import { HapfError } from './error.js';
 import { components as codecs, expected } from './test-components.js';
 import { containers } from './test-container.js';
+import { checkDecode } from './test-vectors.js';
 
 const CONFORMANCE = fileURLToPath(new URL('../../', import.meta.url));
 const components = { ...codecs, ...containers };
@@ -54,5 +55,21 @@ for (const file of existsSync(folder) ? readdirSync(folder).sort() : []) {
   }
   failures += cases.length - passed;
   console.log(`${component}: ${passed} of ${cases.length}`);
+}
+
+for (const set of existsSync(`${CONFORMANCE}expected`) ? readdirSync(`${CONFORMANCE}expected`).sort() : []) {
+  if (wanted.length > 0 && !wanted.includes(set)) continue;
+  let passed = 0;
+  let tried = 0;
+  for (const name of readdirSync(`${CONFORMANCE}expected/${set}`).sort()) {
+    const file = `${CONFORMANCE}vectors/${set}/${name.replace(/\.json$/, '.hapf')}`;
+    if (!existsSync(file)) continue;
+    tried++;
+    const problems = checkDecode(new Uint8Array(readFileSync(file)), JSON.parse(readFileSync(`${CONFORMANCE}expected/${set}/${name}`)));
+    if (problems.length === 0) passed++;
+    else console.log(`  ${set}/${name}: ${problems[0].slice(0, 300)}`);
+  }
+  failures += tried - passed;
+  console.log(`${set}: ${passed} of ${tried}`);
 }
 process.exitCode = failures > 0 ? 1 : 0;
