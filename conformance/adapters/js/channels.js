@@ -19,7 +19,7 @@ function copyNumbers(entry, component, spans, out, member) {
   }
 }
 
-const countSpans = (spans) => spans.reduce((sum, [start, stop]) => sum + stop - start, 0);
+export const countSpans = (spans) => spans.reduce((sum, [start, stop]) => sum + stop - start, 0);
 
 // One component of a track in one band: its spans, and numbers() that makes the array when it is wanted.
 class Part {
@@ -38,19 +38,20 @@ class Part {
     return this.isExact && this.entry.pieces.every(({ exact }) => exact !== null);
   }
 
-  collect(member, ArrayType, entry = this.entry) {
-    const out = new ArrayType(countSpans(this.spans));
-    copyNumbers(entry, this.component, this.spans, out, member);
+  collect(member, ArrayType, spans, entry = this.entry) {
+    const out = new ArrayType(countSpans(spans));
+    copyNumbers(entry, this.component, spans, out, member);
     return out;
   }
 
-  numbers() {
+  // Of all spans, or of some within them.
+  numbers(spans = this.spans) {
     const { entry, residual } = this;
     const first = entry.pieces[0];
-    const out = this.collect('numbers', first ? first.numbers.constructor : Int32Array);
+    const out = this.collect('numbers', first ? first.numbers.constructor : Int32Array, spans);
     if (!residual) return out;
     const { countMin, countMax } = entry.track;
-    const e = this.collect('numbers', Int32Array, residual);
+    const e = this.collect('numbers', Int32Array, spans, residual);
     for (let i = 0; i < out.length; i++) {
       const sum = out[i] + e[i];
       out[i] = sum < countMin ? countMin : sum > countMax ? countMax : sum; // DEC-002
@@ -58,8 +59,8 @@ class Part {
     return out;
   }
 
-  exact() {
-    return this.collect('exact', BigUint64Array);
+  exact(spans = this.spans) {
+    return this.collect('exact', BigUint64Array, spans);
   }
 }
 
