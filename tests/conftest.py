@@ -49,6 +49,16 @@ def memory_cap() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, before)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that take seconds and seldom find what others do not: not in a quick run."""
+    if os.environ.get("HYPOTHESIS_PROFILE", "dev") != "dev":
+        return
+    left_out = pytest.mark.skip(reason="runs with HYPOTHESIS_PROFILE=ci or nightly")
+    for item in items:
+        if item.get_closest_marker("deep") is not None:
+            item.add_marker(left_out)
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     mark = item.get_closest_marker("capped")
