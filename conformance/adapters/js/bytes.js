@@ -1,5 +1,5 @@
 // Reading bytes: the notation, varints and texts of clause 2.
-import { broken, truncated } from './error.js';
+import { HapfError, broken, truncated } from './error.js';
 
 const UTF8 = new TextDecoder('utf-8', { fatal: true, ignoreBOM: true });
 
@@ -98,7 +98,7 @@ export class Reader {
       scale *= 128;
       if (i === first + 7) broken('CNV-002', 'a varint of more than 8 bytes', this.base + first);
     }
-    return truncated(this.requirement, 'a varint without its end', this.base + first);
+    throw new HapfError('truncated', this.requirement, 'a varint without its end', this.base + first, ['CNV-002']);
   }
 
   svarint() {

@@ -1,12 +1,13 @@
 // One class of errors: whatever bytes come, a function gives a value or a HapfError.
 
 export class HapfError extends Error {
-  constructor(kind, requirement, message, offset = null) {
+  constructor(kind, requirement, message, offset = null, also = []) {
     super(message);
     this.name = 'HapfError';
     this.kind = kind; // 'broken', 'unsupported' or 'truncated'
     this.requirement = requirement;
     this.offset = offset;
+    this.also = also; // other rules that the same bytes break
   }
 }
 

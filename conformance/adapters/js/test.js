@@ -24,7 +24,7 @@ function checkCase(name, c) {
   } catch (error) {
     if (!(error instanceof HapfError)) return `${error.stack}`;
     const allowed = [c.error ?? []].flat();
-    return allowed.includes(error.requirement) ? null
+    return [error.requirement, ...error.also].some((id) => allowed.includes(id)) ? null
       : `${error.requirement} (${error.message}) instead of ${allowed.join(' or ') || 'a result'}`;
   }
   if (c.error) return `nothing instead of ${c.error}`;

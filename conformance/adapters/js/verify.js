@@ -75,7 +75,9 @@ function decodeAll(file) {
       if (!(error instanceof HapfError)) throw error;
       packet.broken = error.kind !== 'unsupported';
       packet.undecoded = true;
-      file.notes.push(noteOf(error, packet));
+      for (const requirement of [error.requirement, ...error.also]) {
+        file.notes.push(noteOf({ requirement, offset: error.offset, message: error.message, kind: error.kind }, packet));
+      }
     }
   }
   valuesBefore(Infinity);
