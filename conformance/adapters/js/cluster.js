@@ -33,8 +33,8 @@ export function readEntry(bytes, at, end) {
 }
 
 // What can be read of a table from the front: { count, entries, tableEnd, fault }.
-export function readTable(bytes, start, end) {
-  const table = { count: null, rowsStart: null, entries: [], tableEnd: null, fault: null };
+export function readTable(bytes, start, end, packetBound = LIMITS[2].packetBound) {
+  const table = { count: null, entries: [], tableEnd: null, fault: null };
   const reader = new Reader(bytes, { start, end, requirement: 'DAT-001' });
   try {
     table.count = reader.varint();
@@ -43,10 +43,13 @@ export function readTable(bytes, start, end) {
     return table;
   }
   let at = reader.position;
-  table.rowsStart = at;
-  // More than level 2 allows are not rows; the rest would be memory for nothing (LIM-002).
-  const bound = Math.min(table.count, LIMITS[2].packetBound);
-  for (let i = 0; i < bound; i++) {
+  // More than the level allows are not read at all (LIM-002).
+  if (table.count < 1 || table.count > packetBound) {
+    table.fault = new HapfError('broken', 'DAT-001', `${table.count} packets`, start);
+    if (table.count) table.fault.also = ['LIM-001'];
+    return table;
+  }
+  for (let i = 0; i < table.count; i++) {
     const entry = readEntry(bytes, at, end);
     if (!entry) {
       table.fault = entryFault(bytes, at, end);
@@ -55,11 +58,7 @@ export function readTable(bytes, start, end) {
     table.entries.push(entry);
     at = entry.rowEnd;
   }
-  if (bound < table.count) {
-    table.fault = new HapfError('broken', 'DAT-001', `${table.count} packets`, start);
-  } else {
-    table.tableEnd = at;
-  }
+  table.tableEnd = at;
   return table;
 }
 
@@ -93,10 +92,6 @@ export function tableFaults(table, start, end, tracks, limits) {
   if (table.fault) return [table.fault];
   const faults = [];
   const fault = (requirement, message, offset) => faults.push(new HapfError('broken', requirement, message, offset));
-  if (table.count < 1 || table.count > limits.packetBound) {
-    fault('DAT-001', `${table.count} packets`, start);
-    if (table.count) fault('LIM-001', `${table.count} packets`, start);
-  }
   let room = end - table.tableEnd;
   let samples = 0;
   let before = null;

@@ -48,7 +48,7 @@ function readCluster({ bytes, chunk, allTracks, limits, meter, note }) {
     left: false, delivered: false,
   });
   if (chunk.intact) {
-    const table = readTable(bytes, payloadStart, end);
+    const table = readTable(bytes, payloadStart, end, limits.packetBound);
     const faults = tableFaults(table, payloadStart, end, allTracks, limits);
     for (const fault of faults) note(fault, chunk);
     if (!faults.length) {
@@ -62,7 +62,11 @@ function readCluster({ bytes, chunk, allTracks, limits, meter, note }) {
     }
   }
   const found = salvage(bytes, chunk, allTracks, limits, meter);
-  return { ...found, chunk, kept: found.kept.map(packetOf), salvaged: true };
+  const kept = found.kept.map(packetOf);
+  const byRow = new Map(kept.map((packet) => [packet.at, packet]));
+  const packet = (entry) => (entry ? byRow.get(entry.at) : null);
+  const holes = found.holes.map(({ before, after }) => ({ before: packet(before), after: packet(after) }));
+  return { ...found, chunk, kept, holes, salvaged: true };
 }
 
 // bad-table where nothing tells which packets are missing, else bad-packet for each hole (12.2).

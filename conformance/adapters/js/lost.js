@@ -1,4 +1,5 @@
 // What was lost (12.2): how much a hole took follows from what stands around it.
+import { tableFaults } from './cluster.js';
 import { unsupported } from './error.js';
 
 const MS_BOUND = 2 ** 53 - 1;
@@ -18,6 +19,7 @@ export function findLosses(file) {
   for (const cluster of file.clusters) {
     if (!cluster.salvaged) continue;
     const own = { low: cluster.chunk.sequence - 1, high: cluster.chunk.sequence + 1 };
+    takeStrange(context, cluster);
     if (cluster.lostTable) takeHole(context, cluster.lostTable, cluster.first + cluster.kept.length, own, null);
     else {
       for (const hole of cluster.holes) {
@@ -29,10 +31,6 @@ export function findLosses(file) {
   for (const damage of file.damages) {
     const hole = missingChunks(file, damage);
     if (hole) takeHole(context, damage, placeOf(file, hole.low), hole, null);
-    if (damage.code === 'lost-base') {
-      damage.took = file.held.filter((p) => p.track === damage.track).map(spanOf);
-      spend(context, file.held.length, damage.took.length);
-    }
   }
   file.lost = file.damaged || file.recovering
     ? file.lostResiduals.filter((track) => !track.unsupported).map((track) => ({ track: track.id, start: 0, stop: null })) : [];
@@ -54,6 +52,31 @@ function makeContext(file) {
 
 const chainOf = (file, id) => file.tracks.get(id)?.chain ?? `lost ${id}`;
 
+// A damaged DATA chunk may hold the bytes of another cluster, and does not tell then what stood in it.
+function takeStrange(context, { chunk, kept, table, first }) {
+  const { file } = context;
+  if (chunk.intact) return;
+  const next = file.chunks[chunk.order + 1];
+  const missing = next && next.sequence > chunk.sequence + 1;
+  const overlaps = kept.some((packet) => packet.overlap);
+  if (next && !missing && !overlaps && !keepsEveryRule(file, chunk, kept, table)) return;
+  const damage = file.damages.find((one) => one.chunk === chunk);
+  const range = { low: chunk.sequence - 1, high: next ? Math.max(next.sequence, chunk.sequence + 1) : Infinity };
+  takeHole(context, damage, first, range, null);
+  if (!next) takeHole(context, damage, first + kept.length, range, null);
+}
+
+function keepsEveryRule(file, chunk, kept, table) {
+  if (!chunk.whole || table.fault || kept.length !== table.entries.length) return false;
+  if (tableFaults(table, chunk.payloadStart, chunk.end, file.allTracks, file.limits).length) return false;
+  let { tableEnd } = table;
+  for (const packet of kept) {
+    if (packet.size && packet.offset !== tableEnd) return false;
+    tableEnd += packet.size;
+  }
+  return true;
+}
+
 // The sequence numbers that a missing chunk can have: between low and high.
 function missingChunks(file, damage) {
   const { chunks } = file;
@@ -68,6 +91,8 @@ function missingChunks(file, damage) {
   if (!['truncated', 'duplicate-chunk', 'garbage'].includes(damage.code)) return null;
   file.lastData ??= chunks.findLast((chunk) => chunk.type === 'DATA')?.position ?? -1;
   if (damage.offset < file.lastData) return null;
+  // Behind the fOOT that closes a file nothing is missing: its indexes list every chunk.
+  if (file.closed && after === chunks.length) return null;
   if (damage.chunk) return { low, high: chunks[after + 1]?.sequence ?? Infinity };
   return { low, high: chunks[after]?.sequence ?? Infinity };
 }

@@ -1,8 +1,9 @@
 // The verdict (clause 14) and the damage report (12.2).
+import { SIGNATURE } from './chunk.js';
 import { findLosses, spanOf } from './lost.js';
 
 export const EXIT_CODES = { intact: 0, nonconforming: 2, damaged: 3, unsupported: 4 };
-const NO_LOSS = new Set(['bad-signature', 'garbage', 'duplicate-chunk', 'out-of-order', 'not-closed', 'missing-head']);
+const NO_LOSS = new Set(['bad-signature', 'out-of-order', 'not-closed']);
 const WRITTEN_ANEW = new Set(['iNDX', 'fOOT']);
 
 // Once all notes are taken: what counts as damage, and what it took. Then digests may be compared, then the verdict.
@@ -48,13 +49,11 @@ export function judge(file) {
 
 // Clause 14, of `recover`: what it writes anew is no loss.
 export function judgeRecovery(file, dropped) {
-  const lossless = ({ code, took, chunk, trak }) => {
+  const lossless = ({ code, took, chunk, offset, size }) => {
     if (took?.length) return false;
-    if (code === 'overlap' || code === 'bad-digest' || code === 'lost-base') return false;
-    if (code === 'missing-head') return false;
+    if (code === 'garbage' && offset + size <= SIGNATURE.length) return true;
     if (NO_LOSS.has(code)) return true;
-    if (code === 'bad-packet' || code === 'bad-table') return false;
-    if (!chunk) return trak === true;
+    if (!chunk || !['bad-chunk', 'bad-payload', 'truncated'].includes(code)) return false;
     if (WRITTEN_ANEW.has(chunk.type)) return true;
     if (chunk.type === 'HEAD') return file.head !== null && chunk !== file.headChunk;
     if (chunk.type === 'TRAK') return file.allTracks.has(chunk.track) && !file.series.some((one) => one.chunk === chunk);

@@ -2,6 +2,8 @@
 import { hasCrc, keepsTimes, readEntry, readTable } from './cluster.js';
 
 const REACH = 65536;
+// The entries begin within the first bytes: packet_count has three at most.
+const COUNT_ROOM = 4;
 
 // -> { kept, table, holes, ends, complete }; kept: entries with `offset`, in order of their rows. A hole lies
 // between two kept (null: none): { before, after }.
@@ -22,7 +24,7 @@ export function salvage(bytes, chunk, tracks, limits, meter) {
   };
   const context = { bytes, payload, ends, limit, holds, tracks, budget, meter };
 
-  const table = readTable(bytes, payload, limit);
+  const table = readTable(bytes, payload, limit, limits.packetBound);
   meter.take(16 * table.entries.length, payload);
   let kept = table.tableEnd === null ? [] : placeBothWays(context, table);
   let tableEnd = table.tableEnd;
@@ -34,7 +36,7 @@ export function salvage(bytes, chunk, tracks, limits, meter) {
     if (anew && anew.kept.length > kept.length) ({ kept, tableEnd } = anew);
   }
   kept = extendBackwards(context, kept);
-  const holes = holesOf(context, table, kept, tableEnd);
+  const holes = holesOf(context, kept, tableEnd);
   return { kept, table, holes, ends, payloadEnd: Math.min(byHeader, bytes.length), limit, complete: holes.length === 0 };
 }
 
@@ -57,7 +59,7 @@ function placeBothWays({ ends, holds }, table) {
       if (kept.has(entry.at) && entry.size > 0) break;
       position -= entry.size;
       if (position < tableEnd) break;
-      if (!kept.has(entry.at) && holds(entry, position)) kept.set(entry.at, { ...entry, offset: position });
+      if (holds(entry, position)) kept.set(entry.at, { ...entry, offset: position });
     }
   }
   return [...kept.values()].sort(byRow);
@@ -79,7 +81,7 @@ function lookForTable(context, table) {
   const front = [];
   let offset = found.tableEnd;
   for (const entry of table.entries) {
-    if (entry.rowEnd > found.tableEnd || entry.rowEnd > firstKept) break;
+    if (entry.at >= firstKept || entry.rowEnd > offset) break;
     if (holds(entry, offset)) front.push({ ...entry, offset });
     offset += entry.size;
   }
@@ -108,7 +110,7 @@ function lastEntry({ bytes, payload, ends, limit, holds, tracks, budget, meter }
   for (let at = last.rowEnd; ;) {
     const entry = readEntry(bytes, at, limit);
     const offset = last.offset + last.size;
-    if (!entry || entry.size !== 0 || !holds(entry, offset)) break;
+    if (!entry || entry.size !== 0 || !tracks.has(entry.track) || !holds(entry, offset)) break;
     kept.push({ ...entry, offset });
     at = entry.rowEnd;
   }
@@ -124,8 +126,9 @@ function tableFromFront({ payload, limit, holds, tracks, budget }, table) {
     before += entry.size;
   }
   candidates.sort((a, b) => a.entry.size - b.entry.size);
+  let alone = null;
   for (const { entry, before: ahead } of candidates.slice(0, 4)) {
-    let best = 1;
+    let best = 0;
     let place = null;
     const stop = Math.min(payload + REACH, limit);
     for (let from = entry.rowEnd; from < stop && budget.left >= 0; from++) {
@@ -139,18 +142,19 @@ function tableFromFront({ payload, limit, holds, tracks, budget }, table) {
       }
       if (count > best) [best, place] = [count, from];
     }
-    if (place !== null) return place;
+    if (best > 1) return place;
+    alone ??= place;
   }
-  return null;
+  return alone;
 }
 
 // Step 3: rows that end where a kept one begins.
-function extendBackwards({ bytes, payload, holds }, kept) {
+function extendBackwards({ bytes, payload, holds, tracks }, kept) {
   const result = new Map(kept.map((entry) => [entry.at, entry]));
   const rowEnds = new Set(kept.map((entry) => entry.rowEnd));
   for (let entry of kept) {
     while (!rowEnds.has(entry.at)) {
-      const before = entryBefore(bytes, payload, entry, holds);
+      const before = entryBefore(bytes, payload, entry, holds, tracks);
       if (!before || result.has(before.at)) break;
       result.set(before.at, before);
       rowEnds.add(before.rowEnd);
@@ -160,30 +164,27 @@ function extendBackwards({ bytes, payload, holds }, kept) {
   return [...result.values()].sort(byRow);
 }
 
-function entryBefore(bytes, payload, entry, holds) {
+function entryBefore(bytes, payload, entry, holds, tracks) {
   for (let at = entry.at - 8; at >= Math.max(payload + 1, entry.at - 36); at--) {
     const before = readEntry(bytes, at, entry.at);
-    if (!before || before.rowEnd !== entry.at) continue;
+    if (!before || before.rowEnd !== entry.at || !tracks.has(before.track)) continue;
     const offset = entry.offset - before.size;
     if (offset >= before.rowEnd && holds(before, offset)) return { ...before, offset };
   }
   return null;
 }
 
-// Between the kept ones, before the first and behind the last.
-function holesOf({ payload, ends }, table, kept, tableEnd) {
+// Stretches in which packets are missing: between two kept ones, before the first and behind the last.
+function holesOf({ payload, ends }, kept, tableEnd) {
   if (!kept.length) return [{ before: null, after: null }];
   const holes = [];
   const first = kept[0];
   const last = kept[kept.length - 1];
-  // A row is 8 bytes or more, and one byte of packet_count stands before it.
-  const rowsBefore = first.at !== table.rowsStart && first.at - payload >= 9;
-  const rowsEnd = Math.max(tableEnd ?? last.rowEnd, last.rowEnd);
-  if (rowsBefore || first.offset > rowsEnd) holes.push({ before: null, after: first });
+  if (first.offset !== tableEnd || first.at - payload >= COUNT_ROOM) holes.push({ before: null, after: first });
   for (let i = 1; i < kept.length; i++) {
     const [a, b] = [kept[i - 1], kept[i]];
     if (b.at > a.rowEnd || b.offset > a.offset + a.size) holes.push({ before: a, after: b });
   }
-  if (last.rowEnd < rowsEnd || !ends.includes(last.offset + last.size)) holes.push({ before: last, after: null });
+  if (last.rowEnd !== tableEnd || !ends.includes(last.offset + last.size)) holes.push({ before: last, after: null });
   return holes;
 }
