@@ -35,11 +35,12 @@ export function readEntry(bytes, at, end) {
 // What can be read of a table from the front: { count, entries, tableEnd, fault }.
 export function readTable(bytes, start, end, packetBound = LIMITS[2].packetBound) {
   const table = { count: null, entries: [], tableEnd: null, fault: null };
-  const reader = new Reader(bytes, { start, end, requirement: 'DAT-001' });
+  const reader = new Reader(bytes, { start, end, requirement: 'DAT-005' });
   try {
     table.count = reader.varint();
   } catch (error) {
     table.fault = error;
+    error.also = ['DAT-001'];
     return table;
   }
   let at = reader.position;
@@ -63,7 +64,7 @@ export function readTable(bytes, start, end, packetBound = LIMITS[2].packetBound
 }
 
 function entryFault(bytes, at, end) {
-  const reader = new Reader(bytes, { start: at, end, requirement: 'DAT-001' });
+  const reader = new Reader(bytes, { start: at, end, requirement: 'DAT-005' });
   try {
     for (let i = 0; i < 4; i++) reader.varint();
     reader.u32();

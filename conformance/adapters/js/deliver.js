@@ -8,7 +8,7 @@ const PACKET_BOUND = 2 ** 22;
 
 // -> { clusters, packets, held, damages }. held: all packets that hold, in the order in which they are looked at;
 // packets: those of them that are delivered. Of a cluster: chunk, holes (of a salvaged one), first: its place in held.
-export function deliver({ bytes, chunks, allTracks, tracks, limits, damaged, meter, note }) {
+export function deliver({ bytes, chunks, allTracks, tracks, limits, damaged, recovering, meter, note }) {
   const clusters = [];
   let count = 0;
   for (const chunk of chunks) {
@@ -20,8 +20,8 @@ export function deliver({ bytes, chunks, allTracks, tracks, limits, damaged, met
   }
   const damages = [];
   for (const cluster of clusters) {
-    if (cluster.salvaged) reportHoles(cluster, damages);
-    leaveOut({ bytes, cluster, clusters, chunks, allTracks, tracks, limits, note, damages });
+    if (cluster.salvaged && (damaged || recovering)) reportHoles(cluster, damages);
+    leaveOut({ bytes, cluster, chunks, allTracks, tracks, limits, note, damages });
   }
   clusters.sort((a, b) => a.chunk.sequence - b.chunk.sequence || a.chunk.position - b.chunk.position);
   const held = [];

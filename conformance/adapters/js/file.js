@@ -58,9 +58,10 @@ function read(file) {
   file.damages = walked.damages;
   file.damaged = walked.damages.length > 0;
   if (walked.fileId === null) {
-    const requirement = walked.signed ? 'FIL-002' : 'FIL-001';
     file.noChunk = true;
-    throw new HapfError('broken', requirement, 'no hapf file: it holds no chunk', walked.signed ? 8 : 0);
+    const error = new HapfError('broken', walked.signed ? 'FIL-002' : 'FIL-001', 'no hapf file: it holds no chunk', walked.signed ? 8 : 0);
+    error.also = ['HED-001'];
+    throw error;
   }
   for (const chunk of file.chunks) chunk.known = isKnown(chunk);
   const noteIt = (error, chunk, soft, packet) => note(file, error, chunk, soft, packet);

@@ -1,6 +1,6 @@
 // The lists that TLVs of TRAK hold (6.2, 6.3, clauses 8 and 11).
 import { Reader, decodeText } from './bytes.js';
-import { broken } from './error.js';
+import { HapfError, broken } from './error.js';
 import { readCalibration } from './values.js';
 
 const TWO32 = 2 ** 32;
@@ -26,7 +26,9 @@ function readList(tlv, wanted, readEntry) {
 function readEach(tlv, trackCount, requirement, readEntry) {
   const reader = readerOf(tlv, requirement);
   const list = [];
-  for (let i = 0; i < trackCount; i++) list.push(readEntry(reader, list));
+  endingWithTlv(() => {
+    for (let i = 0; i < trackCount; i++) list.push(readEntry(reader, list));
+  });
   if (reader.left > 0) broken('TLV-007', `bytes behind the last entry of TLV ${tlv.type}`, reader.offset);
   return list;
 }
@@ -58,6 +60,20 @@ export function readDeviations(tlv, wanted) {
 
 // TLV 5: for each track its setup { codec, parameters, parametersOffset }.
 export function readSetups(tlv, trackCount, firstCodec) {
+  return endingWithTlv(() => setupsOf(tlv, trackCount, firstCodec));
+}
+
+// Where bytes are missing, that is also TLV-007.
+function endingWithTlv(read) {
+  try {
+    return read();
+  } catch (error) {
+    if (error instanceof HapfError && error.kind === 'truncated') error.also = ['TLV-007'];
+    throw error;
+  }
+}
+
+function setupsOf(tlv, trackCount, firstCodec) {
   const reader = readerOf(tlv, 'TRK-013');
   const setups = [];
   const codecCount = reader.varint();

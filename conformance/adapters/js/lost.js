@@ -15,6 +15,7 @@ function spend(context, work, spans = 0) {
 
 // Gives each damage its spans `took`: [{ track, start, stop | null }], and the file those that no single damage took.
 export function findLosses(file) {
+  if (!file.damages.length) return;
   const context = makeContext(file);
   for (const cluster of file.clusters) {
     if (!cluster.salvaged) continue;

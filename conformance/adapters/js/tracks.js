@@ -88,6 +88,10 @@ function linkBases({ tracks, allTracks, damaged, note }) {
         checkCalibration(calibration, base, track, base.series.tlvs.get(3)?.offset ?? base.series.chunk.payloadStart);
       } catch (error) {
         note(error, base.series.chunk);
+        tracks.delete(track.id);
+        track.left = 'VAL-002';
+        base.hf = null;
+        break;
       }
     }
   }
