@@ -73,6 +73,7 @@ function decodeErrors(header, bytes, span, offset, e, repeated) {
 // x[t] of clause 9.5, References, added to e[t].
 function addReferences(references, indices, span, g, c, e) {
   const m = c.length;
+  const r = c.slice().reverse();
   const quick = quickBound(c);
   const y = new Float64Array(span + m);
   const d = new Float64Array(span + 2); // d[t] at t + 1
@@ -89,7 +90,7 @@ function addReferences(references, indices, span, g, c, e) {
         D[i] = value;
         value = difference;
       }
-      d[t + 1] = value - (largest < quick ? predictQuick : predictExact)(c, m, y, t + m);
+      d[t + 1] = value - (largest < quick ? predictQuick : predictExact)(r, m, y, t);
       y[t + m] = value;
       if (value > largest) largest = value;
       else if (-value > largest) largest = -value;
@@ -114,28 +115,27 @@ function checkIndex(index, highest, offset) {
 function integrate(header, c, e, repeated, span, highest, offset, out) {
   const { g, base } = header;
   const m = c.length;
+  const r = c.slice().reverse();
   const quick = quickBound(c);
   const y = new Float64Array(span + m);
   const D = new Float64Array(5); // the differences 0 to g of the tick before
-  let largest = 0;
+  let largest = 0; // of the |y| so far
   for (let t = 0; t < span; t++) {
-    let value;
+    let v;
     if (repeated !== null && repeated[t] === 1) {
-      value = D[0];
+      v = D[0];
       for (let i = 0; i < g; i++) {
-        const difference = value - D[i];
-        D[i] = value;
-        value = difference;
+        const difference = v - D[i];
+        D[i] = v;
+        v = difference;
       }
-      y[t + m] = value;
     } else {
-      value = e[t];
-      if (m > 0) value += largest < quick ? predictQuick(c, m, y, t + m) : predictExact(c, m, y, t + m);
-      y[t + m] = value;
-      for (let i = g - 1; i >= 0; i--) D[i] = value += D[i];
-      if (g === 0) D[0] = value;
+      v = e[t];
+      if (m > 0) v += largest < quick ? predictQuick(r, m, y, t) : predictExact(r, m, y, t);
+      D[g] = v;
+      for (let i = g - 1; i >= 0; i--) D[i] += D[i + 1];
     }
-    const v = y[t + m];
+    y[t + m] = v;
     if (v > largest) largest = v;
     else if (-v > largest) largest = -v;
     const index = base + D[0];

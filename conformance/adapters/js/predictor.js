@@ -35,23 +35,29 @@ export function quickBound(c) {
   return Math.floor((2 ** 53 - 4096) / Math.max(sumOfMagnitudes(c), 1));
 }
 
-// (sum of c[j] * y[t - 1 - j] + 4096) // 8192, y[at] being y of tick t; y has c.length zeros before tick 0.
-export function predictQuick(c, m, y, at) {
-  let sum = 4096;
-  for (let j = 0; j < m; j++) sum += c[j] * y[at - 1 - j];
-  return Math.floor(sum / 8192);
+// (sum of c[j] * y[t - 1 - j] + 4096) // 8192. r: the predictor backwards; y of tick t lies at t + m, m zeros before it.
+export function predictQuick(r, m, y, t) {
+  let a = 4096;
+  let b = 0;
+  let i = 0;
+  for (; i + 1 < m; i += 2) {
+    a += r[i] * y[t + i];
+    b += r[i + 1] * y[t + i + 1];
+  }
+  if (i < m) a += r[i] * y[t + i];
+  return Math.floor((a + b) * (1 / 8192));
 }
 
 // The same beyond 2^53 (level 2): y in two parts, the products of each below 2^48, the upper ones whole after the
 // division.
-export function predictExact(c, m, y, at) {
+export function predictExact(r, m, y, t) {
   let upper = 0;
   let lower = 4096;
-  for (let j = 0; j < m; j++) {
-    const v = y[at - 1 - j];
+  for (let i = 0; i < m; i++) {
+    const v = y[t + i];
     const high = Math.floor(v / 131072);
-    upper += c[j] * high;
-    lower += c[j] * (v - high * 131072);
+    upper += r[i] * high;
+    lower += r[i] * (v - high * 131072);
   }
   return upper * 16 + Math.floor(lower / 8192);
 }
