@@ -6,6 +6,7 @@ import { createInterface } from 'node:readline';
 import { capabilities } from './capabilities.js';
 import { checkContracts } from './contract.js';
 import { decodeFile } from './decode.js';
+import { encodeJob } from './encode.js';
 import { HapfError } from './error.js';
 import { openFile } from './file.js';
 import { writeJson } from './json.js';
@@ -18,6 +19,7 @@ const USAGE = `cli.js capabilities
 cli.js decode IN OUT
 cli.js verify IN OUT.json [--original JOB.json]
 cli.js recover IN OUT.hapf REPORT.json [--force]
+cli.js encode JOB.json OUT.hapf
 cli.js serve`;
 
 class UsageError extends Error {}
@@ -108,6 +110,19 @@ function recover(args) {
   return EXIT_CODES[verdict];
 }
 
+function encode([path, output, ...others]) {
+  if (!output || others.length) throw new UsageError(USAGE);
+  const job = JSON.parse(readFileSync(path, 'utf8'));
+  try {
+    writeFileSync(output, encodeJob(job, (name) => new Uint8Array(readFileSync(join(dirname(path), name)))));
+  } catch (error) {
+    if (!(error instanceof HapfError)) throw error;
+    process.stderr.write(`${error.message}\n`);
+    return EXIT_CODES.unsupported; // a job asks for what this encoder cannot do
+  }
+  return 0;
+}
+
 async function serve() {
   for await (const line of createInterface({ input: process.stdin })) {
     if (line.trim() === '') continue;
@@ -122,7 +137,7 @@ async function serve() {
   return 0;
 }
 
-const VERBS = { decode, verify, recover, serve };
+const VERBS = { decode, verify, recover, encode, serve };
 
 async function run([verb, ...args]) {
   if (verb === 'capabilities') {
