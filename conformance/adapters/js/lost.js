@@ -1,10 +1,12 @@
 // What was lost (12.2): how much a hole took follows from what stands around it.
+import { beginsHeader } from './chunk.js';
 import { tableFaults } from './cluster.js';
 import { unsupported } from './error.js';
 
 const MS_BOUND = 2 ** 53 - 1;
 // One hole can speak of every track: what this reader tells of all of them.
 const SPAN_BOUND = 2 ** 20;
+const ROW_LEAST = 8;
 const WORK_BOUND = 2 ** 27;
 
 function spend(context, work, spans = 0) {
@@ -18,15 +20,19 @@ export function findLosses(file) {
   if (!file.damages.length) return;
   const context = makeContext(file);
   for (const cluster of file.clusters) {
-    if (!cluster.salvaged) continue;
+    // In a file that was not closed and has no other damage, a table that breaks a rule is a finding, no hole (12.1).
+    if (!cluster.salvaged || !(file.damaged || file.recovering)) continue;
     const own = { low: cluster.chunk.sequence - 1, high: cluster.chunk.sequence + 1 };
     takeStrange(context, cluster);
-    if (cluster.lostTable) takeHole(context, cluster.lostTable, cluster.first + cluster.kept.length, own, null);
-    else {
+    if (cluster.lostTable) {
+      // The few that were kept may lie anywhere in what is missing.
+      for (let i = 0; i <= cluster.kept.length; i++) takeHole(context, cluster.lostTable, cluster.first + i, own, null);
+    } else {
       for (const hole of cluster.holes) {
         const place = hole.after ? file.held.indexOf(hole.after, cluster.first) : cluster.first + cluster.kept.length;
         takeHole(context, hole.damage, place, own, [hole.before?.track ?? 0, hole.after?.track ?? Infinity]);
       }
+      takeHiddenRows(context, cluster, own);
     }
   }
   for (const damage of file.damages) {
@@ -52,6 +58,13 @@ function makeContext(file) {
 }
 
 const chainOf = (file, id) => file.tracks.get(id)?.chain ?? `lost ${id}`;
+
+// Where bytes lie between the last row and the first packet, they may be rows that packet_count does not tell of.
+function takeHiddenRows(context, { holes, kept, first }, own) {
+  const last = kept[kept.length - 1];
+  if (!holes.length || holes[0].before || kept[0].offset - last.rowEnd < ROW_LEAST) return;
+  takeHole(context, holes[0].damage, first + kept.length, own, [last.track, Infinity]);
+}
 
 // A damaged DATA chunk may hold the bytes of another cluster, and does not tell then what stood in it.
 function takeStrange(context, { chunk, kept, table, first }) {
@@ -92,8 +105,8 @@ function missingChunks(file, damage) {
   if (!['truncated', 'duplicate-chunk', 'garbage'].includes(damage.code)) return null;
   file.lastData ??= chunks.findLast((chunk) => chunk.type === 'DATA')?.position ?? -1;
   if (damage.offset < file.lastData) return null;
-  // Behind the fOOT that closes a file nothing is missing: its indexes list every chunk.
-  if (file.closed && after === chunks.length) return null;
+  // Behind the fOOT that closes a file nothing is missing, unless a header begins there: a writer appended.
+  if (damage.code === 'garbage' && file.closed && after === chunks.length && !beginsHeader(file.bytes, damage.offset)) return null;
   if (damage.chunk) return { low, high: chunks[after + 1]?.sequence ?? Infinity };
   return { low, high: chunks[after]?.sequence ?? Infinity };
 }
@@ -107,6 +120,7 @@ function placeOf(file, low) {
 function takeHole(context, damage, place, range, scope) {
   const { file } = context;
   damage.took ??= [];
+  damage.keys ??= new Set();
   spend(context, context.ids.length + file.clusters.length);
   const times = listedTimes(context, range);
   if (times === 'nothing') return;
@@ -122,6 +136,9 @@ function takeHole(context, damage, place, range, scope) {
     }
     if (stop !== null && stop <= start) continue;
     spend(context, 0, 1);
+    const key = `${id} ${start} ${stop}`;
+    if (damage.keys.has(key)) continue;
+    damage.keys.add(key);
     damage.took.push({ track: id, start, stop });
   }
 }
