@@ -19,7 +19,7 @@ function copyNumbers(entry, component, spans, out, member) {
   }
 }
 
-export const countSpans = (spans) => spans.reduce((sum, [start, stop]) => sum + stop - start, 0);
+const countSpans = (spans) => spans.reduce((sum, [start, stop]) => sum + stop - start, 0);
 
 // One component of a track in one band: its spans, and numbers() that makes the array when it is wanted.
 class Part {

@@ -30,7 +30,3 @@ export function clamp(x, lo, hi) {
 export function bitLength(v) {
   return v < 4294967296 ? 32 - Math.clz32(v) : 64 - Math.clz32(v / 4294967296);
 }
-
-export function bitLengthBig(v) {
-  return v === 0n ? 0 : v.toString(2).length;
-}

@@ -15,7 +15,7 @@ export function parseKnte(reader, track) {
 }
 
 // The magnitude model of length n.
-export class MagnitudeModel {
+class MagnitudeModel {
   constructor(range, n) {
     this.range = range;
     this.n = n;

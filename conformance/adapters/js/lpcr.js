@@ -13,7 +13,7 @@ export function parseLpcr(reader, track) {
   return { grid: readGrid(reader, track.level) };
 }
 
-export function readComponentHeader(reader, component) {
+function readComponentHeader(reader, component) {
   const start = reader.offset;
   reader.requirement = 'LPC-006';
   const flags = reader.u8();
@@ -160,7 +160,7 @@ function decodeComponent(header, coded, offset, indices, span, highest, index) {
 }
 
 // The component packets of a packet: their bytes and where they begin.
-export function splitComponents(bytes, componentCount, offset) {
+function splitComponents(bytes, componentCount, offset) {
   const reader = new Reader(bytes, { base: offset, requirement: 'LPC-001' });
   const sizes = [];
   let sum = 0;

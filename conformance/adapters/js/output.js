@@ -1,6 +1,7 @@
 // What the verb `decode` writes: decode.json and the numbers beside it, 8 bytes each, little-endian.
 import { channelsOf } from './channels.js';
 import { hex, sha256 } from './sha256.js';
+import { physicalValue } from './values.js';
 
 const BLOCK = 65536;
 
@@ -28,8 +29,8 @@ function* rawNumbers(numbers) {
   }
 }
 
-function* rawPhysical(counts, { A, B, D }) {
-  yield* blocks(counts.length, (view, at, i) => view.setFloat64(at, (counts[i] * A + B) / D, true));
+function* rawPhysical(counts, calibration) {
+  yield* blocks(counts.length, (view, at, i) => view.setFloat64(at, physicalValue(calibration, counts[i]), true));
 }
 
 function* rawTrack(entry) {

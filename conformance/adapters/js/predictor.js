@@ -24,7 +24,7 @@ export function predictorOf(k, offset = 0) {
   return c;
 }
 
-export function sumOfMagnitudes(c) {
+function sumOfMagnitudes(c) {
   let sum = 0;
   for (const v of c) sum += Math.abs(v);
   return sum;

@@ -11,7 +11,7 @@ export function bitModels(count) {
 }
 
 // 131072 // (2*n + 3) for n = 0 to 250.
-export const RATE = Int32Array.from({ length: 251 }, (_, n) => Math.floor(131072 / (2 * n + 3)));
+const RATE = Int32Array.from({ length: 251 }, (_, n) => Math.floor(131072 / (2 * n + 3)));
 
 export function probability(models, i) {
   const at = 4 * i;

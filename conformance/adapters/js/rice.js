@@ -6,7 +6,7 @@ import { POWERS } from './integers.js';
 const BLOCK = 32;
 const ZERO_BOUND = 24;
 
-export function riceCode(bits, k) {
+function riceCode(bits, k) {
   let n = 0;
   while (n < ZERO_BOUND && bits.bit() === 0) n++;
   const u = n < ZERO_BOUND ? n * POWERS[k] + bits.take(k) : bits.take(35);
