@@ -26,7 +26,7 @@ export const containers = {
   },
   cluster(c) {
     const bytes = bytesOf(c.payload);
-    const table = readTable(bytes, 0, bytes.length);
+    const table = readTable(bytes, 0, bytes.length, LEVEL.packetBound);
     const [fault] = tableFaults(table, 0, bytes.length, everyTrack, LEVEL);
     if (fault) throw fault;
     const packets = placePackets(table.entries, table.tableEnd);
