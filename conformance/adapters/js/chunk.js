@@ -37,11 +37,6 @@ export function readHeader(bytes, position) {
   };
 }
 
-// Whether a header, or as much of one as is there, begins at a position.
-export function beginsHeader(bytes, position) {
-  return position < bytes.length && SYNC.every((byte, i) => position + i >= bytes.length || bytes[position + i] === byte);
-}
-
 // The first position from `start` on that passes `test(header)`; the scan looks at every offset.
 export function findHeader(bytes, start, test) {
   for (let p = bytes.indexOf(SYNC[0], start); p >= 0; p = bytes.indexOf(SYNC[0], p + 1)) {

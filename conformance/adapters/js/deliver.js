@@ -71,10 +71,9 @@ function readCluster({ bytes, chunk, allTracks, limits, meter, note }) {
 
 // bad-table where nothing tells which packets are missing, else bad-packet for each hole (12.2).
 function reportHoles(cluster, damages) {
-  const { chunk, kept, holes, payloadEnd, limit } = cluster;
+  const { chunk, kept, holes, payloadEnd, limit, allRead } = cluster;
   const start = chunk.payloadStart;
-  if (!holes.length) return;
-  if (bytesOf(kept) < 4) {
+  if (!kept.length || (bytesOf(kept) < 4 && !allRead)) {
     const damage = {
       code: 'bad-table', offset: start, size: Math.max(limit - start, 0), requirement: 'DAT-005',
       message: 'the table of the packets is damaged', chunk,

@@ -4,7 +4,7 @@ import { isCritical, isKnown } from './chunk.js';
 import { deliver } from './deliver.js';
 import { HapfError, unsupported } from './error.js';
 import { readHead } from './head.js';
-import { checkFoot, checkIndex, durationNs, packetMs, readFoot, readIndex } from './indexes.js';
+import { checkFoot, checkIndex, durationNs, lateIndexes, packetMs, readFoot, readIndex } from './indexes.js';
 import { writeJson } from './json.js';
 import { limitsOf } from './limits.js';
 import { describeTracks } from './tracks.js';
@@ -209,6 +209,7 @@ function readIndexes(file, noteIt) {
   }
   let entries = 0;
   let lastIndex = null;
+  if (!damaged) for (const { chunk, error } of lateIndexes(chunks)) noteIt(error, chunk);
   const last = chunks.findLast((c) => c.type === 'fOOT' && c.known && c.intact);
   for (const chunk of chunks) {
     if (!chunk.known || !chunk.intact || chunk.tooLarge) continue;

@@ -3,6 +3,7 @@ import { Reader } from './bytes.js';
 import { HapfError, broken } from './error.js';
 
 const FOOT_SIZE = 32;
+export const INDEX_STRETCH = 4 * 2 ** 20;
 const ENTRY_LEAST = 5;
 const MS_BOUND = 2 ** 53 - 1;
 const NS_BOUND = 2n ** 63n - 1n;
@@ -84,6 +85,23 @@ export function checkIndex(index, ordinary, byPosition, times) {
     }
   }
   return faults;
+}
+
+// IDX-005: where more than 4 MiB of chunks stand without an index, and there was something to list.
+export function* lateIndexes(chunks) {
+  let unlisted = 0;
+  for (const chunk of chunks) {
+    if (chunk.type === 'iNDX' || chunk.type === 'fOOT') {
+      if (chunk.type === 'iNDX') unlisted = 0;
+      continue;
+    }
+    const size = chunk.end - chunk.position;
+    if (unlisted > 0 && unlisted + size > INDEX_STRETCH) {
+      yield { chunk, error: fault('IDX-005', `${unlisted + size} bytes of chunks without an index`, chunk.position) };
+      unlisted = 0;
+    }
+    unlisted += size;
+  }
 }
 
 export function readFoot(bytes, chunk) {

@@ -1,5 +1,4 @@
 // What was lost (12.2): how much a hole took follows from what stands around it.
-import { beginsHeader } from './chunk.js';
 import { tableFaults } from './cluster.js';
 import { unsupported } from './error.js';
 
@@ -105,8 +104,8 @@ function missingChunks(file, damage) {
   if (!['truncated', 'duplicate-chunk', 'garbage'].includes(damage.code)) return null;
   file.lastData ??= chunks.findLast((chunk) => chunk.type === 'DATA')?.position ?? -1;
   if (damage.offset < file.lastData) return null;
-  // Behind the fOOT that closes a file nothing is missing, unless a header begins there: a writer appended.
-  if (damage.code === 'garbage' && file.closed && after === chunks.length && !beginsHeader(file.bytes, damage.offset)) return null;
+  // The indexes of a closed file list every chunk.
+  if (file.closed && after === chunks.length) return null;
   if (damage.chunk) return { low, high: chunks[after + 1]?.sequence ?? Infinity };
   return { low, high: chunks[after]?.sequence ?? Infinity };
 }

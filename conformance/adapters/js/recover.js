@@ -2,7 +2,7 @@
 import { putVarint } from './bytes.js';
 import { isCritical, isSafeToCopy } from './chunk.js';
 import { descriptionsOf } from './describe.js';
-import { durationNs, packetMs } from './indexes.js';
+import { INDEX_STRETCH, durationNs, packetMs } from './indexes.js';
 import { samplesOf } from './cluster.js';
 import { writeJson } from './json.js';
 import { judgeRecovery, reportOf } from './report.js';

@@ -5,7 +5,7 @@ const REACH = 65536;
 // The entries begin within the first bytes: packet_count has three at most.
 const COUNT_ROOM = 4;
 
-// -> { kept, table, holes, ends, complete }; kept: entries with `offset`, in order of their rows. A hole lies
+// -> { kept, table, holes, allRead }; kept: entries with `offset`, in order of their rows. A hole lies
 // between two kept (null: none): { before, after }.
 export function salvage(bytes, chunk, tracks, limits, meter) {
   const payload = chunk.payloadStart;
@@ -37,7 +37,9 @@ export function salvage(bytes, chunk, tracks, limits, meter) {
   }
   kept = extendBackwards(context, kept);
   const holes = holesOf(context, kept, tableEnd);
-  return { kept, table, holes, ends, payloadEnd: Math.min(byHeader, bytes.length), limit, complete: holes.length === 0 };
+  const rows = new Set(kept.map((entry) => entry.at));
+  const allRead = table.tableEnd !== null && table.entries.every((entry) => rows.has(entry.at));
+  return { kept, table, holes, payloadEnd: Math.min(byHeader, bytes.length), limit, allRead };
 }
 
 export const bytesOf = (kept) => kept.reduce((sum, entry) => sum + entry.size, 0);
