@@ -1,6 +1,7 @@
 // Checks of conformance/components that speak of chunks and times, as in test-components.js.
 import { readClock, readMap } from './ancillary.js';
 import { hasCrc, placePackets, readTable, tableFaults } from './cluster.js';
+import { checkContracts } from './contract.js';
 import { broken } from './error.js';
 import { limitsOf } from './limits.js';
 import { readStrings } from './lists.js';
@@ -54,6 +55,32 @@ export const containers = {
     return {
       times_of_ticks: c.times_of_ticks.map(([tick]) => [tick, timeOfTick(points, tick)]),
       ticks_of_times: c.ticks_of_times.map(([time]) => [time, tickOfTime(points, time)]),
+    };
+  },
+  // A file of one packet that holds y, against x.
+  contract(c) {
+    const { kn, kd, floor: floors, zero: zeros, vector, x, y } = c;
+    if (y.flat().some((count) => count !== (count | 0))) return {}; // no file has such counts
+    const span = y[0].length;
+    const words = new Int32Array(y.flat());
+    const planes = Uint8Array.from({ length: 4 * words.length + 1 }, (_, i) => {
+      const [component, byte, tick] = [Math.floor((i - 1) / span / 4), Math.floor((i - 1) / span) % 4, (i - 1) % span];
+      return i === 0 ? 0 : (words[component * span + tick] >> (8 * byte)) & 255;
+    });
+    const track = {
+      id: 0, kind: 'full', codec: 'RAWB', numberFormat: 'counts', componentCount: y.length, countMin: -(2 ** 31), countMax: 2 ** 31 - 1,
+      channels: y.map((_, component) => component), calibrations: y.map(() => ({ A: 1, B: 0, D: 1 })), setup: { wordSize: 4 },
+      contract: { kn, kd, floors, zeros, vector, guaranteed: true }, base: null, level: 2,
+    };
+    const file = { tracks: new Map([[0, track]]), packets: [{ track: 0, start: 0, span, bytes: planes, offset: 0 }] };
+    const job = { channels: x.map(() => ({ format: 'counts', spans: [[0, span]] })) };
+    const found = checkContracts(file, job, x.map((row) => new BigUint64Array(BigInt64Array.from(row, BigInt).buffer)));
+    // They tell how many ticks are outside, and the ratio as a Number.
+    const near = ([n, d], { worst }) => Math.abs(worst - Math.sqrt(Number(n) / Number(d))) <= 1e-12 * worst;
+    const told = vector ? found.slice(0, 1) : found;
+    return {
+      outside: told.map(({ outside }, i) => (outside === c.outside[i].length ? c.outside[i] : outside)),
+      worst_squared: told.map((one, i) => (near(c.worst_squared[i], one) ? c.worst_squared[i] : one.worst)),
     };
   },
   times(c) {

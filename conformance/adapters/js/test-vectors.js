@@ -1,9 +1,11 @@
-// Checks of conformance/vectors: what a file decodes to, compared with conformance/expected.
+// Checks of conformance/vectors: the verdict on a file and what it decodes to, compared with conformance/expected.
 import { decodeFile } from './decode.js';
 import { HapfError } from './error.js';
 import { openFile } from './file.js';
 import { decodeOutput } from './output.js';
+import { EXIT_CODES } from './report.js';
 import { Sha256, hex } from './sha256.js';
+import { verifyFile } from './verify.js';
 
 function rawOf(chunks) {
   const digest = new Sha256();
@@ -30,17 +32,33 @@ function differences(want, got, raw, place) {
     if (got === null || typeof got !== 'object') return [`${place}: ${JSON.stringify(got)} instead of an object`];
     return Object.entries(want).flatMap(([name, value]) => differences(value, got[name], raw, `${place}.${name}`));
   }
-  return Object.is(want, got) ? [] : [`${place}: ${JSON.stringify(got)} instead of ${JSON.stringify(want)}`];
+  return want === got ? [] : [`${place}: ${JSON.stringify(got)} instead of ${JSON.stringify(want)}`];
 }
 
-export function checkDecode(bytes, want) {
-  let file;
+function checkVerdict(bytes, want) {
+  const file = verifyFile(bytes);
+  const { verdict, findings, damages } = file;
+  const problems = [];
+  if (want.verdict && ![want.verdict].flat().includes(verdict)) problems.push(`${verdict} instead of ${want.verdict}`);
+  const rules = new Set([...findings, ...damages].map(({ requirement }) => requirement));
+  const wanted = [want.verify?.requirement ?? []].flat();
+  if (wanted.length > 0 && !wanted.some((id) => rules.has(id))) problems.push(`${[...rules]} instead of ${wanted}`);
+  return { verdict, problems };
+}
+
+export function checkFile(bytes, want) {
   try {
-    file = openFile(bytes);
+    const { verdict, problems } = checkVerdict(bytes, want);
+    const code = EXIT_CODES[verdict];
+    const codes = [want.exit?.verify ?? code].flat();
+    if (!codes.includes(code)) problems.push(`exit code ${code} instead of ${codes}`);
+    const file = openFile(bytes);
+    // What is refused, or not understood, need not be delivered; nor what breaks a rule.
+    if (!want.decode || code === 4 || code === 2 || file.refused) return problems;
     const decoded = decodeFile(file);
     const { json, raw } = decodeOutput(file, decoded);
     const again = new Map([...raw].map(([name]) => [name, () => decodeOutput(file, decoded).raw.get(name)]));
-    return want.decode ? differences(want.decode, JSON.parse(json), again, 'decode') : [];
+    return [...problems, ...differences(want.decode, JSON.parse(json), again, 'decode')];
   } catch (error) {
     if (error instanceof HapfError) return [`refused: ${error.requirement} ${error.message}`];
     return [error.stack];

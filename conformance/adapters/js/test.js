@@ -1,10 +1,10 @@
-// Runs the component vectors and the decoding of the files: node test.js [name ...]. Exit code 1 where one fails.
+// Runs the component vectors and the files: node test.js [name ...]. Exit code 1 where one fails.
 import { existsSync, readFileSync, readdirSync } from 'node:fs';
 import { fileURLToPath } from 'node:url';
 import { HapfError } from './error.js';
 import { components as codecs, expected } from './test-components.js';
 import { containers } from './test-container.js';
-import { checkDecode } from './test-vectors.js';
+import { checkFile } from './test-vectors.js';
 
 const CONFORMANCE = fileURLToPath(new URL('../../', import.meta.url));
 const components = { ...codecs, ...containers };
@@ -65,7 +65,7 @@ for (const set of existsSync(`${CONFORMANCE}expected`) ? readdirSync(`${CONFORMA
     const file = `${CONFORMANCE}vectors/${set}/${name.replace(/\.json$/, '.hapf')}`;
     if (!existsSync(file)) continue;
     tried++;
-    const problems = checkDecode(new Uint8Array(readFileSync(file)), JSON.parse(readFileSync(`${CONFORMANCE}expected/${set}/${name}`)));
+    const problems = checkFile(new Uint8Array(readFileSync(file)), JSON.parse(readFileSync(`${CONFORMANCE}expected/${set}/${name}`)));
     if (problems.length === 0) passed++;
     else console.log(`  ${set}/${name}: ${problems[0].slice(0, 300)}`);
   }
