@@ -35,12 +35,15 @@ export function parseParameters(codec, bytes, track, offset = 0) {
   return setup;
 }
 
+// What this reader decodes of one packet (LIM-003): a few bytes can stand for 2^28 samples at level 2.
+const PACKET_SAMPLE_BOUND = 2 ** 25;
 const WORD_ARRAYS = { 2: Uint16Array, 4: Uint32Array, 8: BigUint64Array };
 
 // The numbers of a packet, span * componentCount, tick by tick, clamped (DEC-001); and, where they are asked for and
 // there are any, the exact values as bit patterns.
 export function decodePacket(track, bytes, start, span, { exact = false, offset = 0 } = {}) {
   const length = span * track.componentCount;
+  if (length > PACKET_SAMPLE_BOUND) unsupported('LIM-003', `a packet of ${length} samples`, offset);
   if (track.numberFormat !== 'counts') {
     const words = new WORD_ARRAYS[track.setup.wordSize](length);
     decodeRawbWords(track, bytes, span, words, offset);
