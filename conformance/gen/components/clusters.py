@@ -6,6 +6,7 @@ import hashlib
 import struct
 import zlib
 from collections.abc import Iterator
+from itertools import pairwise
 
 import forge as f
 from page import BrokenRule, varint
@@ -15,7 +16,7 @@ from .component import Case, Component, tried
 
 def parse(data: bytes) -> Case:
     """At level 1, with each track described and of one component."""
-    count, at = number(data, 0, "DAT-005")
+    count, at = number(data, 0)
     if not 1 <= count <= 2**14:
         raise BrokenRule("DAT-001")
     rows = []
@@ -23,7 +24,7 @@ def parse(data: bytes) -> Case:
         begin = at
         fields = []
         for _ in range(4):
-            value, at = number(data, at, "DAT-005")
+            value, at = number(data, at)
             fields.append(value)
         if at + 4 > len(data):
             raise BrokenRule("DAT-005")
@@ -33,7 +34,8 @@ def parse(data: bytes) -> Case:
     for _, _, start, span, *_ in rows:
         if not 1 <= span <= 2**24 or start + span > 2**48:
             raise BrokenRule("DAT-003")
-    if any(a[0] > b[0] or (a[0] == b[0] and a[2] >= b[2]) for a, b in zip(rows, rows[1:], strict=False)):
+    places = [(row[0], row[2]) for row in rows]
+    if any(a >= b for a, b in pairwise(places)):
         raise BrokenRule("DAT-002")
     if sum(size for _, size, *_ in rows) != len(data) - at:
         raise BrokenRule("DAT-005")
@@ -41,17 +43,18 @@ def parse(data: bytes) -> Case:
     for track, size, start, span, crc, text in rows:
         if zlib.crc32(text + data[at : at + size]) != crc:
             raise BrokenRule("DAT-004")
-        entries.append({"track": track, "size": size, "start": start, "span": span, "crc": crc,
-                        "offset": at})  # fmt: skip
+        entries.append(
+            {"track": track, "size": size, "start": start, "span": span, "crc": crc, "offset": at}
+        )
         at += size
     if sum(row[3] for row in rows) > 2**22:
         raise BrokenRule("DAT-009")
     return {"entries": entries}
 
 
-def number(data: bytes, at: int, short: str) -> tuple[int, int]:
+def number(data: bytes, at: int) -> tuple[int, int]:
     if len(data) - at < 8 and all(byte >= 128 for byte in data[at:]):
-        raise BrokenRule(short)
+        raise BrokenRule("DAT-005", "CNV-002")
     return varint(data, at)
 
 
@@ -61,46 +64,67 @@ def tables() -> Component:
     late = f.cluster((0, 2**48 - 4, 4, five))
     one = f.entry(0, 1, 0, 4, five)
     rows: list[tuple[str, bytes]] = [
-        ("one packet", f.cluster((0, 0, 4, five))), ("two tracks", pair),
+        ("one packet", f.cluster((0, 0, 4, five))),
+        ("two tracks", pair),
         ("two packets of one track", f.cluster((0, 0, 4, five), (0, 9, 4, five))),
         ("an empty packet", f.cluster((0, 0, 4, five), (1, 0, 4, b""), (2, 0, 4, five))),
-        ("the last tick", late), ("a track id of two bytes", f.cluster((300, 1000, 200, five))),
+        ("the last tick", late),
+        ("a track id of two bytes", f.cluster((300, 1000, 200, five))),
         ("as many samples as level 1 has", f.cluster((0, 0, 2**22, five))),
-        ("no bytes", b""), ("no packet", f.varint(0)),
+        ("no bytes", b""),
+        ("no packet", f.varint(0)),
         ("more packets than level 1 has", f.varint(2**14 + 1) + bytes(8)),
-        ("ends within the table", pair[:9]), ("a packet is missing", pair[:-1]),
+        ("ends within the table", pair[:9]),
+        ("a packet is missing", pair[:-1]),
         ("a byte left over", pair + b"\0"),
         ("wrong order of tracks", f.cluster((1, 0, 4, five), (0, 0, 4, five))),
         ("wrong order of starts", f.cluster((0, 9, 4, five), (0, 0, 4, five))),
         ("the same row twice", f.cluster((0, 0, 4, five), (0, 0, 4, five))),
-        ("no tick", f.cluster((0, 0, 0, five))), ("one tick too far", f.cluster((0, 2**48 - 3, 4, five))),
+        ("no tick", f.cluster((0, 0, 0, five))),
+        ("one tick too far", f.cluster((0, 2**48 - 3, 4, five))),
         ("a span of 2^24 + 1", f.cluster((0, 0, 2**24 + 1, five))),
         ("too many samples in all", f.cluster((0, 0, 2**21, five), (1, 0, 2**21 + 1, five))),
-        ("another start than its checksum says", f.varint(1) + f.entry(0, 1, 1, 4, five, crc=crc_of(one)) + five),
+        (
+            "another start than its checksum says",
+            f.varint(1) + f.entry(0, 1, 1, 4, five, crc=crc_of(one)) + five,
+        ),
         ("another packet than its checksum says", f.cluster((0, 0, 4, five))[:-1] + f.svarint(6)),
         ("a number that is not minimal", f.varint(1) + b"\x80\0" + one[1:] + five),
-    ]  # fmt: skip
+    ]
     cases = [
         tried({"name": name, "payload": data}, lambda data=data: parse(data)) for name, data in rows
     ]
     return Component(
-        "cluster", "6.4", ("DAT-001", "DAT-002", "DAT-003", "DAT-004", "DAT-005", "DAT-009"),
+        "cluster",
+        "6.4",
+        ("DAT-001", "DAT-002", "DAT-003", "DAT-004", "DAT-005", "DAT-009"),
         "Payloads of DATA at level 1, every track described, with one component: the rows of the "
-        "table, with the offset of each packet in the payload.", cases,
-    )  # fmt: skip
+        "table, with the offset of each packet in the payload.",
+        cases,
+    )
 
 
 def crc_of(row: bytes) -> int:
     return int.from_bytes(row[-4:], "little")
 
 
-FORMATS = {"counts": "i", "int64": "Q", "uint64": "Q", "binary16": "H", "binary32": "I", "binary64": "Q"}
+FORMATS = {
+    "counts": "i",
+    "int64": "Q",
+    "uint64": "Q",
+    "binary16": "H",
+    "binary32": "I",
+    "binary64": "Q",
+}
 
 
 def digest(kind: str, pieces: list[tuple[int, list[list[int]]]]) -> Case:
     """``pieces``: start, and the row of each tick."""
     raw = b"".join(
-        struct.pack("<" + FORMATS[kind], number) for _, rows in pieces for row in rows for number in row
+        struct.pack("<" + FORMATS[kind], number)
+        for _, rows in pieces
+        for row in rows
+        for number in row
     )
     spans: list[list[int]] = []
     for start, rows in pieces:
@@ -110,32 +134,47 @@ def digest(kind: str, pieces: list[tuple[int, list[list[int]]]]) -> Case:
             spans.append([start, start + len(rows)])
     numbers = hashlib.sha256(raw).digest()
     coverage = b"".join(struct.pack("<QQ", start, stop - start) for start, stop in spans)
-    return {"spans": spans, "of_numbers": numbers, "digest": hashlib.sha256(numbers + coverage).digest()}
+    return {
+        "spans": spans,
+        "of_numbers": numbers,
+        "digest": hashlib.sha256(numbers + coverage).digest(),
+    }
 
 
 def digests() -> Component:
     one = struct.unpack("<Q", struct.pack("<d", 1.0))[0]
     rows: list[tuple] = [
-        ("no packet", "counts", []), ("four counts", "counts", [(0, [[5]] * 4)]),
+        ("no packet", "counts", []),
+        ("four counts", "counts", [(0, [[5]] * 4)]),
         ("negative counts", "counts", [(0, [[-1], [-(2**23)], [2**23 - 1], [-(2**31)]])]),
         ("three components", "counts", [(2, [[1, 2, 3], [4, 5, 6]])]),
         ("a gap", "counts", [(0, [[1], [2]]), (5, [[3]])]),
         ("packets that follow on are one span", "counts", [(0, [[1], [2]]), (2, [[3]])]),
         ("a late start", "counts", [(2**48 - 1, [[7]])]),
-        ("int64", "int64", [(0, [[0], [2**64 - 1], [2**63]])]), ("uint64", "uint64", [(0, [[2**64 - 1]])]),
-        ("binary16", "binary16", [(0, [[0x3C00], [0x7E01]])]), ("binary32", "binary32", [(0, [[0x3F800000]])]),
+        ("int64", "int64", [(0, [[0], [2**64 - 1], [2**63]])]),
+        ("uint64", "uint64", [(0, [[2**64 - 1]])]),
+        ("binary16", "binary16", [(0, [[0x3C00], [0x7E01]])]),
+        ("binary32", "binary32", [(0, [[0x3F800000]])]),
         ("binary64, or the exact values of LPCX", "binary64", [(0, [[one], [2**63]])]),
-    ]  # fmt: skip
+    ]
     cases = [
-        {"name": name, "number_format": kind,
-         "packets": [{"start": start, "rows": rows} for start, rows in pieces]} | digest(kind, pieces)
+        {
+            "name": name,
+            "number_format": kind,
+            "packets": [{"start": start, "rows": rows} for start, rows in pieces],
+        }
+        | digest(kind, pieces)
         for name, kind, pieces in rows
-    ]  # fmt: skip
+    ]
     return Component(
-        "digest", "6.9", ("DGS-002", "DGS-003"),
-        "Digests of a track from its packets: `rows` has the numbers of each tick (words as unsigned "
-        "integers), `spans` the coverage, `of_numbers` the SHA-256 of the numbers.", cases,
-    )  # fmt: skip
+        "digest",
+        "6.9",
+        ("DGS-002", "DGS-003"),
+        "Digests of a track from its packets: `rows` has the numbers of each tick (words as "
+        "unsigned "
+        "integers), `spans` the coverage, `of_numbers` the SHA-256 of the numbers.",
+        cases,
+    )
 
 
 def components() -> Iterator[Component]:

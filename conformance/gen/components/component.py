@@ -28,10 +28,12 @@ class Component:
         names = [case["name"] for case in self.cases]
         assert len(names) == len({*names}), f"{self.name}: a name twice"
         return {
-            "component": self.name, "clause": self.clause,
-            "requirements": list(self.requirements), "about": self.about,
+            "component": self.name,
+            "clause": self.clause,
+            "requirements": list(self.requirements),
+            "about": self.about,
             "cases": [plain(case) for case in self.cases],
-        }  # fmt: skip
+        }
 
 
 def plain(value: Any) -> Any:
@@ -48,11 +50,13 @@ def plain(value: Any) -> Any:
 
 
 def tried(case: Case, run: Callable[[], Case]) -> Case:
-    """The case with what comes out, or with the rule that is broken."""
+    """The case with what comes out, or with the rule that is broken, or the rules that may be "
+    "named."""
     try:
         return case | run()
     except BrokenRule as broken:
-        return case | {"error": broken.args[0]}
+        ids = list(broken.args)
+        return case | {"error": ids if len(ids) > 1 else ids[0]}
 
 
 def lines(value: Any, indent: str = "") -> Iterator[str]:

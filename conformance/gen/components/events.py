@@ -19,16 +19,18 @@ def packets() -> Component:
         ("as long as may be", 5, 9, page_events.encode([(5, 2**48 - 5, 0, "x")], 5)),
         ("a channel of the largest number", 0, 1, event(0, "x", channel=65535)),
         ("65535 bytes of text", 0, 1, event(0, "m" * 65535)),
-        ("none", 0, 9, b""), ("behind the span", 10, 9, event(9, "x")),
+        ("none", 0, 9, b""),
+        ("behind the span", 10, 9, event(9, "x")),
         ("the second one behind the span", 10, 9, event(8, "x") + event(1, "y")),
         ("ends too late", 5, 9, event(0, "x", duration=2**48 - 4)),
         ("ends within a text", 0, 9, event(0, "abc")[:-1]),
         ("ends within its numbers", 0, 9, bytes.fromhex("0000")),
         ("65536 bytes of text", 0, 1, event(0, "m" * 65536)),
         ("a channel of 65536", 0, 1, event(0, "x", channel=65536)),
-        ("no UTF-8", 0, 1, event(0, b"\xff")), ("U+0000", 0, 1, event(0, b"a\0")),
+        ("no UTF-8", 0, 1, event(0, b"\xff")),
+        ("U+0000", 0, 1, event(0, b"a\0")),
         ("a number that is not minimal", 0, 9, bytes.fromhex("8000000000")),
-    ]  # fmt: skip
+    ]
     cases = []
     for name, start, span, data in rows:
         case: Case = {"name": name, "start": start, "span": span, "packet": data}
@@ -43,10 +45,14 @@ def packets() -> Component:
 
         cases.append(tried(case, run))
     return Component(
-        "evnt", "9.9", ("EVT-001", "EVT-002", "EVT-003", "CNV-004", "COD-001"),
-        "Packets of EVNT: events as [tick, duration, channel or null, text]. `then`: the packet goes on "
-        "with this byte, so many times.", cases,
-    )  # fmt: skip
+        "evnt",
+        "9.9",
+        ("EVT-001", "EVT-002", "EVT-003", "CNV-004", "COD-001"),
+        "Packets of EVNT: events as [tick, duration, channel or null, text]. `then`: the packet "
+        "goes on "
+        "with this byte, so many times.",
+        cases,
+    )
 
 
 def components() -> Iterator[Component]:

@@ -17,8 +17,29 @@ from page import (
 
 from .component import Case, Component, tried
 
-EDGES = (0, 1, 2, 63, 64, 127, 128, 129, 300, 16383, 16384, 2**21 - 1, 2**21, 2**31, 2**32 - 1,
-         2**32, 2**42 + 7, 2**49 - 1, 2**49, 2**52 - 1, 2**53 - 1)  # fmt: skip
+EDGES = (
+    0,
+    1,
+    2,
+    63,
+    64,
+    127,
+    128,
+    129,
+    300,
+    16383,
+    16384,
+    2**21 - 1,
+    2**21,
+    2**31,
+    2**32 - 1,
+    2**32,
+    2**42 + 7,
+    2**49 - 1,
+    2**49,
+    2**52 - 1,
+    2**53 - 1,
+)
 
 BAD = (
     ("no bytes", b"", 0),
@@ -59,9 +80,12 @@ def varints() -> Component:
     ]
     cases += [row(name, data, at, read) for name, data, at in BAD]
     return Component(
-        "varint", "2", ("CNV-001", "CNV-002", "CNV-003"),
-        "The varint at offset `at` of `bytes`: its value, and `stop`, the offset behind it.", cases,
-    )  # fmt: skip
+        "varint",
+        "2",
+        ("CNV-001", "CNV-002", "CNV-003"),
+        "The varint at offset `at` of `bytes`: its value, and `stop`, the offset behind it.",
+        cases,
+    )
 
 
 def svarints() -> Component:
@@ -70,17 +94,34 @@ def svarints() -> Component:
     cases = [row(str(v), svarint_bytes(v), 0, read_signed) for v in values]
     cases += [row(name, data, at, read_signed) for name, data, at in BAD[:5]]
     return Component(
-        "svarint", "2", ("CNV-001", "CNV-002", "CNV-003"),
-        "As varint, signed.", cases,
-    )  # fmt: skip
+        "svarint",
+        "2",
+        ("CNV-001", "CNV-002", "CNV-003"),
+        "As varint, signed.",
+        cases,
+    )
 
 
 def divisions() -> Component:
     pairs = [
-        (n, d) for d in (1, 2, 3, 4, 5, 64, 32768)
-        for n in (-2 * d, -d - 1, -d, -d + 1, -(d // 2) - 1, -(d // 2), -1, 0, 1, d // 2,
-                  d // 2 + 1, d, d + d // 2)
-    ]  # fmt: skip
+        (n, d)
+        for d in (1, 2, 3, 4, 5, 64, 32768)
+        for n in (
+            -2 * d,
+            -d - 1,
+            -d,
+            -d + 1,
+            -(d // 2) - 1,
+            -(d // 2),
+            -1,
+            0,
+            1,
+            d // 2,
+            d // 2 + 1,
+            d,
+            d + d // 2,
+        )
+    ]
     pairs += [(-1, 7), (-3, 7), (-4, 7), (2**49, 2**24 - 1), (-(2**49) - 1, 2**24)]
     pairs += [(-(2**49) + 2**23, 2**24), (2**51 + 2**14, 2**15), (-(2**51) - 2**14, 2**15)]
     pairs += [(2**57 + 2**23, 2**24), (-(2**57) - 2**23 - 1, 2**24), (2**105, 2**52 + 1)]
@@ -89,20 +130,28 @@ def divisions() -> Component:
         for n, d in dict.fromkeys(pairs)
     ]
     return Component(
-        "division", "2", ("CNV-001",),
+        "division",
+        "2",
+        ("CNV-001",),
         "`floor`: n // d, rounded towards minus infinity; `rdiv`: rounded to nearest, ties towards "
-        "plus infinity.", cases,
-    )  # fmt: skip
+        "plus infinity.",
+        cases,
+    )
 
 
 def clamps() -> Component:
     rows = [
-        ("within", 5, -10, 10), ("below", -11, -10, 10), ("above", 11, -10, 10),
-        ("at the lower end", -10, -10, 10), ("at the upper end", 10, -10, 10),
-        ("one value only", 3, 7, 7), ("24 bits", 2**24, -(2**23), 2**23 - 1),
+        ("within", 5, -10, 10),
+        ("below", -11, -10, 10),
+        ("above", 11, -10, 10),
+        ("at the lower end", -10, -10, 10),
+        ("at the upper end", 10, -10, 10),
+        ("one value only", 3, 7, 7),
+        ("24 bits", 2**24, -(2**23), 2**23 - 1),
         ("32 bits, below", -(2**33), -(2**31), 2**31 - 1),
-        ("32 bits, above", 2**33, -(2**31), 2**31 - 1), ("all positive", 0, 1, 9),
-    ]  # fmt: skip
+        ("32 bits, above", 2**33, -(2**31), 2**31 - 1),
+        ("all positive", 0, 1, 9),
+    ]
     cases: list[Case] = [
         {"name": name, "x": x, "low": low, "high": high, "result": clamp(x, low, high)}
         for name, x, low, high in rows
@@ -118,25 +167,35 @@ def clamps() -> Component:
         total = clamp(clamp(d, *lf) + clamp(e, *hf), *lf)
         cases.append({"name": name, "lf": d, "lf_range": lf, "hf": e, "hf_range": hf, "sum": total})
     return Component(
-        "clamp", "2, 10", ("CNV-001", "DEC-001", "DEC-002"),
+        "clamp",
+        "2, 10",
+        ("CNV-001", "DEC-001", "DEC-002"),
         "clamp(x, low, high); and the count of a channel of two tracks: both clamped to their "
-        "declared ranges, added, and clamped to that of LF.", cases,
-    )  # fmt: skip
+        "declared ranges, added, and clamped to that of LF.",
+        cases,
+    )
 
 
 def checksums() -> Component:
     texts = (
-        ("no bytes", b""), ("the check of clause 2", b"123456789"), ("one 0", b"\0"),
-        ("one FF", b"\xff"), ("32 times 0", bytes(32)), ("32 times FF", b"\xff" * 32),
-        ("sync word", bytes.fromhex("f9488b1c")), ("all bytes", bytes(range(256))),
+        ("no bytes", b""),
+        ("the check of clause 2", b"123456789"),
+        ("one 0", b"\0"),
+        ("one FF", b"\xff"),
+        ("32 times 0", bytes(32)),
+        ("32 times FF", b"\xff" * 32),
+        ("sync word", bytes.fromhex("f9488b1c")),
+        ("all bytes", bytes(range(256))),
         ("all bytes, backwards", bytes(reversed(range(256)))),
         ("1000 bytes", bytes(i * i % 251 for i in range(1000))),
-    )  # fmt: skip
+    )
     return Component(
-        "crc32", "2", ("CHK-002", "CHK-003", "DAT-004"),
+        "crc32",
+        "2",
+        ("CHK-002", "CHK-003", "DAT-004"),
         "`crc`: the CRC-32 of `bytes`.",
         [{"name": name, "bytes": data, "crc": zlib.crc32(data)} for name, data in texts],
-    )  # fmt: skip
+    )
 
 
 def parse_strings(data: bytes, count: int) -> list[str]:
@@ -171,22 +230,31 @@ def strings() -> Component:
         return bytes([len(raw)]) + raw
 
     rows = (
-        ("one for all", entry("N"), 3), ("one each", entry("x") + entry("y") + entry("z"), 3),
-        ("empty", entry(""), 2), ("one component", entry("force"), 1),
+        ("one for all", entry("N"), 3),
+        ("one each", entry("x") + entry("y") + entry("z"), 3),
+        ("empty", entry(""), 2),
+        ("one component", entry("force"), 1),
         ("255 repeats", entry("a") + b"\xff" + entry("b") + b"\xff", 4),
-        ("255 after 255", entry("ab") + b"\xff\xff", 3), ("255 repeats an empty text", b"\0\xff", 2),
-        ("254 bytes", entry("m" * 254), 1), ("letters of two to four bytes", entry("°µ€𝄞"), 1),
+        ("255 after 255", entry("ab") + b"\xff\xff", 3),
+        ("255 repeats an empty text", b"\0\xff", 2),
+        ("254 bytes", entry("m" * 254), 1),
+        ("letters of two to four bytes", entry("°µ€𝄞"), 1),
         ("spaces are kept", entry(" a "), 1),
-        ("255 first", b"\xff", 1), ("255 first, a text behind it", b"\xff" + entry("a"), 2),
-        ("two for three", entry("a") + entry("b"), 3), ("four for three", entry("a") * 4, 3),
-        ("none", b"", 1), ("ends within an entry", b"\x05abc", 1),
-        ("ends after the length", b"\x01", 1), ("U+0000", entry("a\0b"), 1),
+        ("255 first", b"\xff", 1),
+        ("255 first, a text behind it", b"\xff" + entry("a"), 2),
+        ("two for three", entry("a") + entry("b"), 3),
+        ("four for three", entry("a") * 4, 3),
+        ("none", b"", 1),
+        ("ends within an entry", b"\x05abc", 1),
+        ("ends after the length", b"\x01", 1),
+        ("U+0000", entry("a\0b"), 1),
         ("a byte that begins nothing", entry(b"\x80"), 1),
-        ("a letter cut short", entry(b"\xc2"), 1), ("too long a form of /", entry(b"\xc0\xaf"), 1),
+        ("a letter cut short", entry(b"\xc2"), 1),
+        ("too long a form of /", entry(b"\xc0\xaf"), 1),
         ("half a surrogate pair", entry(b"\xed\xa0\x80"), 1),
         ("beyond U+10FFFF", entry(b"\xf4\x90\x80\x80"), 1),
         ("the sync word", entry(bytes.fromhex("f9488b1c")), 1),
-    )  # fmt: skip
+    )
     cases = [
         tried(
             {"name": name, "bytes": data, "components": count},
@@ -195,9 +263,12 @@ def strings() -> Component:
         for name, data, count in rows
     ]
     return Component(
-        "strings", "2, 6.2", ("CNV-004", "CNV-005", "TLV-004", "TLV-007"),
-        "String lists for so many components; `texts` has one for each.", cases,
-    )  # fmt: skip
+        "strings",
+        "2, 6.2",
+        ("CNV-004", "CNV-005", "TLV-004", "TLV-007"),
+        "String lists for so many components; `texts` has one for each.",
+        cases,
+    )
 
 
 def components() -> Iterator[Component]:

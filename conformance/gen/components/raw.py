@@ -19,7 +19,9 @@ def planes(numbers: list[list[int]], size: int) -> bytes:
 
 
 def parse(data: bytes, span: int, count: int, size: int, signed: bool) -> list[list[int]]:
-    if not data or data[0] > 1:
+    if not data:
+        raise BrokenRule("COD-001", "RAW-002")
+    if data[0] > 1:
         raise BrokenRule("RAW-002")
     whole = inflated(data[1:], span * count * size) if data[0] else data[1:]
     if len(whole) != span * count * size:
@@ -41,6 +43,8 @@ def inflated(data: bytes, size: int) -> bytes:
         raise BrokenRule("RAW-004") from None
     if len(out) > size:
         raise BrokenRule("RAW-003")
+    if len(out) < size and not stream.eof:
+        raise BrokenRule("RAW-003", "RAW-004")
     if not stream.eof or stream.unused_data:
         raise BrokenRule("RAW-004")
     return out
@@ -110,17 +114,23 @@ def packets() -> Component:
         ("DEFLATE, fixed codes", 2, 4, 2, b"\1" + packed(fixed(*whole))),
         ("DEFLATE, fixed codes with copies", 1, 9, 1, b"\1" + packed(fixed(7, (8, 1)))),
         ("DEFLATE, a copy over its own end", 1, 9, 1, b"\1" + packed(fixed(7, 8, (7, 2)))),
-        ("DEFLATE, two blocks, a copy from one to the other", 1, 8, 1,
-         b"\1" + packed(fixed(1, 2, 3, last=False) + fixed((5, 3)))),
+        (
+            "DEFLATE, two blocks, a copy from one to the other",
+            1,
+            8,
+            1,
+            b"\1" + packed(fixed(1, 2, 3, last=False) + fixed((5, 3))),
+        ),
         ("DEFLATE, codes of its own", 1, 8, 1, b"\1" + dynamic()),
-    ]  # fmt: skip
+    ]
     words = [rng.randrange(2**64) for _ in range(5)]
     cases = [packet(*row) for row in rows]
     cases.append(packet("words of eight bytes", 8, 5, 1, b"\0" + planes([words], 8), signed=False))
     cases.append(packet("words of two bytes", 2, 2, 1, bytes.fromhex("0000ff003c"), signed=False))
     fixed_block = b"\1" + packed(fixed(*whole))
     cases += [
-        packet("no bytes", 1, 1, 1, b""), packet("method 2", 1, 1, 1, b"\2\0"),
+        packet("no bytes", 1, 1, 1, b""),
+        packet("method 2", 1, 1, 1, b"\2\0"),
         packet("a byte is missing", 2, 4, 2, b"\0" + whole[:-1]),
         packet("a byte left over", 2, 4, 2, b"\0" + whole + b"\0"),
         packet("DEFLATE, a byte too few", 2, 4, 2, b"\1" + in_blocks(whole[:-1], 15)),
@@ -130,16 +140,25 @@ def packets() -> Component:
         packet("DEFLATE, a byte behind it", 2, 4, 2, fixed_block + b"\0"),
         packet("DEFLATE, a reserved kind of block", 1, 1, 1, b"\1\7"),
         packet("DEFLATE, a copy from before the start", 1, 9, 1, b"\1" + packed(fixed(7, (8, 2)))),
-    ]  # fmt: skip
+    ]
     return Component(
-        "rawb", "9.3", ("RAW-002", "RAW-003", "RAW-004", "COD-001"),
-        "Packets of RAWB: the numbers of each component, counts where `signed`, else words.", cases,
-    )  # fmt: skip
+        "rawb",
+        "9.3",
+        ("RAW-002", "RAW-003", "RAW-004", "COD-001"),
+        "Packets of RAWB: the numbers of each component, counts where `signed`, else words.",
+        cases,
+    )
 
 
 def packet(name, size, span, count, data, *, signed=True) -> Case:
-    case: Case = {"name": name, "word_size": size, "span": span, "components": count,
-                  "signed": signed, "packet": data}  # fmt: skip
+    case: Case = {
+        "name": name,
+        "word_size": size,
+        "span": span,
+        "components": count,
+        "signed": signed,
+        "packet": data,
+    }
     return tried(case, lambda: {"numbers": parse(data, span, count, size, signed)})
 
 
