@@ -36,6 +36,7 @@ from hapfmt.codecs.sine import SINES
 from hapfmt.codecs.values import ordered, unordered, values_of
 from hapfmt.container.clocks import ClockMap, parse_clock, parse_map
 from hapfmt.container.cluster import parse_cluster, parse_count, parse_entry
+from hapfmt.container.salvage import Salvage
 from hapfmt.container.tlv import parse_strings
 from hapfmt.container.track import Affine, Track
 from hapfmt.container.wire import crc32
@@ -312,6 +313,20 @@ def cluster(case):
     return {"entries": entries}
 
 
+def salvage(case):
+    size, following = case["payload_size"], case["next_header"]
+    ends = [size]
+    if following not in (None, size) and following - size <= 1 << 16:
+        ends.append(following)
+    payload = bytes.fromhex(case["bytes"])[: max(ends)]
+    tracks = {id_: AnyTrack()[id_] for id_ in range(8)}
+    rows = [
+        [kept.place, kept.at, kept.entry.track, kept.entry.size, kept.entry.start, kept.entry.span]
+        for kept in Salvage(payload, tracks, LEVEL, ends).run()
+    ]
+    return {"kept": rows}
+
+
 def clock_chunk(case):
     payload = bytes.fromhex(case["payload"])
     if case["chunk"] == "cMAp":
@@ -361,7 +376,7 @@ PROGRAMS = {
     "rawb": rawb, "evnt": evnt, "sine": sine, "predictor": predictor, "grid": grid, "rice": rice,
     "lpcr": lpcr_packet, "exact-values": exact_values, "places": places, "lpcx": lpcx,
     "cluster": cluster, "clock-chunks": clock_chunk, "clock-maps": clock_map, "times": times,
-    "digest": digest,
+    "digest": digest, "salvage": salvage,
 }  # fmt: skip
 FILES = sorted(ROOM.glob("*.json"))
 

@@ -59,6 +59,16 @@ def tried(case: Case, run: Callable[[], Case]) -> Case:
         return case | {"error": ids if len(ids) > 1 else ids[0]}
 
 
+def also(cases: list[Case], others: dict[str, list[str]]) -> list[Case]:
+    """Cases by name, in which other rules may be named as well."""
+    for case in cases:
+        for id_ in others.pop(case["name"], []):
+            ids = case["error"] if isinstance(case["error"], list) else [case["error"]]
+            case["error"] = [*ids, id_]
+    assert not others, others
+    return cases
+
+
 def lines(value: Any, indent: str = "") -> Iterator[str]:
     """JSON in lines: what fits on one stands on one; rows of numbers are filled."""
     short = json.dumps(value, ensure_ascii=False)

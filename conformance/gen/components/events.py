@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import page_events
 from forge import event
 
-from .component import Case, Component, tried
+from .component import Case, Component, also, tried
 
 
 def packets() -> Component:
@@ -51,7 +51,10 @@ def packets() -> Component:
         "Packets of EVNT: events as [tick, duration, channel or null, text]. `then`: the packet "
         "goes on "
         "with this byte, so many times.",
-        cases,
+        also(
+            cases,
+            {"ends within its numbers": ["EVT-001", "COD-001"], "ends within a text": ["COD-001"]},
+        ),
     )
 
 

@@ -11,7 +11,7 @@ import page
 import page_exact
 from page import varint_bytes
 
-from .component import Case, Component, tried
+from .component import Case, Component, also, tried
 
 RULES = ("quotient", "product", "binary32", "decimals", "significant digits")
 
@@ -229,7 +229,15 @@ def packets() -> Component:
         "Packets of LPCX: the counts, and the exact values as the bits of binary64. With `error` "
         "and "
         "`counts` the counts are given all the same (EXA-006).",
-        cases,
+        also(
+            cases,
+            {
+                "ends after the flags": ["COD-001"],
+                "fields are missing": ["COD-001"],
+                "the counts beyond the packet": ["COD-001"],
+                "a byte left over": ["COD-001"],
+            },
+        ),
     )
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import page
 from page import BrokenRule, rdiv, signed, svarint_bytes, varint, varint_bytes
 
-from .component import Case, Component, tried
+from .component import Case, Component, also, tried
 
 BOUND, LAST_TICK = 2**24, 2**24
 
@@ -146,7 +146,15 @@ def plain_knots() -> Component:
         "Packets of KNOT at level 1: knots as [tick, [count of each component]], and the counts "
         "of each "
         "component before they are clamped.",
-        cases,
+        also(
+            cases,
+            {
+                "no knot": ["COD-001"],
+                "two of three components": ["COD-001"],
+                "a tick without a value": ["COD-001"],
+                "ends within a varint": ["COD-001"],
+            },
+        ),
     )
 
 
@@ -229,7 +237,14 @@ def coded_knots() -> Component:
         "Packets of KNTE on the uniform grid of step 1 and zero 0 at level 1: knots as [tick, "
         "[index of "
         "each component]], and where the span is short the counts of each component.",
-        cases,
+        also(
+            cases,
+            {
+                "no bytes": ["COD-001"],
+                "only the count is there": ["RNG-001"],
+                "a byte is missing": ["RNG-001"],
+            },
+        ),
     )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import page
 
-from .component import Case, Component, tried
+from .component import Case, Component, also, tried
 
 BOUND = 2**24
 """The count bound of level 1."""
@@ -133,7 +133,16 @@ def packets() -> Component:
             "COD-001",
         ),
         "Packets of LPCR: the indices of each component, `last` being the largest magnitude.",
-        [whole_packet(*row) for row in rows],
+        also(
+            [whole_packet(*row) for row in rows],
+            {
+                "empty": ["COD-001"],
+                "one byte": ["COD-001"],
+                "coefficients are missing": ["COD-001"],
+                "references are missing": ["COD-001"],
+                "constant, bytes left over": ["LPC-004"],
+            },
+        ),
     )
 
 
