@@ -2,7 +2,8 @@
 
 Tests of hostile bytes carry the mark ``capped``: while one runs, the process may take 256 MiB of
 address space more than it had, so that what asks for more ends in a MemoryError, which is none of
-our errors. (Linux only; elsewhere the tests run without.)
+our errors. (Linux only; elsewhere the tests run without.) ``capped(False)`` takes a test out of a
+module that carries the mark: threads reserve more address space each than they use.
 """
 
 from __future__ import annotations
@@ -48,9 +49,20 @@ def memory_cap() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, before)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that take seconds and seldom find what others do not: not in a quick run."""
+    if os.environ.get("HYPOTHESIS_PROFILE", "dev") != "dev":
+        return
+    left_out = pytest.mark.skip(reason="runs with HYPOTHESIS_PROFILE=ci or nightly")
+    for item in items:
+        if item.get_closest_marker("deep") is not None:
+            item.add_marker(left_out)
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
-    if item.get_closest_marker("capped") is None:
+    mark = item.get_closest_marker("capped")
+    if mark is None or mark.args == (False,):
         return (yield)
     with memory_cap():
         return (yield)

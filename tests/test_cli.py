@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,23 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import run
 
 import hapfmt
 from hapfmt.cli import VERBS
 from hapfmt.scenes.stylus import simulate
 
 TABLE = {"intact": 0, "usage": 1, "nonconforming": 2, "damaged": 3, "unsupported": 4}
-
-
-def run(*arguments: object, cwd: Path, stdin: bytes = b"") -> subprocess.CompletedProcess[bytes]:
-    return subprocess.run(
-        [sys.executable, "-W", "error", "-m", "hapfmt", *map(str, arguments)],
-        cwd=cwd,
-        input=stdin,
-        capture_output=True,
-        check=False,
-        env={**os.environ, "COLUMNS": "200"},
-    )
 
 
 def run_json(*arguments: object, cwd: Path) -> tuple[int, Any]:

@@ -204,6 +204,7 @@ def test_what_a_kill_may_leave(tmp_path, monkeypatch):
         crash.look(path, told[0], crash.Tally())
 
 
+@pytest.mark.deep
 def test_a_few_crashes():
     """tools/crash.py, a few of its trials."""
     done = subprocess.run(

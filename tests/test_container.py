@@ -397,6 +397,7 @@ class TestSources:
             with pytest.raises(ParameterError, match="mapped"):
                 open_source(file, mapped=True)
 
+    @pytest.mark.capped(False)
     def test_threads_share_a_file(self, tmp_path):
         """No reading moves the place of another."""
         path = tmp_path / "a"

@@ -29,6 +29,10 @@ FOUND = {
         "recovered",
         "a description before HEAD was held to the limits of level 2 only",
     ),
+    "recovered-order-broken-before-the-first-damage": (
+        "recovered",
+        "a reader left out chunks in a wrong order, if the damage came later, and recover did not",
+    ),
     "index-type-not-ascii": ("index", "an entry whose type was no letters was taken"),
 }
 """Inputs that broke something, in corpus/found: the target, and what was wrong."""

@@ -94,6 +94,7 @@ linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /
 
 
 @linux
+@pytest.mark.deep
 @pytest.mark.parametrize("group", range(4))
 @pytest.mark.parametrize("whole", [True, False], ids=["whole", "fitting"])
 def test_memory_is_kept(whole, group, tmp_path):

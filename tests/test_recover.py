@@ -460,3 +460,14 @@ def test_a_digest_that_packets_were_appended_to_is_no_damage():
     assert (done.exit_code, done.digests) == (0, 0)
     assert verify(good).verdict == "intact"
     assert len(samples(good)) == 80
+
+
+def test_order_is_nothing_in_a_damaged_file():
+    """Wherever the damage stands: a reader gives what is recovered (SPEC 12.1)."""
+    chunks = [f.TRACK_0, ("HEAD", f.head()), f.DATA_0]
+    with pytest.raises(FormatError):
+        hapfmt.read(f.file(*chunks))
+    for data in (f.file(*chunks) + b"?", f.SIGNATURE + b"?" + f.file(*chunks)[8:]):
+        wanted = {(0, tick): 5 for tick in range(4)}
+        assert samples(data) == samples(recovered(data)[0]) == wanted
+        assert [each["code"] for each in verify(data).findings] == ["garbage", "not-closed"]

@@ -119,7 +119,9 @@ class TestBytes:
             kept = reader.source.blocks.values()
             assert sum(map(len, kept)) <= remote.CACHE < len(wide) / 4
 
-    @pytest.mark.parametrize("seed", range(20))
+    @pytest.mark.parametrize(
+        "seed", [*range(5), *(pytest.param(seed, marks=pytest.mark.deep) for seed in range(5, 20))]
+    )
     def test_any_places(self, server, wide, seed):
         draw = np.random.default_rng(seed)
         with Reader(server.url("wide.hapf")) as reader:

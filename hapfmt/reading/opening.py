@@ -214,6 +214,9 @@ def from_walk(source: Source, limits: Limits | None = None, *, tolerant: bool = 
         catalogue.chunks.append(ref)
     if broken and not catalogue.damaged:
         raise catalogue.unsupported or broken[0][1]
+    if broken and not tolerant:
+        # What stands before the first damage is held to no more than what stands behind it.
+        return from_walk(source, limits, tolerant=True)
     for chunk, fault in broken:
         lose_chunk(catalogue, chunk, fault)
     for stranger in catalogue.table.drop_strangers() if catalogue.damaged else ():

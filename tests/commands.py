@@ -1,0 +1,139 @@
+"""Runs hapfmt's command line as often as tests like: each run is a process of its own, forked from
+one that has imported everything already, since starting Python takes longer than most verbs.
+
+Where there is no fork, each run is a fresh interpreter. What starting itself does (what is imported
+when, signals, pipes that close) is tested with fresh interpreters, in other modules.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+from functools import cache
+from pathlib import Path
+
+from spec import ROOT
+
+ENVIRONMENT = {**os.environ, "COLUMNS": "200", "OPENBLAS_NUM_THREADS": "1"}  # forks have no threads
+PYTHON = [sys.executable, "-W", "error"]
+Done = subprocess.CompletedProcess[bytes]
+
+
+def run(*arguments: object, cwd: Path, stdin: bytes = b"") -> Done:
+    words = [str(word) for word in arguments]
+    if not hasattr(os, "fork") or not hasattr(socket, "send_fds"):
+        return subprocess.run(
+            [*PYTHON, "-m", "hapfmt", *words], cwd=cwd, input=stdin, capture_output=True,
+            check=False, env=ENVIRONMENT,
+        )  # fmt: skip
+    with (
+        tempfile.TemporaryFile() as given,
+        tempfile.TemporaryFile() as out,
+        tempfile.TemporaryFile() as err,
+    ):
+        given.write(stdin)
+        given.seek(0)
+        message = "\0".join([os.fspath(cwd), *words]).encode()
+        connection = server()
+        connection.sendall(len(message).to_bytes(4, "little"))
+        files = [given.fileno(), out.fileno(), err.fileno()]
+        socket.send_fds(connection, [message[:1]], files)
+        connection.sendall(message[1:])
+        code = int.from_bytes(received(connection, 4), "little", signed=True)
+        out.seek(0)
+        err.seek(0)
+        return subprocess.CompletedProcess(words, code, out.read(), err.read())
+
+
+@cache
+def server() -> socket.socket:
+    ours, theirs = socket.socketpair()
+    process = subprocess.Popen(
+        [*PYTHON, __file__, str(theirs.fileno())], pass_fds=[theirs.fileno()],
+        env={**ENVIRONMENT, "PYTHONPATH": f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"},
+    )  # fmt: skip
+    theirs.close()
+
+    def end() -> None:
+        ours.close()
+        process.wait()
+
+    atexit.register(end)
+    return ours
+
+
+def received(connection: socket.socket, size: int) -> bytes:
+    data = b""
+    while len(data) < size:
+        more = connection.recv(size - len(data))
+        if not more:
+            raise EOFError("the other end has gone")
+        data += more
+    return data
+
+
+def serve(connection: socket.socket) -> None:
+    """Until the other end closes: size, words and three files in; the exit code out."""
+    while True:
+        try:
+            size = int.from_bytes(received(connection, 4), "little")
+        except EOFError:
+            return
+        first, files, *_ = socket.recv_fds(connection, 1, 3)
+        cwd, *words = (first + received(connection, size - 1)).decode().split("\0")
+        pid = os.fork()
+        if not pid:
+            connection.close()
+            one(cwd, words, files)
+        for each in files:
+            os.close(each)
+        code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+        connection.sendall(code.to_bytes(4, "little", signed=True))
+
+
+def one(cwd: str, words: list[str], files: list[int]) -> None:
+    """What ``python -m hapfmt`` does, in this process, which then ends."""
+    from hapfmt.cli import main
+
+    for place, each in enumerate(files):
+        os.dup2(each, place)
+    os.chdir(cwd)
+    sys.argv[:] = ["hapfmt", *words]
+    code: object = 0
+    try:
+        main()
+    except SystemExit as ended:
+        code = ended.code
+    except BaseException:
+        sys.excepthook(*sys.exc_info())
+        code = 1
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    finally:
+        os._exit(code if isinstance(code, int) else int(bool(code)))
+
+
+if __name__ == "__main__":
+    import importlib
+
+    from hapfmt.cli import VERBS
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for verb in VERBS:
+        importlib.import_module(f"hapfmt.cli.{verb}")
+    for name in (
+        "reading.reader",
+        "writer",
+        "verifier",
+        "recovery.recover",
+        "convert",
+        "scenes.stylus",
+    ):
+        importlib.import_module(f"hapfmt.{name}")
+    serve(socket.socket(fileno=int(sys.argv[1])))
