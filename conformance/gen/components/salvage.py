@@ -107,6 +107,9 @@ class Salvage:
     def useful(self, entry: Entry | None) -> bool:
         return entry is not None and entry.track in self.tracks and entry.size > 0
 
+    def empty(self, entry: Entry) -> bool:
+        return entry.track in self.tracks and entry.size == 0
+
     def search(self) -> None:
         """2"""
         last = self.last_entry()
@@ -114,7 +117,7 @@ class Salvage:
             entry, at = last
             self.kept[entry] = at
             table = entry.stop
-            while (behind := entry_at(self.payload, table)) and behind.size == 0:
+            while (behind := entry_at(self.payload, table)) and self.empty(behind):
                 if not self.holds(behind, at + entry.size):
                     break
                 self.kept[behind] = at + entry.size
