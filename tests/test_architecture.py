@@ -17,7 +17,7 @@ MODULES = {
 }
 DECODE = """atomic clocks codecs container contract damage deadband dump errors events integers
 kernels limits lock reading recording threads usage verifier"""
-ENCODE = "appending cli convert edit encoder live plotting recovery scenes writer"
+ENCODE = "appending cli conformance convert edit encoder live plotting recovery scenes writer"
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 ONLY_IN = {
     "construct": ("container.layout", "container.wire"),

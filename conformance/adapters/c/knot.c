@@ -1,0 +1,383 @@
+/* A small decoder of hapf files, as an adapter of the conformance suite: codec KNOT, level 1.
+ *
+ *   cc -std=c99 -O2 -o knot knot.c
+ *   python conformance/run.py --impl ./knot
+ *
+ * It shows how little a decoder needs, not all that one should do: it stops at the first damage, and of
+ * the rules for files it checks what it would trip over. Clauses of SPEC.md stand in parentheses. */
+#include <inttypes.h>
+#include <stdarg.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { ERROR = 1, NONCONFORMING = 2, DAMAGED = 3, UNSUPPORTED = 4 }; /* clause 14 */
+enum { TRACKS = 65534, COMPONENTS = 255, CLUSTER = 1 << 22, SPAN = 1 << 24, PACKETS = 1 << 14 };
+
+typedef struct { const uint8_t *at, *end; } Bytes;
+typedef struct { int64_t start, stop; } Span;
+typedef struct {
+    int described, kind, format, components, known;
+    uint32_t rate[2];
+    char codec[5];
+    int linear;
+    int64_t quantum, low, high, last;
+    FILE *numbers;
+    Span *spans;
+    size_t span_count;
+} Track;
+
+static Track tracks[TRACKS];
+static const char *folder;
+static int outcome;
+
+static void stop(int code, const char *why, ...) {
+    va_list rest;
+    va_start(rest, why);
+    vfprintf(stderr, why, rest);
+    va_end(rest);
+    fputc('\n', stderr);
+    exit(code);
+}
+
+static void *room_for(void *old, size_t count, size_t size) {
+    void *room = count ? realloc(old, count * size) : old;
+    if (count && !room) stop(ERROR, "out of memory");
+    return room;
+}
+
+/* -- integers (2) -- */
+
+static uint64_t number(const uint8_t *at, int size) {
+    uint64_t value = 0;
+    while (size--) value = value << 8 | at[size];
+    return value;
+}
+
+static uint32_t crc32(uint32_t crc, const uint8_t *at, size_t size) {
+    crc = ~crc;
+    while (size--) {
+        crc ^= *at++;
+        for (int bit = 0; bit < 8; bit++) crc = crc >> 1 ^ (crc & 1 ? 0xEDB88320u : 0);
+    }
+    return ~crc;
+}
+
+static const uint8_t *take(Bytes *in, size_t size) {
+    const uint8_t *at = in->at;
+    if ((size_t)(in->end - at) < size) stop(NONCONFORMING, "bytes are missing");
+    in->at += size;
+    return at;
+}
+
+static int64_t varint(Bytes *in) {
+    uint64_t value = 0;
+    for (int place = 0; place < 8; place++) {
+        uint8_t byte = *take(in, 1);
+        value |= (uint64_t)(byte & 127) << 7 * place;
+        if (byte < 128) {
+            if (place && !byte) stop(NONCONFORMING, "a varint is not minimal [CNV-003]");
+            if (value >> 53) break;
+            return (int64_t)value;
+        }
+    }
+    stop(NONCONFORMING, "a varint of 2^53 or more [CNV-002]");
+    return 0;
+}
+
+static int64_t svarint(Bytes *in) {
+    int64_t value = varint(in);
+    return value & 1 ? -(value + 1) / 2 : value / 2;
+}
+
+static int64_t rdiv(int64_t n, int64_t d) {
+    int64_t top = 2 * n + d, bottom = 2 * d, quotient = top / bottom;
+    return quotient - (top % bottom < 0); /* C truncates, the format rounds down */
+}
+
+/* -- descriptions (6.1 to 6.3) -- */
+
+static void head(Bytes in, FILE *json, uint32_t file_id) {
+    const uint8_t *at = take(&in, 48);
+    int dated = number(at + 40, 8) != UINT64_MAX, named = 0;
+    if (at[0] != 1 || number(at + 4, 4)) stop(UNSUPPORTED, "another version [VER-002]");
+    if (at[2] != 1) stop(UNSUPPORTED, "level %d [HED-004]", at[2]);
+    if (number(at + 12, 4) != file_id) stop(NONCONFORMING, "another file id [HED-003]");
+    while (in.at < in.end) {
+        const uint8_t *tlv = take(&in, 4);
+        if (tlv[0] & 1) stop(UNSUPPORTED, "a critical TLV in HEAD [TLV-003]");
+        take(&in, (size_t)number(tlv + 2, 2));
+    }
+    fprintf(json, "{\"head\": {\"major\": 1, \"minor\": %d, \"level\": 1, \"file_id\": %" PRIu32,
+            at[1], file_id);
+    for (int i = 0; i < 16; i++) named |= at[16 + i];
+    fputs(named ? ", \"uuid\": \"" : ", \"uuid\": null", json);
+    for (int i = 0; i < 16 && named; i++) fprintf(json, "%02x", at[16 + i]);
+    if (named) fputc('"', json);
+    if (dated)
+        fprintf(json, ", \"epoch_ns\": \"%" PRId64 "\", \"epoch_uncertainty_ns\": \"%" PRIu64 "\"}",
+                (int64_t)number(at + 32, 8), number(at + 40, 8));
+    else
+        fputs(", \"epoch_ns\": null, \"epoch_uncertainty_ns\": null}", json);
+}
+
+static void set_up(Track *track, const uint8_t *codec, Bytes in) {
+    memcpy(track->codec, codec, 4);
+    track->known = !memcmp(codec, "KNOT", 4);
+    if (!track->known) return;
+    track->linear = *take(&in, 1);
+    track->quantum = varint(&in);
+    if (track->linear > 1 || track->quantum < 1 || track->quantum > 1 << 24)
+        stop(NONCONFORMING, "parameters of KNOT [KNT-001]");
+    if (in.at < in.end) stop(NONCONFORMING, "codec parameters are too long [COD-002]");
+}
+
+static void setups(Track *track, int count, Bytes in) { /* TLV 5 */
+    struct { const uint8_t *codec; Bytes parameters; } found[COMPONENTS];
+    int64_t all = 0;
+    for (int64_t codecs = varint(&in); codecs > 0; codecs--) {
+        const uint8_t *codec = take(&in, 4);
+        for (int64_t left = varint(&in); left > 0; left--, all++) {
+            size_t size = (size_t)varint(&in);
+            const uint8_t *at = take(&in, size);
+            if (all >= count) stop(NONCONFORMING, "more setups than tracks [TRK-013]");
+            found[all].codec = codec;
+            found[all].parameters = (Bytes){at, at + size};
+        }
+    }
+    for (int i = 0; i < count; i++) {
+        int64_t place = varint(&in);
+        if (place >= all) stop(NONCONFORMING, "no such setup [TRK-013]");
+        set_up(track + i, found[place].codec, found[place].parameters);
+    }
+}
+
+static void ranges(Track *track, int count, Bytes in) { /* TLV 7 */
+    for (int i = 0; i < count; i++) {
+        int w = *take(&in, 1);
+        if (w == 255) {
+            track[i].low = svarint(&in);
+            track[i].high = track[i].low + varint(&in);
+        } else if ((w & ~64) < 32) {
+            track[i].low = w & 64 ? -((int64_t)1 << (w & 31)) : 0;
+            track[i].high = ((int64_t)1 << (w & 31)) - 1;
+        } else
+            stop(NONCONFORMING, "no such range [TRK-014]");
+    }
+}
+
+static void describe(Bytes in, unsigned first) {
+    const uint8_t *at = take(&in, 28);
+    int count = at[0], components = at[1], critical = 0, has_setup = 0;
+    Track *track = tracks + first;
+    if (first + (unsigned)count > TRACKS || !count || !components || count * components > COMPONENTS)
+        stop(NONCONFORMING, "how many tracks and components [TRK-002, TRK-003]");
+    if (track->described) return; /* a copy (TRK-003) */
+    for (int i = 0; i < count; i++) {
+        Track *one = track + i;
+        one->described = 1;
+        one->components = components;
+        one->kind = at[2];
+        one->format = at[3];
+        one->rate[0] = (uint32_t)number(at + 8, 4);
+        one->rate[1] = (uint32_t)number(at + 12, 4);
+        one->low = (int32_t)(uint32_t)number(at + 16, 4);
+        one->high = (int32_t)(uint32_t)number(at + 20, 4);
+    }
+    while (in.at < in.end) {
+        const uint8_t *tlv = take(&in, 4);
+        unsigned type = (unsigned)number(tlv, 2);
+        size_t size = (size_t)number(tlv + 2, 2);
+        Bytes value = {take(&in, size), NULL};
+        value.end = value.at + size;
+        has_setup |= type == 1 || type == 5;
+        for (int i = 0; type == 1 && i < count; i++) set_up(track + i, at + 4, value);
+        if (type == 5) setups(track, count, value);
+        if (type == 7) ranges(track, count, value);
+        critical |= type & 1 && type > 11;
+    }
+    for (int i = 0; i < count; i++) {
+        if (!has_setup) memcpy(track[i].codec, at + 4, 4);
+        if (critical || at[2] > 2 || at[3]) track[i].known = 0;
+        if (!track[i].known) outcome = UNSUPPORTED; /* TRK-004, TRK-011, TLV-003 */
+    }
+}
+
+/* -- packets (6.4, 9.1) -- */
+
+static void knots(const Track *track, Bytes in, int64_t span, int64_t *counts) {
+    int width = track->components;
+    int64_t tick = 0, value[COMPONENTS] = {0}, before[COMPONENTS];
+    for (int first = 1; first || in.at < in.end; first = 0) {
+        int64_t step = first ? 0 : varint(&in), from = tick;
+        tick += step;
+        if (!first && (step < 1 || tick > SPAN)) stop(NONCONFORMING, "a knot's tick [KNT-003]");
+        memcpy(before, value, sizeof before);
+        for (int c = 0; c < width; c++) {
+            value[c] += svarint(&in);
+            if (llabs(value[c]) > (1 << 24) / track->quantum)
+                stop(NONCONFORMING, "a knot's count [KNT-004]");
+        }
+        int ends = in.at == in.end;
+        if (!track->linear ? tick >= span : ends ? !first && tick < span - 1 : tick >= span - 1)
+            stop(NONCONFORMING, "a knot's tick [KNT-005, KNT-006]");
+        for (int64_t t = from; t < tick && t < span; t++)
+            for (int c = 0; c < width; c++) {
+                int64_t rise = track->linear ? (value[c] - before[c]) * track->quantum : 0;
+                counts[t * width + c] = before[c] * track->quantum + rdiv(rise * (t - from), step);
+            }
+        for (int64_t t = tick; ends && t < span; t++)
+            for (int c = 0; c < width; c++) counts[t * width + c] = value[c] * track->quantum;
+    }
+}
+
+static void deliver(Track *track, unsigned id, int64_t start, int64_t span, int64_t *counts) {
+    size_t count = track->span_count;
+    if (start < track->last) stop(NONCONFORMING, "packets overlap [DAT-006]");
+    track->last = start + span;
+    if (count && track->spans[count - 1].stop == start)
+        track->spans[count - 1].stop = start + span;
+    else if (span) {
+        track->spans = room_for(track->spans, count + 1, sizeof(Span));
+        track->spans[track->span_count++] = (Span){start, start + span};
+    }
+    char path[4096];
+    snprintf(path, sizeof path, "%s/track-%u.raw", folder, id);
+    FILE *out = fopen(path, "ab");
+    if (!out) stop(ERROR, "%s cannot be written", path);
+    for (int64_t i = 0; i < span * track->components; i++) {
+        int64_t low = counts[i] < track->low ? track->low : counts[i]; /* DEC-001 */
+        uint64_t word = (uint64_t)(low > track->high ? track->high : low);
+        for (int byte = 0; byte < 8; byte++) fputc((int)(word >> 8 * byte & 255), out);
+    }
+    if (fclose(out)) stop(ERROR, "%s cannot be written", path);
+}
+
+static void cluster(Bytes in) {
+    typedef struct { int64_t track, size, start, span; const uint8_t *row, *crc; } Entry;
+    int64_t count = varint(&in), samples = 0;
+    if (count < 1 || count > PACKETS) stop(NONCONFORMING, "how many packets [DAT-001]");
+    Entry *entries = room_for(NULL, (size_t)count, sizeof(Entry));
+    for (int64_t i = 0; i < count; i++) {
+        Entry *e = entries + i;
+        e->row = in.at;
+        e->track = varint(&in);
+        e->size = varint(&in);
+        e->start = varint(&in);
+        e->span = varint(&in);
+        e->crc = take(&in, 4);
+        if (e->span < 1 || e->span > SPAN || e->start + e->span > (int64_t)1 << 48)
+            stop(NONCONFORMING, "a span [DAT-003]");
+        if (e->track >= TRACKS || !tracks[e->track].described)
+            stop(NONCONFORMING, "a packet of a track that is not described [DAT-008]");
+        samples += e->span * tracks[e->track].components;
+        if (samples > CLUSTER) stop(NONCONFORMING, "too many samples [DAT-009]");
+    }
+    for (int64_t i = 0; i < count; i++) {
+        Entry *e = entries + i;
+        Track *track = tracks + e->track;
+        Bytes packet = {take(&in, (size_t)e->size), in.at};
+        uint32_t crc = crc32(0, e->row, (size_t)(e->crc - e->row));
+        if (crc32(crc, packet.at, (size_t)e->size) != number(e->crc, 4))
+            stop(NONCONFORMING, "a packet's CRC [DAT-004]");
+        if (!track->known) continue;
+        packet.end = packet.at + e->size;
+        int64_t *counts = room_for(NULL, (size_t)(e->span * track->components), sizeof *counts);
+        knots(track, packet, e->span, counts);
+        deliver(track, (unsigned)e->track, e->start, e->span, counts);
+        free(counts);
+    }
+    if (in.at < in.end) stop(NONCONFORMING, "bytes behind the last packet [DAT-005]");
+    free(entries);
+}
+
+/* -- the file (5) -- */
+
+static int known_type(const uint8_t *type) {
+    static const char *types = "HEADTRAKDATAiNDXfOOTmETaaTTcdGSTcLOkcMAp";
+    for (const char *known = types; *known; known += 4)
+        if (!memcmp(known, type, 4)) return 1;
+    return 0;
+}
+
+static void walk(Bytes in, FILE *json) {
+    static const uint8_t signature[] = {0x8F, 'H', 'A', 'P', '\r', '\n', 0x1A, '\n'};
+    static const uint8_t sync[] = {0xF9, 0x48, 0x8B, 0x1C};
+    uint32_t file_id = 0, sequence = 0;
+    int closed = 0;
+    if (in.end - in.at < 8 || memcmp(in.at, signature, 8)) stop(NONCONFORMING, "no signature");
+    for (in.at += 8; in.end - in.at >= 32; sequence++) {
+        const uint8_t *h = in.at;
+        size_t size = (size_t)number(h + 16, 4);
+        if (memcmp(h, sync, 4) || crc32(0, h, 28) != number(h + 28, 4)) break;
+        if ((size_t)(in.end - h - 32) < size || crc32(0, h + 32, size) != number(h + 24, 4)) break;
+        if (number(h + 12, 4) != sequence || (sequence && number(h + 8, 4) != file_id)) break;
+        file_id = (uint32_t)number(h + 8, 4);
+        in.at += 32 + size;
+        closed = !memcmp(h + 4, "fOOT", 4);
+        Bytes payload = {h + 32, h + 32 + size};
+        int known = known_type(h + 4) && !h[22];
+        if (!known && !(h[4] & 32)) stop(UNSUPPORTED, "unknown critical chunk [CHK-009]");
+        if (!sequence && memcmp(h + 4, "HEAD", 4)) stop(NONCONFORMING, "no HEAD [HED-001]");
+        if (!sequence) head(payload, json, file_id);
+        if (known && !memcmp(h + 4, "TRAK", 4)) describe(payload, (unsigned)number(h + 20, 2));
+        if (known && !memcmp(h + 4, "DATA", 4)) cluster(payload);
+    }
+    if (!sequence) stop(NONCONFORMING, "no chunk");
+    if (in.at < in.end || !closed) outcome = DAMAGED;
+}
+
+static void tell(FILE *json) {
+    static const char *kinds[] = {"full", "lf", "hf"};
+    const char *comma = "";
+    fputs(", \"tracks\": [", json);
+    for (unsigned id = 0; id < TRACKS; id++) {
+        Track *track = tracks + id;
+        if (!track->described || !track->known) continue;
+        fprintf(json, "%s\n {\"track\": %u, \"kind\": \"%s\", \"codec\": \"%s\", ", comma, id,
+                kinds[track->kind], track->codec);
+        fprintf(json, "\"number_format\": \"counts\", \"component_count\": %d, ", track->components);
+        fprintf(json, "\"rate\": [%" PRIu32 ", %" PRIu32 "], \"spans\": [", track->rate[0],
+                track->rate[1]);
+        for (size_t i = 0; i < track->span_count; i++)
+            fprintf(json, "%s[%" PRId64 ", %" PRId64 "]", i ? ", " : "", track->spans[i].start,
+                    track->spans[i].stop);
+        fprintf(json, "], \"numbers\": \"track-%u.raw\"}", id);
+        if (!track->span_count) deliver(track, id, 0, 0, NULL);
+        comma = ",";
+    }
+    fputs("]}\n", json);
+}
+
+static int decode(const char *source) {
+    char path[4096];
+    FILE *in = fopen(source, "rb"), *json;
+    uint8_t *data = NULL;
+    size_t size = 0, got;
+    if (!in) stop(ERROR, "%s cannot be read", source);
+    do {
+        data = room_for(data, size + 65536, 1);
+        size += got = fread(data + size, 1, 65536, in);
+    } while (got);
+    fclose(in);
+    snprintf(path, sizeof path, "%s/decode.json", folder);
+    if (!(json = fopen(path, "wb"))) stop(ERROR, "%s cannot be written", path);
+    walk((Bytes){data, data + size}, json);
+    tell(json);
+    if (fclose(json)) stop(ERROR, "%s cannot be written", path);
+    free(data);
+    return outcome;
+}
+
+int main(int count, char **given) {
+    if (count == 2 && !strcmp(given[1], "capabilities")) {
+        puts("{\"name\": \"knot.c\", \"version\": \"1.0\", \"format\": \"1.0\", \"level\": 1,\n"
+             " \"verbs\": [\"decode\"], \"codecs\": [\"KNOT\"], \"parts\": [\"tracks\"],\n"
+             " \"sets\": [\"valid\", \"uncommon\"]}");
+        return 0;
+    }
+    if (count != 4 || strcmp(given[1], "decode")) stop(ERROR, "knot capabilities | decode IN OUT");
+    folder = given[3];
+    return decode(given[2]);
+}

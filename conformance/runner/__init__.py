@@ -1,0 +1,1 @@
+"""What conformance/run.py consists of. Standard library only; knows no implementation."""
