@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterator
 from typing import Any
 
+from luck import Luck
 from page import Bit, BrokenRule, Integers, Range, Symbols, first
 
 from .component import Case, Component
@@ -55,13 +55,13 @@ def bit_models() -> Component:
 
 def symbol_models() -> Component:
     y = [4096 * (15 - i) for i in range(15)]
-    rng = random.Random(9)
+    rng = Luck(9)
     rows = (
         ("Y, each symbol once", y, 2, list(range(16))),
         ("Y, always 0", y, 2, [0] * 24),
         ("Y, always 15", y, 2, [15] * 24),
         ("Z[0]", first(0), 10, [0, 0, 1, 0, 2, 0, 0, 3]),
-        ("Z[35]", first(35), 10, [rng.randrange(16) for _ in range(24)]),
+        ("Z[35]", first(35), 10, [rng.below(16) for _ in range(24)]),
         ("Z[12], always 15", first(12), 10, [15] * 12),
     )
     cases = []
@@ -156,18 +156,21 @@ class Traced:
         return out
 
 
-def mixed(seed: int, count: int, skew: float) -> list[tuple]:
-    rng = random.Random(seed)
+def mixed(seed: int, count: int, skew: int) -> list[tuple]:
+    rng = Luck(seed)
     out: list[tuple] = []
     for _ in range(count):
         kind = rng.choice(["bit", "bit", "symbol", "symbol", "raw"])
         if kind == "bit":
-            out.append((kind, rng.randrange(4), int(rng.random() < skew)))
+            out.append((kind, rng.below(4), int(rng.below(100) < skew)))
         elif kind == "symbol":
-            out.append((kind, rng.randrange(3), min(int(rng.expovariate(1 - skew)), 15)))
+            s = 0
+            while s < 15 and rng.below(100) < skew:
+                s += 1
+            out.append((kind, rng.below(3), s))
         else:
             size = rng.choice([0, 1, 2, 3, 5, 8, 13, 34])
-            out.append((kind, size, rng.randrange(2**size)))
+            out.append((kind, size, rng.below(2**size)))
     return out
 
 
@@ -189,14 +192,14 @@ def range_coder() -> Component:
         ("all symbols", [("symbol", 0, s) for s in range(16)]),
         ("all symbols, three models", [("symbol", s % 3, s) for s in range(15, -1, -1)]),
         ("carries", [("symbol", 0, 0), ("bit", 0, 1)] * 12),
-        ("mixed, few ones", mixed(1, 60, 0.1)),
-        ("mixed", mixed(2, 60, 0.5)),
-        ("mixed, many ones", mixed(3, 60, 0.8)),
-        ("mixed, long", mixed(4, 200, 0.3)),
+        ("mixed, few ones", mixed(1, 60, 10)),
+        ("mixed", mixed(2, 60, 50)),
+        ("mixed, many ones", mixed(3, 60, 80)),
+        ("mixed, long", mixed(4, 200, 30)),
         ("front and raw bits share a byte", [("bit", 0, 0)] * 3 + [("raw", 5, 21)]),
     ]
     cases = [Traced(operations).case(name) for name, operations in rows]
-    operations = mixed(2, 30, 0.5)
+    operations = mixed(2, 30, 50)
     whole = Traced(operations).coded
     for name, coded in (
         ("a byte too many in front", b"\0" + whole),
@@ -271,10 +274,10 @@ def place(model: Integers) -> tuple[int, int]:
 
 
 def integer_model() -> Component:
-    rng = random.Random(5)
-    rows = [*ROWS, ("noise", [round(rng.gauss(0, 30)) for _ in range(60)])]
-    rows.append(("noise of growing size", [round(rng.gauss(0, 1.5**i)) for i in range(50)]))
-    rows.append(("noise, then rest", [round(rng.gauss(0, 500)) for _ in range(20)] + [0] * 20))
+    rng = Luck(5)
+    rows = [*ROWS, ("noise", [rng.bell(25) for _ in range(60)])]
+    rows.append(("noise of growing size", [rng.bell(3**i // 2**i) for i in range(50)]))
+    rows.append(("noise, then rest", [rng.bell(400) for _ in range(20)] + [0] * 20))
     cases = [integer_case(name, list(row), False) for name, row in rows]
     cases += [
         integer_case(f"{name}, raw signs", list(row), True)

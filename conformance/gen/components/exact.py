@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import random
 import struct
 from collections.abc import Iterator
 from math import inf
 
 import page
 import page_exact
+from luck import Luck
 from page import varint_bytes
 
 from .component import Case, Component, also, tried
@@ -177,13 +177,13 @@ def packets() -> Component:
         ("corrections", tenth, 0, 0, 6, bytes.fromhex(examples + "01 00 02 63 A0 00")),
         ("far away", tenth, 0, 0, 6, bytes.fromhex(long)),
     ]
-    rng = random.Random(12)
-    counts = [round(40 * rng.gauss(0, 1)) for _ in range(60)]
+    rng = Luck(12)
+    counts = [rng.bell(40) for _ in range(60)]
     near = [
         struct.unpack("<q", struct.pack("<d", c / 10))[0] + rng.choice([0, 0, 1, -1, 2]) if c else 0
         for c in counts
     ]
-    real = signed_bits([c / 10 + rng.uniform(-0.05, 0.05) for c in counts])
+    real = signed_bits([c / 10 + rng.between(-(10**6), 10**6) / 2e7 for c in counts])
     coarse = signed_bits([struct.unpack("<f", struct.pack("<f", c / 10 + 0.01))[0] for c in counts])
     for recall in (False, True):
         for relative in (False, True):

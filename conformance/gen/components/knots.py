@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterator
 
 import page
-from page import BrokenRule, rdiv, signed, svarint_bytes, varint, varint_bytes
+import page_knots
+from luck import Luck
+from page import BrokenRule, signed, varint
 
 from .component import Case, Component, also, tried
 
@@ -51,38 +52,21 @@ def parse(data: bytes, linear: bool, quantum: int, span: int, width: int) -> Kno
 
 def drawn(knots: Knots, linear: bool, span: int) -> list[list[int]]:
     """The counts of each component, tick by tick."""
-    out = []
-    for i in range(len(knots[0][1])):
-        row = []
-        for t in range(span):
-            place = max(k for k, (tick, _) in enumerate(knots) if tick <= t)
-            t0, v0 = knots[place][0], knots[place][1][i]
-            if not linear or place == len(knots) - 1:
-                row.append(v0)
-            else:
-                t1, v1 = knots[place + 1][0], knots[place + 1][1][i]
-                row.append(v0 + rdiv((v1 - v0) * (t - t0), t1 - t0))
-        out.append(row)
-    return out
+    return [
+        page_knots.between([(tick, row[i]) for tick, row in knots], span, int(linear))
+        for i in range(len(knots[0][1]))
+    ]
 
 
 def stored(*knots: tuple[int, list[int]]) -> bytes:
     """The packet of (tick, values)."""
-    out, before = b"", None
-    for tick, row in knots:
-        if before is None:
-            out += b"".join(map(svarint_bytes, row))
-        else:
-            out += varint_bytes(tick - before[0])
-            out += b"".join(svarint_bytes(v - w) for v, w in zip(row, before[1], strict=True))
-        before = tick, row
-    return out
+    return page_knots.encode(list(knots))
 
 
 def plain_knots() -> Component:
-    rng = random.Random(8)
-    ticks = sorted(rng.sample(range(1, 79), 12))
-    many = [(0, [7, -3])] + [(t, [rng.randrange(-99, 100), rng.randrange(-9, 10)]) for t in ticks]
+    rng = Luck(8)
+    ticks = sorted({rng.between(1, 78) for _ in range(12)})
+    many = [(0, [7, -3])] + [(t, [rng.between(-99, 99), rng.between(-9, 9)]) for t in ticks]
     rows: list[tuple] = [
         ("one knot", "hold", 1, 5, stored((0, [7]))),
         ("one knot, linear", "linear", 1, 5, stored((0, [-7]))),
@@ -124,7 +108,9 @@ def plain_knots() -> Component:
 
         def run(data=data, linear=linear, quantum=quantum, span=span, count=count) -> Case:
             knots = parse(data, linear, quantum, span, count)
-            return {"knots": knots, "counts": drawn(knots, linear, span)}
+            counts = drawn(knots, linear, span)
+            assert counts == page_knots.decode(data, count, span, int(linear), quantum)
+            return {"knots": knots, "counts": counts}
 
         cases.append(
             tried(
@@ -159,9 +145,9 @@ def plain_knots() -> Component:
 
 
 def coded_knots() -> Component:
-    rng = random.Random(11)
-    ticks = sorted(rng.sample(range(1, 199), 25))
-    many = [(0, [7])] + [(t, [rng.randrange(-99, 100)]) for t in ticks]
+    rng = Luck(11)
+    ticks = sorted({rng.between(1, 198) for _ in range(25)})
+    many = [(0, [7])] + [(t, [rng.between(-99, 99)]) for t in ticks]
     three = [(t, [row[0], -row[0] // 7, rng.choice([0, 0, 5])]) for t, row in many]
     e = page.encode_knots
     rows: list[tuple] = [

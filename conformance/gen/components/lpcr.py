@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterator
 
 import page
+from luck import Luck
 
 from .component import Case, Component, also, tried
 
@@ -18,15 +18,15 @@ def whole_packet(name: str, data: bytes, span: int, width: int = 1, last: int = 
     return tried(case, lambda: {"indices": page.decode_packet(data, span, last, width)})
 
 
-def wave(n: int, size: float, seed: int) -> list[int]:
-    """A walk of random steps that return."""
-    rng = random.Random(seed)
-    x = v = 0.0
+def wave(n: int, size: int, seed: int) -> list[int]:
+    """A walk of random steps that returns."""
+    rng = Luck(seed)
+    x = v = 0
     out = []
     for _ in range(n):
-        v = 0.95 * v - 0.02 * x + rng.gauss(0, size / 20)
+        v = 19 * v // 20 - x // 50 + 5 * rng.bell(size) // 2
         x += v
-        out.append(round(x))
+        out.append(x // 50)
     return out
 
 

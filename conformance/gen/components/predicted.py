@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import random
 import struct
 from collections.abc import Iterator
 
 import page
+from luck import Luck
 from page import BrokenRule, K, Rice, grid_levels, rdiv, step_up, tops_by_search
 
 from .component import Case, Component, tried
@@ -52,7 +52,7 @@ def steps(ks: list[int]) -> list[list[int]]:
 
 
 def predictors() -> Component:
-    rng = random.Random(4)
+    rng = Luck(4)
     rows = [
         ("order 0", []),
         ("order 1", [64]),
@@ -64,10 +64,10 @@ def predictors() -> Component:
         ("rounding of negative halves", [1, -1, 1, -1]),
         ("zeros between", [50, 0, 0, -50]),
         ("order 8", [120, -100, 60, -40, 30, -20, 10, -5]),
-        ("order 32", [rng.randrange(-40, 41) for _ in range(32)]),
+        ("order 32", [rng.between(-40, 40) for _ in range(32)]),
         ("order 32, all 1", [1] * 32),
         ("order 32, in turn", [20, -20] * 16),
-        ("order 12", [rng.randrange(-90, 91) for _ in range(12)]),
+        ("order 12", [rng.between(-90, 90) for _ in range(12)]),
         ("all 127", [127] * 32),
         ("127 and -127 in turn", [127, -127] * 16),
         ("nine of -127", [-127] * 9),

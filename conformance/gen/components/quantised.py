@@ -2,64 +2,14 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterator
 
+import page_quantised
+from luck import Luck
 from page import BrokenRule
+from page_quantised import code_words, codebook, lengths_of
 
 from .component import Case, Component, tried
-
-
-def code_lengths(nibbles: list[int], symbols: int) -> list[int]:
-    out: list[int] = []
-    at = 0
-    while at < len(nibbles):
-        if nibbles[at]:
-            out.append(nibbles[at])
-        elif at + 1 < len(nibbles):
-            at += 1
-            out += [0] * (nibbles[at] + 1)
-        at += 1
-    if len(out) > symbols:
-        raise BrokenRule("QNT-002")
-    return out + [0] * (symbols - len(out))
-
-
-def code_words(lengths: list[int]) -> dict[int, str]:
-    """The code word of each symbol that has one."""
-    used = sorted((length, symbol) for symbol, length in enumerate(lengths) if length)
-    if not (sum(2**15 >> length for length, _ in used) == 2**15 or lengths_of(used) == [1]):
-        raise BrokenRule("QNT-003")
-    out, code, before = {}, 0, 0
-    for i, (length, symbol) in enumerate(used):
-        code = (code + 1 if i else 0) << (length - before)
-        out[symbol], before = f"{code:0{length}b}", length
-    return out if len(out) > 1 else dict.fromkeys(out, "")
-
-
-def lengths_of(used: list[tuple[int, int]]) -> list[int]:
-    return [length for length, _ in used]
-
-
-def book(data: bytes, m: int, r: int, c: int) -> list[int]:
-    nibbles = [nibble for byte in data for nibble in (byte // 16, byte % 16)]
-    return code_lengths(nibbles, 2 * m + r + c + 1)
-
-
-def book_bytes(lengths: list[int]) -> bytes:
-    """Lengths as nibbles; symbols at the end that have no code word are left away."""
-    nibbles: list[int] = []
-    gap = 0
-    for length in lengths:
-        if length == 0:
-            gap += 1
-            continue
-        while gap:
-            nibbles += [0, min(gap, 16) - 1]
-            gap -= min(gap, 16)
-        nibbles.append(length)
-    nibbles += [0] * (len(nibbles) % 2)
-    return bytes(16 * a + b for a, b in zip(nibbles[::2], nibbles[1::2], strict=True))
 
 
 def extra_bits(symbol: int, m: int, r: int) -> int:
@@ -138,7 +88,7 @@ def codebooks() -> Component:
     )
 
     def run(m: int, r: int, c: int, data: bytes) -> Case:
-        lengths = book(data, m, r, c)
+        lengths = lengths_of(data, 2 * m + r + c + 1)
         words = code_words(lengths)
         return {"lengths": lengths, "words": {str(s): words[s] for s in sorted(words)}}
 
@@ -173,11 +123,11 @@ FLAT = [3, 3, 3, 3, 4, 4, 4, 4, 4, 4, 4, 4]
 
 def packets() -> Component:
     flat = {"step": 1, "m": 1, "r": 4, "c": 5, "lengths": FLAT}
-    rng = random.Random(3)
+    rng = Luck(3)
     noise = []
     for _ in range(60):
-        symbol = rng.randrange(12)
-        noise.append((symbol, rng.randrange(2 ** extra_bits(symbol, 1, 4))))
+        symbol = rng.below(12)
+        noise.append((symbol, rng.below(2 ** extra_bits(symbol, 1, 4))))
     rows: list[tuple] = [
         ("one level", flat, 1, [(1, 0)]),
         ("direct levels", flat, 4, [(0, 0), (1, 0), (2, 0), (0, 0)]),
@@ -271,13 +221,14 @@ def packet(name: str, given: dict, total: int, symbols=None, data: bytes | None 
         "direct_levels": m,
         "run_classes": r,
         "escape_classes": c,
-        "codebook": book_bytes(given["lengths"]),
+        "codebook": codebook(given["lengths"]),
         "packet": data,
         "total": total,
     }
 
     def run() -> Case:
         found, levels = read(words, data, m, r, total)
+        assert levels == page_quantised.decode(data, total, m, r, given["lengths"])
         if max(map(abs, levels)) * given["step"] > 2 * 2**24:
             raise BrokenRule("QNT-006")
         counts = [level * given["step"] for level in levels]

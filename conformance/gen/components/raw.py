@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import random
 import zlib
 from collections.abc import Iterator
 
+import deflate
+from luck import Luck
 from page import BrokenRule
+from page_raw import planes
 
 from .component import Case, Component, tried
-
-
-def planes(numbers: list[list[int]], size: int) -> bytes:
-    """``numbers``: one row for each component."""
-    return bytes(
-        number % 256**size // 256**i % 256 for row in numbers for i in range(size) for number in row
-    )
 
 
 def parse(data: bytes, span: int, count: int, size: int, signed: bool) -> list[list[int]]:
@@ -62,45 +57,13 @@ def in_blocks(data: bytes, *sizes: int) -> bytes:
     return out
 
 
-def packed(text: str) -> bytes:
-    """Bits of DEFLATE: bytes are filled from bit 0 upwards."""
-    text += "0" * (-len(text) % 8)
-    return bytes(int(text[i : i + 8][::-1], 2) for i in range(0, len(text), 8))
-
-
-def fixed(*parts: int | tuple[int, int], last: bool = True) -> str:
-    """A block with the fixed codes: literals, and (length 3 ... 10, distance 1 ... 4)."""
-    out = ("1" if last else "0") + number(1, 2)
-    for part in parts:
-        if isinstance(part, tuple):
-            length, distance = part
-            out += f"{length - 2:07b}{distance - 1:05b}"
-        else:
-            out += f"{part + 48:08b}" if part < 144 else f"{part + 256:09b}"
-    return out + "0" * 7
-
-
-def dynamic() -> bytes:
-    """A block with codes of its own: literals 0, 1, 2 and the end; no distances."""
-    order = [16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1]
-    sizes = {1: 2, 3: 2, 18: 2, 0: 3, 2: 3}
-    codes = {1: "00", 3: "01", 18: "10", 0: "110", 2: "111"}
-    words = {0: "0", 1: "10", 2: "110", 256: "111"}
-    out = "1" + number(2, 2) + number(0, 5) + number(0, 5) + number(len(order) - 4, 4)
-    out += "".join(number(sizes.get(symbol, 0), 3) for symbol in order)
-    out += codes[1] + codes[2] + codes[3]  # lengths of the words for 0, 1, 2
-    out += codes[18] + number(138 - 11, 7) + codes[18] + number(115 - 11, 7)  # none for 3 to 255
-    out += codes[3] + codes[0]  # that of the end; none of the one distance code
-    return packed(out + "".join(words[b] for b in (0, 1, 0, 2, 0, 0, 1, 0, 256)))
-
-
-def number(value: int, size: int) -> str:
-    """Lowest bit first, as DEFLATE has all numbers but code words."""
-    return f"{value:0{size}b}"[::-1]
+def fixed(*tokens: deflate.Token, last: bool = True) -> str:
+    """A block with the fixed codes."""
+    return deflate.block(tokens, last=last, kind=deflate.FIXED)
 
 
 def packets() -> Component:
-    rng = random.Random(21)
+    rng = Luck(21)
     two = [[1, -1, 300, -300], [0, 5, -32768, 32767]]
     whole = planes(two, 2)
     rows: list[tuple] = [
@@ -111,23 +74,29 @@ def packets() -> Component:
         ("two components", 2, 4, 2, b"\0" + whole),
         ("DEFLATE, one stored block", 2, 4, 2, b"\1" + in_blocks(whole, 16)),
         ("DEFLATE, stored blocks, one of them empty", 2, 4, 2, b"\1" + in_blocks(whole, 5, 0, 11)),
-        ("DEFLATE, fixed codes", 2, 4, 2, b"\1" + packed(fixed(*whole))),
-        ("DEFLATE, fixed codes with copies", 1, 9, 1, b"\1" + packed(fixed(7, (8, 1)))),
-        ("DEFLATE, a copy over its own end", 1, 9, 1, b"\1" + packed(fixed(7, 8, (7, 2)))),
+        ("DEFLATE, fixed codes", 2, 4, 2, b"\1" + deflate.packed(fixed(*whole))),
+        ("DEFLATE, fixed codes with copies", 1, 9, 1, b"\1" + deflate.packed(fixed(7, (8, 1)))),
+        ("DEFLATE, a copy over its own end", 1, 9, 1, b"\1" + deflate.packed(fixed(7, 8, (7, 2)))),
         (
             "DEFLATE, two blocks, a copy from one to the other",
             1,
             8,
             1,
-            b"\1" + packed(fixed(1, 2, 3, last=False) + fixed((5, 3))),
+            b"\1" + deflate.packed(fixed(1, 2, 3, last=False) + fixed((5, 3))),
         ),
-        ("DEFLATE, codes of its own", 1, 8, 1, b"\1" + dynamic()),
+        (
+            "DEFLATE, codes of its own",
+            1,
+            8,
+            1,
+            b"\1" + deflate.deflate(bytes([0, 1, 0, 2, 0, 0, 1, 0])),
+        ),
     ]
-    words = [rng.randrange(2**64) for _ in range(5)]
+    words = [rng.word() for _ in range(5)]
     cases = [packet(*row) for row in rows]
     cases.append(packet("words of eight bytes", 8, 5, 1, b"\0" + planes([words], 8), signed=False))
     cases.append(packet("words of two bytes", 2, 2, 1, bytes.fromhex("0000ff003c"), signed=False))
-    fixed_block = b"\1" + packed(fixed(*whole))
+    fixed_block = b"\1" + deflate.packed(fixed(*whole))
     cases += [
         packet("no bytes", 1, 1, 1, b""),
         packet("method 2", 1, 1, 1, b"\2\0"),
@@ -135,11 +104,19 @@ def packets() -> Component:
         packet("a byte left over", 2, 4, 2, b"\0" + whole + b"\0"),
         packet("DEFLATE, a byte too few", 2, 4, 2, b"\1" + in_blocks(whole[:-1], 15)),
         packet("DEFLATE, a byte too many", 2, 4, 2, b"\1" + in_blocks(whole + b"\0", 17)),
-        packet("DEFLATE, no last block", 2, 4, 2, b"\1" + packed(fixed(*whole, last=False))),
+        packet(
+            "DEFLATE, no last block", 2, 4, 2, b"\1" + deflate.packed(fixed(*whole, last=False))
+        ),
         packet("DEFLATE, cut", 2, 4, 2, fixed_block[:-2]),
         packet("DEFLATE, a byte behind it", 2, 4, 2, fixed_block + b"\0"),
         packet("DEFLATE, a reserved kind of block", 1, 1, 1, b"\1\7"),
-        packet("DEFLATE, a copy from before the start", 1, 9, 1, b"\1" + packed(fixed(7, (8, 2)))),
+        packet(
+            "DEFLATE, a copy from before the start",
+            1,
+            9,
+            1,
+            b"\1" + deflate.packed(fixed(7, (8, 2))),
+        ),
     ]
     return Component(
         "rawb",

@@ -250,6 +250,15 @@ def choices() -> Component:
         ("no bytes", b"", n, None),
     ]  # fmt: skip
     cases = [salvage_case(*row) for row in rows]
+    body = bytes.fromhex("6a6b6c")
+    like_an_entry = (0, 0, 4, bytes.fromhex("0affff7f0b0c0d0e0f10"))
+    six = f.cluster(like_an_entry, *FIVE[1:], (8, 0, 4, body))
+    n, last = len(six), len(six) - len(body)
+    for name, data in (
+        ("the last track is not described", six[:last] + b"\0" + six[last + 1 :]),
+        ("the last track is not described, and the count differs", b"\x26" + six[1:]),
+    ):
+        cases.append(salvage_case(name, data + BEHIND, n, n))
     return Component(
         "salvage", "12.1", ("REC-001", "REC-002", "DAT-003", "DAT-004"),
         "Damaged payloads of DATA chunks, with all the bytes from the payload on, the "
