@@ -252,7 +252,8 @@ def choices() -> Component:
     cases = [salvage_case(*row) for row in rows]
     body = bytes.fromhex("6a6b6c")
     like_an_entry = (0, 0, 4, bytes.fromhex("0affff7f0b0c0d0e0f10"))
-    six = f.cluster(like_an_entry, *FIVE[1:], (8, 0, 4, body))
+    anywhere = (1, 0, 40, b"\4")
+    six = f.cluster(like_an_entry, anywhere, *FIVE[2:], (8, 0, 4, body))
     n, last = len(six), len(six) - len(body)
     for name, data in (
         ("the last track is not described", six[:last] + b"\0" + six[last + 1 :]),
