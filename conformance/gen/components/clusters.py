@@ -100,7 +100,7 @@ def tables() -> Component:
         ("DAT-001", "DAT-002", "DAT-003", "DAT-004", "DAT-005", "DAT-009"),
         "Payloads of DATA at level 1, every track described, with one component: the rows of the "
         "table, with the offset of each packet in the payload.",
-        also(cases, {"more packets than level 1 has": ["DAT-005"]}),
+        also(cases, {"no bytes": ["DAT-001"], "more packets than level 1 has": ["DAT-005"]}),
     )
 
 
