@@ -15,6 +15,7 @@ import page
 from broken import (
     DATA_AT,
     EITHER,
+    END,
     HEAD,
     TRACK,
     TRACK_AT,
@@ -202,8 +203,14 @@ def zeros(count: int) -> bytes:
 
 
 def one_payload(size: int, level: int) -> Callable[[], bytes]:
-    return lambda: f.closed(("HEAD", f.head(level=level)), TRACK, f.DATA_0,
-                            ("aTTc", f.strings("a", "") + bytes(size - 3)))  # fmt: skip
+    """An attachment so large that an index stands before it (IDX-005)."""
+    before = f.index([*FAR[:2], ("DATA", DATA_AT, 0, f.LATE_MS)])
+    entries = [("aTTc", END + 32 + len(before), 0, 0)]
+    return lambda: f.closed(
+        ("HEAD", f.head(level=level)), TRACK, f.DATA_0, ("iNDX", before),
+        ("aTTc", f.strings("a", "") + bytes(size - 3)),
+        ahead={"entries": entries, "covers_from": END, "previous": END},
+    )  # fmt: skip
 
 
 def rows(count: int, level: int) -> Callable[[], bytes]:
