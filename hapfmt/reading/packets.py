@@ -77,7 +77,8 @@ class PacketPass:
         self.on_damage = on_damage
         self.losses = Losses(catalogue.tracks)
         self.lost = self.losses.spans
-        self.offsets = sorted(ref.offset for ref in catalogue.chunks)
+        again = [f.offset for f in catalogue.findings if f.code == "duplicate-chunk"]
+        self.offsets = sorted([*again, *(ref.offset for ref in catalogue.chunks)])
         self.state = Progress.of(catalogue)
         self.stops: dict[tuple[int, ...], int] = {}
         """Where the last packet of each line ended."""
