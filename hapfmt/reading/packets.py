@@ -263,7 +263,7 @@ class PacketPass:
             )
             self.on_damage()
         payload, sizes = self.region(ref, payload, size)
-        if not intact and ref.offset == self.offsets[-1]:
+        if not intact and ref.limit is None and ref.offset == self.offsets[-1]:
             state.last = ref
         items = list(salvage_cluster(payload, catalogue.tracks, catalogue.level, at, sizes))
         if not intact and self.foreign(payload[:size], items, state):
