@@ -125,6 +125,16 @@ def ends() -> Iterator[Case]:
         ["CHK-004", "FIL-002"], "framing/other-file", DATA + other,
         damages=[("garbage", END, len(other))],
     )  # fmt: skip
+    track = STEADY.chunk("TRAK")
+    for name, at, where in (
+        ("duplicate-behind-index", FOOT.at, "between index and footer"),
+        ("duplicate-behind-footer", END, "behind the footer"),
+    ):
+        yield wrecked(
+            name, f"A chunk stands again {where}: the file is closed, and its index lists all.",
+            ["CHK-005", "FIL-003", "REC-003"], "framing/duplicate", w.with_bytes(DATA, at, track),
+            damages=[("duplicate-chunk", at, len(track))], recover=[0, 3],
+        )  # fmt: skip
     for name, place, damages, lost, recover in (
         ("index-flip", INDEX.payload, [("bad-payload", INDEX.at, INDEX.size)], [], 0),
         ("footer-flip", FOOT.payload,
