@@ -28,8 +28,6 @@ NO_EDITOR = "an editor: the verbs of an adapter make no file of parts of others"
 NO_APPEND = "a writer that appends: the verbs of an adapter append to no file"
 REASONS = {
     "ATT-002": "a reader that stores attachments: the verbs of an adapter store none",
-    "IDX-005": "a writer of more than 4 MiB, or for more than 10 s: no vector is so large",
-    "LIM-002": "also review: from outside it shows in memory alone, which run.py caps in all cases",
     "LIM-003": "a reader's own lower limits: each reader chooses them",
     "WRT-001": "review: shows only in what a kill leaves; run.py cuts what encoders wrote",
     "WRT-005": "review: one file does not show where its id comes from",
@@ -64,9 +62,20 @@ def cases() -> list[dict]:
 
 
 def vectors() -> dict[str, list[str]]:
-    return by_id(
+    found = by_id(
         (id_, f"{case['set']}/{case['name']}") for case in cases() for id_ in case["requirements"]
     )
+    return {id_: in_turn(names) for id_, names in found.items()}
+
+
+def in_turn(names: list[str]) -> list[str]:
+    """First one of each set, then the second one of each, and so on."""
+    before: Counter[str] = Counter()
+    places = []
+    for name in names:
+        before[name.split("/")[0]] += 1
+        places.append(before[name.split("/")[0]])
+    return [name for _, name in sorted(zip(places, names, strict=True), key=lambda pair: pair[0])]
 
 
 def components() -> dict[str, list[str]]:
@@ -91,11 +100,13 @@ def cell(names: list[str]) -> str:
 
 
 def without() -> dict[str, list[str]]:
-    """Requirements that nothing speaks of; those that no vector shows, without a reason."""
+    """Requirements that nothing speaks of; those that no vector shows, without a reason; those that
+    one shows, with a reason; ids that SPEC.md does not have."""
     shown = vectors().keys() | components().keys() | EVERY_CASE.keys()
     return {
         "anything": [id_ for id_ in spec.REQUIREMENTS if id_ not in shown | tests().keys()],
         "reason": [id_ for id_ in spec.REQUIREMENTS if id_ not in shown | REASONS.keys()],
+        "need of the reason": [id_ for id_ in REASONS if id_ in shown],
         "meaning": sorted((vectors().keys() | components().keys()) - spec.REQUIREMENTS.keys()),
     }
 
