@@ -2,6 +2,7 @@
 import { Sha256, sha256 } from './sha256.js';
 import { pushSpan } from './spans.js';
 
+// Typed arrays lie in memory as the format has numbers, little-endian, wherever this runs.
 const bytesOf = (array) => new Uint8Array(array.buffer, array.byteOffset, array.byteLength);
 
 export class TrackDigest {

@@ -1,10 +1,9 @@
 // The integer model of 9.4, which LPCR codes its prediction errors with.
 import { broken } from './error.js';
 import { POWERS, bitLength } from './integers.js';
+import { BUCKET_BITS, EDGES, runSmall } from './integer-run.js';
 import { bitModels } from './range.js';
 
-export const EDGES = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 20, 28, 44];
-export const BUCKET_BITS = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 2, 3, 4];
 const CONTEXTS = 36;
 const MAGNITUDE_BOUND = 2 ** 34;
 const SMALL = 2 ** 29; // below it integers of 32 bits do
@@ -65,12 +64,7 @@ export class IntegerModel {
     const { h } = this;
     let u = k;
     if (k === 15) {
-      let l = range.symbol(this.Y, 0);
-      if (l === 15) l += range.raw(5);
-      const w = 43 + POWERS[l] + range.raw(l);
-      // RNG-003 before the shift: w is below 2^47 + 43, h at most 31 (Annex A).
-      if (w >= POWERS[34 - h]) this.tooLarge();
-      u = w * POWERS[h] + range.raw(h);
+      u = this.large(h);
     } else if (k > 9 || h > 0) {
       u = EDGES[k] * POWERS[h] + range.raw(BUCKET_BITS[k] + h);
       if (u >= MAGNITUDE_BOUND) this.tooLarge();
@@ -80,6 +74,17 @@ export class IntegerModel {
     this.g = u === 0 ? 0 : negative ? -1 : 1;
     this.learn(u);
     return negative ? -u : u;
+  }
+
+  // Step 2, after the bucket 15.
+  large(h) {
+    const { range } = this;
+    let l = range.symbol(this.Y, 0);
+    if (l === 15) l += range.raw(5);
+    const w = 43 + POWERS[l] + range.raw(l);
+    // RNG-003 before the shift: w is below 2^47 + 43, h at most 31 (Annex A).
+    if (w >= POWERS[34 - h]) this.tooLarge();
+    return w * POWERS[h] + range.raw(h);
   }
 
   learn(u) {
@@ -100,6 +105,9 @@ export class IntegerModel {
   }
 
   fill(out, count) {
-    for (let i = 0; i < count; i++) out[i] = this.next();
+    for (let i = 0; i < count;) {
+      i = runSmall(this, out, i, count);
+      if (i < count) out[i++] = this.next();
+    }
   }
 }

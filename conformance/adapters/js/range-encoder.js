@@ -1,5 +1,6 @@
 // The encoder of 9.4, with the models of the decoder.
-import { BUCKET_BITS, EDGES, IntegerModel } from './integer-model.js';
+import { IntegerModel } from './integer-model.js';
+import { BUCKET_BITS, EDGES } from './integer-run.js';
 import { POWERS, bitLength } from './integers.js';
 import { RangeDecoder, learnBit, learnSymbol, probability } from './range.js';
 

@@ -1,7 +1,7 @@
 // Adaptive coding (9.4): bit models, symbol models, the range decoder and its raw bits.
 import { broken } from './error.js';
 
-const PAD = 64; // zeros on either side of the coded bytes: both ends are checked after each symbol only
+export const PAD = 64; // zeros on either side of the coded bytes: both ends are checked after each symbol only
 
 // Several bit models in one array, four places each: p, q, n and one that is free.
 export function bitModels(count) {
@@ -11,7 +11,7 @@ export function bitModels(count) {
 }
 
 // 131072 // (2*n + 3) for n = 0 to 250.
-const RATE = Int32Array.from({ length: 251 }, (_, n) => Math.floor(131072 / (2 * n + 3)));
+export const RATE = Int32Array.from({ length: 251 }, (_, n) => Math.floor(131072 / (2 * n + 3)));
 
 export function probability(models, i) {
   const at = 4 * i;
@@ -68,9 +68,11 @@ export class RangeDecoder {
   }
 
   check() {
-    if (this.position - 15 + this.rawBits > 8 * this.size) {
-      broken('RNG-001', 'the coded bytes end too early', this.offset + this.size);
-    }
+    if (this.position - 15 + this.rawBits > 8 * this.size) this.endsTooEarly();
+  }
+
+  endsTooEarly() {
+    broken('RNG-001', 'the coded bytes end too early', this.offset + this.size);
   }
 
   bit(models, i) {

@@ -15,6 +15,7 @@ const FORMATS = ['counts', 'int64', 'uint64', 'binary16', 'binary32', 'binary64'
 const STRINGS = { 2: 'labels', 4: 'units', 6: 'quantities', 8: 'axes', 10: 'groups', 12: 'bodySites', 14: 'devices' };
 const KNOWN_TLVS = new Set([1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16, 18, 20, 22]);
 const OF_THE_BASE = [2, 3, 4, 6, 8, 10, 12, 14, 18];
+const NO_DEVIATION = Object.freeze({ declared: 0, largest: 0 });
 const NO_CALIBRATION = Object.freeze({ A: 1, B: 0, D: 1 });
 
 // -> { series, faults }; series is null where a fault leaves no description.
@@ -153,10 +154,13 @@ function describe(series, faults) {
     broken('TRK-016', `a track of kind ${kind} that continues another`, tlvs.get(11).offset);
   }
   const single = tlvs.get(1);
-  // A list of one entry speaks for all.
+  // A list of one entry speaks for all, and all tracks share it.
+  const shared = new Map();
   const part = (list, i, absent) => {
-    if (!list || list.length === 1) return new Array(componentCount).fill(list ? list[0] : absent);
-    return list.slice(i * componentCount, (i + 1) * componentCount);
+    if (list && list.length > 1) return list.slice(i * componentCount, (i + 1) * componentCount);
+    const value = list ? list[0] : absent;
+    if (!shared.has(value)) shared.set(value, new Array(componentCount).fill(value));
+    return shared.get(value);
   };
   series.tracks = Array.from({ length: trackCount }, (_, i) => {
     const own = setups ? setups[i] : { codec: series.codec, parameters: single?.value ?? null, parametersOffset: single?.offset ?? at };
@@ -169,7 +173,7 @@ function describe(series, faults) {
     track.continuesAsRead = track.continues;
     for (const name of Object.values(STRINGS)) track[name] = part(strings[name], i, name === 'units' ? '1' : '');
     track.calibrations = part(calibrations, i, NO_CALIBRATION);
-    track.deviations = part(deviations, i, { declared: 0, largest: 0 });
+    track.deviations = part(deviations, i, NO_DEVIATION);
     track.deviation = track.deviations.find(({ declared, largest }) => declared || largest) ?? null;
     track.contract = contracts ? contracts[contracts.length === 1 ? 0 : i] : null;
     track.unsupported = null;

@@ -1,4 +1,4 @@
-// Calibrations and physical values (clause 8), words (6.3).
+// Calibrations and physical values (clause 8).
 import { broken } from './error.js';
 
 const CALIBRATION_BOUND = 2 ** 52;
@@ -33,29 +33,4 @@ export function checkCalibration({ A, B }, track, hfTrack, offset) {
 // VAL-003: one division of two exact binary64 integers.
 export function physicalValue({ A, B, D }, count) {
   return (count * A + B) / D;
-}
-
-const view = new DataView(new ArrayBuffer(8));
-
-// The number that a word represents: a BigInt for integers, else a Number.
-export function wordValue(numberFormat, word) {
-  switch (numberFormat) {
-    case 'int64': return BigInt.asIntN(64, BigInt(word));
-    case 'uint64': return BigInt(word);
-    case 'binary64':
-      view.setBigUint64(0, BigInt(word));
-      return view.getFloat64(0);
-    case 'binary32':
-      view.setUint32(0, Number(word));
-      return view.getFloat32(0);
-    default: return binary16(Number(word));
-  }
-}
-
-function binary16(word) {
-  const sign = word & 0x8000 ? -1 : 1;
-  const exponent = (word >> 10) & 31;
-  const fraction = word & 1023;
-  if (exponent === 31) return fraction === 0 ? sign * Infinity : NaN;
-  return exponent === 0 ? sign * fraction * 2 ** -24 : sign * (1024 + fraction) * 2 ** (exponent - 25);
 }
