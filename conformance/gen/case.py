@@ -27,14 +27,15 @@ INTACT, ERROR, NONCONFORMING, DAMAGED, UNSUPPORTED = range(5)
 
 @dataclass(frozen=True)
 class Case:
-    """``data`` is the file, or makes it on demand (set limits). ``expect``: members as in
-    conformance/README.md; what is not there is not compared."""
+    """``data`` is the file, or makes it on demand (set limits), or the files of a job by their
+    names (set encode). ``expect``: members as in conformance/README.md; what is not there is not
+    compared."""
 
     set: str
     name: str
     about: str
     requirements: Sequence[str]
-    data: bytes | Callable[[], bytes]
+    data: bytes | Callable[[], bytes] | dict[str, bytes]
     expect: dict[str, Any] = field(default_factory=dict)
     fault: str | None = None
 

@@ -23,6 +23,7 @@ from case import SETS, Case  # noqa: E402
 
 ROOM = HERE.parent
 LARGEST = 64 << 10
+WIDTH = 100
 
 
 def all_cases() -> list[Case]:
@@ -37,8 +38,29 @@ def all_cases() -> list[Case]:
     return found
 
 
+def lines(value: object, depth: int = 0) -> str:
+    """JSON with a line for each member, but for what fits on one."""
+    short = json.dumps(value, ensure_ascii=False)
+    flat = isinstance(value, list) and not any(isinstance(item, (list, dict)) for item in value)
+    if len(short) + depth <= WIDTH or flat or not isinstance(value, (list, dict)) or not value:
+        return short
+    if isinstance(value, dict):
+        rows = [f"{json.dumps(name)}: {lines(item, depth + 1)}" for name, item in value.items()]
+        opening, closing = "{}"
+    else:
+        rows = [lines(item, depth + 1) for item in value]
+        opening, closing = "[]"
+    indent = "\n" + " " * (depth + 1)
+    return f"{opening}{indent}{f',{indent}'.join(rows)}\n{' ' * depth}{closing}"
+
+
 def dump(value: object) -> bytes:
-    return (json.dumps(value, indent=1, ensure_ascii=False) + "\n").encode()
+    return (lines(value) + "\n").encode()
+
+
+def described(data: bytes) -> dict[str, object]:
+    assert len(data) <= LARGEST, len(data)
+    return {"size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
 
 
 def files(cases: list[Case]) -> Iterator[tuple[str, bytes]]:
@@ -53,10 +75,12 @@ def files(cases: list[Case]) -> Iterator[tuple[str, bytes]]:
             entry["fault"] = case.fault
         if callable(case.data):
             entry["made_on_demand"] = True
+        elif isinstance(case.data, dict):
+            entry["files"] = {name: described(data) for name, data in case.data.items()}
+            for name, data in case.data.items():
+                yield f"vectors/{case.set}/{case.name}/{name}", data
         else:
-            assert len(case.data) <= LARGEST, f"{case.name}: {len(case.data)} bytes"
-            entry["size"] = len(case.data)
-            entry["sha256"] = hashlib.sha256(case.data).hexdigest()
+            entry |= described(case.data)
             yield f"vectors/{case.set}/{case.name}.hapf", case.data
         yield f"expected/{case.set}/{case.name}.json", dump(case.expect)
         entries.append(entry)

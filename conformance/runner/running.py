@@ -216,10 +216,26 @@ def check_recover(
         if not differences and delivered(judged, room / "decoded"):
             parts = referee.capabilities["parts"]
             differences = compare_decoded(room / "decoded", decode, parts)
+            differences += beside(room / "decoded", wanted, parts)
         steps.append(step(named, differences, referee, judged, "decode", "RECOVERED", "OUT"))
     if len(steps) == 1:
         steps.append(Step("recover, by a referee", SKIPPED, reason="a referee for the codecs"))
     return steps
+
+
+def beside(folder: Path, wanted: dict[str, Any], parts: Sequence[str]) -> list[Difference]:
+    """Of a recovered file the types of its unknown ancillary chunks, and how many notes at least
+    its metadata hold: what stands in them, and where, is up to the program."""
+    found, out = read_json(folder / "decode.json")[0], []
+    if "unknown" in wanted and "unknown" in parts:
+        types = sorted(type_ for type_, _ in found.get("unknown", []))
+        if types != sorted(wanted["unknown"]):
+            out.append(Difference("unknown", str(wanted["unknown"]), str(types)))
+    if "notes" in wanted and "metadata" in parts:
+        notes = (found.get("metadata") or {}).get("notes")
+        if not isinstance(notes, list) or len(notes) < wanted["notes"]:
+            out.append(Difference("metadata.notes", f"{wanted['notes']} notes", str(notes)))
+    return out
 
 
 def kept_by_recovery(decode: dict[str, Any]) -> dict[str, Any]:

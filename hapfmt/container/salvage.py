@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ..errors import FormatError
 from ..integers import build_varint
 from ..limits import Level
-from .cluster import Entry, Packet, check_entry, parse_count, parse_entry
+from .cluster import Entry, Packet, check_entry, parse_cluster, parse_count, parse_entry
 from .track import Track
 from .wire import crc32
 
@@ -125,14 +125,9 @@ class Salvage:
         if self.table_stop is not None:
             self.forwards(self.table_stop)
 
-    def begins(self, first: Placed, last: Placed) -> bool:
+    def begins(self, first: Placed) -> bool:
         """Whether no packet is missing before the first one that was found."""
-        if first.at != self.table_stop:
-            return False
-        counted = len(self.rows) > 0 and self.rows[0][0].offset == first.place
-        return (counted and self.whole) or (
-            first.place <= COUNT_SIZE and last.stop == self.stops[0]
-        )
+        return first.at == self.table_stop and first.place <= COUNT_SIZE
 
     def ends(self, last: Placed) -> bool:
         """Whether no packet is missing after the last one that was found."""
@@ -260,6 +255,16 @@ class Salvage:
         return entry if entry.track in self.tracks else None
 
 
+def is_cluster(payload: bytes, tracks: Mapping[int, Track], level: Level) -> bool:
+    """Whether every packet holds, to the last byte."""
+    try:
+        for _ in parse_cluster(payload, tracks, level, 0):
+            pass
+    except FormatError:
+        return False
+    return True
+
+
 def salvage_cluster(
     payload: bytes,
     tracks: Mapping[int, Track],
@@ -280,7 +285,7 @@ def salvage_cluster(
         yield Hole(None, None, base, len(payload))
     for placed in found:
         entry, known = placed.entry, tracks.get(placed.entry.track)
-        joined = before.joins(placed) if before else salvage.begins(placed, found[-1])
+        joined = before.joins(placed) if before else salvage.begins(placed)
         if not joined:
             yield hole_between(before, placed, base, salvage.stops[0])
         before = placed

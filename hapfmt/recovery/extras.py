@@ -13,6 +13,7 @@ from ..container.walk import Chunk, read_chunk
 from ..container.wire import NO_TRACK
 from ..errors import FormatError, ParameterError
 from ..reading.catalogue import HARMLESS, Catalogue, ChunkRef
+from ..reading.opening import lose_chunk
 
 WRITTEN_ANEW = frozenset({"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "dGST"})
 DIGEST_SIZE = 32
@@ -57,8 +58,8 @@ class Extras:
                 parse_attachment(chunk.payload, offset)
             elif header.type in CLOCKS:
                 CLOCKS[header.type](chunk.payload, header.track, offset)
-        except FormatError:
-            # It was reported when the file was opened, or its attachments are.
+        except FormatError as error:
+            lose_chunk(self.catalogue, chunk, error)
             return False
         return header.track == NO_TRACK or header.track in self.tracks
 

@@ -1,0 +1,271 @@
+"""LPCX (SPEC 9.7): counts, and the numbers of the source beside them."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Any
+
+import forge as f
+import page
+import page_exact
+from case import Case
+from facts import Packet, Track, case_of
+from luck import Luck
+
+valid = partial(case_of, "valid")
+uncommon = partial(case_of, "uncommon")
+
+WIDE = (-(2**23), 2**23 - 1)
+WIDEST = (-(2**31), 2**31 - 1)
+QUOTIENT, PRODUCT, BINARY32, DECIMALS, SIGNIFICANT = range(5)
+NAN = float("nan")
+
+
+def word(number: float | int) -> int:
+    """Bits of a binary64 number, as a signed integer; an integer is its own bits."""
+    if isinstance(number, int):
+        return number - 2**64 * (number >= 2**63)
+    return struct.unpack("<q", struct.pack("<d", number))[0]
+
+
+class Source:
+    """A calibration and a rule."""
+
+    def __init__(self, affine: tuple[int, int, int] = (1, 0, 10), rule: int = QUOTIENT,
+                 digits: int = 0) -> None:  # fmt: skip
+        self.affine, self.rule, self.digits = affine, rule, digits
+
+    def value(self, count: int) -> int:
+        """Bits of the value of a count, signed."""
+        return page_exact.bits(page_exact.value(count, *self.affine, self.rule, self.digits))
+
+    def packet(self, counts: Sequence[int], numbers: Sequence[float | int] | None = None, *,
+               start: int = 0, recall: bool = False, relative: bool = False,
+               g: int = 0) -> Packet:  # fmt: skip
+        """Without numbers those that the rule gives."""
+        words = [self.value(c) for c in counts] if numbers is None else [word(n) for n in numbers]
+        coded = page.encode(list(counts), g)
+        rest = page_exact.encode_exact(
+            words, counts, self.affine, self.rule, self.digits, recall, relative
+        )
+        return self.coded(page.varint_bytes(len(coded)) + coded + rest, counts, words, start)
+
+    def coded(self, body: bytes, counts: Sequence[int], words: Sequence[int],
+              start: int = 0) -> Packet:  # fmt: skip
+        exact = [each % 2**64 for each in words]
+        told = (len(counts), self.affine, self.rule, self.digits, 2**32)
+        found = page_exact.decode(body, *told)
+        assert found == (list(counts), exact)
+        return Packet(start, list(counts), body, exact=exact)
+
+    def track(self, *packets: Packet, **fields: Any) -> Track:
+        a, b, d = self.affine
+        low, high = fields.pop("clamped", WIDE)
+        return Track(
+            codec="LPCX", parameters=f.lpcx_parameters(self.rule, self.digits),
+            tlvs=f.tlv(3, f.calibration(a, b, d)), calibration=self.affine, packets=packets,
+            low=low, high=high, **fields,
+        )  # fmt: skip
+
+
+def cases() -> Iterator[Case]:
+    yield from examples()
+    yield from rules()
+    yield from corrections()
+
+
+def examples() -> Iterator[Case]:
+    counts = [1, 2, 3, 3, 7, 3]
+    short = "06 00 00 06 01 4C 46"
+    told = [0.1, 0.2, 0.3, 0.3, 0.7, 0.3]
+    odd = [0.1, 0.2, 0.30000000000000004, 0.30000000000000004, 0.7000000000000001]
+    odd.append(0.30000000000000004)
+    far = [0.1, 0.25, 1 / 3, 0.3, 0.7, -0.0]
+    rest = (
+        " 02 01 0E 00 00 00 00 00 00 0E 0E 23 6E 6A 3F 9E C0 4C CC CC CC CC CC C2 22 22 22 22 22 33"
+        " 33 33 33 33 33 34"
+    )
+    tenths, product = Source(), Source(rule=PRODUCT)
+    rows = [
+        (tenths, short, told),
+        (product, short, odd),
+        (tenths, short + " 01 00 02 63 A0 00", odd),
+        (tenths, short + rest, far),
+    ]
+    tracks = [
+        source.track(
+            source.coded(bytes.fromhex(body), counts, [word(n) for n in numbers]), id=i, channel=i
+        )
+        for i, (source, body, numbers) in enumerate(rows)
+    ]
+    yield valid(
+        "lpcx-examples", "The packets that the page of LPCX shows.", ["EXA-004", "EXA-007"],
+        *tracks,
+    )  # fmt: skip
+
+
+def rules() -> Iterator[Case]:
+    counts = [0, 1, -1, 3, 7, -7, 99, 1234, -65_537, 8_000_000]
+    for name, about, sources in (
+        ("quotient", "The value is the quotient, rounded once.",
+         [Source((1, 0, 10)), Source((-3, 7, 9)), Source((2**28 + 1, -5, 2**52 - 1))]),
+        ("product", "Rule 1: the product rounded, then the sum rounded, never as one.",
+         [Source((1, 0, 10), PRODUCT), Source((3, 1, 7), PRODUCT), Source((-1, 5, 49), PRODUCT)]),
+        ("binary32", "Rule 2: the quotient rounded to binary64, then to binary32.",
+         [Source((1, 0, 10), BINARY32), Source((2**28 + 3, 1, 3), BINARY32)]),
+        ("decimals", "Rule 3: rounded to so many decimals, ties to even.",
+         [Source((1, 0, 8), DECIMALS, 2), Source((1, 0, 2), DECIMALS, 0),
+          Source((1, 1, 3), DECIMALS, 6)]),
+        ("significant", "Rule 4: rounded to so many significant digits, of small and large values.",
+         [Source((1, 0, 3), SIGNIFICANT, 6), Source((1, 0, 3), SIGNIFICANT, 1),
+          Source((2**28, 1, 3), SIGNIFICANT, 4), Source((1, 0, 2**40), SIGNIFICANT, 15)]),
+    ):  # fmt: skip
+        yield valid(
+            f"lpcx-rule-{name}", about, ["EXA-002", "EXA-007", "VAL-003"],
+            *(s.track(s.packet(counts), id=i, channel=i) for i, s in enumerate(sources)),
+        )  # fmt: skip
+    many = Source((1, 0, 3), DECIMALS, 22)
+    large = Source((2**28 + 1, 2**50, 3), DECIMALS, 4)
+    yield uncommon(
+        "lpcx-rule-large",
+        "Where s is 2^53 or more the value is the quotient: 22 decimals, and large values.",
+        ["EXA-002"],
+        many.track(many.packet(counts)), large.track(large.packet(counts), id=1, channel=1),
+    )  # fmt: skip
+    tiny = Source((1, 0, 2**52 - 1), SIGNIFICANT, 15)
+    nothing = Source((1, 0, 2**50), DECIMALS, 3)
+    yield uncommon(
+        "lpcx-rule-small",
+        "Small values: k is at most 22, and where s is 0 the value is 0.0, below zero too.",
+        ["EXA-002"],
+        tiny.track(tiny.packet(counts)), nothing.track(nothing.packet(counts), id=1, channel=1),
+    )  # fmt: skip
+
+
+def corrections() -> Iterator[Case]:
+    tenths = Source()
+    yield valid(
+        "lpcx-no-corrections", "Nothing stands behind the counts: every correction is 0.",
+        ["EXA-003"],
+        tenths.track(tenths.packet(list(range(-8, 9)), g=1)),
+    )  # fmt: skip
+    body = bytes([3]) + bytes.fromhex("10 00 0A")
+    rice = page.encode([3, -4, 5, 8], rice=True)
+    values = [tenths.value(c) for c in (5, 3, -4, 5, 8)]
+    yield valid(
+        "lpcx-constant-and-rice", "Counts as a constant packet, and by Rice codes.", ["EXA-003"],
+        tenths.track(
+            tenths.coded(body, [5] * 4, values[:1] * 4, 0),
+            tenths.coded(page.varint_bytes(len(rice)) + rice, [3, -4, 5, 8], values[1:], 4),
+        ),
+    )  # fmt: skip
+    far = Source((2**21 + 1, 7, 10**6))
+    counts = [-(2**31), 2**31 - 1, 0, 12345]
+    yield uncommon(
+        "lpcx-level-2", "Counts of 32 bits at level 2, whose values are quotients near 2^53.",
+        ["EXA-003", "VAL-003", "LIM-001"],
+        far.track(far.packet(counts), clamped=WIDEST), level=2,
+    )  # fmt: skip
+    luck = Luck(53)
+    counts = [luck.between(-40, 39) for _ in range(120)]
+    near = [page_exact.word_at(page_exact.place(tenths.value(c)) + luck.between(-9, 9))
+            for c in counts]  # fmt: skip
+    yield valid(
+        "lpcx-near", "Doubles that miss the lattice by up to 9 numbers, coded in full.",
+        ["EXA-005", "EXA-007"],
+        tenths.track(tenths.packet(counts, near)),
+    )  # fmt: skip
+    away = {c: luck.choice((0, 0, 1, -1, 2)) for c in range(-40, 40)}
+    again = [page_exact.word_at(page_exact.place(tenths.value(c)) + away[c]) for c in counts]
+    yield valid(
+        "lpcx-recall", "Every count comes with the same correction again, told by its rank.",
+        ["EXA-004", "EXA-007"],
+        tenths.track(tenths.packet(counts, again, recall=True)),
+    )  # fmt: skip
+    few = [luck.choice((3, 3, 4)) for _ in range(150)]
+    lists = [page_exact.word_at(page_exact.place(tenths.value(c)) + luck.choice((0, 5, -7, 9)))
+             for c in few]  # fmt: skip
+    yield valid(
+        "lpcx-recall-ranks", "A few counts with a few corrections each, the last one first.",
+        ["EXA-007"],
+        tenths.track(tenths.packet(few, lists, recall=True)),
+    )  # fmt: skip
+    order = [*range(40), *range(39, 30, -1), 0, 1, 8, 7, 39, 2]
+    full = [page_exact.word_at(page_exact.place(tenths.value(6)) + 1 + c) for c in order]
+    yield uncommon(
+        "lpcx-recall-33", "More than 32 corrections of one count: the oldest ones are forgotten.",
+        ["EXA-007"],
+        tenths.track(tenths.packet([6] * len(full), full, recall=True)),
+    )  # fmt: skip
+    fine = Source((1, 0, 2**20))
+    doubles = [luck.bell(2**52) / 2**52 for _ in range(60)]
+    nearest = [round(x * 2**20) for x in doubles]
+    yield valid(
+        "lpcx-relative",
+        "Doubles of any kind on a binary lattice: lengths told against the width of the cell.",
+        ["EXA-004", "EXA-007"],
+        fine.track(fine.packet(nearest, doubles, relative=True)),
+    )  # fmt: skip
+    yield valid(
+        "lpcx-recall-relative", "Both flags.", ["EXA-004", "EXA-007"],
+        fine.track(fine.packet(nearest * 2, doubles * 2, recall=True, relative=True)),
+    )  # fmt: skip
+    singles = [struct.unpack("<f", struct.pack("<f", x))[0] for x in doubles]
+    yield valid(
+        "lpcx-shifted", "Doubles that were binary32: corrections in steps of 2^29.",
+        ["EXA-004", "EXA-007"],
+        fine.track(
+            fine.packet([round(x * 2**20) for x in singles], singles, relative=True),
+        ),
+    )  # fmt: skip
+    odd: list[float | int] = [0.1, NAN, float("inf"), float("-inf"), -0.0, 0.0, 5e-324, -1e308]
+    odd += [0xFFF8000000000001, 0x7FF0000000000001, -2, 1]
+    yield valid(
+        "lpcx-not-finite", "NaN, infinities, both zeros and subnormals, every bit of them.",
+        ["EXA-007"],
+        tenths.track(tenths.packet([1, *[0] * (len(odd) - 1)], odd)),
+        tenths.track(tenths.packet([1, *[0] * (len(odd) - 1)], odd, recall=True, relative=True),
+                     id=1, channel=1),
+    )  # fmt: skip
+    dying = [math.ldexp(1.37, -20 * i) for i in range(1, 51)]
+    yield uncommon(
+        "lpcx-dying", "A signal that dies away: corrections above bit 52, whose high bits adapt.",
+        ["EXA-007"],
+        fine.track(fine.packet([round(x * 2**20) for x in dying], dying)),
+        fine.track(
+            fine.packet([round(x * 2**20) for x in dying * 3], dying * 3, relative=True),
+            id=1, channel=1,
+        ),
+    )  # fmt: skip
+    flipped = [page_exact.word_at(page_exact.place(tenths.value(c)) + 2**63) for c in (0, 1, 2)]
+    yield uncommon(
+        "lpcx-farthest", "A correction of 2^63, which can be told in steps of 2^63 only.",
+        ["EXA-007"],
+        tenths.track(farthest(tenths, [0, 1, 2], flipped)),
+    )  # fmt: skip
+    yield valid(
+        "lpcx-two-packets", "What one packet recalls, the next one does not; and a gap.",
+        ["DAT-007", "EXA-007"],
+        tenths.track(
+            tenths.packet([6, 6, 7], again_of(tenths, [6, 6, 7], 3), recall=True),
+            tenths.packet([6, 6, 7], again_of(tenths, [6, 6, 7], 3), recall=True, start=5),
+        ),
+    )  # fmt: skip
+
+
+def again_of(source: Source, counts: list[int], away: int) -> list[int]:
+    return [page_exact.word_at(page_exact.place(source.value(c)) + away) for c in counts]
+
+
+def farthest(source: Source, counts: list[int], words: list[int]) -> Packet:
+    """z = 63, corrections of 1: L = 1, fields of one bit, which say + and - by turns."""
+    coder, fields = page.Range(), page_exact.Fields()
+    ones = [1 if i % 2 == 0 else -1 for i in range(len(counts))]
+    page_exact.corrections(coder, fields, counts, [None] * len(counts), False, 63, ones)
+    bits, coded = coder.finish(), page.encode(counts)
+    body = page.varint_bytes(len(coded)) + coded
+    body += bytes([0, 63]) + page.varint_bytes(len(bits)) + bits + fields.bytes()
+    return source.coded(body, counts, [word(w) for w in words])

@@ -1,0 +1,224 @@
+"""KNOT (SPEC 9.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import forge as f
+import page_knots
+from case import Case
+from facts import Packet, Track, case_of
+from page_knots import HOLD, LINEAR
+from page_numbers import rdiv
+
+WIDE = (-(2**23), 2**23 - 1)
+
+valid = partial(case_of, "valid")
+uncommon = partial(case_of, "uncommon")
+
+
+def packet(knots: Any, rows: list, interpolation: int = HOLD, *, start: int = 0, quantum: int = 1,
+           clamped: tuple[int, int] = (-100, 100), bound: int = 2**24) -> Packet:  # fmt: skip
+    """``knots``: (tick, value, or values of the components). The page must say ``rows`` too."""
+    knots = [(tick, list(v) if isinstance(v, tuple) else [v]) for tick, v in knots]
+    body, width = page_knots.encode(knots), len(knots[0][1])
+    found = page_knots.decode(body, width, len(rows), interpolation, quantum, bound)
+    low, high = clamped
+    held = [tuple(max(low, min(high, each)) for each in row) for row in zip(*found, strict=True)]
+    assert held == [row if isinstance(row, tuple) else (row,) for row in rows], (held, rows)
+    return Packet(start, rows, body)
+
+
+def track(*packets: Packet, interpolation: int = HOLD, quantum: int = 1, **fields: Any) -> Track:
+    return Track(
+        parameters=f.knot_parameters(interpolation, quantum), packets=packets, **fields
+    )  # fmt: skip
+
+
+def cases() -> Iterator[Case]:
+    yield valid(
+        "knot-constant", "A single knot holds for the whole span.", ["KNT-002"],
+        track(packet([(0, -3)], [-3] * 6)),
+    )  # fmt: skip
+    yield valid(
+        "knot-hold", "Held values change at their knots, the last one holds to the end.",
+        ["KNT-001", "KNT-003", "KNT-005"],
+        track(packet([(0, 4), (2, -7), (3, 60), (7, 0)], [4, 4, -7, 60, 60, 60, 60, 0, 0])),
+    )  # fmt: skip
+    yield valid(
+        "knot-hold-last-tick", "A held knot on the last tick of the span.", ["KNT-005"],
+        track(packet([(0, 1), (4, 2)], [1, 1, 1, 1, 2])),
+    )  # fmt: skip
+    yield valid(
+        "knot-linear", "A rising and a falling line that meet every tick exactly.", ["KNT-006"],
+        track(
+            packet([(0, 0), (4, 8), (6, -8)], [0, 2, 4, 6, 8, 0, -8], LINEAR),
+            interpolation=LINEAR,
+        ),
+    )  # fmt: skip
+    yield valid(
+        "knot-linear-ties",
+        "Halves between knots are rounded towards plus infinity, above zero and below.",
+        ["CNV-001"],
+        track(
+            packet(
+                [(0, 0), (2, 1), (4, 0), (6, -1), (8, -4), (10, -1)],
+                [0, 1, 1, 1, 0, 0, -1, -2, -4, -2, -1], LINEAR,
+            ),
+            interpolation=LINEAR,
+        ),
+    )  # fmt: skip
+    yield valid(
+        "knot-linear-rounding",
+        "Thirds and sevenths of falling lines are rounded to nearest, not towards zero.",
+        ["CNV-001"],
+        track(
+            packet(
+                [(0, 10), (3, 5), (10, -5)],
+                [10, 8, 7, 5, 4, 2, 1, -1, -2, -4, -5], LINEAR,
+            ),
+            interpolation=LINEAR,
+        ),
+    )  # fmt: skip
+    yield valid(
+        "knot-linear-shallow",
+        "One count up in 98 ticks: half of it at tick 49 is a tie, which no slope may blur.",
+        ["CNV-001"],
+        track(
+            packet([(0, 0), (98, 1)], [0] * 49 + [1] * 50, LINEAR), interpolation=LINEAR
+        ),
+    )  # fmt: skip
+    steep = [-(2**23) + rdiv((2**24 - 1) * tick, 999) for tick in range(1000)]
+    yield valid(
+        "knot-linear-steep", "A line through all 24 bits in 1000 ticks: binary32 would blur it.",
+        ["CNV-001"],
+        track(
+            packet([(0, -(2**23)), (999, 2**23 - 1)], steep, LINEAR, clamped=WIDE),
+            interpolation=LINEAR, low=WIDE[0], high=WIDE[1],
+        ),
+    )  # fmt: skip
+    yield valid(
+        "knot-linear-beyond",
+        "The last knot lies beyond the span: the line runs on, only ticks of the span are there.",
+        ["KNT-006"],
+        track(
+            packet([(0, 0), (2, 20), (12, -80)], [0, 10, 20, 10, 0], LINEAR), interpolation=LINEAR
+        ),
+    )  # fmt: skip
+    yield valid(
+        "knot-linear-single", "With linear interpolation too a single knot is a constant.",
+        ["KNT-006"],
+        track(packet([(0, 9)], [9] * 5, LINEAR), interpolation=LINEAR),
+    )  # fmt: skip
+    yield valid(
+        "knot-quantum", "Values times the quantum are interpolated, not values.", ["CNV-001"],
+        track(
+            packet([(0, 1), (4, 2)], [25, 31, 38, 44, 50], LINEAR, quantum=25),
+            interpolation=LINEAR, quantum=25,
+        ),
+    )  # fmt: skip
+    yield valid(
+        "knot-three-components", "Components share the ticks of the knots, each has its values.",
+        ["KNT-002"],
+        track(
+            packet(
+                [(0, (1, -1, 50)), (3, (4, -4, 50)), (4, (0, 0, -50))],
+                [(1, -1, 50), (2, -2, 50), (3, -3, 50), (4, -4, 50), (0, 0, -50)], LINEAR,
+            ),
+            width=3, interpolation=LINEAR,
+        ),
+    )  # fmt: skip
+    yield valid(
+        "knot-clamped", "Decoded counts beyond the declared range are clamped to it, both ways.",
+        ["DEC-001"],
+        track(
+            packet(
+                [(0, -20), (8, 20)], [-8, -8, -8, -5, 0, 5, 7, 7, 7], LINEAR, clamped=(-8, 7),
+            ),
+            low=-8, high=7, interpolation=LINEAR,
+        ),
+    )  # fmt: skip
+    yield valid(
+        "knot-one-tick", "A packet of one tick.", ["DAT-003", "KNT-006"],
+        track(packet([(0, 42)], [42], LINEAR), interpolation=LINEAR),
+    )  # fmt: skip
+    yield valid(
+        "knot-two-packets", "Each packet starts anew: its first knot is no difference.",
+        ["DAT-007"],
+        track(
+            packet([(0, 50), (1, 52)], [50, 52, 52]), packet([(0, 50)], [50] * 2, start=3),
+            packet([(0, -50)], [-50] * 3, start=5),
+        ),
+    )  # fmt: skip
+    yield uncommon(
+        "knot-linear-two-ticks-far", "Two ticks of a line whose other end is 2^24 ticks away.",
+        ["KNT-006", "CNV-001"],
+        track(packet([(0, 77), (2**24, -77)], [77, 77], LINEAR), interpolation=LINEAR),
+    )  # fmt: skip
+    yield uncommon(
+        "knot-linear-far",
+        "Lines over 2^24 ticks, one from a count bound to the other, beyond the declared range.",
+        ["KNT-004", "CNV-001"],
+        track(
+            packet(
+                [(0, -(2**24)), (2**24, 2**24)],
+                [max(-(2**23), -(2**24) + 2 * tick) for tick in range(3)], LINEAR,
+                clamped=(-(2**23), 2**23 - 1),
+            ),
+            packet(
+                [(0, 2**23 - 1), (2**24 - 1, 2 - 2**23)],
+                [2**23 - 1, 2**23 - 2, 2**23 - 3, 2**23 - 4], LINEAR, start=3,
+                clamped=(-(2**23), 2**23 - 1),
+            ),
+            low=-(2**23), high=2**23 - 1, interpolation=LINEAR,
+        ),
+    )  # fmt: skip
+    wide = {"low": -(2**31), "high": 2**31 - 1}
+    yield uncommon(
+        "knot-level-2",
+        "Lines between the count bounds of level 2, whose differences have 34 bits.",
+        ["LIM-001", "CNV-001"],
+        track(
+            packet(
+                [(0, -(2**31)), (2**24, 2**31 - 1)],
+                [-(2**31), -(2**31) + 256, -(2**31) + 512, -(2**31) + 768], LINEAR,
+                clamped=(-(2**31), 2**31 - 1), bound=2**32,
+            ),
+            packet(
+                [(0, 2**32), (3, -(2**32))], [2**31 - 1, 1431655765, -1431655765, -(2**31)],
+                LINEAR, start=4, clamped=(-(2**31), 2**31 - 1), bound=2**32,
+            ),
+            interpolation=LINEAR, **wide,
+        ),
+        level=2,
+    )  # fmt: skip
+    rows = [7 if tick % 2 else -9 for tick in range(300)]
+    yield uncommon(
+        "knot-every-tick", "Hold with a knot on every tick.", ["KNT-003"],
+        track(packet(list(enumerate(rows)), rows)),
+    )  # fmt: skip
+    yield uncommon(
+        "knot-largest-quantum", "A quantum of 2^24 at level 1, and values of 1 and -1.",
+        ["KNT-001", "KNT-004", "DEC-001"],
+        track(
+            packet(
+                [(0, 1), (1, -1), (2, 0)], [2**23 - 1, -(2**23), 0], quantum=2**24,
+                clamped=(-(2**23), 2**23 - 1),
+            ),
+            quantum=2**24, low=-(2**23), high=2**23 - 1,
+        ),
+    )  # fmt: skip
+    yield uncommon(
+        "knot-long-constant", "100000 ticks in one byte.", ["KNT-002"],
+        track(Packet(0, [5] * 100_000, f.KNOT_DATA)),
+    )  # fmt: skip
+    counts = tuple(range(-100, 155))
+    yield uncommon(
+        "components-255", "A track of 255 components.", ["TRK-002"],
+        track(
+            packet([(0, counts), (1, counts[::-1])], [counts, counts[::-1]], clamped=(-128, 255)),
+            width=255, low=-128, high=255,
+        ),
+    )  # fmt: skip
