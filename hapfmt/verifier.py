@@ -17,7 +17,7 @@ from .container.index import (
     floor_ms,
     parse_index,
 )
-from .container.track import lone_lf
+from .container.track import lone_lf, unsupported_track
 from .container.walk import Chunk, read_chunk
 from .contract import ContractCheck, check_contracts
 from .damage import damage_report, lost_lines
@@ -217,9 +217,7 @@ def check_packets(
             catalogue.lose("bad-digest", offset, 32, message, "DGS-002")
     for track in catalogue.tracks.values():
         if track.unsupported:
-            raise UnsupportedError(
-                f"track {track.id} needs {track.unsupported}", offset=track.offset
-            )
+            raise unsupported_track(track)
 
 
 def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:

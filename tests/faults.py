@@ -384,6 +384,7 @@ FAULTS = [
     # 6.5, 6.6
     Fault("IDX-001", 100, "index cut short", lambda: parse_index(b"", 500, AT)),
     Fault("IDX-001", 100, "entries missing", at_index(count=1)),
+    Fault("IDX-001", 131, "an entry missing", at_index(("DATA", 8, 2**20, 2**21), count=2)),
     Fault("IDX-001", 120, "entries too many", at_index(("HEAD", 8, 0, 0), count=0)),
     Fault("CNV-002", 130, "an entry without times", at_index(("aaaa", 8, 0, 0), ("DATA", 40, 0, 0),
                                                              cut=2)),
