@@ -65,56 +65,72 @@ def implementation(mutant: Mutant | None, language: str = "python") -> Implement
 
 @dataclass
 class Examined:
-    """``killers``: what each case that killed the mutant found first; ``asked``: cases in all."""
+    """``killers``: what each case that killed the mutant found first; ``asked``: cases in all;
+    ``wrong``: what cases found that the program without a mistake fails too."""
 
     name: str
     killers: dict[str, str] = field(default_factory=dict)
     asked: int = 0
     seconds: float = 0.0
+    wrong: dict[str, str] = field(default_factory=dict)
 
     @property
     def killed(self) -> bool:
         return bool(self.killers)
 
 
+def concerns(case: Case, mutant: Mutant) -> bool:
+    """Wrong encoders meet jobs, wrong recoverers what is to be recovered, all others every file."""
+    verbs = case.expect.get("exit", {})
+    wanted = {"encoder": {"encode"}, "recoverer": {"recover"}}.get(mutant.role)
+    return bool(wanted & verbs.keys()) if wanted else "encode" not in verbs
+
+
 def suited(mutant: Mutant, cases: Sequence[Case], first: str = "") -> list[Case]:
-    """All cases, those first that should find the mistake: the one that did so before, those of
-    the rules that it breaks, and of these the small ones."""
+    """Cases of its role, first the one that found the mistake before, then those
+    of the rules that it breaks, and of these the small ones."""
     broken = set(mutant.requirements)
 
     def place(case: Case) -> tuple[bool, float, int]:
         rules = set(case.requirements)
         shared = len(rules & broken)
-        size = 0 if case.on_demand or case.path.is_dir() else case.path.stat().st_size
+        size = case.path.stat().st_size if case.path.is_file() else 0
         return case.id != first, -shared / (1 + len(rules - broken) / 8), size
 
-    return sorted(cases, key=place)
+    return sorted((case for case in cases if concerns(case, mutant)), key=place)
 
 
-def reason(result: Result) -> str:
-    step = next(step for step in result.steps if step.status == FAILED)
-    return f"{step.verb}: {step.differences[0]}"
+def finding(result: Result) -> str | None:
+    """What a case found first."""
+    failed = [step for step in result.steps if step.status == FAILED]
+    return f"{failed[0].verb}: {failed[0].differences[0]}" if failed else None
 
 
 def examine(
     mutant: Mutant, cases: Sequence[Case], first: dict[str, str], *, quick: bool
 ) -> Examined:
-    """``quick``: up to the first case that kills."""
+    """``quick``: up to the first case that kills. A kill counts where the program without a mistake
+    passes the same case."""
     began = time.monotonic()
     found = Examined(mutant.name)
-    tested = implementation(mutant, mutant.language)
+    tested, right = implementation(mutant, mutant.language), implementation(None, mutant.language)
     referee = Forked()
     try:
         for case in suited(mutant, cases, first.get(mutant.name, "")):
             found.asked += 1
-            result = run_case(case, tested, [referee])
-            if result.status == FAILED:
-                found.killers[case.id] = reason(result)
-                if quick:
-                    break
+            why = finding(run_case(case, tested, [referee]))
+            if why is None:
+                continue
+            wrong = finding(run_case(case, right, [referee]))
+            if wrong is not None:
+                found.wrong[case.id] = wrong
+                continue
+            found.killers[case.id] = why
+            if quick:
+                break
     finally:
-        tested.close()
-        referee.close()
+        for program in (tested, right, referee):
+            program.close()
     found.seconds = time.monotonic() - began
     return found
 
@@ -123,14 +139,14 @@ def control(cases: Sequence[Case], language: str = "python") -> Examined:
     """The program without a mistake, which no case should kill."""
     began = time.monotonic()
     found = Examined(f"(no mistake, {language})", asked=len(cases))
-    tested, referee = implementation(None, language), Forked()
+    right, referee = implementation(None, language), Forked()
     try:
         for case in cases:
-            result = run_case(case, tested, [referee])
-            if result.status == FAILED:
-                found.killers[case.id] = reason(result)
+            why = finding(run_case(case, right, [referee]))
+            if why is not None:
+                found.wrong[case.id] = why
     finally:
-        tested.close()
+        right.close()
         referee.close()
     found.seconds = time.monotonic() - began
     return found

@@ -1,7 +1,8 @@
 """Runs the cases of conformance/ on programs with one mistake each: which case kills which?
 
 python conformance/mutants/run.py                the whole matrix
-python conformance/mutants/run.py --quick        each mutant up to the first case that kills it
+python conformance/mutants/run.py --quick        each mutant up to the first case that kills it, and
+                                                 the program without a mistake on these cases alone
 python conformance/mutants/run.py --mutant NAME  only this one, and what each case found
 python conformance/mutants/run.py --write        the whole matrix, and conformance/MUTANTS.md
 
@@ -65,16 +66,16 @@ def chosen(patterns: Sequence[str]) -> list[Mutant]:
     return here
 
 
-def check_control(cases: Sequence[Case], languages: Sequence[str]) -> bool:
-    """Whether the programs without a mistake pass."""
-    right = True
+def check_control(cases: Sequence[Case], languages: Sequence[str]) -> set[str]:
+    """The cases that programs without a mistake do not pass."""
+    wrong: set[str] = set()
     for language in languages:
         found = control(cases, language)
-        for id_, why in found.killers.items():
+        for id_, why in found.wrong.items():
             print(f"{found.name} fails {id_}: {why}")
-        right = right and not found.killed
         print(f"{found.name}: {len(cases)} cases, {found.seconds:.1f} s")
-    return right
+        wrong |= found.wrong.keys()
+    return wrong
 
 
 def tell(examined: Sequence[Examined], mutants: Sequence[Mutant], seconds: float) -> None:
@@ -107,7 +108,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run(
     given: argparse.Namespace, mutants: Sequence[Mutant], cases: Sequence[Case], began: float
 ) -> int:
-    right = check_control(cases, list(dict.fromkeys(mutant.language for mutant in mutants)))
+    wrong: set[str] = set()
+    if not given.quick:
+        wrong = check_control(cases, list(dict.fromkeys(mutant.language for mutant in mutants)))
+    cases = [case for case in cases if case.id not in wrong]
     by_id = {case.id: case for case in cases}
     sets = list(dict.fromkeys(case.set for case in cases))
     print("\n" + table.head(sets))
@@ -118,6 +122,9 @@ def run(
         ):
             examined.append(found)
             print(table.line(found, by_id, sets), flush=True)
+            for id_, why in found.wrong.items():
+                print(f"    the program without a mistake fails {id_}: {why}")
+            wrong |= found.wrong.keys()
             if given.mutant and not given.quick:
                 for id_, why in found.killers.items():
                     print(f"    {id_}: {why}")
@@ -130,7 +137,7 @@ def run(
         given.json.write_text(text + "\n", "utf-8")
     if given.write and not given.quick and not given.mutant:
         table.PAGE.write_text(table.page(examined, mutants, len(cases)), "utf-8")
-    return int(not right or not all(found.killed for found in examined))
+    return int(bool(wrong) or not all(found.killed for found in examined))
 
 
 if __name__ == "__main__":
