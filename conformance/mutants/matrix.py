@@ -8,7 +8,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
 from multiprocessing import get_context
@@ -79,15 +79,30 @@ class Examined:
         return bool(self.killers)
 
 
-def concerns(case: Case, mutant: Mutant) -> bool:
-    """Wrong encoders meet jobs, wrong recoverers what is to be recovered, all others every file."""
-    verbs = case.expect.get("exit", {})
-    wanted = {"encoder": {"encode"}, "recoverer": {"recover"}}.get(mutant.role)
-    return bool(wanted & verbs.keys()) if wanted else "encode" not in verbs
+VERBS = {
+    "decoder": ("decode", "verify"),
+    "verifier": ("verify",),
+    "recoverer": ("recover",),
+    "encoder": ("encode",),
+}
+"""By the role of a mutant, those by which it is found."""
+
+
+def asked_of(mutant: Mutant, cases: Sequence[Case]) -> Iterator[Case]:
+    """The cases of its role, and of each the verbs of its role. Limits take a second each: only
+    where they are about the rules that it breaks."""
+    for case in cases:
+        codes = case.expect.get("exit", {})
+        exit_ = {verb: codes[verb] for verb in VERBS[mutant.role] if verb in codes}
+        about = case.set != "limits" or {*case.requirements} & {*mutant.requirements}
+        if exit_ and about:
+            part = replace(case)
+            part.__dict__["expect"] = case.expect | {"exit": exit_}
+            yield part
 
 
 def suited(mutant: Mutant, cases: Sequence[Case], first: str = "") -> list[Case]:
-    """Cases of its role, first the one that found the mistake before, then those
+    """Its cases, first the one that found the mistake before, then those
     of the rules that it breaks, and of these the small ones."""
     broken = set(mutant.requirements)
 
@@ -97,7 +112,7 @@ def suited(mutant: Mutant, cases: Sequence[Case], first: str = "") -> list[Case]
         size = case.path.stat().st_size if case.path.is_file() else 0
         return case.id != first, -shared / (1 + len(rules - broken) / 8), size
 
-    return sorted((case for case in cases if concerns(case, mutant)), key=place)
+    return sorted(asked_of(mutant, cases), key=place)
 
 
 def finding(result: Result) -> str | None:
@@ -109,8 +124,8 @@ def finding(result: Result) -> str | None:
 def examine(
     mutant: Mutant, cases: Sequence[Case], first: dict[str, str], *, quick: bool
 ) -> Examined:
-    """``quick``: up to the first case that kills. A kill counts where the program without a mistake
-    passes the same case."""
+    """``quick``: up to the first case that kills, which counts where the program without a mistake
+    passes the same case. (Else all of them were asked of that one before.)"""
     began = time.monotonic()
     found = Examined(mutant.name)
     tested, right = implementation(mutant, mutant.language), implementation(None, mutant.language)
@@ -121,7 +136,7 @@ def examine(
             why = finding(run_case(case, tested, [referee]))
             if why is None:
                 continue
-            wrong = finding(run_case(case, right, [referee]))
+            wrong = finding(run_case(case, right, [referee])) if quick else None
             if wrong is not None:
                 found.wrong[case.id] = wrong
                 continue

@@ -235,14 +235,4 @@ MUTANTS = (
         "DBC-004 EXA-007",
         Edit("codecs.exact:Lacking.build", "if not self.corrections.any():", "if True:"),
     ),
-    encoder(
-        "wrong-digest",
-        "The digest leaves out the coverage.",
-        "DGS-002 DGS-003",
-        Edit(
-            "reading.decoder:TrackDigest.digest",
-            "self.numbers.digest() + coverage",
-            "self.numbers.digest()",
-        ),
-    ),
 )
