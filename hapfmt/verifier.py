@@ -19,6 +19,7 @@ from .container.index import (
 )
 from .container.track import lone_lf, unsupported_track
 from .container.walk import Chunk, read_chunk
+from .container.wire import HEADER_SIZE
 from .contract import ContractCheck, check_contracts
 from .damage import damage_report, lost_lines
 from .errors import FormatError, HapfmtError, LimitError, UnsupportedError
@@ -137,7 +138,7 @@ def check_structure(catalogue: Catalogue) -> None:
         )
         for ref in catalogue.chunks
     ]
-    last_index = indexed_to = 0
+    last_index = unlisted = 0
     indexes: set[int] = set()
     for ref in catalogue.chunks:
         if ref.type == "iNDX":
@@ -153,9 +154,12 @@ def check_structure(catalogue: Catalogue) -> None:
                 )
             indexes.add(ref.offset)
             check_listing(index, ref.offset, listing, chunk.payload_offset)
-            last_index = indexed_to = ref.offset
-        elif ref.offset - indexed_to > INDEX_EVERY + catalogue.level.payload_size:
-            raise FormatError("no index for too long", requirement="IDX-005", offset=ref.offset)
+            last_index, unlisted = ref.offset, 0
+        elif ref.type != "fOOT":
+            size = HEADER_SIZE + (ref.size or 0)
+            if unlisted and unlisted + size > INDEX_EVERY:
+                raise FormatError("no index for too long", requirement="IDX-005", offset=ref.offset)
+            unlisted += size
     check_extras(catalogue)
     foot = catalogue.foot
     if foot is None:

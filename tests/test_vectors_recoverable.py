@@ -91,3 +91,11 @@ def test_bytes_of_another_cluster(source):
         for stop in range(start + 1, size + 1, 3):
             bad = w.over(data, at + start, other[start:stop])
             assert bad == data or named(bad) >= TICKS
+
+
+def test_a_part_of_a_closed_file_whose_last_cluster_is_damaged():
+    """By its index: what the cluster's times are, no more."""
+    data = w.flip(w.STEADY.data, w.STEADY.row(1, 8).at)
+    with hapfmt.Reader(data) as reader:
+        assert reader.read([1], start=0, stop=1).channels[0].coverage == ((0, 8),)
+        assert [span[:3] for span in reader.lost] == [(1, 8, 12)]

@@ -57,7 +57,7 @@ FIVES = track([5] * 4)
 class Row(NamedTuple):
     """``rule``: the id that is broken, or several where the page leaves it open which one is said;
     ``tracks``: what those deliver who do not look; ``decode``: exit codes, where they are others
-    than the rule tells."""
+    than the rule tells; ``also``: another id that a wrong reader breaks here."""
 
     name: str
     rule: str | tuple[str, ...]
@@ -65,11 +65,12 @@ class Row(NamedTuple):
     data: bytes
     tracks: Sequence[dict[str, Any]] | None = None
     decode: int | list[int] | None = None
+    also: str = ""
 
 
 def cases(fault: str, rows: Iterable[Row | tuple]) -> Iterable[Case]:
     """Cases of the set invalid."""
-    for name, rule, about, data, tracks, told in (Row(*row) for row in rows):
+    for name, rule, about, data, tracks, told, also in (Row(*row) for row in rows):
         rules = [rule] if isinstance(rule, str) else list(rule)
         if fault.startswith("entropy/") and any(word in name for word in ENDS):
             rules = list(dict.fromkeys([*rules, "COD-001", "CNV-002"]))
@@ -85,7 +86,8 @@ def cases(fault: str, rows: Iterable[Row | tuple]) -> Iterable[Case]:
         }
         if tracks is not None:
             expect["decode"] = {"tracks": list(tracks)}
-        yield Case("invalid", name, about, rules[:1], data, expect, fault)
+        touched = [rules[0], *([also] if also else [])]
+        yield Case("invalid", name, about, touched, data, expect, fault)
 
 
 def lasting(span: int, rate: Fraction = Fraction(1000)) -> int:

@@ -220,7 +220,7 @@ class Salvage:
                 if budget < 0:
                     return best
                 if self.holds(entry, place + ahead):
-                    budget -= sum(entry.size for entry, _ in self.rows)
+                    budget -= min(sum(row.size for row, _ in self.rows), len(self.payload))
                     held = self.count_from(place)
                     if held > most:
                         best, most = place, held
@@ -280,13 +280,14 @@ def salvage_cluster(
     found = salvage.run()
     before: Placed | None = None
     samples = 0
-    if found and not salvage.sure():
-        # So few bytes may stand anywhere: they do not tell what is missing around them.
-        yield Hole(None, None, base, len(payload))
+    sure, anywhere = salvage.sure(), Hole(None, None, base, len(payload))
     for placed in found:
         entry, known = placed.entry, tracks.get(placed.entry.track)
         joined = before.joins(placed) if before else salvage.begins(placed)
-        if not joined:
+        if not sure:
+            # So few bytes may stand anywhere: they do not tell what is missing around them.
+            yield anywhere
+        elif not joined:
             yield hole_between(before, placed, base, salvage.stops[0])
         before = placed
         samples += known.weight(entry.span, entry.size) if known else 0
@@ -295,7 +296,9 @@ def salvage_cluster(
         else:
             data = payload[placed.at : placed.stop]
             yield Packet(entry.track, entry.start, entry.span, data, base + placed.at)
-    if before is None or not salvage.ends(before):
+    if before is None or not sure:
+        yield anywhere
+    elif not salvage.ends(before):
         yield hole_between(before, None, base, min(salvage.stops[0], len(payload)))
 
 

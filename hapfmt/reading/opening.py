@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable
 
 from ..container.chain import index_chain
 from ..container.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
+from ..container.series import check_range
 from ..container.source import Source
 from ..container.track import unsupported_track
 from ..container.walk import Chunk, Finding, header_at, read_chunk, walk
@@ -256,14 +258,33 @@ def lose_chunk(catalogue: Catalogue, chunk: Chunk, error: HapfmtError) -> None:
     )
 
 
+def drop_broken(catalogue: Catalogue) -> list[FormatError]:
+    """Drops tracks whose codec parameters break a rule, and those that stood before HEAD and were
+    held to no level yet."""
+    from .decoder import TrackDecoder
+
+    dropped = []
+    for track in list(catalogue.tracks.values()):
+        try:
+            if track.unsupported is None:
+                check_range(track, catalogue.level, track.offset)
+                TrackDecoder(track, catalogue.level)
+        except FormatError as error:
+            del catalogue.tracks[track.id]
+            error.offset, error.requirement = track.offset, error.requirement or "COD-002"
+            dropped.append(error)
+    return dropped
+
+
 def lose_strangers(catalogue: Catalogue) -> None:
-    """Tracks that do not fit others, and HF tracks whose base is lost."""
-    places = {ref.offset: ref.offset + HEADER_SIZE + (ref.size or 0) for ref in catalogue.chunks}
-    for stranger in catalogue.table.drop_strangers():
-        inside = stranger.offset or 0
-        start = max((start for start in places if start <= inside), default=0)
-        size, rule = places.get(start, start) - start, stranger.requirement or "TRK-007"
-        catalogue.lose("bad-chunk", start, size, stranger.message, rule)
+    """Tracks that break a rule or do not fit others, and HF tracks whose base is lost."""
+    faults = [*drop_broken(catalogue), *catalogue.table.drop_strangers()]
+    refs = sorted(catalogue.chunks, key=lambda ref: ref.offset)
+    starts = [ref.offset for ref in refs]
+    for fault in faults:
+        ref = refs[bisect_right(starts, fault.offset or 0) - 1]
+        size, rule = HEADER_SIZE + (ref.size or 0), fault.requirement or "TRK-007"
+        catalogue.lose("bad-chunk", ref.offset, size, fault.message, rule)
     for track in catalogue.tracks.values():
         if track.kind == "hf" and track.base not in catalogue.tracks:
             message = f"HF track {track.id} has lost its base track {track.base}"

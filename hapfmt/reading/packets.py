@@ -77,7 +77,8 @@ class PacketPass:
         self.on_damage = on_damage
         self.losses = Losses(catalogue.tracks)
         self.lost = self.losses.spans
-        self.offsets = sorted(ref.offset for ref in catalogue.chunks)
+        again = [f.offset for f in catalogue.findings if f.code == "duplicate-chunk"]
+        self.offsets = sorted([*again, *(ref.offset for ref in catalogue.chunks)])
         self.state = Progress.of(catalogue)
         self.stops: dict[tuple[int, ...], int] = {}
         """Where the last packet of each line ended."""
@@ -262,7 +263,7 @@ class PacketPass:
             )
             self.on_damage()
         payload, sizes = self.region(ref, payload, size)
-        if not intact and ref.offset == self.offsets[-1]:
+        if not intact and ref.limit is None and ref.offset == self.offsets[-1]:
             state.last = ref
         items = list(salvage_cluster(payload, catalogue.tracks, catalogue.level, at, sizes))
         if not intact and self.foreign(payload[:size], items, state):

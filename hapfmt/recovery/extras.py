@@ -60,8 +60,7 @@ class Extras:
                 track = self.catalogue.observed_track(chunk)
                 CLOCKS[header.type](chunk.payload, track, offset)
         except FormatError as error:
-            if header.type != "mETa":  # which was reported when the file was opened
-                lose_chunk(self.catalogue, chunk, error)
+            lose_chunk(self.catalogue, chunk, error)
             return False
         return header.track == NO_TRACK or header.track in self.tracks
 

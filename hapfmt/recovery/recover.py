@@ -244,6 +244,8 @@ class Copy:
         """Whether it may have taken something that is not written anew."""
         if finding.code in HARMLESS or finding.code == "bad-signature":
             return False
+        if finding.code in ("missing-chunk", "missing-head"):
+            return True
         if finding.offset + finding.size <= len(SIGNATURE):
             # What is left of the signature, which is written anew.
             return False

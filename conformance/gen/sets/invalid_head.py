@@ -9,7 +9,8 @@ import forge as f
 from broken import DATA, FIVES, HEAD, TRACK, described, packed, series
 from case import NONCONFORMING, Case
 
-NOTHING_VALID = ("FIL-001", "HED-001", "FIL-003", "CHK-001", "CHK-002", "CHK-006", "CHK-008")
+NOTHING_VALID = ("FIL-001", "HED-001", "FIL-002", "FIL-003")
+SIGNED = ("HED-001", "FIL-001", "FIL-002", "FIL-003")
 
 KEPT = [FIVES]
 
@@ -66,16 +67,16 @@ TEXTS = [
 
 NO_FILE = [
     ("no-bytes", NOTHING_VALID, "The file is empty.", b"", None, NONCONFORMING),
-    ("signature-alone", NOTHING_VALID, "The signature stands alone.", f.SIGNATURE, None,
+    ("signature-alone", SIGNED, "The signature stands alone.", f.SIGNATURE, None,
      NONCONFORMING),
     ("another-format", NOTHING_VALID, "A RIFF WAVE file without samples.",
      b"RIFF\x24\0\0\0WAVEfmt \x10\0\0\0\1\0\1\0\xE8\3\0\0\xD0\7\0\0\2\0\x10\0data\0\0\0\0", None,
      NONCONFORMING),
-    ("no-sync-word", NOTHING_VALID, "The only chunk has another sync word.",
+    ("no-sync-word", ("CHK-001", *SIGNED), "The only chunk has another sync word.",
      f.SIGNATURE + f.chunk("HEAD", f.head(), 0, sync=b"\xF9\x48\x8B\x1D"), None, NONCONFORMING),
-    ("no-header-crc", NOTHING_VALID, "The only chunk has the header CRC 0.",
+    ("no-header-crc", ("CHK-002", *SIGNED), "The only chunk has the header CRC 0.",
      f.SIGNATURE + f.chunk("HEAD", f.head(), 0, header_crc=0), None, NONCONFORMING),
-    ("type-of-no-letters", NOTHING_VALID, "The only chunk has a type with a digit.",
+    ("type-of-no-letters", ("CHK-006", *SIGNED), "The only chunk has a type with a digit.",
      f.file(("H3AD", f.head())), None, NONCONFORMING),
 ]  # fmt: skip
 

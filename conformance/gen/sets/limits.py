@@ -15,6 +15,7 @@ import page
 from broken import (
     DATA_AT,
     EITHER,
+    END,
     HEAD,
     TRACK,
     TRACK_AT,
@@ -202,8 +203,21 @@ def zeros(count: int) -> bytes:
 
 
 def one_payload(size: int, level: int) -> Callable[[], bytes]:
-    return lambda: f.closed(("HEAD", f.head(level=level)), TRACK, f.DATA_0,
-                            ("aTTc", f.strings("a", "") + bytes(size - 3)))  # fmt: skip
+    """An attachment so large that an index stands before it (IDX-005)."""
+    before = f.index([*FAR[:2], ("DATA", DATA_AT, 0, f.LATE_MS)])
+    entries = [("aTTc", END + 32 + len(before), 0, 0)]
+    return lambda: f.closed(
+        ("HEAD", f.head(level=level)), TRACK, f.DATA_0, ("iNDX", before),
+        ("aTTc", f.strings("a", "") + bytes(size - 3)),
+        ahead={"entries": entries, "covers_from": END, "previous": END},
+    )  # fmt: skip
+
+
+def unlisted(size: int) -> Callable[[], bytes]:
+    """Chunks of so many bytes before the index, those of the usual file among them."""
+    left = size - (END - 8)
+    sizes = [2**20 + 32] * 3 + [left - 3 * (2**20 + 32)]
+    return lambda: f.minimal(*[("aTTc", f.strings("a", "") + bytes(n - 32 - 3)) for n in sizes])
 
 
 def rows(count: int, level: int) -> Callable[[], bytes]:
@@ -259,6 +273,10 @@ DEMANDED = [
      one_payload(2**24, 2), FIVES, OR_LESS),
     ("payload-above-level-2", "CHK-008", "A header says 2^24 + 1 bytes, and is none.",
      one_payload(2**24 + 1, 2), FIVES, 3),
+    ("index-after-4-mib", "IDX-005", "Chunks of 4 MiB stand before the first index.",
+     unlisted(2**22), FIVES, 0),
+    ("index-after-more-than-4-mib", "IDX-005", "A byte more than 4 MiB stands before an index.",
+     unlisted(2**22 + 1), FIVES, 2),
     ("packets-of-2-to-14", "DAT-001", "At level 1 a cluster has 2^14 packets.",
      rows(2**14, 1), [constant(5, 2**14)], 0),
     ("packets-above-level-1", ("DAT-001", "LIM-001"), "At level 1 a cluster has 2^14 + 1 packets.",

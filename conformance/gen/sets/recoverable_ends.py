@@ -125,6 +125,16 @@ def ends() -> Iterator[Case]:
         ["CHK-004", "FIL-002"], "framing/other-file", DATA + other,
         damages=[("garbage", END, len(other))],
     )  # fmt: skip
+    track = STEADY.chunk("TRAK")
+    for name, at, where in (
+        ("duplicate-behind-index", FOOT.at, "between index and footer"),
+        ("duplicate-behind-footer", END, "behind the footer"),
+    ):
+        yield wrecked(
+            name, f"A chunk stands again {where}: the file is closed, and its index lists all.",
+            ["CHK-005", "FIL-003", "REC-003"], "framing/duplicate", w.with_bytes(DATA, at, track),
+            damages=[("duplicate-chunk", at, len(track))], recover=[0, 3],
+        )  # fmt: skip
     for name, place, damages, lost, recover in (
         ("index-flip", INDEX.payload, [("bad-payload", INDEX.at, INDEX.size)], [], 0),
         ("footer-flip", FOOT.payload,
@@ -195,4 +205,28 @@ def indexes() -> Iterator[Case]:
         kept=dict.fromkeys(range(3), ((0, 4), (40, 44))),
         lost=[(track, 44, None) for track in range(3)],
         damages=[("garbage", late.at, 7), ("not-closed", late.at + 7, 0)],
+    )  # fmt: skip
+    yield chain()
+
+
+def chain() -> Case:
+    """Two indexes, the second of which goes on where the first one ends."""
+    chunks: list[w.Chunk] = [HEAD, THREE, *w.clusters(0, 40), ("iNDX", b""), *w.clusters(80, 120)]
+    begun = w.lay(*chunks, close=False)
+    first, third, fourth = begun.of("iNDX"), begun.of("DATA", 2), begun.of("DATA", 3)
+    rows = [("DATA", third.at, 80, 84), ("DATA", fourth.at, 120, 124)]
+    index = f.index(rows, covers_from=first.at, previous=first.at)
+    laid = w.lay(*chunks, ("iNDX", index), close=False)
+    second = laid.of("DATA", 1)
+    return wrecked(
+        "index-chain", "Two indexes in a chain tell of a cluster each that is lost.",
+        ["IDX-004", "REC-003", "REC-012"], "transmission/bit-flip",
+        w.flip(w.flip(laid.data, second.at + 30), fourth.at + 30),
+        kept=dict.fromkeys(range(3), ((0, 4), (80, 84))),
+        lost=[(track, start, start + 4) for track in range(3) for start in (40, 120)],
+        damages=[
+            ("garbage", second.at, second.size), ("missing-chunk", first.at, 0),
+            ("garbage", fourth.at, fourth.size), ("missing-chunk", laid.of("iNDX", 1).at, 0),
+            ("not-closed", len(laid.data), 0),
+        ],
     )  # fmt: skip

@@ -47,6 +47,7 @@ def cases() -> Iterator[Case]:
     yield from attachments()
     yield from nested()
     yield from clocks()
+    yield from clocks_of_tracks()
     yield from unknown()
     yield from notes()
 
@@ -215,6 +216,31 @@ def clocks() -> Iterator[Case]:
         ["CLK-001", "REC-010"], "transmission/bit-flip",
         w.flip(laid.data, laid.of("cMAp").stop - 1),
         decode=WHOLE | {"clocks": [pc, utc], "maps": []}, damages=[bad(laid, "cMAp")],
+    )  # fmt: skip
+
+
+def clocks_of_tracks() -> Iterator[Case]:
+    first, second = (
+        ("TRAK", f.trak(), {"track": 0}),
+        ("TRAK", f.trak(first_channel=1), {"track": 1}),
+    )
+    seen = [(0, 1000, 5)]
+    laid = w.lay(
+        HEAD, first, second, *w.clusters(0, 4, 8, tracks=2), ("cLOk", f.clock(seen), {"track": 1}),
+        ("cLOk", f.clock(seen), {"track": 0}),
+    )  # fmt: skip
+    rows = [laid.row(1, start) for start in (0, 4, 8)]
+    yield wrecked(
+        "clock-of-a-lost-track", "Observations in ticks of a track that has lost its description.",
+        ["CLK-005", "REC-010"], "transmission/bit-flip",
+        w.flip(laid.data, laid.of("TRAK", 1).payload + 5), lost=[(1, 0, 12)],
+        decode=w.decoded({0: ALL}) | {
+            "clocks": [{"track": 0, "name": "pc", "observations": [[0, "1000", "5"]]}],
+        },
+        damages=[
+            bad(laid, "TRAK", 1), bad_chunk(laid, "cLOk"),
+            *[("bad-packet", row.at, row.size) for row in rows],
+        ],
     )  # fmt: skip
 
 

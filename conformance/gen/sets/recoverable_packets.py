@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import forge as f
 import wreck as w
 from case import Case
-from wreck import ALL, HEAD, STEADY, Damage, Lost, Spans, wrecked
+from wreck import ALL, HEAD, STEADY, THREE, Damage, Lost, Spans, wrecked
 
 DATA = STEADY.data
 FIRST, SECOND, THIRD = (STEADY.of("DATA", number) for number in range(3))
@@ -39,6 +39,7 @@ def cases() -> Iterator[Case]:
     yield from counts()
     yield from lengths()
     yield from foreign()
+    yield from stale()
     yield from small()
 
 
@@ -218,6 +219,22 @@ def foreign() -> Iterator[Case]:
     )  # fmt: skip
 
 
+def stale() -> Iterator[Case]:
+    sparse = w.lay(HEAD, THREE, *w.clusters(0, 40, 80))
+    place = sparse.of("DATA", 1)
+    other = f.cluster(*w.clusters(60)[0])
+    yield wrecked(
+        "stale-payload",
+        "A payload keeps every rule and is not what its header speaks of: what stood there is "
+        "missing, though no packet of it is.",
+        ["CHK-003", "REC-003", "REC-012"], "transmission/misplaced-write",
+        w.over(sparse.data, place.payload, other),
+        kept=dict.fromkeys(range(3), ((0, 4), (60, 64), (80, 84))),
+        damages=[("bad-payload", place.at, place.size)],
+        lost=[(track, 40, 44) for track in range(3)],
+    )  # fmt: skip
+
+
 def small() -> Iterator[Case]:
     """Packets of a byte or none: too few bits to tell where the table ends."""
     one = ("TRAK", f.trak(), {"track": 0})
@@ -232,9 +249,21 @@ def small() -> Iterator[Case]:
             ("bad-table", place.payload, place.size - 32),
         ], lost=[(0, 1, 2)],
     )  # fmt: skip
+    two = ("TRAK", f.trak(track_count=2), {"track": 0})
+    pairs = w.lay(HEAD, two, *[[w.packet(t, at, 1) for t in range(2)] for at in range(3)])
+    place = pairs.of("DATA", 1)
+    yield wrecked(
+        "two-packets-of-a-byte",
+        "The number of packets is wrong, and those found are too short to tell that they are all.",
+        ["DAT-001", "REC-002", "REC-003"], "transmission/bit-flip",
+        w.over(pairs.data, place.payload, b"\3"), kept=dict.fromkeys(range(2), ((0, 3),)),
+        damages=[
+            ("bad-payload", place.at, place.size),
+            ("bad-table", place.payload, place.size - 32),
+        ], recover=[0, 3],
+    )  # fmt: skip
     zeros = f.tlv(1, f.quan_parameters(b"\x10", m=0))
     silent = f.trak(zeros, track_count=1, codec=b"QUAN", first_channel=2)
-    two = ("TRAK", f.trak(track_count=2), {"track": 0})
     quiet = [[*(w.packet(t, at) for t in range(2)), (2, at, 4, b"")] for at in (0, 4, 8)]
     empty = w.lay(HEAD, two, ("TRAK", silent, {"track": 2}), *quiet)
     place = empty.of("DATA", 1)

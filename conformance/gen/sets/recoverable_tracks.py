@@ -44,6 +44,7 @@ def two(*starts: int) -> list[list[w.Packet]]:
 
 def cases() -> Iterator[Case]:
     yield from full_band()
+    yield from parameters()
     yield from bands()
     yield from continued()
     yield from layers()
@@ -88,6 +89,30 @@ def full_band() -> Iterator[Case]:
         decode=decode_of(first, second),
         damages=[
             ("garbage", len(differing.data), 1), ("bad-chunk", place.at, place.size),
+        ],
+    )  # fmt: skip
+
+
+def parameters() -> Iterator[Case]:
+    broken = Track(id=0, parameters=f.knot_parameters(2))
+    good = Track(id=1, channel=1, packets=parts(1, 0, 4))
+    laid = w.lay(*described(broken, good), *two(0, 4))
+    place, left = laid.of("TRAK"), decode_of(good)
+    empty = {"channel": 0, "label": "(lost)", "spans": [], "numbers": w.numbers([])}
+    recovered = {"decode": {"channels": [empty, *left["channels"]]}}
+    yield wrecked(
+        "parameters-broken", "The codec parameters of a track break a rule: recover leaves it out.",
+        ["KNT-001", "REC-007", "REC-008"], "structure/description", laid.data, decode={},
+        damages=[], verdict="nonconforming", exits={"decode": 2, "verify": 2}, recovered=recovered,
+    )  # fmt: skip
+    yield wrecked(
+        "parameters-broken-and-damage",
+        "In a file with damage a track whose codec parameters break a rule is part of it.",
+        ["KNT-001", "REC-007", "REC-008", "REC-012"], "structure/description", laid.data + b"\0",
+        decode=left, recovered=recovered, lost=[(0, 0, 8)],
+        damages=[
+            ("garbage", len(laid.data), 1), ("bad-chunk", place.at, place.size),
+            *unheld(laid, 0, 0, 4),
         ],
     )  # fmt: skip
 

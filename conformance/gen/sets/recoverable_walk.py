@@ -187,6 +187,17 @@ def repeats() -> Iterator[Case]:
         damages=[("duplicate-chunk", THIRD.at, 32 + THIRD.size)],
     )  # fmt: skip
     row = STEADY.row(1, 4)
+    shorter = w.without(w.with_bytes(DATA, SECOND.stop, STEADY.chunk("DATA", 0)), row.at)
+    yield wrecked(
+        "lost-byte-before-a-duplicate",
+        "A cluster has lost a byte, and a chunk that there was already ends it.",
+        ["CHK-005", "REC-002"], "framing/duplicate", shorter,
+        kept={0: ALL, 1: ((0, 4), (8, 12)), 2: ALL}, lost=[(1, 4, 8)],
+        damages=[
+            ("bad-payload", SECOND.at, SECOND.size), ("bad-packet", row.at, row.size - 1),
+            ("duplicate-chunk", SECOND.stop - 1, FIRST.size),
+        ],
+    )  # fmt: skip
     yield wrecked(
         "damaged-then-whole",
         "A damaged cluster and then the same one whole: the whole one counts, the packets of the "
@@ -239,6 +250,18 @@ def missing() -> Iterator[Case]:
         ["CHK-005", "REC-003"], "framing/missing", w.without(extra.data, place.at, place.stop),
         damages=[("missing-chunk", place.at, 0)], decode=decode,
     )  # fmt: skip
+    extra = w.lay(HEAD, THREE, *w.clusters(0, 4, 8), ("aTTc", f.strings("a", "")))
+    place = extra.of("aTTc")
+    yield wrecked(
+        "missing-before-index", "A chunk is missing in front of the index, and was no cluster.",
+        ["CHK-005", "REC-003"], "framing/missing", w.without(extra.data, place.at, place.stop),
+        damages=[("missing-chunk", place.at, 0)], decode=decode,
+    )  # fmt: skip
+    yield wrecked(
+        "missing-head", "The chunk HEAD is missing: UUID and epoch are lost.",
+        ["CHK-005", "HED-001"], "framing/missing", w.without(DATA, 8, TRAK_PLACE.at),
+        damages=[("missing-chunk", 8, 0), ("missing-head", 8, 0)],
+    )  # fmt: skip
     apart = w.lay(HEAD, THREE, *w.clusters(0, 40, 80), close=False)
     place = apart.of("DATA", 1)
     yield wrecked(
@@ -279,6 +302,33 @@ def orders() -> Iterator[Case]:
             ("missing-chunk", TRAK_PLACE.at, 0), ("out-of-order", TRAK_PLACE.at + FIRST.size, 0),
             ("missing-chunk", SECOND.at, 0),
         ], recover=[0, 3],
+    )  # fmt: skip
+    row = STEADY.row(1, 8)
+    swapped = w.over(w.flip(DATA, row.at), SECOND.at, w.flip(DATA, row.at)[THIRD.at : THIRD.stop])
+    swapped = w.over(swapped, SECOND.at + THIRD.size, first)
+    moved = row.at - THIRD.at + SECOND.at
+    yield wrecked(
+        "clusters-swapped-and-damaged",
+        "Of two swapped clusters the later one is damaged: the one behind it in the file is not "
+        "the next one.",
+        ["CHK-005", "REC-002", "REC-012"], "framing/order", swapped,
+        kept={0: ALL, 1: ((0, 8),), 2: ALL}, lost=[(1, 8, 12)],
+        damages=[
+            ("missing-chunk", SECOND.at, 0), ("bad-payload", SECOND.at, THIRD.size),
+            ("bad-packet", moved, row.size), ("out-of-order", SECOND.at + THIRD.size, 0),
+            ("missing-chunk", INDEX.at, 0),
+        ],
+    )  # fmt: skip
+    third = STEADY.chunk("DATA", 2)
+    few = DATA[: TRAK_PLACE.at] + STEADY.chunk("DATA", 0) + track + third
+    yield wrecked(
+        "swapped-and-missing", "A description behind its cluster, and then a hole in the numbers.",
+        ["CHK-005", "REC-003", "REC-012"], "framing/order", few,
+        kept=dict.fromkeys(range(3), ((0, 4), (8, 12))), lost=LOST_SECOND,
+        damages=[
+            ("missing-chunk", TRAK_PLACE.at, 0), ("out-of-order", TRAK_PLACE.at + FIRST.size, 0),
+            ("missing-chunk", FIRST.stop, 0), ("not-closed", len(few), 0),
+        ],
     )  # fmt: skip
     end = len(OPEN.data)
     yield wrecked(
