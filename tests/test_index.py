@@ -130,7 +130,7 @@ def two_indexes(**changes) -> bytes:
 
 class TestChains:
     """
-    IDX-004: `covers_from` MUST be at least 8; unless it is 8, `previous` MUST point to an `iNDX` chunk with a smaller offset, at or after `covers_from`.
+    IDX-004: `covers_from` MUST be at least 8; unless it is 8, `previous` MUST point to an `iNDX` chunk that stands between `covers_from` and the index itself.
     """
 
     def test_of_indexes(self):
@@ -224,7 +224,7 @@ class TestAHint:
 class TestFooter:
     """
     FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it.
-    FOT-003: In the last `fOOT`, `data_count` and `track_count` MUST be the numbers of `DATA` chunks and of described tracks in the file, and `duration_ns` the end of the latest packet, rounded up, at most the largest i64, 0 without packets.
+    FOT-003: In the last `fOOT`, `data_count` and `track_count` MUST be the numbers of `DATA` chunks and of described tracks in the file, and `duration_ns` the end of the latest packet of any track, rounded up, at most the largest i64, 0 without packets.
     """
 
     def test_true(self):
