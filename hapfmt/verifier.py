@@ -126,6 +126,9 @@ def check_structure(catalogue: Catalogue) -> None:
     """Index, footer, attachments, channel numbers: only in a file without damage."""
     if catalogue.damaged or catalogue.unsupported:
         return
+    for _ in catalogue.each_attachment():
+        pass
+    _ = catalogue.clocks, catalogue.clock_maps
     listing = [
         IndexEntry(
             ref.type,
@@ -157,9 +160,6 @@ def check_structure(catalogue: Catalogue) -> None:
             if unlisted and unlisted + size > INDEX_EVERY:
                 raise FormatError("no index for too long", requirement="IDX-005", offset=ref.offset)
             unlisted += size
-    for _ in catalogue.each_attachment():
-        pass
-    _ = catalogue.clocks, catalogue.clock_maps
     foot = catalogue.foot
     if foot is None:
         return
