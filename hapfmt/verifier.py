@@ -18,7 +18,7 @@ from .container.index import (
     parse_index,
 )
 from .container.track import lone_lf, unsupported_track
-from .container.walk import read_chunk
+from .container.walk import Chunk, read_chunk
 from .container.wire import HEADER_SIZE
 from .contract import ContractCheck, check_contracts
 from .damage import damage_report, lost_lines
@@ -26,6 +26,7 @@ from .errors import FormatError, HapfmtError, LimitError, UnsupportedError
 from .limits import Limits
 from .reading.catalogue import Catalogue
 from .reading.decoder import TrackDigest
+from .reading.opening import lose_chunk
 from .reading.reader import Reader
 from .recording import Recording
 
@@ -123,12 +124,11 @@ def verify(
 
 
 def check_structure(catalogue: Catalogue) -> None:
-    """Index, footer, attachments, channel numbers: only in a file without damage."""
+    """Index, footer, channel numbers: only in a file without damage. Attachments and clocks."""
+    if catalogue.damaged or not catalogue.unsupported:
+        check_extras(catalogue)
     if catalogue.damaged or catalogue.unsupported:
         return
-    for _ in catalogue.each_attachment():
-        pass
-    _ = catalogue.clocks, catalogue.clock_maps
     listing = [
         IndexEntry(
             ref.type,
@@ -179,6 +179,12 @@ def check_structure(catalogue: Catalogue) -> None:
         raise FormatError("channel numbers leave a hole", requirement="TRK-010", offset=at)
 
 
+def check_extras(catalogue: Catalogue) -> None:
+    for _ in catalogue.each_attachment():
+        pass
+    _ = catalogue.clocks, catalogue.clock_maps
+
+
 def check_packets(
     reader: Reader, report: Report, progress: Callable[[int, int], None] | None
 ) -> None:
@@ -201,9 +207,15 @@ def check_packets(
                 )
         if piece.track.id in digests and piece.offset < wanted[piece.track.id][0]:
             digests[piece.track.id].update(piece.start, piece.digested)
+    parts = reader.lost_parts(catalogue.channels, "full")
+    # Of a track that is not described the packets themselves were named.
+    reader.lost.extend(span for span in parts if span.track in catalogue.tracks)
     report.digests = len(wanted)
+    lossy = {span.track for span in reader.lost}
     for id_, (offset, digest) in wanted.items():
-        if not catalogue.tracks[id_].unsupported and digests[id_].digest() != digest:
+        if id_ in lossy or catalogue.tracks[id_].unsupported:
+            continue
+        if digests[id_].digest() != digest:
             message = f"track {id_} decodes to other numbers than were written"
             catalogue.lose("bad-digest", offset, 32, message, "DGS-002")
     for track in catalogue.tracks.values():
@@ -212,30 +224,36 @@ def check_packets(
 
 
 def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:
-    """The last digest of each track and its offset (SPEC 6.9).
-
-    None in a damaged file: where samples are lost digests cannot hold, and that is said already.
-    """
+    """The last digest of each track and its offset (SPEC 6.9)."""
     found: dict[int, tuple[int, bytes]] = {}
-    tracks = catalogue.tracks
     for ref in catalogue.chunks:
-        if ref.type != "dGST" or catalogue.damaged:
+        chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "dGST" else None
+        if chunk is None or not chunk.intact or not chunk.header.known:
             continue
-        chunk = read_chunk(catalogue.source, ref.offset)
-        if (
-            chunk is None
-            or not chunk.intact
-            or (chunk.header.type, chunk.header.known) != ("dGST", True)
-        ):
+        try:
+            ids = digested_tracks(catalogue, chunk)
+        except FormatError as error:
+            if not catalogue.damaged:
+                raise
+            lose_chunk(catalogue, chunk, error)
             continue
-        at, size = chunk.payload_offset, len(chunk.payload)
-        ids = range(chunk.header.track, chunk.header.track + size // 32)
-        if not size or size % 32 or any(i not in tracks or tracks[i].offset > at for i in ids):
-            raise FormatError(
-                "digests of no whole number of known tracks", requirement="DGS-001", offset=at
-            )
-        if any(tracks[i].kind == "events" for i in ids):
-            raise FormatError("a digest of events", requirement="DGS-004", offset=at)
-        for place, id_ in enumerate(ids):
-            found[id_] = at + 32 * place, chunk.payload[32 * place : 32 * place + 32]
+        for id_ in ids:
+            place = 32 * (id_ - chunk.header.track)
+            if id_ in catalogue.tracks:
+                digest = chunk.payload[place : place + 32]
+                found[id_] = chunk.payload_offset + place, digest
     return found
+
+
+def digested_tracks(catalogue: Catalogue, chunk: Chunk) -> range:
+    """The tracks that a dGST chunk speaks of; in a damaged file some may not be known."""
+    tracks, at, size = catalogue.tracks, chunk.payload_offset, len(chunk.payload)
+    ids = range(chunk.header.track, chunk.header.track + size // 32)
+    unknown = [i for i in ids if i not in tracks or tracks[i].offset > at]
+    if not size or size % 32 or (unknown and not catalogue.damaged):
+        raise FormatError(
+            "digests of no whole number of known tracks", requirement="DGS-001", offset=at
+        )
+    if any(i in tracks and tracks[i].kind == "events" for i in ids):
+        raise FormatError("a digest of events", requirement="DGS-004", offset=at)
+    return ids

@@ -273,7 +273,7 @@ FAULTS = [
     Fault("TLV-001", 104, "same type twice", lambda: parse_tlvs(f.tlv(2, b"") * 2, 0, AT)),
     Fault("TLV-002", 100, "half a TLV", lambda: parse_tlvs(b"\0", 0, AT)),
     Fault("TLV-002", 100, "TLV too long", lambda: parse_tlvs(b"\0\0\1\0", 0, AT)),
-    Fault("TLV-002", 100, "string too long", lambda: parse_strings(b"\1", 1, AT)),
+    Fault("TLV-007", 100, "string too long", lambda: parse_strings(b"\1", 1, AT)),
     Fault("CNV-002", 133, "half a calibration", series(f.tlv(3, b"\2"), codec=b"RAWB")),
     Fault("TLV-002", 100, "TRAK cut short", lambda: parse_series(b"", 0, ONE, AT)),
     Fault("TLV-004", 100, "two for three", lambda: parse_strings(f.strings("", ""), 3, AT)),

@@ -1,277 +1,44 @@
-"""Tracks as facts: how they are described, their packets, and the numbers that these stand for.
+"""Whole files of tracks as facts, and all that is expected of them; what sets/ begin with.
 
-``recording`` makes the file of them, ``decode_of`` what a decoder must give of it (SPEC 10), and
-``intact``, ``refused``, ``damaged`` the whole expectation. Imports nothing from hapfmt: a packet is
-told its bytes and its numbers.
+``recording`` makes the file, ``intact``, ``refused``, ``damaged`` what is expected, ``case_of``
+both.
+Imports nothing from hapfmt.
 """
 
 from __future__ import annotations
 
-import hashlib
-import struct
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import forge as f
-from case import DAMAGED, INTACT, NONCONFORMING, UNSUPPORTED, Case, numbers
+from case import DAMAGED, INTACT, NONCONFORMING, UNSUPPORTED, Case
+from tracks import Event, Layer, Packet, Track, decode_of, digest, double_bits, double_of
 
-KINDS = ("full", "lf", "hf", "events")
-FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64")
+__all__ = [
+    "Event",
+    "Layer",
+    "Packet",
+    "Track",
+    "case_of",
+    "closed_at",
+    "damaged",
+    "decode_of",
+    "digest",
+    "double_bits",
+    "double_of",
+    "expectation",
+    "intact",
+    "milliseconds",
+    "nanoseconds",
+    "needs_of",
+    "recording",
+    "refused",
+]
+
 VERDICTS = {
     INTACT: "intact", NONCONFORMING: "nonconforming", DAMAGED: "damaged",
     UNSUPPORTED: "unsupported",
 }  # fmt: skip
-
-
-class Packet(NamedTuple):
-    """``rows``: a number for each tick, or for each tick the numbers of its components; counts
-    as the track delivers them, clamped. ``exact``: the words of LPCX."""
-
-    start: int
-    rows: Sequence[Any]
-    body: bytes
-    cluster: int = 0
-    exact: Sequence[int] = ()
-
-    @property
-    def span(self) -> int:
-        return len(self.rows)
-
-    @property
-    def stop(self) -> int:
-        return self.start + len(self.rows)
-
-
-class Event(NamedTuple):
-    tick: int
-    duration: int = 0
-    channel: int | None = None
-    text: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Track:
-    """``parameters``: of the codec (TLV 1). ``tlvs``: those behind it. ``trak``: the whole payload
-    of the TRAK chunk, where the fields do not say it; ``described``: False where the chunk of
-    another track of its series describes this one too. ``about``: label, unit and so on, of all
-    components or of each. ``calibration``: (A, B, D), of all components or of each."""
-
-    id: int = 0
-    codec: str = "KNOT"
-    kind: str = "full"
-    number_format: str = "counts"
-    width: int = 1
-    rate: tuple[int, int] = (1000, 1)
-    low: int = -100
-    high: int = 100
-    channel: int = 0
-    base: int | None = None
-    parameters: bytes | None = f.knot_parameters()
-    tlvs: bytes = b""
-    trak: bytes | None = None
-    described: bool = True
-    packets: Sequence[Packet] = ()
-    about: dict[str, str] | Sequence[dict[str, str]] = field(default_factory=dict)
-    calibration: Any = None
-
-    @property
-    def words(self) -> bool:
-        return self.number_format != "counts"
-
-    @property
-    def chunk(self) -> f.Chunk:
-        payload = self.trak
-        if payload is None:
-            first = b"" if self.parameters is None else f.tlv(1, self.parameters)
-            payload = f.trak(
-                first + self.tlvs,
-                component_count=self.width,
-                kind=KINDS.index(self.kind),
-                number_format=FORMATS.index(self.number_format),
-                codec=self.codec.encode(),
-                rate_num=self.rate[0],
-                rate_den=self.rate[1],
-                count_min=0 if self.words else self.low,
-                count_max=0 if self.words else self.high,
-                first_channel=self.channel,
-                base=f.NONE if self.base is None else self.base,
-            )
-        return "TRAK", payload, {"track": self.id}
-
-    def rows(self) -> dict[int, tuple[int, ...]]:
-        """The numbers of each tick."""
-        return {
-            packet.start + i: tuple(row) if isinstance(row, (tuple, list)) else (row,)
-            for packet in self.packets
-            for i, row in enumerate(packet.rows)
-        }
-
-    def component(self, i: int) -> dict[int, int]:
-        return {tick: row[i] for tick, row in self.rows().items()}
-
-    def exact(self) -> dict[int, int]:
-        return {
-            packet.start + i: word
-            for packet in self.packets
-            for i, word in enumerate(packet.exact)
-        }  # fmt: skip
-
-    def told(self, i: int) -> dict[str, Any]:
-        """Members of component i's channel, without its samples."""
-        texts = self.about if isinstance(self.about, dict) else self.about[i]
-        out: dict[str, Any] = {"channel": self.channel + i, **texts, "rate": list(self.rate)}
-        affine = self.affine(i)
-        if affine is not None:
-            out["calibration"] = list(affine)
-        return out
-
-    def affine(self, i: int) -> tuple[int, int, int] | None:
-        given = self.calibration
-        return given[i] if given and isinstance(given[0], (tuple, list)) else given
-
-
-@dataclass(frozen=True, kw_only=True)
-class Layer:
-    """``packets``: (start, span, events in order of their ticks, and the cluster)."""
-
-    id: int = 1
-    label: str = ""
-    rate: tuple[int, int] = (1_000_000, 1)
-    packets: Sequence[tuple[Any, ...]] = ()
-    tlvs: bytes | None = None
-
-    @property
-    def chunk(self) -> f.Chunk:
-        tlvs = f.tlv(2, f.strings(self.label)) if self.tlvs is None else self.tlvs
-        payload = f.layer(tlvs, rate_num=self.rate[0], rate_den=self.rate[1])
-        return "TRAK", payload, {"track": self.id}
-
-    def rows(self) -> Iterable[tuple[int, int, int, int, bytes]]:
-        for start, span, events, *cluster in self.packets:
-            body, before = b"", start
-            for event in events:
-                tick, duration, channel, text = Event(*event)
-                number = 0 if channel is None else channel + 1
-                body += f.event(tick - before, text, duration, number)
-                before = tick
-            yield (cluster or [0])[0], self.id, start, span, body
-
-    def events(self) -> list[list[Any]]:
-        """In order of their ticks, those of one tick in order of the file."""
-        every = sorted(self.packets, key=lambda packet: (packet[3:] or (0,), packet[0]))
-        found = [list(Event(*event)) for _, _, events, *_ in every for event in events]
-        return sorted(found, key=lambda event: event[0])
-
-
-def spans_of(ticks: Iterable[int]) -> list[list[int]]:
-    """Maximal spans."""
-    out: list[list[int]] = []
-    for tick in sorted(ticks):
-        if out and out[-1][1] == tick:
-            out[-1][1] += 1
-        else:
-            out.append([tick, tick + 1])
-    return out
-
-
-def sampled(values: dict[int, int], *, words: bool = False) -> dict[str, Any]:
-    ordered = [values[tick] for tick in sorted(values)]
-    return {"spans": spans_of(values), "numbers": numbers(ordered, words=words)}
-
-
-def double_bits(number: float) -> int:
-    return struct.unpack("<Q", struct.pack("<d", number))[0]
-
-
-def physical(values: dict[int, int], affine: tuple[int, int, int]) -> dict[str, Any]:
-    """VAL-003; the quotient of two integers is rounded once in Python."""
-    a, b, d = affine
-    return numbers(
-        [double_bits((values[tick] * a + b) / d) for tick in sorted(values)], words=True
-    )  # fmt: skip
-
-
-def full_band(track: Track, i: int, hf: Track | None) -> dict[int, int]:
-    own = track.component(i)
-    if track.kind == "full":
-        return own
-    if hf is None:
-        return {}
-    fast = hf.component(i)
-    return {
-        tick: max(track.low, min(track.high, own[tick] + fast[tick]))
-        for tick in own.keys() & fast.keys()
-    }
-
-
-def channel_of(tracks: Sequence[Track], number: int, bases: dict[int | None, Track]) -> dict:
-    """``tracks``: those that continue one another."""
-    first = tracks[0]
-    i = number - first.channel
-    values: dict[int, int] = {}
-    for track in tracks:
-        values |= full_band(track, number - track.channel, bases.get(track.id))
-    out = first.told(i) | sampled(values, words=first.words)
-    exact = {tick: word for track in tracks for tick, word in track.exact().items()}
-    if exact:
-        out["exact"] = numbers([exact[tick] for tick in sorted(exact)], words=True)
-    elif first.affine(i) is not None and not first.words:
-        out["physical"] = physical(values, first.affine(i))
-    return out
-
-
-def bands_of(tracks: Sequence[Track], wanted: str) -> list[dict[str, Any]]:
-    found: dict[int, dict[int, int]] = {}
-    of = {track.id: track for track in tracks}
-    for track in tracks:
-        if track.kind not in (wanted, "full" if wanted == "lf" else wanted):
-            continue
-        first = of[track.base].channel if track.kind == "hf" else track.channel
-        for i in range(track.width):
-            found.setdefault(first + i, {}).update(track.component(i))
-    words = {track.channel: track.words for track in tracks if track.kind == "full"}
-    return [
-        {"channel": number} | sampled(values, words=words.get(number, False))
-        for number, values in sorted(found.items())
-        if values
-    ]
-
-
-def decode_of(*tracks: Track, layers: Sequence[Layer] = (), **more: Any) -> dict[str, Any]:
-    """The member ``decode``: tracks, channels, where there are LF tracks the bands, layers, and
-    what else is told."""
-    every = sorted(tracks, key=lambda track: track.id)
-    listed = [
-        {
-            "track": track.id, "kind": track.kind, "codec": track.codec,
-            "number_format": track.number_format, "component_count": track.width,
-            "rate": list(track.rate), "spans": spans_of(track.rows()),
-            "numbers": numbers(
-                [number for _, row in sorted(track.rows().items()) for number in row],
-                words=track.words,
-            ),
-        }
-        for track in every
-    ]  # fmt: skip
-    bases = {track.base: track for track in every if track.kind == "hf"}
-    channels: dict[int, list[Track]] = {}
-    for track in every:
-        for i in range(track.width if track.kind != "hf" else 0):
-            channels.setdefault(track.channel + i, []).append(track)
-    out: dict[str, Any] = {
-        "tracks": listed,
-        "channels": [channel_of(channels[n], n, bases) for n in sorted(channels)],
-    }
-    if any(track.kind in ("lf", "hf") for track in every):
-        out |= {"lf": bands_of(every, "lf"), "hf": bands_of(every, "hf")}
-    if layers:
-        out["layers"] = [
-            {"track": layer.id, "label": layer.label, "rate": list(layer.rate),
-             "events": layer.events()}
-            for layer in sorted(layers, key=lambda layer: layer.id)
-        ]  # fmt: skip
-    return out | more
 
 
 def needs_of(*tracks: Track, layers: Sequence[Layer] = (), level: int = 1) -> dict[str, Any]:
@@ -389,17 +156,6 @@ def closed_at(chunks: Sequence[Any], times: Sequence[tuple[int, int]], duration_
         at += 32 + len(payload)
     ahead = {"entries": entries} | footer.pop("ahead", {})
     return f.closed(*chunks, ahead=ahead, **({"duration_ns": duration_ns} | footer))
-
-
-def digest(track: Track, packets: Sequence[Packet] | None = None) -> bytes:
-    """Of the packets of a track, all unless told which, as dGST has it (6.9)."""
-    part = replace(track, packets=track.packets if packets is None else packets)
-    exact, rows = part.exact(), part.rows()
-    size = 8 if exact else {"counts": 4, "binary16": 2, "binary32": 4}.get(track.number_format, 8)
-    numbers_ = [(exact[tick],) if exact else row for tick, row in sorted(rows.items())]
-    raw = b"".join((n % 256**size).to_bytes(size, "little") for row in numbers_ for n in row)
-    covered = b"".join(struct.pack("<QQ", a, b - a) for a, b in spans_of(rows))
-    return hashlib.sha256(hashlib.sha256(raw).digest() + covered).digest()
 
 
 def case_of(set_: str, name: str, about: str, requirements: Sequence[str], *tracks: Track,

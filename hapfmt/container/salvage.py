@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ..errors import FormatError
 from ..integers import build_varint
 from ..limits import Level
-from .cluster import Entry, Packet, check_entry, parse_count, parse_entry
+from .cluster import Entry, Packet, check_entry, parse_cluster, parse_count, parse_entry
 from .track import Track
 from .wire import crc32
 
@@ -125,14 +125,9 @@ class Salvage:
         if self.table_stop is not None:
             self.forwards(self.table_stop)
 
-    def begins(self, first: Placed, last: Placed) -> bool:
+    def begins(self, first: Placed) -> bool:
         """Whether no packet is missing before the first one that was found."""
-        if first.at != self.table_stop:
-            return False
-        counted = len(self.rows) > 0 and self.rows[0][0].offset == first.place
-        return (counted and self.whole) or (
-            first.place <= COUNT_SIZE and last.stop == self.stops[0]
-        )
+        return first.at == self.table_stop and first.place <= COUNT_SIZE
 
     def ends(self, last: Placed) -> bool:
         """Whether no packet is missing after the last one that was found."""
@@ -225,7 +220,7 @@ class Salvage:
                 if budget < 0:
                     return best
                 if self.holds(entry, place + ahead):
-                    budget -= sum(entry.size for entry, _ in self.rows)
+                    budget -= min(sum(row.size for row, _ in self.rows), len(self.payload))
                     held = self.count_from(place)
                     if held > most:
                         best, most = place, held
@@ -260,6 +255,16 @@ class Salvage:
         return entry if entry.track in self.tracks else None
 
 
+def is_cluster(payload: bytes, tracks: Mapping[int, Track], level: Level) -> bool:
+    """Whether every packet holds, to the last byte."""
+    try:
+        for _ in parse_cluster(payload, tracks, level, 0):
+            pass
+    except FormatError:
+        return False
+    return True
+
+
 def salvage_cluster(
     payload: bytes,
     tracks: Mapping[int, Track],
@@ -275,13 +280,14 @@ def salvage_cluster(
     found = salvage.run()
     before: Placed | None = None
     samples = 0
-    if found and not salvage.sure():
-        # So few bytes may stand anywhere: they do not tell what is missing around them.
-        yield Hole(None, None, base, len(payload))
+    sure, anywhere = salvage.sure(), Hole(None, None, base, len(payload))
     for placed in found:
         entry, known = placed.entry, tracks.get(placed.entry.track)
-        joined = before.joins(placed) if before else salvage.begins(placed, found[-1])
-        if not joined:
+        joined = before.joins(placed) if before else salvage.begins(placed)
+        if not sure:
+            # So few bytes may stand anywhere: they do not tell what is missing around them.
+            yield anywhere
+        elif not joined:
             yield hole_between(before, placed, base, salvage.stops[0])
         before = placed
         samples += known.weight(entry.span, entry.size) if known else 0
@@ -290,7 +296,9 @@ def salvage_cluster(
         else:
             data = payload[placed.at : placed.stop]
             yield Packet(entry.track, entry.start, entry.span, data, base + placed.at)
-    if before is None or not salvage.ends(before):
+    if before is None or not sure:
+        yield anywhere
+    elif not salvage.ends(before):
         yield hole_between(before, None, base, min(salvage.stops[0], len(payload)))
 
 

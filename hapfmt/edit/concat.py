@@ -11,7 +11,7 @@ from fractions import Fraction
 from ..container.extras import build_metadata
 from ..errors import ParameterError
 from ..numbers import exact
-from ..reading.packets import Seconds
+from ..reading.seconds import Seconds
 from .clocks import Everything, differing_maps
 from .extras import combined
 from .joining import Joining

@@ -21,7 +21,7 @@ from ..container.track import Track
 from ..container.wire import NO_TRACK, Head
 from ..errors import ParameterError
 from ..limits import TICK_LIMIT, Level
-from ..reading.packets import Seconds
+from ..reading.seconds import Seconds
 from .clocks import TYPES, moved_clock
 from .describing import describe
 from .original import NS, Advance, Original, has_channels

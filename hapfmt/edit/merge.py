@@ -13,7 +13,7 @@ from ..container.cluster import Packet
 from ..container.extras import build_metadata
 from ..container.track import Component, Track
 from ..errors import ParameterError
-from ..reading.packets import Seconds
+from ..reading.seconds import Seconds
 from .extras import combined
 from .making import (
     Edited,

@@ -27,7 +27,7 @@ from ..errors import (
 from ..limits import Limits
 from ..reading.catalogue import Catalogue, ChunkRef, FalseIndexError
 from ..reading.opening import open_catalogue
-from ..reading.packets import Seconds, overlapping
+from ..reading.seconds import Seconds, overlapping
 from ..verifier import DAMAGED, stored_digests
 
 Input = str | os.PathLike[str] | bytes | BinaryIO

@@ -9,7 +9,7 @@ from fractions import Fraction
 from ..container.cluster import Packet
 from ..errors import ParameterError
 from ..numbers import exact
-from ..reading.packets import Seconds
+from ..reading.seconds import Seconds
 from .making import Edited, check_canonical, refuse_output
 from .original import Advance, Input, Original, open_original
 from .subset import Window, choose, title, write_part

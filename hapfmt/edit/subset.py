@@ -11,8 +11,8 @@ from ..container.extras import build_metadata
 from ..container.track import Track
 from ..errors import ParameterError
 from ..limits import LEVELS
-from ..reading.packets import Seconds, tick_range
 from ..reading.reader import BANDS, Band
+from ..reading.seconds import Seconds, tick_range
 from .bands import residual_alone, slow_alone
 from .making import (
     Edited,

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 from ..container.wire import Head
 from ..errors import ParameterError
 from ..numbers import exact
-from ..reading.packets import Seconds
+from ..reading.seconds import Seconds
 from .making import another
 from .original import NS, Original, common_period
 

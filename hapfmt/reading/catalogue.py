@@ -233,7 +233,15 @@ class Catalogue:
                 self.lose("bad-payload", ref.offset, len(chunk.payload) + 32, message, "CHK-003")
             if chunk is not None and chunk.intact and chunk.header.known:
                 at = chunk.payload_offset
-                yield parse_attachment(chunk.payload, at), at
+                try:
+                    attachment = parse_attachment(chunk.payload, at)
+                except FormatError as error:
+                    if not self.damaged:
+                        raise
+                    size, rule = chunk.stop - chunk.offset, error.requirement or "ATT-001"
+                    self.lose("bad-chunk", chunk.offset, size, f"aTTc chunk: {error.message}", rule)
+                    continue
+                yield attachment, at
 
     @cached_property
     def clocks(self) -> list[ClockObservation]:
@@ -262,7 +270,7 @@ class Catalogue:
                 if not self.damaged:
                     raise
                 size, rule = chunk.stop - chunk.offset, error.requirement or "CLK-001"
-                self.lose("bad-chunk", chunk.offset, size, f"{type_}: {error.message}", rule)
+                self.lose("bad-chunk", chunk.offset, size, f"{type_} chunk: {error.message}", rule)
 
     def observed_track(self, chunk: Chunk) -> int | None:
         """The track whose ticks a clock chunk speaks of (CLK-005)."""

@@ -25,7 +25,8 @@ from ..container.wire import SIGNATURE
 from ..errors import FormatError, ParameterError
 from .catalogue import Catalogue, ChannelRef, FalseIndexError
 from .opening import learn_checkpoint, lose_chunk
-from .packets import PacketPass, Seconds, tick_range
+from .packets import PacketPass
+from .seconds import Seconds, tick_range
 
 if TYPE_CHECKING:
     from .assembly import Band

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable
 
 from ..container.chain import index_chain
 from ..container.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
+from ..container.series import check_range
 from ..container.source import Source
 from ..container.track import unsupported_track
 from ..container.walk import Chunk, Finding, header_at, read_chunk, walk
@@ -220,9 +222,8 @@ def from_walk(source: Source, limits: Limits | None = None, *, tolerant: bool = 
         return from_walk(source, limits, tolerant=True)
     for chunk, fault in broken:
         lose_chunk(catalogue, chunk, fault)
-    for stranger in catalogue.table.drop_strangers() if catalogue.damaged else ():
-        at, rule = stranger.offset or 0, stranger.requirement or "TRK-007"
-        catalogue.lose("bad-chunk", at, 0, stranger.message, rule)
+    if catalogue.damaged:
+        lose_strangers(catalogue)
     check_found(catalogue)
     return catalogue
 
@@ -255,6 +256,39 @@ def lose_chunk(catalogue: Catalogue, chunk: Chunk, error: HapfmtError) -> None:
         f"{chunk.header.type} chunk: {error.message}",
         error.requirement or "REC-003",
     )
+
+
+def drop_broken(catalogue: Catalogue) -> list[FormatError]:
+    """Drops tracks whose codec parameters break a rule, and those that stood before HEAD and were
+    held to no level yet."""
+    from .decoder import TrackDecoder
+
+    dropped = []
+    for track in list(catalogue.tracks.values()):
+        try:
+            if track.unsupported is None:
+                check_range(track, catalogue.level, track.offset)
+                TrackDecoder(track, catalogue.level)
+        except FormatError as error:
+            del catalogue.tracks[track.id]
+            error.offset, error.requirement = track.offset, error.requirement or "COD-002"
+            dropped.append(error)
+    return dropped
+
+
+def lose_strangers(catalogue: Catalogue) -> None:
+    """Tracks that break a rule or do not fit others, and HF tracks whose base is lost."""
+    faults = [*drop_broken(catalogue), *catalogue.table.drop_strangers()]
+    refs = sorted(catalogue.chunks, key=lambda ref: ref.offset)
+    starts = [ref.offset for ref in refs]
+    for fault in faults:
+        ref = refs[bisect_right(starts, fault.offset or 0) - 1]
+        size, rule = HEADER_SIZE + (ref.size or 0), fault.requirement or "TRK-007"
+        catalogue.lose("bad-chunk", ref.offset, size, fault.message, rule)
+    for track in catalogue.tracks.values():
+        if track.kind == "hf" and track.base not in catalogue.tracks:
+            message = f"HF track {track.id} has lost its base track {track.base}"
+            catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-006")
 
 
 def check_found(catalogue: Catalogue) -> None:

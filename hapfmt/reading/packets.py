@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from fractions import Fraction
-from math import ceil, floor
+from dataclasses import dataclass, field
 
 from ..container.cluster import Packet, parse_cluster, parse_count, parse_entry
-from ..container.salvage import Hole, salvage_cluster
+from ..container.salvage import Hole, is_cluster, salvage_cluster
 from ..container.walk import header_at, read_chunk
 from ..container.wire import HEADER_SIZE, ChunkHeader, crc32
 from ..errors import ChecksumError, FormatError
-from ..numbers import exact
 from .catalogue import Catalogue, ChunkRef
 from .losses import Losses
 from .partial import SHARE, Ranges, Row, read_packets, read_table, wanted_rows
+from .seconds import Seconds, overlapping, tick_after
 from .timeline import UNKNOWN, Timeline, Times
 
-Seconds = Fraction | float | int
 TAIL_LOSSES = frozenset({"missing-chunk", "truncated", "garbage", "duplicate-chunk"})
 """Findings after the last DATA chunk that may have been packets."""
 
@@ -49,6 +46,12 @@ class Progress:
     """None where nothing is damaged, or each chunk has its times from an index."""
     done: int = 0
     """DATA chunks before the one that is read."""
+    ahead: dict[int, int] = field(default_factory=dict)
+    """Where the packets of the next chunk start, by track, while a damaged one is read."""
+    torn: bool = False
+    """Whether chunks are missing behind the one that is read."""
+    last: ChunkRef | None = None
+    """A damaged one behind which no chunk stands."""
 
     @classmethod
     def of(cls, catalogue: Catalogue) -> Progress:
@@ -74,7 +77,8 @@ class PacketPass:
         self.on_damage = on_damage
         self.losses = Losses(catalogue.tracks)
         self.lost = self.losses.spans
-        self.offsets = sorted(ref.offset for ref in catalogue.chunks)
+        again = [f.offset for f in catalogue.findings if f.code == "duplicate-chunk"]
+        self.offsets = sorted([*again, *(ref.offset for ref in catalogue.chunks)])
         self.state = Progress.of(catalogue)
         self.stops: dict[tuple[int, ...], int] = {}
         """Where the last packet of each line ended."""
@@ -99,13 +103,18 @@ class PacketPass:
         found: set[int] = set()
         if self.catalogue.damaged:
             found = {ref.sequence for ref in self.catalogue.chunks if ref.sequence is not None}
+        jumps = sorted(f.offset for f in self.catalogue.findings if f.code == "missing-chunk")
         previous: ChunkRef | None = None
         for done, ref in enumerate(refs):
             state.done = done
             if self.missing(found, previous, ref):
-                self.suspect(state, ranges, ref.offset)
+                place = bisect_right(jumps, ref.offset) - 1
+                self.suspect(state, ranges, jumps[place] if place >= 0 else ref.offset)
             previous = ref
-            ahead = self.ahead(refs[done + 1 :][:1]) if ref.start_ns is None else {}
+            following = refs[done + 1 :][:1]
+            state.ahead = self.ahead(following) if ref.start_ns is None else {}
+            state.torn = any(self.missing(found, ref, after) for after in following)
+            state.torn = state.torn or (not following and any(self.tail(ref)))
             for packet in self.cluster(ref, state, ranges):
                 if packet.track not in ranges:
                     continue
@@ -113,7 +122,7 @@ class PacketPass:
                 line = state.lines[packet.track][0]
                 if not line.free and packet.start > self.stops.get(line.tracks, first):
                     self.prove(state, ranges)
-                if self.beyond(packet, ahead) or not self.settle(packet, state):
+                if self.beyond(packet, state) or not self.settle(packet, state):
                     continue
                 self.stops[line.tracks] = packet.stop
                 if packet.start < last and packet.stop > first:
@@ -124,7 +133,7 @@ class PacketPass:
         if any(self.stops.get(x.tracks, first) < last for x, first, last in rows if not x.free):
             self.prove(state, ranges)
         state.done = len(refs)
-        for offset in self.tail(previous):
+        for offset in [*self.tail(previous), *([state.last.offset] if state.last else [])]:
             self.suspect(state, ranges, offset)
         for track in sorted(ranges):
             self.losses.end(track, state.lines[track][0].stop)
@@ -239,7 +248,8 @@ class PacketPass:
         catalogue = self.catalogue
         at, size = ref.offset + HEADER_SIZE, header.payload_size
         payload = catalogue.source.read_at(at, size)
-        if len(payload) == size and crc32(payload) == header.payload_crc:
+        intact = len(payload) == size and crc32(payload) == header.payload_crc
+        if intact:
             try:
                 yield from parse_cluster(payload, catalogue.tracks, catalogue.level, at)
                 return
@@ -253,11 +263,30 @@ class PacketPass:
             )
             self.on_damage()
         payload, sizes = self.region(ref, payload, size)
-        for item in salvage_cluster(payload, catalogue.tracks, catalogue.level, at, sizes):
+        if not intact and ref.limit is None and ref.offset == self.offsets[-1]:
+            state.last = ref
+        items = list(salvage_cluster(payload, catalogue.tracks, catalogue.level, at, sizes))
+        if not intact and self.foreign(payload[:size], items, state):
+            self.suspect(state, ranges, ref.offset, ref)
+        for item in items:
             if isinstance(item, Packet):
                 yield item
             else:
                 self.lose_packets(item, ref, len(payload), state, ranges)
+
+    def foreign(self, payload: bytes, items: Sequence[Packet | Hole], state: Progress) -> bool:
+        """Whether a damaged payload may hold bytes of another cluster, so that nothing in it tells
+        what is missing: chunks are missing behind it, or none stands there, its packets are in the
+        way of others, or it is whole, and yet not what its header speaks of."""
+        if state.torn or state.last:
+            return True
+        lines = state.lines
+        for item in items:
+            if isinstance(item, Packet) and not lines[item.track][0].free:
+                late = item.stop > state.ahead.get(item.track, item.stop)
+                if late or item.start < lines[item.track][0].stop:
+                    return True
+        return is_cluster(payload, self.catalogue.tracks, self.catalogue.level)
 
     def ahead(self, following: Sequence[ChunkRef]) -> dict[int, int]:
         """Where the packets of the next chunk start, by track: damage may have brought bytes of
@@ -273,10 +302,10 @@ class PacketPass:
                 firsts.setdefault(entry.track, entry.start)
         return firsts
 
-    def beyond(self, packet: Packet, ahead: dict[int, int]) -> bool:
+    def beyond(self, packet: Packet, state: Progress) -> bool:
         """Whether it ends after the next packet of its track starts."""
-        free = self.state.lines[packet.track][0].free
-        late = packet.track in ahead and packet.stop > ahead[packet.track] and not free
+        free = state.lines[packet.track][0].free
+        late = packet.stop > state.ahead.get(packet.track, packet.stop) and not free
         if late:
             self.lose_overlap(packet, "ticks of the next packet")
         return late
@@ -347,44 +376,3 @@ def disorder(packet: Packet, *, alone: bool) -> FormatError:
         requirement="TRK-017",
         offset=packet.offset,
     )
-
-
-def refuse_omission(count: int, offset: int, path: str | None) -> None:
-    """Where the packets that an index led to are not all that stand before ``offset``."""
-    if count:
-        raise FormatError(
-            "the index does not list the chunks", requirement="IDX-002", offset=offset, path=path
-        )
-
-
-def tick_range(rate: Fraction, start: Seconds | None, stop: Seconds | None) -> tuple[int, int]:
-    """Ticks from ceil(start * rate) to ceil(stop * rate), exactly (SPEC clause 7)."""
-
-    def tick(seconds: Seconds) -> int:
-        product = exact(seconds) * rate
-        return -(-product.numerator // product.denominator)
-
-    return (
-        0 if start is None else max(tick(start), 0),
-        1 << 62 if stop is None else tick(stop),
-    )
-
-
-def tick_after(time_ns: int, rate: Fraction) -> int:
-    """The first tick at ``time_ns`` or later."""
-    return -(-time_ns * rate.numerator // (rate.denominator * 10**9))
-
-
-def overlapping(
-    refs: list[ChunkRef], start: Seconds | None, stop: Seconds | None
-) -> list[ChunkRef]:
-    """DATA chunks that may hold something of the seconds [start, stop)."""
-    first = 0 if start is None else floor(exact(start) * 10**9)
-    last = None if stop is None else ceil(exact(stop) * 10**9)
-    return [
-        ref
-        for ref in refs
-        if ref.start_ns is None
-        or ref.stop_ns is None
-        or ((start is None or first < ref.stop_ns) and (last is None or ref.start_ns < last))
-    ]

@@ -26,9 +26,10 @@ from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
 from .decoder import TrackDecoder
 from .losses import LostSpan
 from .opening import open_catalogue
-from .packets import PacketPass, Seconds, tick_range
+from .packets import PacketPass
 from .pieces import Piece, PieceDecoder
 from .reconstruct import Decoded
+from .seconds import Seconds, tick_range
 
 IN_FLIGHT = 1 << 19
 """Samples that are decoded ahead of those that are delivered, by all threads together; a packet of

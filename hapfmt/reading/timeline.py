@@ -92,7 +92,7 @@ class Timeline:
         low = self.matched[at - 1][1] + 1 if at else 0
         if at < len(self.matched):
             high = self.matched[at][1]
-        elif offset < self.end:
+        elif offset <= self.end:
             high = len(self.listed)
         else:
             return UNKNOWN

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from ..container.series import build_series, check_range
+from ..container.series import build_series
 from ..container.track import KINDS, SERIES_SIZE, Component, Track, TrackTable, series_of
 from ..container.walk import read_chunk
 from ..container.wire import HEADER_SIZE
@@ -46,22 +46,12 @@ def describe(catalogue: Catalogue) -> tuple[list[Described], list[Track]]:
 
 
 def usable(catalogue: Catalogue) -> dict[int, Track]:
-    """Tracks whose parameters hold, HF tracks only with their base."""
+    """HF tracks only with their base."""
     found: dict[int, Track] = {}
     for track in sorted(catalogue.tracks.values(), key=lambda t: (t.kind == "hf", t.id)):
         if track.kind == "hf" and track.base not in found:
             message = f"HF track {track.id} has lost its base track {track.base}"
-            catalogue.lose("lost-base", track.offset, 0, message, "DEC-006")
-            continue
-        try:
-            if track.unsupported is None:
-                # What stood before HEAD was held to no level yet.
-                check_range(track, catalogue.level, track.offset)
-                TrackDecoder(track, catalogue.level)
-        except FormatError as error:
-            rule = error.requirement or "COD-002"
-            message = f"track {track.id}: {error.message}"
-            catalogue.lose("bad-chunk", track.offset, 0, message, rule)
+            catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-006")
             continue
         found[track.id] = track
     return found

@@ -17,6 +17,7 @@ from ..container.cluster import Packet, entry_size
 from ..container.filewriter import FileWriter
 from ..container.source import open_source
 from ..container.walk import Finding, read_chunk
+from ..container.wire import SIGNATURE
 from ..damage import damage_report, lost_lines
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Limits
@@ -242,6 +243,11 @@ class Copy:
     def costs(self, finding: Finding) -> bool:
         """Whether it may have taken something that is not written anew."""
         if finding.code in HARMLESS or finding.code == "bad-signature":
+            return False
+        if finding.code in ("missing-chunk", "missing-head"):
+            return True
+        if finding.offset + finding.size <= len(SIGNATURE):
+            # What is left of the signature, which is written anew.
             return False
         type_ = self.types.get(finding.offset)
         if type_ == "TRAK":

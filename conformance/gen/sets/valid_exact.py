@@ -19,6 +19,7 @@ valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
 
 WIDE = (-(2**23), 2**23 - 1)
+WIDEST = (-(2**31), 2**31 - 1)
 QUOTIENT, PRODUCT, BINARY32, DECIMALS, SIGNIFICANT = range(5)
 NAN = float("nan")
 
@@ -55,7 +56,8 @@ class Source:
     def coded(self, body: bytes, counts: Sequence[int], words: Sequence[int],
               start: int = 0) -> Packet:  # fmt: skip
         exact = [each % 2**64 for each in words]
-        found = page_exact.decode(body, len(counts), self.affine, self.rule, self.digits)
+        told = (len(counts), self.affine, self.rule, self.digits, 2**32)
+        found = page_exact.decode(body, *told)
         assert found == (list(counts), exact)
         return Packet(start, list(counts), body, exact=exact)
 
@@ -149,6 +151,23 @@ def corrections() -> Iterator[Case]:
         "lpcx-no-corrections", "Nothing stands behind the counts: every correction is 0.",
         ["EXA-003"],
         tenths.track(tenths.packet(list(range(-8, 9)), g=1)),
+    )  # fmt: skip
+    body = bytes([3]) + bytes.fromhex("10 00 0A")
+    rice = page.encode([3, -4, 5, 8], rice=True)
+    values = [tenths.value(c) for c in (5, 3, -4, 5, 8)]
+    yield valid(
+        "lpcx-constant-and-rice", "Counts as a constant packet, and by Rice codes.", ["EXA-003"],
+        tenths.track(
+            tenths.coded(body, [5] * 4, values[:1] * 4, 0),
+            tenths.coded(page.varint_bytes(len(rice)) + rice, [3, -4, 5, 8], values[1:], 4),
+        ),
+    )  # fmt: skip
+    far = Source((2**21 + 1, 7, 10**6))
+    counts = [-(2**31), 2**31 - 1, 0, 12345]
+    yield uncommon(
+        "lpcx-level-2", "Counts of 32 bits at level 2, whose values are quotients near 2^53.",
+        ["EXA-003", "VAL-003", "LIM-001"],
+        far.track(far.packet(counts), clamped=WIDEST), level=2,
     )  # fmt: skip
     luck = Luck(53)
     counts = [luck.between(-40, 39) for _ in range(120)]

@@ -2,22 +2,312 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Any
 
+import examples
 import forge as f
 from case import Case
-from facts import Packet, Track, intact, recording
+from facts import Event, Layer, Packet, Track, case_of, closed_at, digest, nanoseconds, recording
+
+valid = partial(case_of, "valid")
+uncommon = partial(case_of, "uncommon")
 
 FIVES = Track(packets=[Packet(0, [5, 5, 5, 5], f.KNOT_DATA)])
+HEAD = ("HEAD", f.head())
 
 
 def cases() -> Iterator[Case]:
-    yield Case(
-        "valid",
-        "minimal",
-        "A head, one track, one constant packet, an index and a footer.",
-        ["FIL-001", "FIL-002", "FIL-003", "DAT-004", "KNT-002"],
-        recording(FIVES),
-        intact(FIVES, head={"major": 1, "minor": 0, "level": 1, "file_id": 7, "uuid": None,
-                            "epoch_ns": None, "epoch_uncertainty_ns": None}),
+    yield from annex()
+    yield from heads()
+    yield from clusters()
+    yield from repeated()
+    yield from indexes()
+    yield from newer()
+
+
+def annex() -> Iterator[Case]:
+    """The facts are those of the text beside the listings."""
+    about = {"label": "force", "unit": "N"}
+    hold = Track(
+        low=0, high=255, about=about, calibration=(1, 0, 100),
+        packets=[Packet(0, [100] * 3 + [125] * 5, b"")],
+    )  # fmt: skip
+    slow = Track(
+        kind="lf", rate=(500, 1), low=-32, high=31,
+        packets=[Packet(0, [10, 8, 5, 9, 13, 17], b""), Packet(8, [17, 17], b"")],
+    )  # fmt: skip
+    fast = Track(
+        id=1, base=0, kind="hf", codec="QUAN", rate=(500, 1), low=-2, high=1,
+        packets=[Packet(0, [0, 1, -2, 0, 0, 0], b""), Packet(8, [0, 0], b"")],
+    )  # fmt: skip
+    still = Track(low=0, high=1, packets=[Packet(0, [1] * 4, b"")])
+    touch = Layer(
+        label="touch",
+        packets=[(1500, 501, [Event(1500, 0, None, "go"), Event(2000, 1000, 0, "µm")])],
+    )
+    seen = [[0, "5000000000", "1000"], [4, "5004000160", "1000"]]
+    clocks = [{"track": 0, "name": "pc", "observations": seen}]
+    told = {
+        "hold": ("The first worked example: held knots, calibrated.", [hold], {}),
+        "residual": ("The second worked example: lines, texture, a gap.", [slow, fast], {}),
+        "marks": (
+            "The third worked example: events and another clock.", [still],
+            {"layers": [touch], "clocks": clocks},
+        ),
+    }  # fmt: skip
+    for name, make in examples.MAKERS.items():
+        about_, tracks, more = told[name]
+        yield valid(
+            f"annex-{name}", about_, ["FIL-001", "DAT-004", "DEC-001", "DEC-002", "CNV-001"],
+            *tracks, data=make()[0].data, **more,
+        )  # fmt: skip
+
+
+def known(**members: Any) -> dict[str, Any]:
+    """The member ``head``."""
+    return {
+        "major": 1, "minor": 0, "level": 1, "file_id": 7, "uuid": None, "epoch_ns": None,
+        "epoch_uncertainty_ns": None,
+    } | members  # fmt: skip
+
+
+def heads() -> Iterator[Case]:
+    yield valid(
+        "minimal", "A head, one track, one constant packet, an index and a footer.",
+        ["FIL-001", "FIL-002", "FIL-003", "CHK-001", "CHK-002", "CHK-003", "CHK-005", "DAT-004"],
+        FIVES, head=known(),
+    )  # fmt: skip
+    uuid = bytes(range(16, 32))
+    yield valid(
+        "head-uuid-and-epoch", "A UUID in network order, and an epoch known to 1 ms.", ["HED-002"],
+        FIVES,
+        file={"head": f.head(uuid=uuid, epoch_ns=1_700_000_000_000_000_001,
+                             epoch_uncertainty_ns=10**6)},
+        head=known(uuid=uuid.hex(), epoch_ns="1700000000000000001", epoch_uncertainty_ns="1000000"),
+    )  # fmt: skip
+    yield uncommon(
+        "head-epoch-before-1970", "An epoch below zero, known exactly.", ["HED-002"],
+        FIVES, file={"head": f.head(epoch_ns=-(2**63), epoch_uncertainty_ns=0)},
+        head=known(epoch_ns=str(-(2**63)), epoch_uncertainty_ns="0"),
+    )  # fmt: skip
+    yield uncommon(
+        "head-epoch-unknown", "An uncertainty of all ones: the epoch is not known, whatever it is.",
+        ["HED-002"],
+        FIVES, file={"head": f.head(epoch_ns=12345)}, head=known(),
+    )  # fmt: skip
+    yield valid(
+        "head-level-2", "A file of level 2 that level 1 would do for.", ["HED-004", "LIM-001"],
+        FIVES, level=2, head=known(level=2),
+    )  # fmt: skip
+    for name, file_id in (("zero", 0), ("all-ones", 2**32 - 1)):
+        yield uncommon(
+            f"file-id-{name}", "A file id like any other.", ["CHK-004", "HED-003"],
+            FIVES, data=with_id(file_id), head=known(file_id=file_id),
+        )  # fmt: skip
+    yield uncommon(
+        "no-tracks", "A head, an index and a footer.", ["FIL-003", "FOT-003"],
+        head=known(),
+    )  # fmt: skip
+
+
+def with_id(file_id: int) -> bytes:
+    """The minimal file, chunk by chunk under another file id."""
+    out, at, data = f.SIGNATURE, 8, recording(FIVES)
+    while at < len(data):
+        size = int.from_bytes(data[at + 16 : at + 20], "little")
+        payload = data[at + 32 : at + 32 + size]
+        type_, track = (
+            data[at + 4 : at + 8].decode(),
+            int.from_bytes(data[at + 20 : at + 22], "little"),
+        )
+        if type_ == "HEAD":
+            payload = f.head(file_id=file_id)
+        sequence = int.from_bytes(data[at + 12 : at + 16], "little")
+        out += f.chunk(type_, payload, sequence, track=track, file_id=file_id)
+        at += 32 + size
+    return out
+
+
+def piece(start: int, value: int, span: int = 4, cluster: int = 0) -> Packet:
+    return Packet(start, [value] * span, f.svarint(value), cluster)
+
+
+def clusters() -> Iterator[Case]:
+    yield valid(
+        "clusters", "Three clusters of two tracks; packets that touch are one span.",
+        ["DAT-002", "DAT-005", "DAT-006"],
+        Track(packets=[piece(0, 1), piece(4, 2, 3, 1), piece(7, 3, 1, 2)]),
+        Track(id=1, channel=1, packets=[piece(0, 4), piece(4, 5, 2, 1), piece(6, 6, 2, 2)]),
+    )  # fmt: skip
+    yield valid(
+        "packets-in-one-cluster", "Several packets of each track in one cluster, by track, start.",
+        ["DAT-002", "DAT-005"],
+        Track(packets=[piece(0, 1, 2), piece(2, 2, 1), piece(9, 3, 4)]),
+        Track(id=1, channel=1, packets=[piece(3, 4, 1), piece(4, 5, 2)]),
+    )  # fmt: skip
+    yield valid(
+        "cluster-in-two-chunks", "One stretch of time in two DATA chunks, a track in each.",
+        ["DAT-006"],
+        Track(packets=[piece(0, 1)]), Track(id=1, channel=1, packets=[piece(0, 2, cluster=1)]),
+    )  # fmt: skip
+    yield valid(
+        "gaps", "Gaps before the first packet, between packets and between clusters.",
+        ["DEC-004", "REC-004"],
+        Track(packets=[piece(3, 1), piece(8, 2, 1), piece(20, 3, 2, 1)]),
+    )  # fmt: skip
+    yield uncommon(
+        "clusters-out-of-time", "A later cluster of another track lies earlier in time.",
+        ["DAT-006", "IDX-006"],
+        Track(packets=[piece(100, 1)]), Track(id=1, channel=1, packets=[piece(0, 2, cluster=1)]),
+    )  # fmt: skip
+    yield uncommon(
+        "last-tick", "A packet that ends at tick 2^48; the duration is the largest i64.",
+        ["DAT-003", "FOT-003", "IDX-006"],
+        Track(packets=[piece(2**48 - 4, 5)]),
+        Track(id=1, channel=1, rate=(1, 86400), packets=[piece(2**48 - 1, 6, 1)]),
+    )  # fmt: skip
+    yield valid(
+        "track-described-late", "A track is described after the first cluster, before its packets.",
+        ["TRK-001"],
+        Track(packets=[piece(0, 1), piece(4, 2, cluster=1)]),
+        Track(id=1, channel=1, packets=[piece(4, 3, cluster=1)]),
+        file={"late": [1]},
+    )  # fmt: skip
+
+
+def repeated() -> Iterator[Case]:
+    two = Track(id=1, channel=1, packets=[piece(0, -7)])
+    yield valid(
+        "descriptions-repeated", "HEAD and all TRAK chunks stand once more before the end.",
+        ["HED-006", "TRK-003"],
+        FIVES, two, file={"more": [HEAD, FIVES.chunk, two.chunk]},
+    )  # fmt: skip
+
+
+def entry(chunk: Sequence[Any], at: int, times: tuple[int, int]) -> tuple[str, int, int, int]:
+    return (chunk[0], at, *(times if chunk[0] == "DATA" else (0, 0)))
+
+
+class Growing:
+    """A file chunk by chunk, with indexes and footers of any kind."""
+
+    def __init__(self) -> None:
+        self.data, self.sequence = f.SIGNATURE, 0
+        self.rows: list[tuple[str, int, int, int]] = []
+        self.indexes: list[int] = []
+        self.tracks = self.clusters = 0
+
+    def add(self, *chunk: Any, times: tuple[int, int] = (0, 0)) -> None:
+        type_, payload, *given = chunk
+        if type_ not in ("iNDX", "fOOT"):
+            self.rows.append(entry(chunk, len(self.data), times))
+        self.tracks += type_ == "TRAK"
+        self.clusters += type_ == "DATA"
+        self.data += f.chunk(type_, payload, self.sequence, **(given[0] if given else {}))
+        self.sequence += 1
+
+    def index(self, covers_from: int = 8) -> None:
+        """Of all chunks from there on."""
+        rows = [row for row in self.rows if row[1] >= covers_from]
+        previous = self.indexes[-1] if self.indexes else 0
+        self.indexes.append(len(self.data))
+        self.add("iNDX", f.index(rows, covers_from=covers_from, previous=previous))
+
+    def foot(self, duration_ns: int) -> None:
+        stop = len(self.data) + 64
+        self.add("fOOT", f.foot(self.indexes[-1], stop, self.clusters, self.tracks, duration_ns))
+
+
+def data(packet: Packet) -> tuple[str, bytes]:
+    return "DATA", f.cluster((0, packet.start, packet.span, packet.body))
+
+
+def indexes() -> Iterator[Case]:
+    packets = [piece(0, 1), piece(4, 2), piece(8, 3)]
+    track = Track(packets=packets)
+    chain = Growing()
+    for chunk in (HEAD, track.chunk):
+        chain.add(*chunk)
+    chain.add(*data(packets[0]), times=(0, 4))
+    chain.index()
+    for packet in packets[1:]:
+        chain.add(*data(packet), times=(packet.start, packet.stop))
+        chain.index(chain.indexes[-1])
+    chain.foot(nanoseconds(12, (1000, 1)))
+    yield valid(
+        "index-chain", "Three indexes, each of what came since the one before.",
+        ["IDX-002", "IDX-004", "FOT-002"],
+        track, data=chain.data,
+    )  # fmt: skip
+    again = Growing()
+    for chunk in (HEAD, track.chunk):
+        again.add(*chunk)
+    for packet in packets:
+        again.add(*data(packet), times=(packet.start, packet.stop))
+        again.index()
+    again.foot(nanoseconds(12, (1000, 1)))
+    yield uncommon(
+        "index-of-all-again", "Three indexes, each of all that stands before it.",
+        ["IDX-002", "IDX-004"],
+        track, data=again.data,
+    )  # fmt: skip
+    grown = Growing()
+    for chunk in (HEAD, track.chunk):
+        grown.add(*chunk)
+    for packet in packets:
+        grown.add(*data(packet), times=(packet.start, packet.stop))
+        grown.add("dGST", digest(track, packets[: packets.index(packet) + 1]), {"track": 0})
+        grown.index(*grown.indexes[-1:])
+        grown.foot(nanoseconds(packet.stop, (1000, 1)))
+    yield valid(
+        "appended", "Three times closed: the last footer counts, and the last digest.",
+        ["FOT-002", "FOT-003", "DGS-002", "DGS-003", "FIL-003"],
+        track, data=grown.data,
+    )  # fmt: skip
+    more = Track(id=1, channel=1, packets=[piece(0, -4, 6)])
+    joined = Growing()
+    for each in (track, more):
+        for chunk in (HEAD, each.chunk) if each is track else (each.chunk,):
+            joined.add(*chunk)
+        rows = [(each.id, p.start, p.span, p.body) for p in each.packets]
+        joined.add("DATA", f.cluster(*rows), times=(0, each.packets[-1].stop))
+        joined.index(*joined.indexes[-1:])
+        joined.foot(nanoseconds(12, (1000, 1)))
+    yield uncommon(
+        "appended-track", "A track that was described and filled after the file had been closed.",
+        ["FOT-003", "TRK-010", "TRK-001"],
+        track, more, data=joined.data,
+    )  # fmt: skip
+    chunks = [HEAD, track.chunk, *map(data, packets)]
+    loose = [(0, 10**9), (0, 2**53 - 1), (7, 10**6)]
+    yield uncommon(
+        "index-loose-times", "An index whose times are wider than its clusters.", ["IDX-006"],
+        track, data=closed_at(chunks, loose, nanoseconds(12, (1000, 1))),
+    )  # fmt: skip
+
+
+def newer() -> Iterator[Case]:
+    yield valid(
+        "minor-9", "A later minor version is read all the same.", ["VER-001"],
+        FIVES, file={"head": f.head(minor=9)}, head=known(minor=9),
+    )  # fmt: skip
+    yield valid(
+        "compat-bits", "Unknown compatible feature bits mean nothing.", ["VER-001"],
+        FIVES, file={"head": f.head(compat=0x80000001)}, head=known(),
+    )  # fmt: skip
+    yield uncommon(
+        "head-tlv", "Unknown ancillary TLVs in HEAD are skipped.", ["HED-002", "TLV-003"],
+        FIVES, file={"head": f.head(f.tlv(2, b"x") + f.tlv(0x8002, b""))}, head=known(),
+    )  # fmt: skip
+    flags = {"flags": 0x8100}
+    chunks = [
+        (*HEAD, flags),
+        (*FIVES.chunk[:2], {"track": 0} | flags),
+        (*data(FIVES.packets[0]), flags),
+    ]
+    yield uncommon(
+        "ancillary-flags", "Unknown ancillary flag bits of known chunks are ignored.", ["CHK-007"],
+        FIVES, data=closed_at(chunks, [(0, 4)], f.DURATION_NS),
     )  # fmt: skip

@@ -11,6 +11,9 @@ import page_knots
 from case import Case
 from facts import Packet, Track, case_of
 from page_knots import HOLD, LINEAR
+from page_numbers import rdiv
+
+WIDE = (-(2**23), 2**23 - 1)
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
@@ -77,6 +80,23 @@ def cases() -> Iterator[Case]:
                 [10, 8, 7, 5, 4, 2, 1, -1, -2, -4, -5], LINEAR,
             ),
             interpolation=LINEAR,
+        ),
+    )  # fmt: skip
+    yield valid(
+        "knot-linear-shallow",
+        "One count up in 98 ticks: half of it at tick 49 is a tie, which no slope may blur.",
+        ["CNV-001"],
+        track(
+            packet([(0, 0), (98, 1)], [0] * 49 + [1] * 50, LINEAR), interpolation=LINEAR
+        ),
+    )  # fmt: skip
+    steep = [-(2**23) + rdiv((2**24 - 1) * tick, 999) for tick in range(1000)]
+    yield valid(
+        "knot-linear-steep", "A line through all 24 bits in 1000 ticks: binary32 would blur it.",
+        ["CNV-001"],
+        track(
+            packet([(0, -(2**23)), (999, 2**23 - 1)], steep, LINEAR, clamped=WIDE),
+            interpolation=LINEAR, low=WIDE[0], high=WIDE[1],
         ),
     )  # fmt: skip
     yield valid(

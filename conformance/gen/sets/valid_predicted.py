@@ -68,6 +68,16 @@ def predictors() -> Iterator[Case]:
         ["CNV-001", "LPC-006"],
         track(packet([-90, -81, -70, -64, -55, -50, -44, 40, 38, 33], coding=Coding(ks=(90,)))),
     )  # fmt: skip
+    packets = []
+    for k in (sign * k for k in range(1, 128) for sign in (1, -1)):
+        two = [2**22 - 1, (k * 32749) % 4001 - 2000]
+        coding = Coding(ks=(k,), raw_signs=True)
+        packets.append(packet(two, coding=coding, start=2 * len(packets), clamped=WIDE))
+    yield valid(
+        "lpcr-sine-table", "Packets of one coefficient: every entry of the sine table, + and -.",
+        ["CNV-001"],
+        track(*packets, clamped=WIDE),
+    )  # fmt: skip
     yield valid(
         "lpcr-predictor-2",
         "Two coefficients, the second negative, and a base.", ["CNV-001", "LPC-005"],
@@ -98,6 +108,18 @@ def predictors() -> Iterator[Case]:
         "lpcr-repeats", "Repeats are coded by bits whose models know the two bits before.",
         ["RNG-001"],
         track(packet(steps * 3, coding=Coding(base=5, repeats=True))),
+    )  # fmt: skip
+    luck = Luck(88)
+    patterns, at = [], 0
+    for _ in range(900):
+        at = at if luck.below(5) < 3 else luck.between(-9, 9)
+        patterns.append(at)
+    still = [*patterns, *[17] * 800, *patterns[:20]]
+    yield valid(
+        "lpcr-repeats-long",
+        "Repeats in every pattern, then 800 at a stretch: models that forget, and one at its end.",
+        ["RNG-001"],
+        track(packet(still, coding=Coding(repeats=True))),
     )  # fmt: skip
     yield valid(
         "lpcr-repeats-differences",
@@ -140,6 +162,12 @@ def coder() -> Iterator[Case]:
         "lpcr-long", "1500 samples: models that have seen their most, averages of 128.",
         ["RNG-001"],
         track(packet([luck.bell(8) for _ in range(1500)])),
+    )  # fmt: skip
+    scales = [luck.bell(1 + 400 * (tick // 160 % 2)) for tick in range(800)]
+    yield valid(
+        "lpcr-scale-changes", "Every 160 samples loud becomes quiet, or quiet loud.",
+        ["RNG-001"],
+        track(packet(scales, clamped=WIDE), clamped=WIDE),
     )  # fmt: skip
     packets, start = [], 0
     for span in [1] * 24 + [2] * 16 + [3] * 12:
@@ -227,6 +255,24 @@ def grids() -> Iterator[Case]:
             packet([last.last, -last.last, last.last - 1, 70, -70], grid=last, clamped=WIDE),
             grid=last, clamped=WIDE,
         ),
+    )  # fmt: skip
+    steps = Grid(step=2**24, zero=-(2**23))
+    yield uncommon(
+        "lpcr-largest-step", "A step of 2^24 from the lowest count of 24 bits.",
+        ["LPC-002", "LPC-003", "DEC-001"],
+        track(packet([0, 1, -1, 1], grid=steps, clamped=WIDE), grid=steps, clamped=WIDE),
+    )  # fmt: skip
+    high = Grid(step=2**31, zero=2**31 - 1, bound=2**32)
+    low = Grid(step=3, zero=-(2**31), kn=1, kd=50, bound=2**32)
+    yield uncommon(
+        "lpcr-grids-level-2", "Grids of level 2, uniform and of a deadband, to their last points.",
+        ["LPC-002", "LPC-003", "LIM-001"],
+        track(packet([0, -1, -2, 2, 1], grid=high, clamped=WIDEST), grid=high, clamped=WIDEST),
+        track(
+            packet([0, 1, 300, low.last, -low.last], grid=low, clamped=WIDEST),
+            grid=low, clamped=WIDEST, id=1, channel=1,
+        ),
+        level=2,
     )  # fmt: skip
     whole = Grid(step=5, kn=9, kd=7)
     yield uncommon(

@@ -10,6 +10,7 @@ from case import Case
 from facts import case_of
 from lpcr import Coding, coded, constant, packet, track, walk
 from luck import Luck
+from page_numbers import rdiv
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
@@ -57,6 +58,17 @@ def cases() -> Iterator[Case]:
                 coding=[ALONE, Coding(references=((0, -1, -128, 127),))],
             ),
             width=2,
+        ),
+    )  # fmt: skip
+    odd = [1, -1, 3, -3, 5, -5, 7, -7, 1, 1, -1, -1]
+    yield valid(
+        "references-ties", "Sums of 32 and of -32 in 64: ties, which go up.", ["CNV-001"],
+        track(
+            packet(
+                odd, [rdiv(each, 2) for each in odd], [rdiv(-each, 2) for each in odd],
+                coding=[ALONE, *(Coding(references=((0, 0, w, 0),)) for w in (32, -32))],
+            ),
+            width=3,
         ),
     )  # fmt: skip
     yield valid(

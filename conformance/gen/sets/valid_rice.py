@@ -93,6 +93,8 @@ def cases() -> Iterator[Case]:
         ["LPC-003", "LIM-001"],
         track(
             packet([2**32, -(2**32), 2**32, 0], grid=far, coding=rice(5), clamped=WIDEST),
+            packet([2**32, -(2**32), 2**32, 0], grid=far, coding=rice(5, g=1), clamped=WIDEST,
+                   start=4),
             clamped=WIDEST,
         ),
         level=2,

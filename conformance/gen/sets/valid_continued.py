@@ -1,0 +1,127 @@
+"""Tracks that continue one another (SPEC 6.3, TLV 11)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+import forge as f
+from case import Case
+from facts import Packet, Track, case_of, double_bits
+from lpcr import Coding
+from lpcr import packet as predicted
+
+from sets.valid_bands import FAST, SLOW, hf, lf, raw, stored
+
+valid = partial(case_of, "valid")
+uncommon = partial(case_of, "uncommon")
+
+
+def continues(track: int) -> bytes:
+    return f.tlv(11, f.varint(1 + track))
+
+
+def cases() -> Iterator[Case]:
+    knots = Track(packets=[Packet(0, [5] * 4, f.svarint(5))])
+    coded = predicted([7, 9, -4, 3], coding=Coding(1), clamped=(-9, 8))
+    after = Track(
+        id=1, codec="LPCR", parameters=f.lpcr_parameters(), tlvs=continues(0), low=-9, high=8,
+        packets=[coded._replace(start=4, cluster=1)],
+    )  # fmt: skip
+    yield valid(
+        "continued", "A channel goes on in a track of another codec and another range.",
+        ["TRK-016", "TRK-017", "TRK-018"],
+        knots, after,
+    )  # fmt: skip
+    gap = Track(
+        id=1, tlvs=continues(0), packets=[Packet(9, [6] * 2, f.svarint(6), 1)], low=-6, high=6
+    )  # fmt: skip
+    last = raw(
+        stored(11, [1, 2, 3], cluster=1), stored(20, [4], cluster=2), id=2, tlvs=continues(1)
+    )  # fmt: skip
+    yield valid(
+        "continued-chain", "A channel in three tracks, with gaps between and within them.",
+        ["TRK-016", "TRK-018", "DEC-004"],
+        knots, gap, last,
+    )  # fmt: skip
+    first = lf(stored(0, SLOW), low=-100, high=70), hf(stored(0, FAST))
+    then = (
+        lf(stored(6, [80, 81, -90], cluster=1), id=2, tlvs=continues(0), low=-91, high=82),
+        hf(stored(7, [5, -5], cluster=1), id=3, base=2),
+    )
+    yield valid(
+        "continued-bands",
+        "A channel of two bands goes on in two others, clamped to another range.",
+        ["TRK-016", "TRK-017", "DEC-002", "DEC-003"],
+        *first, *then,
+    )  # fmt: skip
+    whole = raw(stored(0, [1, 2, 3]))
+    yield valid(
+        "continued-full-then-bands",
+        "A full-band track is continued by two bands: asked for LF both give something.",
+        ["TRK-016", "DEC-005"],
+        whole,
+        lf(stored(3, [10, 20, 30], cluster=1), id=1, tlvs=continues(0)),
+        hf(stored(3, [1, -1, 1], cluster=1), id=2, base=1),
+    )  # fmt: skip
+    yield uncommon(
+        "continued-bands-then-full", "Two bands are continued by a full-band track.",
+        ["TRK-016", "DEC-005"],
+        lf(stored(0, [10, 20, 30])), hf(stored(0, [1, -1, 1])),
+        raw(stored(3, [1, 2, 3], cluster=1), id=2, tlvs=continues(0)),
+    )  # fmt: skip
+    planes = b"\0" + b"\1\0" + bytes(12) + b"\0\x80"
+    words = Track(
+        codec="RAWB", parameters=f.raw_parameters(8), number_format="binary64",
+        packets=[Packet(0, [1, 2**63], planes)],
+    )  # fmt: skip
+    more = Track(
+        id=1, codec="RAWB", parameters=f.raw_parameters(8), number_format="binary64",
+        tlvs=continues(0), packets=[Packet(2, [1, 2**63], planes, 1)],
+    )  # fmt: skip
+    yield uncommon(
+        "continued-words", "A channel of words goes on in another track.", ["TRK-016"],
+        words, more,
+    )  # fmt: skip
+    tenths = f.tlv(3, f.calibration(1, 0, 10))
+    exact = bytes.fromhex("06 00 00 06 01 4C 46 01 00 02 63 A0 00")
+    far = [0.1, 0.2, 0.30000000000000004, 0.30000000000000004, 0.7000000000000001]
+    far.append(0.30000000000000004)
+    yield uncommon(
+        "continued-exact", "Exact values, and in the track that goes on the quotients.",
+        ["TRK-018", "VAL-003"],
+        Track(
+            codec="LPCX", parameters=f.lpcx_parameters(), tlvs=tenths, calibration=(1, 0, 10),
+            packets=[
+                Packet(0, [1, 2, 3, 3, 7, 3], exact, exact=[double_bits(each) for each in far])
+            ],
+        ),
+        Track(
+            id=1, tlvs=tenths + continues(0), calibration=(1, 0, 10),
+            packets=[Packet(6, [3] * 2, f.svarint(3), 1)],
+        ),
+    )  # fmt: skip
+    named = Track(
+        packets=[Packet(0, [5] * 4, f.svarint(5))], about={"label": "first", "device": "a"},
+        tlvs=f.tlv(2, f.strings("first")) + f.tlv(14, f.strings("a")),
+    )  # fmt: skip
+    renamed = Track(
+        id=1, packets=[Packet(4, [5] * 4, f.svarint(5), 1)],
+        tlvs=f.tlv(2, f.strings("second")) + continues(0),
+    )  # fmt: skip
+    yield uncommon(
+        "continued-described-by-first", "The first track describes the channel, not a later one.",
+        ["TRK-018"],
+        named, renamed,
+    )  # fmt: skip
+    pair = f.trak(
+        f.HOLD + f.tlv(9, bytes([1, 0])) + f.tlv(11, bytes([0, 1])),
+        track_count=2, first_channel=1,
+    )  # fmt: skip
+    yield uncommon(
+        "continued-in-series", "A series of two tracks: one continues another, one none.",
+        ["TRK-016", "TLV-004"],
+        knots,
+        Track(id=1, channel=1, trak=pair, packets=[Packet(0, [8] * 2, f.svarint(8))]),
+        Track(id=2, described=False, packets=[Packet(4, [9] * 3, f.svarint(9), 1)]),
+    )  # fmt: skip
