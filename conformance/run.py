@@ -25,7 +25,7 @@ from runner import report  # noqa: E402
 from runner.known import Known, read_known  # noqa: E402
 from runner.manifest import Case, load, make_on_demand, select  # noqa: E402
 from runner.process import Caps, Implementation, UnusableError  # noqa: E402
-from runner.running import Result, run_case  # noqa: E402
+from runner.running import Result, made_for, run_case  # noqa: E402
 
 OWN = (
     [sys.executable, "-m", "hapfmt.conformance"],
@@ -48,7 +48,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     add("--case", action="append", default=[], metavar="GLOB",
         help="only cases whose name, or set/name, matches; repeatable")  # fmt: skip
     add("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="cases at a time")
-    add("--timeout", type=float, default=30, metavar="S", help="seconds of a verb [30]")
+    add("--timeout", type=float, default=60, metavar="S", help="seconds of a verb [60]")
     add("--memory", type=int, default=1024, metavar="MIB", help="MiB of a verb [1024]")
     add("--known-failures", type=Path, metavar="FILE",
         help="lines of 'set/name reason': these cases must fail")  # fmt: skip
@@ -124,7 +124,7 @@ def run_and_tell(
 ) -> int:  # fmt: skip
     reports, suites, failed = [], [], not tested
     with tempfile.TemporaryDirectory(prefix="hapf-conformance-") as room:
-        make_on_demand(cases, Path(room))
+        make_on_demand([c for c in cases if any(made_for(c, p) for p in tested)], Path(room))
         for place, program in enumerate(tested):
             began = time.monotonic()
             results = run_all(program, cases, referees, given.jobs, known)

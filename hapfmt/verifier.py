@@ -17,8 +17,9 @@ from .container.index import (
     floor_ms,
     parse_index,
 )
-from .container.track import lone_lf
+from .container.track import lone_lf, unsupported_track
 from .container.walk import Chunk, read_chunk
+from .container.wire import HEADER_SIZE
 from .contract import ContractCheck, check_contracts
 from .damage import damage_report, lost_lines
 from .errors import FormatError, HapfmtError, LimitError, UnsupportedError
@@ -124,7 +125,7 @@ def verify(
 
 def check_structure(catalogue: Catalogue) -> None:
     """Index, footer, channel numbers: only in a file without damage. Attachments and clocks."""
-    if catalogue.damaged:
+    if catalogue.damaged or not catalogue.unsupported:
         check_extras(catalogue)
     if catalogue.damaged or catalogue.unsupported:
         return
@@ -137,7 +138,7 @@ def check_structure(catalogue: Catalogue) -> None:
         )
         for ref in catalogue.chunks
     ]
-    last_index = indexed_to = 0
+    last_index = unlisted = 0
     indexes: set[int] = set()
     for ref in catalogue.chunks:
         if ref.type == "iNDX":
@@ -153,10 +154,12 @@ def check_structure(catalogue: Catalogue) -> None:
                 )
             indexes.add(ref.offset)
             check_listing(index, ref.offset, listing, chunk.payload_offset)
-            last_index = indexed_to = ref.offset
-        elif ref.offset - indexed_to > INDEX_EVERY + catalogue.level.payload_size:
-            raise FormatError("no index for too long", requirement="IDX-005", offset=ref.offset)
-    check_extras(catalogue)
+            last_index, unlisted = ref.offset, 0
+        elif ref.type != "fOOT":
+            size = HEADER_SIZE + (ref.size or 0)
+            if unlisted and unlisted + size > INDEX_EVERY:
+                raise FormatError("no index for too long", requirement="IDX-005", offset=ref.offset)
+            unlisted += size
     foot = catalogue.foot
     if foot is None:
         return
@@ -217,9 +220,7 @@ def check_packets(
             catalogue.lose("bad-digest", offset, 32, message, "DGS-002")
     for track in catalogue.tracks.values():
         if track.unsupported:
-            raise UnsupportedError(
-                f"track {track.id} needs {track.unsupported}", offset=track.offset
-            )
+            raise unsupported_track(track)
 
 
 def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:

@@ -185,7 +185,7 @@ DATA_AT = TRACK_AT + 32 + len(TRACK[1])
 END = DATA_AT + 32 + len(DATA[1])
 """Offset of the chunk after HEAD, TRACK, DATA."""
 
-LONG = [("aTTc", f.strings("a", "") + bytes(2**20 - 3))] * 6
+LONG = [("aTTc", f.strings("a", "") + bytes(2**20 - 3))] * 4
 LISTED = [IndexEntry("HEAD", 8), IndexEntry("DATA", 88, 5, 9)]
 UP_TO_HF = f.trak(kind=1)
 RESIDUAL = f.trak(kind=2, base=0)
@@ -273,7 +273,7 @@ FAULTS = [
     Fault("TLV-001", 104, "same type twice", lambda: parse_tlvs(f.tlv(2, b"") * 2, 0, AT)),
     Fault("TLV-002", 100, "half a TLV", lambda: parse_tlvs(b"\0", 0, AT)),
     Fault("TLV-002", 100, "TLV too long", lambda: parse_tlvs(b"\0\0\1\0", 0, AT)),
-    Fault("TLV-002", 100, "string too long", lambda: parse_strings(b"\1", 1, AT)),
+    Fault("TLV-007", 100, "string too long", lambda: parse_strings(b"\1", 1, AT)),
     Fault("CNV-002", 133, "half a calibration", series(f.tlv(3, b"\2"), codec=b"RAWB")),
     Fault("TLV-002", 100, "TRAK cut short", lambda: parse_series(b"", 0, ONE, AT)),
     Fault("TLV-004", 100, "two for three", lambda: parse_strings(f.strings("", ""), 3, AT)),
@@ -384,6 +384,7 @@ FAULTS = [
     # 6.5, 6.6
     Fault("IDX-001", 100, "index cut short", lambda: parse_index(b"", 500, AT)),
     Fault("IDX-001", 100, "entries missing", at_index(count=1)),
+    Fault("IDX-001", 131, "an entry missing", at_index(("DATA", 8, 2**20, 2**21), count=2)),
     Fault("IDX-001", 120, "entries too many", at_index(("HEAD", 8, 0, 0), count=0)),
     Fault("CNV-002", 130, "an entry without times", at_index(("aaaa", 8, 0, 0), ("DATA", 40, 0, 0),
                                                              cut=2)),
@@ -400,7 +401,7 @@ FAULTS = [
     Fault("IDX-004", 8, "no index there", lambda: index_entries(BytesSource(f.file(HEAD)), 8, 7)),
     Fault("IDX-004", 88, "an index within another",
           lambda: index_entries(BytesSource(f.file(HEAD, NESTED)), 88 + 32, 7)),
-    Fault("IDX-005", 8 + 32 + 48 + 5 * (32 + 2**20), "no index in 5 MiB",
+    Fault("IDX-005", 8 + 32 + 48 + 3 * (32 + 2**20), "no index in 4 MiB",
           judged(f.file(HEAD, *LONG))),
     Fault("IDX-006", 100, "starts too late", listed(("HEAD", 8, 0, 0), ("DATA", 88, 6, 9))),
     Fault("IDX-006", 100, "stops too early", listed(("HEAD", 8, 0, 0), ("DATA", 88, 5, 8))),

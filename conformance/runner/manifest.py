@@ -19,7 +19,8 @@ RULE = re.compile(r"^- \*\*([A-Z]{3}-\d{3})\*\*", re.MULTILINE)
 
 @dataclass
 class Case:
-    """One entry of the manifest. ``path``: the file, or the folder of a job."""
+    """One entry of the manifest. ``path``: the file, or a folder: of a job, or of a file and the
+    job that is its original."""
 
     set: str
     name: str
@@ -38,6 +39,10 @@ class Case:
     def expect(self) -> dict[str, Any]:
         path = self.room / "expected" / self.set / f"{self.name}.json"
         return json.loads(path.read_text(encoding="utf-8"))
+
+    @property
+    def file(self) -> Path:
+        return self.path / "file.hapf" if self.path.is_dir() else self.path
 
     @property
     def job(self) -> Path:

@@ -19,6 +19,7 @@ COLUMNS = ("set", "cases", PASSED, FAILED, "known", SKIPPED)
 SHOWN = 3
 """Differences of a verb that are told to a person."""
 SHOWN_RULES = 12
+SHOWN_FAILURES = 40
 
 
 def status_of(result: Result) -> str:
@@ -84,10 +85,12 @@ def text(
     tested: Implementation, results: Sequence[Result], seconds: float, referees: Sequence[str]
 ) -> Iterator[str]:
     yield about(tested)
-    for result in results:
-        if bad(result):
-            yield ""
-            yield from failure(result)
+    failures = [result for result in results if bad(result)]
+    for result in failures[:SHOWN_FAILURES]:
+        yield ""
+        yield from failure(result)
+    if len(failures) > SHOWN_FAILURES:
+        yield f"\nand {len(failures) - SHOWN_FAILURES} more (--json and --junit have all)"
     yield ""
     yield from table(results)
     known = [result for result in results if status_of(result) == KNOWN]

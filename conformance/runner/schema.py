@@ -24,7 +24,7 @@ SIZES = (("minLength", "maxLength"), ("minItems", "maxItems"))
 
 @cache
 def schema(name: str) -> dict[str, Any]:
-    """``capabilities``, ``decode``, ``verify``, ``job`` or ``manifest``."""
+    """``capabilities``, ``decode``, ``verify``, ``job``, ``expected`` or ``manifest``."""
     folder = ROOM if name == "manifest" else ROOM / "schemas"
     return json.loads((folder / f"{name}.schema.json").read_text(encoding="utf-8"))
 

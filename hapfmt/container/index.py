@@ -104,6 +104,10 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
     for _ in range(raw.entry_count):
         at = position
         letters = payload[at : at + 4]
+        if len(letters) < 4:
+            raise FormatError(
+                "the index ends within an entry", requirement="IDX-001", offset=offset + at
+            )
         if not (letters.isascii() and letters.isalpha()):
             raise FormatError(
                 "an index entry without a chunk type", requirement="IDX-002", offset=offset + at

@@ -220,7 +220,7 @@ class Salvage:
                 if budget < 0:
                     return best
                 if self.holds(entry, place + ahead):
-                    budget -= sum(entry.size for entry, _ in self.rows)
+                    budget -= min(sum(row.size for row, _ in self.rows), len(self.payload))
                     held = self.count_from(place)
                     if held > most:
                         best, most = place, held

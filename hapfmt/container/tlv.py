@@ -80,7 +80,7 @@ def parse_strings(value: bytes, count: int, offset: int) -> tuple[str, ...]:
         stop = position + 1 + value[position]
         if stop > len(value):
             raise FormatError(
-                "a string runs past its list", requirement="TLV-002", offset=offset + position
+                "a string runs past its list", requirement="TLV-007", offset=offset + position
             )
         items.append(parse_text(value[position + 1 : stop], offset + position + 1))
         position = stop

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
 
-from ..errors import FormatError
+from ..errors import FormatError, UnsupportedError
 from ..limits import EXACT_LIMIT
 
 KINDS = ("full", "lf", "hf", "events")
@@ -170,6 +170,14 @@ def silent_tracks(tracks: Sequence[Track]) -> list[Track]:
 def lone_lf(track: Track) -> FormatError:
     return FormatError(
         f"LF track {track.id} without an HF track", requirement="TRK-012", offset=track.offset
+    )
+
+
+def unsupported_track(track: Track, path: str | None = None) -> UnsupportedError:
+    """Of a track that has something unknown: what, and by which rule."""
+    what, rule = (track.unsupported or "nothing []")[:-1].rsplit(" [", 1)
+    return UnsupportedError(
+        f"track {track.id} needs {what}", requirement=rule, offset=track.offset, path=path
     )
 
 

@@ -18,8 +18,8 @@ from ..codecs.knots_coded import CodedKnotParameters
 from ..codecs.quantised import QuanParameters
 from ..codecs.raw import RawParameters, decode_raw
 from ..container.cluster import Packet
-from ..container.track import Track
-from ..errors import FormatError, HapfmtError, ParameterError, UnsupportedError
+from ..container.track import Track, unsupported_track
+from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Level
 from ..recording import Span, append_span
 
@@ -47,9 +47,7 @@ class TrackDecoder:
 
     def __init__(self, track: Track, level: Level, path: str | None = None) -> None:
         if track.unsupported:
-            raise UnsupportedError(
-                f"track {track.id} needs {track.unsupported}", offset=track.offset, path=path
-            )
+            raise unsupported_track(track, path)
         self.track = track
         self.level = level
         self.path = path

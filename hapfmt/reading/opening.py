@@ -9,9 +9,10 @@ from ..container.chain import index_chain
 from ..container.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
 from ..container.series import check_range
 from ..container.source import Source
+from ..container.track import unsupported_track
 from ..container.walk import Chunk, Finding, header_at, read_chunk, walk
 from ..container.wire import HEADER_SIZE, SIGNATURE, SYNC
-from ..errors import FormatError, HapfmtError
+from ..errors import FormatError, HapfmtError, UnsupportedError
 from ..limits import LEVELS, Limits
 from .catalogue import Catalogue, ChunkRef
 
@@ -215,7 +216,7 @@ def from_walk(source: Source, limits: Limits | None = None, *, tolerant: bool = 
                 broken.append((chunk, error))
         catalogue.chunks.append(ref)
     if broken and not catalogue.damaged:
-        raise catalogue.unsupported or broken[0][1]
+        raise unknown_part(catalogue) or broken[0][1]
     if broken and not tolerant:
         # What stands before the first damage is held to no more than what stands behind it.
         return from_walk(source, limits, tolerant=True)
@@ -225,6 +226,14 @@ def from_walk(source: Source, limits: Limits | None = None, *, tolerant: bool = 
         lose_strangers(catalogue)
     check_found(catalogue)
     return catalogue
+
+
+def unknown_part(catalogue: Catalogue) -> UnsupportedError | None:
+    """The first critical part that is not understood; it comes before a broken rule (clause 14)."""
+    tracks = [track for track in catalogue.tracks.values() if track.unsupported]
+    if catalogue.unsupported is None and tracks:
+        return unsupported_track(tracks[0], catalogue.source.path)
+    return catalogue.unsupported
 
 
 def ref_of(chunk: Chunk) -> ChunkRef:

@@ -57,7 +57,8 @@ class Extras:
             elif header.type == "aTTc":
                 parse_attachment(chunk.payload, offset)
             elif header.type in CLOCKS:
-                CLOCKS[header.type](chunk.payload, header.track, offset)
+                track = self.catalogue.observed_track(chunk)
+                CLOCKS[header.type](chunk.payload, track, offset)
         except FormatError as error:
             lose_chunk(self.catalogue, chunk, error)
             return False
@@ -80,6 +81,9 @@ def stored_digests(catalogue: Catalogue) -> dict[int, tuple[bytes, int]]:
         chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "dGST" else None
         if chunk is None or not chunk.intact or not chunk.header.known:
             continue
+        if not chunk.payload or len(chunk.payload) % DIGEST_SIZE:
+            error = FormatError("no whole number of digests", requirement="DGS-001")
+            lose_chunk(catalogue, chunk, error)
         for place in range(len(chunk.payload) // DIGEST_SIZE):
             at = DIGEST_SIZE * place
             digest = chunk.payload[at : at + DIGEST_SIZE]

@@ -1,0 +1,17 @@
+// What the verb `capabilities` tells.
+import { CODECS } from './codecs.js';
+import { MODES } from './encode.js';
+
+export const capabilities = {
+  name: 'hapf-js',
+  version: '1.0',
+  format: '1.0',
+  verbs: ['decode', 'verify', 'recover', 'encode'],
+  level: 2,
+  codecs: CODECS,
+  parts: [
+    'tracks', 'channels', 'exact', 'physical', 'bands', 'layers', 'clocks', 'maps', 'metadata', 'attachments',
+    'unknown', 'findings',
+  ],
+  presets: MODES,
+};

@@ -1,0 +1,188 @@
+// The tracks of the encoder: grid, description (6.3) and packets of each.
+import { putSvarint, putVarint } from './bytes.js';
+import { NO_TRACK } from './chunk.js';
+import { decodePacket, parseParameters } from './codecs.js';
+import { encodeComponent } from './encode-lpcr.js';
+import { HapfError, unsupported } from './error.js';
+import { floorDivBig } from './integers.js';
+import { WORD_SIZES } from './rawb.js';
+import { checkCalibration } from './values.js';
+
+const FORMATS = ['counts', 'int64', 'uint64', 'binary16', 'binary32', 'binary64'];
+const KINDS = { full: 0, events: 3 };
+const TEXTS = [[2, 'label'], [4, 'unit'], [6, 'quantity'], [8, 'axis'], [10, 'group'], [12, 'body_site'], [14, 'device']];
+const PACKET_TICKS = 65536;
+const LEVEL_1_HIGH = 2 ** 23;
+
+export const le = (value, size) => Array.from({ length: size }, (_, i) => Math.floor(value / 256 ** i) & 255);
+export const refuse = (message) => unsupported('LIM-003', message, null);
+
+export const emptyTrack = {
+  kind: 'full', numberFormat: 'counts', componentCount: 1, countMin: 0, countMax: 0, calibrations: [{ A: 1, B: 0, D: 1 }],
+  contract: null, deviation: null, texts: {}, band: null, parameters: null,
+};
+
+// The counts of a channel, or its words as BigInts.
+function numbersOf({ format = 'counts', spans }, bytes) {
+  const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  const length = spans.reduce((sum, [start, stop]) => sum + stop - start, 0);
+  if (8 * length !== bytes.length) throw new Error(`${bytes.length} bytes instead of ${8 * length}`);
+  if (format !== 'counts') return Array.from({ length }, (_, i) => view.getBigUint64(8 * i, true));
+  return Array.from({ length }, (_, i) => Number(view.getBigInt64(8 * i, true)));
+}
+
+// The contract of clause 11, and what a grid needs to keep it.
+function deadbandOf(job, calibration) {
+  const [kn, kd] = job.k ?? [0, 1];
+  const floor = job.floor ?? 1;
+  if (floor < 1) return null; // nothing but the counts themselves keeps that
+  if (kn < 0 || kd < 1 || kn >= 65536 || kd >= 65536 || floor >= 2 ** 32) refuse('a contract beyond its limits');
+  const zero = Math.max(-(2 ** 31), Math.min(2 ** 31 - 1, Math.round(-calibration.B / calibration.A))) || 0;
+  const contract = [];
+  putVarint(contract, kd);
+  putVarint(contract, kn);
+  contract.push(job.guaranteed ? 2 : 0);
+  putVarint(contract, floor);
+  putSvarint(contract, zero);
+  const uniform = kn === 0 || kd > 1024 * kn; // then the floor alone
+  return { kn, kd, floor, zero, contract, uniform };
+}
+
+// Of a channel of a job, in full band.
+export function makeTrack(number, channel, bytes, job) {
+  const { format = 'counts', rate: [rateNum, rateDen], spans } = channel;
+  const numbers = numbersOf(channel, bytes);
+  const words = format !== 'counts';
+  const [A, B, D] = channel.calibration ?? [1, 0, 1];
+  const track = {
+    ...emptyTrack, codec: words ? 'RAWB' : 'LPCR', numberFormat: format, rateNum, rateDen, spans, numbers,
+    channels: [number], calibrations: [{ A, B, D }], texts: channel,
+  };
+  if (words) return track;
+  for (const count of numbers) {
+    if (count < track.countMin) track.countMin = count;
+    if (count > track.countMax) track.countMax = count;
+  }
+  if (track.countMin < -(2 ** 31) || track.countMax >= 2 ** 31) refuse('counts of more than 32 bits');
+  checkValues(track);
+  if (job.mode !== 'lossless') track.band = deadbandOf(job, { A, B, D });
+  return track;
+}
+
+function checkValues(track) { // VAL-002
+  try {
+    checkCalibration(track.calibrations[0], track, null, null);
+  } catch (error) {
+    if (error instanceof HapfError) refuse(error.message);
+    throw error;
+  }
+}
+
+export const needsLevel2 = ({ countMin, countMax, band }) => countMin < -LEVEL_1_HIGH || countMax >= LEVEL_1_HIGH
+  || (band !== null && (Math.abs(band.zero) > LEVEL_1_HIGH || 2 * band.floor >= 2 ** 24));
+
+function lpcrParameters(band, limits) {
+  const bytes = [band && !band.uniform ? 1 : 0];
+  if (!band) bytes.push(1);
+  else putVarint(bytes, Math.min(band.uniform ? 2 * band.floor + 1 : band.floor, limits.stepBound));
+  putSvarint(bytes, band ? band.zero : 0);
+  if (band && !band.uniform) {
+    putVarint(bytes, band.kn);
+    putVarint(bytes, band.kd);
+  }
+  return bytes;
+}
+
+// Gives the track its codec parameters and packets: { cluster, start, span, bytes, numbers }, as they will be decoded.
+export function encodeTrack(track, limits, clusterSeconds) {
+  track.level = limits.level;
+  track.parameters = track.codec === 'RAWB' ? [WORD_SIZES[track.numberFormat], 0, 0, 0] : lpcrParameters(track.band, limits);
+  track.setup = parseParameters(track.codec, Uint8Array.from(track.parameters), track);
+  track.packets = [...stretches(track, clusterSeconds)].map(({ cluster, start, stop, at }) => {
+    const span = stop - start;
+    const bytes = encodeNumbers(track, track.numbers.slice(at, at + span));
+    return { cluster, start, span, bytes, numbers: decodePacket(track, bytes, start, span).numbers };
+  });
+}
+
+// The spans of a track, cut where clusters of cn / cd seconds begin; at: the place of their first number.
+function* stretches({ rateNum, rateDen, spans }, [cn, cd]) {
+  const ticks = BigInt(cn) * BigInt(rateNum); // of a cluster, times `part`
+  const part = BigInt(cd) * BigInt(rateDen);
+  let at = 0;
+  for (const [first, last] of spans) {
+    for (let start = first; start < last;) {
+      const cluster = (BigInt(start) * part) / ticks;
+      const next = -floorDivBig(-((cluster + 1n) * ticks), part);
+      const stop = Math.min(last, start + PACKET_TICKS, Number(next));
+      yield { cluster, start, stop, at };
+      at += stop - start;
+      start = stop;
+    }
+  }
+}
+
+// The index whose cell a count lies in: that of the level below it, or of the next one where that is too far away.
+function indexOf(grid, levels, count) {
+  const distance = count - grid.zero;
+  if (!levels) return Math.round(distance / grid.step);
+  const magnitude = Math.abs(distance);
+  let low = 0;
+  let high = levels.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (levels[middle] <= magnitude) low = middle;
+    else high = middle - 1;
+  }
+  if (magnitude - levels[low] > Math.max(Math.floor((grid.kn * magnitude) / grid.kd), grid.step)) low++;
+  return distance < 0 ? -low : low;
+}
+
+function encodeNumbers(track, numbers) {
+  if (track.codec === 'RAWB') return encodeWords(numbers, track.setup.wordSize);
+  const { grid } = track.setup;
+  const { levels } = grid;
+  return encodeComponent(numbers.map((count) => indexOf(grid, levels, count)));
+}
+
+function encodeWords(words, size) {
+  const packet = new Uint8Array(1 + size * words.length);
+  words.forEach((word, t) => {
+    for (let b = 0; b < size; b++) packet[1 + b * words.length + t] = Number((word >> BigInt(8 * b)) & 255n);
+  });
+  return packet;
+}
+
+function tlv(type, value) {
+  if (value.length > 65535) refuse('a description that is too long');
+  return [...le(type, 2), ...le(value.length, 2), ...value];
+}
+
+function textList(text) {
+  const bytes = new TextEncoder().encode(text);
+  if (bytes.length > 254 || bytes.includes(0)) refuse('a text that no string list can hold');
+  return [bytes.length, ...bytes];
+}
+
+// The payload of TRAK.
+export function describe(track) {
+  const { kind, calibrations: [{ A, B, D }], texts, band } = track;
+  const tlvs = new Map();
+  if (track.parameters) tlvs.set(1, track.parameters);
+  for (const [type, name] of TEXTS) if (texts[name]) tlvs.set(type, textList(texts[name]));
+  if (track.numberFormat === 'counts' && (A !== 1 || B !== 0 || D !== 1)) {
+    const calibration = [];
+    putSvarint(calibration, A);
+    putSvarint(calibration, B);
+    putVarint(calibration, D);
+    tlvs.set(3, calibration);
+  }
+  if (band) tlvs.set(16, band.contract);
+  const payload = [
+    1, 1, KINDS[kind], FORMATS.indexOf(track.numberFormat), ...new TextEncoder().encode(track.codec),
+    ...le(track.rateNum, 4), ...le(track.rateDen, 4), ...le(track.countMin >>> 0, 4), ...le(track.countMax >>> 0, 4),
+    ...le(track.channels[0] ?? NO_TRACK, 2), ...le(NO_TRACK, 2),
+  ];
+  for (const type of [...tlvs.keys()].sort((a, b) => a - b)) payload.push(...tlv(type, tlvs.get(type)));
+  return Uint8Array.from(payload);
+}

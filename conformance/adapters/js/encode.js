@@ -1,0 +1,119 @@
+// The verb `encode`: a job of conformance/README.md as a file (clause 13). Each channel is a track of its own: counts
+// by LPCR, without loss or on the grid of a contract, words as they are.
+import { putVarint } from './bytes.js';
+import { crc32 } from './crc32.js';
+import { TrackDigest } from './digest.js';
+import { encodeEvents } from './encode-events.js';
+import { describe, emptyTrack, encodeTrack, le, makeTrack, needsLevel2, refuse } from './encode-tracks.js';
+import { durationNs, packetMs } from './indexes.js';
+import { writeJson } from './json.js';
+import { TRACK_BOUND, limitsOf } from './limits.js';
+import { Writer } from './writer.js';
+
+export const MODES = ['lossless', 'deadband'];
+
+const CHUNK_BYTES = 2 ** 19;
+
+function rowOf({ track, start, span, bytes }) {
+  const row = [];
+  for (const value of [track, bytes.length, start, span]) putVarint(row, value);
+  const crc = crc32(bytes, 0, bytes.length, crc32(Uint8Array.from(row)));
+  return [...row, ...le(crc, 4)];
+}
+
+// One DATA chunk.
+function writeCluster(writer, packets, tracks) {
+  const table = [];
+  putVarint(table, packets.length);
+  for (const packet of packets) table.push(...rowOf(packet));
+  const payload = new Uint8Array(table.length + packets.reduce((sum, { bytes }) => sum + bytes.length, 0));
+  payload.set(table);
+  let at = table.length;
+  let times = null;
+  for (const packet of packets) {
+    payload.set(packet.bytes, at);
+    at += packet.bytes.length;
+    const [start, stop] = packetMs(packet, tracks[packet.track]);
+    times = times === null ? [start, stop] : [start < times[0] ? start : times[0], stop > times[1] ? stop : times[1]];
+  }
+  writer.write('DATA', payload, { times });
+}
+
+// One or several, as the limits of the level call for.
+function writeClusters(writer, packets, tracks, limits) {
+  let group = [];
+  let size = 0;
+  let samples = 0;
+  let count = 0;
+  const flush = () => {
+    if (group.length === 0) return;
+    writeCluster(writer, group, tracks);
+    count++;
+    [group, size, samples] = [[], 0, 0];
+  };
+  for (const packet of packets) {
+    const room = packet.bytes.length + 32;
+    const more = tracks[packet.track].kind === 'events' ? packet.bytes.length : packet.span;
+    if (size + room > CHUNK_BYTES || samples + more > limits.sampleBound || group.length === limits.packetBound) flush();
+    group.push(packet);
+    size += room;
+    samples += more;
+  }
+  flush();
+  return count;
+}
+
+function headOf(level, fileId) {
+  const payload = new Uint8Array(48);
+  const view = new DataView(payload.buffer);
+  payload.set([1, 0, level]);
+  view.setUint32(12, fileId, true);
+  view.setBigUint64(40, 2n ** 64n - 1n, true); // the epoch is not known
+  return payload;
+}
+
+function digestOf(track) {
+  const digest = new TrackDigest();
+  for (const { start, span, numbers } of track.packets) digest.add(start, span, { numbers, exact: null });
+  return digest.value();
+}
+
+function layerTrack(id, { label, rate: [rateNum, rateDen], events }) {
+  return {
+    ...emptyTrack, kind: 'events', codec: 'EVNT', rateNum, rateDen, channels: [], texts: { label }, packets: encodeEvents(id, events),
+  };
+}
+
+// job: the parsed JSON; read(name): the bytes of a file beside it. -> the bytes of the file.
+export function encodeJob(job, read) {
+  if (!MODES.includes(job.mode)) refuse(`mode ${job.mode}`);
+  const channels = job.channels.map((channel, number) => makeTrack(number, channel, read(channel.numbers), job));
+  const limits = limitsOf(channels.some(needsLevel2) ? 2 : 1);
+  for (const channel of channels) encodeTrack(channel, limits, job.cluster_s ?? [1, 1]);
+  const tracks = [...channels];
+  const sampled = tracks.length;
+  for (const layer of job.events ?? []) tracks.push(layerTrack(tracks.length, layer));
+  if (tracks.length > TRACK_BOUND) refuse('too many tracks');
+
+  const fileId = job.file_id ?? globalThis.crypto.getRandomValues(new Uint32Array(1))[0]; // WRT-005
+  const writer = new Writer(fileId);
+  writer.write('HEAD', headOf(limits.level, fileId));
+  tracks.forEach((track, id) => writer.write('TRAK', describe(track), { track: id }));
+  if (job.metadata) writer.write('mETa', new TextEncoder().encode(writeJson(job.metadata)));
+
+  const clusters = new Map(); // of samples
+  const packets = tracks.flatMap((track, id) => track.packets.map((packet) => ({ ...packet, track: id })));
+  for (const packet of packets) {
+    if (packet.track >= sampled) continue;
+    if (!clusters.has(packet.cluster)) clusters.set(packet.cluster, []);
+    clusters.get(packet.cluster).push(packet);
+  }
+  let dataCount = 0;
+  for (const cluster of [...clusters.keys()].sort((a, b) => (a < b ? -1 : 1))) {
+    dataCount += writeClusters(writer, clusters.get(cluster), tracks, limits);
+  }
+  dataCount += writeClusters(writer, packets.filter(({ track }) => track >= sampled), tracks, limits);
+  tracks.slice(0, sampled).forEach((track, id) => writer.write('dGST', digestOf(track), { track: id }));
+  writer.writeFoot(dataCount, tracks.length, durationNs(packets, new Map(tracks.map((track, id) => [id, track]))));
+  return writer.bytes();
+}

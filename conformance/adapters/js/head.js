@@ -1,0 +1,61 @@
+// HEAD (6.1) and TLVs (6.2).
+import { Reader } from './bytes.js';
+import { broken, unsupported } from './error.js';
+import { LIMITS } from './limits.js';
+
+const HEAD_SIZE = 48;
+
+// All TLVs to the end: [{ type, value, offset }], offset being that of the value.
+export function readTlvs(reader) {
+  const tlvs = [];
+  let before = -1;
+  while (reader.left > 0) {
+    const at = reader.offset;
+    if (reader.left < 4) broken('TLV-002', 'a piece of a TLV', at);
+    const type = reader.u16();
+    const size = reader.u16();
+    if (type <= before) broken('TLV-001', `TLV ${type} behind ${before}`, at);
+    if (size > reader.left) broken('TLV-002', `TLV ${type} passes the end of its chunk`, at);
+    const offset = reader.offset;
+    tlvs.push({ type, value: reader.bytes(size), offset });
+    before = type;
+  }
+  return tlvs;
+}
+
+// VER-002 first: of a file of another version no other rule is checked.
+export function readHead(bytes, chunk) {
+  const reader = new Reader(bytes, { start: chunk.payloadStart, end: chunk.end, requirement: 'HED-002' });
+  const at = chunk.payloadStart;
+  const major = reader.u8();
+  if (major !== 1) unsupported('VER-002', `major version ${major}`, at);
+  const minor = reader.u8();
+  const level = reader.u8();
+  const reserved = reader.u8();
+  const incompat = reader.u32();
+  if (incompat !== 0) unsupported('VER-002', `unknown feature bits ${incompat.toString(16)}`, at + 4);
+  if (!(level in LIMITS)) unsupported('HED-004', `level ${level}`, at + 2);
+  if (reader.left < HEAD_SIZE - 8) broken('HED-002', 'HEAD is too short', at);
+  const compat = reader.u32();
+  const fileId = reader.u32();
+  const head = {
+    major, minor, level, compat, fileId,
+    uuid: reader.bytes(16), epochNs: reader.i64(), epochUncertaintyNs: reader.u64(),
+  };
+  const faults = [];
+  const attempt = (action) => {
+    try {
+      return action();
+    } catch (error) {
+      faults.push(error);
+      return null;
+    }
+  };
+  const tlvs = attempt(() => readTlvs(reader)) ?? [];
+  for (const tlv of tlvs) {
+    if (tlv.type % 2 === 1) unsupported('TLV-003', `unknown critical TLV ${tlv.type} in HEAD`, tlv.offset - 4);
+  }
+  if (reserved !== 0) attempt(() => broken('HED-005', 'a reserved byte is not 0', at + 3));
+  if (fileId !== chunk.fileId) attempt(() => broken('HED-003', 'another file id than that of the header', at + 12));
+  return { head, faults };
+}

@@ -1,0 +1,143 @@
+// iNDX and fOOT (6.5, 6.6).
+import { Reader } from './bytes.js';
+import { HapfError, broken } from './error.js';
+
+const FOOT_SIZE = 32;
+export const INDEX_STRETCH = 4 * 2 ** 20;
+const ENTRY_LEAST = 5;
+const MS_BOUND = 2 ** 53 - 1;
+const NS_BOUND = 2n ** 63n - 1n;
+
+export function readIndex(bytes, chunk) {
+  const reader = new Reader(bytes, { start: chunk.payloadStart, end: chunk.end, requirement: 'IDX-001' });
+  const coversFrom = Number(reader.u64());
+  const previous = Number(reader.u64());
+  const count = reader.u32();
+  if (count * ENTRY_LEAST > reader.left) broken('IDX-001', `${count} entries in ${reader.left} bytes`, chunk.payloadStart + 16);
+  const entries = [];
+  let offset = coversFrom;
+  for (let i = 0; i < count; i++) {
+    const at = reader.offset;
+    const type = String.fromCharCode(...reader.bytes(4));
+    const distance = reader.varint();
+    offset += distance;
+    const entry = { type, offset, at };
+    if (type === 'DATA') {
+      entry.startMs = reader.varint();
+      entry.stopMs = entry.startMs + reader.varint();
+    }
+    entries.push(entry);
+  }
+  if (reader.left) broken('IDX-001', `${reader.left} bytes behind the last entry`, reader.offset);
+  return { chunk, coversFrom, previous, entries };
+}
+
+// How many of the chunks stand before a position.
+function placeOf(chunks, position) {
+  let [low, high] = [0, chunks.length];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (chunks[middle].position < position) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
+const fault = (requirement, message, offset) => new HapfError('broken', requirement, message, offset);
+const ceilDiv = (n, d) => (n + d - 1n) / d;
+
+// Milliseconds of a packet, [start rounded down, stop rounded up], exact.
+export function packetMs(packet, track) {
+  const scale = 1000n * BigInt(track.rateDen);
+  const rate = BigInt(track.rateNum);
+  return [(BigInt(packet.start) * scale) / rate, ceilDiv(BigInt(packet.start + packet.span) * scale, rate)];
+}
+
+// IDX-002, IDX-004, IDX-006 in a file without damage. ordinary: chunks but iNDX and fOOT, in order; times: chunk
+// position -> [first, last] ms.
+export function checkIndex(index, ordinary, byPosition, times) {
+  const { chunk, coversFrom, previous, entries } = index;
+  const faults = [];
+  const at = chunk.payloadStart;
+  if (coversFrom < 8) faults.push(fault('IDX-004', `covers from offset ${coversFrom}`, at));
+  if (coversFrom > 8) {
+    const before = byPosition.get(previous);
+    if (!before || before.type !== 'iNDX' || previous >= chunk.position || previous < coversFrom) {
+      faults.push(fault('IDX-004', `no index before at offset ${previous}`, at + 8));
+    }
+  }
+  const first = placeOf(ordinary, coversFrom);
+  const count = placeOf(ordinary, chunk.position) - first;
+  const differs = count === entries.length
+    ? entries.findIndex(({ type, offset }, i) => type !== ordinary[first + i].type || offset !== ordinary[first + i].position)
+    : Math.min(Math.max(count, 0), entries.length);
+  if (differs >= 0) {
+    const place = entries[differs]?.at ?? at + 16;
+    faults.push(fault('IDX-002', `entry ${differs} is not the chunk that stands there`, place));
+    return faults;
+  }
+  for (const entry of entries) {
+    const range = entry.type === 'DATA' && times.get(entry.offset);
+    if (!range) continue;
+    const stop = range[1] > BigInt(MS_BOUND) ? BigInt(MS_BOUND) : range[1];
+    if (BigInt(entry.startMs) > range[0] || BigInt(entry.stopMs) < stop) {
+      faults.push(fault('IDX-006', `${entry.startMs} to ${entry.stopMs} ms, not ${range[0]} to ${range[1]}`, entry.at));
+    }
+  }
+  return faults;
+}
+
+// IDX-005: where more than 4 MiB of chunks stand without an index, and there was something to list.
+export function* lateIndexes(chunks) {
+  let unlisted = 0;
+  for (const chunk of chunks) {
+    if (chunk.type === 'iNDX' || chunk.type === 'fOOT') {
+      if (chunk.type === 'iNDX') unlisted = 0;
+      continue;
+    }
+    const size = chunk.end - chunk.position;
+    if (unlisted > 0 && unlisted + size > INDEX_STRETCH) {
+      yield { chunk, error: fault('IDX-005', `${unlisted + size} bytes of chunks without an index`, chunk.position) };
+      unlisted = 0;
+    }
+    unlisted += size;
+  }
+}
+
+export function readFoot(bytes, chunk) {
+  if (chunk.payloadSize !== FOOT_SIZE) broken('FOT-001', `a fOOT of ${chunk.payloadSize} bytes`, chunk.payloadStart);
+  const reader = new Reader(bytes, { start: chunk.payloadStart, end: chunk.end, requirement: 'FOT-001' });
+  return {
+    chunk, indexOffset: reader.u64(), stopOffset: reader.u64(),
+    dataCount: reader.u32(), trackCount: reader.u32(), durationNs: reader.i64(),
+  };
+}
+
+// The end of the latest packet in nanoseconds, rounded up.
+export function durationNs(packets, allTracks) {
+  let latest = 0n;
+  for (const { track: id, start, span } of packets) {
+    const track = allTracks.get(id);
+    if (!track) continue;
+    const stop = ceilDiv(BigInt(start + span) * BigInt(track.rateDen) * 1000000000n, BigInt(track.rateNum));
+    if (stop > latest) latest = stop;
+  }
+  return latest > NS_BOUND ? NS_BOUND : latest;
+}
+
+// FOT-001, FOT-002; FOT-003 where `totals` are given: of the last one.
+export function checkFoot(foot, last, totals) {
+  const { chunk } = foot;
+  const faults = [];
+  const at = chunk.payloadStart;
+  if (foot.stopOffset !== BigInt(chunk.end)) faults.push(fault('FOT-001', `an end at offset ${foot.stopOffset}`, at + 8));
+  if (!last || foot.indexOffset !== BigInt(last.position)) faults.push(fault('FOT-002', `an index at offset ${foot.indexOffset}`, at));
+  if (totals) {
+    if (foot.dataCount !== totals.dataCount) faults.push(fault('FOT-003', `${foot.dataCount} DATA chunks`, at + 16));
+    if (foot.trackCount !== totals.trackCount) faults.push(fault('FOT-003', `${foot.trackCount} tracks`, at + 20));
+    if (totals.durationNs !== null && foot.durationNs !== totals.durationNs) {
+      faults.push(fault('FOT-003', `a duration of ${foot.durationNs} ns, not ${totals.durationNs}`, at + 24));
+    }
+  }
+  return faults;
+}

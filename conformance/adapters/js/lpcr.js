@@ -1,0 +1,203 @@
+// LPCR (9.5): indices of a grid, predicted from those before them and from other components.
+import { Reader } from './bytes.js';
+import { broken } from './error.js';
+import { readGrid } from './grid.js';
+import { IntegerModel } from './integer-model.js';
+import { predictExact, predictorOf, predictQuick, quickBound } from './predictor.js';
+import { RangeDecoder, bitModels } from './range.js';
+import { decodeRice } from './rice.js';
+
+const ORDER_BOUND = 32;
+
+export function parseLpcr(reader, track) {
+  return { grid: readGrid(reader, track.level) };
+}
+
+function readComponentHeader(reader, component) {
+  const start = reader.offset;
+  reader.requirement = 'LPC-006';
+  const flags = reader.u8();
+  const header = {
+    g: flags & 7, repeats: (flags & 8) !== 0, constant: (flags & 16) !== 0, rawSigns: (flags & 32) !== 0,
+    rice: (flags & 128) !== 0, k: [], references: [], base: 0,
+  };
+  const m = reader.u8();
+  if (header.g > 4 || m > ORDER_BOUND || (m > 0 && header.g > 1)) {
+    broken('LPC-004', `difference order ${header.g}, prediction order ${m}`, start);
+  }
+  if (header.constant && (flags !== 16 || m > 0)) broken('LPC-004', 'a constant with other flags', start);
+  if (header.rice && flags & 0x68) broken('LPC-010', 'Rice codes with other flags', start);
+  for (let i = 0; i < m; i++) {
+    header.k.push(reader.i8());
+    if (header.k[i] < -127) broken('LPC-004', 'a reflection coefficient of -128', reader.offset - 1);
+  }
+  if (flags & 64) {
+    reader.requirement = 'LPC-008';
+    const { offset } = reader;
+    const r = reader.u8();
+    if (r < 1 || r > 8) broken('LPC-007', `${r} references`, offset);
+    for (let i = 0, before = -1; i < r; i++) {
+      const a = reader.u8();
+      if (a <= before || a >= component) broken('LPC-007', `component ${component} refers to ${a}`, reader.offset - 1);
+      header.references.push({ a, w: [reader.i8(), reader.i8(), reader.i8()] });
+      before = a;
+    }
+  }
+  reader.requirement = 'COD-001';
+  header.base = reader.svarint();
+  return header;
+}
+
+// e of every tick, and where the index is that of the tick before.
+function decodeErrors(header, bytes, span, offset, e, repeated) {
+  if (header.rice) {
+    decodeRice(bytes, span, e, offset);
+    return;
+  }
+  const range = new RangeDecoder(bytes, offset);
+  const model = new IntegerModel(range, header.rawSigns);
+  if (header.repeats) {
+    const Q = bitModels(4);
+    let before = 0; // 2 * r1 + r2
+    for (let t = 0; t < span; t++) {
+      repeated[t] = t === 0 ? 0 : range.bit(Q, before);
+      before = 2 * repeated[t] + (before >> 1);
+      if (repeated[t] === 0) e[t] = model.next();
+    }
+  } else {
+    model.fill(e, span);
+  }
+  range.finish();
+}
+
+// x[t] of clause 9.5, References, added to e[t].
+function addReferences(references, indices, span, g, c, e) {
+  const m = c.length;
+  const r = c.slice().reverse();
+  const quick = quickBound(c);
+  const y = new Float64Array(span + m);
+  const d = new Float64Array(span + 2); // d[t] at t + 1
+  const upper = new Float64Array(span);
+  const lower = new Float64Array(span);
+  for (const { a, w: [w0, w1, w2] } of references) {
+    const index = indices[a];
+    const D = new Float64Array(g + 1); // the differences of the tick before
+    let largest = 0;
+    for (let t = 0; t < span; t++) {
+      let value = index[t] - index[0];
+      for (let i = 0; i < g; i++) {
+        const difference = value - D[i];
+        D[i] = value;
+        value = difference;
+      }
+      d[t + 1] = value - (largest < quick ? predictQuick : predictExact)(r, m, y, t);
+      y[t + m] = value;
+      if (value > largest) largest = value;
+      else if (-value > largest) largest = -value;
+    }
+    // The sum of 24 products may pass 2^53 at level 2: d in two parts, the upper ones whole after the division.
+    for (let t = 0; t < span; t++) {
+      const h0 = Math.floor(d[t] / 1048576);
+      const h1 = Math.floor(d[t + 1] / 1048576);
+      const h2 = Math.floor(d[t + 2] / 1048576);
+      upper[t] += w0 * h0 + w1 * h1 + w2 * h2;
+      lower[t] += w0 * (d[t] - h0 * 1048576) + w1 * (d[t + 1] - h1 * 1048576) + w2 * (d[t + 2] - h2 * 1048576);
+    }
+  }
+  for (let t = 0; t < span; t++) e[t] += upper[t] * 16384 + Math.floor((lower[t] + 32) / 64);
+}
+
+function checkIndex(index, highest, offset) {
+  if (index > highest || index < -highest) broken('LPC-003', `index ${index} is not on the grid`, offset);
+}
+
+// From prediction errors to indices: y[t] = pred + e[t], added up g times.
+function integrate(header, c, e, repeated, span, highest, offset, out) {
+  const { g, base } = header;
+  const m = c.length;
+  const r = c.slice().reverse();
+  const quick = quickBound(c);
+  const y = new Float64Array(span + m);
+  const D = new Float64Array(5); // the differences 0 to g of the tick before
+  let largest = 0; // of the |y| so far
+  for (let t = 0; t < span; t++) {
+    let v;
+    if (repeated !== null && repeated[t] === 1) {
+      v = D[0];
+      for (let i = 0; i < g; i++) {
+        const difference = v - D[i];
+        D[i] = v;
+        v = difference;
+      }
+    } else {
+      v = e[t];
+      if (m > 0) v += largest < quick ? predictQuick(r, m, y, t) : predictExact(r, m, y, t);
+      D[g] = v;
+      for (let i = g - 1; i >= 0; i--) D[i] += D[i + 1];
+    }
+    y[t + m] = v;
+    if (v > largest) largest = v;
+    else if (-v > largest) largest = -v;
+    const index = base + D[0];
+    if (index > highest || index < -highest) checkIndex(index, highest, offset);
+    out[t] = index;
+  }
+}
+
+function decodeComponent(header, coded, offset, indices, span, highest, index) {
+  checkIndex(header.base, highest, offset);
+  const c = predictorOf(header.k, offset);
+  if (header.constant) {
+    if (coded.length > 0) broken('COD-001', 'bytes after a constant', offset);
+    index.fill(header.base);
+    return;
+  }
+  const e = new Float64Array(span);
+  const repeated = header.repeats ? new Uint8Array(span) : null;
+  decodeErrors(header, coded, span, offset, e, repeated);
+  if (header.references.length > 0) addReferences(header.references, indices, span, header.g, c, e);
+  integrate(header, c, e, repeated, span, highest, offset, index);
+}
+
+// The component packets of a packet: their bytes and where they begin.
+function splitComponents(bytes, componentCount, offset) {
+  const reader = new Reader(bytes, { base: offset, requirement: 'LPC-001' });
+  const sizes = [];
+  let sum = 0;
+  for (let i = 1; i < componentCount; i++) {
+    const size = reader.varint();
+    sum += size;
+    if (sum > bytes.length) broken('LPC-001', 'component packets larger than the packet', reader.offset);
+    sizes.push(size);
+  }
+  if (sum > reader.left) broken('LPC-001', 'component packets larger than the packet', reader.offset);
+  sizes.push(reader.left - sum);
+  return sizes.map((size) => ({ offset: reader.offset, bytes: reader.bytes(size) }));
+}
+
+// Calls put(component, index) with the indices of one component after the other.
+export function decodeIndices(grid, componentCount, bytes, span, offset, put) {
+  const { highest } = grid;
+  const parts = splitComponents(bytes, componentCount, offset).map((part, component) => {
+    const reader = new Reader(part.bytes, { base: part.offset });
+    const header = readComponentHeader(reader, component);
+    return { header, offset: reader.offset, coded: reader.bytes(reader.left) };
+  });
+  // Kept are the indices of components that another one refers to; the others share one array.
+  const referred = new Set(parts.flatMap(({ header }) => header.references.map(({ a }) => a)));
+  const indices = [];
+  let shared = null;
+  parts.forEach(({ header, offset: at, coded }, component) => {
+    let index;
+    if (referred.has(component)) index = indices[component] = new Float64Array(span);
+    else index = shared ??= new Float64Array(span);
+    decodeComponent(header, coded, at, indices, span, highest, index);
+    put(component, index);
+  });
+}
+
+export function decodeLpcr(track, bytes, span, out, offset) {
+  const { componentCount: C, countMin: low, countMax: high } = track;
+  const { grid } = track.setup;
+  decodeIndices(grid, C, bytes, span, offset, (c, index) => grid.put(index, span, out, c, C, low, high));
+}

@@ -1,0 +1,205 @@
+// LPCX (9.7): counts by LPCR, and the corrections that lead from their values to the source's binary64 numbers.
+import { BitReader } from './bits.js';
+import { Reader } from './bytes.js';
+import { broken } from './error.js';
+import { cellBits, valueRule } from './exact.js';
+import { UniformGrid } from './grid.js';
+import { bitLength } from './integers.js';
+import { limitsOf } from './limits.js';
+import { decodeIndices } from './lpcr.js';
+import { RangeDecoder, bitModels } from './range.js';
+
+const LIST_BOUND = 32;
+const RULE_BOUND = 4;
+
+export function parseLpcx(reader, track) {
+  const { offset } = reader;
+  if (track.kind !== 'full' || track.componentCount !== 1 || track.contract || track.deviation) {
+    broken('EXA-001', 'a track of codec LPCX that is not full band, of one component, without contract and deviation', offset);
+  }
+  const rule = reader.u8();
+  const digits = reader.u8();
+  if (reader.bytes(2).some((byte) => byte !== 0)) broken('HED-005', 'reserved bytes that are not 0', offset + 2);
+  if (rule > RULE_BOUND) broken('EXA-002', `rule ${rule}`, offset);
+  const [least, most] = rule === 3 ? [0, 22] : rule === 4 ? [1, 15] : [0, 0];
+  if (digits < least || digits > most) broken('EXA-002', `rule ${rule} with ${digits} digits`, offset);
+  return { rule, digits };
+}
+
+// Numbers of 64 bits are two halves of 32 here, in the order of the memory: lower, upper.
+const LOWER = new Uint8Array(Uint16Array.of(1).buffer)[0] === 1 ? 0 : 1;
+const UPPER = 1 - LOWER;
+
+// Moves the binary64 number at halves[at], halves[at + 1] by a correction times 2^z in the order of the places.
+export function movePlace(halves, at, lower, upper, z) {
+  if (z >= 32) {
+    upper = lower << (z - 32);
+    lower = 0;
+  } else if (z > 0) {
+    upper = (upper << z) | (lower >>> (32 - z));
+    lower <<= z;
+  }
+  let high = halves[at + UPPER];
+  let low = halves[at + LOWER];
+  // The place of a negative number is its bits, all but the sign the other way round; and back again.
+  if (high < 0) {
+    high ^= 0x7fffffff;
+    low = ~low;
+  }
+  const sum = (low >>> 0) + (lower >>> 0);
+  low = sum | 0;
+  high = (high + upper + (sum > 0xffffffff ? 1 : 0)) | 0;
+  if (high < 0) {
+    high ^= 0x7fffffff;
+    low = ~low;
+  }
+  halves[at + UPPER] = high;
+  halves[at + LOWER] = low;
+}
+
+class Corrections {
+  constructor(track, flags, z, coded, fields, codedOffset) {
+    const { A, D } = track.calibrations[0];
+    this.recall = (flags & 1) !== 0;
+    this.relative = (flags & 2) !== 0;
+    this.z = z;
+    this.range = new RangeDecoder(coded, codedOffset);
+    this.fields = new BitReader(fields);
+    this.R = bitModels(3 * LIST_BOUND);
+    this.T = bitModels(63);
+    this.X = bitModels(1024);
+    this.lists = new Map(); // count -> lower and upper half of each correction, the last one first
+    this.before = null;
+    this.lengthA = bitLength(Math.abs(A));
+    this.lengthD = bitLength(D);
+    this.lower = 0; // the correction that was decoded last
+    this.upper = 0;
+  }
+
+  next(count, E) {
+    if (!this.recall) {
+      this.inFull(E);
+      return;
+    }
+    const { range, R } = this;
+    const known = this.lists.get(count);
+    const list = known ?? [0, 0];
+    const x = 32 * (known === undefined ? 0 : count === this.before ? 1 : 2);
+    this.before = count;
+    const entries = list.length / 2;
+    let i = 0;
+    while (i < entries && range.bit(R, x + i) === 0) i++;
+    if (i < entries) {
+      this.lower = list[2 * i];
+      this.upper = list[2 * i + 1];
+      if (known === undefined) {
+        this.lists.set(count, list);
+      } else if (i > 0) {
+        list.copyWithin(2, 0, 2 * i);
+        list[0] = this.lower;
+        list[1] = this.upper;
+      }
+      return;
+    }
+    this.inFull(E);
+    if (known === undefined) {
+      this.lists.set(count, [this.lower, this.upper]);
+    } else {
+      list.unshift(this.lower, this.upper);
+      if (list.length > 2 * LIST_BOUND) list.length = 2 * LIST_BOUND;
+    }
+  }
+
+  push(bits, n) { // n <= 24 more bits below those of lower and upper
+    if (n === 0) return;
+    this.upper = (this.upper << n) | (this.lower >>> (32 - n));
+    this.lower = (this.lower << n) | bits;
+  }
+
+  inFull(E) {
+    const { range, T, X, z, fields } = this;
+    let u = 0;
+    while (u < 63 && range.bit(T, u) === 1) u++;
+    const L = this.relative ? (cellBits(this.lengthA, this.lengthD, E, z) - u) & 63 : u;
+    this.upper = this.lower = 0;
+    if (L === 0) return;
+    this.lower = 1;
+    const e = Math.min(L - 1, Math.max(L + z - 53, 0), 10);
+    let j = 1;
+    for (let i = 0; i < e; i++) {
+      const b = range.bit(X, j);
+      j = 2 * j + b;
+      this.push(b, 1);
+    }
+    const negative = fields.bit();
+    for (let left = L - e - 1; left > 0;) {
+      const n = Math.min(left, 24);
+      this.push(fields.take(n), n);
+      left -= n;
+    }
+    if (negative) {
+      this.lower = -this.lower | 0;
+      this.upper = this.lower === 0 ? -this.upper | 0 : ~this.upper;
+    }
+  }
+
+  finish(offset, size) {
+    this.range.finish();
+    const { fields } = this;
+    if (fields.position > fields.size) broken('EXA-005', 'fields of corrections are missing', offset + size);
+    if (fields.usedBytes !== fields.bytes.length || !fields.filledWithZeros) {
+      broken('EXA-005', 'more than fill bits after the last field', offset + size);
+    }
+  }
+}
+
+function readExact(track, reader, counts) {
+  const { rule, digits } = track.setup;
+  const span = counts.length;
+  const exact = new BigUint64Array(span);
+  const values = new Float64Array(exact.buffer);
+  const halves = new Int32Array(exact.buffer);
+  const valueOf = valueRule(rule, digits, track.calibrations[0]);
+  for (let t = 0; t < span; t++) values[t] = valueOf(counts[t]);
+  if (reader.left === 0) return exact;
+
+  const { offset } = reader;
+  reader.requirement = 'EXA-004';
+  const flags = reader.u8();
+  if (flags > 3) broken('EXA-004', `flags ${flags}`, offset);
+  const z = reader.u8();
+  if (z > 63) broken('EXA-004', `steps of 2^${z}`, offset);
+  const coded = reader.bytes(reader.varint());
+  const at = reader.offset;
+  const fields = reader.bytes(reader.left);
+  const corrections = new Corrections(track, flags, z, coded, fields, at - coded.length);
+  for (let t = 0; t < span; t++) {
+    corrections.next(counts[t], (halves[2 * t + UPPER] >>> 20) & 2047);
+    const { lower, upper } = corrections;
+    if (lower !== 0 || upper !== 0) movePlace(halves, 2 * t, lower, upper, z);
+  }
+  corrections.finish(at, fields.length);
+  return exact;
+}
+
+export function decodeLpcx(track, bytes, span, counts, offset, wantsExact) {
+  const { countMin: low, countMax: high } = track;
+  const reader = new Reader(bytes, { base: offset, requirement: 'EXA-003' });
+  const n = reader.varint();
+  const at = reader.offset;
+  const grid = new UniformGrid(1, 0, limitsOf(track.level).countBound);
+  decodeIndices(grid, 1, reader.bytes(n), span, at, (component, index) => {
+    for (let t = 0; t < span; t++) {
+      const count = index[t];
+      if (count < low || count > high) broken('EXA-003', `the count ${count} is out of range`, at);
+      counts[t] = count;
+    }
+  });
+  if (!wantsExact) return null;
+  try {
+    return readExact(track, reader, counts);
+  } catch (error) {
+    error.counts = counts; // they stand all the same (EXA-006)
+    throw error;
+  }
+}

@@ -1,0 +1,158 @@
+// Recovering a file (12.3): a writer of what was found.
+import { putVarint } from './bytes.js';
+import { isCritical, isSafeToCopy } from './chunk.js';
+import { descriptionsOf } from './describe.js';
+import { INDEX_STRETCH, durationNs, packetMs } from './indexes.js';
+import { samplesOf } from './cluster.js';
+import { writeJson } from './json.js';
+import { judgeRecovery, reportOf } from './report.js';
+import { verifyFile } from './verify.js';
+import { Writer } from './writer.js';
+
+const NOTES = 40;
+
+// -> { bytes, report, verdict }; bytes is null where nothing is written (clause 14).
+export function recoverFile(bytes, { fileId } = {}) {
+  const file = verifyFile(bytes, { recovering: true });
+  if (file.refused) return { bytes: null, report: reportOf(file), verdict: file.verdict };
+  const { descriptions, kept } = descriptionsOf(file);
+  const writer = new Writer(fileId ?? globalThis.crypto.getRandomValues(new Uint32Array(1))[0]);
+  writer.write('HEAD', headPayload(file, writer.fileId));
+  for (const { track, payload } of descriptions) writer.write('TRAK', payload, { track });
+
+  const packets = file.packets.filter((packet) => kept.has(packet.track) && !packet.broken);
+  const byChunk = new Map();
+  for (const packet of packets) {
+    if (!byChunk.has(packet.chunk)) byChunk.set(packet.chunk, []);
+    byChunk.get(packet.chunk).push(packet);
+  }
+  const copied = copiedDigests(file);
+  const harmed = file.damages.some(({ code }) => code !== 'not-closed');
+  let dropped = 0;
+  let dataCount = 0;
+  for (const chunk of [...file.chunks].sort((a, b) => a.sequence - b.sequence || a.position - b.position)) {
+    const payload = file.bytes.subarray(chunk.payloadStart, chunk.end);
+    const { type, track, flags } = chunk;
+    if (chunk.known && type === 'DATA') {
+      for (const cluster of clustersOf(byChunk.get(chunk) ?? [], file)) {
+        writer.write('DATA', cluster.payload, { times: cluster.times });
+        dataCount++;
+      }
+    } else if (chunk.known && type === 'dGST') {
+      for (const digest of copied.get(chunk) ?? []) writer.write('dGST', digest.digest, { track: digest.track });
+    } else if (chunk.known && chunk.good) {
+      const lostTrack = (type === 'cLOk' || type === 'cMAp') && track !== 0xffff && !kept.has(track);
+      if (lostTrack) dropped++;
+      else writer.write(type, payload, { track, flags: flags & 0xff00 });
+    } else if (!chunk.known && chunk.intact && !chunk.tooLarge) {
+      if (isCritical(chunk) || isSafeToCopy(chunk) || !harmed) writer.write(type, payload, { track, flags });
+      else dropped++;
+    }
+  }
+  const verdict = judgeRecovery(file, dropped > 0);
+  if (verdict === 'damaged') writer.write('mETa', notesPayload(file, dropped));
+  const trackCount = descriptions.reduce((sum, { ids }) => sum + ids.length, 0);
+  writer.writeFoot(dataCount, trackCount, durationNs(packets, file.allTracks));
+  return { bytes: writer.bytes(), report: reportOf(file, verdict), verdict };
+}
+
+// HEAD keeps UUID, epoch and level; the file id is a new one.
+function headPayload(file, fileId) {
+  const { head, headChunk } = file;
+  const harmed = headChunk && file.notes.some((note) => note.chunk === headChunk);
+  const payload = headChunk && !harmed ? file.bytes.slice(headChunk.payloadStart, headChunk.end) : new Uint8Array(48);
+  const view = new DataView(payload.buffer);
+  if (!headChunk) {
+    payload.set([1, 0, 2]);
+    view.setBigUint64(40, 2n ** 64n - 1n, true);
+  } else if (harmed) {
+    payload.set([1, head.minor, head.level]);
+    view.setUint32(8, head.compat, true);
+    payload.set(head.uuid, 16);
+    view.setBigInt64(32, head.epochNs, true);
+    view.setBigUint64(40, head.epochUncertaintyNs, true);
+  }
+  view.setUint32(12, fileId, true);
+  return payload;
+}
+
+// The packets of one cluster, in as many chunks as the limits of the level call for.
+function* clustersOf(packets, file) {
+  const { payloadBound, packetBound, sampleBound } = file.limits;
+  const sorted = [...packets].sort((a, b) => a.track - b.track || a.start - b.start);
+  let group = [];
+  let size = 8;
+  let samples = 0;
+  for (const packet of sorted) {
+    const room = packet.rowEnd - packet.at + packet.size;
+    const more = samplesOf(packet, file.allTracks.get(packet.track));
+    const last = group[group.length - 1];
+    const same = last && last.track === packet.track && last.start === packet.start;
+    if (group.length && (same || size + room > payloadBound || group.length >= packetBound || samples + more > sampleBound)) {
+      yield clusterOf(group, file);
+      [group, size, samples] = [[], 8, 0];
+    }
+    group.push(packet);
+    size += room;
+    samples += more;
+  }
+  if (group.length) yield clusterOf(group, file);
+}
+
+function clusterOf(packets, file) {
+  const count = [];
+  putVarint(count, packets.length);
+  const rows = packets.map((packet) => file.bytes.subarray(packet.at, packet.rowEnd));
+  const parts = [Uint8Array.from(count), ...rows, ...packets.map((packet) => packet.bytes)];
+  const payload = new Uint8Array(parts.reduce((sum, part) => sum + part.length, 0));
+  let at = 0;
+  let times = null;
+  for (const part of parts) {
+    payload.set(part, at);
+    at += part.length;
+  }
+  for (const packet of packets) {
+    const [start, stop] = packetMs(packet, file.allTracks.get(packet.track));
+    times = times ? [start < times[0] ? start : times[0], stop > times[1] ? stop : times[1]] : [start, stop];
+  }
+  return { payload, times };
+}
+
+// REC-009: those that were compared and hold, of tracks that are kept; of tracks that cannot be decoded those of
+// which nothing is missing.
+function copiedDigests(file) {
+  const byChunk = new Map();
+  const whole = !file.damages.some(({ code }) => code !== 'not-closed');
+  const unread = whole ? file.digests.filter(({ track }) => file.tracks.get(track)?.unsupported) : [];
+  for (const digest of [...file.digestsKept, ...unread]) {
+    const track = file.tracks.get(digest.track);
+    if (!track || track.baseLost) continue;
+    if (!byChunk.has(digest.chunk)) byChunk.set(digest.chunk, []);
+    byChunk.get(digest.chunk).push(digest);
+  }
+  return byChunk;
+}
+
+// REC-011.
+function notesPayload(file, dropped) {
+  const before = file.metadata?.notes;
+  const kept = Array.isArray(before) ? before : before === undefined ? [] : [writeJson(before)];
+  const report = reportOf(file);
+  const lines = [];
+  for (const { damages, lost } of [report, { damages: [], lost: report.lost }]) {
+    for (const damage of damages) lines.push(`${damage.message} (${damage.code}) at byte ${damage.offset}${spansText(damage.lost)}`);
+    if (!damages.length && lost.length) lines.push(`lost${spansText(lost)}`);
+  }
+  if (dropped) lines.push(`${dropped} chunks were left out`);
+  const shown = lines.slice(0, NOTES).map((line) => `recovered: ${line.slice(0, 400)}`);
+  if (lines.length > NOTES) shown.push(`recovered: ${lines.length - NOTES} damages more`);
+  const encode = (notes) => new TextEncoder().encode(writeJson({ notes }));
+  const all = encode([...kept, ...shown]);
+  return all.length <= file.limits.payloadBound ? all : encode(shown);
+}
+
+function spansText(spans) {
+  if (!spans.length) return '';
+  const texts = spans.slice(0, 8).map(({ track, start, stop }) => `track ${track} from tick ${start} to ${stop ?? 'an unknown end'}`);
+  return `: ${texts.join(', ')}${spans.length > 8 ? ` and ${spans.length - 8} spans more` : ''}`;
+}

@@ -1,0 +1,272 @@
+// Checks of conformance/components: one function for each component, from a case to what came out of it, in the same
+// form as the case has it. What throws a HapfError is compared with `error`.
+import { Reader } from './bytes.js';
+import { decodeEvents, decodePacket, parseParameters } from './codecs.js';
+import { crc32 } from './crc32.js';
+import { TrackDigest } from './digest.js';
+import { valueRule } from './exact.js';
+import { DeadbandGrid, UniformGrid } from './grid.js';
+import { IntegerModel } from './integer-model.js';
+import { clamp, floorDiv, floorDivBig, rdiv, rdivBig } from './integers.js';
+import { decodeIndices } from './lpcr.js';
+import { movePlace } from './lpcx.js';
+import { SINES, predictorOf } from './predictor.js';
+import { makeCode, readCodebook } from './quan.js';
+import { RangeDecoder, bitModels, learnBit, learnSymbol, probability } from './range.js';
+import { decodeRice } from './rice.js';
+import { hex, sha256 } from './sha256.js';
+
+const COUNT_BOUND = 2 ** 24; // of level 1
+const WIDE = 2 ** 31;
+
+export function bytesOf(text) {
+  return Uint8Array.from(text.match(/../g) ?? [], (pair) => parseInt(pair, 16));
+}
+
+function bytesOfCase(c) {
+  const bytes = bytesOf(c.packet);
+  if (!c.then) return bytes;
+  const more = new Uint8Array(c.then[1]).fill(parseInt(c.then[0], 16));
+  return Uint8Array.of(...bytes, ...more);
+}
+
+function putVar(array, v) {
+  for (; v >= 128; v = Math.floor(v / 128)) array.push((v % 128) + 128);
+  array.push(v);
+  return array;
+}
+
+// A track of level 1 that clamps nothing.
+function trackOf(codec, parameters, { components = 1, numberFormat = 'counts', calibration = [1, 0, 1] } = {}) {
+  const [A, B, D] = calibration.map(Number);
+  const track = {
+    id: 0, kind: 'full', codec, numberFormat, componentCount: components, countMin: -WIDE, countMax: WIDE - 1,
+    level: 1, calibrations: Array(components).fill({ A, B, D }), contract: null, deviation: null,
+  };
+  track.setup = parseParameters(codec, Uint8Array.from(parameters), track);
+  return track;
+}
+
+function columns(numbers, components) {
+  return Array.from({ length: components }, (_, c) => Array.from(numbers).filter((_, i) => i % components === c));
+}
+
+const bits64 = (v) => BigInt(v).toString(16).padStart(16, '0');
+
+function bitsOfNumber(v) {
+  const view = new DataView(new ArrayBuffer(8));
+  view.setFloat64(0, v);
+  return bits64(view.getBigUint64(0));
+}
+
+function knots(c, parameters, codec) {
+  const track = trackOf(codec, parameters, c);
+  const { numbers } = decodePacket(track, bytesOf(c.packet), 0, c.span);
+  const counts = columns(numbers, c.components);
+  const seen = c.knots?.filter(([tick]) => tick < c.span).map(([tick]) => [tick, counts.map((row) => row[tick])]);
+  return { ...(c.counts && { counts }), ...(c.knots && { knots: seen.concat(c.knots.slice(seen.length)) }) };
+}
+
+const words = (ArrayType) => (rows) => ArrayType.from(rows, BigInt);
+const DIGESTED = {
+  counts: (rows) => Int32Array.from(rows),
+  binary16: (rows) => Uint16Array.from(rows),
+  binary32: (rows) => Uint32Array.from(rows),
+  int64: words(BigUint64Array),
+  uint64: words(BigUint64Array),
+  binary64: words(BigUint64Array),
+};
+
+const INTERPOLATIONS = ['hold', 'linear'];
+
+export const components = {
+  varint(c) {
+    const reader = new Reader(bytesOf(c.bytes), { start: c.at, requirement: 'CNV-002' });
+    return { value: reader.varint(), stop: reader.position };
+  },
+  svarint(c) {
+    const reader = new Reader(bytesOf(c.bytes), { start: c.at, requirement: 'CNV-002' });
+    return { value: reader.svarint(), stop: reader.position };
+  },
+  division(c) {
+    const [n, d] = [BigInt(c.n), BigInt(c.d)];
+    const big = { floor: Number(floorDivBig(n, d)), rdiv: Number(rdivBig(n, d)) };
+    if (2n * (n < 0n ? -n : n) + d >= 2n ** 53n) return big;
+    const quick = { floor: floorDiv(Number(n), Number(d)), rdiv: rdiv(Number(n), Number(d)) };
+    if (quick.floor !== big.floor || quick.rdiv !== big.rdiv) throw new Error('two quotients');
+    return big;
+  },
+  clamp(c) {
+    if (c.x !== undefined) return { result: clamp(c.x, c.low, c.high) };
+    return { sum: clamp(clamp(c.lf, ...c.lf_range) + clamp(c.hf, ...c.hf_range), ...c.lf_range) };
+  },
+  crc32(c) {
+    return { crc: crc32(bytesOf(c.bytes)) };
+  },
+  'bit-model'(c) {
+    const models = bitModels(1);
+    const state = () => [models[0], models[1], models[2]];
+    if (c.steps) {
+      return {
+        steps: c.steps.map(([, bit]) => {
+          const P = probability(models, 0);
+          learnBit(models, 0, bit);
+          return [P, bit, ...state()];
+        }),
+      };
+    }
+    for (const [bit, count] of c.bits) for (let i = 0; i < count; i++) learnBit(models, 0, bit);
+    const [p, q, n] = state();
+    return { after: { P: probability(models, 0), p, q, n } };
+  },
+  'symbol-model'(c) {
+    const model = Int32Array.from([...c.z, c.n]);
+    if (c.steps) {
+      return {
+        steps: c.steps.map(([symbol]) => {
+          learnSymbol(model, 0, symbol);
+          return [symbol, model[15], ...model.subarray(0, 15)];
+        }),
+      };
+    }
+    for (let i = 0; i < c.count; i++) learnSymbol(model, 0, (c.times * i) % 16);
+    return { after: { n: model[15], z: [...model.subarray(0, 15)] } };
+  },
+  'first-probabilities'(c) {
+    const model = new IntegerModel(new RangeDecoder(new Uint8Array(0)));
+    const at = 16 * (c.context ?? 0);
+    const models = c.context === undefined ? model.Y : model.Z;
+    return { n: models[at + 15], z: [...models.subarray(at, at + 15)] };
+  },
+  'range-coder'(c) {
+    const range = new RangeDecoder(bytesOf(c.coded));
+    const bits = bitModels(4);
+    const { Z } = new IntegerModel(range);
+    const symbols = Int32Array.from([0, 4, 8].flatMap((k) => [...Z.subarray(16 * k, 16 * k + 16)]));
+    const start = { width: range.width, x: range.x };
+    const steps = c.steps.map(([what, which]) => {
+      const value = what === 'bit' ? range.bit(bits, which)
+        : what === 'symbol' ? range.symbol(symbols, 16 * which) : range.raw(which);
+      return [what, which, value, range.width, range.x, range.position, range.rawBits];
+    });
+    range.finish();
+    return { start, steps };
+  },
+  'integer-model'(c) {
+    const range = new RangeDecoder(bytesOf(c.coded));
+    const model = new IntegerModel(range, c.raw_signs);
+    const steps = c.steps.map(() => {
+      const context = model.context();
+      const { h } = model;
+      const value = model.next();
+      return [value, context, h, model.f, model.s, model.t, range.width, range.x, range.position, range.rawBits];
+    });
+    const same = JSON.stringify(steps) === JSON.stringify(c.steps);
+    if (!same) return { steps };
+    if (c.error) model.next();
+    range.finish();
+    return { steps };
+  },
+  knot(c) {
+    return knots(c, putVar([INTERPOLATIONS.indexOf(c.interpolation)], c.quantum), 'KNOT');
+  },
+  knte(c) {
+    return knots(c, [INTERPOLATIONS.indexOf(c.interpolation), 0, 1, 0], 'KNTE');
+  },
+  codebook(c) {
+    const { direct_levels: M, run_classes: R, escape_classes: C } = c;
+    const lengths = readCodebook(bytesOf(c.codebook), 2 * M + R + C + 1);
+    const { bits, table } = makeCode(lengths);
+    const words = {};
+    lengths.forEach((length, symbol) => {
+      if (length === 0) return;
+      const at = table.findIndex((entry) => entry >> 4 === symbol);
+      words[symbol] = bits === 0 ? '' : at.toString(2).padStart(bits, '0').slice(0, length);
+    });
+    return { lengths: [...lengths], words };
+  },
+  quan(c) {
+    const { direct_levels: M, run_classes: R, escape_classes: C, step } = c;
+    const parameters = [step & 255, (step >> 8) & 255, (step >> 16) & 255, step >>> 24, M & 255, M >> 8, R, C];
+    const track = trackOf('QUAN', [...parameters, ...bytesOf(c.codebook)]);
+    const counts = [...decodePacket(track, bytesOf(c.packet), 0, c.total).numbers];
+    return { counts, levels: counts.map((count) => count / step) };
+  },
+  rawb(c) {
+    const numberFormat = c.signed ? 'counts' : { 2: 'binary16', 4: 'binary32', 8: 'uint64' }[c.word_size];
+    const track = trackOf('RAWB', [c.word_size, 0, 0, 0], { ...c, numberFormat });
+    const { numbers } = decodePacket(track, bytesOf(c.packet), 0, c.span);
+    return { numbers: columns(numbers, c.components) };
+  },
+  evnt(c) {
+    const events = decodeEvents({}, bytesOfCase(c), c.start, c.span)
+      .map(({ tick, duration, channel, text }) => [tick, duration, channel, text]);
+    return { events, count: events.length, text_size: new TextEncoder().encode(events[0][3]).length };
+  },
+  sine(c) {
+    if (c.pairs) return { pairs: c.pairs.map(([k]) => [k, k < 0 ? -SINES[-k] : SINES[k]]) };
+    const bytes = new Uint8Array(256);
+    SINES.forEach((v, i) => bytes.set([v & 255, v >> 8], 2 * i));
+    return { sha256: hex(sha256(bytes)), entries: [...SINES] };
+  },
+  predictor(c) {
+    return { c: [...predictorOf(c.k)] };
+  },
+  grid(c) {
+    const bound = c.bound ?? COUNT_BOUND;
+    const grid = c.grid === 0 ? new UniformGrid(c.step, c.zero, bound)
+      : new DeadbandGrid(c.step, c.zero, c.kn, c.kd, bound);
+    const result = { last: grid.highest };
+    if (c.indices) result.counts = c.indices.map((index) => grid.count(index));
+    if (c.grid === 0) return result;
+    const { levels } = grid;
+    if (c.first_levels) result.first_levels = [...levels.subarray(0, c.first_levels.length)];
+    if (c.levels) result.levels = [...levels];
+    result.sha256 = hex(sha256(new Uint8Array(BigInt64Array.from(levels, BigInt).buffer)));
+    return result;
+  },
+  rice(c) {
+    const e = new Float64Array(c.ticks);
+    decodeRice(bytesOf(c.bits), c.ticks, e, 0);
+    return { errors: [...e] };
+  },
+  lpcr(c) {
+    const indices = [];
+    decodeIndices({ highest: c.last }, c.components, bytesOf(c.packet), c.span, 0, (component, index) => {
+      indices.push([...index]);
+    });
+    return { indices };
+  },
+  digest(c) {
+    const digest = new TrackDigest();
+    for (const { start, rows } of c.packets) {
+      digest.add(start, rows.length, { numbers: DIGESTED[c.number_format](rows.flat()), exact: null });
+    }
+    return { spans: digest.spans, of_numbers: hex(digest.numbers.digest()), digest: hex(digest.value()) };
+  },
+  'exact-values'(c) {
+    const [A, B, D] = c.calibration.map(Number);
+    const valueOf = valueRule(c.rule, c.digits, { A, B, D });
+    return { values: c.counts.map((count) => bitsOfNumber(valueOf(count))) };
+  },
+  places(c) {
+    const halves = new Int32Array(BigUint64Array.of(BigInt(`0x${c.bits}`)).buffer);
+    const correction = new Int32Array(BigInt64Array.of(BigInt.asIntN(64, BigInt(c.correction ?? 0))).buffer);
+    movePlace(halves, 0, correction[0], correction[1], 0);
+    return { exact: bits64(new BigUint64Array(halves.buffer)[0]) };
+  },
+  lpcx(c) {
+    const track = trackOf('LPCX', [c.rule, c.digits, 0, 0], c);
+    if (c.range) [track.countMin, track.countMax] = c.range;
+    if (c.counts) {
+      const { numbers } = decodePacket(track, bytesOf(c.packet), 0, c.span);
+      if (String(numbers) !== String(c.counts)) return { counts: [...numbers] };
+    }
+    const { numbers, exact } = decodePacket(track, bytesOf(c.packet), 0, c.span, { exact: true });
+    return { counts: [...numbers], exact: [...exact].map(bits64) };
+  },
+};
+
+export const expected = {
+  rice: (c) => ({ errors: c.blocks.flatMap(({ errors }) => errors) }),
+};

@@ -1,0 +1,100 @@
+// The procedure `walk` of clause 12.1: all chunks of a file, through damage.
+import { HEADER_SIZE, beginsWithSignature, findHeader, readHeader } from './chunk.js';
+import { crc32 } from './crc32.js';
+import { unsupported } from './error.js';
+
+const MEBIBYTE = 2 ** 20;
+// Each chunk and each damage is kept: a reader's own bound (clause 17).
+const CHUNK_BOUND = 2 ** 20;
+
+// REC-005: what the reading of one file may cost in bytes looked at.
+class Meter {
+  constructor(size) {
+    this.left = 16 * size + 64 * MEBIBYTE;
+  }
+
+  take(n, offset) {
+    this.left -= n;
+    if (this.left < 0) unsupported('REC-005', 'too much work on nested headers', offset);
+  }
+}
+
+// -> { fileId, signed, chunks, damages, meter }. A chunk is its header and payloadStart, end, whole, intact, and of a chunk that
+// is not intact `next`, where the walk finds the next header (null: nowhere).
+export function walk(bytes) {
+  const size = bytes.length;
+  const damages = [];
+  const chunks = [];
+  const meter = new Meter(size);
+  const payloadHolds = (header) => {
+    const start = header.position + HEADER_SIZE;
+    meter.take(Math.min(header.payloadSize, size - start), header.position);
+    return start + header.payloadSize <= size && crc32(bytes, start, start + header.payloadSize) === header.payloadCrc;
+  };
+  const report = (code, offset, length, message, requirement) => {
+    if (damages.length >= CHUNK_BOUND) unsupported('LIM-003', 'too many damages', offset);
+    damages.push({ code, offset, size: length, message, requirement, chunk: null, after: chunks.length });
+  };
+
+  const signed = beginsWithSignature(bytes);
+  const fileId = fileIdOf(bytes, payloadHolds);
+  if (fileId === null) return { fileId, signed, chunks, damages, meter };
+  let position = signed ? 8 : 0;
+  if (!signed) report('bad-signature', 0, 8, 'the signature is damaged', 'FIL-001');
+
+  const seen = new Set();
+  let last = -1;
+  let suspectFrom = null;
+  for (;;) {
+    let header = position < size ? readHeader(bytes, position) : null;
+    if (header && header.fileId !== fileId) header = null;
+    if (!header) {
+      if (position >= size && suspectFrom === null) break;
+      const next = findHeader(bytes, suspectFrom ?? position, (h) => h.fileId === fileId);
+      const stop = next ? next.position : size;
+      if (stop > position) report('garbage', position, stop - position, 'bytes that are no chunk', 'FIL-002');
+      const previous = chunks[chunks.length - 1];
+      if (previous && previous.next === undefined) previous.next = next ? next.position : null;
+      if (!next) break;
+      position = next.position;
+      suspectFrom = null;
+      continue;
+    }
+    const previous = chunks[chunks.length - 1];
+    if (previous && previous.next === undefined) previous.next = position;
+    const payloadStart = position + HEADER_SIZE;
+    const end = Math.min(payloadStart + header.payloadSize, size);
+    const whole = payloadStart + header.payloadSize <= size;
+    const intact = payloadHolds(header);
+    if (seen.has(header.sequence)) {
+      report('duplicate-chunk', position, end - position, `number ${header.sequence} for the second time`, 'CHK-005');
+      suspectFrom = payloadStart;
+      position = end;
+      continue;
+    }
+    if (header.sequence > last + 1) report('missing-chunk', position, 0, `number ${header.sequence} after ${last}`, 'CHK-005');
+    else if (header.sequence <= last) report('out-of-order', position, 0, `number ${header.sequence} after ${last}`, 'CHK-005');
+    last = header.sequence;
+    const chunk = { ...header, payloadStart, end, whole, intact, next: undefined, order: chunks.length };
+    if (!intact) {
+      report(whole ? 'bad-payload' : 'truncated', position, end - position,
+        whole ? 'the payload differs from its CRC' : 'the payload is cut short', 'CHK-003');
+      damages[damages.length - 1].chunk = chunk;
+    } else {
+      seen.add(header.sequence);
+    }
+    if (chunks.length >= CHUNK_BOUND) unsupported('LIM-003', 'too many chunks', position);
+    chunks.push(chunk);
+    suspectFrom = intact ? null : payloadStart;
+    position = end;
+  }
+  return { fileId, signed, chunks, damages, meter };
+}
+
+// That of the header at 8, else of the first intact HEAD with a small payload, else of the first valid header.
+function fileIdOf(bytes, payloadHolds) {
+  const at8 = readHeader(bytes, 8);
+  if (at8) return at8.fileId;
+  const head = findHeader(bytes, 0, (h) => h.type === 'HEAD' && h.payloadSize < 4096 && payloadHolds(h));
+  return (head ?? findHeader(bytes, 0, () => true))?.fileId ?? null;
+}

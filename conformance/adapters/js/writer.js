@@ -1,0 +1,82 @@
+// Writing chunks (5.1), the index (6.5) and the end of a file (6.6).
+import { putVarint } from './bytes.js';
+import { HEADER_SIZE, SIGNATURE, makeChunk } from './chunk.js';
+
+const INDEX_STRETCH = 4 * 2 ** 20;
+const INDEX_ROOM = 2 ** 19;
+const MS_BOUND = 2n ** 53n - 1n;
+
+export class Writer {
+  constructor(fileId) {
+    this.fileId = fileId;
+    this.parts = [SIGNATURE];
+    this.offset = SIGNATURE.length;
+    this.sequence = 0;
+    this.pending = [];
+    this.pendingFrom = 8;
+    this.previous = 0;
+    this.size = 0;
+  }
+
+  write(type, payload, { track, flags, times } = {}) {
+    const size = HEADER_SIZE + payload.length;
+    // IDX-005.
+    const far = this.offset - this.pendingFrom + size > INDEX_STRETCH || this.size > INDEX_ROOM;
+    if (far && this.pending.length && type !== 'iNDX') this.writeIndex();
+    if (type !== 'iNDX' && type !== 'fOOT') {
+      this.pending.push({ type, offset: this.offset, times });
+      this.size += 4 + 8 + (times ? 16 : 0);
+    }
+    this.parts.push(makeChunk({ type, fileId: this.fileId, sequence: this.sequence++, track, flags }, payload));
+    this.offset += size;
+  }
+
+  // It covers from the index before it on (IDX-004), which it need not list.
+  writeIndex() {
+    const list = [];
+    let before = this.pendingFrom;
+    for (const { type, offset, times } of this.pending) {
+      for (let i = 0; i < 4; i++) list.push(type.charCodeAt(i));
+      putVarint(list, offset - before);
+      before = offset;
+      if (!times) continue;
+      const [start, stop] = times.map((t) => Number(t > MS_BOUND ? MS_BOUND : t));
+      putVarint(list, start);
+      putVarint(list, stop - start);
+    }
+    const payload = new Uint8Array(20 + list.length);
+    const view = new DataView(payload.buffer);
+    view.setBigUint64(0, BigInt(this.pendingFrom), true);
+    view.setBigUint64(8, BigInt(this.previous), true);
+    view.setUint32(16, this.pending.length, true);
+    payload.set(list, 20);
+    const at = this.offset;
+    this.pending = [];
+    this.size = 0;
+    this.write('iNDX', payload);
+    this.previous = at;
+    this.pendingFrom = at;
+  }
+
+  writeFoot(dataCount, trackCount, duration) {
+    this.writeIndex();
+    const payload = new Uint8Array(32);
+    const view = new DataView(payload.buffer);
+    view.setBigUint64(0, BigInt(this.previous), true);
+    view.setBigUint64(8, BigInt(this.offset + HEADER_SIZE + payload.length), true);
+    view.setUint32(16, dataCount, true);
+    view.setUint32(20, trackCount, true);
+    view.setBigInt64(24, duration, true);
+    this.write('fOOT', payload);
+  }
+
+  bytes() {
+    const whole = new Uint8Array(this.offset);
+    let at = 0;
+    for (const part of this.parts) {
+      whole.set(part, at);
+      at += part.length;
+    }
+    return whole;
+  }
+}

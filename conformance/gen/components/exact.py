@@ -1,0 +1,270 @@
+"""Clause 9.7: values of counts, places, corrections, packets of LPCX; bits as hexadecimal."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from math import inf
+
+import page
+import page_exact
+from luck import Luck
+from page import varint_bytes
+
+from .component import Case, Component, also, tried
+
+RULES = ("quotient", "product", "binary32", "decimals", "significant digits")
+
+
+def word(number: float) -> str:
+    """Its bits, the highest first."""
+    return struct.pack(">d", number).hex()
+
+
+def hexed(words: list[int]) -> list[str]:
+    return [f"{w % 2**64:016x}" for w in words]
+
+
+def values() -> Component:
+    counts = (0, 1, -1, 2, 3, 7, -7, 10, 123, -4567, 99999, 2**23 - 1, -(2**23), 2**24)
+    affine = (
+        (1, 0, 10),
+        (1, 0, 1),
+        (1, 0, 3),
+        (3, 0, 7),
+        (-1, 0, 100),
+        (5, -3, 1000),
+        (1, 1, 2),
+        (1, 2**40, 2**13),
+        (2**29, 0, 1),
+        (1, 0, 2**52),
+        (9806650, 123, 2**26 - 5),
+    )
+    rules = (
+        [(0, 0), (1, 0), (2, 0)]
+        + [(3, k) for k in (0, 1, 2, 6, 22)]
+        + [(4, k) for k in (1, 3, 6, 9, 15)]
+    )
+    cases: list[Case] = []
+    for a, b, d in affine:
+        for rule, digits in rules:
+            found = [page_exact.bits(page_exact.value(c, a, b, d, rule, digits)) for c in counts]
+            cases.append(
+                {
+                    "name": f"({a} c + {b}) / {d}, {RULES[rule]}"
+                    + (f", {digits}" if rule > 2 else ""),
+                    "calibration": [a, b, d],
+                    "rule": rule,
+                    "digits": digits,
+                    "counts": counts,
+                    "values": hexed(found),
+                }
+            )
+    for name, a, b, d, rule, digits, c in (
+        ("halfway to even, downwards", 2**52 - 1, 0, 2**52, 0, 0, 2),
+        ("a subnormal of binary32", 1, 0, 2**50, 2, 0, 1),
+        ("binary32, halfway to even", 1, 0, 1, 2, 0, 2**24 + 1),
+        ("s of 2^53 and more: as rule 0", 2**30, 0, 7, 3, 22, 5),
+        ("a tie of s: to even", 1, 0, 2, 3, 0, 5),
+        ("another tie of s: to even", 1, 0, 2, 3, 0, 3),
+        ("s = 0 of a negative number: 0.0", 1, 0, 1000, 3, 2, -4),
+        ("k below 0", 1000, 0, 1, 4, 2, 12345),
+        ("k at most 22", 1, 0, 2**52, 4, 15, 1),
+        ("p at a power of ten", 1, 0, 100, 4, 3, 1000),
+        ("p just below it", 1, 0, 1000, 4, 3, 9999),
+    ):
+        found = page_exact.bits(page_exact.value(c, a, b, d, rule, digits))
+        cases.append(
+            {
+                "name": name,
+                "calibration": [a, b, d],
+                "rule": rule,
+                "digits": digits,
+                "counts": [c],
+                "values": hexed([found]),
+            }
+        )
+    return Component(
+        "exact-values",
+        "9.7, 8",
+        ("VAL-003", "EXA-002"),
+        "The value v of counts by the rules of 9.7, as the bits of binary64 (16 hexadecimal "
+        "digits, "
+        "highest first). Rule 0 is also VAL-003.",
+        cases,
+    )
+
+
+def places() -> Component:
+    numbers = (
+        0.0,
+        -0.0,
+        1.0,
+        -1.0,
+        5e-324,
+        -5e-324,
+        2.2250738585072014e-308,
+        0.1,
+        -0.3,
+        1e300,
+        1.7976931348623157e308,
+        float("inf"),
+        float("-inf"),
+    )
+    cases = []
+    for number in numbers:
+        (b,) = struct.unpack(">q", struct.pack(">d", number))
+        cases.append(
+            {"name": repr(number), "bits": word(number), "place": str(page_exact.place(b))}
+        )
+    for name, w in (("a NaN", 0x7FF8000000000000), ("a negative NaN", 0xFFF8000000000001)):
+        b = w - 2**64 if w >= 2**63 else w
+        cases.append({"name": name, "bits": f"{w:016x}", "place": str(page_exact.place(b))})
+    moves = (
+        (0.0, 1),
+        (0.0, -1),
+        (0.1, 3),
+        (1.0, -(2**52)),
+        (-0.0, 1),
+        (5e-324, -2),
+        (1.5, 2**62),
+        (-1.5, -(2**62)),
+        (1.0, 2**63 - 1),
+        (1e300, -(2**63) + 1),
+    )
+    for number, c in moves:
+        (b,) = struct.unpack(">q", struct.pack(">d", number))
+        found = page_exact.word_at(page_exact.place(b) + c)
+        cases.append(
+            {
+                "name": f"{number!r} and {c} further",
+                "bits": word(number),
+                "correction": str(c),
+                "exact": f"{found:016x}",
+            }
+        )
+    return Component(
+        "places",
+        "9.7",
+        ("EXA-006",),
+        "The place of a binary64 number in their order; and the number that lies a correction "
+        "further, "
+        "modulo 2^64.",
+        cases,
+    )
+
+
+def packet(counts, words, affine, rule=0, digits=0, *, recall, relative) -> bytes:
+    inner = page.encode(counts, last=2**24)
+    rest = page_exact.encode_exact(words, counts, affine, rule, digits, recall, relative)
+    return varint_bytes(len(inner)) + inner + rest
+
+
+def signed_bits(numbers: list[float]) -> list[int]:
+    return list(struct.unpack(f"<{len(numbers)}q", struct.pack(f"<{len(numbers)}d", *numbers)))
+
+
+def packets() -> Component:
+    tenth, examples = (1, 0, 10), "06 00 00 06 01 4C 46"
+    sums = [1, 2, 3, 3, 7, 3]
+    long = (
+        "06 00 00 06 01 4C 46 02 01 0E 00 00 00 00 00 00 0E 0E 23 6E 6A 3F 9E C0 4C CC CC CC CC"
+        " CC C2 22 22 22 22 22 33 33 33 33 33 33 34"
+    )
+    rows: list[tuple] = [
+        ("quotient alone", tenth, 0, 0, 6, bytes.fromhex(examples)),
+        ("product alone", tenth, 1, 0, 6, bytes.fromhex(examples)),
+        ("corrections", tenth, 0, 0, 6, bytes.fromhex(examples + "01 00 02 63 A0 00")),
+        ("far away", tenth, 0, 0, 6, bytes.fromhex(long)),
+    ]
+    rng = Luck(12)
+    counts = [rng.bell(40) for _ in range(60)]
+    near = [
+        struct.unpack("<q", struct.pack("<d", c / 10))[0] + rng.choice([0, 0, 1, -1, 2]) if c else 0
+        for c in counts
+    ]
+    real = signed_bits([c / 10 + rng.between(-(10**6), 10**6) / 2e7 for c in counts])
+    coarse = signed_bits([struct.unpack("<f", struct.pack("<f", c / 10 + 0.01))[0] for c in counts])
+    for recall in (False, True):
+        for relative in (False, True):
+            how = ", ".join(["recall"] * recall + ["relative"] * relative) or "no flags"
+            for name, words in (("near", near), ("any numbers", real), ("binary32, z > 0", coarse)):
+                data = packet(counts, words, tenth, recall=recall, relative=relative)
+                rows.append((f"{name}, {how}", tenth, 0, 0, 60, data))
+    cycle = [c % 3 for c in range(120)]
+    words = [
+        struct.unpack("<q", struct.pack("<d", c / 10))[0] + i % 34 if c else i % 2
+        for i, c in enumerate(cycle)
+    ]
+    data = packet(cycle, words, tenth, recall=True, relative=False)
+    rows.append(("a list of more than 32", tenth, 0, 0, 120, data))
+    held = [5] * 40
+    words = [struct.unpack("<q", struct.pack("<d", 0.5))[0] + i % 35 - 5 for i in range(40)]
+    data = packet(held, words, tenth, recall=True, relative=False)
+    rows.append(("one count, more than 32 corrections", tenth, 0, 0, 40, data))
+    special = [*signed_bits([inf, -inf, -0.0, 0.0, 5e-324]), 0x7FF8000000000001]
+    data = packet(sums, special, tenth, recall=False, relative=True)
+    rows.append(("infinities, NaN, -0.0", tenth, 0, 0, 6, data))
+    data = packet(counts, near, tenth, 3, 1, recall=True, relative=True)
+    rows.append(("decimals", tenth, 3, 1, 60, data))
+    data = packet(counts, near, tenth, 4, 9, recall=True, relative=True)
+    rows.append(("significant digits", tenth, 4, 9, 60, data))
+    good, n = bytes.fromhex(examples + "01 00 02 63 A0 00"), 7
+    rows += [
+        ("the counts beyond the packet", tenth, 0, 0, 6, bytes.fromhex("09 00 00 06 01")),
+        ("an unknown flag", tenth, 0, 0, 6, good[:n] + b"\4" + good[n + 1 :]),
+        ("z = 64", tenth, 0, 0, 6, good[: n + 1] + b"\x40" + good[n + 2 :]),
+        ("coded bytes beyond the packet", tenth, 0, 0, 6, good[: n + 2] + b"\x09" + good[n + 3 :]),
+        ("ends after the flags", tenth, 0, 0, 6, good[: n + 1]),
+        ("fields are missing", tenth, 0, 0, 6, good[:-1]),
+        ("a byte left over", tenth, 0, 0, 6, good + b"\0"),
+        ("a bit that fills is 1", tenth, 0, 0, 6, good[:-1] + b"\1"),
+        ("another end of the coded bytes", tenth, 0, 0, 6, good[: n + 4] + b"\xa1" + good[n + 5 :]),
+    ]
+    cases = [exact_case(*row) for row in rows]
+    return Component(
+        "lpcx",
+        "9.7",
+        ("EXA-003", "EXA-004", "EXA-005", "EXA-006", "RNG-001"),
+        "Packets of LPCX: the counts, and the exact values as the bits of binary64. With `error` "
+        "and "
+        "`counts` the counts are given all the same (EXA-006).",
+        also(
+            cases,
+            {
+                "ends after the flags": ["COD-001"],
+                "fields are missing": ["COD-001"],
+                "the counts beyond the packet": ["COD-001"],
+                "a byte left over": ["COD-001"],
+            },
+        ),
+    )
+
+
+def exact_case(name: str, affine, rule: int, digits: int, span: int, data: bytes) -> Case:
+    case: Case = {
+        "name": name,
+        "calibration": affine,
+        "rule": rule,
+        "digits": digits,
+        "span": span,
+        "packet": data,
+    }
+    shown: Case = {}
+
+    def run() -> Case:
+        n, at = page.varint(data, 0)
+        if n > len(data) - at:
+            raise page.BrokenRule("EXA-003")
+        shown["counts"] = page.decode(data[at : at + n], span, 2**24)
+        words = page_exact.decode_exact(data[at + n :], shown["counts"], affine, rule, digits)
+        return {"counts": shown["counts"], "exact": hexed(words)}
+
+    out = tried(case, run)
+    return {**case, **shown, **out}
+
+
+def components() -> Iterator[Component]:
+    yield values()
+    yield places()
+    yield packets()

@@ -1,0 +1,143 @@
+"""SPEC 2, 5, 6.1 and 6.2: numbers and texts, chunks, HEAD, TLVs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import broken
+import forge as f
+from broken import DATA, FIVES, HEAD, TRACK, described, packed, series
+from case import NONCONFORMING, Case
+
+NOTHING_VALID = ("FIL-001", "HED-001", "FIL-002", "FIL-003")
+SIGNED = ("HED-001", "FIL-001", "FIL-002", "FIL-003")
+
+KEPT = [FIVES]
+
+
+def knots(packet: bytes) -> bytes:
+    return packed(b"KNOT", f.knot_parameters(), packet, 1)
+
+
+def labelled(raw: bytes) -> bytes:
+    """A label of so many bytes."""
+    return described(f.HOLD + f.tlv(2, bytes([len(raw)]) + raw))
+
+
+def table(packet_count: bytes, size: bytes = b"\1", start: bytes = b"\0") -> bytes:
+    """DATA, its numbers written out."""
+    fields = b"\0" + size + start + b"\4"
+    crc = f.zlib.crc32(fields + f.KNOT_DATA).to_bytes(4, "little")
+    return series((f.trak(), 0), data=("DATA", packet_count + fields + crc + f.KNOT_DATA))
+
+
+VARINTS = [
+    ("varint-of-nine-bytes", "CNV-002", "A knot value takes nine bytes.",
+     knots(b"\x80" * 8 + b"\1"), None, NONCONFORMING),
+    ("varint-of-2-to-53", "CNV-002", "A knot value is the varint 2^53.",
+     knots(b"\x80" * 7 + b"\x10"), None, NONCONFORMING),
+    ("varint-cut-short", ("CNV-002", "KNT-002"), "The last byte of a packet announces another.",
+     knots(b"\x80"), None, NONCONFORMING),
+    ("varint-not-minimal", "CNV-003", "The knot value -1 is stored as 81 00.",
+     knots(b"\x81\0"), None, NONCONFORMING),
+    ("varint-of-eight-bytes-not-minimal", "CNV-003", "A last, eighth byte of a varint is 0.",
+     knots(b"\x8A" + b"\x80" * 6 + b"\0"), None, NONCONFORMING),
+    ("packet-size-not-minimal", "CNV-003", "A packet size of 1 is stored as 81 00.",
+     table(b"\1", b"\x81\0"), KEPT),
+    ("quantum-not-minimal", "CNV-003", "The quantum 1 is stored as 81 00.",
+     described(f.tlv(1, b"\0\x81\0")), KEPT),
+]  # fmt: skip
+
+TEXTS = [
+    ("text-no-utf-8", "CNV-004", "A label holds the byte FF.", labelled(b"\xFF"), KEPT),
+    ("text-overlong", "CNV-004", "A label holds C0 AF, an overlong slash.",
+     labelled(b"\xC0\xAF"), KEPT),
+    ("text-surrogate", "CNV-004", "A label holds ED A0 80, half of a surrogate pair.",
+     labelled(b"\xED\xA0\x80"), KEPT),
+    ("text-above-unicode", "CNV-004", "A label holds F4 90 80 80, above U+10FFFF.",
+     labelled(b"\xF4\x90\x80\x80"), KEPT),
+    ("text-ends-within-a-character", "CNV-004", "A label ends after the first byte of two.",
+     labelled(b"N\xC3"), KEPT),
+    ("text-nul", "CNV-004", "A label holds U+0000.", labelled(b"a\0b"), KEPT),
+    ("text-provenance-nul", "CNV-004", "The provenance, a text without length, ends with U+0000.",
+     described(f.HOLD + f.tlv(22, b"lab\0")), KEPT),
+    ("text-before-the-first", "CNV-005", "A list of strings begins with the byte 255.",
+     described(f.HOLD + f.tlv(2, b"\xFF")), KEPT),
+]  # fmt: skip
+
+NO_FILE = [
+    ("no-bytes", NOTHING_VALID, "The file is empty.", b"", None, NONCONFORMING),
+    ("signature-alone", SIGNED, "The signature stands alone.", f.SIGNATURE, None,
+     NONCONFORMING),
+    ("another-format", NOTHING_VALID, "A RIFF WAVE file without samples.",
+     b"RIFF\x24\0\0\0WAVEfmt \x10\0\0\0\1\0\1\0\xE8\3\0\0\xD0\7\0\0\2\0\x10\0data\0\0\0\0", None,
+     NONCONFORMING),
+    ("no-sync-word", ("CHK-001", *SIGNED), "The only chunk has another sync word.",
+     f.SIGNATURE + f.chunk("HEAD", f.head(), 0, sync=b"\xF9\x48\x8B\x1D"), None, NONCONFORMING),
+    ("no-header-crc", ("CHK-002", *SIGNED), "The only chunk has the header CRC 0.",
+     f.SIGNATURE + f.chunk("HEAD", f.head(), 0, header_crc=0), None, NONCONFORMING),
+    ("type-of-no-letters", ("CHK-006", *SIGNED), "The only chunk has a type with a digit.",
+     f.file(("H3AD", f.head())), None, NONCONFORMING),
+]  # fmt: skip
+
+HEADS = [
+    ("head-second", "HED-001", "An ancillary chunk stands before HEAD.",
+     f.closed(("aaaa", b""), HEAD, TRACK, DATA), KEPT),
+    ("head-after-track", "HED-001", "HEAD stands after TRAK.", f.closed(TRACK, HEAD, DATA), KEPT),
+    ("head-47-bytes", "HED-002", "HEAD lacks a byte of its layout.",
+     f.closed(("HEAD", f.head()[:-1]), TRACK, DATA), None, NONCONFORMING),
+    ("head-49-bytes", ("HED-002", "TLV-002"), "A byte follows the layout of HEAD.",
+     f.closed(("HEAD", f.head(b"\0")), TRACK, DATA), KEPT),
+    ("head-other-file-id", "HED-003", "HEAD names another file id than its header.",
+     f.closed(("HEAD", f.head(file_id=8)), TRACK, DATA), KEPT),
+    ("head-reserved", "HED-005", "The reserved byte of HEAD is 1.",
+     f.closed(("HEAD", f.head(reserved=1)), TRACK, DATA), KEPT),
+    ("head-copy-differs", "HED-006", "A second HEAD has another minor version.",
+     f.closed(HEAD, TRACK, DATA, ("HEAD", f.head(minor=1))), KEPT),
+]  # fmt: skip
+
+TLVS = [
+    ("tlv-twice", "TLV-001", "A label stands twice.",
+     described(f.HOLD + f.tlv(2, f.strings("a")) * 2)),
+    ("tlv-order", "TLV-001", "The unit stands before the label.",
+     described(f.HOLD + f.tlv(4, f.strings("N")) + f.tlv(2, f.strings("a")))),
+    ("tlv-unknown-twice", "TLV-001", "An unknown ancillary TLV stands twice.",
+     described(f.HOLD + f.tlv(0x8000, b"") * 2), KEPT),
+    ("tlv-half-a-header", "TLV-002", "Three bytes follow the last TLV.",
+     described(f.HOLD + b"\2\0\0")),
+    ("tlv-past-the-chunk", "TLV-002", "A TLV is a byte longer than what is left.",
+     described(f.HOLD + b"\2\0\1\0")),
+    ("labels-two-for-three", "TLV-004", "Two labels stand for three tracks.",
+     described(f.HOLD + f.tlv(2, f.strings("a", "b")), track_count=3)),
+    ("label-missing", ("TLV-004", "TLV-007"), "A list of strings is empty.",
+     described(f.HOLD + f.tlv(2, b""))),
+    ("calibrations-two-for-three", "TLV-004", "Two calibrations stand for three tracks.",
+     described(f.HOLD + f.tlv(3, f.calibration(2) * 2), track_count=3)),
+    ("deadbands-two-for-three", "TLV-004", "Two deadband contracts stand for three tracks.",
+     described(f.HOLD + f.tlv(16, f.deadband() * 2), track_count=3)),
+    ("deadbands-none", ("TLV-004", "TLV-007", "CNV-002"), "A list of contracts is empty.",
+     described(f.HOLD + f.tlv(16, b""))),
+    ("string-past-its-list", ("TLV-002", "TLV-007"), "A string is longer than its TLV.",
+     described(f.HOLD + f.tlv(2, b"\2N"))),
+    ("calibration-cut-short", ("CNV-002", "TLV-007"), "A calibration has no D.",
+     described(f.HOLD + f.tlv(3, f.calibration(2)[:-1]))),
+    ("calibration-and-a-byte", ("TLV-004", "TLV-007", "CNV-002"),
+     "A byte follows a calibration: a list of one and a piece.",
+     described(f.HOLD + f.tlv(3, f.calibration(2) + b"\2"))),
+    ("deviation-cut-short", "TLV-007", "A deviation has seven bytes.",
+     described(f.HOLD + f.tlv(18, f.deviation(1, 1)[:-1]))),
+    ("deviation-larger-than-declared", "TLV-005", "The largest deviation is above the declared.",
+     described(f.HOLD + f.tlv(18, f.deviation(1, 2)))),
+    ("deviation-infinite", "TLV-005", "The declared tolerance is infinite.",
+     described(f.HOLD + f.tlv(18, f.deviation(float("inf"), 1)))),
+    ("deviation-no-number", "TLV-005", "The largest deviation is NaN.",
+     described(f.HOLD + f.tlv(18, f.deviation(1, float("nan"))))),
+]  # fmt: skip
+
+
+def cases() -> Iterator[Case]:
+    yield from broken.cases("structure/varint", VARINTS)
+    yield from broken.cases("structure/text", TEXTS)
+    yield from broken.cases(broken.NOTHING, NO_FILE)
+    yield from broken.cases("framing/head", HEADS)
+    yield from broken.cases("structure/list", TLVS)

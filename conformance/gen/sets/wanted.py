@@ -1,0 +1,34 @@
+"""Facts that no other case held fast: each lets one of the mutants live that is otherwise right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+from case import Case
+from facts import case_of
+from lpcr import Coding, packet, track
+
+valid = partial(case_of, "valid")
+WIDE = (-(2**23), 2**23 - 1)
+
+
+def cases() -> Iterator[Case]:
+    unlike = [tick % 2 for tick in range(900)]
+    yield valid(
+        "lpcr-repeats-never",
+        "900 ticks without a repeat, then one: the probability of a 1 stays at 64.",
+        ["RNG-001"],
+        track(packet([*unlike, 1, 1, 0], coding=Coding(repeats=True))),
+    )  # fmt: skip
+    lengths = [44, 2**14 + 42, 2**14 + 43, 2**15 + 42, 2**15 + 43, 2**16 + 43]
+    packets = [
+        packet([size, 0, -3], coding=Coding(), start=3 * place, clamped=WIDE)
+        for place, size in enumerate(lengths)
+    ]
+    yield valid(
+        "lpcr-escape-lengths",
+        "Escapes of 14, 15 and more bits: five raw bits follow from 15 on.",
+        ["RNG-003"],
+        track(*packets, clamped=WIDE),
+    )  # fmt: skip

@@ -1,0 +1,775 @@
+meta:
+  id: hapf
+  title: The hapf file format, container
+  file-extension: hapf
+  license: CC0-1.0
+  ks-version: "0.10"
+  endian: le
+  encoding: UTF-8
+doc: |
+  A haptic recording: a signature, then chunks. SPEC.md says what is written here in full; where
+  the two differ, SPEC.md is right. Checksums, the rules of SPEC.md and damage are not looked at:
+  this reads files that keep every rule. Packets stay bytes, but for those of events.
+doc-ref: SPEC.md, clauses 2, 5, 6, 8, 9 and 11
+seq:
+  - id: signature
+    contents: [0x8f, 0x48, 0x41, 0x50, 0x0d, 0x0a, 0x1a, 0x0a]
+    doc: First bytes of every file.
+    doc-ref: SPEC.md FIL-001
+  - id: chunks
+    type: chunk
+    repeat: eos
+    doc: One directly after the other, to the end of the file.
+types:
+  varint:
+    doc: An unsigned integer below 2^53 in groups of seven bits, the least significant first.
+    doc-ref: SPEC.md clause 2, CNV-002, CNV-003
+    seq:
+      - id: groups
+        type: u1
+        repeat: until
+        repeat-until: _ < 0x80
+        doc: One to eight bytes; all but the last have bit 7 set.
+    instances:
+      value:
+        value: >-
+          groups[0] % 128
+          + (groups.size > 1 ? groups[1] % 128 * 0x80 : 0)
+          + (groups.size > 2 ? groups[2] % 128 * 0x4000 : 0)
+          + (groups.size > 3 ? groups[3] % 128 * 0x200000 : 0)
+          + (groups.size > 4 ? groups[4] % 128 * 0x10000000 : 0)
+          + (groups.size > 5 ? groups[5] % 128 * 0x800000000 : 0)
+          + (groups.size > 6 ? groups[6] % 128 * 0x40000000000 : 0)
+          + (groups.size > 7 ? groups[7] % 128 * 0x2000000000000 : 0)
+        doc: The integer.
+  svarint:
+    doc: A signed integer as the varint of 2v, or of -2v - 1 where it is negative.
+    doc-ref: SPEC.md clause 2
+    seq:
+      - id: number
+        type: varint
+        doc: What stands for the integer.
+    instances:
+      value:
+        value: 'number.value % 2 == 0 ? number.value / 2 : -(number.value / 2) - 1'
+        doc: The integer.
+  string_list:
+    doc: Texts to the end of the value; one entry speaks for all components.
+    doc-ref: SPEC.md clause 2, TLV-004
+    seq:
+      - id: entries
+        type: string_entry
+        repeat: eos
+        doc: The texts in order of tracks and components.
+  string_entry:
+    seq:
+      - id: size
+        type: u1
+        doc: Bytes of the text; 255 means the text of the entry before.
+      - id: text
+        type: str
+        size: 'size == 255 ? 0 : size'
+        doc: The text.
+    instances:
+      same_as_before:
+        value: size == 255
+        doc: Whether the text of the entry before holds here too.
+  chunk:
+    doc: Header and payload.
+    doc-ref: SPEC.md 5.1
+    seq:
+      - id: header
+        type: chunk_header
+        doc: 32 bytes, the same for ever.
+      - id: payload
+        size: header.payload_size
+        type:
+          switch-on: header.type
+          cases:
+            '"HEAD"': head
+            '"TRAK"': trak
+            '"DATA"': data
+            '"iNDX"': indx
+            '"fOOT"': foot
+            '"mETa"': meta
+            '"aTTc"': attc
+            '"dGST"': dgst
+            '"cLOk"': clok
+            '"cMAp"': cmap
+        doc: What the type says; bytes where the type is not known.
+  chunk_header:
+    seq:
+      - id: sync
+        contents: [0xf9, 0x48, 0x8b, 0x1c]
+        doc: Sync word.
+      - id: type
+        type: str
+        size: 4
+        encoding: ASCII
+        doc: Chunk type; the cases of its letters are the property bits (5.2).
+      - id: file_id
+        type: u4
+        doc: File id, the same in every chunk of the file.
+      - id: sequence
+        type: u4
+        doc: 0 for the first chunk, one more for each next.
+      - id: payload_size
+        type: u4
+        doc: Size of the payload in bytes.
+      - id: track
+        type: u2
+        doc: Track id that the chunk speaks of; 0xFFFF where it speaks of none.
+      - id: flags
+        type: u2
+        doc: Bits 0 to 7 critical, 8 to 15 ancillary; 0 in version 1.0.
+      - id: payload_crc
+        type: u4
+        doc: CRC-32 of the payload.
+      - id: header_crc
+        type: u4
+        doc: CRC-32 of the 28 bytes before it.
+  head:
+    doc: Version, level, and what the file says of itself as a whole.
+    doc-ref: SPEC.md 6.1
+    seq:
+      - id: major
+        type: u1
+        doc: Major version, 1.
+      - id: minor
+        type: u1
+        doc: Minor version, 0.
+      - id: level
+        type: u1
+        doc: Level, 1 or 2 (clause 15).
+      - id: reserved
+        type: u1
+        doc: "0."
+      - id: incompat
+        type: u4
+        doc: Incompatible feature bits, none defined in 1.0.
+      - id: compat
+        type: u4
+        doc: Compatible feature bits, none defined in 1.0.
+      - id: file_id
+        type: u4
+        doc: File id, as in every chunk header.
+      - id: uuid
+        size: 16
+        doc: UUID of the recording in network order; all 0 means none.
+      - id: epoch_ns
+        type: s8
+        doc: UTC of tick 0, nanoseconds since 1970-01-01T00:00:00Z.
+      - id: epoch_uncertainty_ns
+        type: u8
+        doc: Its uncertainty; all 1 means that the epoch is not known.
+      - id: tlvs
+        type: tlv
+        repeat: eos
+        doc: None is defined in 1.0.
+  tlv:
+    doc: A value with its type; odd types are critical.
+    doc-ref: SPEC.md 6.2
+    seq:
+      - id: type
+        type: u2
+        doc: What the value is.
+      - id: size
+        type: u2
+        doc: Size of the value in bytes.
+      - id: value
+        size: size
+        doc: The value.
+  trak:
+    doc: A series of tracks that share a description.
+    doc-ref: SPEC.md 6.3
+    seq:
+      - id: track_count
+        type: u1
+        doc: Tracks described, with consecutive ids from the header's track id.
+      - id: component_count
+        type: u1
+        doc: Components of each track.
+      - id: kind
+        type: u1
+        enum: kind
+        doc: The band of the tracks.
+      - id: number_format
+        type: u1
+        enum: number_format
+        doc: Counts, or words of a format.
+      - id: codec
+        type: str
+        size: 4
+        encoding: ASCII
+        doc: Codec; with setups that of the first track.
+      - id: rate_num
+        type: u4
+        doc: Numerator of the rate in ticks per second.
+      - id: rate_den
+        type: u4
+        doc: Denominator of the rate.
+      - id: count_min
+        type: s4
+        doc: Declared range of a decoded count, lowest of all tracks.
+      - id: count_max
+        type: s4
+        doc: Declared range of a decoded count, highest of all tracks.
+      - id: first_channel
+        type: u2
+        doc: Channel number of the first component; the others follow on, unless listed.
+      - id: base
+        type: u2
+        doc: For HF the id of the first track's base track; else 0xFFFF.
+      - id: tlvs
+        type: trak_tlv
+        repeat: eos
+        doc: In strictly increasing order of their types.
+    enums:
+      kind:
+        0: full_band
+        1: lf
+        2: hf
+        3: events
+      number_format:
+        0: counts
+        1: int64
+        2: uint64
+        3: binary16
+        4: binary32
+        5: binary64
+  trak_tlv:
+    seq:
+      - id: type
+        type: u2
+        doc: What the value is (table of 6.2).
+      - id: size
+        type: u2
+        doc: Size of the value in bytes.
+      - id: value
+        size: size
+        type:
+          switch-on: type
+          cases:
+            1: parameters(_parent.codec)
+            2: string_list
+            3: calibration_list
+            4: string_list
+            5: setups(_parent.track_count)
+            6: string_list
+            7: range_list
+            8: string_list
+            9: varint_list
+            10: string_list
+            11: varint_list
+            12: string_list
+            14: string_list
+            16: contract_list(_parent.component_count)
+            18: deviation_list
+            22: text
+        doc: The value; bytes where the type is not known.
+  text:
+    seq:
+      - id: text
+        type: str
+        size-eos: true
+        doc: One UTF-8 text.
+  varint_list:
+    doc: Channels (TLV 9), or continued tracks (TLV 11), one number for each track.
+    seq:
+      - id: numbers
+        type: varint
+        repeat: eos
+        doc: Channel number of the first component; or 0, or 1 + the id of the track continued.
+  parameters:
+    doc: Codec parameters of the tracks.
+    doc-ref: SPEC.md clause 9
+    params:
+      - id: codec
+        type: str
+        doc: Codec whose parameters these are.
+    seq:
+      - id: value
+        size-eos: true
+        type:
+          switch-on: codec
+          cases:
+            '"KNOT"': knot_parameters
+            '"QUAN"': quan_parameters
+            '"RAWB"': rawb_parameters
+            '"LPCR"': lpcr_parameters
+            '"KNTE"': knte_parameters
+            '"LPCX"': lpcx_parameters
+        doc: The parameters; bytes where the codec is not known.
+  knot_parameters:
+    doc-ref: SPEC.md 9.1
+    seq:
+      - id: interpolation
+        type: u1
+        enum: interpolation
+        doc: How knots are joined.
+      - id: quantum
+        type: varint
+        doc: Counts per unit of a knot value.
+  quan_parameters:
+    doc-ref: SPEC.md 9.2
+    seq:
+      - id: step
+        type: u4
+        doc: Counts per level.
+      - id: direct_levels
+        type: u2
+        doc: M; levels -M to M have symbols of their own.
+      - id: run_classes
+        type: u1
+        doc: R; number of zero-run symbols.
+      - id: escape_classes
+        type: u1
+        doc: C; number of escape symbols.
+      - id: codebook
+        type: b4
+        repeat: eos
+        doc: Code word lengths in nibbles; a 0 and the nibble n after it skip n + 1 symbols.
+  rawb_parameters:
+    doc-ref: SPEC.md 9.3
+    seq:
+      - id: word_size
+        type: u1
+        doc: Bytes per word, 1, 2, 3, 4 or 8.
+      - id: reserved
+        size: 3
+        doc: "0."
+  lpcr_parameters:
+    doc-ref: SPEC.md 9.5
+    seq:
+      - id: grid
+        type: u1
+        enum: grid
+        doc: Uniform, or a deadband's.
+      - id: step
+        type: varint
+        doc: Counts per index; of a deadband's grid the floor in counts.
+      - id: zero
+        type: svarint
+        doc: Count of index 0.
+      - id: kn
+        type: varint
+        if: grid == grid::deadband
+        doc: Numerator of the Weber fraction.
+      - id: kd
+        type: varint
+        if: grid == grid::deadband
+        doc: Its denominator.
+  knte_parameters:
+    doc-ref: SPEC.md 9.6
+    seq:
+      - id: interpolation
+        type: u1
+        enum: interpolation
+        doc: How knots are joined.
+      - id: grid
+        type: lpcr_parameters
+        doc: Where the knots lie.
+  lpcx_parameters:
+    doc-ref: SPEC.md 9.7
+    seq:
+      - id: rule
+        type: u1
+        enum: rule
+        doc: How a count becomes a binary64 number.
+      - id: digits
+        type: u1
+        doc: Decimals, or significant digits; else 0.
+      - id: reserved
+        size: 2
+        doc: "0."
+  calibration_list:
+    doc: Physical value = (count * A + B) / D.
+    doc-ref: SPEC.md clause 8
+    seq:
+      - id: entries
+        type: calibration
+        repeat: eos
+        doc: One for all components, or one for each.
+  calibration:
+    seq:
+      - id: a
+        type: svarint
+        doc: A, not 0.
+      - id: b
+        type: svarint
+        doc: B.
+      - id: d
+        type: varint
+        doc: D, at least 1.
+  setups:
+    doc: Codec and codec parameters of each track, where they differ.
+    doc-ref: SPEC.md 6.3
+    params:
+      - id: track_count
+        type: u1
+        doc: Tracks of the series.
+    seq:
+      - id: codec_count
+        type: varint
+        doc: How many codecs.
+      - id: codecs
+        type: setup_codec
+        repeat: expr
+        repeat-expr: codec_count.value
+        doc: Codecs with their setups.
+      - id: places
+        type: varint
+        repeat: expr
+        repeat-expr: track_count
+        doc: For each track the place of its setup among all of them, from 0 on.
+  setup_codec:
+    seq:
+      - id: codec
+        type: str
+        size: 4
+        encoding: ASCII
+        doc: Codec.
+      - id: setup_count
+        type: varint
+        doc: How many setups it has.
+      - id: setups
+        type: setup(codec)
+        repeat: expr
+        repeat-expr: setup_count.value
+        doc: Its setups.
+  setup:
+    params:
+      - id: codec
+        type: str
+        doc: Codec whose parameters these are.
+    seq:
+      - id: size
+        type: varint
+        doc: Bytes of the parameters.
+      - id: parameters
+        size: size.value
+        type: parameters(codec)
+        doc: Codec parameters.
+  range_list:
+    doc: The declared range of each track.
+    doc-ref: SPEC.md 6.3
+    seq:
+      - id: entries
+        type: range
+        repeat: eos
+        doc: One for each track.
+  range:
+    seq:
+      - id: w
+        type: u1
+        doc: b for 0 to 2^b - 1; 64 + b for -2^b to 2^b - 1; 255 where the ends follow.
+      - id: lowest
+        type: svarint
+        if: w == 255
+        doc: Lowest count.
+      - id: above
+        type: varint
+        if: w == 255
+        doc: Highest count minus lowest.
+  contract_list:
+    doc: How far a reconstruction may lie from the input.
+    doc-ref: SPEC.md clause 11
+    params:
+      - id: component_count
+        type: u1
+        doc: Components of each track.
+    seq:
+      - id: entries
+        type: contract(component_count)
+        repeat: eos
+        doc: One for all tracks, or one for each.
+  contract:
+    params:
+      - id: component_count
+        type: u1
+        doc: Components of the track.
+    seq:
+      - id: kd
+        type: varint
+        doc: Denominator of the Weber fraction; 0 means no contract, and the entry ends here.
+      - id: kn
+        type: varint
+        if: kd.value > 0
+        doc: Numerator of the Weber fraction.
+      - id: flags
+        type: u1
+        if: kd.value > 0
+        doc: Bit 0 vector form, bit 1 guaranteed; others 0.
+      - id: components
+        type: contract_component
+        repeat: expr
+        repeat-expr: 'kd.value > 0 ? component_count : 0'
+        doc: One for each component of the track.
+  contract_component:
+    seq:
+      - id: floor
+        type: varint
+        doc: Absolute floor in counts.
+      - id: zero
+        type: svarint
+        doc: Count of the physical value 0.
+  deviation_list:
+    doc: How far the source was from the lattice that its counts stand for.
+    doc-ref: SPEC.md 6.2
+    seq:
+      - id: entries
+        type: deviation
+        repeat: eos
+        doc: One for all components, or one for each.
+  deviation:
+    seq:
+      - id: declared
+        type: f4
+        doc: Tolerance that the caller declared, in the unit of the channel.
+      - id: largest
+        type: f4
+        doc: Largest deviation found, in the unit of the channel.
+  data:
+    doc: A cluster, packets of any tracks for one stretch of time.
+    doc-ref: SPEC.md 6.4
+    seq:
+      - id: packet_count
+        type: varint
+        doc: How many packets.
+      - id: entries
+        type: packet_entry
+        repeat: expr
+        repeat-expr: packet_count.value
+        doc: Table of the packets, in increasing order of (track, start).
+      - id: packets
+        size: entries[_index].size.value
+        repeat: expr
+        repeat-expr: packet_count.value
+        doc: The packets, whose bytes their codecs read (clause 9); those of EVNT as type event_packet.
+  packet_entry:
+    seq:
+      - id: track
+        type: varint
+        doc: Track id.
+      - id: size
+        type: varint
+        doc: Bytes of the packet.
+      - id: start
+        type: varint
+        doc: Tick of the first sample.
+      - id: span
+        type: varint
+        doc: Number of ticks.
+      - id: packet_crc
+        type: u4
+        doc: CRC-32 of the four varints, followed by the packet.
+  event_packet:
+    doc: Packet of codec EVNT; which packets these are says the description of their track.
+    doc-ref: SPEC.md 9.9
+    seq:
+      - id: events
+        type: event
+        repeat: eos
+        doc: In order of their ticks.
+  event:
+    seq:
+      - id: tick
+        type: varint
+        doc: Tick minus that of the event before; of the first, minus the start of the packet.
+      - id: duration
+        type: varint
+        doc: In ticks; 0 for a moment.
+      - id: channel
+        type: varint
+        doc: 0 for the whole recording, else 1 + the channel number.
+      - id: size
+        type: varint
+        doc: Bytes of the text.
+      - id: text
+        type: str
+        size: size.value
+        doc: The text.
+  indx:
+    doc: A list of chunks, with the times of clusters.
+    doc-ref: SPEC.md 6.5
+    seq:
+      - id: covers_from
+        type: u8
+        doc: Offset from which on every chunk up to this one is listed.
+      - id: previous
+        type: u8
+        doc: Offset of the iNDX chunk before this one; 0 means none.
+      - id: entry_count
+        type: u4
+        doc: Number of entries.
+      - id: entries
+        type: index_entry
+        repeat: expr
+        repeat-expr: entry_count
+        doc: In order of the offsets.
+  index_entry:
+    seq:
+      - id: type
+        type: str
+        size: 4
+        encoding: ASCII
+        doc: Type of the chunk.
+      - id: distance
+        type: varint
+        doc: Offset of its header minus that of the entry before; of the first, minus covers_from.
+      - id: start_ms
+        type: varint
+        if: type == "DATA"
+        doc: Start of the earliest packet in milliseconds, rounded down.
+      - id: length_ms
+        type: varint
+        if: type == "DATA"
+        doc: End of the latest packet, rounded up, minus start_ms.
+  foot:
+    doc: Where the index is; the file was closed.
+    doc-ref: SPEC.md 6.6
+    seq:
+      - id: index_offset
+        type: u8
+        doc: Offset of the last iNDX chunk.
+      - id: stop_offset
+        type: u8
+        doc: Offset of the first byte after this chunk.
+      - id: data_count
+        type: u4
+        doc: Number of DATA chunks in the file.
+      - id: track_count
+        type: u4
+        doc: Number of tracks described in the file.
+      - id: duration_ns
+        type: s8
+        doc: End of the latest packet, rounded up.
+  meta:
+    doc-ref: SPEC.md 6.7
+    seq:
+      - id: json
+        type: str
+        size-eos: true
+        doc: One JSON object.
+  attc:
+    doc: An attachment.
+    doc-ref: SPEC.md 6.8
+    seq:
+      - id: name_size
+        type: u1
+        doc: Bytes of the name.
+      - id: name
+        type: str
+        size: name_size
+        doc: Name.
+      - id: media_type_size
+        type: u1
+        doc: Bytes of the media type.
+      - id: media_type
+        type: str
+        size: media_type_size
+        doc: Media type; may be empty.
+      - id: content
+        size-eos: true
+        doc: The attached file.
+  dgst:
+    doc: Digests of the track of the header's track id and of those that follow it.
+    doc-ref: SPEC.md 6.9
+    seq:
+      - id: digests
+        size: 32
+        repeat: eos
+        doc: SHA-256 of the canonical decode of one track.
+  clok:
+    doc: Observations of another clock.
+    doc-ref: SPEC.md 6.10
+    seq:
+      - id: name_size
+        type: u1
+        doc: Bytes of the name.
+      - id: name
+        type: str
+        size: name_size
+        doc: Name of the other clock.
+      - id: observation_count
+        type: varint
+        doc: How many observations.
+      - id: observations
+        type: observation(_index)
+        repeat: expr
+        repeat-expr: observation_count.value
+        doc: As they were made.
+  observation:
+    params:
+      - id: number
+        type: s4
+        doc: Place of the observation in the chunk.
+    seq:
+      - id: tick
+        type: svarint
+        doc: Minus that of the observation before; of the first, the tick itself.
+      - id: first_time_ns
+        type: s8
+        if: number == 0
+        doc: What the clock told, of the first observation.
+      - id: later_ns
+        type: svarint
+        if: number > 0
+        doc: What it told later than at the observation before.
+      - id: uncertainty_ns
+        type: varint
+        doc: At most so much too early or too late; 0 means not known.
+  cmap:
+    doc: A map from ticks to the time of another clock.
+    doc-ref: SPEC.md 6.10
+    seq:
+      - id: name_size
+        type: u1
+        doc: Bytes of the name.
+      - id: name
+        type: str
+        size: name_size
+        doc: Name of the other clock.
+      - id: point_count
+        type: varint
+        doc: How many points, at least two.
+      - id: points
+        type: point(_index)
+        repeat: expr
+        repeat-expr: point_count.value
+        doc: Ticks and times grow from point to point.
+  point:
+    params:
+      - id: number
+        type: s4
+        doc: Place of the point in the chunk.
+    seq:
+      - id: first_tick
+        type: svarint
+        if: number == 0
+        doc: Tick of the first point.
+      - id: first_time_ns
+        type: s8
+        if: number == 0
+        doc: Time of the first point.
+      - id: tick
+        type: varint
+        if: number > 0
+        doc: Tick minus that of the point before.
+      - id: later_ns
+        type: varint
+        if: number > 0
+        doc: Time minus that of the point before.
+enums:
+  interpolation:
+    0: hold
+    1: linear
+  grid:
+    0: uniform
+    1: deadband
+  rule:
+    0: quotient
+    1: product
+    2: binary32
+    3: decimals
+    4: significant_digits

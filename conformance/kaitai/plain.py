@@ -1,0 +1,277 @@
+"""The container a second time, field by field, from SPEC.md: its tables as they are printed there,
+what varies by hand. Gives the fields of a file that keeps every rule as plain dictionaries."""
+
+from __future__ import annotations
+
+import re
+import struct
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+sys.path.insert(0, str(ROOT / "conformance" / "gen"))
+import page  # noqa: E402
+
+Plain = dict[str, Any]
+ROW = re.compile(r"^\| (\d+) \| (\d+) \| (\S+) \| `(\w+)` \|", re.M)
+CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i32": "i", "i64": "q", "f32": "f"}
+TEXT = (ROOT / "SPEC.md").read_text(encoding="utf-8")
+
+
+def table(name: str) -> list[tuple[int, int, str, str]]:
+    """(offset, size, type, field) of each row of a table of SPEC.md."""
+    found = re.search(rf"<!-- table: {name} -->\n(.+?)<!-- end -->", TEXT, re.S)
+    return [(int(a), int(b), kind, field) for a, b, kind, field in ROW.findall(found[1])]
+
+
+class Cursor:
+    def __init__(self, data: bytes):
+        self.data, self.at = data, 0
+
+    @property
+    def left(self) -> int:
+        return len(self.data) - self.at
+
+    def take(self, size: int) -> bytes:
+        assert size <= self.left, "bytes are missing"
+        self.at += size
+        return self.data[self.at - size : self.at]
+
+    def text(self, size: int) -> str:
+        return self.take(size).decode()
+
+    def u8(self) -> int:
+        return self.take(1)[0]
+
+    def i64(self) -> int:
+        return int.from_bytes(self.take(8), "little", signed=True)
+
+    def varint(self) -> int:
+        value, self.at = page.varint(self.data, self.at)
+        return value
+
+    def svarint(self) -> int:
+        u = self.varint()
+        return u // 2 if u % 2 == 0 else -(u + 1) // 2
+
+    def fixed(self, name: str) -> Plain:
+        out: Plain = {}
+        for offset, size, kind, field in table(name):
+            assert offset == sum(row[1] for row in table(name) if row[0] < offset), name
+            raw = self.take(size)
+            out[field] = raw if kind not in CODES else struct.unpack("<" + CODES[kind], raw)[0]
+        return out
+
+    def until_end(self, entry: Callable[[Cursor], Any]) -> list[Any]:
+        out = []
+        while self.left:
+            out.append(entry(self))
+        return out
+
+    def times(self, count: int, entry: Callable[[Cursor], Any]) -> list[Any]:
+        return [entry(self) for _ in range(count)]
+
+
+def whole(data: bytes, read: Callable[[Cursor], Any]) -> Any:
+    cursor = Cursor(data)
+    out = read(cursor)
+    assert cursor.left == 0, "bytes left over"
+    return out
+
+
+def chunk(c: Cursor) -> Plain:
+    header = c.fixed("chunk header")
+    header["type"] = header["type"].decode()
+    payload = c.take(header["payload_size"])
+    read = PAYLOADS.get(header["type"])
+    return {"header": header, "payload": whole(payload, read) if read else payload}
+
+
+def string(c: Cursor) -> Plain:
+    size = c.u8()
+    return {"size": size, "text": "" if size == 255 else c.text(size)}
+
+
+def strings(c: Cursor, *_: Any) -> Plain:
+    return {"entries": c.until_end(string)}
+
+
+def head(c: Cursor) -> Plain:
+    def tlv(c: Cursor) -> Plain:
+        fields = c.fixed("TLV")
+        return fields | {"value": c.take(fields["size"])}
+
+    return c.fixed("HEAD") | {"tlvs": c.until_end(tlv)}
+
+
+def trak(c: Cursor) -> Plain:
+    fixed = c.fixed("TRAK")
+    fixed["codec"] = fixed["codec"].decode()
+
+    def tlv(c: Cursor) -> Plain:
+        fields = c.fixed("TLV")
+        value, read = c.take(fields["size"]), VALUES.get(fields["type"])
+        return fields | {"value": whole(value, lambda c: read(c, fixed)) if read else value}
+
+    return fixed | {"tlvs": c.until_end(tlv)}
+
+
+def parameters(c: Cursor, track: Plain) -> Plain:
+    read = PARAMETERS.get(track["codec"])
+    return {"value": read(c) if read else c.take(c.left)}
+
+
+def knot(c: Cursor) -> Plain:
+    return {"interpolation": c.u8(), "quantum": c.varint()}
+
+
+def quan(c: Cursor) -> Plain:
+    fields = c.fixed("QUAN parameters")
+    nibbles = [nibble for byte in c.take(c.left) for nibble in divmod(byte, 16)]
+    return fields | {"codebook": nibbles}
+
+
+def grid(c: Cursor) -> Plain:
+    out: Plain = {"grid": c.u8(), "step": c.varint(), "zero": c.svarint()}
+    return out | ({"kn": c.varint(), "kd": c.varint()} if out["grid"] else {})
+
+
+def calibrations(c: Cursor, _: Plain) -> Plain:
+    return {"entries": c.until_end(lambda c: {"a": c.svarint(), "b": c.svarint(), "d": c.varint()})}
+
+
+def setups(c: Cursor, track: Plain) -> Plain:
+    def codec(c: Cursor) -> Plain:
+        name, count = c.text(4), c.varint()
+
+        def setup(c: Cursor) -> Plain:
+            size = c.varint()
+            value = whole(c.take(size), lambda c: parameters(c, {"codec": name}))
+            return {"size": size, "parameters": value}
+
+        return {"codec": name, "setup_count": count, "setups": c.times(count, setup)}
+
+    count = c.varint()
+    return {
+        "codec_count": count,
+        "codecs": c.times(count, codec),
+        "places": c.times(track["track_count"], Cursor.varint),
+    }
+
+
+def ranges(c: Cursor, _: Plain) -> Plain:
+    def entry(c: Cursor) -> Plain:
+        w = c.u8()
+        return {"w": w} | ({"lowest": c.svarint(), "above": c.varint()} if w == 255 else {})
+
+    return {"entries": c.until_end(entry)}
+
+
+def numbers(c: Cursor, _: Plain) -> Plain:
+    return {"numbers": c.until_end(Cursor.varint)}
+
+
+def contracts(c: Cursor, track: Plain) -> Plain:
+    def entry(c: Cursor) -> Plain:
+        kd = c.varint()
+        if kd == 0:
+            return {"kd": 0, "components": []}
+        out: Plain = {"kd": kd, "kn": c.varint(), "flags": c.u8()}
+        rows = c.times(
+            track["component_count"], lambda c: {"floor": c.varint(), "zero": c.svarint()}
+        )
+        return out | {"components": rows}
+
+    return {"entries": c.until_end(entry)}
+
+
+def deviations(c: Cursor, _: Plain) -> Plain:
+    return {"entries": c.until_end(lambda c: c.fixed("deviation"))}
+
+
+def text(c: Cursor, _: Plain) -> Plain:
+    return {"text": c.text(c.left)}
+
+
+def data(c: Cursor) -> Plain:
+    def entry(c: Cursor) -> Plain:
+        out: Plain = {field: c.varint() for field in ("track", "size", "start", "span")}
+        return out | {"packet_crc": int.from_bytes(c.take(4), "little")}
+
+    count = c.varint()
+    entries = c.times(count, entry)
+    packets = [c.take(row["size"]) for row in entries]
+    return {"packet_count": count, "entries": entries, "packets": packets}
+
+
+def index(c: Cursor) -> Plain:
+    def entry(c: Cursor) -> Plain:
+        out: Plain = {"type": c.text(4), "distance": c.varint()}
+        if out["type"] == "DATA":
+            out |= {"start_ms": c.varint(), "length_ms": c.varint()}
+        return out
+
+    fixed = c.fixed("iNDX")
+    return fixed | {"entries": c.times(fixed["entry_count"], entry)}
+
+
+def named(c: Cursor) -> Plain:
+    size = c.u8()
+    return {"name_size": size, "name": c.text(size)}
+
+
+def attachment(c: Cursor) -> Plain:
+    out = named(c)
+    out["media_type_size"] = c.u8()
+    out["media_type"] = c.text(out["media_type_size"])
+    return out | {"content": c.take(c.left)}
+
+
+def clock(c: Cursor) -> Plain:
+    out = named(c)
+    out["observation_count"] = count = c.varint()
+    rows = []
+    for i in range(count):
+        row: Plain = {"tick": c.svarint()}
+        row |= {"later_ns": c.svarint()} if i else {"first_time_ns": c.i64()}
+        rows.append(row | {"uncertainty_ns": c.varint()})
+    return out | {"observations": rows}
+
+
+def clock_map(c: Cursor) -> Plain:
+    out = named(c)
+    out["point_count"] = count = c.varint()
+    first = [{"first_tick": c.svarint(), "first_time_ns": c.i64()}]
+    rest = c.times(count - 1, lambda c: {"tick": c.varint(), "later_ns": c.varint()})
+    return out | {"points": first + rest}
+
+
+PAYLOADS = {
+    "HEAD": head, "TRAK": trak, "DATA": data, "iNDX": index, "aTTc": attachment, "cLOk": clock,
+    "cMAp": clock_map, "fOOT": lambda c: c.fixed("fOOT"),
+    "mETa": lambda c: {"json": c.text(c.left)},
+    "dGST": lambda c: {"digests": c.until_end(lambda c: c.take(32))},
+}  # fmt: skip
+VALUES = {
+    1: parameters, 3: calibrations, 5: setups, 7: ranges, 9: numbers, 11: numbers, 16: contracts,
+    18: deviations, 22: text, **dict.fromkeys((2, 4, 6, 8, 10, 12, 14), strings),
+}  # fmt: skip
+PARAMETERS = {
+    "KNOT": knot, "QUAN": quan, "RAWB": lambda c: c.fixed("RAWB parameters"), "LPCR": grid,
+    "KNTE": lambda c: {"interpolation": c.u8(), "grid": grid(c)},
+    "LPCX": lambda c: c.fixed("LPCX parameters"),
+}  # fmt: skip
+
+
+def parse(file: bytes) -> Plain:
+    return whole(file, lambda c: {"signature": c.take(8), "chunks": c.until_end(chunk)})
+
+
+def events(packet: bytes) -> Plain:
+    def event(c: Cursor) -> Plain:
+        out: Plain = {field: c.varint() for field in ("tick", "duration", "channel", "size")}
+        return out | {"text": c.text(out["size"])}
+
+    return {"events": Cursor(packet).until_end(event)}

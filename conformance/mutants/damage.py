@@ -1,0 +1,291 @@
+"""Wrong readers of damaged files: checksums, the walk, salvage, what was lost, verdicts (SPEC
+clauses 5, 12 and 14)."""
+
+from __future__ import annotations
+
+from .mutant import Edit, mutant
+
+HEADER = "container.walk:header_at"
+FIND = "container.walk:find_header"
+WALK = "container.walk:walk"
+LEARN = "reading.catalogue:Catalogue.learn"
+RUN = "container.salvage:Salvage.run"
+EXIT = "reading.catalogue:Catalogue.exit_code"
+PAYLOAD_HOLDS = "crc32(payload) == header.payload_crc"
+
+MUTANTS = (
+    mutant(
+        "header-crc-ignored",
+        "The CRC of a chunk header is not looked at.",
+        "CHK-002 REC-001",
+        Edit(HEADER, ' or data[28:] != crc32(data[:28]).to_bytes(4, "little")', ""),
+        Edit("container.wire:parse_header", "if raw.header_crc != crc32(data[:28]):", "if False:"),
+    ),
+    mutant(
+        "payload-crc-ignored",
+        "The CRC of a payload is not looked at.",
+        "CHK-003 REC-001",
+        Edit(WALK, f"whole and {PAYLOAD_HOLDS}", "whole"),
+        Edit("container.walk:read_chunk", f" and {PAYLOAD_HOLDS}", ""),
+        Edit("reading.packets:PacketPass.whole", f" and {PAYLOAD_HOLDS}", ""),
+    ),
+    mutant(
+        "packet-crc-ignored",
+        "The CRC of a packet is not looked at.",
+        "DAT-004 REC-001",
+        Edit(
+            "container.salvage:Salvage.holds",
+            " or crc32(data, crc32(entry.fields)) != entry.crc",
+            "",
+        ),
+        Edit(
+            "container.cluster:parse_cluster",
+            "if crc32(data, crc32(entry.fields)) != entry.crc:",
+            "if False:",
+        ),
+    ),
+    mutant(
+        "file-id-ignored",
+        "Headers with the file id of another file are taken for chunks of this one.",
+        "CHK-004 REC-002",
+        Edit(
+            HEADER,
+            "return header if file_id is None or header.file_id == file_id else None",
+            "return header",
+        ),
+    ),
+    mutant(
+        "file-id-of-first-header",
+        "Where the first header is lost the file id is that of any header, not of a HEAD.",
+        "CHK-004 REC-002",
+        Edit(
+            "container.walk:choose_file_id",
+            'if header.type == "HEAD" and header.payload_size < HEAD_SIZE_LIMIT:',
+            "if False:",
+        ),
+    ),
+    mutant(
+        "resync-skips-edges",
+        "A sync word across the edge of a block of 4096 bytes is not seen.",
+        "REC-002",
+        Edit(
+            FIND,
+            "position, size = start, FIRST_BLOCK",
+            "position, size = start, 4096 - start % 4096",
+        ),
+        Edit(FIND, "size + len(SYNC) - 1", "size"),
+        Edit(FIND, "size = min(2 * size, BLOCK_SIZE)", "size = 4096"),
+    ),
+    mutant(
+        "resync-behind-payload",
+        "After a damaged payload the search begins behind it, not within.",
+        "REC-002 REC-003",
+        Edit(
+            WALK, "start = position if suspect_from is None else suspect_from", "start = position"
+        ),
+    ),
+    mutant(
+        "resync-by-words",
+        "The search for headers looks at every fourth offset.",
+        "REC-002",
+        Edit(
+            FIND,
+            "if header_at(source, position + at, file_id) is not None:",
+            "if (position + at - start) % 4 == 0 and header_at(source, position + at, file_id):",
+        ),
+    ),
+    mutant(
+        "nested-chunks-taken",
+        "Headers within the payload of an intact chunk are taken for chunks.",
+        "FIL-002 REC-002",
+        Edit(
+            WALK,
+            "position = min(payload_offset + header.payload_size, source.size)",
+            "after = payload_offset + header.payload_size\n"
+            "        nested = find_header(source, payload_offset, file_id) or source.size\n"
+            "        position = min(after, nested, source.size)",
+        ),
+    ),
+    mutant(
+        "duplicates-used",
+        "A chunk whose sequence number was met before is used again.",
+        "CHK-005 REC-003",
+        Edit(WALK, "if header.sequence in seen:", "if False:"),
+    ),
+    mutant(
+        "duplicates-of-damaged",
+        "The good copy of a chunk that was damaged is left out as a duplicate.",
+        "REC-002",
+        Edit(
+            WALK,
+            "findings.append(payload_finding(header, offset, position - offset, whole))",
+            "seen.add(header.sequence) or "
+            "findings.append(payload_finding(header, offset, position - offset, whole))",
+        ),
+    ),
+    mutant(
+        "holes-unreported",
+        "Missing sequence numbers are not reported.",
+        "CHK-005 REC-003",
+        Edit(WALK, "if header.sequence != last + 1:", "if header.sequence <= last:"),
+    ),
+    mutant(
+        "order-of-the-file",
+        "Chunks that changed places are delivered in the order of the file.",
+        "REC-002 DAT-006",
+        Edit("reading.catalogue:Catalogue.data", "if not self.indexed:", "if False:"),
+    ),
+    mutant(
+        "ends-at-first-footer",
+        "Where there are several footers the first one ends the file.",
+        "FOT-003 FIL-003",
+        Edit(
+            WALK,
+            "yield Chunk(header, offset, payload, intact)",
+            "yield Chunk(header, offset, payload, intact)\n"
+            '        if header.type == "fOOT" and intact:\n'
+            "            return",
+        ),
+    ),
+    mutant(
+        "signature-ignored",
+        "A bad signature is not reported.",
+        "FIL-001",
+        Edit(WALK, "source.read_at(0, len(SIGNATURE)) != SIGNATURE", "False"),
+    ),
+    mutant(
+        "salvage-nothing",
+        "Of a damaged DATA payload nothing is delivered.",
+        "REC-002",
+        Edit(
+            RUN,
+            "for place in sorted(self.found):",
+            "self.found.clear()\n    for place in sorted(self.found):",
+        ),
+    ),
+    mutant(
+        "salvage-forwards-only",
+        "Packets of a damaged payload are placed from the front alone.",
+        "REC-002",
+        Edit(RUN, "self.backwards(stop, self.table_stop)", "pass"),
+    ),
+    mutant(
+        "salvage-without-search",
+        "Where the table of a damaged payload cannot be read, no entry is looked for.",
+        "REC-002",
+        Edit(RUN, "self.search()", "self.found.update(before[0])"),
+    ),
+    mutant(
+        "salvage-header-size-only",
+        "A damaged payload ends where its header says, wherever the next header stands.",
+        "REC-002",
+        Edit("reading.packets:PacketPass.region", "if size != sizes[0] and", "if False and"),
+    ),
+    mutant(
+        "overlap-delivered",
+        "Packets that start before the end of one delivered before are delivered too.",
+        "DAT-006",
+        Edit(
+            "reading.packets:PacketPass.settle",
+            "if packet.start < last or place < line.place:",
+            "if False:",
+        ),
+    ),
+    mutant(
+        "packets-of-the-next-chunk",
+        "A salvaged packet may cover ticks of the chunk that follows.",
+        "REC-002 DAT-006",
+        Edit("reading.packets:PacketPass.beyond", "return late", "return False"),
+    ),
+    mutant(
+        "lost-times-ignored",
+        "What is lost is not told closer by the times of the indexes.",
+        "REC-003 REC-012",
+        Edit(
+            "reading.timeline:Timeline.between",
+            "if low >= high:",
+            "return UNKNOWN\n    if low >= high:",
+        ),
+    ),
+    mutant(
+        "lost-end-unreported",
+        "Loss behind the last packet of a track is not reported.",
+        "REC-003 REC-012",
+        Edit("reading.losses:Losses.end", "if hole is not None:", "if False:"),
+    ),
+    mutant(
+        "lost-holes-unreported",
+        "Loss between two packets is not reported.",
+        "REC-003 REC-012",
+        Edit("reading.losses:Losses.settle", "if low < high:", "if False:"),
+    ),
+    mutant(
+        "exit-0-on-loss",
+        "A file with damage ends with code 0.",
+        "VRD-001",
+        Edit(EXIT, "3 if self.findings else 4 if any(parts) else 0", "4 if any(parts) else 0"),
+    ),
+    mutant(
+        "exit-0-not-closed",
+        "A file that was not closed ends with code 0.",
+        "VRD-002",
+        Edit(EXIT, "3 if self.findings else", "3 if self.damaged else"),
+    ),
+    mutant(
+        "unsupported-before-damage",
+        "A damaged file with an unknown critical chunk ends with code 4.",
+        "VRD-001",
+        Edit(
+            EXIT,
+            "3 if self.findings else 4 if any(parts) else 0",
+            "4 if any(parts) else 3 if self.findings else 0",
+        ),
+        Edit(
+            "verifier:Report.worsen",
+            "(INTACT, NONCONFORMING, UNSUPPORTED, DAMAGED)",
+            "(INTACT, NONCONFORMING, DAMAGED, UNSUPPORTED)",
+        ),
+    ),
+    mutant(
+        "digests-never-compared",
+        "Digests are read and never compared.",
+        "DGS-002",
+        Edit("verifier:check_packets", "digests[id_].digest() != digest", "False"),
+        role="verifier",
+    ),
+    mutant(
+        "digests-of-all-packets",
+        "A digest is compared with all packets, also those behind it.",
+        "DGS-003",
+        Edit("verifier:check_packets", "and piece.offset < wanted[piece.track.id][0]", ""),
+        role="verifier",
+    ),
+    mutant(
+        "index-unchecked",
+        "What an index lists is not compared with the chunks.",
+        "IDX-002 IDX-006",
+        Edit(
+            "verifier:check_structure",
+            "check_listing(index, ref.offset, listing, chunk.payload_offset)",
+            "pass",
+        ),
+        role="verifier",
+    ),
+    mutant(
+        "footer-unchecked",
+        "The counts of a footer are not compared with the file.",
+        "FOT-003",
+        Edit(
+            "verifier:check_structure",
+            "if (foot.data_count, foot.track_count, foot.duration_ns) != (*counts, stop_ns):",
+            "if False:",
+        ),
+        role="verifier",
+    ),
+    mutant(
+        "index-trusted",
+        "What the index does not list is not there, and what it lists is not checked.",
+        "IDX-003",
+        Edit("reading.opening:open_catalogue", "if not scan:", "if True:"),
+    ),
+)

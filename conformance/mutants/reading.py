@@ -1,0 +1,269 @@
+"""Wrong readers: versions, unknown parts, bands, channels, layers and limits (SPEC clauses 5 to 11
+and 15)."""
+
+from __future__ import annotations
+
+from .mutant import Edit, mutant
+
+LEARN = "reading.catalogue:Catalogue.learn"
+HEAD = "container.wire:parse_head"
+SUM = "reading.reconstruct:add_residual"
+PART = "reading.assembly:Assembly.of_part"
+DECODE = "reading.decoder:TrackDecoder.decode"
+BOTH = "both = d[i : i + span.ticks].astype(np.int64) + e[j : j + span.ticks]"
+NO_RANGE = (
+    "__import__('dataclasses').replace(self.track, count_min=-(1 << 31), count_max=(1 << 31) - 1)"
+)
+
+MUTANTS = (
+    mutant(
+        "clamp-missing",
+        "Decoded counts are not clamped to the declared range of their track.",
+        "DEC-001",
+        Edit(
+            DECODE,
+            "track, parameters = self.track, self.parameters",
+            f"parameters, track = self.parameters, {NO_RANGE}",
+        ),
+    ),
+    mutant(
+        "hf-not-clamped",
+        "Counts of HF tracks are not clamped before they are added.",
+        "DEC-001",
+        Edit(
+            DECODE,
+            "track, parameters = self.track, self.parameters",
+            f"parameters, track = self.parameters, {NO_RANGE} "
+            "if self.track.kind == 'hf' else self.track",
+        ),
+    ),
+    mutant(
+        "sum-not-clamped",
+        "The sum of LF and HF is not clamped.",
+        "DEC-002",
+        Edit(SUM, "np.clip(both, low, high)", "both"),
+    ),
+    mutant(
+        "sum-clamped-to-hf",
+        "The sum of LF and HF is clamped to the range of the HF track.",
+        "DEC-002",
+        Edit(
+            SUM,
+            "low, high = lf.track.count_min, lf.track.count_max",
+            "low, high = hf.track.count_min, hf.track.count_max",
+        ),
+    ),
+    mutant(
+        "hf-a-tick-late",
+        "The residual of a tick is added to the tick after it.",
+        "DEC-002 DEC-003",
+        Edit(SUM, "e[j : j + span.ticks]", "np.roll(e[j : j + span.ticks], 1, axis=0)"),
+    ),
+    mutant(
+        "lf-alone-delivered",
+        "Ticks that the LF track alone covers are delivered in full band.",
+        "DEC-003",
+        Edit(
+            SUM,
+            "d, e = lf.numbers(), hf.numbers()",
+            "d, rows = lf.numbers(), hf.numbers()\n"
+            "    e = np.zeros_like(d)\n"
+            "    for (i, j), span in intersect(lf.spans, hf.spans):\n"
+            "        e[i : i + span.ticks] = rows[j : j + span.ticks]\n"
+            "    hf = Decoded(hf.track, spans=lf.spans)",
+        ),
+    ),
+    mutant(
+        "lf-for-full-band",
+        "Where the HF track is lost the LF track is played as the full band.",
+        "DEC-006",
+        Edit(
+            PART,
+            "# Its HF track is lost: what is left is not the channel (DEC-006).\n"
+            "        return Decoded(part.track)",
+            "return self.tracks[part.track.id]",
+        ),
+    ),
+    mutant(
+        "hf-of-full-band",
+        "Asked for HF only, full-band tracks are delivered too.",
+        "DEC-005",
+        Edit(
+            PART,
+            "part.residual else Decoded(part.track)",
+            "part.residual else self.tracks[part.track.id]",
+        ),
+        Edit(
+            "reading.assembly:wanted_tracks",
+            'if band != "hf":',
+            'if band != "hf" or part.residual is None:',
+        ),
+    ),
+    mutant(
+        "zeros-into-gaps",
+        "Gaps are filled with zeros.",
+        "DEC-004",
+        Edit(
+            "reading.reconstruct:Decoded.add",
+            "append_span(self.spans, Span(start, start + len(numbers)))",
+            "if self.spans and self.spans[-1].stop < start:\n"
+            "        zeros = np.zeros((start - self.spans[-1].stop, *numbers.shape[1:]))\n"
+            "        self.pieces.append(zeros.astype(numbers.dtype))\n"
+            "        append_span(self.spans, Span(self.spans[-1].stop, start))\n"
+            "    append_span(self.spans, Span(start, start + len(numbers)))",
+        ),
+    ),
+    mutant(
+        "continued-alone",
+        "Of tracks that continue one another the first alone is delivered.",
+        "TRK-018",
+        Edit("reading.assembly:join", "if len(parts) == 1:", "if True:"),
+    ),
+    mutant(
+        "ranges-ignored",
+        "The list of ranges is ignored: every track has that of the layout.",
+        "TRK-014",
+        Edit("container.series:ranges_of", "return ranges", "return [hull] * len(ranges)"),
+    ),
+    mutant(
+        "channels-follow-on",
+        "The list of channel numbers is ignored.",
+        "TRK-015 TRK-010",
+        Edit("container.series:channels_of", "if CHANNELS in tlvs:", "if False:"),
+    ),
+    mutant(
+        "setups-of-the-first",
+        "Every track has the setup of the first.",
+        "TRK-013",
+        Edit(
+            "container.lists:parse_setups",
+            "chosen.append(setups[index])",
+            "chosen.append(setups[0])",
+        ),
+    ),
+    mutant(
+        "events-in-file-order",
+        "The events of a layer come in the order of the file.",
+        "EVT-004",
+        Edit(
+            "conformance.decode:layer_json",
+            "sorted(events, key=lambda event: event.tick)",
+            "events",
+        ),
+    ),
+    mutant(
+        "event-channel-as-stored",
+        "The channel of an event is one too high.",
+        "EVT-003",
+        Edit(
+            "codecs.events:parse_events",
+            "channel - 1 if channel else None",
+            "channel if channel else None",
+        ),
+    ),
+    mutant(
+        "critical-chunk-skipped",
+        "An unknown critical chunk is skipped like any other.",
+        "CHK-009",
+        Edit(LEARN, "if header.critical and self.unsupported is None:", "if False:"),
+    ),
+    mutant(
+        "ancillary-chunk-refused",
+        "An unknown ancillary chunk makes a file unsupported.",
+        "CHK-010",
+        Edit(LEARN, "if header.critical and", "if"),
+    ),
+    mutant(
+        "critical-flags-ignored",
+        "Unknown critical flags mean nothing.",
+        "CHK-007",
+        Edit("container.wire:ChunkHeader.known", "and not self.flags & CRITICAL_FLAGS", ""),
+    ),
+    mutant(
+        "ancillary-flags-refused",
+        "Unknown ancillary flags make a chunk unknown.",
+        "CHK-007",
+        Edit("container.wire:ChunkHeader.known", "self.flags & CRITICAL_FLAGS", "self.flags"),
+    ),
+    mutant(
+        "critical-tlv-skipped",
+        "An unknown critical TLV is skipped.",
+        "TLV-003",
+        Edit(
+            "container.series:find_unsupported",
+            "if type_ % 2 and type_ not in CRITICAL",
+            "if False",
+        ),
+        Edit(HEAD, "if t % 2]", "if False]"),
+    ),
+    mutant(
+        "ancillary-tlv-refused",
+        "An unknown ancillary TLV makes a track unsupported.",
+        "TLV-003",
+        Edit(
+            "container.series:find_unsupported",
+            "if type_ % 2 and type_ not in CRITICAL",
+            "if type_ > 22",
+        ),
+    ),
+    mutant(
+        "minor-version-refused",
+        "A minor version other than 0 is refused.",
+        "VER-001",
+        Edit(HEAD, "if raw.major != MAJOR:", "if (raw.major, raw.minor) != (MAJOR, MINOR):"),
+    ),
+    mutant(
+        "major-version-ignored",
+        "Any major version is read.",
+        "VER-002",
+        Edit(HEAD, "if raw.major != MAJOR:", "if False:"),
+    ),
+    mutant(
+        "compat-refused",
+        "Unknown bits in compat are refused.",
+        "VER-001",
+        Edit(
+            HEAD,
+            "if raw.incompat & ~KNOWN_INCOMPAT:",
+            "if (raw.incompat | raw.compat) & ~KNOWN_INCOMPAT:",
+        ),
+    ),
+    mutant(
+        "incompat-ignored",
+        "Unknown bits in incompat are ignored.",
+        "VER-002",
+        Edit(HEAD, "if raw.incompat & ~KNOWN_INCOMPAT:", "if False:"),
+    ),
+    mutant(
+        "metadata-first-wins",
+        "Members of later metadata do not replace those of earlier ones.",
+        "MET-001",
+        Edit(
+            LEARN,
+            "self.metadata.update(parse_metadata(chunk.payload, offset))",
+            "self.metadata = parse_metadata(chunk.payload, offset) | self.metadata",
+        ),
+    ),
+    mutant(
+        "limits-one-lower",
+        "What just keeps a limit is refused.",
+        "LIM-001",
+        Edit("limits:Level.check", "if value > bound:", "if value >= bound:"),
+    ),
+    mutant(
+        "limits-ignored",
+        "The limits of the level are not checked.",
+        "LIM-001 LIM-002",
+        Edit("limits:Level.check", "if value > bound:", "if False:"),
+    ),
+    mutant(
+        "level-two-for-all",
+        "The limits of level 2 hold for every file.",
+        "LIM-001",
+        Edit(
+            "reading.catalogue:Catalogue.level",
+            "LEVELS[self.head.level] if self.head else LEVELS[2]",
+            "LEVELS[2]",
+        ),
+    ),
+)

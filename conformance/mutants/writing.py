@@ -1,0 +1,238 @@
+"""Wrong recoverers and encoders (SPEC 12.3, clauses 11 and 13)."""
+
+from __future__ import annotations
+
+from .mutant import Edit, Mutant, mutant
+
+WRITER = "container.filewriter:FileWriter"
+COPY = "recovery.recover:Copy"
+WITHIN = "encoder.indexed:encode_deadband"
+FILLED = """import numpy as np
+    values, parts, at = read_numbers(folder / one["numbers"], one["format"]), [], 0
+    for span in spans:
+        gap = span.start - (spans[0].start + sum(map(len, parts)))
+        parts += [np.zeros(gap, values.dtype), values[at : at + span.ticks]]
+        at += span.ticks
+    spans, parts = [Span(spans[0].start, spans[-1].stop)] if spans else [], parts or [values]
+    return Channel("""
+
+
+def recoverer(name: str, about: str, requirements: str, *changes: Edit) -> Mutant:
+    return mutant(name, about, requirements, *changes, role="recoverer")
+
+
+def encoder(name: str, about: str, requirements: str, *changes: Edit) -> Mutant:
+    return mutant(name, about, requirements, *changes, role="encoder")
+
+
+MUTANTS = (
+    recoverer(
+        "recover-drops-events",
+        "Packets of events are not copied.",
+        "REC-006",
+        Edit(
+            f"{COPY}.check",
+            "decoder = self.decoders.get(packet.track)",
+            'if self.tracks[packet.track].kind == "events":\n'
+            "        return False\n"
+            "    decoder = self.decoders.get(packet.track)",
+        ),
+    ),
+    recoverer(
+        "recover-keeps-bad-packets",
+        "Packets that do not decode are copied too.",
+        "REC-006",
+        Edit(f"{COPY}.check", "if decoder is not None:", "if False:"),
+    ),
+    recoverer(
+        "recover-keeps-digests",
+        "Digests are copied, whatever was lost of their tracks.",
+        "REC-009",
+        Edit(f"{COPY}.copy_digests", "if same and track not in self.outrun:", "if True:"),
+    ),
+    recoverer(
+        "recover-without-places",
+        "Nothing is described for tracks whose description is lost.",
+        "REC-008 TRK-010 TRK-012",
+        Edit(
+            "recovery.descriptions:describe",
+            "places = placeholders(described, catalogue)",
+            "places: list[Track] = []",
+        ),
+        Edit(f"{WRITER}.close", "self.describe(silent_tracks(list(self.tracks.values())))", "pass"),
+    ),
+    recoverer(
+        "recover-drops-unknown",
+        "Chunks of unknown types are left out.",
+        "REC-010",
+        Edit(
+            "recovery.extras:Extras.may_be_copied",
+            "return chunk.header.critical or safe or whole",
+            "return False",
+        ),
+    ),
+    recoverer(
+        "recover-keeps-unsafe",
+        "Unknown chunks that are unsafe to copy are kept after loss.",
+        "REC-010",
+        Edit(
+            "recovery.extras:Extras.may_be_copied",
+            "return chunk.header.critical or safe or whole",
+            "return True",
+        ),
+    ),
+    recoverer(
+        "recover-drops-metadata",
+        "Metadata is not copied.",
+        "REC-010",
+        Edit("recovery.extras:Extras.copy", "if keep:", 'if keep and header.type != "mETa":'),
+    ),
+    recoverer(
+        "recover-says-nothing",
+        "The metadata of a recovered file does not say what happened.",
+        "REC-011",
+        Edit(f"{COPY}.run", "if done.findings or done.exit_code == 3:", "if False:"),
+    ),
+    recoverer(
+        "recover-exit-0",
+        "Recovery ends with 0 whatever was lost.",
+        "VRD-001 REC-011",
+        Edit(f"{COPY}.run", "done.exit_code = 3", "done.exit_code = 0"),
+    ),
+    recoverer(
+        "recover-not-closed",
+        "A recovered file has no index and no footer.",
+        "FIL-003 REC-006",
+        Edit(f"{COPY}.run", "self.writer.close()", "pass"),
+    ),
+    recoverer(
+        "recover-loses-epoch",
+        "The epoch is not kept.",
+        "REC-007",
+        Edit(f"{COPY}.__init__", "epoch_ns=head.epoch_ns", "epoch_ns=None"),
+    ),
+    encoder(
+        "index-without-last-cluster",
+        "The index leaves out the last DATA chunk.",
+        "IDX-002",
+        Edit(
+            f"{WRITER}.index",
+            "tuple(self.entries[first:])))\n    offset",
+            "tuple(e for e in self.entries[first:] if e.type != 'DATA' or e is not "
+            "[e for e in self.entries if e.type == 'DATA'][-1])))\n    offset",
+        ),
+    ),
+    encoder(
+        "index-times-short",
+        "The index rounds the end of a cluster down.",
+        "IDX-006",
+        Edit(f"{WRITER}.data", "ceil_ms(stop)", "floor_ms(stop)"),
+    ),
+    encoder(
+        "footer-counts-clusters-twice",
+        "The footer counts one DATA chunk too many.",
+        "FOT-003",
+        Edit(f"{WRITER}.foot", "self.data_count,", "self.data_count + 1,"),
+    ),
+    encoder(
+        "footer-rounds-down",
+        "The footer rounds the duration down.",
+        "FOT-003",
+        Edit(
+            "container.index:ceil_ns",
+            "-(-seconds.numerator * 10**9 // seconds.denominator)",
+            "seconds.numerator * 10**9 // seconds.denominator",
+        ),
+    ),
+    encoder(
+        "packet-crc-without-entry",
+        "The CRC of a packet does not cover its entry.",
+        "DAT-004",
+        Edit(
+            "container.cluster:build_cluster",
+            "crc32(packet.data, crc32(fields))",
+            "crc32(packet.data)",
+        ),
+    ),
+    encoder(
+        "overlong-varint-written",
+        "Varints of one byte are written with two.",
+        "CNV-003",
+        Edit("integers:build_varint", "out.append(value)\n", "out += bytes([value | 0x80, 0])\n"),
+    ),
+    encoder(
+        "random-file-id",
+        "The file id is random in canonical mode too.",
+        "WRT-002",
+        Edit(
+            f"{WRITER}.__init__",
+            "secrets.randbits(32) if file_id is None else file_id",
+            "secrets.randbits(32)",
+        ),
+    ),
+    encoder(
+        "level-one-for-all",
+        "Every file claims to keep the limits of level 1.",
+        "LIM-001 HED-004",
+        Edit("encoder.encode:choose_level", "for track in tracks:", "for track in ():"),
+    ),
+    encoder(
+        "gaps-written-as-zeros",
+        "Gaps of the source are stored as zeros.",
+        "WRT-004 DBC-004",
+        Edit("conformance.job:channel_of", "return Channel(", FILLED),
+        Edit(
+            "conformance.job:channel_of",
+            'values=read_numbers(folder / one["numbers"], one["format"])',
+            "values=np.concatenate(parts)",
+        ),
+    ),
+    encoder(
+        "residual-of-unquantised",
+        "The residual is formed against the slow part before its quantisation.",
+        "WRT-003 DBC-002",
+        Edit(
+            "encoder.unit:encode_counts",
+            "unit = with_residual(source, lf, x - d, step, bound)",
+            "unit = with_residual(source, lf, x - slow, step, bound)",
+        ),
+        Edit("encoder.unit:smallest", "x - decode_all(lf, x.shape[1])", "x - slow"),
+    ),
+    encoder(
+        "deadband-one-too-wide",
+        "A sample may lie one count further off than its deadband allows.",
+        "DBC-002",
+        Edit(
+            WITHIN,
+            "bound = bound_of(source, settings)",
+            "asked = bound_of(source, settings)\n"
+            "    floor = tuple(count + 1 for count in asked.band.floor)\n"
+            "    band = replace(asked.band, floor=floor)\n"
+            "    bound = replace(asked, band=band, slack=asked.slack + 1)",
+        ),
+        Edit(WITHIN, "kept(source, coded, bound.band)", "kept(source, coded, asked.band)"),
+        Edit("encoder.indexed:kept", "if any(", "if False and any("),
+    ),
+    encoder(
+        "carry-lost",
+        "The range encoder does not carry into bytes that it put out.",
+        "RNG-001",
+        Edit("codecs.adaptive:RangeEncoder.put", "if top >> (8 * size):", "if False:"),
+    ),
+    encoder(
+        "coder-ends-late",
+        "The coded bytes have a byte more than they need.",
+        "RNG-001",
+        Edit(
+            "codecs.adaptive:RangeEncoder.finish",
+            "return bytes(self.out + self.back[::-1])",
+            'return bytes(self.out + b"\\0" + self.back[::-1])',
+        ),
+    ),
+    encoder(
+        "doubles-rounded",
+        "Doubles are stored as counts, without what these lack of them.",
+        "DBC-004 EXA-007",
+        Edit("codecs.exact:Lacking.build", "if not self.corrections.any():", "if True:"),
+    ),
+)

@@ -1,0 +1,275 @@
+"""What hapfmt makes of the cases in conformance/components, codec by codec."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+
+import numpy as np
+
+from hapfmt.codecs import components as lpcr
+from hapfmt.codecs.adaptive import (
+    EVEN,
+    TABLES,
+    BitModel,
+    IntegerModel,
+    RangeDecoder,
+    SymbolModel,
+)
+from hapfmt.codecs.events import parse_events
+from hapfmt.codecs.exact import ExactParameters, decode_counts, decode_exact
+from hapfmt.codecs.grids import LpcParameters, deadband_levels
+from hapfmt.codecs.huffman import parse_codebook
+from hapfmt.codecs.knots import KnotParameters, decode_knots, interpolate, parse_knots
+from hapfmt.codecs.knots_coded import decode_indices
+from hapfmt.codecs.predicted import step_up
+from hapfmt.codecs.quantised import Alphabet, QuanParameters, decode_levels, decode_quantised
+from hapfmt.codecs.raw import RawParameters, decode_raw
+from hapfmt.codecs.rice import RiceReader
+from hapfmt.codecs.sine import SINES
+from hapfmt.codecs.values import ordered, unordered, values_of
+from hapfmt.container.tlv import parse_strings
+from hapfmt.container.track import Affine
+from hapfmt.container.wire import crc32
+from hapfmt.errors import FormatError
+from hapfmt.integers import build_svarint, build_varint, clamp, parse_svarint, parse_varint, rdiv
+from hapfmt.limits import LEVELS
+
+LEVEL = LEVELS[1]
+
+
+def varint(case, parse=parse_varint, build=build_varint):
+    value, stop = parse(bytes.fromhex(case["bytes"]), case["at"])
+    assert build(value) == bytes.fromhex(case["bytes"])[case["at"] : stop]
+    return {"value": value, "stop": stop}
+
+
+def svarint(case):
+    return varint(case, parse_svarint, build_svarint)
+
+
+def division(case):
+    n, d = int(case["n"]), int(case["d"])
+    return {"floor": n // d, "rdiv": rdiv(n, d)}
+
+
+def clamped(case):
+    if "x" in case:
+        return {"result": clamp(case["x"], case["low"], case["high"])}
+    low, high = case["lf_range"]
+    return {
+        "sum": clamp(clamp(case["lf"], low, high) + clamp(case["hf"], *case["hf_range"]), low, high)
+    }
+
+
+def checksum(case):
+    return {"crc": crc32(bytes.fromhex(case["bytes"]))}
+
+
+def strings(case):
+    return {"texts": list(parse_strings(bytes.fromhex(case["bytes"]), case["components"], 0))}
+
+
+def bit_model(case):
+    model, steps = BitModel(), []
+    for bit in [step[1] for step in case.get("steps", [])]:
+        chance = model.probability()
+        model.update(bit)
+        steps.append([chance, bit, model.p, model.q, model.n])
+    for bit, count in case.get("bits", []):
+        for _ in range(count):
+            model.update(bit)
+    after = {"P": model.probability(), "p": model.p, "q": model.q, "n": model.n}
+    return {"steps": steps} if steps else {"after": after}
+
+
+def symbol_model(case):
+    model, steps = SymbolModel(tuple(case["z"]), case["n"]), []
+    for symbol in [step[0] for step in case.get("steps", [])]:
+        model.update(symbol)
+        steps.append([symbol, model.n, *model.z])
+    for i in range(case.get("count", 0)):
+        model.update(i * case["times"] % 16)
+    return {"steps": steps} if steps else {"after": {"n": model.n, "z": model.z}}
+
+
+def first_probabilities(case):
+    z = TABLES[case["context"]] if "context" in case else EVEN
+    return {"z": list(z)}
+
+
+def range_coder(case):
+    coder = RangeDecoder(bytes.fromhex(case["coded"]))
+    bits = [BitModel() for _ in range(4)]
+    symbols = [SymbolModel(TABLES[4 * i], 10) for i in range(3)]
+    start, steps = {"width": coder.width, "x": coder.x}, []
+    for kind, which, *_ in case["steps"]:
+        if kind == "bit":
+            got = coder.bit(bits[which])
+        else:
+            got = coder.symbol(symbols[which]) if kind == "symbol" else coder.raw(which)
+        steps.append([kind, which, got, coder.width, coder.x, coder.taken, coder.raw_bits])
+    assert steps == case["steps"]
+    coder.finish()
+    return {"start": start, "steps": steps}
+
+
+def integer_model(case):
+    coder = RangeDecoder(bytes.fromhex(case["coded"]))
+    model, steps = IntegerModel(raw_signs=case["raw_signs"]), []
+    for _ in range(len(case["steps"]) + ("error" in case)):
+        h, c = model.scale()
+        e = model.decode(coder)
+        state = [model.f, model.s, model.t, coder.width, coder.x, coder.taken, coder.raw_bits]
+        steps.append([e, c, h, *state])
+    coder.finish()
+    return {"steps": steps}
+
+
+def knot(case):
+    parameters = KnotParameters(case["interpolation"], case["quantum"])
+    data, count = bytes.fromhex(case["packet"]), case["components"]
+    counts = decode_knots(data, parameters, case["span"], count, LEVEL, 0)
+    ticks, rows = parse_knots(data, count, 0)
+    return {"knots": knots(ticks, rows * case["quantum"]), "counts": counts.T.tolist()}
+
+
+def knots(ticks, rows):
+    return [[t, row] for t, row in zip(ticks.tolist(), rows.tolist(), strict=True)]
+
+
+def knte(case):
+    ticks, rows = decode_indices(
+        bytes.fromhex(case["packet"]), case["interpolation"], case["span"], case["components"],
+        case["last"], 0,
+    )  # fmt: skip
+    out = {"knots": knots(ticks, rows)}
+    if "counts" in case:
+        out["counts"] = interpolate(ticks, rows, case["span"], case["interpolation"]).T.tolist()
+    return out
+
+
+def alphabet(case):
+    return Alphabet(case["direct_levels"], case["run_classes"], case["escape_classes"])
+
+
+def codebook(case):
+    symbols = alphabet(case)
+    lengths = parse_codebook(bytes.fromhex(case["codebook"]), symbols.size, 0)
+    book = QuanParameters(1, symbols, lengths).book
+    words = {
+        str(s): f"{book.codes[s]:0{book.widths[s]}b}" if book.widths[s] else ""
+        for s in np.flatnonzero(lengths).tolist()
+    }
+    return {"lengths": lengths.tolist(), "words": words}
+
+
+def quan(case):
+    symbols = alphabet(case)
+    book = parse_codebook(bytes.fromhex(case["codebook"]), symbols.size, 0)
+    parameters = QuanParameters(case["step"], symbols, book)
+    data, total = bytes.fromhex(case["packet"]), case["total"]
+    counts = decode_quantised(data, parameters, total, 1, LEVEL, 0)
+    levels = decode_levels(data, parameters, total, 0)
+    return {"levels": levels.tolist(), "counts": counts[:, 0].tolist()}
+
+
+def rawb(case):
+    signed, size = case["signed"], case["word_size"]
+    kind = "counts" if signed else {2: "binary16", 8: "uint64"}[size]
+    data = bytes.fromhex(case["packet"])
+    numbers = decode_raw(data, RawParameters(size), kind, case["span"], case["components"], 0)
+    if not signed:
+        numbers = numbers.view(f"<u{size}")
+    return {"numbers": [[large(n) for n in row] for row in numbers.T.tolist()]}
+
+
+def large(n):
+    return n if abs(n) <= 2**53 else str(n)
+
+
+def evnt(case):
+    data = bytes.fromhex(case["packet"])
+    if "then" in case:
+        byte, count = case["then"]
+        data += count * bytes.fromhex(byte)
+    found = parse_events(data, case["start"], case["span"], 0)
+    if "then" in case:
+        return {"count": len(found), "text_size": len(found[0].text)}
+    return {"events": [list(event) for event in found]}
+
+
+def sine(case):
+    if "entries" in case:
+        digest = hashlib.sha256(struct.pack("<128H", *SINES)).hexdigest()
+        return {"entries": list(SINES), "sha256": digest}
+    return {"pairs": [[k, SINES[k] if k >= 0 else -SINES[-k]] for k, _ in case["pairs"]]}
+
+
+def predictor(case):
+    c = step_up(case["k"])
+    if c is None:
+        raise FormatError("too large", requirement="LPC-005", offset=0)
+    return {"c": c}
+
+
+def grid(case):
+    parameters = LpcParameters(case["step"], case["zero"], case.get("kn", 0), case.get("kd", 1))
+    if "bound" in case:
+        y, tops = deadband_levels(parameters, case["bound"])
+        return {"levels": y.tolist(), "tops": [min(top, case["bound"]) for top in tops.tolist()]}
+    bound = LEVEL.count_bound
+    indices = np.array(case["indices"], np.int64)
+    out = {
+        "last": parameters.index_limit(bound),
+        "counts": parameters.counts(indices, bound).tolist(),
+    }
+    if case["grid"]:
+        y = deadband_levels(parameters, bound)[0]
+        out["first_levels"] = y[:24].tolist()
+        out["sha256"] = hashlib.sha256(y.astype("<i8").tobytes()).hexdigest()
+    return out
+
+
+def rice(case):
+    reader, blocks = RiceReader(bytes.fromhex(case["bits"]), 0), []
+    for t in range(case["ticks"]):
+        e = reader.decode()
+        if t % 32 == 0:
+            blocks.append({"w": reader.width, "errors": []})
+        blocks[-1]["errors"].append(e)
+        blocks[-1]["bits_read"] = reader.taken
+    reader.finish()
+    return {"blocks": blocks}
+
+
+def lpcr_packet(case):
+    data, span = bytes.fromhex(case["packet"]), case["span"]
+    rows = lpcr.decode_components(data, span, case["components"], case["last"], 0)
+    return {"indices": [row.tolist() for row in rows]}
+
+
+def hexed(doubles):
+    return [f"{word:016x}" for word in np.ascontiguousarray(doubles, "<f8").view("<u8").tolist()]
+
+
+def exact_values(case):
+    counts, affine = np.array(case["counts"], np.int64), Affine(*case["calibration"])
+    return {"values": hexed(values_of(counts, affine, case["rule"], case["digits"]))}
+
+
+def places(case):
+    double = np.array([int(case["bits"], 16)], "<u8").view("<f8")
+    if "place" in case:
+        return {"place": str(ordered(double)[0])}
+    with np.errstate(over="ignore"):
+        return {"exact": hexed(unordered(ordered(double) + int(case["correction"])))[0]}
+
+
+def lpcx(case):
+    data, parameters = bytes.fromhex(case["packet"]), ExactParameters(case["rule"], case["digits"])
+    counts = decode_counts(data, case["span"], LEVEL, 0)
+    if "error" in case:
+        assert counts.tolist() == case["counts"]
+    exact = decode_exact(data, parameters, Affine(*case["calibration"]), counts, 0)
+    return {"counts": counts.tolist(), "exact": hexed(exact)}

@@ -1,0 +1,42 @@
+"""Vectors of promises: what verify says of a file beside its original."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from judge import rule
+from sets import originals
+from spec import ROOT
+
+from hapfmt.conformance.verbs import run
+
+CASES = list(originals.cases())
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_promises(case, tmp_path):
+    """
+    DBC-003: A verifier that is given x MUST check the contract with exact arithmetic, and report the number of samples outside and the worst ratio of the left side to the right.
+    DBC-004: A channel without a contract MUST be stored without loss: its full band equals the counts, the words, or with exact values (9.7) the numbers, of the source.
+    TLV-006: `largest` MUST be at least the distance of every source value from the physical value of its count; a channel of counts without a deviation was on its lattice exactly, or has exact values (9.7).
+    """
+    folder, report = ROOT / "conformance" / "vectors" / "encode" / case.name, tmp_path / "a.json"
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == case.data
+    given = str(folder / "file.hapf"), str(report), "--original", str(folder / "job.json")
+    assert run(["verify", *given]) == case.expect["exit"]["verify"]
+    found = json.loads(report.read_text(encoding="utf-8"))
+    assert found["verdict"] == case.expect["verdict"]
+    for wanted, told in zip(
+        case.expect.get("verify", {}).get("contracts", []), found["contracts"], strict=False
+    ):
+        assert {name: told[name] for name in wanted} == wanted
+
+
+def test_each_file_alone_is_intact():
+    assert {rule(case.data["file.hapf"]) for case in CASES} == {("intact", None)}
+
+
+def test_promises_are_kept_and_broken():
+    codes = [case.expect["exit"]["verify"] for case in CASES]
+    assert min(codes.count(0), codes.count(3)) >= 12
