@@ -10,6 +10,7 @@ from facts import Track, case_of
 from lpcr import Coding, packet, track
 from page_knots import LINEAR
 from page_numbers import rdiv
+
 from sets import valid_knots
 
 valid = partial(case_of, "valid")
