@@ -15,7 +15,7 @@ def javascript(
 MUTANTS = (
     javascript(
         "rdiv-truncates",
-        "rdiv truncates.",
+        "The quotient rdiv truncates.",
         "CNV-001 LPC-005",
         Edit(
             "integers.js",
