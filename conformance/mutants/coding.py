@@ -72,13 +72,13 @@ MUTANTS = (
     ),
     mutant(
         "bit-model-slow",
-        "q of a bit model moves by a 32nd, not by a 16th.",
+        "The q of a bit model moves by a 32nd, not by a 16th.",
         "RNG-001",
         Edit(BITS, "(t - q) >> 4", "(t - q) >> 5"),
     ),
     mutant(
         "bit-model-mixed-late",
-        "q is mixed in from n = 9 on.",
+        "The q of a bit model is mixed in from n = 9 on.",
         "RNG-001",
         Edit("codecs.adaptive:BitModel.probability", "self.n < FAST_FROM", "self.n <= FAST_FROM"),
     ),
@@ -94,7 +94,7 @@ MUTANTS = (
     ),
     mutant(
         "models-never-settle",
-        "n of the models grows to 255 instead of 250.",
+        "The n of models grows to 255 instead of 250.",
         "RNG-001",
         Rebind("codecs.adaptive:RATES", "tuple(131072 // (2 * n + 3) for n in range(256))"),
         Rebind("codecs.adaptive:COUNT_LIMIT", "255"),

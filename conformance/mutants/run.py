@@ -34,6 +34,9 @@ from mutants.matrix import Examined, control, examine_all  # noqa: E402
 from mutants.mutant import Mutant, NotApplicableError  # noqa: E402
 from mutants.workers import prepare  # noqa: E402
 
+MEMORY = Path("/dev/shm")
+"""Files that live for milliseconds: on a disk they take a quarter of the time."""
+
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
@@ -100,6 +103,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("no mutant, or no case, is called so", file=sys.stderr)
         return 2
     prepare()
+    if MEMORY.is_dir():
+        tempfile.tempdir = str(MEMORY)
     with tempfile.TemporaryDirectory(prefix="hapf-mutants-") as room:
         make_on_demand(cases, Path(room))
         return run(given, mutants, cases, began)
