@@ -5,7 +5,6 @@ import { unsupported } from './error.js';
 const MS_BOUND = 2 ** 53 - 1;
 // One hole can speak of every track: what this reader tells of all of them.
 const SPAN_BOUND = 2 ** 20;
-const ROW_LEAST = 8;
 const WORK_BOUND = 2 ** 27;
 
 function spend(context, work, spans = 0) {
@@ -58,10 +57,10 @@ function makeContext(file) {
 
 const chainOf = (file, id) => file.tracks.get(id)?.chain ?? `lost ${id}`;
 
-// Where bytes lie between the last row and the first packet, they may be rows that packet_count does not tell of.
+// Bytes between the last row and the first packet may be what is left of rows behind the last one kept.
 function takeHiddenRows(context, { holes, kept, first }, own) {
   const last = kept[kept.length - 1];
-  if (!holes.length || holes[0].before || kept[0].offset - last.rowEnd < ROW_LEAST) return;
+  if (!holes.length || holes[0].before || kept[0].offset <= last.rowEnd) return;
   takeHole(context, holes[0].damage, first + kept.length, own, [last.track, Infinity]);
 }
 
