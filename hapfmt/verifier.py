@@ -125,7 +125,7 @@ def verify(
 
 def check_structure(catalogue: Catalogue) -> None:
     """Index, footer, channel numbers: only in a file without damage. Attachments and clocks."""
-    if catalogue.damaged:
+    if catalogue.damaged or not catalogue.unsupported:
         check_extras(catalogue)
     if catalogue.damaged or catalogue.unsupported:
         return
@@ -160,7 +160,6 @@ def check_structure(catalogue: Catalogue) -> None:
             if unlisted and unlisted + size > INDEX_EVERY:
                 raise FormatError("no index for too long", requirement="IDX-005", offset=ref.offset)
             unlisted += size
-    check_extras(catalogue)
     foot = catalogue.foot
     if foot is None:
         return

@@ -180,7 +180,8 @@ def unsupported(fault: str, rows: list[tuple], recover: int) -> Iterator[Case]:
             expect["decode"] = {"tracks": [FIVES] if b"KNOT" in data else []}
         if fault != "head":
             expect["recover"] = {"verdict": "unsupported", "decode": {}}
-        yield Case("future", name, about, [rule], data, expect, f"version/{fault}")
+        touched = [rule, "VRD-001"] if fault == "several" else [rule]
+        yield Case("future", name, about, touched, data, expect, f"version/{fault}")
 
 
 def cases() -> Iterator[Case]:

@@ -356,7 +356,9 @@ def case(name: str, rule: Any, about: str, data: Data, tracks: Any, codes: Any,
         expect["verify"] = {"requirement": rules}
     if not fault and codes != INTACT:
         fault = "limits/amplification" if codes in (OR_LESS, WORK) else "limits/passed"
-    touched = list(dict.fromkeys([rules[0], "LIM-001"]))
+    less = ["LIM-003"] if isinstance(codes, list) else []
+    first_read = ["LIM-002"] if fault == "limits/promise" else []
+    touched = list(dict.fromkeys([rules[0], "LIM-001", *first_read, *less]))
     return Case("limits", name, about, touched, data, expect, fault or None)
 
 
