@@ -109,7 +109,7 @@ def edges() -> Iterator[Case]:
     top, low = 2**30, -(2**30)
     whole = {"size": 4, "low": low, "high": top}
     yield render(
-        "physical-largest", "count * A + B is 2^53 and -2^53, over several D.",
+        "physical-largest", "The sum count * A + B is 2^53 and -2^53, over several D.",
         ["VAL-002", "VAL-003"],
         *(
             raw([top, low, top - 1, low + 1], (2**23, 0, d), id=i, channel=i, **whole)
