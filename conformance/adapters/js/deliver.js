@@ -133,7 +133,7 @@ function firstStarts(bytes, chunk) {
 }
 
 const overlapOf = (packet) => ({
-  code: 'overlap', offset: packet.offset, size: packet.size, requirement: 'DAT-006', chunk: packet.chunk,
+  code: 'overlap', offset: packet.offset, size: packet.size, requirement: 'DAT-006', chunk: packet.chunk, packet,
   message: `a packet of track ${packet.track} at tick ${packet.start} overlaps another`,
 });
 
