@@ -138,39 +138,48 @@ def walk(source: Source, findings: list[Finding], *, after: Chunk | None = None)
             findings.append(order_finding(header.sequence, last, offset))
         last = header.sequence
         payload = source.read_at(payload_offset, header.payload_size)
-        work -= HEADER_SIZE + len(payload)
-        if work < 0:
-            raise LimitError(
-                "too many chunks inside damaged chunks", requirement="REC-005", offset=offset
-            )
         whole = len(payload) == header.payload_size
         intact = whole and crc32(payload) == header.payload_crc
+        chunk = Chunk(header, offset, payload, intact)
+        work = spend(work, chunk)
         if not intact:
             findings.append(payload_finding(header, offset, position - offset, whole))
         else:
             seen.add(header.sequence)
-        yield Chunk(header, offset, payload, intact)
+        yield chunk
         suspect_from = None if intact else payload_offset
 
 
 def choose_file_id(source: Source) -> int | None:
     """The id of the header at offset 8; if that does not hold, of the first intact HEAD, so that
-    a piece of another file in front does no harm; else of the first header there is."""
+    a piece of another file in front does no harm; else of the first header there is. Headers
+    within the payload of an intact chunk are those of an attached file."""
     header = header_at(source, len(SIGNATURE), None)
     if header is not None:
         return header.file_id
     first: int | None = None
     position = find_header(source, 0, None)
+    work = WORK_BASE + WORK_FACTOR * source.size
     while position is not None:
-        header = header_at(source, position, None)
-        assert header is not None
+        chunk = read_chunk(source, position)
+        assert chunk is not None
+        header = chunk.header
         first = header.file_id if first is None else first
-        if header.type == "HEAD" and header.payload_size < HEAD_SIZE_LIMIT:
-            chunk = read_chunk(source, position)
-            if chunk is not None and chunk.intact:
-                return chunk.header.file_id
-        position = find_header(source, position + 1, None)
+        if header.type == "HEAD" and header.payload_size < HEAD_SIZE_LIMIT and chunk.intact:
+            return header.file_id
+        work = spend(work, chunk)
+        position = find_header(source, chunk.stop if chunk.intact else position + 1, None)
     return first
+
+
+def spend(work: int, chunk: Chunk) -> int:
+    """What is left of the bytes that checksums may be taken of (REC-005)."""
+    work -= HEADER_SIZE + len(chunk.payload)
+    if work < 0:
+        raise LimitError(
+            "too many chunks inside damaged chunks", requirement="REC-005", offset=chunk.offset
+        )
+    return work
 
 
 def payload_finding(header: ChunkHeader, offset: int, size: int, whole: bool) -> Finding:
