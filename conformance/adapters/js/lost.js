@@ -106,7 +106,7 @@ function missingChunks(context, damage) {
   file.lastData ??= chunks.findLast((chunk) => chunk.type === 'DATA')?.position ?? -1;
   if (damage.offset < file.lastData) return [];
   // The indexes of a closed file list every chunk.
-  if (file.closed && after === chunks.length) return [];
+  if (file.closed) return [];
   return [{ low, high: chunks[damage.chunk ? after + 1 : after]?.sequence ?? Infinity }];
 }
 
