@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections import Counter
@@ -17,6 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOM = ROOT / "conformance"
 sys.path.append(str(ROOM))
 from mutants import MUTANTS, table  # noqa: E402
+from mutants.matrix import JAVASCRIPT  # noqa: E402
 from mutants.mutant import Edit, NotApplicableError, Rebind, edited, function_of, mutant  # noqa: E402
 from runner.manifest import load, rules  # noqa: E402
 
@@ -64,6 +66,19 @@ class TestList:
             for place, edits in places.items():
                 function = function_of(place)
                 assert edited(function, edits) != function.__code__, each.name
+
+    def test_lines_of_javascript_too(self, tmp_path):
+        if not JAVASCRIPT.is_dir():
+            pytest.skip("no adapter in JavaScript here")
+        for each in MUTANTS:
+            if each.language == "javascript":
+                copy = shutil.copytree(JAVASCRIPT, tmp_path / each.name)
+                each.apply_to(copy)
+                assert any(
+                    (copy / change.place).read_text("utf-8")
+                    != (JAVASCRIPT / change.place).read_text("utf-8")
+                    for change in each.changes
+                ), each.name
 
     def test_a_line_that_is_gone_is_an_error(self):
         lost = mutant("lost", "Nothing.", "CNV-001", Edit("integers:rdiv", "no such line", ""))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import arithmetic, coding, damage, reading, writing
+from . import arithmetic, coding, damage, javascript, reading, writing
 from .mutant import Mutant
 
 MUTANTS: tuple[Mutant, ...] = (
@@ -11,4 +11,5 @@ MUTANTS: tuple[Mutant, ...] = (
     *reading.MUTANTS,
     *damage.MUTANTS,
     *writing.MUTANTS,
+    *javascript.MUTANTS,
 )

@@ -16,6 +16,8 @@ CROSS = "codecs.components:cross_terms"
 TAPS = "codecs.components:taps_of"
 RICE = "codecs.rice:RiceReader.code"
 GRID = "codecs.grids:deadband_levels"
+MODELS = (BITS, "codecs.adaptive:SymbolModel.update")
+BUCKETS = tuple(f"codecs.adaptive:{name}" for name in ("IntegerModel.decode", "bucket_of"))
 
 MUTANTS = (
     mutant(
@@ -72,13 +74,13 @@ MUTANTS = (
     ),
     mutant(
         "bit-model-slow",
-        "q of a bit model moves by a 32nd, not by a 16th.",
+        "The q of a bit model moves by a 32nd, not by a 16th.",
         "RNG-001",
         Edit(BITS, "(t - q) >> 4", "(t - q) >> 5"),
     ),
     mutant(
         "bit-model-mixed-late",
-        "q is mixed in from n = 9 on.",
+        "The q of a bit model is mixed in from n = 9 on.",
         "RNG-001",
         Edit("codecs.adaptive:BitModel.probability", "self.n < FAST_FROM", "self.n <= FAST_FROM"),
     ),
@@ -94,16 +96,16 @@ MUTANTS = (
     ),
     mutant(
         "models-never-settle",
-        "n of the models grows to 255 instead of 250.",
+        "The n of models grows to 255 instead of 250.",
         "RNG-001",
-        Rebind("codecs.adaptive:RATES", "tuple(131072 // (2 * n + 3) for n in range(256))"),
-        Rebind("codecs.adaptive:COUNT_LIMIT", "255"),
+        Rebind("codecs.adaptive:RATES", "tuple(131072 // (2 * n + 3) for n in range(256))", MODELS),
+        Rebind("codecs.adaptive:COUNT_LIMIT", "255", MODELS),
     ),
     mutant(
         "models-learn-slowly",
         "R is 131072 // (2n + 4).",
         "RNG-001",
-        Rebind("codecs.adaptive:RATES", "tuple(131072 // (2 * n + 4) for n in range(251))"),
+        Rebind("codecs.adaptive:RATES", "tuple(131072 // (2 * n + 4) for n in range(251))", MODELS),
     ),
     mutant(
         "scale-shift",
@@ -121,7 +123,7 @@ MUTANTS = (
         "buckets-off-by-one",
         "The bucket 13 begins at 21.",
         "RNG-001",
-        Rebind("codecs.adaptive:EDGES", "EDGES[:13] + (21,) + EDGES[14:]"),
+        Rebind("codecs.adaptive:EDGES", "EDGES[:13] + (21,) + EDGES[14:]", BUCKETS),
     ),
     mutant(
         "escape-length-limit",
@@ -182,13 +184,14 @@ MUTANTS = (
             "codecs.sine:SINES",
             "tuple(int(32768 * __import__('math').sin(__import__('math').pi * k / 256))"
             " for k in range(128))",
+            (STEP_UP,),
         ),
     ),
     mutant(
         "sine-entry-off-by-one",
         "One entry of the sine table, that of 126, is off by one.",
         "LPC-005",
-        Rebind("codecs.sine:SINES", "SINES[:126] + (SINES[126] + 1,) + SINES[127:]"),
+        Rebind("codecs.sine:SINES", "SINES[:126] + (SINES[126] + 1,) + SINES[127:]", (STEP_UP,)),
     ),
     mutant(
         "references-unsigned",
@@ -236,13 +239,13 @@ MUTANTS = (
     ),
     mutant(
         "rice-escape-as-code",
-        "24 zeros of a Rice code are followed by its low bits like any others.",
+        "The 24 zeros of a Rice code are followed by its low bits like any others.",
         "LPC-012",
         Edit(RICE, "if zeros == ZEROS else", "if zeros > ZEROS else"),
     ),
     mutant(
         "rice-escape-short",
-        "34 bits follow the escape of a Rice code.",
+        "Only 34 bits follow the escape of a Rice code.",
         "LPC-012",
         Edit(RICE, "self.bits(RAW_BITS)", "self.bits(RAW_BITS - 1)"),
     ),

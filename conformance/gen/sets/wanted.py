@@ -6,14 +6,33 @@ from collections.abc import Iterator
 from functools import partial
 
 from case import Case
-from facts import case_of
+from facts import Track, case_of
 from lpcr import Coding, packet, track
+from page_knots import LINEAR
+from page_numbers import rdiv
+
+from sets import valid_knots
 
 valid = partial(case_of, "valid")
 WIDE = (-(2**23), 2**23 - 1)
 
 
+def lines(rise: int, run: int, *, id: int) -> Track:
+    """Up, and as far down."""
+    rows = [rdiv(rise * tick, run) for tick in range(run)]
+    rows += [rise + rdiv(-rise * tick, run) for tick in range(run + 1)]
+    knots = [(0, 0), (run, rise), (2 * run, 0)]
+    body = valid_knots.packet(knots, rows, LINEAR)
+    return valid_knots.track(body, interpolation=LINEAR, id=id, channel=id)
+
+
 def cases() -> Iterator[Case]:
+    yield valid(
+        "knot-linear-no-slope",
+        "Halves that a slope in binary64 misses: 15 / 22 * 11 is less than 7.5 there.",
+        ["CNV-001"],
+        lines(15, 22, id=0), lines(1, 98, id=1), lines(29, 58, id=2),
+    )  # fmt: skip
     unlike = [tick % 2 for tick in range(900)]
     yield valid(
         "lpcr-repeats-never",

@@ -1,0 +1,144 @@
+"""Mistakes that JavaScript invites: one number type, 32 bits in its operators, truncation, sorting
+as texts. Each is a line of the adapter in adapters/js."""
+
+from __future__ import annotations
+
+from .mutant import Edit, Mutant, mutant
+
+
+def javascript(
+    name: str, about: str, requirements: str, *changes: Edit, role: str = "decoder"
+) -> Mutant:
+    return mutant(f"js-{name}", about, requirements, *changes, role=role, language="javascript")
+
+
+MUTANTS = (
+    javascript(
+        "rdiv-truncates",
+        "The quotient rdiv truncates.",
+        "CNV-001 LPC-005",
+        Edit(
+            "integers.js",
+            "return Math.floor((2 * n + d) / (2 * d));",
+            "return Math.trunc((2 * n + d) / (2 * d));",
+        ),
+    ),
+    javascript(
+        "varint-of-32-bits",
+        "The groups of a varint are put together by shifts, which keep 32 bits.",
+        "CNV-002 DAT-003",
+        Edit("bytes.js", "value += (byte & 127) * scale;", "value |= (byte & 127) * scale;"),
+    ),
+    javascript(
+        "svarint-halves",
+        "An svarint is halved by a shift, which keeps 32 bits.",
+        "CNV-001 VAL-001",
+        Edit("bytes.js", "return u % 2 === 0 ? u / 2", "return u % 2 === 0 ? u >> 1"),
+    ),
+    javascript(
+        "lines-half-down",
+        "A line that is added up goes on where the remainder is more than a half, not at a half.",
+        "CNV-001",
+        Edit("knot.js", "if (rest >= full) {", "if (rest > full) {"),
+    ),
+    javascript(
+        "scale-of-32-bits",
+        "The averages of the integer model are shifted, whatever their size.",
+        "RNG-003",
+        Edit("integer-model.js", "if (u < SMALL / 256 && f < SMALL && s < SMALL) {", "if (true) {"),
+    ),
+    javascript(
+        "raw-unsigned",
+        "Counts of RAWB are shifted back without their sign.",
+        "RAW-001 RAW-005",
+        Edit("rawb.js", "(word << shift) >> shift", "(word << shift) >>> shift"),
+    ),
+    javascript(
+        "channels-as-texts",
+        "Channels are sorted as texts: 10 before 9.",
+        "TRK-010",
+        Edit(
+            "channels.js",
+            "[...list.values()].sort((a, b) => a.channel - b.channel)",
+            "[...list.values()].sort((a, b) => (`${a.channel}` < `${b.channel}` ? -1 : 1))",
+        ),
+    ),
+    javascript(
+        "lf-for-full-band",
+        "Where the HF track is lost the LF track is played as the full band.",
+        "DEC-006",
+        Edit(
+            "channels.js",
+            "track.kind === 'full' || residual ? new Part",
+            "track.kind !== 'hf' ? new Part",
+        ),
+    ),
+    javascript(
+        "sum-not-clamped",
+        "The sum of LF and HF is not clamped from above.",
+        "DEC-002",
+        Edit(
+            "channels.js",
+            "sum < countMin ? countMin : sum > countMax ? countMax : sum",
+            "sum < countMin ? countMin : sum",
+        ),
+    ),
+    javascript(
+        "resync-behind-payload",
+        "After a damaged payload the search begins behind it.",
+        "REC-002 REC-003",
+        Edit("walk.js", "suspectFrom ?? position", "position"),
+    ),
+    javascript(
+        "file-id-ignored",
+        "Headers of other files are taken for chunks.",
+        "CHK-004 REC-002",
+        Edit("walk.js", "if (header && header.fileId !== fileId) header = null;", ""),
+        Edit("walk.js", "(h) => h.fileId === fileId)", "() => true)"),
+    ),
+    javascript(
+        "header-crc-ignored",
+        "The CRC of a chunk header is not looked at.",
+        "CHK-002 REC-001",
+        Edit(
+            "chunk.js", "if (view.getUint32(28, true) !== crc32(bytes, p, p + 28)) return null;", ""
+        ),
+    ),
+    javascript(
+        "order-of-the-file",
+        "Chunks that changed places are delivered in the order of the file.",
+        "REC-002 DAT-006",
+        Edit(
+            "deliver.js",
+            "a.chunk.sequence - b.chunk.sequence || a.chunk.position - b.chunk.position",
+            "a.chunk.position - b.chunk.position",
+        ),
+    ),
+    javascript(
+        "exact-lower-half",
+        "Negative corrections of LPCX lose their borrow from the lower half.",
+        "EXA-007 EXA-006",
+        Edit(
+            "lpcx.js",
+            "this.upper = this.lower === 0 ? -this.upper | 0 : ~this.upper;",
+            "this.upper = -this.upper | 0;",
+        ),
+    ),
+    javascript(
+        "unsupported-before-damage",
+        "A damaged file with an unknown critical chunk is called unsupported.",
+        "VRD-001",
+        Edit(
+            "report.js",
+            "} else if (file.damages.length) file.verdict = 'damaged';",
+            "} else if (file.damages.length && !file.criticalUnknown) file.verdict = 'damaged';",
+        ),
+    ),
+    javascript(
+        "digest-without-coverage",
+        "The digest leaves out the coverage.",
+        "DGS-002 DGS-003",
+        Edit("digest.js", "this.spans.forEach(([start, stop], i)", "[].forEach(([start, stop], i)"),
+        role="verifier",
+    ),
+)
