@@ -49,7 +49,7 @@ from hapfmt.deadband import Deadband
 from hapfmt.errors import FormatError
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDigest
-from hapfmt.reading.packets import tick_range
+from hapfmt.reading.seconds import tick_range
 
 ROOM = Path(make_components.ROOM)
 LEVEL = LEVELS[1]

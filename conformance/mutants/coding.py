@@ -16,6 +16,8 @@ CROSS = "codecs.components:cross_terms"
 TAPS = "codecs.components:taps_of"
 RICE = "codecs.rice:RiceReader.code"
 GRID = "codecs.grids:deadband_levels"
+MODELS = (BITS, "codecs.adaptive:SymbolModel.update")
+BUCKETS = tuple(f"codecs.adaptive:{name}" for name in ("IntegerModel.decode", "bucket_of"))
 
 MUTANTS = (
     mutant(
@@ -96,14 +98,14 @@ MUTANTS = (
         "models-never-settle",
         "The n of models grows to 255 instead of 250.",
         "RNG-001",
-        Rebind("codecs.adaptive:RATES", "tuple(131072 // (2 * n + 3) for n in range(256))"),
-        Rebind("codecs.adaptive:COUNT_LIMIT", "255"),
+        Rebind("codecs.adaptive:RATES", "tuple(131072 // (2 * n + 3) for n in range(256))", MODELS),
+        Rebind("codecs.adaptive:COUNT_LIMIT", "255", MODELS),
     ),
     mutant(
         "models-learn-slowly",
         "R is 131072 // (2n + 4).",
         "RNG-001",
-        Rebind("codecs.adaptive:RATES", "tuple(131072 // (2 * n + 4) for n in range(251))"),
+        Rebind("codecs.adaptive:RATES", "tuple(131072 // (2 * n + 4) for n in range(251))", MODELS),
     ),
     mutant(
         "scale-shift",
@@ -121,7 +123,7 @@ MUTANTS = (
         "buckets-off-by-one",
         "The bucket 13 begins at 21.",
         "RNG-001",
-        Rebind("codecs.adaptive:EDGES", "EDGES[:13] + (21,) + EDGES[14:]"),
+        Rebind("codecs.adaptive:EDGES", "EDGES[:13] + (21,) + EDGES[14:]", BUCKETS),
     ),
     mutant(
         "escape-length-limit",
@@ -182,13 +184,14 @@ MUTANTS = (
             "codecs.sine:SINES",
             "tuple(int(32768 * __import__('math').sin(__import__('math').pi * k / 256))"
             " for k in range(128))",
+            (STEP_UP,),
         ),
     ),
     mutant(
         "sine-entry-off-by-one",
         "One entry of the sine table, that of 126, is off by one.",
         "LPC-005",
-        Rebind("codecs.sine:SINES", "SINES[:126] + (SINES[126] + 1,) + SINES[127:]"),
+        Rebind("codecs.sine:SINES", "SINES[:126] + (SINES[126] + 1,) + SINES[127:]", (STEP_UP,)),
     ),
     mutant(
         "references-unsigned",
@@ -236,13 +239,13 @@ MUTANTS = (
     ),
     mutant(
         "rice-escape-as-code",
-        "24 zeros of a Rice code are followed by its low bits like any others.",
+        "The 24 zeros of a Rice code are followed by its low bits like any others.",
         "LPC-012",
         Edit(RICE, "if zeros == ZEROS else", "if zeros > ZEROS else"),
     ),
     mutant(
         "rice-escape-short",
-        "34 bits follow the escape of a Rice code.",
+        "Only 34 bits follow the escape of a Rice code.",
         "LPC-012",
         Edit(RICE, "self.bits(RAW_BITS)", "self.bits(RAW_BITS - 1)"),
     ),

@@ -6,7 +6,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -27,12 +27,12 @@ JAVASCRIPT = Path(__file__).resolve().parent.parent / "adapters" / "js"
 class Forked(Implementation):
     """hapfmt in a worker."""
 
-    def __init__(self, mutant: Mutant | None = None) -> None:
+    def __init__(self, mutant: Mutant | None = None, watched: Collection[str] = ()) -> None:
         verbs = import_module("hapfmt.conformance.verbs")
         self.capabilities = dict(verbs.CAPABILITIES)
         self.command = ["python", "-m", "hapfmt.conformance"]
         self.caps = Caps(SECONDS)
-        self.worker = Worker(mutant)
+        self.worker = Worker(mutant, watched)
 
     def call(self, *arguments: str | Path) -> Outcome:
         began = time.monotonic()
@@ -102,8 +102,8 @@ def asked_of(mutant: Mutant, cases: Sequence[Case]) -> Iterator[Case]:
 
 
 def suited(mutant: Mutant, cases: Sequence[Case], first: str = "") -> list[Case]:
-    """Its cases, first the one that found the mistake before, then those
-    of the rules that it breaks, and of these the small ones."""
+    """Its cases, first the one that found the mistake before, then those of the rules that it
+    breaks, and of these the small ones."""
     broken = set(mutant.requirements)
 
     def place(case: Case) -> tuple[bool, float, int]:
@@ -122,17 +122,20 @@ def finding(result: Result) -> str | None:
 
 
 def examine(
-    mutant: Mutant, cases: Sequence[Case], first: dict[str, str], *, quick: bool
+    mutant: Mutant, cases: Sequence[Case], first: dict[str, str], called: Called, *, quick: bool
 ) -> Examined:
     """``quick``: up to the first case that kills, which counts where the program without a mistake
-    passes the same case. (Else all of them were asked of that one before.)"""
-    began = time.monotonic()
+    passes the same case. (Else all of them were asked of that one before.) Cases that call nothing
+    that the mutant changes need not be run."""
+    began, places = time.monotonic(), mutant.places
     found = Examined(mutant.name)
     tested, right = implementation(mutant, mutant.language), implementation(None, mutant.language)
     referee = Forked()
     try:
         for case in suited(mutant, cases, first.get(mutant.name, "")):
             found.asked += 1
+            if mutant.language == "python" and not called.get(case.id, places) & places:
+                continue
             why = finding(run_case(case, tested, [referee]))
             if why is None:
                 continue
@@ -150,13 +153,24 @@ def examine(
     return found
 
 
-def control(cases: Sequence[Case], language: str = "python") -> Examined:
-    """The program without a mistake, which no case should kill."""
+Called = dict[str, set[str]]
+"""By case, the functions that it calls of those that mutants change."""
+
+
+def control(
+    cases: Sequence[Case], language: str = "python", places: Collection[str] = ()
+) -> tuple[Examined, Called]:
+    """The program without a mistake, which no case should kill; and which of the functions in
+    ``places`` each case calls."""
     began = time.monotonic()
     found = Examined(f"(no mistake, {language})", asked=len(cases))
-    right, referee = implementation(None, language), Forked()
+    right = Patched() if language == "javascript" else Forked(None, places)
+    referee = Forked()
+    called: Called = {}
     try:
         for case in cases:
+            if isinstance(right, Forked):
+                called[case.id] = right.worker.called = set()
             why = finding(run_case(case, right, [referee]))
             if why is not None:
                 found.wrong[case.id] = why
@@ -164,15 +178,15 @@ def control(cases: Sequence[Case], language: str = "python") -> Examined:
         right.close()
         referee.close()
     found.seconds = time.monotonic() - began
-    return found
+    return found, called
 
 
 def examine_all(
-    mutants: Sequence[Mutant], cases: Sequence[Case], first: dict[str, str], *, quick: bool,
-    jobs: int,
+    mutants: Sequence[Mutant], cases: Sequence[Case], first: dict[str, str], called: Called, *,
+    quick: bool, jobs: int,
 ) -> Iterator[Examined]:  # fmt: skip
     """One after the other, or several at a time, in the order of ``mutants``."""
-    one = partial(examine, cases=cases, first=first, quick=quick)
+    one = partial(examine, cases=cases, first=first, called=called, quick=quick)
     if jobs < 2:
         yield from map(one, mutants)
         return

@@ -11,7 +11,7 @@ import importlib
 import inspect
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import CodeType, FunctionType
@@ -36,10 +36,12 @@ class Edit:
 
 @dataclass(frozen=True)
 class Rebind:
-    """The constant module:NAME has the value of an expression instead, wherever it was imported."""
+    """The constant module:NAME has the value of an expression instead, wherever it was imported;
+    ``users`` are the functions, module:function, that it means something to."""
 
     place: str
     expression: str
+    users: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,15 @@ class Mutant:
     changes: tuple[Edit | Rebind, ...]
     role: str = "decoder"
     language: str = "python"
+
+    @property
+    def places(self) -> set[str]:
+        """The functions of hapfmt that are not what they were: a case that calls none of them
+        cannot tell."""
+        found: set[str] = set()
+        for change in self.changes:
+            found.update(change.users if isinstance(change, Rebind) else (change.place,))
+        return found
 
     def apply(self) -> None:
         """Change the hapfmt of this process."""
@@ -111,16 +122,33 @@ def edited(function: FunctionType, edits: Sequence[Edit]) -> CodeType:
     source = textwrap.dedent(inspect.getsource(function))
     for edit in edits:
         source = replaced(source, edit)
+    return compiled(function, source)
+
+
+def compiled(function: FunctionType, source: str, first: str = "") -> CodeType:
+    """The code of ``source``, with the statement ``first`` before all others."""
     tree = ast.parse(source)
     definition = tree.body[0]
     assert isinstance(definition, ast.FunctionDef)
     definition.decorator_list = []
+    definition.body[:0] = ast.parse(first).body
     flags = __future__.annotations.compiler_flag
     made: dict[str, Any] = {}
-    code = compile(tree, f"<{edits[0].place}>", "exec", flags=flags, dont_inherit=True)
+    code = compile(ast.fix_missing_locations(tree), "<mutant>", "exec", flags, dont_inherit=True)
     exec(code, function.__globals__, made)
     found: CodeType = made[function.__name__].__code__
     return found
+
+
+def watch(places: Iterable[str]) -> set[str]:
+    """From now on the set has those of these functions that were called."""
+    called: set[str] = set()
+    for place in places:
+        function = function_of(place)
+        function.__globals__["_called"] = called
+        source = textwrap.dedent(inspect.getsource(function))
+        function.__code__ = compiled(function, source, f"_called.add({place!r})")
+    return called
 
 
 def replaced(source: str, edit: Edit) -> str:

@@ -245,6 +245,19 @@ MUTANTS = (
         ),
     ),
     mutant(
+        "clock-maps-applied",
+        "Samples get the times that a map to another clock gives their ticks.",
+        "CLK-006",
+        Edit(
+            "conformance.decode:decoded",
+            "tracks, layers = decode_tracks(reader)",
+            "tracks, layers = decode_tracks(reader)\n"
+            "    for found in catalogue.clock_maps:\n"
+            "        spans = tracks[found.track].spans if found.track in tracks else []\n"
+            "        spans[:] = [Span(*map(found.time_ns, (s.start, s.stop))) for s in spans]",
+        ),
+    ),
+    mutant(
         "limits-one-lower",
         "What just keeps a limit is refused.",
         "LIM-001",

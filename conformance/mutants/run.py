@@ -30,7 +30,7 @@ if __name__ == "__main__":
 from runner.manifest import Case, load, make_on_demand, select  # noqa: E402
 
 from mutants import MUTANTS, table  # noqa: E402
-from mutants.matrix import Examined, control, examine_all  # noqa: E402
+from mutants.matrix import Called, Examined, control, examine_all  # noqa: E402
 from mutants.mutant import Mutant, NotApplicableError  # noqa: E402
 from mutants.workers import prepare  # noqa: E402
 
@@ -69,16 +69,20 @@ def chosen(patterns: Sequence[str]) -> list[Mutant]:
     return here
 
 
-def check_control(cases: Sequence[Case], languages: Sequence[str]) -> set[str]:
-    """The cases that programs without a mistake do not pass."""
+def check_control(cases: Sequence[Case], mutants: Sequence[Mutant]) -> tuple[set[str], Called]:
+    """The cases that programs without a mistake do not pass; and what each case calls."""
     wrong: set[str] = set()
-    for language in languages:
-        found = control(cases, language)
+    called: Called = {}
+    for language in dict.fromkeys(mutant.language for mutant in mutants):
+        places = {p for m in mutants if m.language == language for p in m.places}
+        found, by_case = control(cases, language, places)
+        if language == "python":
+            called = by_case
         for id_, why in found.wrong.items():
             print(f"{found.name} fails {id_}: {why}")
         print(f"{found.name}: {len(cases)} cases, {found.seconds:.1f} s")
         wrong |= found.wrong.keys()
-    return wrong
+    return wrong, called
 
 
 def tell(examined: Sequence[Examined], mutants: Sequence[Mutant], seconds: float) -> None:
@@ -113,9 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run(
     given: argparse.Namespace, mutants: Sequence[Mutant], cases: Sequence[Case], began: float
 ) -> int:
-    wrong: set[str] = set()
-    if not given.quick:
-        wrong = check_control(cases, list(dict.fromkeys(mutant.language for mutant in mutants)))
+    wrong, called = (set(), {}) if given.quick else check_control(cases, mutants)
     cases = [case for case in cases if case.id not in wrong]
     by_id = {case.id: case for case in cases}
     sets = list(dict.fromkeys(case.set for case in cases))
@@ -123,7 +125,7 @@ def run(
     examined: list[Examined] = []
     try:
         for found in examine_all(
-            mutants, cases, table.first_killers(), quick=given.quick, jobs=given.jobs
+            mutants, cases, table.first_killers(), called, quick=given.quick, jobs=given.jobs
         ):
             examined.append(found)
             print(table.line(found, by_id, sets), flush=True)

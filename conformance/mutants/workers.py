@@ -11,14 +11,13 @@ import resource
 import select
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from importlib import import_module
-from pathlib import Path
 from pkgutil import walk_packages
 from typing import NoReturn
 
-from .mutant import Mutant, NotApplicableError
+from .mutant import Mutant, NotApplicableError, watch
 
 SECONDS = 10.0
 """Of one verb."""
@@ -39,10 +38,13 @@ def prepare() -> None:
 
 
 class Worker:
-    """Carries out one verb after the other; one that died is forked anew."""
+    """Carries out one verb after the other; one that died is forked anew. ``called`` grows by those
+    of the functions in ``watched`` that a verb called."""
 
-    def __init__(self, mutant: Mutant | None = None) -> None:
+    def __init__(self, mutant: Mutant | None = None, watched: Collection[str] = ()) -> None:
         self.mutant = mutant
+        self.watched = watched
+        self.called: set[str] = set()
         self.pid = 0
         self.start()
 
@@ -54,7 +56,7 @@ class Worker:
         if not self.pid:
             os.close(out)
             os.close(back)
-            serve(self.mutant, there, answer)
+            serve(self.mutant, self.watched, there, answer)
         os.close(there)
         os.close(answer)
         self.out, self.back = out, os.fdopen(back)
@@ -69,7 +71,9 @@ class Worker:
         ready, _, _ = select.select([self.back], [], [], seconds)
         line = self.back.readline() if ready else ""
         if line:
-            return int(line)
+            code, *called = line.split()
+            self.called.update(called)
+            return int(code)
         self.close()
         self.start()
         return None
@@ -89,16 +93,19 @@ class Worker:
         self.close()
 
 
-def serve(mutant: Mutant | None, lines: int, answers: int) -> NoReturn:
+def serve(mutant: Mutant | None, watched: Collection[str], lines: int, answers: int) -> NoReturn:
     """The child's life."""
     with suppress(BaseException), os.fdopen(answers, "w") as out:
         nowhere = os.open(os.devnull, os.O_RDWR)
         for stream in range(3):
             os.dup2(nowhere, stream)
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        called: set[str] = set()
         try:
             if mutant is not None:
                 mutant.apply()
+            if watched:
+                called = watch(watched)
         except Exception as error:
             print(f"{mutant and mutant.name}: {error}".replace("\n", " "), file=out, flush=True)
             os._exit(1)
@@ -106,8 +113,16 @@ def serve(mutant: Mutant | None, lines: int, answers: int) -> NoReturn:
         run = import_module("hapfmt.conformance.verbs").run
         with os.fdopen(lines) as source:
             for line in source:
-                print(run(json.loads(line)), file=out, flush=True)
+                if watched:
+                    forget()
+                    called.clear()
+                print(run(json.loads(line)), *called, file=out, flush=True)
     os._exit(0)
 
 
-ROOM = Path(__file__).resolve().parent.parent
+def forget() -> None:
+    """What was remembered of earlier calls would hide which functions a verb needs."""
+    for path, module in list(sys.modules.items()):
+        for found in vars(module).values() if path.startswith("hapfmt") else ():
+            if hasattr(found, "cache_clear"):
+                found.cache_clear()

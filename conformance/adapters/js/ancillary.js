@@ -55,7 +55,7 @@ function clockTrack(chunk, allTracks, damaged) {
   if (chunk.track === 0xffff) return null;
   const track = allTracks.get(chunk.track);
   const behind = track && !damaged && track.series.chunk.position > chunk.position;
-  if ((!track && !damaged) || behind || track?.kind === 'events') {
+  if (!track || behind || track?.kind === 'events') {
     broken('CLK-005', `track ${chunk.track} has no clock`, chunk.position + 20);
   }
   return chunk.track;

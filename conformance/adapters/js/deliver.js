@@ -19,11 +19,14 @@ export function deliver({ bytes, chunks, allTracks, tracks, limits, damaged, rec
     clusters.push(cluster);
   }
   const damages = [];
+  clusters.sort((a, b) => a.chunk.sequence - b.chunk.sequence || a.chunk.position - b.chunk.position);
+  clusters.forEach((cluster, i) => {
+    cluster.next = clusters[i + 1]?.chunk ?? null;
+  });
   for (const cluster of clusters) {
     if (cluster.salvaged && (damaged || recovering)) reportHoles(cluster, damages);
-    leaveOut({ bytes, cluster, chunks, allTracks, tracks, limits, note, damages });
+    leaveOut({ bytes, cluster, allTracks, tracks, limits, note, damages });
   }
-  clusters.sort((a, b) => a.chunk.sequence - b.chunk.sequence || a.chunk.position - b.chunk.position);
   const held = [];
   const packets = [];
   const chains = new Map();
@@ -93,10 +96,10 @@ function reportHoles(cluster, damages) {
 }
 
 // Packets that hold and are not delivered whatever stands elsewhere in time.
-function leaveOut({ cluster, chunks, allTracks, tracks, limits, note, damages, bytes }) {
+function leaveOut({ cluster, allTracks, tracks, limits, note, damages, bytes }) {
   const { chunk, kept, salvaged } = cluster;
   let samples = 0;
-  const next = salvaged ? firstStarts(bytes, chunks[chunk.order + 1]) : null;
+  const next = salvaged ? firstStarts(bytes, cluster.next) : null;
   for (const packet of kept) {
     if (packet.left) continue;
     const track = allTracks.get(packet.track);
@@ -124,7 +127,7 @@ function leaveOut({ cluster, chunks, allTracks, tracks, limits, note, damages, b
 }
 
 function firstStarts(bytes, chunk) {
-  if (!chunk || chunk.type !== 'DATA' || !chunk.known || !chunk.intact) return null;
+  if (!chunk?.intact) return null;
   const starts = new Map();
   for (const { track, start } of readTable(bytes, chunk.payloadStart, chunk.end).entries) {
     if (!starts.has(track)) starts.set(track, start);
@@ -133,7 +136,7 @@ function firstStarts(bytes, chunk) {
 }
 
 const overlapOf = (packet) => ({
-  code: 'overlap', offset: packet.offset, size: packet.size, requirement: 'DAT-006', chunk: packet.chunk,
+  code: 'overlap', offset: packet.offset, size: packet.size, requirement: 'DAT-006', chunk: packet.chunk, packet,
   message: `a packet of track ${packet.track} at tick ${packet.start} overlaps another`,
 });
 

@@ -34,8 +34,8 @@ export function findLosses(file) {
     }
   }
   for (const damage of file.damages) {
-    const hole = missingChunks(file, damage);
-    if (hole) takeHole(context, damage, placeOf(file, hole.low), hole, null);
+    for (const hole of missingChunks(context, damage)) takeHole(context, damage, placeOf(file, hole.low), hole, null);
+    if (damage.code === 'overlap') damage.took = uncovered(context, damage.packet);
   }
   file.lost = file.damaged || file.recovering
     ? file.lostResiduals.filter((track) => !track.unsupported).map((track) => ({ track: track.id, start: 0, stop: null })) : [];
@@ -52,7 +52,7 @@ function makeContext(file) {
     if (!byChain.has(chain)) byChain.set(chain, []);
     byChain.get(chain).push({ place, packet });
   });
-  return { file, ids: [...ids].sort((a, b) => a - b), byChain, listings: file.indexes.map((index) => align(file, index)), budget: SPAN_BOUND, work: WORK_BOUND };
+  return { file, ids: [...ids].sort((a, b) => a - b), byChain, listings: file.indexes.map((index) => align(file, index)), gaps: gapsOf(file.chunks), budget: SPAN_BOUND, work: WORK_BOUND };
 }
 
 const chainOf = (file, id) => file.tracks.get(id)?.chain ?? `lost ${id}`;
@@ -89,24 +89,54 @@ function keepsEveryRule(file, chunk, kept, table) {
   return true;
 }
 
-// The sequence numbers that a missing chunk can have: between low and high.
-function missingChunks(file, damage) {
+// The sequence numbers that missing chunks can have, each time between low and high.
+function missingChunks(context, damage) {
+  const { file, gaps } = context;
   const { chunks } = file;
   const after = damage.chunk ? damage.chunk.order : damage.after;
   const low = after > 0 ? chunks[after - 1].sequence : -1;
   if (damage.code === 'missing-chunk') {
     const high = chunks[after].sequence;
-    file.sequences ??= new Set(chunks.map((chunk) => chunk.sequence));
-    for (let s = low + 1; s < high && s <= low + chunks.length + 1; s++) if (!file.sequences.has(s)) return { low, high };
-    return null;
+    const found = gaps.filter((gap) => gap.low >= low && gap.high <= high && !gap.taken);
+    spend(context, gaps.length);
+    for (const gap of found) gap.taken = true;
+    return found;
   }
-  if (!['truncated', 'duplicate-chunk', 'garbage'].includes(damage.code)) return null;
+  if (!['truncated', 'duplicate-chunk', 'garbage'].includes(damage.code)) return [];
   file.lastData ??= chunks.findLast((chunk) => chunk.type === 'DATA')?.position ?? -1;
-  if (damage.offset < file.lastData) return null;
+  if (damage.offset < file.lastData) return [];
   // The indexes of a closed file list every chunk.
-  if (file.closed && after === chunks.length) return null;
-  if (damage.chunk) return { low, high: chunks[after + 1]?.sequence ?? Infinity };
-  return { low, high: chunks[after]?.sequence ?? Infinity };
+  if (file.closed) return [];
+  return [{ low, high: chunks[damage.chunk ? after + 1 : after]?.sequence ?? Infinity }];
+}
+
+function gapsOf(chunks) {
+  const sequences = [...new Set(chunks.map((chunk) => chunk.sequence))].sort((a, b) => a - b);
+  const gaps = [];
+  let before = -1;
+  for (const sequence of sequences) {
+    if (sequence > before + 1) gaps.push({ low: before, high: sequence });
+    before = sequence;
+  }
+  return gaps;
+}
+
+// Of a packet that overlaps others: the ticks that these do not have.
+function uncovered(context, packet) {
+  const { file } = context;
+  const list = context.byChain.get(chainOf(file, packet.track)) ?? [];
+  spend(context, list.length);
+  const took = [];
+  let { start } = packet;
+  const stop = packet.start + packet.span;
+  for (const { packet: other } of list) {
+    const end = other.start + other.span;
+    if (!other.delivered || end <= start || other.start >= stop) continue;
+    if (other.start > start) took.push({ track: packet.track, start, stop: other.start });
+    start = end;
+  }
+  if (start < stop) took.push({ track: packet.track, start, stop });
+  return took;
 }
 
 function placeOf(file, low) {

@@ -26,7 +26,6 @@ export function recoverFile(bytes, { fileId } = {}) {
     if (!byChunk.has(packet.chunk)) byChunk.set(packet.chunk, []);
     byChunk.get(packet.chunk).push(packet);
   }
-  const copied = copiedDigests(file);
   const harmed = file.damages.some(({ code }) => code !== 'not-closed');
   let dropped = 0;
   let dataCount = 0;
@@ -38,9 +37,7 @@ export function recoverFile(bytes, { fileId } = {}) {
         writer.write('DATA', cluster.payload, { times: cluster.times });
         dataCount++;
       }
-    } else if (chunk.known && type === 'dGST') {
-      for (const digest of copied.get(chunk) ?? []) writer.write('dGST', digest.digest, { track: digest.track });
-    } else if (chunk.known && chunk.good) {
+    } else if (chunk.known && chunk.good && type !== 'dGST') {
       const lostTrack = (type === 'cLOk' || type === 'cMAp') && track !== 0xffff && !kept.has(track);
       if (lostTrack) dropped++;
       else writer.write(type, payload, { track, flags: flags & 0xff00 });
@@ -49,6 +46,8 @@ export function recoverFile(bytes, { fileId } = {}) {
       else dropped++;
     }
   }
+  // Behind the packets that they speak of.
+  for (const digest of copiedDigests(file)) writer.write('dGST', digest.digest, { track: digest.track });
   const verdict = judgeRecovery(file, dropped > 0);
   if (verdict === 'damaged') writer.write('mETa', notesPayload(file, dropped));
   const trackCount = descriptions.reduce((sum, { ids }) => sum + ids.length, 0);
@@ -118,19 +117,17 @@ function clusterOf(packets, file) {
   return { payload, times };
 }
 
-// REC-009: those that were compared and hold, of tracks that are kept; of tracks that cannot be decoded those of
-// which nothing is missing.
+// REC-009: those that were compared and hold, of tracks that are kept; of tracks that cannot be decoded those of a file
+// without damage. One that packets of its track follow is not kept.
 function copiedDigests(file) {
-  const byChunk = new Map();
   const whole = !file.damages.some(({ code }) => code !== 'not-closed');
+  const last = new Map();
+  for (const packet of file.packets) last.set(packet.track, Math.max(last.get(packet.track) ?? 0, packet.chunkOffset));
   const unread = whole ? file.digests.filter(({ track }) => file.tracks.get(track)?.unsupported) : [];
-  for (const digest of [...file.digestsKept, ...unread]) {
-    const track = file.tracks.get(digest.track);
-    if (!track || track.baseLost) continue;
-    if (!byChunk.has(digest.chunk)) byChunk.set(digest.chunk, []);
-    byChunk.get(digest.chunk).push(digest);
-  }
-  return byChunk;
+  return [...file.digestsKept, ...unread].filter(({ track: id, chunk }) => {
+    const track = file.tracks.get(id);
+    return track && !track.baseLost && (last.get(id) ?? 0) < chunk.position;
+  }).sort((a, b) => a.offset - b.offset);
 }
 
 // REC-011.

@@ -17,7 +17,7 @@ export function salvage(bytes, chunk, tracks, limits, meter) {
   // Each is looked at for a while only: a search may end, and REC-005 bounds the whole.
   const budget = { left: 16 * (limit - payload + REACH) + 2 ** 22 };
   const holds = (entry, offset) => {
-    if (offset < payload || !keepsTimes(entry, limits) || offset + entry.size > bytes.length) return false;
+    if (offset < payload || !keepsTimes(entry, limits) || offset + entry.size > limit) return false;
     budget.left -= entry.size + 16;
     meter.take(entry.size + 16, payload);
     return budget.left >= 0 && hasCrc(bytes, entry, offset);

@@ -109,13 +109,19 @@ function fits(track, other) {
     && sameList(other.units, track.units);
 }
 
+// With its HF track, which has no channel without it.
+function leaveOut(tracks, track, requirement) {
+  for (const one of track.hf ? [track, track.hf] : [track]) {
+    tracks.delete(one.id);
+    one.left = requirement;
+  }
+}
+
 // TRK-016. Where the track between two is lost, they stay one channel (12.1).
 function linkContinued({ tracks, damaged, note }) {
   const leave = (track, message) => {
     note(new HapfError('broken', 'TRK-016', message, track.series.tlvs.get(11)?.offset ?? track.series.chunk.position), track.series.chunk);
-    tracks.delete(track.id);
-    if (track.hf) tracks.delete(track.hf.id);
-    track.left = 'TRK-016';
+    leaveOut(tracks, track, 'TRK-016');
   };
   for (const track of tracks.values()) {
     if (track.strange || track.continues === null) continue;
@@ -161,9 +167,7 @@ function checkChannels({ tracks, damaged, note, series }) {
     }
     if (track.continues !== null) continue;
     note(new HapfError('broken', 'TRK-010', `channel ${taken} twice`, track.series.chunk.payloadStart + 24), track.series.chunk);
-    tracks.delete(track.id);
-    if (track.hf) tracks.delete(track.hf.id);
-    track.left = 'TRK-010';
+    leaveOut(tracks, track, 'TRK-010');
   }
   const complete = !series.some((one) => one.unsupported);
   let next = 0;

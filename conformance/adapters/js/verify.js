@@ -47,17 +47,7 @@ function decodeAll(file) {
   let samples = 0;
   const channels = new Set();
   for (const track of tracks.values()) for (const channel of track.channels) channels.add(channel);
-  const inOrder = [...wanted.values()].sort((a, b) => a.chunk.position - b.chunk.position);
-  // DGS-003: a digest speaks of the packets that stand before it.
-  let next = 0;
-  const valuesBefore = (position) => {
-    for (; next < inOrder.length && inOrder[next].chunk.position < position; next++) {
-      const digest = inOrder[next];
-      results.set(digest, (states.get(digest.track) ?? new TrackDigest()).value());
-    }
-  };
   for (const packet of packets) {
-    valuesBefore(packet.chunkOffset);
     const track = tracks.get(packet.track);
     if (track.unsupported || !track.setup) continue;
     try {
@@ -68,7 +58,10 @@ function decodeAll(file) {
       samples += packet.span * track.componentCount;
       if (samples > SAMPLE_BOUND) throw new HapfError('unsupported', 'LIM-003', 'more samples than this reader decodes', packet.offset);
       const decoded = decodePacket(track, packet.bytes, packet.start, packet.span, { exact: true, offset: packet.offset });
-      if (!wanted.has(packet.track)) continue;
+      // DGS-003: a digest speaks of the packets that stand before it.
+      const digest = wanted.get(packet.track);
+      if (!digest) continue;
+      if (packet.chunkOffset > digest.chunk.position) continue;
       if (!states.has(packet.track)) states.set(packet.track, new TrackDigest(track));
       states.get(packet.track).add(packet.start, packet.span, decoded);
     } catch (error) {
@@ -80,7 +73,7 @@ function decodeAll(file) {
       }
     }
   }
-  valuesBefore(Infinity);
+  for (const digest of wanted.values()) results.set(digest, (states.get(digest.track) ?? new TrackDigest()).value());
   return results;
 }
 

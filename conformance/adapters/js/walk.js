@@ -91,10 +91,18 @@ export function walk(bytes) {
   return { fileId, signed, chunks, damages, meter };
 }
 
-// That of the header at 8, else of the first intact HEAD with a small payload, else of the first valid header.
+// That of the header at 8; else, of the valid headers that stand in no payload of an intact chunk before them, of the
+// first intact HEAD with a small payload, else of the first.
 function fileIdOf(bytes, payloadHolds) {
   const at8 = readHeader(bytes, 8);
   if (at8) return at8.fileId;
-  const head = findHeader(bytes, 0, (h) => h.type === 'HEAD' && h.payloadSize < 4096 && payloadHolds(h));
-  return (head ?? findHeader(bytes, 0, () => true))?.fileId ?? null;
+  let first = null;
+  for (let from = 0; ;) {
+    const header = findHeader(bytes, from, () => true);
+    if (!header) return first;
+    first ??= header.fileId;
+    const intact = payloadHolds(header);
+    if (intact && header.type === 'HEAD' && header.payloadSize < 4096) return header.fileId;
+    from = header.position + (intact ? HEADER_SIZE + header.payloadSize : 1);
+  }
 }
