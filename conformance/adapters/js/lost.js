@@ -75,7 +75,7 @@ function takeStrange(context, { chunk, kept, table, first }) {
   const damage = file.damages.find((one) => one.chunk === chunk);
   const range = { low: chunk.sequence - 1, high: next ? Math.max(next.sequence, chunk.sequence + 1) : Infinity };
   takeHole(context, damage, first, range, null);
-  if (!next) takeHole(context, damage, first + kept.length, range, null);
+  if (!next || overlaps) takeHole(context, damage, first + kept.length, range, null);
 }
 
 function keepsEveryRule(file, chunk, kept, table) {
