@@ -28,7 +28,6 @@ NO_EDITOR = "an editor: the verbs of an adapter make no file of parts of others"
 NO_APPEND = "a writer that appends: the verbs of an adapter append to no file"
 REASONS = {
     "ATT-002": "a reader that stores attachments: the verbs of an adapter store none",
-    "LIM-003": "a reader's own lower limits: each reader chooses them",
     "WRT-001": "review: shows only in what a kill leaves; run.py cuts what encoders wrote",
     "WRT-005": "review: one file does not show where its id comes from",
     **{f"WRT-00{n}": NO_APPEND for n in (6, 7, 8)},
