@@ -2,7 +2,7 @@
 
 python conformance/kaitai/check.py [FILE ...]     without files: the vectors that keep every rule
 
-Takes node with kaitai-struct-compiler and js-yaml from npm, and kaitaistruct from PyPI:
+Takes node with kaitai-struct-compiler and js-yaml, and kaitaistruct for Python:
 
 npm install --prefix FOLDER kaitai-struct-compiler js-yaml;  export NODE_PATH=FOLDER/node_modules
 """
