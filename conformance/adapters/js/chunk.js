@@ -15,25 +15,52 @@ export function beginsWithSignature(bytes) {
 
 const isLetter = (byte) => (byte >= 65 && byte <= 90) || (byte >= 97 && byte <= 122);
 
-// The header at a position, or null where there is none that is valid (12.1); the file id is not looked at.
+const u16 = (bytes, p) => bytes[p] | (bytes[p + 1] << 8);
+const u32 = (bytes, p) => (bytes[p] | (bytes[p + 1] << 8) | (bytes[p + 2] << 16) | (bytes[p + 3] << 24)) >>> 0;
+
+// There are few types and many chunks: each name is made once.
+const types = new Map();
+
+function typeAt(bytes, p) {
+  const number = u32(bytes, p);
+  let type = types.get(number);
+  if (type === undefined) {
+    type = String.fromCharCode(bytes[p], bytes[p + 1], bytes[p + 2], bytes[p + 3]);
+    if (types.size < 1024) types.set(number, type);
+  }
+  return type;
+}
+
+// The header at a position, or null where there is none that is valid (12.1); the file id is not looked at. What the
+// walk finds of the chunk is filled in later.
 export function readHeader(bytes, position) {
   const p = position;
   if (p + HEADER_SIZE > bytes.length) return null;
   for (let i = 0; i < 4; i++) if (bytes[p + i] !== SYNC[i]) return null;
   for (let i = 4; i < 8; i++) if (!isLetter(bytes[p + i])) return null;
-  const view = new DataView(bytes.buffer, bytes.byteOffset + p, HEADER_SIZE);
-  if (view.getUint32(28, true) !== crc32(bytes, p, p + 28)) return null;
-  const payloadSize = view.getUint32(16, true);
+  if (u32(bytes, p + 28) !== crc32(bytes, p, p + 28)) return null;
+  const payloadSize = u32(bytes, p + 16);
   if (payloadSize > PAYLOAD_BOUND) return null;
+  const payloadStart = p + HEADER_SIZE;
   return {
     position,
-    type: String.fromCharCode(bytes[p + 4], bytes[p + 5], bytes[p + 6], bytes[p + 7]),
-    fileId: view.getUint32(8, true),
-    sequence: view.getUint32(12, true),
+    type: typeAt(bytes, p + 4),
+    fileId: u32(bytes, p + 8),
+    sequence: u32(bytes, p + 12),
     payloadSize,
-    track: view.getUint16(20, true),
-    flags: view.getUint16(22, true),
-    payloadCrc: view.getUint32(24, true),
+    track: u16(bytes, p + 20),
+    flags: u16(bytes, p + 22),
+    payloadCrc: u32(bytes, p + 24),
+    payloadStart,
+    end: Math.min(payloadStart + payloadSize, bytes.length),
+    whole: payloadStart + payloadSize <= bytes.length,
+    intact: false,
+    damage: null,
+    next: undefined,
+    order: 0,
+    known: false,
+    tooLarge: false,
+    good: false,
   };
 }
 

@@ -12,7 +12,7 @@ import { walk } from './walk.js';
 
 // What a reader keeps of a file besides samples (LIM-003, clause 17).
 const ENTRY_BOUND = 2 ** 21;
-const NOTE_BOUND = 2 ** 16;
+const NOTE_BOUND = 2 ** 19;
 
 export function openFile(bytes, { recovering = false } = {}) {
   const file = {
@@ -43,7 +43,7 @@ function refuse(file, error) {
 function note(file, error, chunk, soft = false, packet = null) {
   if (!(error instanceof HapfError)) throw error;
   if (soft && file.damaged) return;
-  if (file.notes.length >= NOTE_BOUND) return;
+  if (file.notes.length >= NOTE_BOUND) unsupported('LIM-003', 'more broken rules than this reader tells', error.offset);
   const { kind, offset, message, also = [] } = error;
   for (const requirement of [error.requirement, ...also]) {
     file.notes.push({ requirement, offset, message, kind: kind === 'unsupported' ? kind : 'broken', chunk, packet, soft });

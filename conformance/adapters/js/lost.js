@@ -72,10 +72,10 @@ function takeStrange(context, { chunk, kept, table, first }) {
   const missing = next && next.sequence > chunk.sequence + 1;
   const overlaps = kept.some((packet) => packet.overlap);
   if (next && !missing && !overlaps && !keepsEveryRule(file, chunk, kept, table)) return;
-  const damage = file.damages.find((one) => one.chunk === chunk);
+  const { damage } = chunk;
   const range = { low: chunk.sequence - 1, high: next ? Math.max(next.sequence, chunk.sequence + 1) : Infinity };
   takeHole(context, damage, first, range, null);
-  if (!next) takeHole(context, damage, first + kept.length, range, null);
+  if (!next || overlaps) takeHole(context, damage, first + kept.length, range, null);
 }
 
 function keepsEveryRule(file, chunk, kept, table) {
@@ -97,8 +97,11 @@ function missingChunks(context, damage) {
   const low = after > 0 ? chunks[after - 1].sequence : -1;
   if (damage.code === 'missing-chunk') {
     const high = chunks[after].sequence;
-    const found = gaps.filter((gap) => gap.low >= low && gap.high <= high && !gap.taken);
-    spend(context, gaps.length);
+    const found = [];
+    for (let i = firstWhere(gaps, (gap) => gap.low >= low); i < gaps.length && gaps[i].high <= high; i++) {
+      spend(context, 1);
+      if (!gaps[i].taken) found.push(gaps[i]);
+    }
     for (const gap of found) gap.taken = true;
     return found;
   }
@@ -140,8 +143,8 @@ function uncovered(context, packet) {
 }
 
 function placeOf(file, low) {
-  const cluster = file.clusters.find(({ chunk }) => chunk.sequence > low);
-  return cluster ? cluster.first : file.held.length;
+  const i = firstWhere(file.clusters, ({ chunk }) => chunk.sequence > low);
+  return i < file.clusters.length ? file.clusters[i].first : file.held.length;
 }
 
 // scope: [from track, to track], or null for any.
@@ -149,7 +152,7 @@ function takeHole(context, damage, place, range, scope) {
   const { file } = context;
   damage.took ??= [];
   damage.keys ??= new Set();
-  spend(context, context.ids.length + file.clusters.length);
+  spend(context, context.ids.length);
   const times = listedTimes(context, range);
   if (times === 'nothing') return;
   for (const id of context.ids) {
@@ -171,18 +174,24 @@ function takeHole(context, damage, place, range, scope) {
   }
 }
 
+// The first place in a sorted list from which on a test holds.
+function firstWhere(list, test) {
+  let [low, high] = [0, list.length];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (test(list[middle])) high = middle;
+    else low = middle + 1;
+  }
+  return low;
+}
+
 // The end of the last packet before, the start of the next one behind; null where a track of its chain tells that
 // nothing of it can be missing there (TRK-017).
 function packetsAround(context, id, place) {
   const list = context.byChain.get(chainOf(context.file, id)) ?? [];
-  let [low, high] = [0, list.length];
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (list[middle].place < place) low = middle + 1;
-    else high = middle;
-  }
-  const before = list[low - 1]?.packet;
-  const after = list[low]?.packet;
+  const i = firstWhere(list, (one) => one.place >= place);
+  const before = list[i - 1]?.packet;
+  const after = list[i]?.packet;
   const rank = (packet) => context.file.tracks.get(packet.track)?.base ?? packet.track;
   const own = context.file.tracks.get(id)?.base ?? id;
   if ((before && rank(before) > own) || (after && rank(after) < own)) return null;
@@ -206,10 +215,11 @@ function listedTimes(context, { low, high }) {
   file.intact ??= new Set(file.chunks.filter((chunk) => chunk.intact).map((chunk) => chunk.sequence));
   for (const { first, last, entries } of listings) {
     if (low + 1 < first || high > last) continue;
-    spend(context, entries.length);
     let times = null;
-    for (const { type, sequence, startMs, stopMs } of entries) {
-      if (type !== 'DATA' || sequence <= low || sequence >= high || file.intact.has(sequence)) continue;
+    for (let i = firstWhere(entries, (entry) => entry.sequence > low); i < entries.length && entries[i].sequence < high; i++) {
+      spend(context, 1);
+      const { type, sequence, startMs, stopMs } = entries[i];
+      if (type !== 'DATA' || file.intact.has(sequence)) continue;
       times = times ? [Math.min(times[0], startMs), Math.max(times[1], stopMs)] : [startMs, stopMs];
     }
     return times ?? 'nothing';
@@ -234,7 +244,8 @@ function align(file, index) {
     if (sequence < 0 || (found.has(sequence) && found.get(sequence) !== entry.type)) return { first: Infinity, last: -Infinity, entries: [] };
     entries.push({ ...entry, sequence });
   }
-  const first = index.coversFrom === 8 ? 0 : entries[entries.length - 1]?.sequence ?? index.chunk.sequence;
+  entries.reverse();
+  const first = index.coversFrom === 8 ? 0 : entries[0]?.sequence ?? index.chunk.sequence;
   return { first, last: index.chunk.sequence, entries };
 }
 

@@ -62,9 +62,7 @@ export function walk(bytes) {
     }
     const previous = chunks[chunks.length - 1];
     if (previous && previous.next === undefined) previous.next = position;
-    const payloadStart = position + HEADER_SIZE;
-    const end = Math.min(payloadStart + header.payloadSize, size);
-    const whole = payloadStart + header.payloadSize <= size;
+    const { payloadStart, end, whole } = header;
     const intact = payloadHolds(header);
     if (seen.has(header.sequence)) {
       report('duplicate-chunk', position, end - position, `number ${header.sequence} for the second time`, 'CHK-005');
@@ -75,11 +73,14 @@ export function walk(bytes) {
     if (header.sequence > last + 1) report('missing-chunk', position, 0, `number ${header.sequence} after ${last}`, 'CHK-005');
     else if (header.sequence <= last) report('out-of-order', position, 0, `number ${header.sequence} after ${last}`, 'CHK-005');
     last = header.sequence;
-    const chunk = { ...header, payloadStart, end, whole, intact, next: undefined, order: chunks.length };
+    const chunk = header;
+    chunk.intact = intact;
+    chunk.order = chunks.length;
     if (!intact) {
       report(whole ? 'bad-payload' : 'truncated', position, end - position,
         whole ? 'the payload differs from its CRC' : 'the payload is cut short', 'CHK-003');
-      damages[damages.length - 1].chunk = chunk;
+      chunk.damage = damages[damages.length - 1];
+      chunk.damage.chunk = chunk;
     } else {
       seen.add(header.sequence);
     }
