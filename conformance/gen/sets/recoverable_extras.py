@@ -194,6 +194,17 @@ def nested() -> Iterator[Case]:
         recovered={"decode": decode},
     )  # fmt: skip
 
+    yield wrecked(
+        "attached-head-is-no-head",
+        "The header of HEAD is damaged: the file id is not that of a file in an intact attachment.",
+        ["CHK-004", "REC-002"], "transmission/bit-flip", w.flip(laid.data, 8 + 20),
+        decode=WHOLE,
+        damages=[
+            ("garbage", 8, laid.of("HEAD").size), ("missing-chunk", laid.of("TRAK").at, 0),
+            ("missing-head", 8, 0),
+        ],
+    )  # fmt: skip
+
 
 def clocks() -> Iterator[Case]:
     seen = [(0, 1000, 5), (10, 11_000, 5)]
