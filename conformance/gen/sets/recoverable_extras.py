@@ -45,6 +45,7 @@ def cases() -> Iterator[Case]:
     yield from digests()
     yield from metadata()
     yield from attachments()
+    yield from attached_file()
     yield from nested()
     yield from clocks()
     yield from clocks_of_tracks()
@@ -128,6 +129,26 @@ def told(name: str, content: bytes) -> dict[str, Any]:
         "name": name, "media_type": "text/plain", "size": len(content),
         "sha256": hashlib.sha256(content).hexdigest(),
     }  # fmt: skip
+
+
+def attached_file() -> Iterator[Case]:
+    other = f.SIGNATURE + b"".join(
+        f.chunk(type_, payload, number, file_id=9, **given)
+        for number, (type_, payload, given) in enumerate([
+            ("HEAD", f.head(file_id=9), {}), ("TRAK", f.trak(), {"track": 0}),
+            ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA)), {}),
+        ])
+    )  # fmt: skip
+    laid = w.lay(HEAD, THREE, file_of("other.hapf", other), *w.clusters(0, 4, 8))
+    yield wrecked(
+        "head-lost-before-an-attached-file",
+        "The header of HEAD is damaged: HEAD of an attached file does not take its place.",
+        ["CHK-004", "REC-001", "HED-001"], "transmission/bit-flip", w.flip(laid.data, 8 + 28),
+        decode=WHOLE | {"attachments": [told("other.hapf", other)]},
+        damages=[
+            ("garbage", 8, 80), ("missing-chunk", laid.of("TRAK").at, 0), ("missing-head", 8, 0),
+        ],
+    )  # fmt: skip
 
 
 def attachments() -> Iterator[Case]:
