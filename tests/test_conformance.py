@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import shutil
 import subprocess
@@ -266,7 +267,10 @@ def test_hapfmt_passes_the_valid_cases(tmp_path):
     assert told["counts"]["all"] == {"cases": count, "passed": count}
 
 
-@pytest.mark.deep
+@pytest.mark.skipif(
+    os.environ.get("HYPOTHESIS_PROFILE") != "nightly",
+    reason="takes minutes: a step of its own in .ci/run, and in the profile nightly",
+)
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_our_implementations_pass_every_case(name, tmp_path):
     told = all_passed(name, tmp_path)
