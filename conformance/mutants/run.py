@@ -30,7 +30,7 @@ if __name__ == "__main__":
 from runner.manifest import Case, load, make_on_demand, select  # noqa: E402
 
 from mutants import MUTANTS, table  # noqa: E402
-from mutants.matrix import Called, Examined, control, examine_all  # noqa: E402
+from mutants.matrix import JAVASCRIPT, Called, Examined, control, examine_all  # noqa: E402
 from mutants.mutant import Mutant, NotApplicableError  # noqa: E402
 from mutants.workers import prepare  # noqa: E402
 
@@ -61,7 +61,7 @@ def chosen(patterns: Sequence[str]) -> list[Mutant]:
         for mutant in MUTANTS
         if not patterns or any(fnmatch.fnmatch(mutant.name, pattern) for pattern in patterns)
     ]
-    if shutil.which("node"):
+    if shutil.which("node") and JAVASCRIPT.is_dir():
         return found
     here = [mutant for mutant in found if mutant.language != "javascript"]
     if len(here) < len(found):
