@@ -60,7 +60,7 @@ MUTANTS = (
         "CHK-004 REC-002",
         Edit(
             "container.walk:choose_file_id",
-            'if header.type == "HEAD" and header.payload_size < HEAD_SIZE_LIMIT:',
+            'if header.type == "HEAD" and header.payload_size < HEAD_SIZE_LIMIT and chunk.intact:',
             "if False:",
         ),
     ),
@@ -141,8 +141,8 @@ MUTANTS = (
         "FOT-003 FIL-003",
         Edit(
             WALK,
-            "yield Chunk(header, offset, payload, intact)",
-            "yield Chunk(header, offset, payload, intact)\n"
+            "yield chunk",
+            "yield chunk\n"
             '        if header.type == "fOOT" and intact:\n'
             "            return",
         ),
