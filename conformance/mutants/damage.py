@@ -142,9 +142,7 @@ MUTANTS = (
         Edit(
             WALK,
             "yield chunk",
-            "yield chunk\n"
-            '        if header.type == "fOOT" and intact:\n'
-            "            return",
+            'yield chunk\n        if header.type == "fOOT" and intact:\n            return',
         ),
     ),
     mutant(
