@@ -6,6 +6,9 @@ export const EXIT_CODES = { intact: 0, nonconforming: 2, damaged: 3, unsupported
 const NO_LOSS = new Set(['bad-signature', 'out-of-order', 'not-closed']);
 const WRITTEN_ANEW = new Set(['iNDX', 'fOOT']);
 
+const merelyOpen = (file) => file.damages.every(({ code }) => code === 'not-closed');
+const breaksRule = (file) => file.findings.some(({ kind }) => kind !== 'unsupported');
+
 // Once all notes are taken: what counts as damage, and what it took. Then digests may be compared, then the verdict.
 export function settle(file) {
   if (file.refused) return;
@@ -40,7 +43,7 @@ export function judge(file) {
   if (file.refused) {
     file.findings = file.notes;
     file.verdict = file.noChunk ? 'nonconforming' : 'unsupported';
-  } else if (file.damages.length) file.verdict = 'damaged';
+  } else if (file.damages.length && !(merelyOpen(file) && breaksRule(file))) file.verdict = 'damaged';
   else if (file.findings.some(({ kind }) => kind === 'unsupported')) file.verdict = 'unsupported';
   else if (file.findings.length) file.verdict = 'nonconforming';
   else file.verdict = 'intact';

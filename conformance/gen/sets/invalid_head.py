@@ -135,9 +135,19 @@ TLVS = [
 ]  # fmt: skip
 
 
+OPEN = [
+    ("open-and-no-tracks", "TRK-002", "A file that was not closed has a series without tracks.",
+     f.file(HEAD, ("TRAK", f.trak(track_count=0), {"track": 0})), None, NONCONFORMING, "VRD-001"),
+    ("open-and-no-knot", ("KNT-002", "CNV-002", "COD-001"),
+     "A file that was not closed has a packet without its first knot.",
+     f.file(HEAD, TRACK, ("DATA", f.cluster((0, 0, 4, b"")))), None, None, "VRD-001"),
+]  # fmt: skip
+
+
 def cases() -> Iterator[Case]:
     yield from broken.cases("structure/varint", VARINTS)
     yield from broken.cases("structure/text", TEXTS)
     yield from broken.cases(broken.NOTHING, NO_FILE)
     yield from broken.cases("framing/head", HEADS)
+    yield from broken.cases("structure/list", OPEN)
     yield from broken.cases("structure/list", TLVS)
