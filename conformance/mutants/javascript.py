@@ -128,8 +128,8 @@ MUTANTS = (
         "VRD-001",
         Edit(
             "report.js",
-            "} else if (file.damages.length) file.verdict = 'damaged';",
-            "} else if (file.damages.length && !file.criticalUnknown) file.verdict = 'damaged';",
+            "} else if (file.damages.length && ",
+            "} else if (!file.criticalUnknown && file.damages.length && ",
         ),
     ),
     javascript(
