@@ -120,6 +120,8 @@ def verify(
         if catalogue.damaged or report.exit_code != NONCONFORMING:
             # That a file was not closed counts less than a rule that it breaks (clause 14).
             report.worsen(catalogue.exit_code)
+        elif catalogue.not_understood:
+            report.worsen(UNSUPPORTED)
         if any(check.broken for check in report.contracts):
             report.worsen(DAMAGED)
         return report

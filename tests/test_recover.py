@@ -471,3 +471,12 @@ def test_order_is_nothing_in_a_damaged_file():
         wanted = {(0, tick): 5 for tick in range(4)}
         assert samples(data) == samples(recovered(data)[0]) == wanted
         assert [each["code"] for each in verify(data).findings] == ["garbage", "not-closed"]
+
+
+def test_only_hf_tracks_stand_on_a_base():
+    """The base that a track of unknown kind names is none: its LF track has lost its HF track."""
+    strange = ("TRAK", f.trak(kind=9, base=0, first_channel=1), {"track": 1})
+    data = f.file(("HEAD", f.head()), ("TRAK", LF, {"track": 0}), strange, ("mETa", b"{")) + b"?"
+    out, _ = recovered(data)
+    tracks = hapfmt.Reader(out).catalogue.tracks.values()
+    assert [track.base for track in tracks if track.kind == "hf"] == [0]

@@ -221,7 +221,11 @@ MUTANTS = (
         "exit-0-on-loss",
         "A file with damage ends with code 0.",
         "VRD-001",
-        Edit(EXIT, "3 if self.findings else 4 if any(parts) else 0", "4 if any(parts) else 0"),
+        Edit(
+            EXIT,
+            "3 if self.findings else 4 if self.not_understood else 0",
+            "4 if self.not_understood else 0",
+        ),
     ),
     mutant(
         "exit-0-not-closed",
@@ -235,8 +239,8 @@ MUTANTS = (
         "VRD-001",
         Edit(
             EXIT,
-            "3 if self.findings else 4 if any(parts) else 0",
-            "4 if any(parts) else 3 if self.findings else 0",
+            "3 if self.findings else 4 if self.not_understood else 0",
+            "4 if self.not_understood else 3 if self.findings else 0",
         ),
         Edit(
             "verifier:Report.worsen",

@@ -233,7 +233,7 @@ class TrackTable:
                 )
             else:
                 self.channels.update(track.channels)
-            if track.base is not None:
+            if track.kind == "hf" and track.base is not None:
                 self.bases.add(track.base)
             self.tracks[track.id] = track
 

@@ -145,8 +145,13 @@ class Catalogue:
     @property
     def exit_code(self) -> int:
         """What reading this file deserves (SPEC clause 14), as far as the chunks tell."""
-        parts = [self.unsupported, *(track.unsupported for track in self.tracks.values())]
-        return 3 if self.findings else 4 if any(parts) else 0
+        return 3 if self.findings else 4 if self.not_understood else 0
+
+    @property
+    def not_understood(self) -> bool:
+        """Whether there is an unknown critical chunk or track."""
+        tracks = self.tracks.values()
+        return self.unsupported is not None or any(track.unsupported for track in tracks)
 
     @property
     def level(self) -> Level:

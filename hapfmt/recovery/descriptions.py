@@ -89,7 +89,7 @@ def placeholders(described: dict[int, Track], catalogue: Catalogue) -> list[Trac
     """An empty HF track for each LF track without one (TRK-012), and empty tracks for channel
     numbers that nothing speaks of (TRK-010)."""
     ids = free_ids(described.keys() | catalogue.tracks.keys())
-    bases = {track.base for track in described.values()}
+    bases = {track.base for track in described.values() if track.kind == "hf"}
     places = [
         Track(
             next(ids), "hf", "KNOT", lf.rate, lf.first_channel,

@@ -7,7 +7,8 @@ const NO_LOSS = new Set(['bad-signature', 'out-of-order', 'not-closed']);
 const WRITTEN_ANEW = new Set(['iNDX', 'fOOT']);
 
 const merelyOpen = (file) => file.damages.every(({ code }) => code === 'not-closed');
-const breaksRule = (file) => file.findings.some(({ kind }) => kind !== 'unsupported');
+// Of a file that is open a fOOT in its midst tells nothing any more.
+const breaksRule = (file) => file.findings.some(({ kind, chunk }) => kind !== 'unsupported' && chunk?.type !== 'fOOT');
 
 // Once all notes are taken: what counts as damage, and what it took. Then digests may be compared, then the verdict.
 export function settle(file) {
