@@ -21,7 +21,8 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "conformance" / "gen"), str(ROOT / "conformance")]
 
 COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
-settings.register_profile("brief", max_examples=20, **COMMON)
+settings.register_profile("brief", max_examples=20, derandomize=True, **COMMON)
+settings.register_profile("steady", max_examples=40, derandomize=True, **COMMON)
 settings.register_profile("dev", max_examples=40, **COMMON)
 settings.register_profile("ci", max_examples=100, derandomize=True, print_blob=True, **COMMON)
 settings.register_profile("nightly", max_examples=3000, **COMMON)
@@ -52,7 +53,7 @@ def memory_cap() -> Iterator[None]:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests that take seconds and seldom find what others do not: not in a quick run."""
-    if os.environ.get("HYPOTHESIS_PROFILE", "dev") not in ("brief", "dev"):
+    if os.environ.get("HYPOTHESIS_PROFILE", "dev") not in ("brief", "dev", "steady"):
         return
     left_out = pytest.mark.skip(reason="runs with HYPOTHESIS_PROFILE=ci or nightly")
     for item in items:

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hapfmt.convert import FORMATS, load, save
@@ -88,6 +88,7 @@ class TestThereAndBack:
         assert names == [(channel.label.strip(), channel.unit) for channel in given]
 
     @given(rates, st.integers(0, 20), st.integers(2, 50))
+    @example(Fraction(6300), 18, 2)
     def test_csv_tells_the_rate_by_its_times(self, rate: Fraction, start: int, count: int) -> None:
         given = Channel(np.arange(float(count)), rate, (Span(start, start + count),))
         stream = io.BytesIO()

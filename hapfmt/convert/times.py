@@ -94,9 +94,10 @@ class Stamps:
 
     @property
     def noise(self) -> float:
-        """Seconds: what float64 arithmetic may add, here and where a float64 was printed."""
+        """Seconds: what float64 arithmetic may add, here and where a float64 was printed, whose
+        last decimal place is coarser than the float64 where fewer places tell it from others."""
         largest = ulp(float(max(abs(self.first), abs(self.first + self.span))))
-        return 4 * ulp(float(self.span)) + (largest if self.resolution < largest else 0)
+        return 4 * ulp(float(self.span)) + (largest if self.resolution < 10 * largest else 0)
 
     @property
     def span(self) -> Fraction:
