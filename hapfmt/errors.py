@@ -80,6 +80,18 @@ class ParameterError(HapfmtError):
     """The caller asked for something that cannot be done; nothing was read or written."""
 
 
+class LateError(HapfmtError):
+    """A replay stopped itself, since it or the device could not keep up."""
+
+    exit_code = 5
+
+
+class DeviceError(HapfmtError):
+    """A device did not take what it was sent, or has gone."""
+
+    exit_code = 6
+
+
 class MissingExtraError(ParameterError):
     """An optional package is not installed; the message gives the command that brings it."""
 

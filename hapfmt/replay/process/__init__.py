@@ -1,0 +1,1 @@
+"""The processes of a replay: player, writer, watchdog."""

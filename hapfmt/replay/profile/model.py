@@ -1,0 +1,114 @@
+"""A device profile: what it takes, and what it must never be given (SPEC 17.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+from math import ceil, floor
+from typing import Any, Literal, NamedTuple
+
+Path = Literal["output", "feature"]
+
+
+@dataclass(frozen=True)
+class Match:
+    """What a device must be for the profile to fit; None: anything."""
+
+    vendor_id: int | None = None
+    product_id: int | None = None
+    bus: Literal["usb", "bluetooth"] | None = None
+    usage_page: int | None = None
+    usage: int | None = None
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """One channel of a device. Values are numbers in ``unit``; what is sent is a whole number of
+    ``step``, the count."""
+
+    name: str
+    unit: str
+    minimum: float
+    maximum: float
+    slew: float
+    """Largest change, in ``unit`` per second."""
+    step: float
+    rest: float = 0.0
+    band: Literal["full", "lf", "hf"] = "full"
+    """What of a channel it can render."""
+    accepts: dict[str, float] = field(default_factory=dict)
+    """Recorded unit (UCUM) -> ``unit`` per recorded unit; channels in other units are left out."""
+    gain: float = 1.0
+    offset: float = 0.0
+    """Calibration of this actuator: what it is given is ``gain * value + offset``."""
+    rectify: bool = False
+    """It renders magnitudes: a negative value counts as its absolute value."""
+    quantity: str = ""
+    body_site: str = ""
+
+
+class CountLimits(NamedTuple):
+    """The limits of an actuator in counts, rounded inwards."""
+
+    low: int
+    high: int
+    rest: int
+    change: int
+    """From one sample to the next."""
+
+
+class Report(NamedTuple):
+    """Bytes for the device; the first is the report id."""
+
+    path: Path
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Timing:
+    rate: Fraction
+    """Samples of an actuator per second."""
+    frame_samples: int = 1
+    """Samples of each actuator in a frame."""
+    hold_s: float = 0.020
+    """So late a frame may be; after that the player ramps to rest and stops."""
+    ramp_s: float = 0.050
+    neutral_count: int = 5
+    """Times that the neutral frame is sent at the end."""
+    device_timeout_s: float | None = None
+    """After which the device goes to rest by itself; None: it does not, or nobody knows."""
+
+    @property
+    def period(self) -> Fraction:
+        """Seconds from one frame to the next."""
+        return self.frame_samples / self.rate
+
+
+@dataclass(frozen=True)
+class Profile:
+    name: str
+    description: str
+    source: str
+    """Where the layout of its reports is documented."""
+    matches: tuple[Match, ...]
+    timing: Timing
+    actuators: tuple[Actuator, ...]
+    reports: tuple[Any, ...] = ()
+    """Layouts of the reports of one frame, in the order they are sent (packing.py)."""
+    neutral: tuple[Report, ...] = ()
+    """Instead of a frame at rest, where the device has a report for it."""
+    init: tuple[Report, ...] = ()
+    exit: tuple[Report, ...] = ()
+    gain: float = 0.5
+    """Of everything, unless the caller says otherwise."""
+    text: str = ""
+    """The TOML that it was parsed from."""
+
+    def limits(self, actuator: Actuator) -> CountLimits:
+        step = actuator.step
+        return CountLimits(
+            ceil(actuator.minimum / step),
+            floor(actuator.maximum / step),
+            floor(actuator.rest / step + 0.5),
+            floor(actuator.slew / float(self.timing.rate) / step),
+        )

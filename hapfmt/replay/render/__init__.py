@@ -1,0 +1,1 @@
+"""File -> values at the device's rate."""
