@@ -17,8 +17,24 @@ MODULES = {
 }
 DECODE = """atomic clocks codecs container contract damage deadband dump errors events integers
 kernels limits lock reading recording threads usage verifier"""
-ENCODE = "appending cli conformance convert edit encoder live plotting recovery scenes writer"
+ENCODE = """appending cli conformance convert edit encoder live plotting recovery replay scenes
+writer"""
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
+REPLAY = [name for name in MODULES if name.split(".")[0] == "replay"]
+RECORDS = "replay.sinks.record"
+"""Of a replay the only module that encodes."""
+PURE = ("replay.schedule", "replay.limiter", "replay.envelope")
+IMPURE = """asyncio datetime multiprocessing os pathlib random select signal socket subprocess sys
+threading time hapfmt.replay.sinks hapfmt.replay.process hapfmt.replay.render hapfmt.reading"""
+BARRED_IN_REPLAY = {
+    "profile": "render sinks process schedule",
+    "render": "sinks process schedule",
+    "sinks": "render process schedule",
+    "process.writer": "render",
+    "process.watchdog": "render",
+}
+"""Parts of a replay -> those that they know nothing of. The processes that must be on time decode
+nothing."""
 ONLY_IN = {
     "construct": ("container.layout", "container.wire"),
     "matplotlib": ("plotting",),
@@ -35,6 +51,8 @@ HEAVY = {
     "matplotlib",
     "soundfile",
     "hid",
+    "hidraw",
+    "jsonschema",
     "fsspec",
     "aiohttp",
 }
@@ -64,6 +82,31 @@ def test_the_decode_side_knows_nothing_of_the_encode_side(name):
 def test_an_editor_encodes_nothing(name):
     barred = {f"hapfmt.{part}" for part in ("cli", "convert", "encoder", "writer")}
     assert not [x for x in imports(name) if ".".join(x.split(".")[:2]) in barred]
+
+
+@pytest.mark.parametrize("name", [name for name in REPLAY if name != RECORDS])
+def test_a_replay_encodes_nothing(name):
+    barred = {f"hapfmt.{part}" for part in ENCODE.split()} - {"hapfmt.replay"}
+    assert not [x for x in imports(name) if ".".join(x.split(".")[:2]) in barred]
+    assert name == "replay.sinks" or not {
+        x for x in imports(name) if x.startswith(f"hapfmt.{RECORDS}")
+    }
+
+
+@pytest.mark.parametrize("name", [name for name in PURE if name in MODULES])
+def test_what_decides_on_frames_is_pure(name):
+    barred = tuple(IMPURE.split())
+    assert not [
+        x for x in imports(name) if x in barred or x.startswith(tuple(f"{b}." for b in barred))
+    ]
+
+
+@pytest.mark.parametrize("part", BARRED_IN_REPLAY)
+def test_parts_of_a_replay_that_know_nothing_of_others(part):
+    here = [name for name in REPLAY if f"{name}.".startswith(f"replay.{part}.")]
+    for name in here:
+        barred = tuple(f"hapfmt.replay.{other}" for other in BARRED_IN_REPLAY[part].split())
+        assert not [x for x in imports(name) if x.startswith(barred)], name
 
 
 @pytest.mark.parametrize("package", ONLY_IN)

@@ -228,7 +228,7 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
     """Physical values in the shortest decimals that give the same bits; a gap is an empty cell."""
     rate = one_rate(recording, ".csv")
     start, stop = extent(recording.channels)
-    header = [_name(channel) for channel in recording.channels]
+    header = [column_name(channel.label, channel.unit) for channel in recording.channels]
     x = dense_doubles(recording.channels, max_memory)
     text = TextIOWrapper(stream, encoding="utf-8", newline="")
     stamps = Stamps()
@@ -236,7 +236,7 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
         text.write(",".join(["t [s]", *header]) + "\n")
         rows = csv.writer(text, lineterminator="\n")
         for first in range(start, stop, _ROWS_AT_ONCE):
-            times = _times(first, min(first + _ROWS_AT_ONCE, stop), rate)
+            times = tick_times(first, min(first + _ROWS_AT_ONCE, stop), rate)
             for time in times:
                 stamps.add(time)
             block = x[:, first - start : first - start + len(times)]
@@ -253,13 +253,11 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
     return notes + not_carried(recording, ".csv", "unit", "label")
 
 
-def _name(channel: Channel) -> str:
+def column_name(label: str, unit: str) -> str:
     """The cell of the header, quoted where a reader could stumble over it."""
-    name = f"{channel.label.strip()} [{to_ucum(channel.unit)}]"
+    name = f"{label.strip()} [{to_ucum(unit)}]"
     if "\n" in name or "\r" in name:
-        raise ParameterError(
-            f"the label {channel.label!r} has a line break, which .csv cannot hold"
-        )
+        raise ParameterError(f"the label {label!r} has a line break, which .csv cannot hold")
     if name[0] not in " #" and not re.search(r'[",;\t]', name):
         return name
     return '"' + name.replace('"', '""') + '"'
@@ -270,7 +268,7 @@ def _cells_of(x: NDArray[np.float64]) -> list[float | None]:
     return [None if value != value else value for value in x.tolist()]  # noqa: PLR0124
 
 
-def _times(first: int, stop: int, rate: Fraction) -> list[str]:
+def tick_times(first: int, stop: int, rate: Fraction) -> list[str]:
     """Ticks in seconds, as exact decimals if there are such, otherwise as the nearest doubles."""
     period = 1 / rate
     decimals = 0
