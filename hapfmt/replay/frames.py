@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from .profile.model import Report
+
+if TYPE_CHECKING:  # a watchdog starts without arrays
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 class Block(NamedTuple):
