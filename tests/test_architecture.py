@@ -40,6 +40,8 @@ ONLY_IN = {
     "matplotlib": ("plotting",),
     "soundfile": ("convert.wav",),
     "fsspec": ("container.remote",),
+    "hid": ("replay.sinks.hid",),
+    "hidraw": ("replay.sinks.hid",),
 }
 LINES = 400
 HEAVY = {

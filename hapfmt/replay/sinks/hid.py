@@ -1,0 +1,206 @@
+"""Reports to a real device, through hidapi.
+
+What hidapi does, and this relies on or guards against: ``write`` returns -1 and never raises; no
+platform checks a report's id or length; two writers at once, or a close during a call, end in a
+crash; an object cannot be opened again.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...errors import DeviceError, MissingExtraError, ParameterError
+from ..profile.descriptor import Descriptor, parse_descriptor
+from ..profile.matching import Device, check_fit
+
+if TYPE_CHECKING:
+    from ..frames import Frame
+    from ..profile.model import Profile, Report
+
+BUSES = {1: "usb", 2: "bluetooth", 3: "i2c", 4: "spi"}
+CLOSE_WAIT_S = 6.0
+"""A write to a device that hangs comes back after 5.2 s (Linux hidraw), and no close may fall
+into it."""
+NO_REASON = ("", "success", "not implemented")
+"""Texts of hidapi that tell nothing."""
+
+
+def hid_module() -> Any:
+    """The module of the package hidapi. On Linux ``hidraw`` comes before ``hid``: that goes by
+    libusb, takes the device from its kernel driver, and knows neither usages nor reasons."""
+    names = ("hidraw", "hid") if sys.platform.startswith("linux") else ("hid",)
+    for name in names:
+        try:
+            module = import_module(name)
+        except ModuleNotFoundError as error:
+            if error.name == name:
+                continue
+            raise other_package(str(error)) from error
+        except ImportError as error:
+            raise other_package(str(error)) from error
+        if not hasattr(module, "device") or not hasattr(module, "enumerate"):
+            raise other_package("it has no 'device'")
+        return module
+    raise MissingExtraError("hidapi", "replay")
+
+
+def other_package(why: str) -> ParameterError:
+    """Two packages on PyPI install a module ``hid``, and one hides the other."""
+    return ParameterError(
+        f"the module 'hid' that is installed is not that of hidapi ({why}); probably the package "
+        "'hid' has taken its place: pip uninstall hid, then "
+        "pip install --force-reinstall 'hapfmt[replay]'"
+    )
+
+
+def connected() -> list[Device]:
+    """Every HID device, one entry for each of its top-level collections; none is opened."""
+    try:
+        found = hid_module().enumerate()
+    except OSError as error:
+        raise DeviceError(f"the HID devices cannot be listed: {error}") from error
+    return [device_of(each) for each in found]
+
+
+def device_of(entry: dict[str, Any]) -> Device:
+    return Device(
+        path=entry["path"],
+        vendor_id=entry["vendor_id"],
+        product_id=entry["product_id"],
+        bus=BUSES.get(entry.get("bus_type", 0), ""),
+        usage_page=entry.get("usage_page") or 0,
+        usage=entry.get("usage") or 0,
+        name=entry.get("product_string") or "",
+        manufacturer=entry.get("manufacturer_string") or "",
+        serial=entry.get("serial_number") or "",
+        interface=entry.get("interface_number", -1),
+    )
+
+
+def read_descriptor(path: bytes) -> Descriptor:
+    """Of the device there, which is opened for it and closed again."""
+    sink = HidSink(path)
+    sink.open()
+    try:
+        return sink.descriptor()
+    finally:
+        sink.close()
+
+
+class HidSink:
+    """A device at ``path``; with a profile, nothing is sent unless its reports are the device's.
+
+    One object may be used from several threads and from handlers of signals: calls of hidapi never
+    overlap. After ``close`` it can be opened again.
+    """
+
+    def __init__(self, path: bytes, profile: Profile | None = None) -> None:
+        self.path = path
+        self.profile = profile
+        self.place = os.fsdecode(path)
+        self.handle: Any = None
+        # Not a plain lock: a handler of a signal may close between two calls of its own thread.
+        self.lock = threading.RLock()
+
+    def open(self) -> None:
+        with self.lock:
+            if self.handle is not None:
+                return
+            handle = hid_module().device()
+            try:
+                handle.open_path(self.path)
+            except OSError as error:
+                raise DeviceError(self.unopened(error)) from error
+            self.handle = handle
+            try:
+                if self.profile is not None:
+                    check_fit(self.profile, self.descriptor(), self.place)
+            except BaseException:
+                self.close()
+                raise
+
+    def unopened(self, error: OSError) -> str:
+        """hidapi says only that it failed: the file system may know more."""
+        if sys.platform.startswith("linux") and self.place.startswith("/"):
+            if not Path(self.place).exists():
+                return f"{self.place}: there is no such device (any more)"
+            if not os.access(self.path, os.R_OK | os.W_OK):
+                return (
+                    f"{self.place}: this user may not open it; hapfmt devices says how a udev "
+                    "rule gives the permission"
+                )
+        return f"{self.place}: the device cannot be opened: {error}"
+
+    def descriptor(self) -> Descriptor:
+        """Of the open device."""
+        with self.lock:
+            handle = self.opened()
+            if not hasattr(handle, "get_report_descriptor"):
+                raise ParameterError(
+                    "this hidapi cannot read report descriptors; "
+                    "pip install --upgrade 'hidapi>=0.14'"
+                )
+            try:
+                data = bytes(handle.get_report_descriptor())
+            except (OSError, ValueError) as error:
+                raise DeviceError(
+                    f"{self.place}: the report descriptor cannot be read: {error}"
+                ) from error
+        try:
+            return parse_descriptor(data)
+        except DeviceError as error:
+            error.path = self.place
+            raise
+
+    def opened(self) -> Any:
+        if self.handle is None:
+            raise DeviceError(f"{self.place}: the device is not open")
+        return self.handle
+
+    def send(self, frame: Frame, reports: tuple[Report, ...]) -> None:  # noqa: ARG002
+        self.write(reports)
+
+    def write(self, reports: tuple[Report, ...]) -> None:
+        """In their order, none after one that failed. Raises DeviceError."""
+        for path, data in reports:
+            with self.lock:
+                handle = self.opened()
+                call = handle.write if path == "output" else handle.send_feature_report
+                try:
+                    taken = call(data)
+                except (OSError, ValueError) as error:
+                    raise DeviceError(self.failed(path, data, str(error))) from error
+                if taken < 0:
+                    raise DeviceError(self.failed(path, data, self.reason(handle)))
+            if taken < len(data):
+                raise DeviceError(self.failed(path, data, f"it took {taken} of {len(data)} bytes"))
+
+    def failed(self, path: str, data: bytes, why: str) -> str:
+        return f"{self.place}: {path} report 0x{data[0]:02x} was not taken: {why}"
+
+    def reason(self, handle: Any) -> str:
+        try:
+            text = str(handle.error() or "")
+        except (OSError, ValueError):
+            text = ""
+        if text.lower() in NO_REASON or "not implemented" in text:
+            return "hidapi gives no reason; the device has gone, or does not answer"
+        return text
+
+    def close(self) -> None:
+        """Waits for a call under way; leaves the device open rather than close into one."""
+        if not self.lock.acquire(timeout=CLOSE_WAIT_S):
+            return
+        try:
+            handle, self.handle = self.handle, None
+            if handle is not None:
+                handle.close()
+        except (OSError, ValueError):
+            pass
+        finally:
+            self.lock.release()
