@@ -82,20 +82,9 @@ def by_path(devices: Iterable[Device]) -> list[Device]:
     return list({device.path: device for device in reversed(list(devices))}.values())[::-1]
 
 
-def find(
-    profile: Profile,
-    path: str | bytes | None = None,
-    devices: Sequence[Device] | None = None,
-) -> Device:
+def choose(profile: Profile, devices: Sequence[Device], path: str | bytes | None = None) -> Device:
     """The device that a profile is to play on: the one at ``path``, or the only one that fits.
-
-    ``devices``: those that are connected, if not all that hidapi finds. Raises ParameterError if
-    none fits, or several do.
-    """
-    if devices is None:
-        from ..sinks.hid import connected
-
-        devices = connected()
+    Raises ParameterError if none fits, or several do."""
     fitting = by_path(
         each for each in devices if any(fits(match, each) for match in profile.matches)
     )

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import DeviceError, MissingExtraError, ParameterError
 from ..profile.descriptor import Descriptor, parse_descriptor
-from ..profile.matching import Device, check_fit
+from ..profile.matching import Device, check_fit, choose
 
 if TYPE_CHECKING:
     from ..frames import Frame
@@ -80,6 +80,11 @@ def device_of(entry: dict[str, Any]) -> Device:
         serial=entry.get("serial_number") or "",
         interface=entry.get("interface_number", -1),
     )
+
+
+def find(profile: Profile, path: str | bytes | None = None) -> Device:
+    """Of the devices that are connected, the one at ``path``, or the only one that fits."""
+    return choose(profile, connected(), path)
 
 
 def read_descriptor(path: bytes) -> Descriptor:
