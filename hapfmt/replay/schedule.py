@@ -1,0 +1,253 @@
+"""Values -> the frame that is due (SPEC 17.1). Pure: no clock, no sleep, no device.
+
+Time is whatever the caller says it is. Frame k is due ``ceil(k * period)`` nanoseconds after the
+start; the recording goes on by one frame with each, sent or skipped, while it plays, and stands
+still while it does not. So ``played``, the number of the sample that comes next, counts no pause.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+from ..errors import ParameterError
+from .frames import Block, Frame
+from .lane import Lane
+from .profile.model import Profile
+
+State = Literal["playing", "pausing", "paused", "stopping", "ended"]
+Outcome = Literal["clean", "failed", "interrupted", "late", "device-lost"]
+Row = tuple[list[float], list[bool]]
+SEVERITY = get_args(Outcome)
+"""Of several reasons to stop the last of these is told (SPEC clause 14)."""
+
+
+@dataclass
+class Counts:
+    sent: int = 0
+    """Frames; those ``skipped`` were late."""
+    skipped: int = 0
+    clamped: int = 0
+    """Samples of actuators that were outside the limits."""
+    slew_limited: int = 0
+    """Samples of actuators that the slew limit changed."""
+    under_runs: int = 0
+    """Times that blocks came too late."""
+    under_run_samples: int = 0
+    gap_samples: int = 0
+    """Samples of actuators that were not known, between such that were."""
+    refused: int = 0
+    """Samples of actuators that were not finite."""
+
+
+class Schedule:
+    """What is sent to the actuators of ``profile``.
+
+    ``gain`` of everything, above 0 and at most 1 [that of the profile]. The recording begins with
+    the first block that comes, so the clock may run before.
+    """
+
+    def __init__(self, profile: Profile, gain: float | None = None) -> None:
+        timing = profile.timing
+        gain = profile.gain if gain is None else gain
+        if not 0 < gain <= 1:
+            raise ParameterError(f"the gain must be above 0 and at most 1, not {gain!r}")
+        if not (timing.rate > 0 and timing.frame_samples >= 1 and timing.hold_s > 0):
+            raise ParameterError(
+                f"profile {profile.name!r} has no rate, frame or hold above 0",
+                requirement="PLY-001",
+            )
+        self.lanes = tuple(Lane(profile, actuator, gain) for actuator in profile.actuators)
+        self._rest = tuple(lane.rest for lane in self.lanes)
+        self._samples = timing.frame_samples
+        self._period_ns, self._periods = (timing.period * 1_000_000_000).as_integer_ratio()
+        """So many nanoseconds are so many periods."""
+        self._hold_ns = round(timing.hold_s * 1e9)
+        self._number = 0
+        """Of the next frame."""
+        self._latest = 0
+        """Time as last told."""
+        self._shift = 0
+        """Nanoseconds by which the clock jumped backwards."""
+        self._goal: Literal["play", "pause", "stop"] = "play"
+        self._settling = False
+        """Nothing is played before every actuator has come to rest."""
+        self._ended = False
+        self._counts = Counts()
+        self.outcome: Outcome | None = None
+        self._begin(0, 0)
+
+    def _begin(self, generation: int, first: int) -> None:
+        self._generation = generation
+        self._blocks: deque[Block] = deque()
+        self.played = first
+        self._fed = first
+        self._end: int | None = None
+        self._waiting = True
+        """For the first block."""
+        self._starved = False
+        for lane in self.lanes:
+            lane.forget()
+
+    @property
+    def state(self) -> State:
+        if self._ended:
+            return "ended"
+        if self._goal == "pause":
+            return "paused" if self.at_rest else "pausing"
+        return "stopping" if self._goal == "stop" else "playing"
+
+    @property
+    def at_rest(self) -> bool:
+        return all(lane.at_rest for lane in self.lanes)
+
+    @property
+    def next_ns(self) -> int:
+        """When the next frame is due."""
+        return self._due_ns(self._number)
+
+    @property
+    def counts(self) -> Counts:
+        return replace(
+            self._counts,
+            clamped=sum(lane.clamped for lane in self.lanes),
+            slew_limited=sum(lane.limiter.limited for lane in self.lanes),
+            gap_samples=sum(lane.gaps for lane in self.lanes),
+            refused=sum(lane.refused for lane in self.lanes),
+        )
+
+    @property
+    def frames_to_rest(self) -> int:
+        """More frames than this a ramp to rest never takes from here, the resting one included."""
+        samples = max((lane.samples_to_rest for lane in self.lanes), default=0)
+        return -(-samples // self._samples) + 1
+
+    @property
+    def needs_blocks(self) -> bool:
+        """Whether the samples of the next frame are not all there yet."""
+        return self._end is None and self._fed < self.played + self._samples
+
+    def feed(self, block: Block) -> None:
+        """What comes next; it must not be changed afterwards.
+
+        Blocks of another generation than the last seek asked for are dropped; where blocks
+        overlap, the first stands.
+        """
+        shape = (len(block.values), len(self.lanes))
+        if block.values.shape != shape or block.known.shape != shape:
+            raise ParameterError(
+                f"a block of shapes {block.values.shape} and {block.known.shape} where both must"
+                f" be (samples, {len(self.lanes)})"
+            )
+        if block.generation != self._generation or self._end is not None:
+            return
+        end = block.first + len(block.values)
+        if end > self._fed and len(block.values):
+            self._blocks.append(block)
+            self._fed = end
+            self._waiting = False
+        if block.last:
+            self._end = self._fed
+            self._waiting = False
+
+    def stop(self, outcome: Outcome = "interrupted") -> None:
+        """Ramp to rest, then end; whatever is asked for later."""
+        if self._ended:
+            return
+        self._goal = "stop"
+        self._settling = True
+        if self.outcome is None or SEVERITY.index(outcome) > SEVERITY.index(self.outcome):
+            self.outcome = outcome
+
+    def pause(self) -> None:
+        if self._goal == "play":
+            self._goal = "pause"
+            self._settling = True
+
+    def resume(self) -> None:
+        if self._goal == "pause":
+            self._goal = "play"
+
+    def seek(self, generation: int, first: int) -> None:
+        """Ramp to rest, then go on with sample ``first`` when a block of ``generation`` is there."""
+        if self._goal != "stop" and generation > self._generation:
+            self._begin(generation, first)
+            self._settling = True
+
+    def frames_due(self, now_ns: int) -> Frame | None:
+        """The frame that is due now, if any; those before it are skipped.
+
+        A clock that jumps back further than the hold time is taken as broken: waiting for it would
+        hold the force. The schedule then goes by the time that passes, and stops as late.
+        """
+        if self._ended:
+            return None
+        if self._number and now_ns + self._shift < self._latest - self._hold_ns:
+            self._shift = self._latest - now_ns
+            self.stop("late")
+        now_ns += self._shift
+        self._latest = max(self._latest, now_ns)
+        due = now_ns * self._periods // self._period_ns
+        if due < self._number:
+            return None
+        if now_ns - self._due_ns(self._number) - self._shift > self._hold_ns:
+            self.stop("late")
+        skipped = due - self._number
+        frame = Frame(due, self._due_ns(due), self._samples_due(skipped))
+        self._number = due + 1
+        self._counts.skipped += skipped
+        self._counts.sent += 1
+        if self._goal == "stop" and self.at_rest:
+            self._ended = all(row == self._rest for row in frame.counts)
+        return frame
+
+    def _due_ns(self, number: int) -> int:
+        return -(-number * self._period_ns // self._periods) - self._shift
+
+    def _samples_due(self, skipped: int) -> tuple[tuple[int, ...], ...]:
+        if self._settling and self.at_rest:
+            self._settling = False
+        if self._goal == "play" and not self._settling and not self._waiting:
+            self.played += skipped * self._samples
+            if self._end is None or self.played < self._end:
+                rows = self._rows()
+                self.played += self._samples
+                return tuple([self._play(row) for row in rows])
+            self.stop("clean")
+        return tuple([tuple([x.fall() for x in self.lanes]) for _ in range(self._samples)])
+
+    def _play(self, row: Row | None) -> tuple[int, ...]:
+        if row is None:
+            return tuple([lane.fall() for lane in self.lanes])
+        given = zip(self.lanes, *row, strict=True)
+        return tuple([lane.play(value, known) for lane, value, known in given])
+
+    def _rows(self) -> list[Row | None]:
+        """Of the samples from ``played`` on; None where there is no block."""
+        rows: list[Row | None] = []
+        at, stop = self.played, self.played + self._samples
+        while at < stop:
+            while self._blocks and self._blocks[0].first + len(self._blocks[0].values) <= at:
+                self._blocks.popleft()
+            if not self._blocks:
+                self._miss(stop - at)
+                return rows + [None] * (stop - at)
+            first, values, known, *_ = self._blocks[0]
+            if first > at:
+                rows += [None] * (min(first, stop) - at)
+                at = min(first, stop)
+                continue
+            part = slice(at - first, stop - first)
+            found = list(zip(values[part].tolist(), known[part].tolist(), strict=True))
+            rows += found
+            at += len(found)
+        self._starved = False
+        return rows
+
+    def _miss(self, samples: int) -> None:
+        """No block is there in time; after the last block that is as it should be."""
+        if self._end is None:
+            self._counts.under_run_samples += samples
+            self._counts.under_runs += not self._starved
+            self._starved = True
