@@ -170,7 +170,7 @@ class Schedule:
             self._goal = "play"
 
     def seek(self, generation: int, first: int) -> None:
-        """Ramp to rest, then go on with sample ``first`` when a block of ``generation`` is there."""
+        """Ramp to rest, then go on with sample ``first`` once a block of ``generation`` is in."""
         if self._goal != "stop" and generation > self._generation:
             self._begin(generation, first)
             self._settling = True
