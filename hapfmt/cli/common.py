@@ -85,8 +85,10 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
-def table(headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
-    """A table on standard output; columns after the first that hold numbers are right-aligned."""
+def table(
+    headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", *, err: bool = False
+) -> None:
+    """A table on standard output (``err``: error); columns that hold numbers are right-aligned."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -100,10 +102,10 @@ def table(headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = ""
         )
     for row in rows:
         shown.add_row(*(Text(printable(cell)) for cell in row))
-    console = Console(highlight=False, soft_wrap=False)
+    console = Console(highlight=False, soft_wrap=False, stderr=err)
     if not console.is_terminal:
         # A pipe has no width: rows stay whole.
-        console = Console(highlight=False, width=200)
+        console = Console(highlight=False, width=200, stderr=err)
     console.print(shown)
 
 
