@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cached_property
 from math import ceil, floor
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
-Path = Literal["output", "feature"]
+from .layout import Layout, Path
+
+__all__ = ["Actuator", "CountLimits", "Match", "Path", "Profile", "Report", "Timing", "exact"]
+
+
+def exact(value: float) -> Fraction:
+    """The decimal that a person wrote: 0.3 / 0.1 is 3, where floats make it 2.9999999999999996."""
+    return Fraction(str(value))
 
 
 @dataclass(frozen=True)
@@ -93,8 +101,8 @@ class Profile:
     matches: tuple[Match, ...]
     timing: Timing
     actuators: tuple[Actuator, ...]
-    reports: tuple[Any, ...] = ()
-    """Layouts of the reports of one frame, in the order they are sent (packing.py)."""
+    reports: tuple[Layout, ...] = ()
+    """Of one frame, in the order they are sent."""
     neutral: tuple[Report, ...] = ()
     """Instead of a frame at rest, where the device has a report for it."""
     init: tuple[Report, ...] = ()
@@ -104,11 +112,16 @@ class Profile:
     text: str = ""
     """The TOML that it was parsed from."""
 
+    @cached_property
+    def count_limits(self) -> tuple[CountLimits, ...]:
+        """Of each actuator."""
+        return tuple(map(self.limits, self.actuators))
+
     def limits(self, actuator: Actuator) -> CountLimits:
-        step = actuator.step
+        step = exact(actuator.step)
         return CountLimits(
-            ceil(actuator.minimum / step),
-            floor(actuator.maximum / step),
-            floor(actuator.rest / step + 0.5),
-            floor(actuator.slew / float(self.timing.rate) / step),
+            ceil(exact(actuator.minimum) / step),
+            floor(exact(actuator.maximum) / step),
+            floor(exact(actuator.rest) / step + Fraction(1, 2)),
+            floor(exact(actuator.slew) / self.timing.rate / step),
         )
