@@ -112,3 +112,5 @@ class Layout:
     length: int
     """With the report id."""
     fields: tuple[Field, ...]
+    short: bool = False
+    """The device takes it shorter than its report descriptor says."""

@@ -22,7 +22,7 @@ def exact(value: float) -> Fraction:
 class Match:
     """What a device must be for the profile to fit; None: anything."""
 
-    vendor_id: int | None = None
+    vendor_id: int
     product_id: int | None = None
     bus: Literal["usb", "bluetooth"] | None = None
     usage_page: int | None = None
@@ -111,6 +111,11 @@ class Profile:
     """Of everything, unless the caller says otherwise."""
     text: str = ""
     """The TOML that it was parsed from."""
+
+    def places(self, names: tuple[str, ...]) -> tuple[int, ...]:
+        """Where actuators of these names stand."""
+        index = {actuator.name: n for n, actuator in enumerate(self.actuators)}
+        return tuple(index[name] for name in names)
 
     @cached_property
     def count_limits(self) -> tuple[CountLimits, ...]:

@@ -13,7 +13,6 @@ from ..frames import Frame
 from .layout import Const, Counter, Crc32, Layout, Mapped, One, Samples
 from .maps import MAPS
 from .model import Profile, Report
-from .rules import actuator_places
 
 Counts = tuple[tuple[int, ...], ...]
 Step = Callable[[bytearray, Counts], None]
@@ -50,7 +49,10 @@ class Packer:
 
     def neutral(self) -> tuple[Report, ...]:
         """What puts every actuator to rest."""
-        return self.profile.neutral or self._pack(self._rest)
+        return self.profile.neutral or self.at_rest()
+
+    def at_rest(self) -> tuple[Report, ...]:
+        return self._pack(self._rest)
 
     def _pack(self, counts: Counts) -> tuple[Report, ...]:
         return tuple([report.pack(counts) for report in self._reports])
@@ -127,7 +129,7 @@ def _picker(
     profile: Profile, names: tuple[str, ...]
 ) -> Callable[[tuple[int, ...]], tuple[int, ...]]:
     """A sample -> the counts of these actuators."""
-    places = tuple(actuator_places(profile, names))
+    places = profile.places(names)
     if places == tuple(range(len(profile.actuators))):
         return lambda counts: counts
     if len(places) == 1:
@@ -161,7 +163,7 @@ def _mapped(profile: Profile, layout: Layout) -> Iterator[Step]:
 
 def _function(profile: Profile, field: Mapped) -> Step:
     function = MAPS[field.function]
-    places = tuple(actuator_places(profile, field.actuators))
+    places = profile.places(field.actuators)
     limits = [profile.count_limits[place] for place in places]
     steps = [profile.actuators[place].step for place in places]
     values = tuple(

@@ -82,14 +82,14 @@ def parse_profile(text: str, path: str | None = None) -> Profile:
         except (ValueError, RecursionError) as error:
             problem = str(error) or "nested too deeply"
             raise ParameterError(f"no TOML: {problem}") from None
-        profile = _profile(Table(values), text)
-        check(profile)
+        return profile_of(values, text)
     except HapfmtError as error:
         raise error.at(path=path) from None
-    return profile
 
 
-def _profile(table: Table, text: str) -> Profile:
+def profile_of(values: Any, text: str) -> Profile:
+    """Of what the TOML says."""
+    table = Table(values)
     profile = Profile(
         name=table.text("name", pattern=NAME),
         description=table.text("description", ""),
@@ -105,22 +105,19 @@ def _profile(table: Table, text: str) -> Profile:
         text=text,
     )
     table.done()
+    check(profile)
     return profile
 
 
 def _match(table: Table) -> Match:
     match = Match(
-        vendor_id=table.integer("vendor_id", 0, 0xFFFF, None),
+        vendor_id=table.integer("vendor_id", 0, 0xFFFF),
         product_id=table.integer("product_id", 0, 0xFFFF, None),
         bus=table.choice("bus", ("usb", "bluetooth"), None),
         usage_page=table.integer("usage_page", 0, 0xFFFF, None),
         usage=table.integer("usage", 0, 0xFFFF, None),
     )
     table.done()
-    if not table.values:
-        raise ProfileError(
-            table.at, "is empty and would fit every device; add vendor_id, or remove it"
-        )
     return match
 
 
@@ -211,6 +208,7 @@ def _layout(table: Table) -> Layout:
         id=table.integer("id", 0, 255),
         length=table.integer("length", 2, LONGEST_REPORT),
         fields=tuple(map(_field, table.tables("fields", 1, MOST_FIELDS))),
+        short=table.flag("short"),
     )
     table.done()
     return layout

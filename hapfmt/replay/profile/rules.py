@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import isfinite
 from typing import NoReturn
 
@@ -10,6 +9,7 @@ from .keys import ProfileError
 from .layout import Const, Counter, Crc32, Field, Integer, Layout, Mapped, One, Samples
 from .maps import MAPS, MOST_COUNTS
 from .model import Actuator, Profile
+from .packing import Packer
 
 LIMITS = "PLY-001"
 
@@ -26,6 +26,7 @@ def check(profile: Profile) -> None:
     for n, actuator in enumerate(profile.actuators):
         if actuator.name not in used:
             fail(f"actuator[{n}]", f"{actuator.name!r} is in no report; add a field, or remove it")
+    _payloads(profile)
 
 
 def fail(at: str, text: str, requirement: str | None = None) -> NoReturn:
@@ -191,6 +192,23 @@ def _later(other: Crc32, field: Crc32, layout: Layout) -> bool:
     return after and field.start < other.at + 4 and other.at < field.stop
 
 
-def actuator_places(profile: Profile, wanted: tuple[str, ...]) -> Iterator[int]:
-    index = {actuator.name: n for n, actuator in enumerate(profile.actuators)}
-    return (index[name] for name in wanted)
+def _payloads(profile: Profile) -> None:
+    """Fixed bytes go round the limits; so those of a report that moves actuators must rest them."""
+    resting = Packer(profile).at_rest()
+    for key in ("neutral", "init", "exit"):
+        for n, payload in enumerate(getattr(profile, key)):
+            for layout, rest in zip(profile.reports, resting, strict=True):
+                if (payload.path, payload.data[0]) == (layout.path, layout.id):
+                    _rests(profile, layout, rest.data, payload.data, f"{key}[{n}].data")
+
+
+def _rests(profile: Profile, layout: Layout, rest: bytes, data: bytes, at: str) -> None:
+    if len(data) != layout.length:
+        text = f"has {len(data)} bytes, but report {layout.id} has {layout.length}; write as many"
+        fail(at, text)
+    for field in layout.fields:
+        if names(field):
+            part = slice(field.at, field.at + size(field, profile.timing.frame_samples))
+            if data[part] != rest[part]:
+                text = f"moves {', '.join(names(field))} from rest; write {rest[part].hex(' ')!r}"
+                fail(at, f"{text} at byte {field.at}", "PLY-002")
