@@ -1,0 +1,259 @@
+"""The loop that sends frames when they are due, and what follows it, however it ends."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from typing import Any
+
+from ...errors import DeviceError, HapfmtError
+from ..frames import Frame, Sink
+from ..lateness import Lateness
+from ..profile.model import Profile, Report
+from ..profile.packing import Packer
+from ..schedule import Schedule
+from .blocks import Sent, pack_log, parse_block
+from .guard import Guard
+from .messages import Kind, Message, MessageError, pack, pack_json
+from .pipes import Inlet, Outlet
+
+LEAD_NS = 5_000_000
+"""From the word to start to the first frame."""
+SLEEP_NS = 10_000_000
+"""At most, so that commands and heartbeats never wait longer."""
+SPIN_NS = 100_000
+"""Before a frame is due the loop watches the clock: a sleep ends so much too late, seldom more."""
+HANDLE_NS = 300_000
+"""A message is handled while so much time is left, or else one before each frame."""
+STATUS_NS = 50_000_000
+PLAYER_NS = 3_000_000_000
+"""A player of which nothing was heard for so long plays no more."""
+TRYING_S = 1.0
+"""For neutral frames that the device does not take."""
+
+clock = time.monotonic_ns
+
+
+class Loop:
+    def __init__(
+        self,
+        profile: Profile,
+        gain: float | None,
+        sink: Sink,
+        source: Inlet,
+        target: Outlet,
+        asked: list[int],
+        *,
+        log: bool,
+    ) -> None:
+        self.profile, self.sink = profile, sink
+        self.guard: Guard | None = None
+        self.source, self.target, self.asked = source, target, asked
+        self.schedule, self.packer = Schedule(profile, gain), Packer(profile)
+        self.log: list[Sent] | None = [] if log else None
+        self.late, self.call = Lateness(), Lateness()
+        self.start_ns: int | None = None
+        self.heard_ns = self.status_ns = clock()
+        self.deaf = False
+        """Nothing that still comes from the player is heard."""
+        self.generation = self.sent = self.neutral = 0
+        self.reason, self.error_code = "", 1
+        self.signal: int | None = None
+
+    def run(self) -> None:
+        """Plays, and comes to rest; what went wrong is in ``report``, never raised."""
+        errors = 0
+        while errors < 2 and self.schedule.state != "ended":
+            try:
+                if self.guard is not None and self.guard.left_alone(clock()):
+                    self.stop("late", "the writer was stalled, and the watchdog may have tripped")
+                    break
+                if self.start_ns is None:
+                    if self.schedule.outcome is not None:
+                        break
+                    self.wait(clock() + SLEEP_NS)
+                else:
+                    self.step(self.start_ns)
+            except Exception as error:
+                # The first leads to a ramp; if that fails too, to neutral frames at once.
+                errors += 1
+                self.fail(error)
+        self.rest()
+
+    def step(self, start_ns: int) -> None:
+        """One frame, when it is due."""
+        self.wait(start_ns + self.schedule.next_ns)
+        frame = self.schedule.frames_due(clock() - start_ns)
+        if frame is None:
+            return
+        reports = self.packer.pack(frame)
+        began = clock()
+        if self.guard is not None and self.guard.left_alone(began):
+            return
+        self.sink.send(frame, reports)
+        self.call.add(clock() - began)
+        self.late.add(began - start_ns - frame.due_ns)
+        self.sent += 1
+        if self.log is not None:
+            self.log.append(Sent(frame, began - start_ns))
+
+    def wait(self, until_ns: int) -> None:
+        """Sleeps, listens and beats until then; the last bit of time it only watches the clock."""
+        while True:
+            now = clock()
+            self.attend(now)
+            while self.listen() and until_ns - clock() > HANDLE_NS:
+                pass
+            left = until_ns - clock() - SPIN_NS
+            if left <= 0:
+                break
+            time.sleep(min(left, SLEEP_NS) / 1e9)
+        while clock() < until_ns:
+            pass
+
+    def attend(self, now: int) -> None:
+        """The watchdog, signals, the player's silence, and what the player is told."""
+        guard = self.guard
+        if guard is not None and guard.due(now) and not guard.left_alone(now):
+            guard.beat(now)
+            guard.listen(now)
+            if guard.asked is not None:
+                self.interrupted(guard.asked)
+            if guard.ended and not guard.tripped:
+                self.stop("failed", f"the watchdog {guard.state}")
+        if self.asked:
+            self.interrupted(self.asked.pop(0))
+        if now - self.heard_ns > PLAYER_NS and not self.deaf:
+            self.deaf = True
+            self.stop("failed", "the player is silent")
+        if now - self.status_ns >= STATUS_NS:
+            self.status_ns = now
+            self.tell()
+
+    def listen(self) -> bool:
+        """Handles a message of the player, if there is one."""
+        if self.deaf:
+            return False
+        try:
+            message = self.source.take()
+            if message is not None:
+                self.heard_ns = clock()
+                self.handle(message)
+                return True
+        except MessageError:
+            self.deaf = True
+            raise
+        if self.source.ended:
+            self.deaf = True
+            self.stop("failed", "the player has died")
+        return False
+
+    def handle(self, message: Message) -> None:
+        match message.kind:
+            case Kind.BLOCK:
+                self.schedule.feed(parse_block(message.payload))
+            case Kind.START if self.start_ns is None:
+                self.start_ns = clock() + LEAD_NS
+            case Kind.STOP:
+                self.signal = self.signal or message.fields().get("signal")
+                self.stop(message.field("outcome", str), message.field("reason", str))
+            case Kind.PAUSE:
+                self.schedule.pause()
+            case Kind.RESUME:
+                self.schedule.resume()
+            case Kind.SEEK:
+                self.generation = message.field("generation", int)
+                self.schedule.seek(self.generation, message.field("first", int))
+            case Kind.ALIVE:
+                pass
+            case other:
+                raise MessageError(f"{other.name} is no message of a player")
+
+    def interrupted(self, number: int) -> None:
+        self.signal = self.signal or number
+        self.stop("interrupted", f"signal {number}")
+
+    def stop(self, outcome: str, reason: str) -> None:
+        before = self.schedule.outcome
+        self.schedule.stop(outcome)
+        if self.schedule.outcome != before or not self.reason:
+            self.reason = reason
+
+    def fail(self, error: Exception) -> None:
+        lost = isinstance(error, DeviceError)
+        if isinstance(error, HapfmtError) and not lost:
+            self.error_code = error.exit_code
+        text = str(error) if isinstance(error, HapfmtError) else repr(error)
+        self.stop("device-lost" if lost else "failed", text)
+
+    def rest(self) -> None:
+        """The last that the device gets: neutral frames, and its own words of leave."""
+        failing_until = clock() + round(TRYING_S * 1e9)
+        period_s = float(self.profile.timing.period)
+        for turn in range(self.profile.timing.neutral_count):
+            if turn:
+                time.sleep(period_s)
+            if self.guard is not None and not self.guard.left_alone(clock()):
+                self.guard.beat(clock())
+            try:
+                self.aside(self.packer.neutral())
+                self.neutral += 1
+            except Exception as error:
+                self.fail(error)
+                if clock() > failing_until:
+                    break
+        if self.neutral and self.profile.exit:
+            try:
+                self.aside(self.profile.exit)
+            except Exception as error:
+                self.fail(error)
+
+    def aside(self, reports: tuple[Report, ...]) -> None:
+        """Reports that are no frame of the schedule."""
+        at_ns = 0 if self.start_ns is None else clock() - self.start_ns
+        self.sink.send(Frame(-1, at_ns, ()), reports)
+
+    def tell(self) -> None:
+        """The player: how far it is, and which frames were sent."""
+        self.tell_log()
+        self.target.send(pack_json(Kind.STATUS, **self.status()))
+        if self.target.broken and not self.deaf:
+            self.deaf = True
+            self.stop("failed", "the player does not listen")
+
+    def tell_log(self) -> None:
+        if self.log:
+            self.target.send(pack(Kind.SENT, pack_log(self.log)))
+            self.log.clear()
+
+    def status(self) -> dict[str, Any]:
+        return {
+            "state": self.schedule.state,
+            "played": self.schedule.played,
+            "generation": self.generation,
+            "max_late_us": self.late.max / 1000,
+            **self.counts(),
+        }
+
+    def counts(self) -> dict[str, int]:
+        return {**asdict(self.schedule.counts), "sent": self.sent}
+
+    def report(self) -> dict[str, Any]:
+        outcome = self.schedule.outcome or "clean"
+        return {
+            "outcome": outcome,
+            "reason": "" if outcome == "clean" else self.reason,
+            "error_code": self.error_code,
+            "signal": self.signal,
+            "neutral": self.neutral,
+            "late": microseconds(self.late),
+            "call": microseconds(self.call),
+            **self.counts(),
+        }
+
+
+def microseconds(times: Lateness) -> dict[str, float] | None:
+    if not times.count:
+        return None
+    p50, p99, p999 = times.percentiles((500, 990, 999))
+    return {"p50": p50 / 1e3, "p99": p99 / 1e3, "p999": p999 / 1e3, "max": times.max / 1e3}

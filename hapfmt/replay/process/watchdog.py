@@ -1,0 +1,194 @@
+"""The process that puts the device to rest when the writer no longer does.
+
+It opens the device a second time before anything moves, and then only listens: the writer's
+heartbeat on standard input. A heart that stops, or an end without a goodbye, trips it: neutral
+frames through its own handle, at once and again, until the writer is gone or has said goodbye.
+A writer that was stalled in the middle of a call may have sent an old force after the first of
+them. It does not ramp: it knows nothing of the force, only that nobody holds it.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import json
+import os
+import signal
+import sys
+import time
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+from ...errors import HapfmtError
+from ..frames import Frame, Sink
+from ..sinks import open_sink
+from . import realtime
+from .messages import Kind, Message, MessageError, pack_json, reports_of
+from .pipes import Inlet, Outlet, inlet, outlet
+
+SETUP_S = 10.0
+"""The writer has so long to say what is to be done."""
+ALIVE_S = 0.05
+"""So often the writer hears that somebody watches."""
+LONGEST_S = 30.0
+"""After tripping, whatever becomes of the writer."""
+
+
+class Setup(NamedTuple):
+    sink: dict[str, Any]
+    neutral: tuple[tuple[Any, ...], ...]
+    """The reports of as many neutral frames as are to be sent."""
+    heartbeat_s: float
+    period_s: float
+    """From one neutral frame to the next."""
+    realtime: bool
+
+    @classmethod
+    def of(cls, message: Message) -> Setup:
+        return cls(
+            message.field("sink", dict),
+            tuple(reports_of(reports) for reports in message.field("neutral", list)),
+            message.field("heartbeat_s", float),
+            message.field("period_s", float),
+            message.field("realtime", bool),
+        )
+
+
+class Watchdog:
+    def __init__(
+        self, setup: Setup, sink: Sink, source: Inlet, target: Outlet, asked: list[int]
+    ) -> None:
+        self.setup, self.sink, self.source, self.target = setup, sink, source, target
+        self.beat_at = time.monotonic()
+        self.alive_at = 0.0
+        self.goodbye = False
+        self.turn = 0
+        """Of the neutral frames, in which some count."""
+        self.sent = self.failed = 0
+        self.error = ""
+        self.asked = asked
+        """Signals that asked it to end; it is the writer that does that."""
+
+    def run(self) -> None:
+        cause = self.watch()
+        if cause:
+            self.trip(cause)
+
+    def watch(self) -> str:
+        """Until a goodbye (empty), or the cause to trip."""
+        while True:
+            self.listen()
+            now = time.monotonic()
+            if self.goodbye:
+                return ""
+            if self.source.ended:
+                return "the writer has died"
+            silent_s = now - self.beat_at
+            if silent_s >= self.setup.heartbeat_s:
+                return f"the writer was silent for {silent_s * 1000:.0f} ms"
+            if now - self.alive_at >= ALIVE_S:
+                self.alive_at = now
+                self.target.send(pack_json(Kind.ALIVE))
+            self.tell_asked()
+            self.source.wait(min(self.setup.heartbeat_s - silent_s, ALIVE_S))
+
+    def listen(self) -> None:
+        """All that the writer has said."""
+        try:
+            while (message := self.source.take()) is not None:
+                self.beat_at = time.monotonic()
+                self.goodbye = self.goodbye or message.kind is Kind.GOODBYE
+        except MessageError:
+            # Whoever says such things is no healthy writer.
+            self.source.ended = True
+
+    def tell_asked(self) -> None:
+        if self.asked:
+            self.target.send(pack_json(Kind.GOODBYE, signal=self.asked.pop()))
+
+    def trip(self, cause: str) -> None:
+        """Neutral frames until the writer is gone or through, and as often as asked at least."""
+        began = time.monotonic()
+        # A device that takes nothing can hold a call for seconds; not this process for ever.
+        faulthandler.dump_traceback_later(LONGEST_S, exit=True)
+        self.neutral()
+        first_ms = (time.monotonic() - began) * 1000
+        self.target.send(pack_json(Kind.TRIPPED, cause=cause))
+        rest = len(self.setup.neutral) - 1
+        gone = False
+        while rest > 0 or not gone:
+            time.sleep(self.setup.period_s)
+            self.listen()
+            if not gone and (self.goodbye or self.source.ended):
+                # What the writer did last may have come after our last frame.
+                gone, rest = True, max(rest, 1)
+            self.neutral()
+            rest -= 1
+            if time.monotonic() - began > LONGEST_S / 2:
+                break
+        self.say(state="tripped", cause=cause, sent=self.sent, failed=self.failed,
+                 first_ms=round(first_ms, 3), error=self.error)  # fmt: skip
+
+    def neutral(self) -> None:
+        reports = self.setup.neutral[self.turn % len(self.setup.neutral)]
+        self.turn += 1
+        try:
+            self.sink.send(Frame(-1, 0, ()), reports)
+            self.sent += 1
+        except Exception as error:
+            self.failed += 1
+            self.error = str(error)
+
+    @staticmethod
+    def say(**state: Any) -> None:
+        """To the player, who reads our standard error: the writer may be dead."""
+        with suppress(OSError):
+            os.write(2, json.dumps({"watchdog": state}).encode() + b"\n")
+
+
+def main() -> int:
+    source, target = inlet(0), outlet(1)
+    asked = signals()
+    try:
+        setup = Setup.of(first_message(source, Kind.SETUP, SETUP_S))
+        if not setup.neutral:
+            raise MessageError("no neutral frame")
+        sink = open_sink(setup.sink)
+    except Exception as error:
+        target.send(pack_json(Kind.READY, error=str(error) or repr(error)))
+        target.drain(1.0)
+        return error.exit_code if isinstance(error, HapfmtError) else 1
+    # Above the writer: one that spins for ever must not keep its watchdog from running.
+    got = realtime.apply(realtime.PRIORITY + 1) if setup.realtime else realtime.nothing()
+    target.send(pack_json(Kind.READY, realtime=got))
+    try:
+        Watchdog(setup, sink, source, target, asked).run()
+    finally:
+        sink.close()
+        target.drain(1.0)
+    return 0
+
+
+def signals() -> list[int]:
+    """Where the numbers of the signals appear that ask a process to end."""
+    asked: list[int] = []
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), lambda number, _: asked.append(number))
+    return asked
+
+
+def first_message(source: Inlet, kind: Kind, seconds: float) -> Message:
+    """The first message, which must be of this kind and come in time."""
+    stop = time.monotonic() + seconds
+    while (message := source.take()) is None:
+        left = stop - time.monotonic()
+        if source.ended or left <= 0:
+            raise MessageError(f"no {kind.name}: {'the pipe ended' if source.ended else 'silence'}")
+        source.wait(left)
+    if message.kind is not kind:
+        raise MessageError(f"{message.kind.name} instead of {kind.name}")
+    return message
+
+
+if __name__ == "__main__":
+    sys.exit(main())

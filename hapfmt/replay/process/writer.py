@@ -1,0 +1,115 @@
+"""The process that writes to the device, the only one that does while it lives.
+
+Standard input: the setup, then blocks and commands of the player; standard output: what the player
+is told. The end of the input, without a stop before it, says that the player has died.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ...errors import DeviceError, HapfmtError
+from ..sinks import open_sink
+from . import realtime
+from .guard import Guard
+from .messages import Kind, Message, pack_json, reports_json
+from .pipes import Inlet, Outlet, inlet, outlet
+from .watchdog import first_message, signals
+
+if TYPE_CHECKING:
+    from ..profile.model import Profile
+
+SETUP_S = 10.0
+LEAST_PERIOD_S = 0.002
+"""From one neutral frame of the watchdog to the next."""
+
+
+class Setup(NamedTuple):
+    profile: str
+    """The TOML of it."""
+    name: str
+    sink: dict[str, Any]
+    gain: float
+    heartbeat_s: float
+    watchdog: bool
+    realtime: bool
+    log: bool
+
+    @classmethod
+    def of(cls, message: Message) -> Setup:
+        kinds = {"profile": str, "name": str, "sink": dict, "gain": float, "heartbeat_s": float}
+        flags = dict.fromkeys(("watchdog", "realtime", "log"), bool)
+        return cls(**{name: message.field(name, kind) for name, kind in (kinds | flags).items()})
+
+
+def main() -> int:
+    source, target, asked = inlet(0), outlet(1), signals()
+    guard: Guard | None = None
+    try:
+        setup = Setup.of(first_message(source, Kind.SETUP, SETUP_S))
+        # It begins while we import what is heavy.
+        guard = Guard() if setup.watchdog else None
+        report = write(setup, guard, source, target, asked)
+    except Exception as error:
+        known = isinstance(error, HapfmtError)
+        report = {
+            "outcome": "device-lost" if isinstance(error, DeviceError) else "failed",
+            "reason": str(error) if known else repr(error),
+            "error_code": error.exit_code if isinstance(error, HapfmtError) else 1,
+        }
+    if guard is not None:
+        guard.goodbye()
+        guard.end()
+        report["watchdog"] = guard.state
+    target.send(pack_json(Kind.END, **report))
+    target.drain(2.0)
+    # All is said, and no library shall keep the process by what it does at an end.
+    os._exit(0)
+
+
+def write(
+    setup: Setup, guard: Guard | None, source: Inlet, target: Outlet, asked: list[int]
+) -> dict[str, Any]:
+    """From the opening of the device to its closing: what the report says of it."""
+    from ..profile import parse_profile
+    from .loop import Loop
+
+    profile = parse_profile(setup.profile, setup.name)
+    sink = open_sink(setup.sink, profile)
+    got = realtime.apply() if setup.realtime else realtime.nothing()
+    loop = Loop(profile, setup.gain, sink, source, target, asked, log=setup.log)
+    try:
+        if profile.init:
+            loop.aside(profile.init)
+        if guard is not None:
+            guard.begin(
+                setup.heartbeat_s,
+                sink=setup.sink,
+                neutral=neutral_frames(profile),
+                period_s=max(float(profile.timing.period), LEAST_PERIOD_S),
+                realtime=setup.realtime,
+            )
+            loop.guard = guard
+        target.send(pack_json(Kind.READY, realtime=got))
+    except Exception as error:
+        loop.fail(error)
+    try:
+        loop.run()
+        loop.tell_log()
+        return loop.report()
+    finally:
+        sink.close()
+
+
+def neutral_frames(profile: Profile) -> list[list[list[str]]]:
+    """As many as are sent at an end; they may differ (counters)."""
+    from ..profile.packing import Packer
+
+    packer = Packer(profile)
+    return [reports_json(packer.neutral()) for _ in range(profile.timing.neutral_count)]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
