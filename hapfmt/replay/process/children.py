@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import io
+import json
 import os
 import subprocess
 import sys
+import threading
+from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, cast
+
+LINES, COLUMNS = 200, 2000
+"""Of what is kept of a process that talks."""
 
 
 def start(module: str, stderr: int | None = None) -> subprocess.Popen[bytes]:
@@ -14,11 +21,9 @@ def start(module: str, stderr: int | None = None) -> subprocess.Popen[bytes]:
 
     In a session of its own: Ctrl-C reaches the player alone, which ends the others in order.
     """
-    apart: dict[str, Any] = (
-        {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
-        if sys.platform == "win32"
-        else {"start_new_session": True}
-    )
+    apart: dict[str, Any] = {"start_new_session": True}
+    if sys.platform == "win32":
+        apart = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
     return subprocess.Popen(
         # -P: what lies in the current directory is not imported.
         [sys.executable, "-P", "-m", f"{__package__}.{module}"],
@@ -40,3 +45,39 @@ def environment() -> dict[str, str]:
 def descriptor(pipe: IO[bytes] | None) -> int:
     assert pipe is not None
     return pipe.fileno()
+
+
+class Errors:
+    """What processes write to their standard error, and what the watchdog says of itself there."""
+
+    def __init__(self, pipe: IO[bytes] | None) -> None:
+        assert pipe is not None
+        self.pipe = pipe
+        self.lines: list[str] = []
+        self.watchdog = ""
+        self.thread = threading.Thread(target=self.run, daemon=True)
+        self.thread.start()
+
+    def run(self) -> None:
+        with self.pipe, suppress(OSError, ValueError):
+            for line in io.BufferedReader(cast(io.RawIOBase, self.pipe)):
+                self.hear(line.decode("utf-8", "replace").rstrip())
+
+    def hear(self, line: str) -> None:
+        if line.startswith('{"watchdog": '):
+            with suppress(ValueError, KeyError, TypeError):
+                self.watchdog = told(json.loads(line)["watchdog"])
+                return
+        if line and len(self.lines) < LINES:
+            self.lines.append(line[:COLUMNS])
+
+    def wait(self, seconds: float) -> None:
+        """Until all that could write there have ended, so long at most."""
+        self.thread.join(seconds)
+        if self.thread.is_alive():
+            self.lines.append(f"a process has not ended after {seconds:.0f} s more")
+
+
+def told(state: dict[str, Any]) -> str:
+    text = f"tripped: {state['cause']}; the device took {state['sent']} neutral frames"
+    return text + (f", {state['failed']} not: {state['error']}" if state["failed"] else "")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
-from typing import Any
+from typing import Any, cast, get_args
 
 from ...errors import DeviceError, HapfmtError
 from ..frames import Frame, Sink
@@ -16,6 +16,7 @@ from .blocks import Sent, pack_log, parse_block
 from .guard import Guard
 from .messages import Kind, Message, MessageError, pack, pack_json
 from .pipes import Inlet, Outlet
+from .report import Outcome
 
 LEAD_NS = 5_000_000
 """From the word to start to the first frame."""
@@ -156,7 +157,10 @@ class Loop:
                 self.start_ns = clock() + LEAD_NS
             case Kind.STOP:
                 self.signal = self.signal or message.fields().get("signal")
-                self.stop(message.field("outcome", str), message.field("reason", str))
+                outcome = message.field("outcome", str)
+                if outcome not in get_args(Outcome):
+                    raise MessageError(f"STOP: unknown outcome {outcome!r}")
+                self.stop(cast(Outcome, outcome), message.field("reason", str))
             case Kind.PAUSE:
                 self.schedule.pause()
             case Kind.RESUME:
@@ -173,7 +177,7 @@ class Loop:
         self.signal = self.signal or number
         self.stop("interrupted", f"signal {number}")
 
-    def stop(self, outcome: str, reason: str) -> None:
+    def stop(self, outcome: Outcome, reason: str) -> None:
         before = self.schedule.outcome
         self.schedule.stop(outcome)
         if self.schedule.outcome != before or not self.reason:

@@ -73,7 +73,7 @@ def write(
     setup: Setup, guard: Guard | None, source: Inlet, target: Outlet, asked: list[int]
 ) -> dict[str, Any]:
     """From the opening of the device to its closing: what the report says of it."""
-    from ..profile import parse_profile
+    from ..profile.parse import parse_profile
     from .loop import Loop
 
     profile = parse_profile(setup.profile, setup.name)

@@ -1,0 +1,314 @@
+"""A replay on a device, from the player's side: starts the writer, feeds it, ends it.
+
+Nothing here waits without an end. Whatever is raised, the pipe to the writer closes, and a writer
+whose player has gone comes to rest by itself.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+from ...errors import HapfmtError, ParameterError
+from ..frames import Sink
+from ..profile.model import Profile
+from ..profile.parse import parse_profile
+from .blocks import pack_block, parse_log
+from .children import Errors, descriptor, start
+from .feeding import Feed, Source
+from .keys import Key
+from .messages import Kind, Message, MessageError, pack, pack_json
+from .pipes import inlet, outlet
+from .report import ReplayReport
+from .virtual import Signals
+
+AHEAD_S = 1.0
+"""More than this the writer never has before it."""
+PREFILL_S = 0.2
+"""Before the start; an hour-long file starts as soon."""
+JUMP_S = 5.0
+"""Of an arrow key."""
+TURN_S = 0.02
+ALIVE_S = 0.25
+STATUS_S = 0.1
+READY_S = 30.0
+"""For the device, the watchdog, and the imports of both on a busy machine."""
+SILENT_S = 10.0
+"""A writer that says nothing for so long is killed: a call into a device that hangs comes back
+after 5.2 s."""
+END_S = 5.0
+"""For a process that has said all."""
+
+
+class Status(NamedTuple):
+    position_s: float
+    """In the file."""
+    state: str
+    sent: int
+    skipped: int
+    under_runs: int
+    max_late_us: float
+
+
+class Keyboard(Protocol):
+    def pressed(self) -> list[Key]: ...
+
+
+class Patient(Signals):
+    """A second signal does not cut the ramp short."""
+
+    def ask(self, number: int, _frame: object) -> None:
+        self.asked = self.asked or number
+
+
+def play(
+    renderer: Source,
+    profile: Profile,
+    sink_config: dict[str, Any],
+    *,
+    gain: float | None = None,
+    record: Sink | None = None,
+    on_status: Callable[[Status], None] | None = None,
+    keys: Keyboard | None = None,
+    watchdog: bool = True,
+    heartbeat_s: float | None = None,
+    realtime: bool = True,
+) -> ReplayReport:
+    """Play what ``renderer`` renders on the device that ``sink_config`` names (sinks.open_sink).
+
+    ``gain``: of everything, above 0 and at most 1 [that of the profile]. ``record`` gets each frame
+    that was sent. ``watchdog`` False: without the second process, where a device cannot be opened
+    twice. ``heartbeat_s``: a writer that is silent for longer trips the watchdog [0.1, and twice
+    the hold time at least]. Signals end it by a ramp (SIGINT, SIGTERM, SIGHUP, in the main
+    thread). An error of file or device stands in the report; what is none of ours is raised.
+    """
+    if parse_profile(profile.text) != profile:
+        raise ParameterError("the profile differs from its text, which is what the writer reads")
+    if heartbeat_s is None:
+        heartbeat_s = max(0.1, 2 * profile.timing.hold_s)
+    setup = {
+        "profile": profile.text,
+        "name": profile.name,
+        "sink": sink_config,
+        "gain": profile.gain if gain is None else gain,
+        "heartbeat_s": heartbeat_s,
+        "watchdog": watchdog,
+        "realtime": realtime,
+        "log": record is not None,
+    }
+    with Patient() as signals:
+        player = Player(renderer, profile, record, on_status, keys, signals)
+        try:
+            player.target.send(pack_json(Kind.SETUP, **setup))
+            player.run()
+        finally:
+            player.close()
+        return player.report()
+
+
+class Player:
+    def __init__(
+        self,
+        renderer: Source,
+        profile: Profile,
+        record: Sink | None,
+        on_status: Callable[[Status], None] | None,
+        keys: Keyboard | None,
+        signals: Signals,
+    ) -> None:
+        self.renderer, self.profile, self.record = renderer, profile, record
+        self.on_status, self.keys, self.signals = on_status, keys, signals
+        self.rate = float(profile.timing.rate)
+        self.writer = start("writer", subprocess.PIPE)
+        self.errors = Errors(self.writer.stderr)
+        self.source = inlet(descriptor(self.writer.stdout))
+        self.target = outlet(descriptor(self.writer.stdin))
+        self.feed = Feed(renderer, len(profile.actuators))
+        self.realtime: dict[str, str] = {}
+        self.ready = self.started = self.stopped = self.paused = False
+        self.fed = self.played = 0
+        self.status: dict[str, Any] = {}
+        self.end: dict[str, Any] | None = None
+        self.error: BaseException | None = None
+        """Of the file, or of what gets the record."""
+        self.trouble = ""
+        """With the writer."""
+        now = time.monotonic()
+        self.heard_at = self.began_at = now
+        self.alive_at = self.status_at = 0.0
+        self.stop_at: float | None = None
+        """The writer must have ended by then."""
+
+    def run(self) -> None:
+        """Until the writer has told its end, or cannot any more."""
+        while self.end is None and not self.trouble:
+            self.source.wait(TURN_S)
+            self.hear()
+            if self.signals.asked is not None:
+                self.stop("interrupted", f"signal {self.signals.asked}", self.signals.asked)
+            self.give()
+            self.press()
+            self.watch(time.monotonic())
+
+    def hear(self) -> None:
+        """All that the writer has said."""
+        try:
+            while self.end is None and (message := self.source.take()) is not None:
+                self.heard_at = time.monotonic()
+                self.handle(message)
+        except MessageError as error:
+            self.trouble = f"the writer says what nobody understands: {error}"
+        if self.source.ended and self.end is None:
+            self.trouble = self.trouble or "the writer has died"
+
+    def handle(self, message: Message) -> None:
+        match message.kind:
+            case Kind.READY:
+                self.ready = True
+                self.realtime = message.field("realtime", dict)
+            case Kind.STATUS:
+                status = message.fields()
+                if status.get("generation") == self.feed.generation:
+                    self.played = message.field("played", int)
+                    self.status = status
+            case Kind.SENT:
+                self.keep(message)
+            case Kind.END:
+                self.end = message.fields()
+            case other:
+                raise MessageError(f"{other.name} is no message of a writer")
+
+    def keep(self, message: Message) -> None:
+        if self.record is None or self.error is not None:
+            return
+        try:
+            for sent in parse_log(message.payload):
+                self.record.send(sent.frame, ())
+        except Exception as error:
+            self.error = error
+            self.stop("failed", f"the record cannot be written: {error}")
+
+    def give(self) -> None:
+        """Blocks, as far as they may be ahead; the word to start, once enough are there."""
+        ahead = self.played + round(AHEAD_S * self.rate)
+        while not self.stopped and (block := self.feed.take(ahead)) is not None:
+            self.target.send(pack(Kind.BLOCK, pack_block(block)))
+            self.fed = block.first + len(block.values)
+            if block.last:
+                self.fed = max(self.fed, ahead)
+                self.error = self.error or self.feed.error
+        if self.ready and not self.started and self.fed >= PREFILL_S * self.rate:
+            self.started = True
+            self.target.send(pack(Kind.START))
+
+    def press(self) -> None:
+        for key in self.keys.pressed() if self.keys is not None else ():
+            if key == "stop":
+                self.stop("interrupted", "q was pressed")
+            elif not self.started or self.stopped:
+                pass
+            elif key == "pause":
+                self.paused = not self.paused
+                self.target.send(pack(Kind.PAUSE if self.paused else Kind.RESUME))
+            else:
+                self.seek(self.position() + (JUMP_S if key == "forward" else -JUMP_S))
+
+    def position(self) -> float:
+        return self.renderer.position(self.played, self.feed.at)
+
+    def seek(self, seconds: float) -> None:
+        """On with another place of the file; the writer ramps down first."""
+        generation = self.feed.generation + 1
+        before, at = self.feed, max(seconds, 0.0)
+        self.feed = Feed(self.renderer, before.actuators, generation, at, before)
+        self.fed = self.played = 0
+        self.target.send(pack_json(Kind.SEEK, generation=generation, first=0))
+
+    def stop(self, outcome: str, reason: str, number: int | None = None) -> None:
+        """To rest by a ramp; asked for once."""
+        if not self.stopped:
+            self.stopped = True
+            self.stop_at = time.monotonic() + self.rest_s() + SILENT_S
+            self.target.send(pack_json(Kind.STOP, outcome=outcome, reason=reason, signal=number))
+
+    def rest_s(self) -> float:
+        """A ramp to rest takes no longer, however slow the actuators are, nor what follows it."""
+        timing = self.profile.timing
+        slowest = max(((a.maximum - a.minimum) / a.slew for a in self.profile.actuators), default=0)
+        return timing.ramp_s + slowest + (timing.neutral_count + 2) * float(timing.period)
+
+    def watch(self, now: float) -> None:
+        """What takes too long; and signs of life, both ways."""
+        if now - self.alive_at > ALIVE_S:
+            self.alive_at = now
+            self.target.send(pack(Kind.ALIVE))
+        self.target.flush()
+        if not self.ready and now - self.began_at > READY_S:
+            self.trouble = f"the writer was not ready after {READY_S:.0f} s"
+        elif self.ready and now - self.heard_at > SILENT_S:
+            self.trouble = f"the writer said nothing for {SILENT_S:.0f} s"
+        elif self.stop_at is not None and now > self.stop_at:
+            self.trouble = "the writer did not come to rest in time"
+        elif self.on_status is not None and self.status and now - self.status_at > STATUS_S:
+            self.status_at = now
+            told = self.status
+            self.on_status(
+                Status(
+                    self.position(),
+                    told["state"],
+                    told["sent"],
+                    told["skipped"],
+                    told["under_runs"],
+                    told["max_late_us"],
+                )
+            )
+
+    def close(self) -> None:
+        """No process is left, nor a thread that works."""
+        self.feed.halt()
+        if self.end is None and not self.trouble:
+            # Something was raised here: the writer comes to rest all the same.
+            self.stop("failed", "the player has failed")
+            self.on_status = self.keys = self.record = None
+            self.run()
+        if self.trouble and self.writer.poll() is None:
+            self.writer.kill()
+            self.trouble += ", and was killed"
+        try:
+            self.writer.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self.writer.kill()
+            self.writer.wait(END_S)
+        for pipe in (self.writer.stdin, self.writer.stdout):
+            if pipe is not None:
+                pipe.close()
+        # The watchdog shares the writer's standard error, so this waits for both.
+        self.errors.wait(END_S)
+
+    def report(self) -> ReplayReport:
+        """What the writer told; where it cannot, what is known of it."""
+        end = dict(self.end or {**self.status, "outcome": "failed", "reason": self.died()})
+        for name in ("state", "played", "generation", "max_late_us", "under_run_samples"):
+            end.pop(name, None)
+        if self.error is not None and end["outcome"] in ("clean", "failed"):
+            if not isinstance(self.error, (HapfmtError, OSError)):
+                raise self.error
+            end |= {"outcome": "failed", "reason": str(self.error)}
+            end["error_code"] = getattr(self.error, "exit_code", 1)
+        watchdog = self.errors.watchdog or end.pop("watchdog", "none")
+        end.pop("watchdog", None)
+        return ReplayReport(
+            **end,
+            watchdog=watchdog,
+            realtime=self.realtime,
+            kernels=list(self.renderer.kernels),
+            left_out=list(self.renderer.left_out),
+            lost=list(self.renderer.lost),
+            said=self.errors.lines,
+        )
+
+    def died(self) -> str:
+        code = self.writer.returncode
+        return f"{self.trouble} ({f'signal {-code}' if code < 0 else f'exit code {code}'})"
