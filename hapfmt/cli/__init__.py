@@ -30,6 +30,8 @@ VERBS = {
     "clocks": "Other clocks: what was observed, offset, drift, jitter.",
     "convert": "From any format to any other.",
     "record": "Record samples as they come from another program.",
+    "devices": "HID devices that are connected, and which profile fits which.",
+    "profile": "Device profiles: list them, show one, check one.",
     "demo": "Simulate a stylus on a texture, encode it, show what it costs.",
 }
 ERROR = 1
