@@ -50,7 +50,7 @@ def device(page: int, usage: int, *fields: bytes) -> bytes:
     )
 
 
-GLOVE5 = device(0xFF00, 1, field(OUTPUT, 10, number=1))
+GLOVE5 = device(0xFF00, 1, field(OUTPUT, 11, number=1))
 
 DUALSENSE_USB = device(
     1, 5,

@@ -27,7 +27,7 @@ class TestDevices:
     """The reports that a profile needs, as public documentation gives them."""
 
     def test_glove(self):
-        assert parse_descriptor(hd.GLOVE5) == Descriptor({("output", 1): 11}, True, ((0xFF00, 1),))
+        assert parse_descriptor(hd.GLOVE5) == Descriptor({("output", 1): 12}, True, ((0xFF00, 1),))
 
     def test_dualsense_by_usb(self):
         found = parse_descriptor(hd.DUALSENSE_USB)

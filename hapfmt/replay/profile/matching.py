@@ -54,7 +54,7 @@ def fits(match: Match, device: Device) -> bool:
     """Where the system does not tell a usage (libusb), only the descriptor can deny it."""
     told = device.usage_page or device.usage
     return (
-        match.vendor_id in (None, device.vendor_id)
+        match.vendor_id == device.vendor_id
         and match.product_id in (None, device.product_id)
         and match.bus in (None, device.bus)
         and (not told or match.usage_page in (None, device.usage_page))
@@ -79,7 +79,10 @@ def profiles_for(device: Device, profiles: Iterable[Profile]) -> list[Profile]:
 
 def by_path(devices: Iterable[Device]) -> list[Device]:
     """One for each path: a device with several collections is listed several times."""
-    return list({device.path: device for device in reversed(list(devices))}.values())[::-1]
+    found: dict[bytes, Device] = {}
+    for device in devices:
+        found.setdefault(device.path, device)
+    return list(found.values())
 
 
 def choose(profile: Profile, devices: Sequence[Device], path: str | bytes | None = None) -> Device:
@@ -148,8 +151,7 @@ def described(device: Device) -> str:
 def wanted_of(profile: Profile) -> list[Wanted]:
     """Every report that the profile ever sends, each once."""
     found = [
-        Wanted(layout.path, layout.id, layout.length, getattr(layout, "short", False))
-        for layout in profile.reports
+        Wanted(layout.path, layout.id, layout.length, layout.short) for layout in profile.reports
     ]
     short = {(each.path, each.id) for each in found if each.short}
     for path, data in (*profile.init, *profile.neutral, *profile.exit):
