@@ -189,7 +189,7 @@ def show(file: str, chosen: Profile) -> None:
     click.echo(f"{printable(file)}: {printable(chosen.name)}, {printable(chosen.description)}")
     click.echo(f"for {', '.join(devices_of(chosen)) or 'no device in particular: name its path'}")
     click.echo(
-        f"{float(1 / timing.period):g} frames/s, {timing.frame_samples} samples each; "
+        f"{float(1 / timing.period):g} frames/s of {timing.frame_samples} for each actuator; "
         f"gain {chosen.gain:g}; stops when {timing.hold_s * 1e3:g} ms late; "
         f"ramps of {timing.ramp_s * 1e3:g} ms"
     )
