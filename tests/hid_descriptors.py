@@ -3,8 +3,8 @@
 What is public of those descriptors, and what these keep: the top-level usage and every output
 report, with a few of the input and feature reports. Where the facts come from:
 
-* DualSense: https://github.com/nondebug/dualsense (descriptors over USB and Bluetooth); Linux,
-  drivers/hid/hid-playstation.c.
+* DualSense: https://github.com/nondebug/dualsense (descriptors by USB and Bluetooth); its Edge:
+  https://github.com/ShadowBlip/InputPlumber, src/drivers/dualsense/report_descriptor.rs.
 * Joy-Con: https://switchbrew.org/wiki/Joy-Con ("HID Input Report Descriptor").
 * Xbox One S and Series X|S by Bluetooth: https://github.com/atar-axis/xpadneo, docs/descriptors.
 """
@@ -51,6 +51,7 @@ def device(page: int, usage: int, *fields: bytes) -> bytes:
 
 
 GLOVE5 = device(0xFF00, 1, field(OUTPUT, 11, number=1))
+GLOVE22 = device(0xFF00, 2, field(OUTPUT, 45, number=2))
 
 DUALSENSE_USB = device(
     1, 5,
@@ -59,6 +60,13 @@ DUALSENSE_USB = device(
     field(OUTPUT, 47, number=0x02, usage=0x23),
     field(FEATURE, 40, number=0x05, usage=0x33),
     field(FEATURE, 63, number=0x20, usage=0x26),
+)  # fmt: skip
+
+DUALSENSE_EDGE_USB = device(
+    1, 5,
+    field(INPUT, 63, number=1),
+    item(PAGE, 0xFF00),
+    field(OUTPUT, 63, number=0x02, usage=0x23),
 )  # fmt: skip
 
 DUALSENSE_BLUETOOTH_PAYLOADS = {

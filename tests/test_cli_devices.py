@@ -18,6 +18,7 @@ from hapfmt.replay.profile.parse import builtin_names, load_profile
 LINUX = sys.platform.startswith("linux")
 TARGETS = {
     "glove5": hd.GLOVE5,
+    "glove22": hd.GLOVE22,
     "dualsense-usb": hd.DUALSENSE_USB,
     "dualsense-bluetooth": hd.DUALSENSE_BLUETOOTH,
     "dualsense-bluetooth-haptics": hd.DUALSENSE_BLUETOOTH,
@@ -269,6 +270,16 @@ class TestCheck:
 @pytest.mark.parametrize("name", TARGETS)
 def test_built_in_profiles_fit_their_devices(name):
     assert differences(load_profile(name), parse_descriptor(TARGETS[name])) == []
+
+
+def test_the_dualsense_edge_takes_a_shorter_report_than_it_declares():
+    found = parse_descriptor(hd.DUALSENSE_EDGE_USB)
+    assert found.of_kind("output") == {2: 64}
+    assert differences(load_profile("dualsense-usb"), found) == []
+
+
+def test_every_built_in_profile_is_held_against_its_device():
+    assert set(TARGETS) == set(builtin_names())
 
 
 @pytest.mark.parametrize("name", TARGETS)
