@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 
 import hid_descriptors as hd
 import pytest
 from fake_hid import PATH, FakeHid, entry, installed
+from spec import ROOT
 
 from hapfmt.cli import main
 from hapfmt.replay.profile.descriptor import parse_descriptor
@@ -160,6 +162,22 @@ class TestDevices:
         with installed():
             code, out, _ = run("devices", "--json")
         assert json.loads(out)["exit_code"] == code == 1
+
+
+@pytest.mark.parametrize(
+    "words", [["devices"], ["profile", "list"], ["profile", "check", "glove5"]]
+)
+def test_loads_no_numbers(words):
+    """And what lists profiles no hidapi."""
+    code = f"from hapfmt.cli import cli; cli.main({words!r}, standalone_mode=False)\nimport sys; print(*sys.modules)"
+    environment = {**os.environ, "PYTHONPATH": os.fspath(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment
+    )
+    loaded = set(done.stdout.splitlines()[-1].split()) if done.returncode == 0 else set()
+    assert not loaded & {"numpy", "scipy", "jsonschema"}
+    if words != ["devices"]:
+        assert "hapfmt.replay.profile.parse" in loaded and not loaded & {"hid", "hidraw"}
 
 
 class TestList:

@@ -26,8 +26,7 @@ BUSES = {1: "usb", 2: "bluetooth", 3: "i2c", 4: "spi"}
 CLOSE_WAIT_S = 6.0
 """A write to a device that hangs comes back after 5.2 s (Linux hidraw), and no close may fall
 into it."""
-NO_REASON = ("", "success", "not implemented")
-"""Texts of hidapi that tell nothing."""
+NO_ANSWER = "hidapi gives no reason; the device has gone, or does not answer"
 
 
 def hid_module() -> Any:
@@ -40,22 +39,33 @@ def hid_module() -> Any:
         except ModuleNotFoundError as error:
             if error.name == name:
                 continue
-            raise other_package(str(error)) from error
+            raise unusable(name, str(error)) from error
         except ImportError as error:
-            raise other_package(str(error)) from error
+            raise unusable(name, str(error)) from error
         if not hasattr(module, "device") or not hasattr(module, "enumerate"):
-            raise other_package("it has no 'device'")
+            raise unusable(name, "it has no 'device'")
         return module
     raise MissingExtraError("hidapi", "replay")
 
 
-def other_package(why: str) -> ParameterError:
+def unusable(name: str, why: str) -> ParameterError:
     """Two packages on PyPI install a module ``hid``, and one hides the other."""
+    if name != "hid":
+        return ParameterError(f"the module {name!r} of hidapi does not load: {why}")
     return ParameterError(
         f"the module 'hid' that is installed is not that of hidapi ({why}); probably the package "
         "'hid' has taken its place: pip uninstall hid, then "
         "pip install --force-reinstall 'hapfmt[replay]'"
     )
+
+
+def told_by(handle: Any) -> str:
+    """Why the last call failed; empty where hidapi does not say."""
+    try:
+        text = str(handle.error() or "")
+    except (OSError, ValueError):
+        return ""
+    return "" if text.lower() == "success" or "not implemented" in text else text
 
 
 def connected() -> list[Device]:
@@ -120,7 +130,7 @@ class HidSink:
             try:
                 handle.open_path(self.path)
             except OSError as error:
-                raise DeviceError(self.unopened(error)) from error
+                raise DeviceError(self.unopened(handle, error)) from error
             self.handle = handle
             try:
                 if self.profile is not None:
@@ -129,8 +139,8 @@ class HidSink:
                 self.close()
                 raise
 
-    def unopened(self, error: OSError) -> str:
-        """hidapi says only that it failed: the file system may know more."""
+    def unopened(self, handle: Any, error: OSError) -> str:
+        """The exception says only that it failed: the file system may know more, or hidapi."""
         if sys.platform.startswith("linux") and self.place.startswith("/"):
             if not Path(self.place).exists():
                 return f"{self.place}: there is no such device (any more)"
@@ -139,7 +149,7 @@ class HidSink:
                     f"{self.place}: this user may not open it; hapfmt devices says how a udev "
                     "rule gives the permission"
                 )
-        return f"{self.place}: the device cannot be opened: {error}"
+        return f"{self.place}: the device cannot be opened: {told_by(handle) or error}"
 
     def descriptor(self) -> Descriptor:
         """Of the open device."""
@@ -181,30 +191,21 @@ class HidSink:
                 except (OSError, ValueError) as error:
                     raise DeviceError(self.failed(path, data, str(error))) from error
                 if taken < 0:
-                    raise DeviceError(self.failed(path, data, self.reason(handle)))
+                    raise DeviceError(self.failed(path, data, told_by(handle) or NO_ANSWER))
             if taken < len(data):
                 raise DeviceError(self.failed(path, data, f"it took {taken} of {len(data)} bytes"))
 
     def failed(self, path: str, data: bytes, why: str) -> str:
         return f"{self.place}: {path} report 0x{data[0]:02x} was not taken: {why}"
 
-    def reason(self, handle: Any) -> str:
-        try:
-            text = str(handle.error() or "")
-        except (OSError, ValueError):
-            text = ""
-        if text.lower() in NO_REASON or "not implemented" in text:
-            return "hidapi gives no reason; the device has gone, or does not answer"
-        return text
-
     def close(self) -> None:
-        """Waits for a call under way; leaves the device open rather than close into one."""
-        if not self.lock.acquire(timeout=CLOSE_WAIT_S):
+        """Nothing more is written from now on; waits for a call under way, and leaves the device
+        open rather than close into one."""
+        handle, self.handle = self.handle, None
+        if handle is None or not self.lock.acquire(timeout=CLOSE_WAIT_S):
             return
         try:
-            handle, self.handle = self.handle, None
-            if handle is not None:
-                handle.close()
+            handle.close()
         except (OSError, ValueError):
             pass
         finally:
