@@ -70,7 +70,7 @@ class Table:
     def choice(self, key: str, choices: Sequence[str], default: Any = REQUIRED) -> Any:
         listed = ", ".join(choices)
         value = self.take(key, default, f"one of {listed}")
-        if value is not default and value not in choices:
+        if key in self.values and value not in choices:
             self.fail(key, f"{value!r} is none of {listed}; choose one of them")
         return value
 
@@ -82,7 +82,7 @@ class Table:
 
     def integer(self, key: str, low: int, high: int, default: Any = REQUIRED) -> int:
         value = self.take(key, default, f"a whole number from {low} to {high}")
-        if value is default:
+        if key not in self.values:
             return default  # type: ignore[no-any-return]
         return whole(value, low, high, self.path(key))
 
@@ -98,7 +98,7 @@ class Table:
         requirement: str | None = None,
     ) -> float:
         value = self.take(key, default, what, requirement)
-        if value is default:
+        if key not in self.values:
             return default  # type: ignore[no-any-return]
         return real(value, self.path(key), low, above, high)
 

@@ -8,7 +8,7 @@ from typing import NoReturn
 from .keys import ProfileError
 from .layout import Const, Counter, Crc32, Field, Integer, Layout, Mapped, One, Samples
 from .maps import MAPS, MOST_COUNTS
-from .model import Actuator, Profile
+from .model import Actuator, Profile, exact
 from .packing import Packer
 
 LIMITS = "PLY-001"
@@ -38,7 +38,7 @@ def _timing(profile: Profile) -> None:
     if timing.rate <= 0:
         fail("timing.rate", "must be above 0", LIMITS)
     timeout = timing.device_timeout_s
-    if timeout is not None and timeout <= timing.period:
+    if timeout is not None and exact(timeout) <= timing.period:
         fail(
             "timing.device_timeout_ms",
             f"the device would rest between two frames, {float(timing.period) * 1000:g} ms apart; "
