@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import subprocess
-import time
 from contextlib import suppress
 from typing import Any
 
 from ...errors import DeviceError
 from .children import descriptor, start
+from .clock import clock
 from .messages import Kind, Message, MessageError, pack, pack_json
 from .pipes import inlet, outlet
 from .watchdog import first_message
@@ -49,7 +49,7 @@ class Guard:
         if "error" in answer:
             raise DeviceError(f"the watchdog cannot open the device too: {answer['error']}")
         self.realtime = answer["realtime"]
-        self.heard_ns = time.monotonic_ns()
+        self.heard_ns = clock()
         self.beat(self.heard_ns)
 
     def beat(self, now_ns: int) -> None:
@@ -88,7 +88,7 @@ class Guard:
 
     def goodbye(self) -> None:
         """We end, and well."""
-        self.listen(time.monotonic_ns())
+        self.listen(clock())
         self.state = self.state or ("stood by" if self.heartbeat_ns else "none")
         if not self.target.broken:
             self.target.send(pack(Kind.GOODBYE))

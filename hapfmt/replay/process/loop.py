@@ -13,6 +13,7 @@ from ..profile.model import Profile, Report
 from ..profile.packing import Packer
 from ..schedule import Schedule
 from .blocks import Sent, pack_log, parse_block
+from .clock import clock
 from .guard import Guard
 from .messages import Kind, Message, MessageError, pack, pack_json
 from .pipes import Inlet, Outlet
@@ -26,13 +27,15 @@ SPIN_NS = 100_000
 """Before a frame is due the loop watches the clock: a sleep ends so much too late, seldom more."""
 HANDLE_NS = 300_000
 """A message is handled while so much time is left, or else one before each frame."""
+SKIPPED = 1000
+"""At most so many are counted as late one by one, the oldest first."""
 STATUS_NS = 50_000_000
 PLAYER_NS = 3_000_000_000
 """A player of which nothing was heard for so long plays no more."""
+NEUTRAL_S = 0.02
+"""From one neutral frame to the next, where the period is longer."""
 TRYING_S = 1.0
 """For neutral frames that the device does not take."""
-
-clock = time.monotonic_ns
 
 
 class Loop:
@@ -52,6 +55,7 @@ class Loop:
         self.source, self.target, self.asked = source, target, asked
         self.schedule, self.packer = Schedule(profile, gain), Packer(profile)
         self.log: list[Sent] | None = [] if log else None
+        self.period_ns = float(profile.timing.period) * 1e9
         self.late, self.call = Lateness(), Lateness()
         self.start_ns: int | None = None
         self.heard_ns = self.status_ns = clock()
@@ -83,20 +87,30 @@ class Loop:
 
     def step(self, start_ns: int) -> None:
         """One frame, when it is due."""
-        self.wait(start_ns + self.schedule.next_ns)
+        expected_ns = self.schedule.next_ns
+        self.wait(start_ns + expected_ns)
         frame = self.schedule.frames_due(clock() - start_ns)
         if frame is None:
             return
         reports = self.packer.pack(frame)
+        if self.guard is not None:
+            self.guard.listen(clock())
         began = clock()
         if self.guard is not None and self.guard.left_alone(began):
             return
         self.sink.send(frame, reports)
         self.call.add(clock() - began)
-        self.late.add(began - start_ns - frame.due_ns)
+        self.count_late(began - start_ns, expected_ns, frame)
         self.sent += 1
         if self.log is not None:
             self.log.append(Sent(frame, began - start_ns))
+
+    def count_late(self, sent_ns: int, expected_ns: int, frame: Frame) -> None:
+        """Frames that were skipped are as late as the one that came in their place."""
+        left_out = round((frame.due_ns - expected_ns) / self.period_ns)
+        for turn in range(min(left_out, SKIPPED)):
+            self.late.add(sent_ns - expected_ns - round(turn * self.period_ns))
+        self.late.add(sent_ns - frame.due_ns)
 
     def wait(self, until_ns: int) -> None:
         """Sleeps, listens and beats until then; the last bit of time it only watches the clock."""
@@ -193,7 +207,7 @@ class Loop:
     def rest(self) -> None:
         """The last that the device gets: neutral frames, and its own words of leave."""
         failing_until = clock() + round(TRYING_S * 1e9)
-        period_s = float(self.profile.timing.period)
+        period_s = min(self.period_ns / 1e9, NEUTRAL_S)
         for turn in range(self.profile.timing.neutral_count):
             if turn:
                 time.sleep(period_s)

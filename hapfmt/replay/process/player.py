@@ -7,7 +7,6 @@ whose player has gone comes to rest by itself.
 from __future__ import annotations
 
 import subprocess
-import time
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
@@ -17,6 +16,7 @@ from ..profile.model import Profile
 from ..profile.parse import parse_profile
 from .blocks import pack_block, parse_log
 from .children import Errors, descriptor, start
+from .clock import seconds
 from .feeding import Feed, Source
 from .keys import Key
 from .messages import Kind, Message, MessageError, pack, pack_json
@@ -88,6 +88,11 @@ def play(
         raise ParameterError("the profile differs from its text, which is what the writer reads")
     if heartbeat_s is None:
         heartbeat_s = max(0.1, 2 * profile.timing.hold_s)
+    if heartbeat_s <= profile.timing.hold_s:
+        raise ParameterError(
+            f"a heartbeat of {heartbeat_s} s: more than the {profile.timing.hold_s} s that the"
+            " profile lets a frame be late"
+        )
     setup = {
         "profile": profile.text,
         "name": profile.name,
@@ -135,7 +140,7 @@ class Player:
         """Of the file, or of what gets the record."""
         self.trouble = ""
         """With the writer."""
-        now = time.monotonic()
+        now = seconds()
         self.heard_at = self.began_at = now
         self.alive_at = self.status_at = 0.0
         self.stop_at: float | None = None
@@ -150,13 +155,13 @@ class Player:
                 self.stop("interrupted", f"signal {self.signals.asked}", self.signals.asked)
             self.give()
             self.press()
-            self.watch(time.monotonic())
+            self.watch(seconds())
 
     def hear(self) -> None:
         """All that the writer has said."""
         try:
             while self.end is None and (message := self.source.take()) is not None:
-                self.heard_at = time.monotonic()
+                self.heard_at = seconds()
                 self.handle(message)
         except MessageError as error:
             self.trouble = f"the writer says what nobody understands: {error}"
@@ -218,10 +223,10 @@ class Player:
     def position(self) -> float:
         return self.renderer.position(self.played, self.feed.at)
 
-    def seek(self, seconds: float) -> None:
+    def seek(self, to_s: float) -> None:
         """On with another place of the file; the writer ramps down first."""
         generation = self.feed.generation + 1
-        before, at = self.feed, max(seconds, 0.0)
+        before, at = self.feed, max(to_s, 0.0)
         self.feed = Feed(self.renderer, before.actuators, generation, at, before)
         self.fed = self.played = 0
         self.target.send(pack_json(Kind.SEEK, generation=generation, first=0))
@@ -230,14 +235,14 @@ class Player:
         """To rest by a ramp; asked for once."""
         if not self.stopped:
             self.stopped = True
-            self.stop_at = time.monotonic() + self.rest_s() + SILENT_S
+            self.stop_at = seconds() + self.rest_s() + SILENT_S
             self.target.send(pack_json(Kind.STOP, outcome=outcome, reason=reason, signal=number))
 
     def rest_s(self) -> float:
         """A ramp to rest takes no longer, however slow the actuators are, nor what follows it."""
         timing = self.profile.timing
         slowest = max(((a.maximum - a.minimum) / a.slew for a in self.profile.actuators), default=0)
-        return timing.ramp_s + slowest + (timing.neutral_count + 2) * float(timing.period)
+        return timing.ramp_s + slowest + timing.neutral_count * 0.02 + 2 * float(timing.period)
 
     def watch(self, now: float) -> None:
         """What takes too long; and signs of life, both ways."""

@@ -22,6 +22,7 @@ from ...errors import HapfmtError
 from ..frames import Frame, Sink
 from ..sinks import open_sink
 from . import realtime
+from .clock import seconds
 from .messages import Kind, Message, MessageError, pack_json, reports_of
 from .pipes import Inlet, Outlet, inlet, outlet
 
@@ -58,7 +59,7 @@ class Watchdog:
         self, setup: Setup, sink: Sink, source: Inlet, target: Outlet, asked: list[int]
     ) -> None:
         self.setup, self.sink, self.source, self.target = setup, sink, source, target
-        self.beat_at = time.monotonic()
+        self.beat_at = seconds()
         self.alive_at = 0.0
         self.goodbye = False
         self.turn = 0
@@ -76,8 +77,9 @@ class Watchdog:
     def watch(self) -> str:
         """Until a goodbye (empty), or the cause to trip."""
         while True:
+            # Before it listens: beats that came while it did not run are no silence.
+            now = seconds()
             self.listen()
-            now = time.monotonic()
             if self.goodbye:
                 return ""
             if self.source.ended:
@@ -95,7 +97,7 @@ class Watchdog:
         """All that the writer has said."""
         try:
             while (message := self.source.take()) is not None:
-                self.beat_at = time.monotonic()
+                self.beat_at = seconds()
                 self.goodbye = self.goodbye or message.kind is Kind.GOODBYE
         except MessageError:
             # Whoever says such things is no healthy writer.
@@ -107,11 +109,11 @@ class Watchdog:
 
     def trip(self, cause: str) -> None:
         """Neutral frames until the writer is gone or through, and as often as asked at least."""
-        began = time.monotonic()
+        began = seconds()
         # A device that takes nothing can hold a call for seconds; not this process for ever.
         faulthandler.dump_traceback_later(LONGEST_S, exit=True)
         self.neutral()
-        first_ms = (time.monotonic() - began) * 1000
+        first_ms = (seconds() - began) * 1000
         self.target.send(pack_json(Kind.TRIPPED, cause=cause))
         rest = len(self.setup.neutral) - 1
         gone = False
@@ -123,7 +125,7 @@ class Watchdog:
                 gone, rest = True, max(rest, 1)
             self.neutral()
             rest -= 1
-            if time.monotonic() - began > LONGEST_S / 2:
+            if seconds() - began > LONGEST_S / 2:
                 break
         self.say(state="tripped", cause=cause, sent=self.sent, failed=self.failed,
                  first_ms=round(first_ms, 3), error=self.error)  # fmt: skip
@@ -177,11 +179,11 @@ def signals() -> list[int]:
     return asked
 
 
-def first_message(source: Inlet, kind: Kind, seconds: float) -> Message:
+def first_message(source: Inlet, kind: Kind, within_s: float) -> Message:
     """The first message, which must be of this kind and come in time."""
-    stop = time.monotonic() + seconds
+    stop = seconds() + within_s
     while (message := source.take()) is None:
-        left = stop - time.monotonic()
+        left = stop - seconds()
         if source.ended or left <= 0:
             raise MessageError(f"no {kind.name}: {'the pipe ended' if source.ended else 'silence'}")
         source.wait(left)

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from ..profile.model import Profile
 
 SETUP_S = 10.0
-LEAST_PERIOD_S = 0.002
-"""From one neutral frame of the watchdog to the next."""
+PERIOD_S = 0.002, 0.02
+"""From one neutral frame of the watchdog to the next: that of the device, within these."""
 
 
 class Setup(NamedTuple):
@@ -88,7 +88,7 @@ def write(
                 setup.heartbeat_s,
                 sink=setup.sink,
                 neutral=neutral_frames(profile),
-                period_s=max(float(profile.timing.period), LEAST_PERIOD_S),
+                period_s=min(max(float(profile.timing.period), PERIOD_S[0]), PERIOD_S[1]),
                 realtime=setup.realtime,
             )
             loop.guard = guard
