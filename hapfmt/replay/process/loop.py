@@ -59,6 +59,8 @@ class Loop:
         self.late, self.call = Lateness(), Lateness()
         self.start_ns: int | None = None
         self.heard_ns = self.status_ns = clock()
+        self.begun = False
+        """The player has said to start."""
         self.deaf = False
         """Nothing that still comes from the player is heard."""
         self.generation = self.sent = self.neutral = 0
@@ -77,6 +79,8 @@ class Loop:
                     if self.schedule.outcome is not None:
                         break
                     self.wait(clock() + SLEEP_NS)
+                    if self.begun:
+                        self.start_ns = clock() + LEAD_NS
                 else:
                     self.step(self.start_ns)
             except Exception as error:
@@ -167,8 +171,8 @@ class Loop:
         match message.kind:
             case Kind.BLOCK:
                 self.schedule.feed(parse_block(message.payload))
-            case Kind.START if self.start_ns is None:
-                self.start_ns = clock() + LEAD_NS
+            case Kind.START:
+                self.begun = True
             case Kind.STOP:
                 self.signal = self.signal or message.fields().get("signal")
                 outcome = message.field("outcome", str)
