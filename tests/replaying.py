@@ -10,8 +10,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from fractions import Fraction
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from hapfmt.replay.frames import Block
 from hapfmt.replay.process.player import play
 from hapfmt.replay.profile.model import Profile
 from hapfmt.replay.profile.parse import load_profile, parse_profile
+from hapfmt.replay.render.renderer import Position
 
 RATE = 1000
 CHANGE = 500
@@ -39,7 +41,7 @@ def glove(hold_ms: int = 1000) -> Profile:
 class Sines:
     """A renderer of ``seconds`` of 5 Hz, 2 N; ``fails_at``: samples that come before an error."""
 
-    kernels = ("linear",)
+    kernels: ClassVar = {"thumb": "linear"}
     left_out = ("channel 6: no actuator",)
 
     def __init__(self, seconds: float, fails_at: int | None = None, error: Any = None) -> None:
@@ -47,7 +49,11 @@ class Sines:
         self.error = error or FormatError("made up")
         self.lost: list[str] = []
 
-    def blocks(self, first: int = 0, generation: int = 0, at: Any = None) -> Iterator[Block]:
+    def blocks(
+        self, first: int = 0, generation: int = 0, at: Any = None, loop: int = 0
+    ) -> Iterator[Block]:
+        assert loop == 0
+        self.begun = first, at
         begin = min(round(float(at or 0) * RATE), self.total)
         for start in range(begin, max(self.total, begin + 1), 50):
             stop = min(start + 50, self.total)
@@ -58,8 +64,9 @@ class Sines:
             known = np.ones(values.shape, bool)
             yield Block(first + start - begin, values, known, generation, stop == self.total)
 
-    def position(self, samples: int, at: Any = None) -> float:
-        return float(at or 0) + samples / RATE
+    def position(self, sample: int) -> Position:
+        first, at = self.begun
+        return Position(0, Fraction(at or 0) + Fraction(sample - first, RATE))
 
 
 class Line(NamedTuple):

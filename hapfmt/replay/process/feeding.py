@@ -17,6 +17,16 @@ WAITING = 32
 """Blocks of some 50 ms each."""
 
 
+class Place(Protocol):
+    """Which time through the recording, and where in it."""
+
+    @property
+    def loop(self) -> int: ...
+
+    @property
+    def seconds(self) -> Seconds | None: ...
+
+
 class Source(Protocol):
     """A Renderer."""
 
@@ -25,10 +35,10 @@ class Source(Protocol):
     lost: Any
 
     def blocks(
-        self, first: int = 0, generation: int = 0, at: Seconds | None = None
+        self, first: int = 0, generation: int = 0, at: Seconds | None = None, loop: int = 0
     ) -> Iterator[Block]: ...
 
-    def position(self, samples: int, at: Seconds | None = None) -> float: ...
+    def position(self, sample: int) -> Place: ...
 
 
 class Feed:
@@ -40,12 +50,15 @@ class Feed:
         actuators: int,
         generation: int = 0,
         at: Seconds | None = None,
+        loop: int = 0,
         before: Feed | None = None,
     ) -> None:
-        self.source, self.generation, self.at = source, generation, at
+        self.source, self.generation, self.at, self.loop = source, generation, at, loop
         self.actuators = actuators
         self.ready: queue.Queue[Block] = queue.Queue(WAITING)
         self.head: Block | None = None
+        self.begun = False
+        """What the source says of positions is about this generation."""
         self.halted = threading.Event()
         self.error: BaseException | None = None
         self.thread = threading.Thread(target=self.run, args=(before,), daemon=True)
@@ -57,7 +70,8 @@ class Feed:
             before.thread.join()
         stop = 0
         try:
-            for block in self.source.blocks(0, self.generation, self.at):
+            for block in self.source.blocks(0, self.generation, self.at, self.loop):
+                self.begun = True
                 for part in parts(block):
                     if not self.put(part):
                         return

@@ -133,7 +133,8 @@ class Player:
         self.feed = Feed(renderer, len(profile.actuators))
         self.realtime: dict[str, str] = {}
         self.ready = self.started = self.stopped = self.paused = False
-        self.fed = self.played = 0
+        self.fed = self.played = self.loop = 0
+        self.position_s = 0.0
         self.status: dict[str, Any] = {}
         self.end: dict[str, Any] | None = None
         self.error: BaseException | None = None
@@ -221,13 +222,27 @@ class Player:
                 self.seek(self.position() + (JUMP_S if key == "forward" else -JUMP_S))
 
     def position(self) -> float:
-        return self.renderer.position(self.played, self.feed.at)
+        """Seconds in the file; between two loops the last there was."""
+        if self.feed.begun:
+            place = self.renderer.position(self.played)
+            self.loop = place.loop
+            if place.seconds is not None:
+                self.position_s = float(place.seconds)
+        return self.position_s
 
     def seek(self, to_s: float) -> None:
         """On with another place of the file; the writer ramps down first."""
-        generation = self.feed.generation + 1
-        before, at = self.feed, max(to_s, 0.0)
-        self.feed = Feed(self.renderer, before.actuators, generation, at, before)
+        before = self.feed
+        self.position_s = max(to_s, 0.0)
+        self.feed = Feed(
+            self.renderer,
+            before.actuators,
+            before.generation + 1,
+            self.position_s,
+            self.loop,
+            before,
+        )
+        generation = self.feed.generation
         self.fed = self.played = 0
         self.target.send(pack_json(Kind.SEEK, generation=generation, first=0))
 
@@ -289,6 +304,7 @@ class Player:
         for pipe in (self.writer.stdin, self.writer.stdout):
             if pipe is not None:
                 pipe.close()
+        self.feed.thread.join(END_S)
         # The watchdog shares the writer's standard error, so this waits for both.
         self.errors.wait(END_S)
 
@@ -308,7 +324,7 @@ class Player:
             **end,
             watchdog=watchdog,
             realtime=self.realtime,
-            kernels=list(self.renderer.kernels),
+            kernels=dict(self.renderer.kernels),
             left_out=list(self.renderer.left_out),
             lost=list(self.renderer.lost),
             said=self.errors.lines,

@@ -35,7 +35,8 @@ class ReplayReport:
     call: dict[str, float] | None = None
     """How long the device took each."""
     realtime: dict[str, str] = field(default_factory=dict)
-    kernels: list[str] = field(default_factory=list)
+    kernels: dict[str, str] = field(default_factory=dict)
+    """By actuator."""
     left_out: list[str] = field(default_factory=list)
     lost: list[str] = field(default_factory=list)
     watchdog: str = "none"
