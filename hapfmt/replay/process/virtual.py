@@ -150,7 +150,7 @@ def rehearse(
         gap_samples=counts.gap_samples,
         refused=counts.refused,
         neutral=rehearsal.neutral,
-        kernels=list(renderer.kernels),
+        kernels=dict(renderer.kernels),
         left_out=list(renderer.left_out),
         lost=list(renderer.lost),
     )
