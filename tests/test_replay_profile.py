@@ -132,6 +132,7 @@ BAD: list[tuple[str, Any, str, bool]] = [
     ("timing.rate", "1/0", "is no rate", BOTH),
     ("timing.rate", "1/999", "0.001001 Hz is out of range", RULE),
     ("timing.rate", 10**400, "the number is out of range", BOTH),
+    ("timing.rate", 0.5, "0.5 Hz is out of range; write 1 to 1000000", BOTH),
     ("timing.frame_samples", 0, "0 is out of range", BOTH),
     ("timing.frame_samples", 1.0, "is no whole number", RULE),
     ("timing.hold_ms", 0, "is too small", BOTH),
@@ -295,6 +296,11 @@ def test_a_rest_that_counts_miss():
 def test_frames_of_several_samples_need_samples():
     changed = put("timing.frame_samples", 2)
     assert f"{F}[1]: holds one of the 2 samples of a frame; use samples" in refusal(changed)
+
+
+def test_a_frame_comes_at_least_once_a_second():
+    changed = put("timing", {"rate": 10, "frame_samples": 11})
+    assert "timing.rate: makes a frame each 1.1 s" in refusal(changed)
 
 
 def test_a_sum_over_a_later_sum():

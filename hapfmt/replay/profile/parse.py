@@ -145,8 +145,8 @@ def _rate(table: Table) -> Fraction:
         rate = Fraction(value)
     else:
         rate = Fraction(str(real(value, table.path("rate"), -1e9, 0, 1e9)))
-    if not Fraction(1, 100) <= rate <= 1_000_000:
-        table.fail("rate", f"{float(rate):g} Hz is out of range; write 0.01 to 1000000")
+    if not 1 <= rate <= 1_000_000:
+        table.fail("rate", f"{float(rate):g} Hz is out of range; write 1 to 1000000")
     return rate
 
 

@@ -37,6 +37,9 @@ def _timing(profile: Profile) -> None:
     timing = profile.timing
     if timing.rate <= 0:
         fail("timing.rate", "must be above 0", LIMITS)
+    if timing.period > 1:
+        text = f"makes a frame each {float(timing.period):g} s; at least one a second must come"
+        fail("timing.rate", f"{text}, raise it")
     timeout = timing.device_timeout_s
     if timeout is not None and exact(timeout) <= timing.period:
         fail(
