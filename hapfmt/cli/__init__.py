@@ -30,6 +30,7 @@ VERBS = {
     "clocks": "Other clocks: what was observed, offset, drift, jitter.",
     "convert": "From any format to any other.",
     "record": "Record samples as they come from another program.",
+    "replay": "Play a recording on a haptic device, or show what it would be sent.",
     "devices": "HID devices that are connected, and which profile fits which.",
     "profile": "Device profiles: list them, show one, check one.",
     "demo": "Simulate a stylus on a texture, encode it, show what it costs.",
@@ -68,7 +69,8 @@ def cli() -> None:
 
     A name of - is standard input or output. Exit codes: 0 done, nothing lost; 1 usage, input or
     output; 2 not a conforming file; 3 done with loss, losses reported; 4 needs an unknown feature,
-    or more than the limits.
+    or more than the limits; of a replay 5 stopped since it was late, 6 device lost, 128 + n ended
+    by signal n.
     """
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...container.index import NS_LIMIT
 from ...container.track import Track
+from ...damage import lost_lines
 from ...errors import ParameterError
 from ...limits import TICK_LIMIT
 from ...numbers import exact
@@ -269,7 +270,12 @@ class Renderer:
                     queue.tracks = tracks if same else {}
 
     @property
-    def lost(self) -> list[LostSpan]:
+    def lost(self) -> list[str]:
+        """What damage took so far, in words."""
+        return lost_lines(self.reader.catalogue, self.lost_spans)
+
+    @property
+    def lost_spans(self) -> list[LostSpan]:
         """What damage took of the tracks that were read so far."""
         now = self.source.lost if self.source else []
         return list(dict.fromkeys([*self.past, *now]))

@@ -1,0 +1,306 @@
+"""hapfmt replay"""
+
+from __future__ import annotations
+
+import json
+import sys
+import zlib
+from contextlib import AbstractContextManager, nullcontext
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ParameterError
+from .common import (
+    FractionType,
+    echo_json,
+    force_option,
+    input_of,
+    json_option,
+    memory_option,
+    printable,
+    table,
+    tell_some,
+)
+
+if TYPE_CHECKING:
+    from ..limits import Limits
+    from ..reading.reader import Reader
+    from ..replay.frames import Sink
+    from ..replay.process.player import Status
+    from ..replay.process.report import ReplayReport
+    from ..replay.profile.model import Profile
+    from ..replay.render import Renderer
+    from ..replay.sinks.record import RecordSink
+
+ENDLESS = 0
+"""Of --loop without a number."""
+
+LOST = 3
+"""Exit code: done with loss (SPEC clause 14)."""
+
+
+@click.command(short_help="Play a recording on a haptic device, or show what it would be sent.")
+@click.argument("file", metavar="FILE")
+@click.option(
+    "--device",
+    "device",
+    required=True,
+    metavar="PROFILE",
+    help="What the device takes and must never be given: a built-in profile (hapfmt profile list) "
+    "or a TOML file (docs/profiles.md).",
+)
+@click.option(
+    "--path",
+    metavar="DEVICE_PATH",
+    help="Which device, where several fit the profile: see hapfmt devices.",
+)
+@click.option("--dry-run", is_flag=True, help="Print, or --record, what would be sent; no device.")
+@click.option("--from", "start", type=FractionType(), metavar="S", help="Seconds to begin at.")
+@click.option("--to", "stop", type=FractionType(), metavar="S", help="Seconds to end at.")
+@click.option(
+    "--loop",
+    "loops",
+    is_flag=False,
+    flag_value=str(ENDLESS),
+    default=1,
+    type=click.IntRange(ENDLESS),
+    metavar="[N]",
+    help="Play it N times, or with --loop at the end of the line until Ctrl-C.",
+)
+@click.option(
+    "--speed", type=FractionType(), default="1", metavar="X", help="So many times as fast."
+)
+@click.option(
+    "--gain",
+    type=click.FloatRange(0, 1, min_open=True),
+    help="Of everything, above 0 and at most 1 [what the profile says, 0.5 as a rule].",
+)
+@click.option(
+    "--channels",
+    multiple=True,
+    metavar="A=1,B=2",
+    help="Channels (label or number) = actuators (name, or number from 1), and no others [by "
+    "label, body site, unit].",
+)
+@click.option(
+    "--record",
+    "target",
+    metavar="OUT",
+    help="What was sent, as .hapf or .csv, gaps where nothing was.",
+)
+@click.option("--no-watchdog", is_flag=True, help="Where the device can be opened only once.")
+@force_option
+@memory_option
+@json_option
+def replay(
+    file: str,
+    device: str,
+    path: str | None,
+    dry_run: bool,
+    start: Fraction | None,
+    stop: Fraction | None,
+    loops: int,
+    speed: Fraction,
+    gain: float | None,
+    channels: tuple[str, ...],
+    target: str | None,
+    no_watchdog: bool,
+    force: bool,
+    as_json: bool,
+    max_memory: Limits,
+) -> int:
+    """Send what FILE recorded to the actuators of a haptic device, within the limits of its
+    profile. It moves a machine that touches a person: read docs/safety.md first.
+
+    \b
+    hapfmt replay touch.hapf --device glove5 --dry-run
+    hapfmt replay touch.hapf --device glove5 --from 2 --to 5 --gain 0.2
+
+    In a terminal: space pauses and goes on, left and right seek by five seconds, q ends; Ctrl-C
+    ends too, by a ramp to rest. Exit codes beyond those of all verbs: 5 stopped since it was late,
+    6 device lost, 128 + n ended by signal n.
+    """
+    from ..reading.reader import Reader
+    from ..replay.profile.parse import load_profile
+    from ..replay.render import Renderer, assign
+
+    profile = load_profile(device)
+    if dry_run and path is not None:
+        raise ParameterError("--path is a device's, and --dry-run needs none")
+    sink_config = {} if dry_run else config_of(profile, path)
+    with Reader(input_of(file), limits=max_memory) as reader:
+        assignment = assign(reader, profile, parts(channels, [c.label for c in reader.channels]))
+        renderer = Renderer(reader, profile, assignment, start, stop, speed, loops)
+        given = profile.gain if gain is None else gain
+        played = {
+            "gain": given,
+            "speed": str(speed),
+            "channels": assigned(renderer),
+            "kernels": renderer.kernels,
+        }
+        if not as_json:
+            tell_plan(renderer, given)
+        with recording(target, profile, played, reader, force, dry_run) as record:
+            if dry_run:
+                report = rehearsed(renderer, given, record, as_json)
+            else:
+                report = performed(renderer, sink_config, given, record, not no_watchdog)
+        findings = [f"{reader.source.path or 'input'}: {each}" for each in reader.findings]
+    if report.outcome != "clean":
+        click.echo(f"hapfmt: {printable(report.reason or report.outcome)}", err=True)
+    tell_some([*findings, *report.lost])
+    code = report.exit_code or (LOST if findings else 0)
+    if as_json:
+        more = {"profile": profile.name, **played, "record": target, "exit_code": code}
+        echo_json({**report.to_json(), **more, "notes": renderer.notes, "findings": findings})
+    else:
+        # What a dry run prints on standard output are packets alone.
+        tell_report(report, err=dry_run and target is None)
+    return code
+
+
+def parts(given: tuple[str, ...], labels: list[str]) -> list[str]:
+    """A=1,B=2 in parts; a label may have a comma itself."""
+    return [
+        part
+        for text in given
+        for part in ([text] if text.rpartition("=")[0] in labels else text.split(","))
+    ]
+
+
+def assigned(renderer: Renderer) -> dict[str, str]:
+    """Actuator -> channel."""
+    actuators, refs = renderer.profile.actuators, renderer.refs
+    return {
+        actuators[route.actuator].name: refs[route.channel].label or f"channel {route.channel}"
+        for route in renderer.routes
+    }
+
+
+def config_of(profile: Profile, path: str | None) -> dict[str, Any]:
+    """The device to send to."""
+    from ..replay.sinks.hid import find
+
+    try:
+        found = find(profile, path)
+    except ParameterError as error:
+        raise ParameterError(
+            f"{error.message} (--path chooses one; --dry-run shows what would be sent, with none)"
+        ) from error
+    return {"kind": "hid", "path": found.place}
+
+
+def recording(
+    target: str | None,
+    profile: Profile,
+    played: dict[str, Any],
+    reader: Reader,
+    force: bool,
+    dry_run: bool,
+) -> AbstractContextManager[RecordSink | None]:
+    """Where what was sent is kept, if anywhere. Of a dry run it is the same bytes each time."""
+    if target is None:
+        return nullcontext()
+    from ..replay.sinks.record import RecordSink
+
+    head = reader.catalogue.head
+    source = head.uuid.hex() if head and head.uuid else None
+    told = {**played, "source_uuid": source}
+    canonical = zlib.crc32(json.dumps([told, profile.text]).encode()) if dry_run else None
+    return RecordSink(target, profile, metadata=told, force=force, canonical=canonical)
+
+
+def rehearsed(renderer: Renderer, gain: float, record: Sink | None, as_json: bool) -> ReplayReport:
+    from ..replay.process.virtual import rehearse
+    from ..replay.sinks.dry import DryRunSink
+
+    sink = record or DryRunSink(sys.stdout, as_json=as_json)
+    return rehearse(renderer, renderer.profile, [sink], gain=gain)
+
+
+def performed(
+    renderer: Renderer,
+    sink_config: dict[str, Any],
+    gain: float,
+    record: Sink | None,
+    watchdog: bool,
+) -> ReplayReport:
+    from ..replay.process.keys import Keys
+    from ..replay.process.player import play
+
+    with StatusLine() as line, Keys() as keys:
+        return play(
+            renderer,
+            renderer.profile,
+            sink_config,
+            gain=gain,
+            record=record,
+            on_status=line.tell,
+            keys=keys,
+            watchdog=watchdog,
+        )
+
+
+class StatusLine:
+    """One line on a terminal, over and over."""
+
+    def __init__(self) -> None:
+        self.shown = sys.stderr.isatty()
+
+    def __enter__(self) -> StatusLine:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.shown:
+            click.echo("\r\x1b[K", err=True, nl=False)
+
+    def tell(self, status: Status) -> None:
+        if self.shown:
+            text = (
+                f"{status.state} {status.position_s:.1f} s, {status.sent} frames, "
+                f"{status.skipped} skipped, at most {status.max_late_us:.0f} us late"
+            )
+            click.echo(f"\r\x1b[K{text}", err=True, nl=False)
+
+
+def tell_plan(renderer: Renderer, gain: float) -> None:
+    """Before anything moves: what goes where, within which limits, and what is left out."""
+    profile, channels = renderer.profile, assigned(renderer)
+    lines = [f"{profile.name}: gain {gain:g}, {float(1 / profile.timing.period):g} frames a second"]
+    lines += [
+        f"  {each.name} <- {channels[each.name]}: {each.minimum:g} to {each.maximum:g} {each.unit}, "
+        f"at most {each.slew:g} {each.unit}/s"
+        for each in profile.actuators
+        if each.name in channels
+    ]
+    lines += [f"left out: {each}" for each in renderer.left_out]
+    lines += [f"note: {each}" for each in renderer.notes]
+    for line in lines:
+        click.echo(printable(line), err=True)
+
+
+def tell_report(report: ReplayReport, err: bool) -> None:
+    rows = [
+        ["frames", f"{report.sent} sent, {report.skipped} skipped, {report.neutral} neutral"],
+        *(
+            [what, micros(times)]
+            for what, times in (("late", report.late), ("writes", report.call))
+        ),
+        ["limited", f"{report.clamped} clamped, {report.slew_limited} slew-limited"],
+        ["missing", f"{report.gap_samples} in gaps, {report.refused} not finite"],
+        ["under-runs", str(report.under_runs)],
+        *(["kernel", f"{name}: {kernel}"] for name, kernel in report.kernels.items()),
+        *([what, got] for what, got in report.realtime.items()),
+        ["watchdog", report.watchdog],
+        ["ended", report.outcome],
+    ]
+    table(["replay", ""], rows, err=err)
+
+
+def micros(times: dict[str, float] | None) -> str:
+    if times is None:
+        return "no clock ran"
+    names = {"p50": "p50", "p99": "p99", "p999": "p99.9", "max": "max"}
+    return ", ".join(f"{shown} {times[name]:.0f} us" for name, shown in names.items())

@@ -1,0 +1,396 @@
+"""hapfmt replay without a device: what is printed, recorded, told, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+
+import commands
+import numpy as np
+import pytest
+from terminal import called
+
+import hapfmt
+from hapfmt import Calibration, Channel, Recording, Span
+from hapfmt.errors import DeviceError, LateError
+from hapfmt.replay.process.report import ReplayReport
+
+PROFILE = """
+name = "two"
+gain = 0.5
+[[match]]
+vendor_id = 0x1209
+product_id = 0xFFFE
+[timing]
+rate = 100
+ramp_ms = 20
+neutral_count = 2
+[[actuator]]
+name = "left"
+unit = "N"
+accepts = { N = 1 }
+minimum = -5
+maximum = 5
+rest = 0
+slew = 1e6
+step = 0.01
+[[actuator]]
+name = "right"
+unit = "N"
+accepts = { N = 1 }
+minimum = -1
+maximum = 1
+rest = 0
+slew = 1e6
+step = 0.01
+[[report]]
+path = "output"
+id = 1
+length = 6
+fields = [
+    { at = 1, counter = "u8" },
+    { at = 2, actuator = "left", type = "i16" },
+    { at = 4, actuator = "right", type = "i16" },
+]
+"""
+STEP = Calibration(1, 0, 100)
+
+GOLDEN = """\
+0.000000 output  01 00 32 00 ce ff
+0.010000 output  01 01 64 00 9c ff
+0.020000 output  01 02 64 00 9c ff
+0.030000 output  01 03 64 00 9c ff
+0.040000 output  01 04 32 00 ce ff
+0.050000 output  01 05 00 00 00 00
+0.060000 output  01 06 00 00 00 00
+0.070000 output  01 07 00 00 00 00
+"""
+"""Four samples of 1 N and -1 N, a ramp of two samples up and down, the neutral frame twice."""
+
+
+def steady(*values: int, ticks: int = 4, rate: int = 100) -> Recording:
+    """Channels a, b, ... of one value each, in hundredths of a newton."""
+    return Recording(
+        tuple(
+            Channel(np.full(ticks, value, np.int32), Fraction(rate), calibration=STEP, label=label, unit="N")
+            for label, value in zip("abcdef", values, strict=False)
+        )
+    )  # fmt: skip
+
+
+@pytest.fixture
+def profile(tmp_path: Path) -> Path:
+    path = tmp_path / "two.toml"
+    path.write_text(PROFILE)
+    return path
+
+
+@pytest.fixture
+def touch(tmp_path: Path) -> Path:
+    path = tmp_path / "touch.hapf"
+    hapfmt.write(steady(100, -100), path)
+    return path
+
+
+@pytest.fixture
+def dry(profile: Path, touch: Path) -> Callable:
+    return lambda *words, file=touch: called(
+        "replay", file, "--device", profile, "--dry-run", *words
+    )
+
+
+def values_of(out: str) -> list[tuple[int, int]]:
+    """Counts of left and right, of each packet."""
+    data = [bytes.fromhex(line.split(maxsplit=2)[2]) for line in out.splitlines()]
+    return [tuple(np.frombuffer(each[2:], "<i2").tolist()) for each in data]
+
+
+class TestDryRun:
+    def test_packets(self, dry):
+        said = dry("--gain", 1)
+        assert (said.code, said.out) == (0, GOLDEN)
+
+    def test_the_plan_and_the_report_stand_on_standard_error(self, dry):
+        err = dry().err
+        assert "two: gain 0.5, 100 frames a second" in err
+        assert "left <- a: -5 to 5 N, at most 1e+06 N/s" in err
+        assert "6 sent, 0 skipped, 2 neutral" in err
+
+    def test_json(self, dry):
+        said = dry("--gain", 1, "--json")
+        assert (said.code, said.err) == (0, "")
+        *packets, report = map(json.loads, said.out.splitlines())
+        assert [
+            f"{packet['due_ns'] / 1e9:.6f} {packet['path']:<7} {bytes.fromhex(packet['data']).hex(' ')}"
+            for packet in packets
+        ] == GOLDEN.splitlines()
+        assert report["profile"] == "two" and report["gain"] == 1
+        assert report["channels"] == {"left": "a", "right": "b"}
+        assert (report["outcome"], report["exit_code"], report["sent"]) == ("clean", 0, 6)
+        assert report["late"] is None and report["record"] is None
+
+    def test_the_gain_is_that_of_the_profile_unless_told(self, dry):
+        assert max(values_of(dry().out)) == (50, -50)
+        assert max(values_of(dry("--gain", "0.1").out)) == (10, -10)
+
+    def test_what_is_limited_is_counted(self, dry, tmp_path):
+        """PLY-008: A player MUST say what it did not play: channels that the device cannot render, samples that are lost, frames left out, values that were limited."""
+        path = tmp_path / "more.hapf"
+        volts = Channel(np.zeros(4), Fraction(100), label="battery", unit="V")
+        hapfmt.write(Recording((*steady(900, 100, 100).channels, volts)), path)
+        said = dry("--gain", 1, file=path)
+        assert max(values_of(said.out))[0] == 500
+        assert "4 clamped, 0 slew-limited" in said.err
+        assert "left out: " in said.err and "battery" in said.err
+        report = json.loads(dry("--gain", 1, "--json", file=path).out.splitlines()[-1])
+        assert report["clamped"] == 4 and report["skipped"] == 0 and report["lost"] == []
+        assert len(report["left_out"]) == 2
+
+    def test_channels_to_actuators(self, dry):
+        assert max(values_of(dry("--gain", 1, "--channels", "b=left").out)) == (0, 0)
+        assert min(values_of(dry("--gain", 1, "--channels", "b=left").out)) == (-100, 0)
+        for words in (["b=left,a=right"], ["b=1,0=2"], ["b=left", "--channels", "a=right"]):
+            assert (-100, 100) in values_of(dry("--gain", 1, "--channels", *words).out)
+
+    def test_a_part(self, dry):
+        assert len(values_of(dry("--from", "0.01", "--to", "0.03").out)) == 2 + 2 + 2
+
+    def test_speed(self, dry, tmp_path):
+        path = tmp_path / "long.hapf"
+        hapfmt.write(steady(100, ticks=100), path)
+        assert len(values_of(dry("--speed", 2, file=path).out)) == 50 + 2 + 2
+        assert len(values_of(dry("--speed", "0.5", file=path).out)) in range(196, 206)
+
+    def test_loops(self, dry):
+        once, twice = (values_of(dry("--gain", 1, *words).out) for words in ([], ["--loop", "2"]))
+        assert len(twice) > len(once) and (0, 0) in twice[1:-3]
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="head of POSIX")
+    def test_an_endless_loop_ends_with_its_reader(self, touch, profile):
+        words = [
+            sys.executable,
+            "-W",
+            "error",
+            "-m",
+            "hapfmt",
+            "replay",
+            touch,
+            "--device",
+            profile,
+            "--dry-run",
+            "--loop",
+        ]
+        with subprocess.Popen(
+            words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=commands.ENVIRONMENT
+        ) as process:
+            lines = [process.stdout.readline() for _ in range(100)]
+            process.stdout.close()
+            assert process.wait(60) == 1
+        assert len(set(lines)) == 100
+
+    def test_from_standard_input(self, touch, profile, tmp_path):
+        done = commands.run(
+            "replay",
+            "-",
+            "--device",
+            profile,
+            "--dry-run",
+            "--gain",
+            1,
+            cwd=tmp_path,
+            stdin=touch.read_bytes(),
+        )
+        assert (done.returncode, done.stdout.decode()) == (0, GOLDEN)
+
+
+class TestRecord:
+    def test_it_can_be_held_against_the_original(self, profile, tmp_path):
+        """At the device's own rate and a gain of 1, all but the ramps is what was recorded."""
+        rng = np.random.default_rng(1)
+        counts = rng.integers(-100, 101, (2, 3000)).astype(np.int32)
+        spans = (Span(0, 1000), Span(1200, 3200))
+        original = Recording(
+            tuple(
+                Channel(row, Fraction(100), spans, calibration=STEP, label=label, unit="N")
+                for label, row in zip("ab", counts, strict=True)
+            )
+        )
+        hapfmt.write(original, tmp_path / "in.hapf")
+        words = ["--device", profile, "--dry-run", "--gain", 1]
+        out = tmp_path / "out.hapf"
+        said = called("replay", tmp_path / "in.hapf", *words, "--record", out)
+        assert said.code == 0 and "3202 sent" in said.out
+        sent = hapfmt.read(out)
+        assert [channel.label for channel in sent.channels] == ["left", "right"]
+        for there, back in zip(original.channels, sent.channels, strict=True):
+            assert back.coverage == (Span(0, 3202),) and back.calibration == STEP
+            dense = np.nan_to_num(there.dense(0, 3202))
+            differs = np.flatnonzero(dense != back.physical())
+            ramps = {0, 1000, 1001, 1200, 3200, 3201}
+            assert set(differs.tolist()) <= ramps
+            assert np.all(back.values[1003:1200] == 0)
+        told = sent.metadata["replay"]
+        assert told["profile"] == "two" and told["gain"] == 1 and told["kernels"]
+        assert told["channels"] == {"left": "a", "right": "b"}
+        assert hapfmt.verify(out).verdict == "intact"
+
+    def test_the_same_bytes_each_time(self, dry, tmp_path):
+        for name in "xy":
+            assert dry("--record", tmp_path / f"{name}.hapf").code == 0
+        assert (tmp_path / "x.hapf").read_bytes() == (tmp_path / "y.hapf").read_bytes()
+
+    def test_csv(self, dry, tmp_path):
+        said = dry("--gain", 1, "--record", tmp_path / "out.csv")
+        assert said.code == 0 and "6 sent" in said.out
+        assert (tmp_path / "out.csv").read_text().splitlines()[1:] == [
+            "t [s],left [N],right [N]",
+            "0.00,0.5,-0.5",
+            "0.01,1.0,-1.0",
+            "0.02,1.0,-1.0",
+            "0.03,1.0,-1.0",
+            "0.04,0.5,-0.5",
+            "0.05,0.0,0.0",
+        ]
+
+    def test_nothing_is_replaced_unless_forced(self, dry, tmp_path):
+        path = tmp_path / "out.csv"
+        path.write_text("mine")
+        said = dry("--record", path)
+        assert said.code == 1 and "exists already" in said.err and path.read_text() == "mine"
+        assert dry("--record", path, "--force").code == 0
+        assert path.read_text().startswith("# replay: ")
+
+    def test_json(self, dry, tmp_path):
+        report = json.loads(dry("--json", "--record", tmp_path / "out.hapf").out)
+        assert report["record"] == str(tmp_path / "out.hapf") and report["sent"] == 6
+
+
+class TestRefusals:
+    @pytest.mark.parametrize(
+        ("words", "message"),
+        [
+            (["--gain", "0"], "gain"),
+            (["--gain", "1.5"], "gain"),
+            (["--loop", "-1"], "loop"),
+            (["--channels", "zzz=left"], "zzz"),
+            (["--channels", "a=zzz"], "zzz"),
+            (["--channels", "a"], "a"),
+            (["--path", "/dev/hidraw0"], "--dry-run needs none"),
+            (["--speed", "0"], "speed"),
+            (["--from", "3"], ""),
+            (["--from", "0.03", "--to", "0.01"], ""),
+            (["--record", "out.wav"], ".hapf or .csv"),
+            (["--record", "nowhere/out.hapf"], "does not exist"),
+        ],
+    )
+    def test_of_options(self, dry, words, message, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        before = sorted(tmp_path.iterdir())
+        said = dry(*words)
+        assert said.code == 1 and message in said.err and said.out == ""
+        assert sorted(tmp_path.iterdir()) == before
+
+    def test_of_files(self, dry, tmp_path):
+        said = dry(file=tmp_path / "none.hapf")
+        assert said.code == 1 and "No such file" in said.err
+        (tmp_path / "text.hapf").write_bytes(b"no hapf file at all" * 9)
+        assert dry(file=tmp_path / "text.hapf").code == 2
+
+    def test_of_profiles(self, touch):
+        said = called("replay", touch, "--device", "glove99", "--dry-run")
+        assert said.code == 1 and "glove99" in said.err and "glove5" in said.err
+        assert called("replay", touch, "--dry-run").code == 1
+
+    def test_nothing_to_play(self, dry, tmp_path):
+        path = tmp_path / "volts.hapf"
+        hapfmt.write(Recording((Channel(np.ones(9), Fraction(100), unit="V", label="u"),)), path)
+        said = dry(file=path)
+        assert "u" in said.err
+        assert said.code in (0, 1)
+
+    def test_no_device(self, profile, touch, monkeypatch):
+        """What to do stands in the error; nothing is replaced by then."""
+        monkeypatch.setattr("hapfmt.replay.sinks.hid.connected", list)
+        said = called("replay", touch, "--device", profile)
+        assert said.code == 1
+        assert "no device that the profile two fits is connected" in said.err
+        assert "hapfmt devices" in said.err and "--dry-run" in said.err
+
+
+class TestDamage:
+    def test_what_is_lost_is_a_ramp_to_rest_and_exit_code_3(self, dry, tmp_path):
+        path = tmp_path / "long.hapf"
+        hapfmt.write(steady(100, ticks=3000), path, hapfmt.Settings.of("archive", cluster="5"))
+        data = bytearray(path.read_bytes())
+        with hapfmt.Reader(path) as reader:
+            packets = list(reader.packets({0: (0, 1 << 40)}))
+        damaged = packets[2]
+        data[damaged.offset] ^= 0x5A
+        path.write_bytes(data)
+        said = dry("--gain", 1, file=path)
+        assert said.code == 3 and "lost" in said.err
+        left = np.array(values_of(said.out))[:, 0]
+        first, last = damaged.start, damaged.start + damaged.span
+        assert np.all(left[first + 2 : last] == 0)
+        assert np.all(left[2:first] == 100) and np.all(left[last + 2 : 3000] == 100)
+        assert np.abs(np.diff(left)).max() <= 50
+
+
+class TestEnds:
+    """With a player that tells what it was told to tell."""
+
+    @pytest.fixture
+    def ended(self, profile, touch, monkeypatch):
+        def run(report: ReplayReport | Exception, *words):
+            def play(*_args: object, **_more: object) -> ReplayReport:
+                if isinstance(report, Exception):
+                    raise report
+                return report
+
+            monkeypatch.setattr("hapfmt.cli.replay.config_of", lambda *_: {"kind": "none"})
+            monkeypatch.setattr("hapfmt.replay.process.player.play", play)
+            return called("replay", touch, "--device", profile, *words)
+
+        return run
+
+    @pytest.mark.parametrize(
+        ("report", "code"),
+        [
+            (ReplayReport("clean"), 0),
+            (ReplayReport("clean", lost=["a: 2 s"]), 3),
+            (ReplayReport("late", reason="30 ms late"), 5),
+            (ReplayReport("device-lost", reason="write failed"), 6),
+            (ReplayReport("interrupted", signal=2), 130),
+            (ReplayReport("interrupted", signal=15), 143),
+            (ReplayReport("failed", reason="bad packet", error_code=2), 2),
+            (LateError("could not keep up"), 5),
+            (DeviceError("has gone"), 6),
+        ],
+    )
+    def test_exit_codes(self, ended, report, code):
+        said = ended(report)
+        assert said.code == code
+        reason = getattr(report, "reason", "") or str(getattr(report, "message", ""))
+        assert reason in said.err
+        if isinstance(report, ReplayReport):
+            assert json.loads(ended(report, "--json").out)["exit_code"] == code
+            assert f"ended       {report.outcome}" in said.out
+
+    def test_the_table(self, ended):
+        times = {"p50": 1.2, "p99": 20, "p999": 300, "max": 4000}
+        report = ReplayReport(
+            "clean", sent=7, skipped=1, neutral=5, clamped=2, slew_limited=3, under_runs=4, gap_samples=6,
+            refused=8, late=times, call=times, realtime={"scheduler": "SCHED_FIFO 50"},
+            kernels=["left: held"], watchdog="stood by",
+        )  # fmt: skip
+        out = ended(report).out
+        for text in (
+            "7 sent, 1 skipped, 5 neutral", "p50 1 us, p99 20 us, p99.9 300 us, max 4000 us",
+            "2 clamped, 3 slew-limited", "6 in gaps, 8 not finite", "under-runs  4", "left: held",
+            "SCHED_FIFO 50", "stood by",
+        ):  # fmt: skip
+            assert text in out
