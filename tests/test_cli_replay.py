@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,8 +17,9 @@ from terminal import called
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Span
-from hapfmt.errors import DeviceError, LateError
+from hapfmt.errors import DeviceError, FormatError, LateError
 from hapfmt.replay.process.report import ReplayReport
+from hapfmt.replay.render import Renderer
 
 PROFILE = """
 name = "two"
@@ -60,16 +62,18 @@ fields = [
 STEP = Calibration(1, 0, 100)
 
 GOLDEN = """\
-0.000000 output  01 00 32 00 ce ff
-0.010000 output  01 01 64 00 9c ff
+0.000000 output  01 00 19 00 e7 ff
+0.010000 output  01 01 4b 00 b5 ff
 0.020000 output  01 02 64 00 9c ff
 0.030000 output  01 03 64 00 9c ff
-0.040000 output  01 04 32 00 ce ff
-0.050000 output  01 05 00 00 00 00
+0.040000 output  01 04 4b 00 b5 ff
+0.050000 output  01 05 19 00 e7 ff
 0.060000 output  01 06 00 00 00 00
 0.070000 output  01 07 00 00 00 00
+0.080000 output  01 08 00 00 00 00
 """
-"""Four samples of 1 N and -1 N, a ramp of two samples up and down, the neutral frame twice."""
+"""Four samples of 1 N and -1 N; between rest and signal two samples, a quarter and three quarters;
+rest; the neutral frame twice."""
 
 
 def steady(*values: int, ticks: int = 4, rate: int = 100) -> Recording:
@@ -118,7 +122,7 @@ class TestDryRun:
         err = dry().err
         assert "two: gain 0.5, 100 frames a second" in err
         assert "left <- a: -5 to 5 N, at most 1e+06 N/s" in err
-        assert "6 sent, 0 skipped, 2 neutral" in err
+        assert "7 sent, 0 skipped, 2 neutral" in err
 
     def test_json(self, dry):
         said = dry("--gain", 1, "--json")
@@ -130,7 +134,7 @@ class TestDryRun:
         ] == GOLDEN.splitlines()
         assert report["profile"] == "two" and report["gain"] == 1
         assert report["channels"] == {"left": "a", "right": "b"}
-        assert (report["outcome"], report["exit_code"], report["sent"]) == ("clean", 0, 6)
+        assert (report["outcome"], report["exit_code"], report["sent"]) == ("clean", 0, 7)
         assert report["late"] is None and report["record"] is None
 
     def test_the_gain_is_that_of_the_profile_unless_told(self, dry):
@@ -162,8 +166,8 @@ class TestDryRun:
     def test_speed(self, dry, tmp_path):
         path = tmp_path / "long.hapf"
         hapfmt.write(steady(100, ticks=100), path)
-        assert len(values_of(dry("--speed", 2, file=path).out)) == 50 + 2 + 2
-        assert len(values_of(dry("--speed", "0.5", file=path).out)) in range(196, 206)
+        assert len(values_of(dry("--speed", 2, file=path).out)) == 50 + 3 + 2
+        assert len(values_of(dry("--speed", "0.5", file=path).out)) == 200 + 3 + 2
 
     def test_loops(self, dry):
         once, twice = (values_of(dry("--gain", 1, *words).out) for words in ([], ["--loop", "2"]))
@@ -223,15 +227,14 @@ class TestRecord:
         words = ["--device", profile, "--dry-run", "--gain", 1]
         out = tmp_path / "out.hapf"
         said = called("replay", tmp_path / "in.hapf", *words, "--record", out)
-        assert said.code == 0 and "3202 sent" in said.out
+        assert said.code == 0 and "3203 sent" in said.out
         sent = hapfmt.read(out)
         assert [channel.label for channel in sent.channels] == ["left", "right"]
         for there, back in zip(original.channels, sent.channels, strict=True):
-            assert back.coverage == (Span(0, 3202),) and back.calibration == STEP
-            dense = np.nan_to_num(there.dense(0, 3202))
+            assert back.coverage == (Span(0, 3203),) and back.calibration == STEP
+            dense = np.nan_to_num(there.dense(0, 3203))
             differs = np.flatnonzero(dense != back.physical())
-            ramps = {0, 1000, 1001, 1200, 3200, 3201}
-            assert set(differs.tolist()) <= ramps
+            assert set(differs.tolist()) <= {0, 1, 1000, 1001, 1200, 1201, 3200, 3201}
             assert np.all(back.values[1003:1200] == 0)
         told = sent.metadata["replay"]
         assert told["profile"] == "two" and told["gain"] == 1 and told["kernels"]
@@ -245,15 +248,16 @@ class TestRecord:
 
     def test_csv(self, dry, tmp_path):
         said = dry("--gain", 1, "--record", tmp_path / "out.csv")
-        assert said.code == 0 and "6 sent" in said.out
+        assert said.code == 0 and "7 sent" in said.out
         assert (tmp_path / "out.csv").read_text().splitlines()[1:] == [
             "t [s],left [N],right [N]",
-            "0.00,0.5,-0.5",
-            "0.01,1.0,-1.0",
+            "0.00,0.25,-0.25",
+            "0.01,0.75,-0.75",
             "0.02,1.0,-1.0",
             "0.03,1.0,-1.0",
-            "0.04,0.5,-0.5",
-            "0.05,0.0,0.0",
+            "0.04,0.75,-0.75",
+            "0.05,0.25,-0.25",
+            "0.06,0.0,0.0",
         ]
 
     def test_nothing_is_replaced_unless_forced(self, dry, tmp_path):
@@ -266,7 +270,7 @@ class TestRecord:
 
     def test_json(self, dry, tmp_path):
         report = json.loads(dry("--json", "--record", tmp_path / "out.hapf").out)
-        assert report["record"] == str(tmp_path / "out.hapf") and report["sent"] == 6
+        assert report["record"] == str(tmp_path / "out.hapf") and report["sent"] == 7
 
 
 class TestRefusals:
@@ -275,14 +279,14 @@ class TestRefusals:
         [
             (["--gain", "0"], "gain"),
             (["--gain", "1.5"], "gain"),
-            (["--loop", "-1"], "loop"),
+            (["--loop=-1"], "-1"),
             (["--channels", "zzz=left"], "zzz"),
             (["--channels", "a=zzz"], "zzz"),
             (["--channels", "a"], "a"),
             (["--path", "/dev/hidraw0"], "--dry-run needs none"),
             (["--speed", "0"], "speed"),
-            (["--from", "3"], ""),
-            (["--from", "0.03", "--to", "0.01"], ""),
+            (["--from", "3"], "nothing lies between"),
+            (["--from", "0.03", "--to", "0.01"], "nothing lies between"),
             (["--record", "out.wav"], ".hapf or .csv"),
             (["--record", "nowhere/out.hapf"], "does not exist"),
         ],
@@ -309,8 +313,8 @@ class TestRefusals:
         path = tmp_path / "volts.hapf"
         hapfmt.write(Recording((Channel(np.ones(9), Fraction(100), unit="V", label="u"),)), path)
         said = dry(file=path)
-        assert "u" in said.err
-        assert said.code in (0, 1)
+        assert said.code == 1 and said.out == ""
+        assert "no channel can be played with two:" in said.err and "its unit is V" in said.err
 
     def test_no_device(self, profile, touch, monkeypatch):
         """What to do stands in the error; nothing is replaced by then."""
@@ -324,7 +328,9 @@ class TestRefusals:
 class TestDamage:
     def test_what_is_lost_is_a_ramp_to_rest_and_exit_code_3(self, dry, tmp_path):
         path = tmp_path / "long.hapf"
-        hapfmt.write(steady(100, ticks=3000), path, hapfmt.Settings.of("archive", cluster="5"))
+        counts = np.random.default_rng(3).integers(90, 111, 3000).astype(np.int32)
+        channel = Channel(counts, Fraction(100), calibration=STEP, label="a", unit="N")
+        hapfmt.write(Recording((channel,)), path, hapfmt.Settings.of("archive", cluster="5"))
         data = bytearray(path.read_bytes())
         with hapfmt.Reader(path) as reader:
             packets = list(reader.packets({0: (0, 1 << 40)}))
@@ -332,12 +338,32 @@ class TestDamage:
         data[damaged.offset] ^= 0x5A
         path.write_bytes(data)
         said = dry("--gain", 1, file=path)
-        assert said.code == 3 and "lost" in said.err
-        left = np.array(values_of(said.out))[:, 0]
+        assert said.code == 3 and "lost: a from 10 s to 15 s" in said.err
+        left = np.array(values_of(said.out))[:3000, 0]
         first, last = damaged.start, damaged.start + damaged.span
+        assert (first, last) == (1000, 1500)
         assert np.all(left[first + 2 : last] == 0)
-        assert np.all(left[2:first] == 100) and np.all(left[last + 2 : 3000] == 100)
-        assert np.abs(np.diff(left)).max() <= 50
+        for part in (slice(2, first), slice(last + 2, None)):
+            assert np.array_equal(left[part], counts[part])
+        report = json.loads(dry("--json", file=path).out.splitlines()[-1])
+        assert report["exit_code"] == 3 and report["outcome"] == "clean"
+        assert report["lost"] == ["lost: a from 10 s to 15 s"] and report["findings"]
+
+    def test_a_broken_rule_ends_it_by_a_ramp(self, dry, tmp_path, monkeypatch):
+        """As of a packet whose checksum holds: the exit code is that of the error."""
+        blocks = Renderer.blocks
+
+        def broken(self, *given):
+            for block in blocks(self, *given):
+                yield block._replace(last=False)
+            raise FormatError("knot ticks not increasing", requirement="KNT-004")
+
+        monkeypatch.setattr(Renderer, "blocks", broken)
+        said = dry("--gain", 1, "--record", tmp_path / "out.csv")
+        assert said.code == 2 and "knot ticks not increasing [KNT-004]" in said.err
+        assert "failed" in said.out
+        rows = (tmp_path / "out.csv").read_text().splitlines()
+        assert rows[5].endswith(",1.0,-1.0") and rows[-1].endswith(",0.0,0.0")
 
 
 class TestEnds:
@@ -378,19 +404,19 @@ class TestEnds:
         assert reason in said.err
         if isinstance(report, ReplayReport):
             assert json.loads(ended(report, "--json").out)["exit_code"] == code
-            assert f"ended       {report.outcome}" in said.out
+            assert re.search(rf"ended +{report.outcome} ", said.out)
 
     def test_the_table(self, ended):
         times = {"p50": 1.2, "p99": 20, "p999": 300, "max": 4000}
         report = ReplayReport(
             "clean", sent=7, skipped=1, neutral=5, clamped=2, slew_limited=3, under_runs=4, gap_samples=6,
             refused=8, late=times, call=times, realtime={"scheduler": "SCHED_FIFO 50"},
-            kernels=["left: held"], watchdog="stood by",
+            kernels={"left": "held"}, watchdog="stood by",
         )  # fmt: skip
         out = ended(report).out
         for text in (
             "7 sent, 1 skipped, 5 neutral", "p50 1 us, p99 20 us, p99.9 300 us, max 4000 us",
-            "2 clamped, 3 slew-limited", "6 in gaps, 8 not finite", "under-runs  4", "left: held",
+            "2 clamped, 3 slew-limited", "6 in gaps, 8 not finite", "under-runs ", "left: held",
             "SCHED_FIFO 50", "stood by",
         ):  # fmt: skip
             assert text in out

@@ -133,6 +133,7 @@ def replay(
     with Reader(input_of(file), limits=max_memory) as reader:
         assignment = assign(reader, profile, parts(channels, [c.label for c in reader.channels]))
         renderer = Renderer(reader, profile, assignment, start, stop, speed, loops)
+        refuse_nothing(renderer)
         given = profile.gain if gain is None else gain
         played = {
             "gain": given,
@@ -168,6 +169,17 @@ def parts(given: tuple[str, ...], labels: list[str]) -> list[str]:
         for text in given
         for part in ([text] if text.rpartition("=")[0] in labels else text.split(","))
     ]
+
+
+def refuse_nothing(renderer: Renderer) -> None:
+    if not renderer.routes:
+        why = "".join(f"\n  {each}" for each in renderer.left_out)
+        raise ParameterError(f"no channel can be played with {renderer.profile.name}:{why}")
+    if renderer.start >= renderer.stop:
+        raise ParameterError(
+            f"nothing lies between {float(renderer.start):.6g} s and {float(renderer.stop):.6g} s "
+            f"of a recording of {float(renderer.end):.6g} s"
+        )
 
 
 def assigned(renderer: Renderer) -> dict[str, str]:
@@ -270,8 +282,8 @@ def tell_plan(renderer: Renderer, gain: float) -> None:
     profile, channels = renderer.profile, assigned(renderer)
     lines = [f"{profile.name}: gain {gain:g}, {float(1 / profile.timing.period):g} frames a second"]
     lines += [
-        f"  {each.name} <- {channels[each.name]}: {each.minimum:g} to {each.maximum:g} {each.unit}, "
-        f"at most {each.slew:g} {each.unit}/s"
+        f"  {each.name} <- {channels[each.name]}: {each.minimum:g} to {each.maximum:g} "
+        f"{each.unit}, at most {each.slew:g} {each.unit}/s"
         for each in profile.actuators
         if each.name in channels
     ]
@@ -282,25 +294,21 @@ def tell_plan(renderer: Renderer, gain: float) -> None:
 
 
 def tell_report(report: ReplayReport, err: bool) -> None:
+    times = {"late": report.late, "writes": report.call}
     rows = [
+        ["ended", report.outcome],
         ["frames", f"{report.sent} sent, {report.skipped} skipped, {report.neutral} neutral"],
-        *(
-            [what, micros(times)]
-            for what, times in (("late", report.late), ("writes", report.call))
-        ),
+        *([what, micros(found)] for what, found in times.items() if found),
         ["limited", f"{report.clamped} clamped, {report.slew_limited} slew-limited"],
         ["missing", f"{report.gap_samples} in gaps, {report.refused} not finite"],
         ["under-runs", str(report.under_runs)],
         *(["kernel", f"{name}: {kernel}"] for name, kernel in report.kernels.items()),
         *([what, got] for what, got in report.realtime.items()),
-        ["watchdog", report.watchdog],
-        ["ended", report.outcome],
+        *([["watchdog", report.watchdog]] if report.realtime else []),
     ]
     table(["replay", ""], rows, err=err)
 
 
-def micros(times: dict[str, float] | None) -> str:
-    if times is None:
-        return "no clock ran"
+def micros(times: dict[str, float]) -> str:
     names = {"p50": "p50", "p99": "p99", "p999": "p99.9", "max": "max"}
     return ", ".join(f"{shown} {times[name]:.0f} us" for name, shown in names.items())
