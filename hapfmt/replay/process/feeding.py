@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterator
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -30,9 +30,14 @@ class Place(Protocol):
 class Source(Protocol):
     """A Renderer."""
 
-    kernels: Any
-    left_out: Any
-    lost: Any
+    @property
+    def kernels(self) -> dict[str, str]: ...
+
+    @property
+    def left_out(self) -> list[str]: ...
+
+    @property
+    def lost(self) -> list[str]: ...
 
     def blocks(
         self, first: int = 0, generation: int = 0, at: Seconds | None = None, loop: int = 0

@@ -25,9 +25,14 @@ from .report import ReplayReport
 class Source(Protocol):
     """A Renderer."""
 
-    kernels: Any
-    left_out: Any
-    lost: Any
+    @property
+    def kernels(self) -> dict[str, str]: ...
+
+    @property
+    def left_out(self) -> list[str]: ...
+
+    @property
+    def lost(self) -> list[str]: ...
 
     def blocks(self) -> Iterator[Block]: ...
 
