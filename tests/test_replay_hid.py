@@ -5,6 +5,8 @@ What devices really do is tested with the unmodified wheel in test_replay_device
 
 from __future__ import annotations
 
+import errno
+import os
 import signal
 import sys
 import threading
@@ -136,12 +138,12 @@ class TestModule:
 
 class TestConnected:
     def test_what_hidapi_says(self, module):
-        module.entries[:] = [entry(), entry(b"\xff/odd", bus_type=2, usage_page=1, usage=5)]
+        module.entries[:] = [entry(), entry(b"/odd \xc3\xa9", bus_type=2, usage_page=1, usage=5)]
         glove, odd = connected()
         assert glove == Device(PATH, 0x1209, 0xC0DE, "usb", 0xFF00, 1, "Glove", "HapLab", "SN1", 0)
         assert (odd.bus, odd.usage_page, odd.usage) == ("bluetooth", 1, 5)
         assert (glove.ids, glove.place) == ("1209:c0de", "/dev/hidraw7")
-        assert "\udcff" in odd.place
+        assert odd.place == os.fsdecode(b"/odd \xc3\xa9")
 
     def test_what_hidapi_does_not_say(self, module):
         """None where a text is missing; no bus from old versions; 0 for other buses."""
@@ -251,6 +253,22 @@ class TestSink:
         module.answers["send_feature_report"] = broken
         with pytest.raises(DeviceError, match="feature report 0x01 was not taken: gone"):
             opened().write((Report("feature", b"\1ab"),))
+
+    @pytest.mark.parametrize(("times", "calls"), [(1, 2), (2, 2)])
+    def test_a_signal_during_a_call_is_no_loss_of_the_device(self, module, times, calls):
+        """Once; what is interrupted again and again has another cause."""
+        left = [-1] * times
+        module.answers |= {
+            "send_feature_report": lambda data: left.pop() if left else len(data),
+            "error": lambda: os.strerror(errno.EINTR),
+        }
+        sink = opened()
+        if times == 1:
+            sink.write((Report("feature", b"\1ab"),))
+        else:
+            with pytest.raises(DeviceError, match=os.strerror(errno.EINTR)):
+                sink.write((Report("feature", b"\1ab"),))
+        assert module.sent == calls * [("send_feature_report", b"\1ab")]
 
     def test_a_short_write(self, module):
         module.answers["write"] = lambda data: len(data) - 1

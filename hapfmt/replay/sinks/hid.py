@@ -7,6 +7,7 @@ crash; an object cannot be opened again.
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import threading
@@ -26,6 +27,9 @@ BUSES = {1: "usb", 2: "bluetooth", 3: "i2c", 4: "spi"}
 CLOSE_WAIT_S = 6.0
 """A write to a device that hangs comes back after 5.2 s (Linux hidraw), and no close may fall
 into it."""
+INTERRUPTED = os.strerror(errno.EINTR)
+"""A signal came while the device was waited for (a feature report by Bluetooth LE): said by no
+other means. It is no loss of the device, and the same report may go again."""
 NO_ANSWER = "hidapi gives no reason; the device has gone, or does not answer"
 
 
@@ -184,16 +188,23 @@ class HidSink:
         """In their order, none after one that failed. Raises DeviceError."""
         for path, data in reports:
             with self.lock:
-                handle = self.opened()
-                call = handle.write if path == "output" else handle.send_feature_report
-                try:
-                    taken = call(data)
-                except (OSError, ValueError) as error:
-                    raise DeviceError(self.failed(path, data, str(error))) from error
-                if taken < 0:
-                    raise DeviceError(self.failed(path, data, told_by(handle) or NO_ANSWER))
+                taken, why = self.taken(path, data)
+                if INTERRUPTED in why:
+                    taken, why = self.taken(path, data)
+            if taken < 0:
+                raise DeviceError(self.failed(path, data, why or NO_ANSWER))
             if taken < len(data):
                 raise DeviceError(self.failed(path, data, f"it took {taken} of {len(data)} bytes"))
+
+    def taken(self, path: str, data: bytes) -> tuple[int, str]:
+        """How many bytes of a report the device took; or -1, and why."""
+        handle = self.opened()
+        call = handle.write if path == "output" else handle.send_feature_report
+        try:
+            count = call(data)
+        except (OSError, ValueError) as error:
+            return -1, str(error)
+        return count, told_by(handle) if count < 0 else ""
 
     def failed(self, path: str, data: bytes, why: str) -> str:
         return f"{self.place}: {path} report 0x{data[0]:02x} was not taken: {why}"
