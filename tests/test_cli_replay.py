@@ -62,18 +62,16 @@ fields = [
 STEP = Calibration(1, 0, 100)
 
 GOLDEN = """\
-0.000000 output  01 00 19 00 e7 ff
-0.010000 output  01 01 4b 00 b5 ff
+0.000000 output  01 00 32 00 ce ff
+0.010000 output  01 01 64 00 9c ff
 0.020000 output  01 02 64 00 9c ff
 0.030000 output  01 03 64 00 9c ff
-0.040000 output  01 04 4b 00 b5 ff
-0.050000 output  01 05 19 00 e7 ff
+0.040000 output  01 04 32 00 ce ff
+0.050000 output  01 05 00 00 00 00
 0.060000 output  01 06 00 00 00 00
 0.070000 output  01 07 00 00 00 00
-0.080000 output  01 08 00 00 00 00
 """
-"""Four samples of 1 N and -1 N; between rest and signal two samples, a quarter and three quarters;
-rest; the neutral frame twice."""
+"""Four samples of 1 N and -1 N; a ramp of two samples up and down; the neutral frame twice."""
 
 
 def steady(*values: int, ticks: int = 4, rate: int = 100) -> Recording:
@@ -122,7 +120,7 @@ class TestDryRun:
         err = dry().err
         assert "two: gain 0.5, 100 frames a second" in err
         assert "left <- a: -5 to 5 N, at most 1e+06 N/s" in err
-        assert "7 sent, 0 skipped, 2 neutral" in err
+        assert "6 sent, 0 skipped, 2 neutral" in err
 
     def test_json(self, dry):
         said = dry("--gain", 1, "--json")
@@ -134,7 +132,7 @@ class TestDryRun:
         ] == GOLDEN.splitlines()
         assert report["profile"] == "two" and report["gain"] == 1
         assert report["channels"] == {"left": "a", "right": "b"}
-        assert (report["outcome"], report["exit_code"], report["sent"]) == ("clean", 0, 7)
+        assert (report["outcome"], report["exit_code"], report["sent"]) == ("clean", 0, 6)
         assert report["late"] is None and report["record"] is None
 
     def test_the_gain_is_that_of_the_profile_unless_told(self, dry):
@@ -166,8 +164,8 @@ class TestDryRun:
     def test_speed(self, dry, tmp_path):
         path = tmp_path / "long.hapf"
         hapfmt.write(steady(100, ticks=100), path)
-        assert len(values_of(dry("--speed", 2, file=path).out)) == 50 + 3 + 2
-        assert len(values_of(dry("--speed", "0.5", file=path).out)) == 200 + 3 + 2
+        assert len(values_of(dry("--speed", 2, file=path).out)) == 50 + 2 + 2
+        assert len(values_of(dry("--speed", "0.5", file=path).out)) == 200 + 2 + 2
 
     def test_loops(self, dry):
         once, twice = (values_of(dry("--gain", 1, *words).out) for words in ([], ["--loop", "2"]))
@@ -227,15 +225,15 @@ class TestRecord:
         words = ["--device", profile, "--dry-run", "--gain", 1]
         out = tmp_path / "out.hapf"
         said = called("replay", tmp_path / "in.hapf", *words, "--record", out)
-        assert said.code == 0 and "3203 sent" in said.out
+        assert said.code == 0 and "3202 sent" in said.out
         sent = hapfmt.read(out)
         assert [channel.label for channel in sent.channels] == ["left", "right"]
         for there, back in zip(original.channels, sent.channels, strict=True):
-            assert back.coverage == (Span(0, 3203),) and back.calibration == STEP
-            dense = np.nan_to_num(there.dense(0, 3203))
+            assert back.coverage == (Span(0, 3202),) and back.calibration == STEP
+            dense = np.nan_to_num(there.dense(0, 3202))
             differs = np.flatnonzero(dense != back.physical())
-            assert set(differs.tolist()) <= {0, 1, 1000, 1001, 1200, 1201, 3200, 3201}
-            assert np.all(back.values[1003:1200] == 0)
+            assert set(differs.tolist()) <= {0, 1000, 1200, 3200}
+            assert np.all(back.values[1001:1200] == 0)
         told = sent.metadata["replay"]
         assert told["profile"] == "two" and told["gain"] == 1 and told["kernels"]
         assert told["channels"] == {"left": "a", "right": "b"}
@@ -248,16 +246,15 @@ class TestRecord:
 
     def test_csv(self, dry, tmp_path):
         said = dry("--gain", 1, "--record", tmp_path / "out.csv")
-        assert said.code == 0 and "7 sent" in said.out
+        assert said.code == 0 and "6 sent" in said.out
         assert (tmp_path / "out.csv").read_text().splitlines()[1:] == [
             "t [s],left [N],right [N]",
-            "0.00,0.25,-0.25",
-            "0.01,0.75,-0.75",
+            "0.00,0.5,-0.5",
+            "0.01,1.0,-1.0",
             "0.02,1.0,-1.0",
             "0.03,1.0,-1.0",
-            "0.04,0.75,-0.75",
-            "0.05,0.25,-0.25",
-            "0.06,0.0,0.0",
+            "0.04,0.5,-0.5",
+            "0.05,0.0,0.0",
         ]
 
     def test_nothing_is_replaced_unless_forced(self, dry, tmp_path):
@@ -270,7 +267,7 @@ class TestRecord:
 
     def test_json(self, dry, tmp_path):
         report = json.loads(dry("--json", "--record", tmp_path / "out.hapf").out)
-        assert report["record"] == str(tmp_path / "out.hapf") and report["sent"] == 7
+        assert report["record"] == str(tmp_path / "out.hapf") and report["sent"] == 6
 
 
 class TestRefusals:
