@@ -417,3 +417,45 @@ class TestEnds:
             "SCHED_FIFO 50", "stood by",
         ):  # fmt: skip
             assert text in out
+
+
+class TestLoopback:
+    """The whole way through player, writer and watchdog, to a device that is a file."""
+
+    @pytest.fixture
+    def played(self, profile, tmp_path, monkeypatch):
+        file = tmp_path / "device.txt"
+
+        def run(*words, source=tmp_path / "touch.hapf", **faults):
+            config = {"kind": "loopback", "file": str(file), "faults": faults}
+            monkeypatch.setattr("hapfmt.cli.replay.config_of", lambda *_: config)
+            said = called("replay", source, "--device", profile, "--gain", 1, *words)
+            lines = file.read_text().splitlines() if file.exists() else []
+            return said, [report for line in lines for report in json.loads(line)["reports"]]
+
+        return run
+
+    def test_the_packets_of_the_dry_run(self, played, touch, tmp_path):
+        said, reports = played("--json", "--record", tmp_path / "out.hapf", source=touch)
+        told = json.loads(said.out)
+        assert (said.code, told["outcome"], told["skipped"]) == (0, "clean", 0), said.err
+        assert [data for _, data in reports] == [
+            line.split(maxsplit=2)[2].replace(" ", "") for line in GOLDEN.splitlines()
+        ]
+        assert told["sent"] == 6 and told["late"]["max"] < 10_000
+        left, right = hapfmt.read(tmp_path / "out.hapf").channels
+        assert left.values.tolist() == [50, 100, 100, 100, 50, 0]
+        assert right.values.tolist() == [-50, -100, -100, -100, -50, 0]
+
+    def test_the_table(self, played, touch):
+        said, _ = played(source=touch)
+        assert said.code == 0
+        for text in ("late", "p99.9", "scheduler", "watchdog", "stood by"):
+            assert text in said.out
+
+    def test_a_device_that_goes(self, played, tmp_path):
+        path = tmp_path / "long.hapf"
+        hapfmt.write(steady(100, ticks=300), path)
+        said, reports = played("--record", tmp_path / "out.csv", source=path, gone=20)
+        assert said.code == 6 and "has gone" in said.err and len(reports) == 20
+        assert len((tmp_path / "out.csv").read_text().splitlines()) == 2 + 20
