@@ -198,7 +198,8 @@ class Channel:
             return self.exact.copy()
         if self.calibration is not None:
             return self.calibration.physical(self.values)
-        return self.values.astype(np.float64)
+        with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
+            return self.values.astype(np.float64)
 
     def segments(self) -> Iterator[tuple[int, NDArray[Any]]]:
         """Each covered span as (start tick, its values)."""

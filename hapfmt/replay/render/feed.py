@@ -51,13 +51,13 @@ class Meaning:
         self, numbers: NDArray[np.generic], exact: Values | None, number_format: str
     ) -> Values:
         """Values that are too large for a double become infinite, and with them unknown."""
-        if exact is not None:
-            out = exact
-        elif number_format == "counts":
-            out = self.calibration.physical(numbers)
-        else:
-            out = numbers.astype(np.float64)
         with np.errstate(over="ignore", invalid="ignore"):
+            if exact is not None:
+                out = exact
+            elif number_format == "counts":
+                out = self.calibration.physical(numbers)
+            else:
+                out = numbers.astype(np.float64)
             out = out * self.factor if self.factor != 1 else out
             return out + self.offset if self.offset else out
 

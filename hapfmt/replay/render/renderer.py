@@ -72,6 +72,7 @@ class Renderer:
         speed: Seconds = 1,
         loops: int = 1,
     ) -> None:
+        reader.refuse_unknown()
         self.reader = reader
         self.profile = profile
         self.loops = loops
