@@ -144,7 +144,8 @@ class TestUsages:
         data = item(hd.USAGE, 5) + item(hd.PAGE, 1) + item(hd.COLLECTION, 1) + item(hd.END)
         assert parse_descriptor(data).usages == ((1, 5),)
 
-    def test_the_first_of_several_usages(self):
+    def test_several_usages_of_a_collection(self):
+        """Linux takes the first, hidapi the last."""
         data = (
             item(hd.PAGE, 1)
             + item(hd.USAGE, 5)
@@ -152,7 +153,7 @@ class TestUsages:
             + item(hd.COLLECTION, 1)
             + item(hd.END)
         )
-        assert parse_descriptor(data).usages == ((1, 5),)
+        assert parse_descriptor(data).usages == ((1, 5), (1, 4))
 
     def test_a_range_of_usages_begins_with_its_first(self):
         data = (

@@ -12,6 +12,8 @@ import pytest
 from virtual_hid.model import Device, Fault
 from virtual_hid.world import world
 
+from hapfmt.replay.profile.descriptor import parse_descriptor
+
 pytestmark = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="virtual devices are Linux'"
 )
@@ -234,3 +236,37 @@ def test_several_that_fit():
     assert out.startswith("ParameterError the profile glove5 fits 2 devices: ")
     assert all(path in out for path in paths)
     assert out.splitlines()[-1] == paths[1]
+
+
+COLLECTIONS = {
+    "two": hd.device(1, 2, hd.field(hd.INPUT, 1, number=1))
+    + hd.device(0xFF00, 3, hd.field(hd.OUTPUT, 2, number=2)),
+    "three": hd.device(1, 2) + hd.device(12, 1) + hd.device(0xFF43, 0x202, hd.field(hd.OUTPUT, 2)),
+    "nested": hd.device(1, 2, hd.device(13, 4)) + hd.device(1, 6),
+    "page of its own": hd.item(hd.PAGE, 1)
+    + hd.item(hd.USAGE, 0xFF42_0007, 4)
+    + hd.item(hd.COLLECTION, 1)
+    + hd.item(hd.END),
+    "page after usage": hd.item(hd.USAGE, 5)
+    + hd.item(hd.PAGE, 1)
+    + hd.item(hd.COLLECTION, 1)
+    + hd.item(hd.END),
+}
+
+
+def test_usages_are_those_that_hidapi_finds():
+    """Two readings of the same bytes: hidapi's in C, and ours."""
+    given = [
+        (replace(GLOVE, serial=name, descriptor=data), ()) for name, data in COLLECTIONS.items()
+    ]
+    with world(devices=given) as made:
+        out = python(
+            made,
+            "import json; print(json.dumps([(x.serial, x.usage_page, x.usage) for x in connected()]))",
+        )
+    found: dict[str, list[tuple[int, int]]] = {}
+    for name, page, usage in json.loads(out):
+        found.setdefault(name, []).append((page, usage))
+    assert found == {
+        name: list(parse_descriptor(data).usages) for name, data in COLLECTIONS.items()
+    }

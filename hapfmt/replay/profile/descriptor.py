@@ -54,7 +54,7 @@ class Globals(NamedTuple):
 class Descriptor:
     """``lengths`` in bytes by kind and report id, as hidapi takes and gives them: with a first
     byte for the id, which is 0 where the device uses none. ``usages``: page and usage of each
-    top-level collection, in their order."""
+    top-level collection, in their order; a collection may have several."""
 
     lengths: dict[tuple[Kind, int], int]
     uses_ids: bool
@@ -99,7 +99,7 @@ def parse_descriptor(data: bytes) -> Descriptor:
     not open, a report id is none, or a report is longer than any that can be sent."""
     state = Globals()
     pushed: list[Globals] = []
-    usage: Item | None = None
+    local: list[Item] = []
     depth = 0
     bits: dict[tuple[Kind, int], int] = {}
     uses_ids = False
@@ -112,13 +112,14 @@ def parse_descriptor(data: bytes) -> Descriptor:
                 if depth == DEPTH_LIMIT:
                     fail(f"more than {DEPTH_LIMIT} collections within one another", item.offset)
                 if not depth:
-                    usages.append(full_usage(state.usage_page, usage))
+                    page = state.usage_page
+                    usages += [full_usage(page, each) for each in local] or [(page, 0)]
                 depth += 1
             elif item.tag == END_COLLECTION:
                 if not depth:
                     fail("a collection ends that did not begin", item.offset)
                 depth -= 1
-            usage = None
+            local.clear()
         elif item.type == GLOBAL:
             if item.tag == PUSH:
                 if len(pushed) == DEPTH_LIMIT:
@@ -132,8 +133,8 @@ def parse_descriptor(data: bytes) -> Descriptor:
                 state = changed(state, item)
                 uses_ids = uses_ids or item.tag == REPORT_ID
         elif item.type == LOCAL and item.tag in (USAGE, USAGE_MINIMUM):
-            # Several usages may stand before a main item: the first is that of a collection.
-            usage = usage or item
+            # Of several before a collection Linux takes the first and hidapi the last: all count.
+            local.append(item)
     if depth:
         fail("it ends within a collection", len(data))
     lengths = {key: 1 + -(-size // 8) for key, size in bits.items()}
@@ -163,10 +164,8 @@ def add_fields(bits: dict[tuple[Kind, int], int], kind: Kind, state: Globals, of
     bits[key] = size
 
 
-def full_usage(page: int, usage: Item | None) -> tuple[int, int]:
+def full_usage(page: int, usage: Item) -> tuple[int, int]:
     """A usage of four bytes brings its own page in the upper two."""
-    if usage is None:
-        return page, 0
     if usage.size == 4:
         return usage.value >> 16, usage.value & 0xFFFF
     return page, usage.value
