@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -194,6 +196,10 @@ class TestDryRun:
             assert process.wait(60) == 1
         assert len(set(lines)) == 100
 
+    def test_from_a_url(self, dry, touch):
+        pytest.importorskip("fsspec")
+        assert dry("--gain", 1, file=touch.as_uri()).out == GOLDEN
+
     def test_from_standard_input(self, touch, profile, tmp_path):
         done = commands.run(
             "replay",
@@ -268,6 +274,16 @@ class TestRecord:
     def test_json(self, dry, tmp_path):
         report = json.loads(dry("--json", "--record", tmp_path / "out.hapf").out)
         assert report["record"] == str(tmp_path / "out.hapf") and report["sent"] == 6
+
+    def test_a_full_disk_at_the_end_takes_no_report_away(self, dry, tmp_path, monkeypatch):
+        def full(_self):
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr("hapfmt.replay.sinks.record.CsvRows.close", full)
+        said = dry("--record", tmp_path / "out.csv")
+        assert said.code == 1 and "6 sent" in said.out
+        assert "what was sent is not recorded" in said.err and "No space left" in said.err
+        assert not (tmp_path / "out.csv").exists()
 
 
 class TestRefusals:
@@ -459,3 +475,70 @@ class TestLoopback:
         said, reports = played("--record", tmp_path / "out.csv", source=path, gone=20)
         assert said.code == 6 and "has gone" in said.err and len(reports) == 20
         assert len((tmp_path / "out.csv").read_text().splitlines()) == 2 + 20
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="terminals and signals of POSIX")
+class TestTerminal:
+    """Progress, keys and signals, while a recording of a minute plays."""
+
+    @pytest.fixture
+    def playing(self, profile, tmp_path):
+        path = tmp_path / "long.hapf"
+        hapfmt.write(steady(100, ticks=6000), path)
+        config = {"kind": "loopback", "file": str(tmp_path / "device.txt")}
+        words = ["hapfmt", "replay", str(path), "--device", str(profile), "--gain", "1"]
+        code = (
+            f"import sys; sys.argv = {words!r}; import hapfmt.cli.replay as verb; "
+            f"verb.config_of = lambda *_: {config!r}; from hapfmt.cli import main; main()"
+        )
+        master, slave = os.openpty()
+        with subprocess.Popen(
+            [sys.executable, "-W", "error", "-c", code],
+            stdin=slave, stdout=subprocess.PIPE, stderr=slave, env=commands.ENVIRONMENT,
+        ) as process:  # fmt: skip
+            os.close(slave)
+            try:
+                seen = b""
+                while b"playing 0." not in seen:
+                    seen += os.read(master, 1 << 12)
+                yield process, master
+            finally:
+                process.kill()
+                os.close(master)
+
+    @staticmethod
+    def ended(process, master) -> str:
+        """What it says, on the terminal and in the table."""
+        seen = b""
+        while True:
+            try:
+                data = os.read(master, 1 << 12)
+            except OSError:  # the other side has gone
+                break
+            if not data:
+                break
+            seen += data
+        out = process.stdout.read()
+        process.wait(60)
+        return seen.decode() + out.decode()
+
+    @staticmethod
+    def last_counts(folder: Path) -> list[str]:
+        lines = (folder / "device.txt").read_text().splitlines()[-3:]
+        return [json.loads(line)["reports"][0][1][4:] for line in lines]
+
+    def test_q_ends_it_by_a_ramp(self, playing, tmp_path):
+        process, master = playing
+        os.write(master, b"  q")
+        said = self.ended(process, master)
+        assert process.returncode == 0 and "q was pressed" in said
+        assert re.search(r"ended +interrupted", said)
+        assert self.last_counts(tmp_path) == ["00000000"] * 3
+
+    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+    def test_signals(self, playing, tmp_path, number):
+        process, master = playing
+        process.send_signal(number)
+        said = self.ended(process, master)
+        assert process.returncode == 128 + number and f"signal {int(number)}" in said
+        assert self.last_counts(tmp_path) == ["00000000"] * 3

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import ParameterError
+from ..errors import HapfmtError, ParameterError
 from .common import (
     FractionType,
     echo_json,
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 ENDLESS = 0
 """Of --loop without a number."""
 
-LOST = 3
-"""Exit code: done with loss (SPEC clause 14)."""
+ERROR, LOST = 1, 3
+"""Exit codes: an error, done with loss (SPEC clause 14)."""
 
 
 @click.command(short_help="Play a recording on a haptic device, or show what it would be sent.")
@@ -143,22 +143,33 @@ def replay(
         }
         if not as_json:
             tell_plan(renderer, given)
-        with recording(target, profile, played, reader, force, dry_run) as record:
-            if dry_run:
-                report = rehearsed(renderer, given, record, as_json)
-            else:
-                report = performed(renderer, sink_config, given, record, not no_watchdog)
+        report, failure = None, None
+        try:
+            with recording(target, profile, played, reader, force, dry_run) as record:
+                if dry_run:
+                    report = rehearsed(renderer, given, record, as_json)
+                else:
+                    report = performed(renderer, sink_config, given, record, not no_watchdog)
+        except (HapfmtError, OSError) as error:
+            # Something moved all the same: that is told before what became of its record.
+            if report is None:
+                raise
+            failure = error
         findings = [f"{reader.source.path or 'input'}: {each}" for each in reader.findings]
     if report.outcome != "clean":
         click.echo(f"hapfmt: {printable(report.reason or report.outcome)}", err=True)
     tell_some([*findings, *report.lost])
     code = report.exit_code or (LOST if findings else 0)
+    if failure is not None:
+        code = report.exit_code or ERROR
     if as_json:
         more = {"profile": profile.name, **played, "record": target, "exit_code": code}
         echo_json({**report.to_json(), **more, "notes": renderer.notes, "findings": findings})
     else:
         # What a dry run prints on standard output are packets alone.
         tell_report(report, err=dry_run and target is None)
+    if failure is not None:
+        click.echo(f"hapfmt: what was sent is not recorded: {printable(str(failure))}", err=True)
     return code
 
 
