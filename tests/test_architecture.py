@@ -127,13 +127,18 @@ def test_modules_stay_short(name):
     assert lines <= LINES
 
 
-def loaded_by(code: str) -> set[str]:
-    """Top-level modules that a fresh interpreter has loaded after ``code``."""
-    code += "\nimport json, sys; print(json.dumps(sorted(m.split('.')[0] for m in sys.modules)))"
+def modules_after(code: str) -> set[str]:
+    """Modules that a fresh interpreter has loaded after ``code``."""
+    code += "\nimport json, sys; print(json.dumps(sorted(sys.modules)))"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     )
     return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+def loaded_by(code: str) -> set[str]:
+    """Of these only the top level."""
+    return {name.split(".")[0] for name in modules_after(code)}
 
 
 def test_import_is_light():
@@ -145,3 +150,13 @@ def test_info_loads_no_numbers():
     path = ROOT / "conformance" / "examples" / "hold.hapf"
     code = f"from hapfmt.cli import cli; cli.main(['info', {str(path)!r}], standalone_mode=False)"
     assert not loaded_by(code) & {"numpy", "scipy", "matplotlib"}
+
+
+def test_the_watchdog_starts_light():
+    assert not loaded_by("import hapfmt.replay.process.watchdog") & HEAVY
+
+
+def test_the_writer_loads_nothing_that_reads_files():
+    found = modules_after("import hapfmt.replay.process.loop, hapfmt.replay.profile.parse")
+    assert not {name for name in found if name.startswith(("hapfmt.reading", "hapfmt.codecs"))}
+    assert not {name.split(".")[0] for name in found} & (HEAVY - {"numpy"})
