@@ -26,6 +26,29 @@ READING = (
 CORPUS = ROOT / "tests" / "corpus"
 
 
+UNITS = ("1", "N", "m", "s", "V", "Pa", "Cel", "rad", "m/s2", "{count}")
+ANY = f"""
+name = "any"
+[timing]
+rate = 50
+[[actuator]]
+name = "one"
+unit = "1"
+accepts = {{ {", ".join(f'"{unit}" = 1' for unit in UNITS)} }}
+minimum = -100
+maximum = 100
+rest = 0
+slew = 1e6
+step = 0.1
+[[report]]
+path = "output"
+id = 1
+length = 3
+fields = [{{ at = 1, actuator = "one", type = "i16" }}]
+"""
+"""A device that takes nearly anything."""
+
+
 def judge(data: bytes, folder: Path) -> dict[str, int]:
     """Exit codes by verb."""
     path, out = folder / "a.hapf", folder / "b.npz"
@@ -44,6 +67,14 @@ def judge(data: bytes, folder: Path) -> dict[str, int]:
     assert said.code in CODES | {1}, said
     json.loads(said.out)
     codes["decode"] = said.code
+    profile = folder / "any.toml"
+    profile.write_text(ANY)
+    said = called("replay", path, "--device", profile, "--dry-run", "--to", 1, "--json")
+    # 1: nothing that the device takes.
+    assert said.code in CODES | {1}, said
+    told = [json.loads(line) for line in said.out.splitlines()]
+    assert told[-1]["exit_code"] == said.code
+    codes["replay"] = said.code
     return codes
 
 
