@@ -5,10 +5,14 @@ Nothing here depends on a machine that keeps time, but for what is late on purpo
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import os
 import signal
+import subprocess
 import sys
 import time
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +21,7 @@ import pytest
 from replaying import (
     CHANGE,
     NEUTRAL_COUNT,
+    RATE,
     Line,
     Playing,
     Sines,
@@ -27,11 +32,16 @@ from replaying import (
     until,
 )
 
-from hapfmt.errors import FormatError, ParameterError
+import hapfmt
+from hapfmt.errors import ParameterError
 from hapfmt.replay.frames import Frame
 from hapfmt.replay.process import player
+from hapfmt.replay.process.keys import Key
 from hapfmt.replay.process.player import Status, play
 from hapfmt.replay.process.report import ReplayReport
+from hapfmt.replay.profile.model import Report
+from hapfmt.replay.render.assign import assign
+from hapfmt.replay.render.renderer import Renderer
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="signals and /proc")
 linux = pytest.mark.skipif(sys.platform != "linux", reason="finds processes in /proc")
@@ -179,15 +189,15 @@ class TestEnds:
 
     def test_write_errors_one_after_the_other(self, file):
         report = played(file, Sines(60), faults={"fail": {"frame": 100, "times": 4}})
-        check_rest(lines(file)[100:], ramped=False)
+        check_rest(lines(file), ramped=False)
         assert report.exit_code == 6
-        assert report.neutral == NEUTRAL_COUNT - 2
+        assert report.neutral == NEUTRAL_COUNT
 
     def test_an_error_of_the_file_midway(self, file):
         report = played(file, Sines(60, fails_at=200))
         got = lines(file)
         check_rest(got)
-        assert len(got) > 200
+        assert report.sent + report.skipped > 150
         assert (report.outcome, report.exit_code) == ("failed", 2)
         assert report.reason == "made up"
 
@@ -213,3 +223,293 @@ class TestEnds:
         assert report.late["max"] > 250_000
 
 
+class TestGone:
+    """Ends that somebody does not live to see."""
+
+    @linux
+    def test_the_writer_is_killed(self, file):
+        with Playing(file) as playing:
+            writer = playing.moving()[0].by
+            os.kill(writer, signal.SIGKILL)
+            report = playing.report()
+        got = lines(file)
+        last = got[-NEUTRAL_COUNT:]
+        assert all(line.neutral and line.by != writer for line in last)
+        assert {line.by for line in got[:-NEUTRAL_COUNT]} == {writer}
+        assert (report["outcome"], report["exit_code"]) == ("failed", 1)
+        assert report["reason"] == "the writer has died (signal 9)"
+        assert report["watchdog"] == (
+            "tripped: the writer has died; the device took 5 neutral frames"
+        )
+        assert report["sent"] > 0
+
+    @linux
+    def test_player_and_writer_are_killed(self, file):
+        with Playing(file) as playing:
+            writer = playing.moving()[0].by
+            watchdog = child(writer)
+            playing.process.kill()
+            os.kill(writer, signal.SIGKILL)
+            until(lambda: not running(watchdog))
+        got = lines(file)
+        assert all(line.neutral and line.by == watchdog for line in got[-NEUTRAL_COUNT:])
+
+    @linux
+    def test_the_writer_hangs(self, file, monkeypatch):
+        """The watchdog trips at once, the player ends what does not come back."""
+        monkeypatch.setattr(player, "SILENT_S", 0.5)
+        faults = {"stall": {"frame": 100, "ms": 60_000}}
+        report = played(file, Sines(60), faults=faults, heartbeat_s=1.1)
+        got = lines(file)
+        assert (report.outcome, report.exit_code) == ("failed", 1)
+        assert report.reason.startswith("the writer said nothing for")
+        assert report.watchdog.startswith("tripped: the writer")
+        assert all(line.neutral for line in got[-NEUTRAL_COUNT:])
+        assert not running(got[0].by)
+
+    def test_the_device(self, file):
+        report = played(file, Sines(60), faults={"gone": 100})
+        check_order(lines(file))
+        assert len(lines(file)) == 100
+        assert (report.outcome, report.exit_code) == ("device-lost", 6)
+        assert "has gone" in report.reason
+        assert report.neutral == 0
+
+    def test_the_writer_before_it_began(self, file, monkeypatch):
+        monkeypatch.setattr(player, "start", lambda _, stderr: start_other(stderr))
+        report = played(file)
+        assert (report.outcome, report.exit_code) == ("failed", 1)
+        assert report.reason == "the writer has died (exit code 7)"
+        assert report.said == ["no such thing"]
+        assert not file.exists()
+
+    def test_a_writer_that_is_none(self, file, monkeypatch):
+        code = "import time; print('hello', flush=True); time.sleep(60)"
+        monkeypatch.setattr(player, "start", lambda _, stderr: start_other(stderr, code))
+        report = played(file)
+        assert report.outcome == "failed"
+        assert "what nobody understands" in report.reason
+
+
+def start_other(stderr: int | None, code: str | None = None) -> subprocess.Popen[bytes]:
+    code = code or "import sys; print('no such thing', file=sys.stderr); sys.exit(7)"
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=stderr,
+        bufsize=0,
+    )
+
+
+class TestStall:
+    @pytest.mark.parametrize("before", [False, True])
+    def test_of_three_seconds(self, file, before):
+        """From the watchdog's first neutral frame on there is none of the old ones, but for that
+        which was under way."""
+        faults = {"stall": {"frame": 100, "ms": 3000, "before": before}}
+        report = played(file, Sines(60), faults=faults, heartbeat_s=1.1)
+        got = lines(file)
+        check_order(got)
+        writer = got[0].by
+        first = next(place for place, line in enumerate(got) if line.by != writer)
+        later = [line for line in got[first:] if not line.neutral]
+        assert [line.number for line in later] == [got[first - 1].number + 1] * before
+        assert all(line.number == -1 for line in got[first:] if line not in later)
+        assert {line.by for line in got[-NEUTRAL_COUNT:]} >= {writer}
+        assert (report.outcome, report.exit_code) == ("late", 5)
+        assert report.watchdog.startswith("tripped: the writer was silent for")
+
+    @linux
+    def test_of_the_whole_writer(self, file):
+        with Playing(file, heartbeat_s=1.1) as playing:
+            writer = playing.moving()[0].by
+            os.kill(writer, signal.SIGSTOP)
+            until(lambda: any(line.by != writer for line in lines(file)))
+            os.kill(writer, signal.SIGCONT)
+            report = playing.report()
+        got = lines(file)
+        first = next(place for place, line in enumerate(got) if line.by != writer)
+        assert all(line.neutral for line in got[first:])
+        assert report["exit_code"] == 5
+
+    @linux
+    def test_of_the_watchdog(self, file):
+        """It is no watchdog any more, and does not trip when it comes back to beats that wait."""
+        with Playing(file) as playing:
+            writer = playing.moving()[0].by
+            watchdog = child(writer)
+            assert watchdog is not None
+            os.kill(watchdog, signal.SIGSTOP)
+            until(lambda: any(line.number == -1 for line in lines(file)))
+            os.kill(watchdog, signal.SIGCONT)
+            report = playing.report()
+        check_rest(lines(file))
+        assert {line.by for line in lines(file)} == {writer}
+        assert report["reason"] == "the watchdog ended: it is silent"
+
+
+class TestBeginning:
+    def test_a_device_that_cannot_be_opened(self, file):
+        report = played(file, faults={"open": True})
+        assert (report.outcome, report.exit_code) == ("device-lost", 6)
+        assert "cannot be opened" in report.reason
+        assert report.watchdog == "none"
+
+    def test_a_device_that_cannot_be_opened_twice(self, file):
+        report = played(file, faults={"open": 2})
+        assert (report.outcome, report.exit_code) == ("device-lost", 6)
+        assert "the watchdog cannot open the device too" in report.reason
+        assert all(line.number == -1 for line in lines(file))
+
+    def test_without_a_watchdog(self, file):
+        report = played(file, faults={"open": 2}, watchdog=False)
+        check_rest(lines(file))
+        assert report.exit_code == 0
+        assert report.watchdog == "none"
+
+    def test_an_unknown_sink(self):
+        report = play(Sines(0.1), glove(), {"kind": "telepathy"}, realtime=False)
+        assert (report.outcome, report.exit_code) == ("failed", 1)
+        assert "telepathy" in report.reason
+
+    def test_a_profile_that_was_changed(self, file):
+        """The writer would play by the limits of the text."""
+        profile = glove()
+        changed = dataclasses.replace(profile, gain=0.1)
+        with pytest.raises(ParameterError, match="differs from its text"):
+            play(Sines(0.1), changed, {"kind": "loopback", "file": str(file)})
+
+    def test_a_heartbeat_that_is_too_short(self, file):
+        with pytest.raises(ParameterError, match="heartbeat"):
+            played(file, heartbeat_s=0.5)
+
+    def test_an_error_at_once(self, file):
+        report = played(file, Sines(1, fails_at=0))
+        assert (report.outcome, report.exit_code) == ("failed", 2)
+        assert all(line.neutral for line in lines(file))
+
+    def test_an_hour_starts_at_once(self, file):
+        keys = Pressing({0: "stop"})
+        began = time.monotonic()
+        report = played(file, Sines(3600), keys=keys, on_status=keys)
+        assert time.monotonic() - began < 30
+        assert report.exit_code == 0
+
+
+class Pressing:
+    """A keyboard: which key at which time of asking, once anything moves."""
+
+    def __init__(self, keys: dict[int, Key]) -> None:
+        self.keys, self.asked = keys, -1
+        self.statuses: list[Status] = []
+
+    def __call__(self, status: Status) -> None:
+        self.statuses.append(status)
+
+    def pressed(self) -> list[Key]:
+        if not self.statuses:
+            return []
+        self.asked += 1
+        return [self.keys[self.asked]] if self.asked in self.keys else []
+
+
+class TestKeys:
+    def test_pause_and_resume(self, file):
+        keys = Pressing({0: "pause", 20: "pause"})
+        report = played(file, Sines(1), keys=keys, on_status=keys)
+        got = lines(file)
+        check_rest(got)
+        frames = check_order(got)
+        resting = [line.number for line in frames if line.neutral]
+        moving = [line.number for line in frames if not line.neutral]
+        assert any(moving[0] < number < moving[-1] for number in resting)
+        assert "paused" in {status.state for status in keys.statuses}
+        # All of the second is played, and what the pause took besides.
+        assert report.outcome == "clean"
+        assert report.sent + report.skipped > 1000 + 20
+        assert report.under_runs == 0
+
+    def test_seek(self, file):
+        keys = Pressing({0: "forward", 20: "back"})
+        report = played(file, Sines(7), keys=keys, on_status=keys)
+        got = lines(file)
+        check_rest(got)
+        places = [status.position_s for status in keys.statuses]
+        assert max(places) > 5
+        assert any(later < sooner - 4 for sooner, later in itertools.pairwise(places))
+        assert report.exit_code == 0
+        assert report.under_runs == 0
+
+    def test_stop(self, file):
+        keys = Pressing({5: "stop"})
+        report = played(file, Sines(60), keys=keys, on_status=keys)
+        check_rest(lines(file))
+        assert (report.outcome, report.exit_code) == ("interrupted", 0)
+        assert report.reason == "q was pressed"
+
+    def test_pause_seek_stop(self, file):
+        keys = Pressing({0: "pause", 10: "forward", 20: "stop"})
+        report = played(file, Sines(60), keys=keys, on_status=keys)
+        check_rest(lines(file))
+        assert (report.outcome, report.exit_code) == ("interrupted", 0)
+
+
+class Recorded:
+    """A sink for what was sent."""
+
+    def __init__(self, fails_at: int | None = None) -> None:
+        self.frames: list[Frame] = []
+        self.fails_at = fails_at
+
+    def open(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def send(self, frame: Frame, reports: tuple[Report, ...]) -> None:
+        assert reports == ()
+        if len(self.frames) == self.fails_at:
+            raise OSError(28, "no space left")
+        self.frames.append(frame)
+
+
+class TestRecord:
+    def test_what_was_sent(self, file):
+        record = Recorded()
+        report = played(file, record=record)
+        frames = [line for line in lines(file) if line.number >= 0]
+        assert [frame.number for frame in record.frames] == [line.number for line in frames]
+        assert [frame.counts for frame in record.frames] == [(line.counts,) for line in frames]
+        assert len(record.frames) == report.sent
+
+    def test_a_record_that_cannot_be_written(self, file):
+        report = played(file, Sines(60), record=Recorded(100))
+        check_rest(lines(file))
+        assert (report.outcome, report.exit_code) == ("failed", 1)
+        assert "no space left" in report.reason
+
+
+class TestDamage:
+    def test_a_damaged_file_is_played_with_ramps(self, file, tmp_path):
+        """A cluster that is lost is a gap: down to rest, and up again behind it."""
+        path = tmp_path / "touch.hapf"
+        values = 2 + np.arange(1500) / 1000
+        channel = hapfmt.Channel(values, Fraction(RATE), label="thumb", unit="N")
+        settings = hapfmt.Settings(cluster=Fraction(1, 2))
+        hapfmt.write(hapfmt.Recording((channel,)), path, settings)
+        data = bytearray(path.read_bytes())
+        second = data.index(b"DATA", data.index(b"DATA") + 4)
+        data[second + 40] ^= 1
+        path.write_bytes(data)
+        profile = glove()
+        with hapfmt.Reader(path) as reader:
+            renderer = Renderer(reader, profile, assign(reader, profile))
+            report = played(file, renderer)
+        got = lines(file)
+        check_rest(got)
+        places = [line.number for line in check_order(got) if line.neutral]
+        assert any(500 <= number < 1000 for number in places)
+        assert sum(not line.neutral for line in got) > 600
+        assert (report.outcome, report.exit_code) == ("clean", 3)
+        assert len(report.lost) == 1
+        assert report.kernels.keys() == {"thumb"}

@@ -88,7 +88,8 @@ class Guard:
 
     def goodbye(self) -> None:
         """We end, and well."""
-        self.listen(clock())
+        if self.heartbeat_ns:
+            self.listen(clock())
         self.state = self.state or ("stood by" if self.heartbeat_ns else "none")
         if not self.target.broken:
             self.target.send(pack(Kind.GOODBYE))

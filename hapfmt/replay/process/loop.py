@@ -34,7 +34,7 @@ PLAYER_NS = 3_000_000_000
 """A player of which nothing was heard for so long plays no more."""
 NEUTRAL_S = 0.02
 """From one neutral frame to the next, where the period is longer."""
-TRYING_S = 1.0
+TRYING_S = 0.5
 """For neutral frames that the device does not take."""
 
 
@@ -212,9 +212,7 @@ class Loop:
         """The last that the device gets: neutral frames, and its own words of leave."""
         failing_until = clock() + round(TRYING_S * 1e9)
         period_s = min(self.period_ns / 1e9, NEUTRAL_S)
-        for turn in range(self.profile.timing.neutral_count):
-            if turn:
-                time.sleep(period_s)
+        while self.neutral < self.profile.timing.neutral_count:
             if self.guard is not None and not self.guard.left_alone(clock()):
                 self.guard.beat(clock())
             try:
@@ -224,6 +222,7 @@ class Loop:
                 self.fail(error)
                 if clock() > failing_until:
                     break
+            time.sleep(period_s)
         if self.neutral and self.profile.exit:
             try:
                 self.aside(self.profile.exit)
