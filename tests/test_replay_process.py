@@ -303,11 +303,11 @@ def start_other(stderr: int | None, code: str | None = None) -> subprocess.Popen
 
 
 class TestStall:
-    @pytest.mark.parametrize("before", [False, True])
-    def test_of_three_seconds(self, file, before):
+    @pytest.mark.parametrize(("ms", "before"), [(1800, False), (3000, True)])
+    def test_of_a_call(self, file, ms, before):
         """From the watchdog's first neutral frame on there is none of the old ones, but for that
         which was under way."""
-        faults = {"stall": {"frame": 100, "ms": 3000, "before": before}}
+        faults = {"stall": {"frame": 100, "ms": ms, "before": before}}
         report = played(file, Sines(60), faults=faults, heartbeat_s=1.1)
         got = lines(file)
         check_order(got)
@@ -431,8 +431,8 @@ class TestKeys:
         assert report.under_runs == 0
 
     def test_seek(self, file):
-        keys = Pressing({0: "forward", 20: "back"})
-        report = played(file, Sines(7), keys=keys, on_status=keys)
+        keys = Pressing({0: "forward", 20: "back", 40: "stop"})
+        report = played(file, Sines(60), keys=keys, on_status=keys)
         got = lines(file)
         check_rest(got)
         places = [status.position_s for status in keys.statuses]

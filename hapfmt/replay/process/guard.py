@@ -97,6 +97,7 @@ class Guard:
 
     def end(self, seconds: float = 5.0) -> None:
         """Waits for its process, so long at most."""
+        self.target.close()
         for pipe in (self.process.stdin, self.process.stdout):
             if pipe is not None:
                 with suppress(OSError):

@@ -100,6 +100,10 @@ class Outlet:
         except OSError:
             self.broken = True
 
+    def close(self) -> None:
+        """Nothing more goes; the descriptor may be closed then."""
+        self.broken = True
+
     def drain(self, seconds: float) -> None:
         """Waits for the other side, so long at most."""
         while self.waiting and not self.broken and seconds > 0:
@@ -125,10 +129,17 @@ class ThreadedOutlet(Outlet):
             self.waiting += data
         self.flush()
 
+    def close(self) -> None:
+        with self.changed:
+            self.broken = True
+            self.changed.notify_all()
+
     def run(self) -> None:
         while True:
             with self.changed:
-                self.changed.wait_for(lambda: bool(self.waiting))
+                self.changed.wait_for(lambda: bool(self.waiting) or self.broken)
+                if self.broken:
+                    return
                 data = bytes(self.waiting[:CHUNK])
             try:
                 written = os.write(self.descriptor, data)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, NamedTuple, Protocol
 
 from ...errors import HapfmtError, ParameterError
@@ -293,14 +294,16 @@ class Player:
             self.stop("failed", "the player has failed")
             self.on_status = self.keys = self.record = None
             self.run()
-        if self.trouble and self.writer.poll() is None:
-            self.writer.kill()
-            self.trouble += ", and was killed"
         try:
-            self.writer.wait(END_S)
+            # Who has closed the pipe is as good as gone.
+            self.writer.wait(END_S if self.end is not None or self.source.ended else 0)
         except subprocess.TimeoutExpired:
             self.writer.kill()
-            self.writer.wait(END_S)
+            self.trouble = (self.trouble or "the writer did not go") + ", and was killed"
+            # In a call of the kernel that does not come back even this may be in vain.
+            with suppress(subprocess.TimeoutExpired):
+                self.writer.wait(END_S)
+        self.target.close()
         for pipe in (self.writer.stdin, self.writer.stdout):
             if pipe is not None:
                 pipe.close()
@@ -332,4 +335,6 @@ class Player:
 
     def died(self) -> str:
         code = self.writer.returncode
+        if code is None:
+            return f"{self.trouble}, in vain"
         return f"{self.trouble} ({f'signal {-code}' if code < 0 else f'exit code {code}'})"

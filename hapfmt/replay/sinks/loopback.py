@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import DeviceError
+from ...errors import DeviceError, ParameterError
 
 if TYPE_CHECKING:
     from ..frames import Frame
@@ -37,7 +37,7 @@ class LoopbackSink:
         self.descriptor: int | None = None
         self.sent = 0
         if not self.faults.keys() <= FAULTS:
-            raise ValueError(f"faults: {', '.join(sorted(FAULTS))}")
+            raise ParameterError(f"the faults of a loopback are {', '.join(sorted(FAULTS))}")
 
     def open(self) -> None:
         refused = self.faults.get("open")
