@@ -13,6 +13,7 @@ import click
 
 from ..errors import HapfmtError, ParameterError
 from .common import (
+    SHOWN_LINES,
     FractionType,
     echo_json,
     force_option,
@@ -158,7 +159,7 @@ def replay(
         findings = [f"{reader.source.path or 'input'}: {each}" for each in reader.findings]
     if report.outcome != "clean":
         click.echo(f"hapfmt: {printable(report.reason or report.outcome)}", err=True)
-    tell_some([*findings, *report.lost])
+    tell_some([*findings, *report.lost, *report.said])
     code = report.exit_code or (LOST if findings else 0)
     if failure is not None:
         code = report.exit_code or ERROR
@@ -298,8 +299,8 @@ def tell_plan(renderer: Renderer, gain: float) -> None:
         for each in profile.actuators
         if each.name in channels
     ]
-    lines += [f"left out: {each}" for each in renderer.left_out]
     lines += [f"note: {each}" for each in renderer.notes]
+    lines += [f"left out: {each}" for each in renderer.left_out[:SHOWN_LINES]]
     for line in lines:
         click.echo(printable(line), err=True)
 
@@ -313,11 +314,20 @@ def tell_report(report: ReplayReport, err: bool) -> None:
         ["limited", f"{report.clamped} clamped, {report.slew_limited} slew-limited"],
         ["missing", f"{report.gap_samples} in gaps, {report.refused} not finite"],
         ["under-runs", str(report.under_runs)],
-        *(["kernel", f"{name}: {kernel}"] for name, kernel in report.kernels.items()),
+        *(["kernel", f"{kernel}: {names}"] for kernel, names in by_kernel(report).items()),
         *([what, got] for what, got in report.realtime.items()),
         *([["watchdog", report.watchdog]] if report.realtime else []),
+        *(["left out", each] for each in report.left_out[:SHOWN_LINES]),
     ]
     table(["replay", ""], rows, err=err)
+
+
+def by_kernel(report: ReplayReport) -> dict[str, str]:
+    """Kernel -> the actuators that it served."""
+    found: dict[str, list[str]] = {}
+    for name, kernel in report.kernels.items():
+        found.setdefault(kernel, []).append(name)
+    return {kernel: ", ".join(names) for kernel, names in found.items()}
 
 
 def micros(times: dict[str, float]) -> str:
