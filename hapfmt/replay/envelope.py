@@ -39,11 +39,12 @@ class Envelope:
         self.phase += 1
         return self.shape()
 
+    def begin_fall(self) -> None:
+        self.falling = True
+        self._top = self.shape()
+
     def fall(self) -> float:
         """What is left in this sample of the value that the fall began with."""
-        if not self.falling:
-            self.falling = True
-            self._top = self.shape()
         if self.phase:
             self.phase -= 1
         return self.shape() / self._top if self._top else 0.0

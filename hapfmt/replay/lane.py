@@ -90,12 +90,19 @@ class Lane:
         envelope, limiter = self.envelope, self.limiter
         if not envelope.falling:
             if envelope.phase == 0:
-                return self.rest
-            self._held = limiter.count - self.rest
+                return limiter(self.rest)
+            self.cut()
         count = limiter(self.rest + floor(self._held * envelope.fall() + 0.5))
         if envelope.phase == 0 and count == self.rest:
             envelope.falling = False
         return count
+
+    def cut(self) -> None:
+        """Fall with the next sample, and all the way to rest."""
+        envelope = self.envelope
+        if envelope.phase and not envelope.falling:
+            envelope.begin_fall()
+            self._held = self.limiter.count - self.rest
 
     def forget(self) -> None:
         """What comes next is from elsewhere in the recording: no gap lies before it."""

@@ -9,7 +9,10 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Literal, get_args
+
+import numpy as np
 
 from ..errors import ParameterError
 from .frames import Block, Frame
@@ -53,9 +56,14 @@ class Schedule:
         gain = profile.gain if gain is None else gain
         if not 0 < gain <= 1:
             raise ParameterError(f"the gain must be above 0 and at most 1, not {gain!r}")
-        if not (timing.rate > 0 and timing.frame_samples >= 1 and timing.hold_s > 0):
+        if not (
+            timing.rate > 0
+            and timing.frame_samples >= 1
+            and 0 < timing.hold_s < inf
+            and 0 <= timing.ramp_s < inf
+        ):
             raise ParameterError(
-                f"profile {profile.name!r} has no rate, frame or hold above 0",
+                f"profile {profile.name!r} has no usable rate, frame, hold or ramp",
                 requirement="PLY-001",
             )
         self.lanes = tuple(Lane(profile, actuator, gain) for actuator in profile.actuators)
@@ -73,6 +81,8 @@ class Schedule:
         self._goal: Literal["play", "pause", "stop"] = "play"
         self._settling = False
         """Nothing is played before every actuator has come to rest."""
+        self._running = False
+        """The frame before this was played, not a resting one or one of a ramp to rest."""
         self._ended = False
         self._counts = Counts()
         self.outcome: Outcome | None = None
@@ -140,7 +150,7 @@ class Schedule:
                 f"a block of shapes {block.values.shape} and {block.known.shape} where both must"
                 f" be (samples, {len(self.lanes)})"
             )
-        if block.generation != self._generation or self._end is not None:
+        if block.generation != self._generation or self._end is not None or self._goal == "stop":
             return
         end = block.first + len(block.values)
         if end > self._fed and len(block.values):
@@ -209,12 +219,15 @@ class Schedule:
         if self._settling and self.at_rest:
             self._settling = False
         if self._goal == "play" and not self._settling and not self._waiting:
-            self.played += skipped * self._samples
+            if skipped and self._running:
+                self._leap(skipped * self._samples)
+            self._running = True
             if self._end is None or self.played < self._end:
                 rows = self._rows()
                 self.played += self._samples
                 return tuple([self._play(row) for row in rows])
             self.stop("clean")
+        self._running = False
         return tuple([tuple([x.fall() for x in self.lanes]) for _ in range(self._samples)])
 
     def _play(self, row: Row | None) -> tuple[int, ...]:
@@ -244,6 +257,22 @@ class Schedule:
             at += len(found)
         self._starved = False
         return rows
+
+    def _leap(self, samples: int) -> None:
+        """Leave samples out. An actuator that is not known all the way comes to rest first: the
+        two sides of a gap are never joined. (At most the samples of the hold time.)"""
+        at, stop = self.played, self.played + samples
+        known = np.ones(len(self.lanes), bool)
+        for first, values, given, *_ in self._blocks:
+            if not at < stop or first > at:
+                break
+            part = slice(at - first, stop - first)
+            known &= (given[part] & np.isfinite(values[part])).all(axis=0)
+            at = max(at, min(stop, first + len(values)))
+        for lane, still in zip(self.lanes, known.tolist(), strict=True):
+            if at < stop or not still:
+                lane.cut()
+        self.played = stop
 
     def _miss(self, samples: int) -> None:
         """No block is there in time; after the last block that is as it should be."""
