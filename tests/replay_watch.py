@@ -19,7 +19,9 @@ def make_profile(*actuators: Actuator, gain: float = 1.0, **timing) -> Profile:
     return Profile("bench", "", "", (), Timing(**timing), actuators, gain=gain)
 
 
-def make_actuator(name="force", minimum=-5.0, maximum=5.0, slew=1e6, step=0.001, **more) -> Actuator:
+def make_actuator(
+    name="force", minimum=-5.0, maximum=5.0, slew=1e6, step=0.001, **more
+) -> Actuator:
     return Actuator(name, "N", minimum, maximum, slew, step, **more)
 
 
@@ -262,3 +264,113 @@ class Watch:
                 break
             self.tick(self.schedule.next_ns)
         assert self.schedule.state == "ended"
+
+
+def scene_steep(watch_of):
+    """More than the slew limit, than the limits, and not finite."""
+    watch = watch_of(make_profile(make_actuator(slew=1000, maximum=4.9996)))
+    watch.feed(make_block(0, [1] * 20 + [-1e300] * 20 + [1e300] * 30 + [nan] * 30 + [3] * 30))
+    on_time(watch, 130)
+    return watch
+
+
+def scene_gap(watch_of):
+    watch = watch_of(make_profile(make_actuator(rest=1.0), gain=0.5))
+    watch.feed(make_block(0, [-4.0] * 60, np.array([[n % 20 < 12] for n in range(60)])))
+    on_time(watch, 60)
+    return watch
+
+
+def scene_magnitudes(watch_of):
+    watch = watch_of(make_profile(make_actuator(minimum=0.0, rectify=True)))
+    watch.feed(make_block(0, [-2.0] * 30))
+    on_time(watch, 20)
+    return watch
+
+
+def scene_stalls(watch_of):
+    """Short ones, over joins too; then one that is too long."""
+    watch = watch_of(make_profile())
+    watch.feed(make_block(0, np.sin(np.arange(300) / 9), np.arange(300)[:, None] % 30 != 7))
+    now_ns = 0
+    for periods in [
+        1,
+        1,
+        1,
+        1,
+        1,
+        1,
+        3.7,
+        0.2,
+        1,
+        1,
+        1,
+        1,
+        2,
+        15,
+        1,
+        1,
+        1,
+        1,
+        1,
+        1,
+        8,
+        1,
+        1,
+        1,
+        25,
+        1,
+    ]:
+        watch.tick(now_ns - 1000)
+        watch.tick(now_ns)
+        watch.tick(now_ns)
+        now_ns += round(periods * watch.period_ns)
+    return watch
+
+
+def scene_back(watch_of):
+    watch = watch_of(make_profile())
+    watch.feed(make_block(0, np.ones(300)))
+    on_time(watch, 50)
+    watch.tick(49_000_000)
+    watch.tick(40_000_000)
+    on_time(watch, 5)
+    watch.tick(1_000_000)
+    return watch
+
+
+def scene_pause(watch_of):
+    watch = watch_of(make_profile())
+    watch.feed(make_block(0, np.arange(300) / 100))
+    on_time(watch, 20)
+    watch.pause()
+    on_time(watch, 2)
+    watch.schedule.resume()
+    on_time(watch, 10)
+    watch.pause()
+    on_time(watch, 10)
+    watch.schedule.resume()
+    on_time(watch, 10)
+    return watch
+
+
+def scene_seek(watch_of):
+    watch = watch_of(make_profile(make_actuator(slew=300)))
+    watch.feed(make_block(0, np.full(300, 2.0)))
+    on_time(watch, 20)
+    for generation in (1, 2):
+        watch.seek(generation, 0)
+        watch.feed(make_block(0, np.full(300, -3.0), generation=generation))
+        on_time(watch, 5 * generation)
+    on_time(watch, 50)
+    watch.seek(3, 10)
+    on_time(watch, 50)
+    return watch
+
+
+def on_time(watch, frames) -> None:
+    for _ in range(frames):
+        watch.tick(watch.schedule.next_ns)
+
+
+SCENES = {name[6:]: value for name, value in list(globals().items()) if name.startswith("scene_")}

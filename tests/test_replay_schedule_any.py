@@ -18,7 +18,7 @@ from hypothesis.stateful import (
     rule,
     run_state_machine_as_test,
 )
-from replay_watch import Watch, profiles, rows
+from replay_watch import SCENES, Watch, profiles, rows
 
 from hapfmt.replay import lane
 from hapfmt.replay.envelope import Envelope
@@ -127,7 +127,9 @@ class Replays(RuleBasedStateMachine):
         if frames:
             self.play(data, frames)
 
-    @rule(outcome=st.sampled_from(["interrupted", "failed", "device-lost"]), rarely=st.integers(0, 3))
+    @rule(
+        outcome=st.sampled_from(["interrupted", "failed", "device-lost"]), rarely=st.integers(0, 3)
+    )
     def stop(self, outcome, rarely):
         if rarely == 0:
             self.watch.stop(outcome)
@@ -217,7 +219,7 @@ def no_settling(self, generation, first):
     self._settling = self._goal == "stop"
 
 
-def louder(self, profile, gain=None):
+def louder(self, profile, gain=None):  # noqa: ARG001
     INIT(self, profile, 1.0)
 
 
@@ -234,8 +236,8 @@ FAULTS = [
     (Envelope, "fall", half_way),
     (Envelope, "fall", dropped),
     (Lane, "fall", held),
-    (Lane, "cut", lambda self: None),
-    (lane, "isfinite", lambda value: True),
+    (Lane, "cut", lambda _: None),
+    (lane, "isfinite", lambda _: True),
     (lane, "abs", lambda value: value),
     (Schedule, "_leap", all_of_them),
     (Schedule, "frames_due", twice),
@@ -249,8 +251,36 @@ FAULTS = [
 ]
 
 
-@pytest.mark.parametrize(("where", "name", "fault"), FAULTS, ids=lambda x: getattr(x, "__name__", x))
+FOUND = (AssertionError, ValueError, OverflowError)
+
+
+@pytest.mark.parametrize(
+    ("where", "name", "fault"), FAULTS, ids=lambda x: getattr(x, "__name__", x)
+)
 def test_a_fault_is_found(where, name, fault, monkeypatch):
+    monkeypatch.setattr(where, name, fault, raising=False)
+    found = 0
+    for scene in SCENES.values():
+        try:
+            watch = scene(Watch)
+            watch.stop()
+            watch.run_to_end()
+        except FOUND:
+            found += 1
+    assert found
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize(
+    ("where", "name", "fault"),
+    [
+        (Limiter, "__call__", unlimited),
+        (Limiter, "__call__", clamped_only),
+        (Lane, "fall", held),
+        (Schedule, "__init__", patient),
+    ],
+)
+def test_a_fault_is_found_by_search(where, name, fault, monkeypatch):
     monkeypatch.setattr(where, name, fault, raising=False)
     search = settings(
         max_examples=2000,
@@ -260,5 +290,5 @@ def test_a_fault_is_found(where, name, fault, monkeypatch):
         database=None,
         report_multiple_bugs=False,
     )
-    with pytest.raises((AssertionError, ValueError, OverflowError)):
+    with pytest.raises(FOUND):
         run_state_machine_as_test(Replays, settings=search)

@@ -167,7 +167,7 @@ class Schedule:
             return
         self._goal = "stop"
         self._settling = True
-        if self.outcome is None or SEVERITY.index(outcome) > SEVERITY.index(self.outcome):
+        if SEVERITY.index(outcome) >= SEVERITY.index(self.outcome or "clean"):
             self.outcome = outcome
 
     def pause(self) -> None:

@@ -1,0 +1,475 @@
+"""The frames of a schedule, literally; and scenes where each of its parts is needed."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from math import inf, nan
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from replay_watch import AWKWARD, SCENES, Watch, make_actuator, make_block, make_profile
+
+from hapfmt.errors import ParameterError
+from hapfmt.replay.envelope import ramp_samples
+from hapfmt.replay.limiter import Limiter
+from hapfmt.replay.profile.model import CountLimits
+from hapfmt.replay.schedule import Schedule
+
+MS = 10**6
+ALL = 10**6
+"""Samples: a block without an end."""
+
+
+def sent(schedule, frames=None):
+    """The counts of the first actuator in the next frames, on time."""
+    found = []
+    while schedule.state != "ended" and (frames is None or len(found) < frames):
+        frame = schedule.frames_due(schedule.next_ns)
+        found.extend(row[0] for row in frame.counts)
+    return found
+
+
+def started(values, profile=None, **more):
+    schedule = Schedule(profile or make_profile(), **more)
+    schedule.feed(make_block(0, values))
+    return schedule
+
+
+class TestRamps:
+    """PLY-003: A player MUST pass from rest to signal and back by a ramp, never by a step: at the start and the end, at a pause, a seek, the join of a loop, an error."""
+
+    def test_start_and_end(self):
+        schedule = Schedule(make_profile())
+        schedule.feed(make_block(0, np.ones(6), last=True))
+        assert sent(schedule) == [146, 500, 854, 1000, 1000, 1000, 854, 500, 146, 0]
+        assert schedule.outcome == "clean"
+
+    def test_an_error(self):
+        schedule = started(np.ones(6))
+        assert sent(schedule, 4) == [146, 500, 854, 1000]
+        schedule.stop("failed")
+        assert schedule.state == "stopping"
+        assert sent(schedule) == [854, 500, 146, 0]
+        assert schedule.outcome == "failed"
+
+    def test_a_pause_goes_on_where_it_was(self):
+        schedule = started([1, 1, 1, 1, 1, 2, 3, 3, 3, 3, 3])
+        assert sent(schedule, 5) == [146, 500, 854, 1000, 1000]
+        schedule.pause()
+        assert schedule.state == "pausing"
+        assert sent(schedule, 4) == [854, 500, 146, 0]
+        assert schedule.state == "paused"
+        assert sent(schedule, 2) == [0, 0]
+        schedule.resume()
+        assert sent(schedule, 5) == [293, 1500, 2561, 3000, 3000]
+        assert schedule.counts.gap_samples == schedule.counts.under_runs == 0
+
+    def test_a_pause_in_a_soft_start(self):
+        schedule = started(np.ones(20))
+        assert sent(schedule, 3) == [146, 500, 854]
+        schedule.pause()
+        assert sent(schedule, 4) == [500, 147, 0, 0]
+
+    def test_a_pause_taken_back_comes_to_rest_first(self):
+        schedule = started(np.ones(20))
+        assert sent(schedule, 4) == [146, 500, 854, 1000]
+        schedule.pause()
+        assert sent(schedule, 1) == [854]
+        schedule.resume()
+        assert schedule.state == "playing"
+        assert sent(schedule, 7) == [500, 146, 0, 146, 500, 854, 1000]
+
+    def test_a_seek_waits_for_rest_and_for_its_blocks(self):
+        schedule = started(np.ones(20))
+        assert sent(schedule, 4) == [146, 500, 854, 1000]
+        schedule.seek(1, 5000)
+        assert schedule.played == 5000
+        schedule.feed(make_block(4, np.ones(9)))  # rendered before the seek
+        assert sent(schedule, 6) == [854, 500, 146, 0, 0, 0]
+        schedule.feed(make_block(5000, np.full(9, 2.0), generation=1))
+        assert sent(schedule, 3) == [293, 1000, 1707]
+        assert schedule.counts.under_runs == 0
+
+    def test_a_seek_in_a_ramp(self):
+        schedule = started(np.ones(20))
+        assert sent(schedule, 2) == [146, 500]
+        schedule.seek(1, 0)
+        schedule.feed(make_block(0, np.full(9, -4.0), generation=1))
+        assert sent(schedule, 4) == [146, 0, -586, -2000]
+
+    def test_a_seek_in_a_pause_stays_paused(self):
+        schedule = started(np.ones(20))
+        sent(schedule, 5)
+        schedule.pause()
+        sent(schedule, 5)
+        schedule.seek(1, 100)
+        schedule.feed(make_block(100, np.ones(9), generation=1))
+        assert sent(schedule, 3) == [0, 0, 0]
+        schedule.resume()
+        assert sent(schedule, 2) == [146, 500]
+
+    def test_the_join_of_a_loop(self):
+        """However short: one sample of nothing is a ramp down and one up."""
+        schedule = Schedule(make_profile())
+        known = np.ones((14, 1), bool)
+        known[4] = False
+        schedule.feed(make_block(0, np.ones(14), known))
+        assert sent(schedule, 12) == [
+            *(146, 500, 854, 1000),
+            *(854, 500, 146, 0),
+            *(146, 500, 854, 1000),
+        ]
+
+    def test_a_skip_over_a_join(self):
+        """Both sides are known, what is skipped is not: no step from one to the other."""
+        schedule = Schedule(make_profile())
+        known = np.ones((30, 1), bool)
+        known[5] = False
+        schedule.feed(make_block(0, [1] * 5 + [0] + [4] * 24, known))
+        sent(schedule, 5)
+        assert schedule.frames_due(7 * MS).counts == ((854,),)
+        assert sent(schedule, 5) == [500, 146, 0, 586, 2000]
+
+    def test_to_a_rest_that_is_not_zero(self):
+        profile = make_profile(make_actuator(rest=2.0), gain=0.5)
+        schedule = Schedule(profile)
+        schedule.feed(make_block(0, np.full(5, -5.0), last=True))
+        assert sent(schedule) == [1487, 250, -987, -1500, -1500, -987, 250, 1487, 2000]
+
+    def test_with_a_device_of_many_samples_a_frame(self):
+        schedule = Schedule(make_profile(frame_samples=3))
+        schedule.feed(make_block(0, np.ones(7), last=True))
+        assert sent(schedule) == [
+            146,
+            500,
+            854,
+            1000,
+            1000,
+            1000,
+            1000,
+            854,
+            500,
+            146,
+            0,
+            0,
+            0,
+            0,
+            0,
+        ]
+        assert schedule.counts.sent == 5
+
+    @pytest.mark.parametrize(
+        ("ramp_s", "samples"), [(0.05, 50), (0.0005, 2), (0.0, 2), (0.0101, 11)]
+    )
+    def test_length(self, ramp_s, samples):
+        assert ramp_samples(ramp_s, Fraction(1000)) == samples
+
+
+class TestLimits:
+    """PLY-002: A player MUST keep every value that it sends within the limits, and its difference from the value sent before within the largest change of one sample, whatever the file says and whatever happens."""
+
+    def test_slew(self):
+        schedule = started(np.ones(20), make_profile(make_actuator(slew=200)))
+        assert sent(schedule, 7) == [146, 346, 546, 746, 946, 1000, 1000]
+        assert schedule.counts.slew_limited == 4
+        schedule.stop()
+        assert sent(schedule) == [854, 654, 454, 254, 54, 0]
+
+    def test_one_count_a_sample(self):
+        """A fall starts from what was sent, and never goes on to what was wanted."""
+        profile = make_profile(make_actuator(slew=1))
+        schedule = started(np.ones(20), profile)
+        assert sent(schedule, 6) == [1, 2, 3, 4, 5, 6]
+        schedule.stop()
+        assert schedule.frames_to_rest == 11
+        assert sent(schedule) == [5, 4, 3, 2, 1, 0]
+
+    @pytest.mark.parametrize(("value", "count"), [(1e300, 5000), (-1e300, -5000), (5.1, 5000)])
+    def test_clamp(self, value, count):
+        schedule = started([value] * 9)
+        assert sent(schedule, 9)[3:] == [count] * 6
+        assert schedule.counts.clamped == 9
+
+    def test_limits_are_rounded_inwards(self):
+        profile = make_profile(make_actuator(minimum=-0.95, maximum=0.95, step=0.1))
+        schedule = started([0.95] * 5 + [-0.95] * 5, profile)
+        assert sent(schedule, 10)[3:] == [9, 9] + [-9] * 5
+
+    def test_magnitudes(self):
+        schedule = started([-2] * 5, make_profile(make_actuator(minimum=0, rectify=True)))
+        assert sent(schedule, 5) == [293, 1000, 1707, 2000, 2000]
+
+    @pytest.mark.parametrize(("gain", "count"), [(1.0, 1000), (0.5, 500), (1e-300, 0)])
+    def test_gain(self, gain, count):
+        assert sent(started(np.ones(9), gain=gain), 9)[-1] == count
+
+    @pytest.mark.parametrize("gain", [0, -1, 1.001, nan, inf])
+    def test_no_other_gain(self, gain):
+        with pytest.raises(ParameterError, match="above 0 and at most 1"):
+            Schedule(make_profile(), gain)
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            {"maximum": inf},
+            {"minimum": -inf},
+            {"maximum": nan},
+            {"slew": nan},
+            {"slew": inf},
+            {"slew": 0.9},
+            {"slew": -1e6},
+            {"rest": 6.0},
+            {"rest": nan},
+            {"step": 0.0},
+            {"step": -0.001},
+            {"step": nan},
+            {"step": 1e-300},
+            {"step": 20.0, "minimum": 1.0, "rest": 1.0},
+            {"minimum": -1.7e308, "maximum": 1.7e308, "step": 1e300},
+        ],
+    )
+    def test_no_limits_no_play(self, change):
+        with pytest.raises(ParameterError, match="limits") as error:
+            Schedule(make_profile(make_actuator(**change)))
+        assert error.value.requirement == "PLY-001"
+
+    @pytest.mark.parametrize(
+        "timing",
+        [{"rate": Fraction(0)}, {"hold_s": nan}, {"hold_s": inf}, {"ramp_s": inf}, {"ramp_s": nan}],
+    )
+    def test_no_times_no_play(self, timing):
+        with pytest.raises(ParameterError, match="rate, frame, hold or ramp") as error:
+            Schedule(make_profile(**timing))
+        assert error.value.requirement == "PLY-001"
+
+    @given(
+        low=st.integers(-(2**53), 0),
+        high=st.integers(0, 2**53),
+        change=st.integers(1, 2**54),
+        wanted=st.lists(st.integers(-(2**80), 2**80)),
+    )
+    def test_the_limiter_alone(self, low, high, change, wanted):
+        limiter, last = Limiter(CountLimits(low, high, 0, change)), 0
+        for count in wanted:
+            found = limiter(count)
+            assert low <= found <= high and abs(found - last) <= change
+            nearest = min(max(count, low), high)
+            assert found == nearest or abs(found - last) == change
+            last = found
+
+
+class TestLossOfSignal:
+    """PLY-004: A player MUST treat ticks that a channel does not cover, and values that are not finite, as loss of signal: it ramps from the last value to rest, and invents none."""
+
+    def test_a_gap(self):
+        known = np.array([[True]] * 4 + [[False]] * 6 + [[True]] * 6)
+        schedule = Schedule(make_profile())
+        schedule.feed(make_block(0, [1] * 4 + [3] * 6 + [2] * 6, known))
+        assert sent(schedule, 14) == [
+            146,
+            500,
+            854,
+            1000,
+            854,
+            500,
+            146,
+            0,
+            0,
+            0,
+            293,
+            1000,
+            1707,
+            2000,
+        ]
+        assert schedule.counts.gap_samples == 6
+        assert schedule.counts.refused == schedule.counts.under_runs == 0
+
+    @pytest.mark.parametrize("value", [nan, inf, -inf])
+    def test_not_finite(self, value):
+        schedule = started([1] * 4 + [value] * 2 + [1] * 6)
+        assert sent(schedule, 10) == [146, 500, 854, 1000, 854, 500, 146, 0, 146, 500]
+        assert schedule.counts.refused == 2
+
+    def test_nothing_but_what_is_not_finite(self):
+        schedule = started([nan, inf, -inf] * 5)
+        assert sent(schedule, 15) == [0] * 15
+
+    def test_an_actuator_of_several(self):
+        profile = make_profile(make_actuator("a"), make_actuator("b"))
+        known = np.array([[True, False]] * 4 + [[False, False]] * 4)
+        schedule = Schedule(profile)
+        schedule.feed(make_block(0, np.ones((8, 2)), known, last=True))
+        rows = [schedule.frames_due(schedule.next_ns).counts[0] for _ in range(8)]
+        assert rows == [(x, 0) for x in (146, 500, 854, 1000, 854, 500, 146, 0)]
+
+    def test_blocks_that_come_too_late(self):
+        schedule = started(np.ones(4))
+        assert sent(schedule, 6) == [146, 500, 854, 1000, 854, 500]
+        schedule.feed(make_block(4, np.full(20, 2.0)))  # two of them have passed
+        assert schedule.played == 6
+        assert sent(schedule, 4) == [146, 0, 293, 1000]
+        counts = schedule.counts
+        assert (counts.under_runs, counts.under_run_samples, counts.gap_samples) == (1, 2, 0)
+
+    def test_a_hole_between_blocks_is_a_gap(self):
+        schedule = started(np.ones(4))
+        schedule.feed(make_block(9, np.ones(9)))
+        assert sent(schedule, 11) == [146, 500, 854, 1000, 854, 500, 146, 0, 0, 146, 500]
+        assert schedule.counts.under_runs == 0
+
+    def test_blocks_that_overlap(self):
+        schedule = started([1, 1, 1, 1, 1])
+        schedule.feed(make_block(2, [9, 9, 9, 2, 3]))
+        schedule.feed(make_block(3, [9, 9]))
+        assert sent(schedule, 7)[3:] == [1000, 1000, 2000, 3000]
+
+    def test_no_block_at_first_is_no_under_run(self):
+        schedule = Schedule(make_profile())
+        assert sent(schedule, 5) == [0] * 5
+        schedule.feed(make_block(0, np.zeros(0)))
+        assert sent(schedule, 2) == [0] * 2
+        schedule.feed(make_block(0, np.ones(9)))
+        assert sent(schedule, 2) == [146, 500]
+        assert schedule.counts.under_runs == 0
+
+    def test_a_first_block_that_begins_later(self):
+        schedule = Schedule(make_profile())
+        schedule.feed(make_block(3, np.ones(9)))
+        assert sent(schedule, 5) == [0, 0, 0, 146, 500]
+
+    @pytest.mark.parametrize("first", [0, 7])
+    def test_nothing_at_all_to_play(self, first):
+        schedule = Schedule(make_profile())
+        schedule.feed(make_block(first, np.zeros(0), last=True))
+        assert sent(schedule) == [0]
+        assert (schedule.state, schedule.outcome) == ("ended", "clean")
+
+    def test_a_block_of_another_shape(self):
+        with pytest.raises(ParameterError, match="samples, 1"):
+            Schedule(make_profile()).feed(make_block(0, np.ones((3, 2))))
+
+
+class TestTime:
+    """PLY-005: A player MUST NOT send a frame before its time, twice, or out of order; a frame that is a period late or more is left out for the one that is due."""
+
+    def test_never_early_never_twice(self):
+        schedule = started(np.ones(9))
+        assert schedule.frames_due(-1) is None
+        assert schedule.frames_due(0) == (0, 0, ((146,),))
+        assert schedule.frames_due(0) is None
+        assert schedule.frames_due(MS - 1) is None
+        assert schedule.frames_due(MS) == (1, MS, ((500,),))
+        assert schedule.frames_due(MS + 1) is None
+
+    def test_late_frames_are_left_out(self):
+        schedule = started([1, 1, 1, 1, 1, 2, 3, 4, 5])
+        sent(schedule, 5)
+        assert schedule.frames_due(7 * MS + 999_999) == (7, 7 * MS, ((4000,),))
+        assert schedule.played == 8
+        assert (schedule.counts.sent, schedule.counts.skipped) == (6, 2)
+        assert schedule.next_ns == 8 * MS
+
+    def test_a_ramp_is_not_shorter_for_it(self):
+        schedule = started(np.ones(50))
+        found = [schedule.frames_due(n * MS).counts[0][0] for n in (0, 2, 4, 9, 10)]
+        assert found == [146, 500, 854, 1000, 1000]
+
+    def test_periods_that_are_no_whole_nanoseconds(self):
+        schedule = Schedule(make_profile(rate=Fraction(3000)))
+        for number, due_ns in enumerate([0, 333_334, 666_667, 1_000_000, 1_333_334]):
+            assert schedule.next_ns == due_ns
+            assert schedule.frames_due(due_ns - 1) is None
+            assert schedule.frames_due(due_ns)[:2] == (number, due_ns)
+
+    def test_a_clock_that_goes_back_a_little(self):
+        schedule = started(np.ones(50))
+        sent(schedule, 10)
+        assert schedule.frames_due(0) is None
+        assert schedule.frames_due(10 * MS).number == 10
+        assert schedule.outcome is None
+
+
+class TestLate:
+    """PLY-006: A player that comes later to a frame than the profile allows MUST ramp to rest and stop."""
+
+    @pytest.mark.parametrize("stall_ns", [20 * MS + 1, 3600 * 10**9, 10**20])
+    def test_from_a_force_that_was_held(self, stall_ns):
+        schedule = started(np.ones(50))
+        sent(schedule, 5)
+        frame = schedule.frames_due(5 * MS + stall_ns)
+        assert frame.counts == ((854,),)
+        assert frame.number == (5 * MS + stall_ns) // MS
+        assert sent(schedule) == [500, 146, 0]
+        assert (schedule.state, schedule.outcome) == ("ended", "late")
+        assert schedule.counts.sent + schedule.counts.skipped == frame.number + 4
+
+    def test_not_before(self):
+        schedule = started(np.ones(50))
+        sent(schedule, 5)
+        assert schedule.frames_due(25 * MS).counts == ((1000,),)
+        assert schedule.outcome is None
+
+    def test_a_clock_that_goes_back(self):
+        """Waiting until it has come as far again would hold the force for so long."""
+        schedule = started(np.ones(5000))
+        sent(schedule, 1000)
+        assert schedule.frames_due(100 * MS) is None
+        assert schedule.outcome == "late"
+        assert schedule.next_ns == 101 * MS
+        assert schedule.frames_due(101 * MS) == (1000, 101 * MS, ((854,),))
+        assert sent(schedule) == [500, 146, 0]
+
+    def test_what_is_graver_is_told(self):
+        schedule = started(np.ones(50))
+        sent(schedule, 5)
+        schedule.stop("interrupted")
+        schedule.frames_due(500 * MS)
+        assert schedule.outcome == "late"
+        schedule.stop("device-lost")
+        schedule.stop("interrupted")
+        assert schedule.outcome == "device-lost"
+
+
+class TestEnds:
+    def test_nothing_stops_a_stop(self):
+        schedule = started(np.ones(50))
+        sent(schedule, 5)
+        schedule.stop()
+        schedule.resume()
+        schedule.pause()
+        schedule.seek(1, 0)
+        schedule.feed(make_block(0, np.ones(9), generation=1))
+        assert sent(schedule) == [854, 500, 146, 0]
+        assert schedule.frames_due(10**12) is None
+        schedule.stop("device-lost")
+        assert schedule.outcome == "interrupted"
+
+    def test_in_a_pause(self):
+        schedule = started(np.ones(50))
+        schedule.pause()
+        schedule.stop()
+        assert sent(schedule) == [0]
+
+    def test_an_outcome_that_nobody_knows_stops_too(self):
+        schedule = started(np.ones(50))
+        with pytest.raises(ValueError, match="tuple"):
+            schedule.stop("bored")
+        assert schedule.state == "stopping"
+
+
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def test_scenes(scene):
+    watch = scene(Watch)
+    watch.stop()
+    watch.run_to_end()
+
+
+@given(st.lists(st.sampled_from(AWKWARD) | st.floats(), max_size=60))
+def test_any_values(values):
+    watch = Watch(make_profile(make_actuator(slew=1000), rate=Fraction(1000)))
+    watch.feed(make_block(0, np.array(values, float), last=True))
+    while watch.schedule.state != "ended":
+        watch.tick(watch.schedule.next_ns)
+    assert watch.sent <= len(values) + 10 + 4
