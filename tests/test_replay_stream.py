@@ -115,6 +115,19 @@ def test_continued_tracks_of_different_codecs(block):
     assert len(whole_of(a, b).channels) == 2
 
 
+def test_exact_values_beside_counts():
+    """Of a sensor's counts that somebody multiplied in two ways: every double as it was."""
+    rng = np.random.default_rng(2)
+    counts = rng.integers(-30_000, 30_000, 500)
+    x = np.where(counts % 7 == 0, np.nextafter(counts * 0.001, 9e9), counts * 0.001)
+    channel = Channel.from_physical(x, 1000, unit="N")
+    data = file_of(Recording((channel,)))
+    with Reader(data) as reader:
+        assert {track.codec for track in reader.catalogue.tracks.values()} == {"LPCX"}
+    same(data, ("full",), block=7)
+    assert played(data, "full", 0, 0, 500).tobytes() == x.tobytes()
+
+
 class TestDamage:
     @pytest.mark.parametrize("data", [CHAIN, STEADY, GAPS])
     def test_any_byte(self, data):
@@ -192,6 +205,24 @@ class TestFalseIndex:
             want = played(true, "full", channel, 0, 12)
             assert np.isfinite(want).all()
             np.testing.assert_array_equal(played(false, "full", channel, 0, 12, block), want)
+
+    def test_a_cluster_that_it_hid(self):
+        """Found out behind it: what was played was a gap, and the rest goes on."""
+        rows = [(0, 4 * i, 4, f.svarint(i)) for i in range(4)]
+        chunks = [("HEAD", f.head()), f.TRACK_0, *[("DATA", f.cluster(row)) for row in rows]]
+        entries, offset = [], 8
+        for number, (type_, payload, *_) in enumerate(chunks):
+            times = (4 * (number - 2), 4 * (number - 1)) if type_ == "DATA" else (0, 0)
+            entries.append((type_, offset + (number == 5), *times))
+            offset += 32 + len(payload)
+        del entries[3]
+        data = f.closed(*chunks, ahead={"entries": entries}, duration_ns=16_000_000)
+        with Reader(data) as reader:
+            renderer = Renderer(reader, profile_of(), Assignment((Route(0, 0, Fraction(1)),)))
+            renderer.block_samples = 4
+            values, known = joined(renderer.blocks())
+        assert known[:, 0].tolist() == [not 4 <= n < 8 for n in range(16)]
+        assert values[known].tolist() == [0.0] * 4 + [2.0] * 4 + [3.0] * 4
 
     def test_a_description_that_it_hid(self):
         """The index does not list the track that continues the first."""

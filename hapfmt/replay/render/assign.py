@@ -130,13 +130,11 @@ def fit(ref: ChannelRef, actuator: Actuator) -> tuple[Fraction | None, str]:
     unsupported = [track.unsupported for track in ref.tracks if track.unsupported]
     if unsupported:
         return None, f"it cannot be decoded ({unsupported[0]})"
-    component = ref.track.components[ref.index]
-    if actuator.quantity and component.quantity and actuator.quantity != component.quantity:
-        return None, f"it is {component.quantity}, not {actuator.quantity}"
-    factor = factor_for(component.unit, actuator.accepts)
+    unit = ref.track.components[ref.index].unit
+    factor = factor_for(unit, actuator.accepts)
     if factor is None:
         accepted = ", ".join(actuator.accepts) or "no unit"
-        return None, f"its unit is {component.unit}, the actuator takes {accepted}"
+        return None, f"its unit is {unit}, the actuator takes {accepted}"
     if actuator.band == "hf" and not any(part.residual for part in ref.parts):
         return None, "it has no HF track, and the actuator renders nothing else"
     return factor, ""

@@ -43,7 +43,7 @@ class Grid:
     def places(self, number: int, count: int) -> Places:
         """Of ``count`` samples from this one on."""
         tick, rest = divmod(self.first + number * self.stride, self.unit)
-        if rest + count * self.stride < WIDE and tick < NOWHERE // 2:
+        if max(rest + count * self.stride, self.unit) < WIDE and tick < NOWHERE // 2:
             parts = rest + np.arange(count, dtype=np.int64) * self.stride
             ticks, rests = np.divmod(parts, self.unit)
             if self.unit <= 1 << 53:
