@@ -317,7 +317,7 @@ class TestLossOfSignal:
         schedule = started(np.ones(4))
         schedule.feed(make_block(9, np.ones(9)))
         assert sent(schedule, 11) == [146, 500, 854, 1000, 854, 500, 146, 0, 0, 146, 500]
-        assert schedule.counts.under_runs == 0
+        assert (schedule.counts.under_runs, schedule.counts.gap_samples) == (0, 5)
 
     def test_blocks_that_overlap(self):
         schedule = started([1, 1, 1, 1, 1])

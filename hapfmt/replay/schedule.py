@@ -68,6 +68,8 @@ class Schedule:
             )
         self.lanes = tuple(Lane(profile, actuator, gain) for actuator in profile.actuators)
         self._rest = tuple(lane.rest for lane in self.lanes)
+        self._hole: Row = ([0.0] * len(self.lanes), [False] * len(self.lanes))
+        """Between two blocks: not known, as if a block said so."""
         self._samples = timing.frame_samples
         self._period_ns, self._periods = (timing.period * 1_000_000_000).as_integer_ratio()
         """So many nanoseconds are so many periods."""
@@ -248,7 +250,7 @@ class Schedule:
                 return rows + [None] * (stop - at)
             first, values, known, *_ = self._blocks[0]
             if first > at:
-                rows += [None] * (min(first, stop) - at)
+                rows += [self._hole] * (min(first, stop) - at)
                 at = min(first, stop)
                 continue
             part = slice(at - first, stop - first)

@@ -69,7 +69,8 @@ class Rehearsal:
     ) -> None:
         self.schedule = Schedule(profile, gain)
         self.packer = Packer(profile)
-        self.blocks, self.profile, self.sinks = blocks, profile, sinks
+        self.blocks, self.profile, self.sinks = blocks, profile, list(sinks)
+        """One that failed is given nothing more."""
         self.error: BaseException | None = None
         """Of the blocks: what came before it is played, and the ramp to rest."""
         self.neutral = 0
@@ -81,7 +82,6 @@ class Rehearsal:
                 self.schedule.feed(next(self.blocks, None) or self.nothing())
         except (Exception, KeyboardInterrupt) as error:
             self.error = error
-            self.schedule.feed(self.nothing())
             self.schedule.stop("failed")
 
     def nothing(self) -> Block:
@@ -117,8 +117,12 @@ class Rehearsal:
             self.send(Frame(-1, due_ns, ()), reports)
 
     def send(self, frame: Frame, reports: tuple[Report, ...]) -> None:
-        for sink in self.sinks:
-            sink.send(frame, reports)
+        for sink in self.sinks[:]:
+            try:
+                sink.send(frame, reports)
+            except BaseException:
+                self.sinks.remove(sink)
+                raise
 
 
 def rehearse(
