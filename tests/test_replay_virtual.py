@@ -185,7 +185,7 @@ def test_blocks_are_taken_as_they_are_needed():
         return lambda: taken.append(n) or make_block(n * 10, np.ones(10))
 
     class Counting(Listed):
-        def send(self, frame, reports):
+        def send(self, frame, reports):  # noqa: ARG002
             if frame.counts and frame.number < 100:
                 assert len(taken) == frame.number // 10 + 1
 
