@@ -74,3 +74,11 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
 def residual_file() -> bytes:
     """LF and HF with a gap, 536 bytes: the second worked example of SPEC Annex B."""
     return (ROOT / "conformance" / "examples" / "residual.hapf").read_bytes()
+
+
+@pytest.fixture
+def hidapi() -> None:
+    """Skips where the real library is not there."""
+    module = pytest.importorskip("hidraw", reason="hidapi is not installed, or not for Linux")
+    if not hasattr(module, "device"):
+        pytest.skip("the module hidraw is not that of hidapi")

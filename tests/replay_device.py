@@ -87,6 +87,14 @@ def told(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
     return report
 
 
+def clean(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+    """What a replay said that ended as it should."""
+    report = told(done)
+    assert (report["outcome"], report["exit_code"], report["lost"]) == ("clean", 0, []), report
+    assert report["watchdog"] == "stood by"
+    return report
+
+
 def shape(phase: int, length: int = RAMP) -> float:
     """The raised cosine."""
     return (1 - cos(pi * phase / length)) / 2

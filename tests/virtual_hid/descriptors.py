@@ -33,7 +33,7 @@ def descriptor(
 
 
 def glove(
-    size: int = 11,
+    size: int = 12,
     number: int = 1,
     path: Literal["output", "feature"] = "output",
     serial: str = "SN0001",
