@@ -429,7 +429,7 @@ class TestEnds:
         out = ended(report).out
         for text in (
             "7 sent, 1 skipped, 5 neutral", "p50 1 us, p99 20 us, p99.9 300 us, max 4000 us",
-            "2 clamped, 3 slew-limited", "6 in gaps, 8 not finite", "under-runs ", "held: left",
+            "2 clamped, 3 slew-limited", "6 in gaps or between loops, 8 not finite", "under-runs ", "held: left",
             "SCHED_FIFO 50", "stood by",
         ):  # fmt: skip
             assert text in out

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import zlib
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ from .common import (
     json_option,
     memory_option,
     printable,
+    progress,
     table,
     tell_some,
 )
@@ -28,15 +30,18 @@ from .common import (
 if TYPE_CHECKING:
     from ..limits import Limits
     from ..reading.reader import Reader
-    from ..replay.frames import Sink
+    from ..replay.frames import Frame, Sink
     from ..replay.process.player import Status
     from ..replay.process.report import ReplayReport
-    from ..replay.profile.model import Profile
+    from ..replay.profile.model import Profile, Report
     from ..replay.render import Renderer
     from ..replay.sinks.record import RecordSink
 
 ENDLESS = 0
 """Of --loop without a number."""
+
+METERED = 1000
+"""Frames from one step of the progress bar to the next."""
 
 ERROR, LOST = 1, 3
 """Exit codes: an error, done with loss (SPEC clause 14)."""
@@ -240,8 +245,31 @@ def rehearsed(renderer: Renderer, gain: float, record: Sink | None, as_json: boo
     from ..replay.process.virtual import rehearse
     from ..replay.sinks.dry import DryRunSink
 
-    sink = record or DryRunSink(sys.stdout, as_json=as_json)
-    return rehearse(renderer, renderer.profile, [sink], gain=gain)
+    if record is None:
+        sink = DryRunSink(sys.stdout, as_json=as_json)
+        return rehearse(renderer, renderer.profile, [sink], gain=gain)
+    with progress("rendering") as advance:
+        meter = Meter(renderer, advance)
+        return rehearse(renderer, renderer.profile, [record, meter], gain=gain)
+
+
+class Meter:
+    """A sink that tells how far a dry run has come."""
+
+    def __init__(self, renderer: Renderer, advance: Callable[[int, int], None]) -> None:
+        self.advance = advance
+        seconds = (renderer.stop - renderer.start) / renderer.speed * max(renderer.loops, 1)
+        self.total = int(seconds / renderer.profile.timing.period)
+
+    def open(self) -> None:
+        """Nothing is kept open."""
+
+    def send(self, frame: Frame, reports: tuple[Report, ...]) -> None:  # noqa: ARG002
+        if frame.number % METERED == 0:
+            self.advance(min(frame.number, self.total), self.total)
+
+    def close(self) -> None:
+        """Whoever shows it ends it."""
 
 
 def performed(
@@ -312,7 +340,7 @@ def tell_report(report: ReplayReport, err: bool) -> None:
         ["frames", f"{report.sent} sent, {report.skipped} skipped, {report.neutral} neutral"],
         *([what, micros(found)] for what, found in times.items() if found),
         ["limited", f"{report.clamped} clamped, {report.slew_limited} slew-limited"],
-        ["missing", f"{report.gap_samples} in gaps, {report.refused} not finite"],
+        ["missing", f"{report.gap_samples} in gaps or between loops, {report.refused} not finite"],
         ["under-runs", str(report.under_runs)],
         *(["kernel", f"{kernel}: {names}"] for kernel, names in by_kernel(report).items()),
         *([what, got] for what, got in report.realtime.items()),
