@@ -12,7 +12,7 @@ from typing import Any
 
 PRIORITY = 50
 """Of SCHED_FIFO (1 to 99), the middle."""
-MCL_CURRENT, MCL_FUTURE = 1, 2
+MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 PR_SET_TIMERSLACK = 29
 LATENCY = Path("/dev/cpu_dma_latency")
 """While it is open with 0 us written, processors do not fall into deep sleep."""
@@ -92,7 +92,11 @@ def nicer(why: str) -> str:
 
 
 def lock_memory() -> str:
-    """No page of the process has to come back from the disk."""
+    """No page that was used once has to come back from the disk.
+
+    Pages that nobody touched are left: with all of them, 99 MB instead of 30, the end of a writer
+    that is killed takes 9 ms longer to reach its watchdog.
+    """
     if sys.platform != "linux":
         return NOT_HERE
     import resource
@@ -104,7 +108,7 @@ def lock_memory() -> str:
     # Under a limit, locking what is still to come would let a later allocation fail.
     whole = hard == unlimited or os.geteuid() == 0
     libc = ctypes.CDLL(None, use_errno=True)
-    if libc.mlockall(MCL_CURRENT | (MCL_FUTURE if whole else 0)):
+    if libc.mlockall(MCL_ONFAULT | MCL_CURRENT | (MCL_FUTURE if whole else 0)):
         why = os.strerror(ctypes.get_errno())
         return f"not permitted ({why}; {limited('RLIMIT_MEMLOCK')})"
     return "locked" if whole else f"locked, but not what comes ({limited('RLIMIT_MEMLOCK')})"

@@ -78,6 +78,7 @@ def write(
 
     profile = parse_profile(setup.profile, setup.name)
     sink = open_sink(setup.sink, profile)
+    warm_up(profile)
     got = realtime.apply() if setup.realtime else realtime.nothing()
     loop = Loop(profile, setup.gain, sink, source, target, asked, log=setup.log)
     try:
@@ -101,6 +102,25 @@ def write(
         return loop.report()
     finally:
         sink.close()
+
+
+def warm_up(profile: Profile) -> None:
+    """What a frame needs was used once before the first: pages, caches, modules."""
+    import numpy as np
+
+    from ..frames import Block
+    from ..profile.packing import Packer
+    from ..schedule import Schedule
+    from .blocks import Sent, pack_block, pack_log, parse_block
+
+    shape = (64 * profile.timing.frame_samples, len(profile.actuators))
+    schedule, packer = Schedule(profile), Packer(profile)
+    block = Block(0, np.zeros(shape), np.ones(shape, bool), last=True)
+    schedule.feed(parse_block(pack_block(block)))
+    while (frame := schedule.frames_due(schedule.next_ns)) is not None:
+        packer.pack(frame)
+        pack_log([Sent(frame, frame.due_ns)])
+    packer.neutral()
 
 
 def neutral_frames(profile: Profile) -> list[list[list[str]]]:
