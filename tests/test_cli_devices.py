@@ -134,6 +134,13 @@ class TestDevices:
         assert (row["permitted"], row["missing"]) == (False, ["permission"])
         assert row["profiles"] == [{"name": "glove5", "fits": None, "differences": []}]
 
+    def test_paths_that_are_no_files(self, run, module, monkeypatch):
+        """Nothing is known of their permissions."""
+        monkeypatch.setattr(os, "access", lambda *_: False)
+        module.entries[:] = [entry(b"1-2:1.0", usage_page=0, usage=0)]
+        (row,) = json.loads(run("devices", "--json")[1])["devices"]
+        assert (row["permitted"], row["missing"], row["usages"]) == (True, [], [])
+
     def test_a_profile_of_ones_own(self, run, module, tmp_path):
         text = (
             load_profile("glove5")
@@ -211,7 +218,13 @@ class TestCheck:
     def test_what_it_says(self, run):
         code, out, _ = run("profile", "check", "glove5")
         assert code == 0
-        assert "1209:c0de" in out and "output report 0x01, 12 bytes" in out
+        lines = out.splitlines()
+        assert lines[0].startswith("glove5: glove5, A generic glove")
+        assert lines[1] == "for 1209:c0de usage ff00/0001"
+        assert lines[2].startswith(
+            "1000 frames/s of 1 for each actuator; gain 0.5; stops when 20 ms late; ramps of 50 ms"
+        )
+        assert "output report 0x01, 12 bytes" in out
         assert "goes to rest by itself 100 ms after the last report" in out
         assert len([line for line in out.splitlines() if " N " in line]) == 5
 

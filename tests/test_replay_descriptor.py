@@ -77,6 +77,21 @@ class TestItems:
         data = item(hd.SIZE, 8) + item(hd.COUNT, 0, 0) + item(hd.OUTPUT)
         assert parse_descriptor(data).lengths == {("output", 0): 1}
 
+    def test_globals_begin_at_zero(self):
+        data = (
+            item(hd.OUTPUT)
+            + item(hd.COUNT, 3)
+            + item(hd.OUTPUT)
+            + item(hd.COUNT, 0)
+            + item(hd.SIZE, 8)
+            + item(hd.OUTPUT)
+        )
+        assert parse_descriptor(data).lengths == {("output", 0): 1}
+        assert parse_descriptor(item(hd.SIZE, 8) + item(hd.OUTPUT)).lengths == {("output", 0): 1}
+        assert parse_descriptor(item(hd.USAGE, 5) + item(hd.COLLECTION) + item(hd.END)).usages == (
+            (0, 5),
+        )
+
     def test_globals_hold_until_they_change(self):
         data = (
             item(hd.SIZE, 8)

@@ -27,8 +27,10 @@ from hapfmt.replay.profile.matching import (
     by_path,
     check_fit,
     choose,
+    described,
     differences,
     fits,
+    match_text,
     profiles_for,
     wanted_of,
 )
@@ -275,6 +277,11 @@ class TestSink:
         with pytest.raises(DeviceError, match="took 2 of 3 bytes"):
             opened().write((Report("output", b"\1ab"),))
 
+    def test_a_device_that_takes_nothing(self, module):
+        module.answers["write"] = lambda _: 0
+        with pytest.raises(DeviceError, match="took 0 of 3 bytes"):
+            opened().write((Report("output", b"\1ab"),))
+
     def test_a_longer_answer_is_none(self, module):
         """Windows counts the bytes that it added."""
         module.answers["write"] = lambda _: 64
@@ -297,6 +304,18 @@ class TestSink:
         wanted = "there is no such device" if LINUX else "cannot be opened: open failed"
         assert wanted in str(caught.value)
         assert "close" not in module.names
+
+    def test_a_path_that_is_no_file(self, module):
+        """Of libusb, and elsewhere."""
+
+        def absent(_):
+            raise OSError("open failed")
+
+        module.answers["open_path"] = absent
+        with pytest.raises(
+            DeviceError, match=r"^1-2:1\.0: the device cannot be opened: open failed$"
+        ):
+            HidSink(b"1-2:1.0").open()
 
     @pytest.mark.skipif(not LINUX, reason="permissions of Linux")
     def test_a_device_that_one_may_not_open(self, module, monkeypatch, tmp_path):
@@ -463,6 +482,8 @@ class TestMatching:
     def test_a_usage_that_is_not_told_is_left_to_the_descriptor(self):
         assert fits(GLOVE, self.glove._replace(usage_page=0, usage=0))
         assert not fits(GLOVE, self.glove._replace(bus=""))
+        assert not fits(GLOVE, self.glove._replace(usage=0))
+        assert not fits(GLOVE, self.glove._replace(usage_page=0))
 
     def test_the_most_particular_first(self):
         wide = profile(name="wide", matches=(Match(0x1209), Match(1)))
@@ -512,6 +533,30 @@ class TestChoose:
             ParameterError, match=r"does not fit /dev/hidraw0.* 046d:c31c by usb usage 0001/0006"
         ):
             choose(GLOVE_PROFILE, [self.glove, self.keyboard], "/dev/hidraw0")
+
+    @pytest.mark.parametrize(
+        ("match", "text"),
+        [
+            (Match(1), "0001:*"),
+            (Match(1, 2), "0001:0002"),
+            (Match(1, usage_page=3), "0001:* usage 0003/*"),
+            (Match(1, usage=4), "0001:* usage */0004"),
+            (Match(1, 2, "bluetooth", 3, 4), "0001:0002 by bluetooth usage 0003/0004"),
+        ],
+    )
+    def test_what_a_profile_asks_for(self, match, text):
+        assert match_text(match) == text
+
+    @pytest.mark.parametrize(
+        ("page", "usage", "text"),
+        [
+            (0, 0, "046d:c31c by usb"),
+            (1, 0, "046d:c31c by usb usage 0001/0000"),
+            (0, 6, "046d:c31c by usb usage 0000/0006"),
+        ],
+    )
+    def test_what_a_device_is(self, page, usage, text):
+        assert described(self.keyboard._replace(usage_page=page, usage=usage)) == text
 
     def test_a_profile_for_no_device_in_particular(self):
         """It plays only where it is told to."""
@@ -597,3 +642,13 @@ class TestDifferences:
         )
         assert told(GLOVE_PROFILE, joystick + hd.GLOVE5.replace(b"\x85\1", b"\x85\2")) == ""
         assert told(profile(("output", 1, 12), matches=(Match(0x1209),)), joystick) == ""
+
+    @pytest.mark.parametrize(("page", "usage"), [(0xFF00, 2), (0xFF01, 1)])
+    def test_page_and_usage_must_both_be_right(self, page, usage):
+        other = hd.device(page, usage, hd.field(hd.OUTPUT, 11, number=1))
+        assert f"the device has the usages {page:04x}/{usage:04x}" in told(GLOVE_PROFILE, other)
+
+    def test_a_device_without_usages(self):
+        bare = hd.field(hd.OUTPUT, 11, number=1)
+        assert "the device has the usages none" in told(GLOVE_PROFILE, bare)
+        assert told(profile(("output", 1, 12), matches=(Match(0x1209),)), bare) == ""

@@ -162,11 +162,11 @@ def wanted_of(profile: Profile) -> list[Wanted]:
 def differences(profile: Profile, descriptor: Descriptor) -> list[str]:
     """What of a profile a device does not have, in words; none: it fits."""
     found = [text for each in wanted_of(profile) if (text := difference(each, descriptor))]
-    usages = {(match.usage_page, match.usage) for match in profile.matches}
-    if usages and not any(
-        page in (None, own_page) and usage in (None, own)
+    usages = descriptor.usages or ((0, 0),)
+    if profile.matches and not any(
+        match.usage_page in (None, page) and match.usage in (None, usage)
+        for match in profile.matches
         for page, usage in usages
-        for own_page, own in descriptor.usages or ((0, 0),)
     ):
         has = ", ".join(f"{page:04x}/{usage:04x}" for page, usage in descriptor.usages) or "none"
         found.append(f"the profile is for {asked(profile)}, but the device has the usages {has}")
