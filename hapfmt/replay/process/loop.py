@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
 from typing import Any, cast, get_args
 
 from ...errors import DeviceError, HapfmtError
@@ -257,7 +256,7 @@ class Loop:
         }
 
     def counts(self) -> dict[str, int]:
-        return {**asdict(self.schedule.counts), "sent": self.sent}
+        return {**vars(self.schedule.counts), "sent": self.sent}
 
     def report(self) -> dict[str, Any]:
         outcome = self.schedule.outcome or "clean"
