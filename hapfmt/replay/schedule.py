@@ -8,6 +8,7 @@ still while it does not. So ``played``, the number of the sample that comes next
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Literal, get_args
@@ -171,6 +172,12 @@ class Schedule:
         self._settling = True
         if SEVERITY.index(outcome) >= SEVERITY.index(self.outcome or "clean"):
             self.outcome = outcome
+
+    def not_taken(self, before: Sequence[int]) -> None:
+        """The device did not take the last frame, and still has the counts ``before`` it."""
+        self._counts.sent -= 1
+        for lane, count in zip(self.lanes, before, strict=True):
+            lane.limiter.count = count
 
     def pause(self) -> None:
         if self._goal == "play":

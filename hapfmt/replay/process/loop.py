@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
 from typing import Any, cast, get_args
 
 from ...errors import DeviceError, HapfmtError
@@ -54,6 +53,8 @@ class Loop:
         self.guard: Guard | None = None
         self.source, self.target, self.asked = source, target, asked
         self.schedule, self.packer = Schedule(profile, gain), Packer(profile)
+        self.counts = tuple(limits.rest for limits in profile.count_limits)
+        """What the device has."""
         self.log: list[Sent] | None = [] if log else None
         self.period_ns = float(profile.timing.period) * 1e9
         self.late, self.call = Lateness(), Lateness()
@@ -63,7 +64,7 @@ class Loop:
         """The player has said to start."""
         self.deaf = False
         """Nothing that still comes from the player is heard."""
-        self.generation = self.sent = self.neutral = 0
+        self.generation = self.neutral = 0
         self.reason, self.error_code = "", 1
         self.signal: int | None = None
 
@@ -96,16 +97,22 @@ class Loop:
         frame = self.schedule.frames_due(clock() - start_ns)
         if frame is None:
             return
-        reports = self.packer.pack(frame)
-        if self.guard is not None:
-            self.guard.listen(clock())
-        began = clock()
-        if self.guard is not None and self.guard.left_alone(began):
-            return
-        self.sink.send(frame, reports)
+        taken = False
+        try:
+            reports = self.packer.pack(frame)
+            if self.guard is not None:
+                self.guard.listen(clock())
+            began = clock()
+            if self.guard is not None and self.guard.left_alone(began):
+                return
+            self.sink.send(frame, reports)
+            taken = True
+        finally:
+            if not taken:
+                self.schedule.not_taken(self.counts)
         self.call.add(clock() - began)
+        self.counts = frame.counts[-1]
         self.count_late(began - start_ns, expected_ns, frame)
-        self.sent += 1
         if self.log is not None:
             self.log.append(Sent(frame, began - start_ns))
 
@@ -253,11 +260,8 @@ class Loop:
             "played": self.schedule.played,
             "generation": self.generation,
             "max_late_us": self.late.max / 1000,
-            **self.counts(),
+            **vars(self.schedule.counts),
         }
-
-    def counts(self) -> dict[str, int]:
-        return {**asdict(self.schedule.counts), "sent": self.sent}
 
     def report(self) -> dict[str, Any]:
         outcome = self.schedule.outcome or "clean"
@@ -269,7 +273,7 @@ class Loop:
             "neutral": self.neutral,
             "late": microseconds(self.late),
             "call": microseconds(self.call),
-            **self.counts(),
+            **vars(self.schedule.counts),
         }
 
 
