@@ -10,10 +10,11 @@ import json
 import struct
 import subprocess
 import sys
+import time
 import zlib
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from itertools import pairwise
+from itertools import groupby, pairwise
 from math import cos, floor, pi
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -162,3 +163,39 @@ def crc_right(data: bytes) -> bool:
 
 def gaps_ms(events: Sequence[Event]) -> list[float]:
     return [(b.time_ns - a.time_ns) / 1e6 for a, b in pairwise(events)]
+
+
+def patient(folder: Path, hold_ms: int = 1000) -> Path:
+    """glove5 that may be later: where lateness is not what is tried, a busy machine is no fault."""
+    text = GLOVE.read_text(encoding="utf-8")
+    assert "hold_ms = 20\n" in text
+    path = folder / "patient.toml"
+    path.write_text(text.replace("hold_ms = 20\n", f"hold_ms = {hold_ms}\n"), encoding="utf-8")
+    return path
+
+
+def is_neutral(event: Event) -> bool:
+    return not any(Report.of(event.data).counts)
+
+
+def without_repeats(counts: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
+    return [now for now, _ in groupby(counts)]
+
+
+def pid_of(w: World, name: str) -> int:
+    """Of the process of a replay that has this module, once it has opened the device."""
+
+    def opened(events: list[Event]) -> list[int]:
+        return [x.pid for x in events if x.op == "open" and x.program.endswith(f"process.{name}")]
+
+    return opened(w.device.wait_for(opened))[0]
+
+
+def alone(w: World, seconds: float = 10.0) -> bool:
+    """Nothing of a replay is left running."""
+    end = time.monotonic() + seconds
+    while any("hapfmt" in word for x in w.processes() for word in x["words"]):
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.01)
+    return True

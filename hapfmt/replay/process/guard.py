@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from contextlib import suppress
 from typing import Any
@@ -106,4 +107,5 @@ class Guard:
             self.process.wait(seconds)
         except subprocess.TimeoutExpired:
             self.process.kill()
-            self.state += "; it did not end, and was killed"
+            with suppress(OSError):
+                os.write(2, b"the watchdog did not end, and was killed\n")

@@ -36,9 +36,9 @@ ALIVE_S = 0.25
 STATUS_S = 0.1
 READY_S = 30.0
 """For the device, the watchdog, and the imports of both on a busy machine."""
-SILENT_S = 10.0
+SILENT_S = 15.0
 """A writer that says nothing for so long is killed: a call into a device that hangs comes back
-after 5.2 s."""
+after 5.2 s, and the first neutral frame may be another."""
 END_S = 5.0
 """For a process that has said all."""
 

@@ -61,10 +61,12 @@ def main() -> int:
         }
     if guard is not None:
         guard.goodbye()
-        guard.end()
         report["watchdog"] = guard.state
+    # Before the wait for the watchdog, which a device that hangs may hold in a call for seconds.
     target.send(pack_json(Kind.END, **report))
     target.drain(2.0)
+    if guard is not None:
+        guard.end()
     # All is said, and no library shall keep the process by what it does at an end.
     os._exit(0)
 

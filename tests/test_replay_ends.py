@@ -1,0 +1,321 @@
+"""Every end of a replay, as a device sees it that hapfmt cannot tell from a real one.
+
+How it ends for the device, by what ended it:
+
+* a signal, an error of the file or of ours, frames that are too late, the death of the player or of
+  the watchdog: the whole ramp from the last force, then the neutral frames;
+* the death of the writer, or a writer that hangs: neutral frames of the watchdog, without a ramp;
+* a device that refuses a report once: the ramp and the neutral frames all the same;
+* a device that refuses all, or has gone: nothing any more can be seen. What was tried can.
+"""
+
+from __future__ import annotations
+
+import errno
+import signal
+import sys
+from fractions import Fraction
+
+import pytest
+import replay_device as rd
+from spec import ROOT
+from virtual_hid.model import Fault
+from virtual_hid.world import world
+
+pytestmark = pytest.mark.usefixtures("hidapi")
+
+TRIP_S = 0.1
+"""Of silence, after which the watchdog acts: docs/safety.md."""
+KILLED_S = 0.5
+"""After the death of the writer, in which a busy machine may be late: measured, 1 to 3 ms."""
+MARGIN_S = 0.4
+
+
+@pytest.fixture(scope="module")
+def constant(tmp_path_factory):
+    return rd.constant(tmp_path_factory.mktemp("constant") / "constant.hapf")
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal(tmp_path, constant, name):
+    """PLY-007: On every end that it lives to see, a player MUST send the neutral frame, several times, as the last."""
+    number = signal.Signals[name]
+    with world() as w:
+        running = rd.replay(w, constant, profile=rd.patient(tmp_path))
+        w.device.wait_for(rd.steady(200))
+        running.signal(number)
+        done = running.wait()
+        report = rd.told(done)
+        assert done.returncode == 128 + number
+        assert (report["outcome"], report["signal"]) == ("interrupted", number)
+        rd.check_constant(w.reports)
+        assert rd.alone(w)
+
+
+class TestDevice:
+    def test_it_refuses_one_report(self, tmp_path, constant):
+        with world(faults=[Fault("error", at=300, count=1)]) as w:
+            report = rd.told(rd.replay(w, constant, profile=rd.patient(tmp_path)).wait())
+            assert (report["outcome"], report["exit_code"]) == ("device-lost", 6)
+            counts = rd.counts_of(w.reports)
+            rd.check_steps(counts)
+            assert counts[300:] == rd.rested()
+            refused = [x for x in w.events if x.error]
+            assert [x.error for x in refused] == [errno.EIO]
+            assert rd.Report.of(refused[0].data).counts == rd.LEVELS
+
+    def test_it_refuses_all(self, tmp_path, constant):
+        """What it took last is the force before; what was tried last is the neutral frame."""
+        with world(faults=[Fault("error", at=300)]) as w:
+            report = rd.told(rd.replay(w, constant, profile=rd.patient(tmp_path)).wait())
+            assert (report["outcome"], report["exit_code"]) == ("device-lost", 6)
+            assert len(w.reports) == 300
+            refused = [x for x in w.events if x.error == errno.EIO]
+            tried = rd.counts_of(refused)
+            assert tried[:2] == [rd.LEVELS, rd.fall()[0]]
+            assert len(tried) >= 2 + rd.NEUTRAL
+            assert all(map(rd.is_neutral, refused[2:]))
+            assert report["neutral"] == 0
+            assert rd.alone(w)
+
+    def test_it_goes(self, tmp_path, constant):
+        with world(faults=[Fault("unplug", at=300)]) as w:
+            done = rd.replay(w, constant, profile=rd.patient(tmp_path)).wait()
+            report = rd.told(done)
+            assert (report["outcome"], done.returncode) == ("device-lost", 6)
+            assert len(w.reports) == 300
+            refused = [x for x in w.events if x.error]
+            assert {x.error for x in refused} == {errno.ENODEV}
+            assert rd.is_neutral(refused[-1])
+            assert [x.op for x in w.events].count("close") == 2
+            assert rd.alone(w)
+
+    def test_it_is_not_there(self, constant):
+        with world() as w:
+            w.device.unplug()
+            done = rd.replay(w, constant).wait()
+            assert done.returncode == 1
+            assert "glove5" in done.stderr
+            assert not w.events
+
+    @pytest.mark.deep
+    def test_it_stalls_for_less_than_the_hold(self, tmp_path, constant):
+        """The time goes on: frames are left out, none comes twice, none in a burst."""
+        with world(faults=[Fault("stall", at=300, ms=30)]) as w:
+            profile = rd.patient(tmp_path)
+            report = rd.clean(rd.replay(w, constant, "--to", "1", profile=profile).wait())
+            assert report["skipped"] >= 25
+            assert report["sent"] + report["skipped"] == 1000 + rd.RAMP
+            rd.check_constant(w.reports)
+
+    def test_it_stalls_for_50_ms(self, constant):
+        """PLY-006: A player that comes later to a frame than the profile allows MUST ramp to rest and stop."""
+        with world(faults=[Fault("stall", at=300, ms=50)]) as w:
+            done = rd.replay(w, constant).wait()
+            report = rd.told(done)
+            assert (report["outcome"], done.returncode) == ("late", 5)
+            assert report["late"]["max"] >= 49_000
+            if report["watchdog"] != "stood by":  # a machine that stalled as long again itself
+                pytest.skip(report["watchdog"])
+            rd.check_constant(w.reports)
+            assert rd.counts_of(w.reports)[301:] == rd.rested()
+
+    @pytest.mark.deep
+    def test_it_stalls_for_3_s(self, constant):
+        """Nobody can reach it. Then it takes what waited: the frame that stalled, and neutral ones."""
+        with world(faults=[Fault("stall", at=300, ms=3000)]) as w:
+            done = rd.replay(w, constant).wait()
+            report = rd.told(done)
+            assert (report["outcome"], done.returncode) == ("late", 5)
+            assert "tripped" in report["watchdog"]
+            counts = rd.counts_of(w.reports)
+            assert counts[300] == rd.LEVELS
+            assert len(counts) >= 301 + 2 * rd.NEUTRAL, "of the writer, and of the watchdog"
+            assert all(map(rd.is_neutral, w.reports[301:]))
+            waited = w.reports[300]
+            asked = [x.asked_ns for x in w.reports[301:] if x.handle != waited.handle]
+            assert (min(asked) - waited.asked_ns) / 1e9 < TRIP_S + MARGIN_S
+            assert rd.alone(w)
+
+    @pytest.mark.deep
+    def test_it_hangs(self, constant):
+        """Writes end after 5 s, not taken (the kernel's own limit); then nothing is tried for long."""
+        with world(faults=[Fault("stall", at=300, ms=60_000)]) as w:
+            done = rd.replay(w, constant).wait(50)
+            report = rd.told(done)
+            assert (report["outcome"], done.returncode) == ("device-lost", 6)
+            assert "tripped" in report["watchdog"] or report["said"]
+            assert len(w.reports) == 300
+            assert rd.alone(w, 20)
+
+    @pytest.mark.deep
+    def test_it_is_slow(self, constant):
+        """2 ms for each report: every second frame is left out, and the end is as it should be."""
+        with world(slow_ms=2) as w:
+            report = rd.clean(rd.replay(w, constant, "--to", "0.5").wait())
+            assert 0.4 < report["skipped"] / (report["sent"] + report["skipped"]) < 0.8
+            rd.check_constant(w.reports)
+
+
+class TestProcesses:
+    def test_the_writer_is_killed(self, tmp_path, constant):
+        """Which can send nothing any more: the watchdog does, through its own handle."""
+        with world() as w:
+            running = rd.replay(w, constant, profile=rd.patient(tmp_path))
+            writer, watchdog = rd.pid_of(w, "writer"), rd.pid_of(w, "watchdog")
+            w.device.wait_for(rd.steady(200))
+            w.signal(writer, signal.SIGKILL)
+            done = running.wait()
+            report = rd.told(done)
+            assert (report["outcome"], done.returncode) == ("failed", 1)
+            assert report["watchdog"].startswith("tripped: the writer has died")
+            before = [x for x in w.reports if x.pid == writer]
+            after = [x for x in w.reports if x.pid == watchdog]
+            assert rd.Report.of(before[-1].data).counts == rd.LEVELS
+            assert len(after) >= rd.NEUTRAL
+            assert w.reports == before + after
+            assert all(map(rd.is_neutral, after))
+            assert (after[0].time_ns - before[-1].time_ns) / 1e9 < KILLED_S
+            assert rd.alone(w)
+
+    def test_the_writer_stands_still_in_a_call(self, constant):
+        """The watchdog acts after its time. The frame that the writer was in comes late, and is
+        followed by nothing but neutral ones."""
+        with world(faults=[Fault("handle-stall", at=300, ms=400)]) as w:
+            done = rd.replay(w, constant).wait()
+            report = rd.told(done)
+            assert (report["outcome"], done.returncode) == ("late", 5)
+            assert "tripped: the writer was silent" in report["watchdog"]
+            reports = w.reports
+            (stale,) = [x for x in reports if x.time_ns - x.asked_ns > 300e6]
+            at = reports.index(stale)
+            assert rd.Report.of(stale.data).counts == rd.LEVELS
+            meanwhile, after = reports[300:at], reports[at + 1 :]
+            assert stale.handle not in {x.handle for x in meanwhile}
+            assert all(map(rd.is_neutral, meanwhile + after))
+            assert len(after) >= rd.NEUTRAL
+            delay = (meanwhile[0].time_ns - stale.asked_ns) / 1e9
+            assert TRIP_S - 0.02 < delay < TRIP_S + MARGIN_S
+
+    @pytest.mark.deep
+    def test_the_writer_is_stopped_and_goes_on(self, tmp_path, constant):
+        with world() as w:
+            running = rd.replay(w, constant, profile=rd.patient(tmp_path, hold_ms=50))
+            writer, watchdog = rd.pid_of(w, "writer"), rd.pid_of(w, "watchdog")
+            w.device.wait_for(rd.steady(200))
+            w.signal(writer, signal.SIGSTOP)
+            events = w.device.wait_for(
+                lambda events: events[-1].taken and events[-1].pid == watchdog
+            )
+            stopped = [x for x in events if x.pid == writer and x.taken]
+            tripped = [x for x in events if x.pid == watchdog and x.taken]
+            delay = (tripped[0].time_ns - stopped[-1].time_ns) / 1e9
+            assert TRIP_S - 0.02 < delay < TRIP_S + MARGIN_S
+            w.signal(writer, signal.SIGCONT)
+            done = running.wait()
+            assert done.returncode == 5
+            rest = [x for x in w.reports if x not in stopped]
+            late = [x for x in rest if not rd.is_neutral(x)]
+            assert len(late) <= 1, "the one that it was about to send"
+            assert all(map(rd.is_neutral, w.reports[-2 * rd.NEUTRAL :]))
+            assert rd.alone(w)
+
+    def test_the_player_is_killed(self, tmp_path, constant):
+        """The writer knows it by its pipe, and comes to rest by itself."""
+        with world() as w:
+            running = rd.replay(w, constant, profile=rd.patient(tmp_path))
+            w.device.wait_for(rd.steady(200))
+            running.signal(signal.SIGKILL)
+            assert running.wait().returncode == -signal.SIGKILL
+            w.device.wait_for(lambda events: [x.op for x in events].count("close") == 2, 10)
+            rd.check_constant(w.reports)
+            assert rd.alone(w)
+
+    @pytest.mark.deep
+    def test_player_and_writer_are_killed(self, tmp_path, constant):
+        with world() as w:
+            running = rd.replay(w, constant, profile=rd.patient(tmp_path))
+            writer, watchdog = rd.pid_of(w, "writer"), rd.pid_of(w, "watchdog")
+            w.device.wait_for(rd.steady(200))
+            running.signal(signal.SIGKILL)
+            w.signal(writer, signal.SIGKILL)
+            w.device.wait_for(lambda events: [x.op for x in events].count("close") == 2, 10)
+            after = [x for x in w.reports if x.pid == watchdog]
+            assert len(after) >= rd.NEUTRAL
+            assert all(map(rd.is_neutral, after + w.reports[-rd.NEUTRAL :]))
+            assert rd.alone(w)
+
+    @pytest.mark.deep
+    def test_the_watchdog_is_killed(self, tmp_path, constant):
+        with world() as w:
+            running = rd.replay(w, constant, profile=rd.patient(tmp_path))
+            w.signal(rd.pid_of(w, "watchdog"), signal.SIGKILL)
+            report = rd.told(running.wait())
+            assert (report["outcome"], report["exit_code"]) == ("failed", 1)
+            assert "watchdog" in report["reason"]
+            counts = rd.counts_of(w.reports)
+            rd.check_steps(counts)
+            assert counts[-rd.NEUTRAL :] == [(0,) * 5] * rd.NEUTRAL
+            assert rd.alone(w)
+
+    @pytest.mark.deep
+    def test_an_exception_of_ours(self, tmp_path, constant):
+        """It leaves the program, and leaves the device at rest."""
+        code = (
+            "import sys\n"
+            "from hapfmt.replay.render.renderer import Renderer\n"
+            "blocks = Renderer.blocks\n"
+            "def failing(self, *given, **named):\n"
+            "    for number, block in enumerate(blocks(self, *given, **named)):\n"
+            "        if number == 8:\n"
+            "            raise ZeroDivisionError('made up')\n"
+            "        yield block\n"
+            "Renderer.blocks = failing\n"
+            "from hapfmt.cli import main\n"
+            "main()\n"
+        )
+        with world() as w:
+            words = ["replay", constant, "--device", rd.patient(tmp_path)]
+            done = w.start([sys.executable, "-W", "error", "-c", code, *words], cwd=ROOT).wait()
+            assert done.returncode == 1
+            assert "made up" in done.stderr
+            rd.check_constant(w.reports)
+            assert rd.alone(w)
+
+
+def test_a_damaged_file(tmp_path):
+    """PLY-004: A player MUST treat ticks that a channel does not cover, and values that are not finite, as loss of signal: it ramps from the last value to rest, and invents none.
+
+    A packet of the thumb is lost, 0.3 s: the thumb rests meanwhile, the others go on.
+    """
+    moving = [1000 + 7919 * n % 5 for n in range(1200)]
+    still = [[level] * 1200 for level in rd.LEVELS[1:]]
+    cluster = Fraction(3, 10)
+    path = rd.recording(tmp_path / "damaged.hapf", [moving, *still], cluster=cluster)
+    data = bytearray(path.read_bytes())
+    starts = [n for n in range(len(data)) if data[n : n + 4] == b"DATA"]
+    assert len(starts) == 2 * 4, "clusters, and what the index says of them"
+    data[starts[1] + 40] ^= 0x40
+    path.write_bytes(data)
+    with world() as w:
+        done = rd.replay(w, path, profile=rd.patient(tmp_path)).wait()
+        report = rd.told(done)
+        assert (report["outcome"], done.returncode) == ("clean", 3)
+        assert report["lost"]
+        counts = rd.counts_of(w.reports)
+    rd.check_steps(counts)
+    zero = (0,) * 4
+    way = [zero, *rd.rise(rd.LEVELS[1:]), *rd.fall(rd.LEVELS[1:])]
+    assert rd.without_repeats([zero, *(x[1:] for x in counts)]) == rd.without_repeats(way)
+    thumb = [x[0] for x in counts]
+    first = thumb.index(0)
+    stop = next(n for n in range(first, len(thumb)) if thumb[n])
+    assert rd.RAMP < first < stop < len(thumb) - len(rd.rested())
+    assert stop - first + report["skipped"] >= 300 - rd.RAMP
+    before = thumb[first - rd.RAMP]
+    assert [(x,) for x in thumb[first - rd.RAMP + 1 : first + 1]] == rd.fall((before,))
+    up = [abs(x - 1002 * rd.shape(n + 1)) for n, x in enumerate(thumb[stop : stop + rd.RAMP])]
+    assert max(up) < 3
+    assert all(
+        1000 <= x <= 1004 for x in (*thumb[rd.RAMP : first - rd.RAMP], *thumb[stop + 50 : -55])
+    )
