@@ -395,8 +395,9 @@ class TestExtremes:
 
     def test_a_gap_of_hours_costs_nothing_to_skip(self):
         late = replace(self.doubles(np.ones(10)), coverage=(Span(10**9, 10**9 + 10),))
-        _, known, _ = self.play(late, start=Fraction(10**6) - 1)
+        _, known, renderer = self.play(late, start=Fraction(10**6) - 2)
         assert known.sum() == 10
+        assert renderer.notes == ["the recording has nothing before 1e+06 s"]
 
 
 class TestBounded:

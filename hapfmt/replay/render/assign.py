@@ -146,6 +146,8 @@ def parts_left(ref: ChannelRef, actuator: Actuator) -> Iterable[str]:
         yield f"its HF is left out, since {actuator.name!r} renders LF only"
     if actuator.band == "hf":
         yield f"its LF is left out, since {actuator.name!r} renders HF only"
+        if not all(part.residual for part in ref.parts):
+            yield "a part of it has no HF track, and is left out"
 
 
 def left_out(

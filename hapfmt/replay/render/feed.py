@@ -92,7 +92,7 @@ class Feed:
             return
         for queue in self.queues:
             while queue.pieces:
-                piece = queue.pieces.popleft()
+                piece = queue.pop()
                 self.add(piece.start, piece.numbers[:, self.meaning.index], piece)
 
     def sums(
@@ -103,13 +103,13 @@ class Feed:
         while base.pieces:
             d = base.pieces[0]
             if d.track.kind != "lf":
-                yield d.start, d.numbers[:, index], base.pieces.popleft()
+                yield d.start, d.numbers[:, index], base.pop()
                 continue
             d_stop = d.start + len(d.numbers)
             if residual is None or not residual.pieces:
                 if residual is not None and d_stop > tick:
                     return
-                base.pieces.popleft()
+                base.pop()
                 continue
             e = residual.pieces[0]
             e_stop = e.start + len(e.numbers)
@@ -120,9 +120,9 @@ class Feed:
                 yield start, np.clip(both, d.track.count_min, d.track.count_max), d
             # What ends first has no part in what follows.
             if d_stop <= stop or (stop <= start and d_stop <= e_stop):
-                base.pieces.popleft()
+                base.pop()
             if e_stop <= stop or (stop <= start and e_stop <= d_stop):
-                residual.pieces.popleft()
+                residual.pop()
 
     def add(self, start: int, numbers: NDArray[np.generic], piece: Piece) -> None:
         values = self.meaning.values(numbers, piece.exact, piece.track.number_format)
@@ -142,7 +142,7 @@ class Feed:
             self.runs[0] = Run(tick, first.values[tick - first.start :])
         for queue in self.queues:
             while queue.pieces and queue.pieces[0].start + len(queue.pieces[0].numbers) <= tick:
-                queue.pieces.popleft()
+                queue.pop()
 
     def render(self, places: Places, rest: float) -> tuple[Values, NDArray[np.bool_]]:
         """Values and whether they are known; a tick covers the time up to the next one."""

@@ -35,6 +35,8 @@ SHAPES: dict[Band, Shape] = {"full": "bounded", "lf": "linear", "hf": "band-limi
 WIDEST_SINC, WIDEST = 1 << 14, 1 << 20
 """Ticks of a channel for one sample of the device: above the first a sinc would take 2^19 ticks,
 and the mean under a triangle is sent instead; above the second the channel is left out."""
+LATE_S = 1
+"""Seconds without anything at the start that are told."""
 SIDE_BY_SIDE_S = 2
 """Channels whose kernels look farther ahead than that are read in a pass of their own."""
 
@@ -102,6 +104,7 @@ class Renderer:
         self.begun = (0, self.start, 0)
         """The first sample of the present generation, where it lies, and in which loop."""
         self.kernels = self.names_of_kernels()
+        self.note_late_start()
 
     @property
     def refs(self) -> dict[int, ChannelRef]:
@@ -125,6 +128,13 @@ class Renderer:
         ratio = self.ratio(ref)
         shape = SHAPES[self.profile.actuators[route.actuator].band]
         return kernel(shape if ratio <= WIDEST_SINC else "linear", ratio)
+
+    def note_late_start(self) -> None:
+        """Somebody may wait for a recording that begins in an hour."""
+        starts = [ref.start_ns for ref in self.reader.catalogue.data if ref.start_ns is not None]
+        first = Fraction(min(starts, default=0), 10**9)
+        if first > self.start + LATE_S:
+            self.notes.append(f"the recording has nothing before {float(first):.6g} s")
 
     def names_of_kernels(self) -> dict[str, str]:
         """By actuator."""

@@ -43,6 +43,8 @@ class Queue:
     stop: int
     """Ticks before it came, or never come."""
     pieces: deque[Piece] = field(default_factory=deque)
+    held: int = 0
+    """Ticks of the pieces."""
 
     def put(self, piece: Piece) -> None:
         late = self.stop - piece.start
@@ -52,11 +54,13 @@ class Queue:
             exact = None if piece.exact is None else piece.exact[late:]
             piece = piece._replace(start=self.stop, numbers=piece.numbers[late:], exact=exact)
         self.pieces.append(piece)
+        self.held += len(piece.numbers)
         self.stop = piece.start + len(piece.numbers)
 
-    @property
-    def held(self) -> int:
-        return sum(len(piece.numbers) for piece in self.pieces)
+    def pop(self) -> Piece:
+        piece = self.pieces.popleft()
+        self.held -= len(piece.numbers)
+        return piece
 
 
 class Stream:
