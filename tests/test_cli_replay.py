@@ -19,8 +19,9 @@ from terminal import called
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Span
-from hapfmt.errors import DeviceError, FormatError, LateError
+from hapfmt.errors import DeviceError, FormatError, LateError, MissingExtraError
 from hapfmt.replay.process.report import ReplayReport
+from hapfmt.replay.profile.matching import Device
 from hapfmt.replay.render import Renderer
 
 PROFILE = """
@@ -336,6 +337,21 @@ class TestRefusals:
         assert said.code == 1
         assert "no device that the profile two fits is connected" in said.err
         assert "hapfmt devices" in said.err and "--dry-run" in said.err
+
+    def test_several_devices(self, profile, touch, monkeypatch):
+        two = [Device(path, 0x1209, 0xFFFE) for path in (b"/dev/hidraw1", b"/dev/hidraw2")]
+        monkeypatch.setattr("hapfmt.replay.sinks.hid.connected", lambda: two)
+        said = called("replay", touch, "--device", profile)
+        assert said.code == 1
+        assert "choose one of /dev/hidraw1, /dev/hidraw2 (--path chooses one" in said.err
+
+    def test_no_hidapi(self, profile, touch, monkeypatch):
+        def missing():
+            raise MissingExtraError("hidapi", "replay")
+
+        monkeypatch.setattr("hapfmt.replay.sinks.hid.hid_module", missing)
+        said = called("replay", touch, "--device", profile)
+        assert said.code == 1 and said.err.endswith("pip install 'hapfmt[replay]'\n")
 
 
 class TestDamage:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import HapfmtError, ParameterError
+from ..errors import HapfmtError, MissingExtraError, ParameterError
 from .common import (
     SHOWN_LINES,
     FractionType,
@@ -215,6 +215,8 @@ def config_of(profile: Profile, path: str | None) -> dict[str, Any]:
     try:
         found = find(profile, path)
     except ParameterError as error:
+        if isinstance(error, MissingExtraError):
+            raise
         raise ParameterError(
             f"{error.message} (--path chooses one; --dry-run shows what would be sent, with none)"
         ) from error
