@@ -177,6 +177,14 @@ class TestLimits:
         schedule.stop()
         assert sent(schedule) == [854, 654, 454, 254, 54, 0]
 
+    def test_only_what_was_changed_is_counted(self):
+        limiter = Limiter(CountLimits(-9, 9, 0, 3))
+        assert [limiter(count) for count in (3, 0, -3, -9, -9, 9)] == [3, 0, -3, -6, -9, -6]
+        assert limiter.limited == 2
+        schedule = started([5.0, -5.0] * 4)
+        sent(schedule, 8)
+        assert schedule.counts.clamped == schedule.counts.slew_limited == 0
+
     def test_one_count_a_sample(self):
         """A fall starts from what was sent, and never goes on to what was wanted."""
         profile = make_profile(make_actuator(slew=1))
@@ -185,6 +193,14 @@ class TestLimits:
         schedule.stop()
         assert schedule.frames_to_rest == 11
         assert sent(schedule) == [5, 4, 3, 2, 1, 0]
+
+    def test_frames_to_rest(self):
+        """The phases that are left, the counts that a slew limit leaves, and a frame at rest."""
+        profile = make_profile(make_actuator(slew=2, rest=1.0), frame_samples=2)
+        schedule = started(np.full(60, 5.0), profile)
+        assert schedule.frames_to_rest == 1
+        assert sent(schedule, 20)[-1] == 1040
+        assert schedule.frames_to_rest == (4 + 40 / 2) / 2 + 1
 
     @pytest.mark.parametrize(("value", "count"), [(1e300, 5000), (-1e300, -5000), (5.1, 5000)])
     def test_clamp(self, value, count):
@@ -285,6 +301,18 @@ class TestLossOfSignal:
         ]
         assert schedule.counts.gap_samples == 6
         assert schedule.counts.refused == schedule.counts.under_runs == 0
+
+    def test_what_is_no_gap(self):
+        """Before the first that is known, after the last, and from one place to another."""
+        known = np.array([[False]] * 3 + [[True]] * 5 + [[False]] * 3)
+        schedule = Schedule(make_profile())
+        schedule.feed(make_block(0, np.ones(11), known))
+        sent(schedule, 11)
+        for generation in (1, 2):
+            schedule.seek(generation, 0)
+            schedule.feed(make_block(0, np.ones(11), known, generation, last=generation == 2))
+            sent(schedule, 14)
+        assert (schedule.state, schedule.counts.gap_samples) == ("ended", 0)
 
     @pytest.mark.parametrize("value", [nan, inf, -inf])
     def test_not_finite(self, value):
