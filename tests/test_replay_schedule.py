@@ -480,6 +480,22 @@ class TestEnds:
         schedule.stop()
         assert sent(schedule) == [0]
 
+    def test_frames_that_were_not_taken(self):
+        """The device has the counts before them; the last of a ramp is not the end then."""
+        schedule = started(np.ones(50), make_profile(make_actuator(slew=200)))
+        assert sent(schedule, 7)[-2:] == [1000, 1000]
+        schedule.stop("failed")
+        assert sent(schedule, 3) == [854, 654, 454]
+        schedule.not_taken([654])
+        assert sent(schedule, 1) == [454]
+        schedule.not_taken([654])
+        assert sent(schedule, 3) == [454, 254, 54]
+        assert sent(schedule) == [0]
+        schedule.not_taken([54])
+        assert schedule.state == "stopping"
+        assert sent(schedule) == [0]
+        assert schedule.counts.sent == 7 + 2 + 4
+
     def test_an_outcome_that_nobody_knows_stops_too(self):
         schedule = started(np.ones(50))
         with pytest.raises(ValueError, match="tuple"):

@@ -176,6 +176,7 @@ class Schedule:
     def not_taken(self, before: Sequence[int]) -> None:
         """The device did not take the last frame, and still has the counts ``before`` it."""
         self._counts.sent -= 1
+        self._ended = False
         for lane, count in zip(self.lanes, before, strict=True):
             lane.limiter.count = count
 
