@@ -119,7 +119,7 @@ def expected(runs, shape, ratio, place):
     largest = max(abs(at(j)) for j in near)
     scale = 2.0**-60 if largest > 1e300 else 1.0
     value = fsum(weights[j] * (at(j) * scale) for j in near) / scale
-    slack = 1e-12 * largest
+    slack = 1e-12 * largest + 1e-320
     if shape != "band-limited":
         w = q if shape == "linear" else p
         close = [at(j) for j in near if abs(j - place) < w]

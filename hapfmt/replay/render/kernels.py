@@ -25,8 +25,9 @@ BETA = 8.0
 """Of the Kaiser window."""
 AT_ONCE = 1 << 18
 """Products that are held at a time."""
-LARGE = 2.0**1000
-"""Sums of such numbers may not be finite on the way to a result that is."""
+LARGE = 2.0**8
+"""Sums of the largest doubles may not be finite on the way to a result that is; of these they
+are."""
 TABLES = 8
 """Tables of weights that a kernel keeps: places come again and again."""
 
@@ -93,12 +94,13 @@ class Kernel:
     def blend(self, near: Values, phases: Values) -> Values:
         """near [places, 2 * half]"""
         table, which = self.table(phases)
-        weights = table[which]
-        scale = 2.0**-8 if float(np.abs(near).max(initial=0.0)) > LARGE else 1.0
-        out = (weights * (near * scale)).sum(axis=1)
-        if scale != 1.0:
-            with np.errstate(over="ignore"):
-                out = out / scale
+        weights = table[which] if len(table) > 1 else table
+        with np.errstate(over="ignore", invalid="ignore"):
+            out = (weights * near).sum(axis=1)
+            large = ~np.isfinite(out)
+            if large.any():
+                some = weights[large] if len(weights) > 1 else weights
+                out[large] = (some * (near[large] / LARGE)).sum(axis=1) * LARGE
         if self.shape == "band-limited":
             largest = np.finfo(np.float64).max
             return np.asarray(np.clip(out, -largest, largest))

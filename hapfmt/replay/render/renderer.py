@@ -103,6 +103,8 @@ class Renderer:
         """Tracks that needed a pass of their own, when they were read before."""
         self.begun = (0, self.start, 0)
         """The first sample of the present generation, where it lies, and in which loop."""
+        self.made: dict[tuple[Shape, Fraction], Kernel] = {}
+        """Channels of one rate share a kernel and its tables."""
         self.kernels = self.names_of_kernels()
         self.note_late_start()
 
@@ -127,7 +129,10 @@ class Renderer:
         ref = self.refs[route.channel]
         ratio = self.ratio(ref)
         shape = SHAPES[self.profile.actuators[route.actuator].band]
-        return kernel(shape if ratio <= WIDEST_SINC else "linear", ratio)
+        shape = shape if ratio <= WIDEST_SINC else "linear"
+        if (shape, ratio) not in self.made:
+            self.made[shape, ratio] = kernel(shape, ratio)
+        return self.made[shape, ratio]
 
     def note_late_start(self) -> None:
         """Somebody may wait for a recording that begins in an hour."""
@@ -169,6 +174,9 @@ class Renderer:
         start), in the given time through it; to the end of the last."""
         begin = self.start if at is None else max(exact(at), self.start)
         self.begun = first, begin, loop
+        return self.all_from(first, generation, begin, loop)
+
+    def all_from(self, first: int, generation: int, begin: Fraction, loop: int) -> Iterator[Block]:
         while True:
             count = samples_in(self.stop - begin, self.step)
             final = loop + 1 == self.loops or samples_in(self.stop - self.start, self.step) == 0
