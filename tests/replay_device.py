@@ -28,7 +28,7 @@ from virtual_hid.world import World
 from hapfmt import Channel, Recording, Settings, write
 from hapfmt.recording import Calibration
 
-GLOVE = ROOT / "hapfmt" / "replay" / "profile" / "builtin" / "glove5.toml"
+PROFILES = ROOT / "hapfmt" / "replay" / "profile" / "builtin"
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 RAMP = 50
 """Samples of glove5's ramp: 50 ms at 1 kHz."""
@@ -165,12 +165,13 @@ def gaps_ms(events: Sequence[Event]) -> list[float]:
     return [(b.time_ns - a.time_ns) / 1e6 for a, b in pairwise(events)]
 
 
-def patient(folder: Path, hold_ms: int = 1000) -> Path:
-    """glove5 that may be later: where lateness is not what is tried, a busy machine is no fault."""
-    text = GLOVE.read_text(encoding="utf-8")
-    assert "hold_ms = 20\n" in text
+def patient(folder: Path, hold_ms: int = 1000, name: str = "glove5") -> Path:
+    """A profile that may be later: where lateness is not what is tried, a busy machine is no fault."""
+    lines = (PROFILES / f"{name}.toml").read_text(encoding="utf-8").splitlines()
+    lines = [line for line in lines if not line.startswith("hold_ms")]
+    lines.insert(lines.index("[timing]") + 1, f"hold_ms = {hold_ms}")
     path = folder / "patient.toml"
-    path.write_text(text.replace("hold_ms = 20\n", f"hold_ms = {hold_ms}\n"), encoding="utf-8")
+    path.write_text("\n".join(lines), encoding="utf-8")
     return path
 
 
