@@ -70,6 +70,7 @@ def rendered_ways(coarse: Values) -> Iterator[tuple[str, Values]]:
     for shape in SHAPES:
         yield shape, at_rate(coarse, ratio, shape)
     low = low_pass(coarse, COARSE_HZ, CUTOFF_HZ)
+    yield "linear of LF alone", at_rate(low, ratio, "linear")
     yield (
         "linear of LF + band-limited of HF",
         at_rate(low, ratio, "linear") + at_rate(coarse - low, ratio, "band-limited"),

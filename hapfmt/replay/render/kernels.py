@@ -23,12 +23,12 @@ LOBES = 16
 """Zeros of the sinc on each side."""
 BETA = 8.0
 """Of the Kaiser window."""
-AT_ONCE = 1 << 18
-"""Products that are held at a time."""
+AT_ONCE = 1 << 15
+"""Products that are held at a time: as a cache of the processor does."""
 LARGE = 2.0**8
 """Sums of the largest doubles may not be finite on the way to a result that is; of these they
 are."""
-TABLES = 8
+TABLES = 32
 """Tables of weights that a kernel keeps: places come again and again."""
 
 Values = NDArray[np.float64]
