@@ -32,6 +32,7 @@ vendor_id = 0x1209
 product_id = 0xFFFE
 [timing]
 rate = 100
+hold_ms = 1000
 ramp_ms = 20
 neutral_count = 2
 [[actuator]]
@@ -467,14 +468,18 @@ class TestLoopback:
 
         return run
 
-    def test_the_packets_of_the_dry_run(self, played, touch, tmp_path):
-        said, reports = played("--json", "--record", tmp_path / "out.hapf", source=touch)
+    def test_the_packets_of_the_dry_run(self, played, profile, tmp_path):
+        """At ten frames a second: a busy machine is no reason to skip one."""
+        profile.write_text(PROFILE.replace("rate = 100", "rate = 10").replace("20", "200"))
+        path = tmp_path / "slow.hapf"
+        hapfmt.write(steady(100, -100, rate=10), path)
+        said, reports = played("--json", "--record", tmp_path / "out.hapf", source=path)
         told = json.loads(said.out)
         assert (said.code, told["outcome"], told["skipped"]) == (0, "clean", 0), said.err
         assert [data for _, data in reports] == [
             line.split(maxsplit=2)[2].replace(" ", "") for line in GOLDEN.splitlines()
         ]
-        assert told["sent"] == 6 and told["late"]["max"] < 10_000
+        assert told["sent"] == 6 and told["late"]["p50"] <= told["late"]["max"] < 100_000
         left, right = hapfmt.read(tmp_path / "out.hapf").channels
         assert left.values.tolist() == [50, 100, 100, 100, 50, 0]
         assert right.values.tolist() == [-50, -100, -100, -100, -50, 0]
