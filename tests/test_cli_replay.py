@@ -470,7 +470,9 @@ class TestLoopback:
 
     def test_the_packets_of_the_dry_run(self, played, profile, tmp_path):
         """At ten frames a second: a busy machine is no reason to skip one."""
-        profile.write_text(PROFILE.replace("rate = 100", "rate = 10").replace("20", "200"))
+        profile.write_text(
+            PROFILE.replace("rate = 100", "rate = 10").replace("_ms = 20", "_ms = 200")
+        )
         path = tmp_path / "slow.hapf"
         hapfmt.write(steady(100, -100, rate=10), path)
         said, reports = played("--json", "--record", tmp_path / "out.hapf", source=path)
