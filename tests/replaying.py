@@ -112,6 +112,11 @@ def until(condition: Callable[[], Any], seconds: float = PATIENT_S) -> Any:
     return found
 
 
+def moving(file: Path, count: int = 100) -> list[Line]:
+    """Once the device has got so many frames."""
+    return until(lambda: len(got := lines(file)) >= count and got)
+
+
 def running(pid: int) -> bool:
     """Neither gone nor a zombie."""
     try:
@@ -149,9 +154,8 @@ class Playing:
         assert self.process.stdout is not None
         self.process.stdout.close()
 
-    def moving(self, count: int = 150) -> list[Line]:
-        """Once the device has got so many frames."""
-        return until(lambda: len(got := lines(self.file)) >= count and got)
+    def moving(self) -> list[Line]:
+        return moving(self.file)
 
     def report(self) -> dict[str, Any]:
         out, _ = self.process.communicate(timeout=PATIENT_S)

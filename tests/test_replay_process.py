@@ -11,7 +11,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,7 @@ from replaying import (
     child,
     glove,
     lines,
+    moving,
     running,
     until,
 )
@@ -43,6 +46,17 @@ from hapfmt.replay.profile.model import Report
 from hapfmt.replay.render.assign import assign
 from hapfmt.replay.render.renderer import Renderer
 
+
+def deep(*values: Any) -> list[Any]:
+    """Parameters that differ too little from others to be tried each time."""
+    return [
+        pytest.param(*value, marks=pytest.mark.deep)
+        if isinstance(value, tuple)
+        else pytest.param(value, marks=pytest.mark.deep)
+        for value in values
+    ]
+
+
 posix = pytest.mark.skipif(sys.platform == "win32", reason="signals and /proc")
 linux = pytest.mark.skipif(sys.platform != "linux", reason="finds processes in /proc")
 
@@ -52,11 +66,46 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "device"
 
 
-def played(file: Path, source: Any = None, hold_ms: int = 1000, **how: Any) -> ReplayReport:
-    """A replay here, of 0.3 s unless said otherwise."""
+def played(
+    file: Path,
+    source: Any = None,
+    hold_ms: int = 1000,
+    meanwhile: Callable[[int], Any] | None = None,
+    **how: Any,
+) -> ReplayReport:
+    """A replay here, of 0.3 s unless said otherwise; ``meanwhile`` is told the writer's process,
+    once the device has got some frames, and does something to it."""
     config = {"kind": "loopback", "file": str(file), "faults": how.pop("faults", None)}
     how = {"heartbeat_s": 5, "realtime": False, **how}
-    return play(source or Sines(0.3), glove(hold_ms), config, **how)
+    failed: list[BaseException] = []
+
+    def act() -> None:
+        try:
+            meanwhile(moving(file)[0].by)
+        except BaseException as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=act)
+    if meanwhile is not None:
+        thread.start()
+    report = play(source or Sines(60 if meanwhile else 0.3), glove(hold_ms), config, **how)
+    if meanwhile is not None:
+        thread.join()
+    assert not failed, failed
+    return report
+
+
+def kill(number: int) -> Callable[[int], None]:
+    return lambda writer: os.kill(writer, number)
+
+
+def kill_watchdog(number: int) -> Callable[[int], None]:
+    def act(writer: int) -> None:
+        watchdog = child(writer)
+        assert watchdog is not None
+        os.kill(watchdog, number)
+
+    return act
 
 
 def check_order(got: list[Line]) -> list[Line]:
@@ -99,46 +148,40 @@ class TestEnds:
         assert len({line.by for line in got}) == 1
 
     @posix
-    @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+    @pytest.mark.parametrize("name", ["SIGTERM", *deep("SIGINT", "SIGHUP")])
     def test_a_signal_to_the_player(self, file, name):
-        with Playing(file) as playing:
-            playing.moving()
-            playing.process.send_signal(getattr(signal, name))
-            report = playing.report()
+        number = getattr(signal, name)
+        report = played(file, meanwhile=lambda _: os.kill(os.getpid(), number))
         check_rest(lines(file))
-        assert report["outcome"] == "interrupted"
-        assert report["exit_code"] == 128 + getattr(signal, name)
-        assert report["watchdog"] == "stood by"
+        assert (report.outcome, report.exit_code) == ("interrupted", 128 + number)
+        assert report.watchdog == "stood by"
 
     @posix
-    @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+    @pytest.mark.parametrize("name", ["SIGINT", *deep("SIGTERM", "SIGHUP")])
     def test_a_signal_to_the_writer(self, file, name):
-        with Playing(file) as playing:
-            os.kill(playing.moving()[0].by, getattr(signal, name))
-            report = playing.report()
+        number = getattr(signal, name)
+        report = played(file, meanwhile=kill(number))
         check_rest(lines(file))
-        assert report["exit_code"] == 128 + getattr(signal, name)
+        assert (report.outcome, report.exit_code) == ("interrupted", 128 + number)
 
     @linux
+    @pytest.mark.deep
     def test_a_signal_to_the_watchdog(self, file):
-        with Playing(file) as playing:
-            watchdog = child(playing.moving()[0].by)
-            assert watchdog is not None
-            os.kill(watchdog, signal.SIGTERM)
-            report = playing.report()
+        report = played(file, meanwhile=kill_watchdog(signal.SIGTERM))
         check_rest(lines(file))
-        assert report["exit_code"] == 128 + signal.SIGTERM
+        assert report.exit_code == 128 + signal.SIGTERM
 
     @posix
+    @pytest.mark.deep
     def test_a_second_signal_does_not_cut_the_ramp(self, file):
-        with Playing(file) as playing:
-            playing.moving()
+        def again(_: int) -> None:
             for _ in range(5):
-                playing.process.send_signal(signal.SIGINT)
-                time.sleep(0.01)
-            report = playing.report()
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(0.003)
+
+        report = played(file, meanwhile=again)
         check_rest(lines(file))
-        assert report["exit_code"] == 128 + signal.SIGINT
+        assert report.exit_code == 128 + signal.SIGINT
 
     @linux
     def test_the_player_is_killed(self, file):
@@ -151,6 +194,7 @@ class TestEnds:
         check_rest(lines(file))
 
     @linux
+    @pytest.mark.deep
     def test_the_player_is_stopped(self, file):
         with Playing(file) as playing:
             writer = playing.moving()[0].by
@@ -164,14 +208,10 @@ class TestEnds:
 
     @linux
     def test_the_watchdog_is_killed(self, file):
-        with Playing(file) as playing:
-            watchdog = child(playing.moving()[0].by)
-            assert watchdog is not None
-            os.kill(watchdog, signal.SIGKILL)
-            report = playing.report()
+        report = played(file, meanwhile=kill_watchdog(signal.SIGKILL))
         check_rest(lines(file))
-        assert (report["outcome"], report["exit_code"]) == ("failed", 1)
-        assert report["watchdog"] == "ended: it has died"
+        assert (report.outcome, report.exit_code) == ("failed", 1)
+        assert report.watchdog == "ended: it has died"
 
     def test_an_exception_in_the_writer(self, file):
         report = played(file, Sines(60), faults={"error": 100})
@@ -186,6 +226,7 @@ class TestEnds:
         assert (report.outcome, report.exit_code) == ("device-lost", 6)
         assert "did not take a report" in report.reason
 
+    @pytest.mark.deep
     def test_write_errors_one_after_the_other(self, file):
         report = played(file, Sines(60), faults={"fail": {"frame": 100, "times": 4}})
         check_rest(lines(file), ramped=False)
@@ -200,11 +241,13 @@ class TestEnds:
         assert (report.outcome, report.exit_code) == ("failed", 2)
         assert report.reason == "made up"
 
+    @pytest.mark.deep
     def test_an_error_of_ours_midway(self, file):
         with pytest.raises(KeyError):
             played(file, Sines(60, fails_at=200, error=KeyError("made up")))
         check_rest(lines(file))
 
+    @pytest.mark.deep
     def test_an_error_of_the_caller(self, file):
         def on_status(_: Status) -> None:
             raise KeyError("made up")
@@ -225,24 +268,21 @@ class TestEnds:
 class TestGone:
     """Ends that somebody does not live to see."""
 
-    @linux
+    @posix
     def test_the_writer_is_killed(self, file):
-        with Playing(file) as playing:
-            writer = playing.moving()[0].by
-            os.kill(writer, signal.SIGKILL)
-            report = playing.report()
+        report = played(file, meanwhile=kill(signal.SIGKILL))
         got = lines(file)
+        writer = got[0].by
         last = got[-NEUTRAL_COUNT:]
         assert all(line.neutral and line.by != writer for line in last)
         assert {line.by for line in got[:-NEUTRAL_COUNT]} == {writer}
-        assert (report["outcome"], report["exit_code"]) == ("failed", 1)
-        assert report["reason"] == "the writer has died (signal 9)"
-        assert report["watchdog"] == (
-            "tripped: the writer has died; the device took 5 neutral frames"
-        )
-        assert report["sent"] > 0
+        assert (report.outcome, report.exit_code) == ("failed", 1)
+        assert report.reason == "the writer has died (signal 9)"
+        assert report.watchdog == "tripped: the writer has died; the device took 5 neutral frames"
+        assert report.sent > 0
 
     @linux
+    @pytest.mark.deep
     def test_player_and_writer_are_killed(self, file):
         with Playing(file) as playing:
             writer = playing.moving()[0].by
@@ -254,6 +294,7 @@ class TestGone:
         assert all(line.neutral and line.by == watchdog for line in got[-NEUTRAL_COUNT:])
 
     @linux
+    @pytest.mark.deep
     def test_the_writer_hangs(self, file, monkeypatch):
         """The watchdog trips at once, the player ends what does not come back."""
         monkeypatch.setattr(player, "SILENT_S", 0.5)
@@ -282,6 +323,7 @@ class TestGone:
         assert report.said == ["no such thing"]
         assert not file.exists()
 
+    @pytest.mark.deep
     def test_a_writer_that_is_none(self, file, monkeypatch):
         code = "import time; print('hello', flush=True); time.sleep(60)"
         monkeypatch.setattr(player, "start", lambda _, stderr: start_other(stderr, code))
@@ -302,12 +344,12 @@ def start_other(stderr: int | None, code: str | None = None) -> subprocess.Popen
 
 
 class TestStall:
-    @pytest.mark.parametrize(("ms", "before"), [(1800, False), (3000, True)])
+    @pytest.mark.parametrize(("ms", "before"), [(800, False), *deep((3000, True))])
     def test_of_a_call(self, file, ms, before):
         """From the watchdog's first neutral frame on there is none of the old ones, but for that
         which was under way."""
         faults = {"stall": {"frame": 100, "ms": ms, "before": before}}
-        report = played(file, Sines(60), faults=faults, heartbeat_s=1.1)
+        report = played(file, Sines(60), 300, faults=faults, heartbeat_s=0.4)
         got = lines(file)
         check_order(got)
         writer = got[0].by
@@ -319,33 +361,37 @@ class TestStall:
         assert (report.outcome, report.exit_code) == ("late", 5)
         assert report.watchdog.startswith("tripped: the writer was silent for")
 
-    @linux
+    @posix
+    @pytest.mark.deep
     def test_of_the_whole_writer(self, file):
-        with Playing(file, heartbeat_s=1.1) as playing:
-            writer = playing.moving()[0].by
+        def hold(writer: int) -> None:
             os.kill(writer, signal.SIGSTOP)
             until(lambda: any(line.by != writer for line in lines(file)))
             os.kill(writer, signal.SIGCONT)
-            report = playing.report()
+
+        report = played(file, hold_ms=300, heartbeat_s=0.5, meanwhile=hold)
         got = lines(file)
+        writer = got[0].by
         first = next(place for place, line in enumerate(got) if line.by != writer)
         assert all(line.neutral for line in got[first:])
-        assert report["exit_code"] == 5
+        assert report.exit_code == 5
 
     @linux
+    @pytest.mark.deep
     def test_of_the_watchdog(self, file):
         """It is no watchdog any more, and does not trip when it comes back to beats that wait."""
-        with Playing(file) as playing:
-            writer = playing.moving()[0].by
+
+        def hold(writer: int) -> None:
             watchdog = child(writer)
             assert watchdog is not None
             os.kill(watchdog, signal.SIGSTOP)
             until(lambda: any(line.number == -1 for line in lines(file)))
             os.kill(watchdog, signal.SIGCONT)
-            report = playing.report()
+
+        report = played(file, meanwhile=hold)
         check_rest(lines(file))
-        assert {line.by for line in lines(file)} == {writer}
-        assert report["reason"] == "the watchdog ended: it is silent"
+        assert len({line.by for line in lines(file)}) == 1
+        assert report.reason == "the watchdog ended: it is silent"
 
 
 class TestBeginning:
@@ -361,6 +407,7 @@ class TestBeginning:
         assert "the watchdog cannot open the device too" in report.reason
         assert all(line.number == -1 for line in lines(file))
 
+    @pytest.mark.deep
     def test_without_a_watchdog(self, file):
         report = played(file, faults={"open": 2}, watchdog=False)
         check_rest(lines(file))
@@ -383,6 +430,7 @@ class TestBeginning:
         with pytest.raises(ParameterError, match="heartbeat"):
             played(file, heartbeat_s=0.5)
 
+    @pytest.mark.deep
     def test_an_error_at_once(self, file):
         report = played(file, Sines(1, fails_at=0))
         assert (report.outcome, report.exit_code) == ("failed", 2)
@@ -416,7 +464,7 @@ class Pressing:
 class TestKeys:
     def test_pause_and_resume(self, file):
         keys = Pressing({0: "pause", 20: "pause"})
-        report = played(file, Sines(1), keys=keys, on_status=keys)
+        report = played(file, Sines(0.6), keys=keys, on_status=keys)
         got = lines(file)
         check_rest(got)
         frames = check_order(got)
@@ -424,9 +472,9 @@ class TestKeys:
         moving = [line.number for line in frames if not line.neutral]
         assert any(moving[0] < number < moving[-1] for number in resting)
         assert "paused" in {status.state for status in keys.statuses}
-        # All of the second is played, and what the pause took besides.
+        # All of it is played, and what the pause took besides.
         assert report.outcome == "clean"
-        assert report.sent + report.skipped > 1000 + 20
+        assert report.sent + report.skipped > 600 + 20
         assert report.under_runs == 0
 
     def test_seek(self, file):
@@ -440,6 +488,7 @@ class TestKeys:
         assert report.exit_code == 0
         assert report.under_runs == 0
 
+    @pytest.mark.deep
     def test_stop(self, file):
         keys = Pressing({5: "stop"})
         report = played(file, Sines(60), keys=keys, on_status=keys)
@@ -447,6 +496,7 @@ class TestKeys:
         assert (report.outcome, report.exit_code) == ("interrupted", 0)
         assert report.reason == "q was pressed"
 
+    @pytest.mark.deep
     def test_pause_seek_stop(self, file):
         keys = Pressing({0: "pause", 10: "forward", 20: "stop"})
         report = played(file, Sines(60), keys=keys, on_status=keys)
@@ -481,6 +531,7 @@ class TestRecord:
         assert [frame.counts for frame in record.frames] == [(line.counts,) for line in frames]
         assert len(record.frames) == report.sent
 
+    @pytest.mark.deep
     def test_a_record_that_cannot_be_written(self, file):
         report = played(file, Sines(60), record=Recorded(100))
         check_rest(lines(file))
@@ -492,9 +543,9 @@ class TestDamage:
     def test_a_damaged_file_is_played_with_ramps(self, file, tmp_path):
         """A cluster that is lost is a gap: down to rest, and up again behind it."""
         path = tmp_path / "touch.hapf"
-        values = 2 + np.arange(1500) / 1000
+        values = 2 + np.arange(900) / 1000
         channel = hapfmt.Channel(values, Fraction(RATE), label="thumb", unit="N")
-        settings = hapfmt.Settings(cluster=Fraction(1, 2))
+        settings = hapfmt.Settings(cluster=Fraction(3, 10))
         hapfmt.write(hapfmt.Recording((channel,)), path, settings)
         data = bytearray(path.read_bytes())
         second = data.index(b"DATA", data.index(b"DATA") + 4)
@@ -507,9 +558,9 @@ class TestDamage:
         got = lines(file)
         check_rest(got)
         frames = check_order(got)
-        assert any(500 <= line.number < 1000 and line.neutral for line in frames)
+        assert any(300 <= line.number < 600 and line.neutral for line in frames)
         moving = [line.number for line in frames if not line.neutral]
-        assert moving[0] < 500 and moving[-1] > 1000
+        assert moving[0] < 300 and moving[-1] > 650
         assert (report.outcome, report.exit_code) == ("clean", 3)
         assert len(report.lost) == 1
         assert report.kernels.keys() == {"thumb"}
