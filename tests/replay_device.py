@@ -77,6 +77,11 @@ def replay(
     return w.start([*words, "--json", *options], cwd=ROOT, **others)
 
 
+def together(w: World, file: Path, profile: object) -> list[Running]:
+    """A replay on each device of a world, at once."""
+    return [replay(w, file, "--path", each.path, profile=profile) for each in w.devices]
+
+
 def told(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
     """What the replay said of itself."""
     assert "Traceback" not in done.stderr, done.stderr
@@ -170,7 +175,7 @@ def patient(folder: Path, hold_ms: int = 1000, name: str = "glove5") -> Path:
     lines = (PROFILES / f"{name}.toml").read_text(encoding="utf-8").splitlines()
     lines = [line for line in lines if not line.startswith("hold_ms")]
     lines.insert(lines.index("[timing]") + 1, f"hold_ms = {hold_ms}")
-    path = folder / "patient.toml"
+    path = folder / f"patient-{name}-{hold_ms}.toml"
     path.write_text("\n".join(lines), encoding="utf-8")
     return path
 

@@ -81,6 +81,7 @@ def test_a_thousand_frames_of_five_actuators(tmp_path, thousand):
     )
 
 
+@pytest.mark.deep
 def test_reports_that_are_features(tmp_path):
     profile = rd.patient(tmp_path)
     text = profile.read_text(encoding="utf-8")
@@ -92,6 +93,7 @@ def test_reports_that_are_features(tmp_path):
         rd.check_constant(w.reports)
 
 
+@pytest.mark.deep
 def test_a_record_is_what_the_device_took(tmp_path):
     file = rd.constant(tmp_path / "constant.hapf", 1)
     sent = tmp_path / "sent.hapf"
@@ -106,6 +108,7 @@ def test_a_record_is_what_the_device_took(tmp_path):
     assert kept[0].stop_tick - len(counts) == report["skipped"]
 
 
+@pytest.mark.deep
 def test_a_device_whose_reports_differ_gets_none(tmp_path):
     """One byte more than the profile says: refused before the first write."""
     file = rd.constant(tmp_path / "constant.hapf", 1)
@@ -116,114 +119,122 @@ def test_a_device_whose_reports_differ_gets_none(tmp_path):
         assert not w.reports
 
 
-def played(tmp_path, device, profile, levels, seconds=1):
-    """Reports of a controller, and what was told: ``levels`` by actuator, in tenths of full scale."""
+def test_waveforms_of_a_dualsense_at_their_period(tmp_path):
+    """Report 0x32: 32 pairs of signed bytes every 10.667 ms, none early, CRC right."""
+    left = [n // 32 - 46 for n in range(3000)]  # which packet it is
+    right = [30] * 3000
     file = rd.recording(
-        tmp_path / "levels.hapf", [[level] * (1000 * seconds) for level in levels.values()],
-        labels=list(levels), scale=Fraction(1),
+        tmp_path / "waves.hapf", [left, right], labels=("left", "right"), unit="1", rate=3000,
+        scale=Fraction(2, 128),
     )  # fmt: skip
+    device = replace(dualsense("bluetooth"), descriptor=hid_descriptors.DUALSENSE_BLUETOOTH)
+    profile = rd.patient(tmp_path, name="dualsense-bluetooth-haptics")
     with world(device=device) as w:
-        report = rd.clean(rd.replay(w, file, profile=rd.patient(tmp_path, name=profile)).wait())
-        return [x.data for x in w.reports], report
+        report = rd.clean(rd.replay(w, file, profile=profile).wait())
+        events = w.reports
+    data = [x.data for x in events]
+    assert {len(x) for x in data} == {142}
+    assert all(map(rd.crc_right, data))
+    assert {x[:10].hex(" ") for x in data} == {"32 00 91 07 fe 00 00 00 00 ff"}
+    assert [x[10] for x in data] == [n & 0xFF for n in range(len(data))]
+    assert {x[11:13] for x in data} == {b"\x92\x40"}
+    assert not any(any(x[77:138]) for x in data)
+    pairs = [struct.unpack("64b", x[13:77]) for x in data]
+    flat = [pair for x in pairs for pair in zip(x[::2], x[1::2], strict=True)]
+    assert flat[-32 * rd.NEUTRAL :] == [(0, 0)] * (32 * rd.NEUTRAL)
+    # Between the ramps, of 150 samples each: every packet is that of its time.
+    steady = [
+        (x, event.time_ns / 1e6)
+        for x, event in zip(pairs, events, strict=True)
+        if set(x[1::2]) == {30}
+    ]
+    assert all(len(set(x[::2])) == 1 for x, _ in steady)
+    numbers = [x[0] + 46 for x, _ in steady]
+    assert numbers[0] >= 4 and numbers[-1] <= 93
+    assert all(a < b for a, b in pairwise(numbers))
+    assert len(numbers) + report["skipped"] >= 93 - 5
+    period = 32 / 3000 * 1000
+    late = [time - number * period for number, (_, time) in zip(numbers, steady, strict=True)]
+    assert max(late) - min(late) < period + 1, "a packet that is a period late is left out"
+    assert median(late) - min(late) < 2
+    # The last packet of the replay is all at rest; then come the neutral ones.
+    assert report["sent"] + report["skipped"] == -(-(3000 + 150) // 32) + 1
+
+
+LEVELS = {
+    "joycon-left": {"high": 8, "low": 6},
+    "xbox-bluetooth": {"strong": 8, "weak": 4, "left-trigger": 2, "right-trigger": 10},
+    "dualsense-usb": {"left": 4, "right": -2},
+    "dualsense-bluetooth": {"left": 4, "right": -2},
+}
+"""Newtons for each motor: 10 are full scale, and the gain is 0.5. Motors take the amount."""
+CONTROLLERS = {
+    "joycon-left": replace(pro_controller(), product_id=0x2006, descriptor=hid_descriptors.JOYCON),
+    "xbox-bluetooth": replace(xbox(), descriptor=hid_descriptors.XBOX_BLUETOOTH),
+    "dualsense-usb": replace(dualsense(), descriptor=hid_descriptors.DUALSENSE_USB),
+    "dualsense-bluetooth": replace(
+        dualsense("bluetooth"), descriptor=hid_descriptors.DUALSENSE_BLUETOOTH
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def sent(tmp_path_factory):
+    """What four controllers got at once, in a second each."""
+    room = tmp_path_factory.mktemp("controllers")
+    with world(devices=[(x, ()) for x in CONTROLLERS.values()], tier="fuse") as w:
+        running = []
+        for name, levels in LEVELS.items():
+            samples = [[level] * 1000 for level in levels.values()]
+            file = rd.recording(
+                room / f"{name}.hapf", samples, labels=list(levels), scale=Fraction(1)
+            )
+            running.append(rd.replay(w, file, profile=rd.patient(room, name=name)))
+        reports = [rd.clean(each.wait()) for each in running]
+        found = zip(CONTROLLERS, w.devices, reports, strict=True)
+        yield {name: ([x.data for x in device.reports], told) for name, device, told in found}
 
 
 @pytest.mark.deep
-def test_a_joycon(tmp_path):
-    """Vibration is enabled first; amplitudes as dekuNukem's table has them; five packets to stop."""
-    device = replace(pro_controller(), product_id=0x2006, descriptor=hid_descriptors.JOYCON)
-    data, report = played(tmp_path, device, "joycon-left", {"high": 8, "low": 6})
-    assert data[0] == bytes.fromhex("01 00 00014040 00014040 48 01") + bytes(37)
-    frames = data[1:]
-    assert [x[:2] for x in frames] == [bytes([0x10, n + 1 & 15]) for n in range(len(frames))]
-    # 0.4 at 320 Hz is index 58, 0.3 at 160 Hz is 44: 32 log2(8.7 a).
-    steady = bytes([0x00, 0x01 + 2 * 58, 0x40, 0x40 + 22]) + bytes.fromhex("00014040")
-    rest = bytes.fromhex("00014040 00014040")
-    assert {x[2:] for x in frames[4:20]} == {steady}
-    assert {x[2:] for x in frames[-rd.NEUTRAL :]} == {rest}
-    assert report["sent"] + report["skipped"] == 20 + 4
-    assert max(x[3] for x in frames) <= 0xC9 and max(x[5] for x in frames) <= 0x72
+class TestControllers:
+    def test_a_joycon(self, sent):
+        """Vibration is enabled first; amplitudes as dekuNukem's table has them; five packets to stop."""
+        data, report = sent["joycon-left"]
+        assert data[0] == bytes.fromhex("01 00 00014040 00014040 48 01") + bytes(37)
+        frames = data[1:]
+        assert [x[:2] for x in frames] == [bytes([0x10, n + 1 & 15]) for n in range(len(frames))]
+        # 0.4 at 320 Hz is index 58, 0.3 at 160 Hz is 44: 32 log2(8.7 a).
+        steady = bytes([0x00, 0x01 + 2 * 58, 0x40, 0x40 + 22]) + bytes.fromhex("00014040")
+        rest = bytes.fromhex("00014040 00014040")
+        assert {x[2:] for x in frames[4:10]} == {steady}
+        assert {x[2:] for x in frames[-rd.NEUTRAL :]} == {rest}
+        assert report["sent"] + report["skipped"] == 20 + 4
+        assert max(x[3] for x in frames) <= 0xC9
+        assert max(x[5] for x in frames) <= 0x72
 
+    def test_an_xbox_controller(self, sent):
+        """Report 3 of xpadneo: what is enabled, four magnitudes, 200 ms, no delay, no repeat."""
+        data, report = sent["xbox-bluetooth"]
+        assert set(data[4:10]) == {bytes([3, 0x0F, 10, 50, 40, 20, 20, 0, 0])}
+        assert set(data[-rd.NEUTRAL :]) == {bytes([3, 0x0F, 0, 0, 0, 0, 20, 0, 0])}
+        assert report["sent"] + report["skipped"] == 20 + 4
 
-@pytest.mark.deep
-def test_an_xbox_controller(tmp_path):
-    """Report 3 of xpadneo: what is enabled, four magnitudes, 200 ms, no delay, no repeat."""
-    device = replace(xbox(), descriptor=hid_descriptors.XBOX_BLUETOOTH)
-    levels = {"strong": 8, "weak": 4, "left-trigger": 2, "right-trigger": 10}
-    data, report = played(tmp_path, device, "xbox-bluetooth", levels)
-    assert set(data[4:20]) == {bytes([3, 0x0F, 10, 50, 40, 20, 20, 0, 0])}
-    assert set(data[-rd.NEUTRAL :]) == {bytes([3, 0x0F, 0, 0, 0, 0, 20, 0, 0])}
-    assert report["sent"] + report["skipped"] == 20 + 4
-
-
-class TestDualSense:
-    @pytest.mark.deep
-    def test_rumble_by_usb(self, tmp_path):
+    def test_a_dualsense_by_usb(self, sent):
         """Report 2 of hid-playstation.c: flags, the right motor, the left one."""
-        device = replace(dualsense(), descriptor=hid_descriptors.DUALSENSE_USB)
-        data, report = played(tmp_path, device, "dualsense-usb", {"left": 4, "right": 2})
-        assert set(data[10:100]) == {bytes([2, 3, 0, 26, 51]) + bytes(43)}
+        data, report = sent["dualsense-usb"]
+        assert set(data[10:50]) == {bytes([2, 3, 0, 26, 51]) + bytes(43)}
         assert set(data[-rd.NEUTRAL :]) == {bytes([2, 3]) + bytes(46)}
         assert report["sent"] + report["skipped"] == 100 + 10
 
-    def test_rumble_by_bluetooth(self, tmp_path):
+    def test_a_dualsense_by_bluetooth(self, sent):
         """Report 0x31 of hid-playstation.c: sequence in the high nibble, tag, flags, motors, CRC."""
-        file = rd.recording(
-            tmp_path / "rumble.hapf", [[4000] * 1000, [-2000] * 1000], labels=("left", "right"),
-            scale=Fraction(1, 1000),
-        )  # fmt: skip
-        device = replace(dualsense("bluetooth"), descriptor=hid_descriptors.DUALSENSE_BLUETOOTH)
-        profile = rd.patient(tmp_path, name="dualsense-bluetooth")
-        with world(device=device) as w:
-            report = rd.clean(rd.replay(w, file, profile=profile).wait())
-            data = [x.data for x in w.reports]
+        data, report = sent["dualsense-bluetooth"]
         assert {len(x) for x in data} == {78}
         assert all(map(rd.crc_right, data))
         assert [x[1] for x in data] == [(n & 15) << 4 for n in range(len(data))]
         assert {(x[0], *x[2:5]) for x in data} == {(0x31, 0x10, 0x03, 0)}
         assert not any(any(x[7:74]) for x in data)
         motors = [(x[6], x[5]) for x in data]
-        # 4 N and 2 N of 10 N, gain 0.5, 255 steps; both as amplitudes.
-        assert max(motors) == (51, 26)
+        assert set(motors[5:30]) == {(51, 26)}
         assert motors[-rd.NEUTRAL :] == [(0, 0)] * rd.NEUTRAL
         assert report["sent"] + report["skipped"] == 50 + 5  # a second, and a ramp of 100 ms
-
-    def test_waveforms_by_bluetooth_at_their_period(self, tmp_path):
-        """Report 0x32: 32 pairs of signed bytes every 10.667 ms, none early, CRC right."""
-        left = [n // 32 - 46 for n in range(3000)]  # which packet it is
-        right = [30] * 3000
-        file = rd.recording(
-            tmp_path / "waves.hapf", [left, right], labels=("left", "right"), unit="1", rate=3000,
-            scale=Fraction(2, 128),
-        )  # fmt: skip
-        device = replace(dualsense("bluetooth"), descriptor=hid_descriptors.DUALSENSE_BLUETOOTH)
-        profile = rd.patient(tmp_path, name="dualsense-bluetooth-haptics")
-        with world(device=device) as w:
-            report = rd.clean(rd.replay(w, file, profile=profile).wait())
-            events = w.reports
-        data = [x.data for x in events]
-        assert {len(x) for x in data} == {142}
-        assert all(map(rd.crc_right, data))
-        assert {x[:10].hex(" ") for x in data} == {"32 00 91 07 fe 00 00 00 00 ff"}
-        assert [x[10] for x in data] == [n & 0xFF for n in range(len(data))]
-        assert {x[11:13] for x in data} == {b"\x92\x40"}
-        assert not any(any(x[77:138]) for x in data)
-        pairs = [struct.unpack("64b", x[13:77]) for x in data]
-        flat = [pair for x in pairs for pair in zip(x[::2], x[1::2], strict=True)]
-        assert flat[-32 * rd.NEUTRAL :] == [(0, 0)] * (32 * rd.NEUTRAL)
-        # Between the ramps, of 150 samples each: every packet is that of its time.
-        steady = [
-            (x, event.time_ns / 1e6)
-            for x, event in zip(pairs, events, strict=True)
-            if set(x[1::2]) == {30}
-        ]
-        assert all(len(set(x[::2])) == 1 for x, _ in steady)
-        numbers = [x[0] + 46 for x, _ in steady]
-        assert numbers[0] >= 4 and numbers[-1] <= 93
-        assert all(a < b for a, b in pairwise(numbers))
-        assert len(numbers) + report["skipped"] >= 93 - 5
-        period = 32 / 3000 * 1000
-        late = [time - number * period for number, (_, time) in zip(numbers, steady, strict=True)]
-        assert max(late) - min(late) < period + 1, "a packet that is a period late is left out"
-        assert median(late) - min(late) < 2
-        # The last packet of the replay is all at rest; then come the neutral ones.
-        assert report["sent"] + report["skipped"] == -(-(3000 + 150) // 32) + 1

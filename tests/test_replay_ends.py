@@ -19,6 +19,7 @@ from fractions import Fraction
 import pytest
 import replay_device as rd
 from spec import ROOT
+from virtual_hid.descriptors import glove
 from virtual_hid.model import Fault
 from virtual_hid.world import world
 
@@ -36,23 +37,42 @@ def constant(tmp_path_factory):
     return rd.constant(tmp_path_factory.mktemp("constant") / "constant.hapf")
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_a_signal(tmp_path, constant, name):
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+
+
+def test_signals(tmp_path, constant):
     """PLY-007: On every end that it lives to see, a player MUST send the neutral frame, several times, as the last."""
-    number = signal.Signals[name]
-    with world() as w:
-        running = rd.replay(w, constant, profile=rd.patient(tmp_path))
-        w.device.wait_for(rd.steady(200))
-        running.signal(number)
-        done = running.wait()
-        report = rd.told(done)
-        assert done.returncode == 128 + number
-        assert (report["outcome"], report["signal"]) == ("interrupted", number)
-        rd.check_constant(w.reports)
+    devices = [(glove(serial=f"SN{number}"), ()) for number in SIGNALS]
+    with world(devices=devices, tier="fuse") as w:
+        running = rd.together(w, constant, rd.patient(tmp_path))
+        for each, device, number in zip(running, w.devices, SIGNALS, strict=True):
+            device.wait_for(rd.steady(200))
+            each.signal(number)
+        for each, device, number in zip(running, w.devices, SIGNALS, strict=True):
+            done = each.wait()
+            report = rd.told(done)
+            assert done.returncode == 128 + number
+            assert (report["outcome"], report["signal"]) == ("interrupted", number)
+            rd.check_constant(device.reports)
         assert rd.alone(w)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def patience(request, tmp_path_factory, constant):
+    """Devices that stall for seconds, while all other tests run: for 3 s, and for good."""
+    wanted = [x for x in request.session.items if x.parent.name == "TestPatience"]
+    if all(x.get_closest_marker("skip") for x in wanted):
+        yield None
+        return
+    profile = rd.patient(tmp_path_factory.mktemp("patience"), hold_ms=49)
+    stalls = [Fault("stall", at=60, ms=3000)], [Fault("stall", at=60, ms=60_000)]
+    devices = [(glove(serial=f"SN{number}"), faults) for number, faults in enumerate(stalls)]
+    with world(devices=devices) as w:
+        yield w, rd.together(w, constant, profile)
+
+
 class TestDevice:
+    @pytest.mark.deep
     def test_it_refuses_one_report(self, tmp_path, constant):
         with world(faults=[Fault("error", at=300, count=1)]) as w:
             report = rd.told(rd.replay(w, constant, profile=rd.patient(tmp_path)).wait())
@@ -90,6 +110,7 @@ class TestDevice:
             assert [x.op for x in w.events].count("close") == 2
             assert rd.alone(w)
 
+    @pytest.mark.deep
     def test_it_is_not_there(self, constant):
         with world() as w:
             w.device.unplug()
@@ -119,34 +140,6 @@ class TestDevice:
                 pytest.skip(report["watchdog"])
             rd.check_constant(w.reports)
             assert rd.counts_of(w.reports)[61:] == rd.rested()
-
-    @pytest.mark.deep
-    def test_it_stalls_for_3_s(self, tmp_path, constant):
-        """Nobody can reach it. Then it takes what waited: the frame that stalled, and neutral ones."""
-        with world(faults=[Fault("stall", at=60, ms=3000)]) as w:
-            done = rd.replay(w, constant, profile=rd.patient(tmp_path, hold_ms=49)).wait()
-            report = rd.told(done)
-            assert (report["outcome"], done.returncode) == ("late", 5)
-            assert "tripped" in report["watchdog"]
-            counts = rd.counts_of(w.reports)
-            assert counts[60] == rd.LEVELS
-            assert len(counts) >= 61 + 2 * rd.NEUTRAL, "of the writer, and of the watchdog"
-            assert all(map(rd.is_neutral, w.reports[61:]))
-            waited = w.reports[60]
-            asked = [x.asked_ns for x in w.reports[61:] if x.handle != waited.handle]
-            assert (min(asked) - waited.asked_ns) / 1e9 < TRIP_S + MARGIN_S
-            assert rd.alone(w)
-
-    @pytest.mark.deep
-    def test_it_hangs(self, tmp_path, constant):
-        """Writes end after 5 s, not taken (the kernel's own limit); then nothing is tried for long."""
-        with world(faults=[Fault("stall", at=60, ms=60_000)]) as w:
-            done = rd.replay(w, constant, profile=rd.patient(tmp_path, hold_ms=49)).wait(50)
-            report = rd.told(done)
-            assert (report["outcome"], done.returncode) == ("device-lost", 6)
-            assert "tripped" in report["watchdog"] or report["said"]
-            assert len(w.reports) == 60
-            assert rd.alone(w, 20)
 
     @pytest.mark.deep
     def test_it_is_slow(self, tmp_path, constant):
@@ -180,6 +173,7 @@ class TestProcesses:
             assert (after[0].time_ns - before[-1].time_ns) / 1e9 < KILLED_S
             assert rd.alone(w)
 
+    @pytest.mark.deep
     def test_the_writer_stands_still_in_a_call(self, tmp_path, constant):
         """The watchdog acts after its time. The frame that the writer was in comes late, and is
         followed by nothing but neutral ones."""
@@ -320,3 +314,39 @@ def test_a_damaged_file(tmp_path):
     assert all(
         1000 <= x <= 1004 for x in (*thumb[rd.RAMP : first - rd.RAMP], *thumb[stop + 50 : -55])
     )
+
+
+@pytest.mark.deep
+class TestPatience:
+    """Last of all, so that the waiting costs no time."""
+
+    def test_a_device_that_stalls_for_3_s(self, patience):
+        """Nobody can reach it. Then it takes what waited: the frame that stalled, and neutral ones."""
+        w, (running, _) = patience
+        done = running.wait()
+        report = rd.told(done)
+        assert (report["outcome"], done.returncode) == ("late", 5)
+        assert "tripped" in report["watchdog"]
+        reports = w.devices[0].reports
+        waited, after = reports[60], reports[61:]
+        assert rd.Report.of(waited.data).counts == rd.LEVELS
+        assert waited.time_ns - waited.asked_ns >= 3e9
+        assert len(after) >= 2 * rd.NEUTRAL, "of the writer, and of the watchdog"
+        assert all(map(rd.is_neutral, after))
+        asked = [x.asked_ns for x in after if x.handle != waited.handle]
+        assert (min(asked) - waited.asked_ns) / 1e9 < TRIP_S + MARGIN_S
+
+    def test_a_device_that_hangs(self, patience):
+        """Writes end after 5 s, not taken (the kernel's own limit); then nothing is tried for long."""
+        w, (_, running) = patience
+        done = running.wait(40)
+        report = rd.told(done)
+        assert (report["outcome"], done.returncode) == ("device-lost", 6)
+        assert "tripped" in report["watchdog"]
+        device = w.devices[1]
+        assert len(device.reports) == 60
+        first, *others = [x for x in device.events if x.error]
+        assert first.error == errno.ETIMEDOUT
+        assert others and all(map(rd.is_neutral, others))
+        assert (device.events[-1].time_ns - first.asked_ns) / 1e9 < 20
+        assert rd.alone(w, 20)
