@@ -558,7 +558,9 @@ class TestTerminal:
         assert re.search(r"ended +interrupted", said)
         assert self.last_counts(tmp_path) == ["00000000"] * 3
 
-    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+    @pytest.mark.parametrize(
+        "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.deep)]
+    )
     def test_signals(self, playing, tmp_path, number):
         process, master = playing
         process.send_signal(number)
