@@ -429,14 +429,15 @@ class TestStoppedAndKilled:
         assert report["outcome"] == "failed" and "tripped" in report["watchdog"]
         assert "signal 9" in report["reason"]
 
-    def test_everything_is_stopped(self, tmp_path):
+    @pytest.mark.parametrize("stopped_s", [1.0, 4.0])
+    def test_everything_is_stopped(self, tmp_path, stopped_s):
         """As a suspended machine that goes on: the old force does not come back."""
         with Replay(tmp_path, seconds=60) as replay:
             self.force(replay)
             pids = [replay.process.pid, replay.pid("writer"), replay.pid("watchdog")]
             for pid in pids:
                 os.kill(pid, signal.SIGSTOP)
-            time.sleep(1.0)
+            time.sleep(stopped_s)
             asleep = len(replay.frames())
             for pid in pids:
                 os.kill(pid, signal.SIGCONT)

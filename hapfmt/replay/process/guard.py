@@ -77,7 +77,8 @@ class Guard:
             self.ended, self.state = True, f"ended: {error}"
         if self.source.ended or self.target.broken:
             self.ended, self.state = True, self.state or "ended: it has died"
-        elif now_ns - self.heard_ns > SILENT_NS:
+        elif now_ns - self.heard_ns > SILENT_NS and not self.left_alone(now_ns):
+            # Else we were stalled ourselves, and it may not yet have had its turn again.
             self.ended, self.state = True, self.state or "ended: it is silent"
 
     def hear(self, message: Message) -> None:
