@@ -15,14 +15,17 @@ import errno
 import signal
 import sys
 from fractions import Fraction
+from functools import partial
 
 import pytest
 import replay_device as rd
 from spec import ROOT
 from virtual_hid.descriptors import glove
 from virtual_hid.model import Fault
-from virtual_hid.world import world
+from virtual_hid.world import world as any_world
 
+world = partial(any_world, tier="fuse")
+"""Which process writes, and when it closes the device, is told by FUSE alone."""
 pytestmark = pytest.mark.usefixtures("hidapi")
 
 TRIP_S = 0.1
@@ -43,7 +46,7 @@ SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 def test_signals(tmp_path, constant):
     """PLY-007: On every end that it lives to see, a player MUST send the neutral frame, several times, as the last."""
     devices = [(glove(serial=f"SN{number}"), ()) for number in SIGNALS]
-    with world(devices=devices, tier="fuse") as w:
+    with world(devices=devices) as w:
         running = rd.together(w, constant, rd.patient(tmp_path))
         for each, device, number in zip(running, w.devices, SIGNALS, strict=True):
             device.wait_for(rd.steady(200))

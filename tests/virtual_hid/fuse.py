@@ -13,15 +13,15 @@ import select
 import struct
 import time
 from pathlib import Path
-from typing import Any
 
 from . import fuse_wire as wire
 from . import sysfs
 from .behaviour import Answer, Node
 from .channel import Channel
+from .control import command
 from .linux import MS_NODEV, MS_NOSUID, mount, real_time
 from .log import Log, Processes
-from .model import BUSES, Device, Fault
+from .model import BUSES, Device
 
 PRIORITY = 60  # above the player's, so that what is measured is the player
 READ_SIZE = wire.LARGEST + 4096
@@ -57,29 +57,13 @@ class Server:
                 return
             if channel.fileno() in ready:
                 try:
-                    channel.send(self.command(channel.receive()))
+                    channel.send(command(self.node, self.log, channel.receive()))
                 except (EOFError, ConnectionError):
                     return
             self.flush()
             if self.node.gone and self.number is not None:
                 sysfs.remove(Path("/sys"), self.number)
                 self.number = None
-
-    # -- the test
-
-    def command(self, message: dict[str, Any]) -> dict[str, Any]:
-        match message.pop("do"):
-            case "events":
-                return self.log.since(message["first"])
-            case "fault":
-                self.node.befall(Fault(**message["fault"]), time.monotonic_ns())
-            case "clear":
-                self.node.faults.clear()
-            case "say":
-                self.node.say(bytes.fromhex(message["data"]))
-            case other:
-                return {"error": f"no such command: {other}"}
-        return {}
 
     # -- the kernel
 

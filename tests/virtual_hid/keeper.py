@@ -15,10 +15,11 @@ import signal
 import socket
 import sys
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from . import fuse, linux, sysfs, uhid
+from . import fuse, linux, sysfs, uhid, umock
 from .channel import Channel
 from .model import Device, Setup
 
@@ -28,12 +29,16 @@ MESSAGE = 1 << 18
 
 class Keeper:
     def __init__(self, control: socket.socket, setup: Setup, channels: list[Channel]) -> None:
+        self.apart = True
+        """In namespaces of its own."""
         self.control = control
         self.setup = setup
         self.channels = channels
 
     def build(self) -> None:
         """What is private here."""
+        if not self.apart:
+            return
         linux.mount("none", "/", None, linux.MS_REC | linux.MS_PRIVATE)
         linux.mount("proc", "/proc", "proc")
         if self.setup.tier == "fuse":
@@ -72,10 +77,21 @@ class Keeper:
         if self.setup.tier == "uhid":
             uhid.main(self.channels[number], device)
             return
+        if self.setup.tier == "umockdev":
+            self.become_umockdev(self.channels[number].fileno(), device)
         path = Path(f"/dev/{FOLDER}/hidraw{number}")
         path.touch()
         slow_ms = self.setup.slow_ms[number]
         fuse.main(self.channels[number], device, number, slow_ms, str(path), self.setup.fuse)
+
+    def become_umockdev(self, channel: int, device: Device) -> None:
+        """Another Python, since this one may not have the bindings."""
+        os.set_inheritable(channel, True)
+        slow_ms, folder = self.setup.slow_ms[0], self.setup.folder
+        told = [str(channel), json.dumps(device.to_json()), str(slow_ms), folder]
+        start = f"import sys; sys.path.insert(0, {sys.path[0]!r}); from virtual_hid.umock import main; main()"
+        environment = {**os.environ, **umock.environment()}
+        os.execve(self.setup.python, [self.setup.python, "-c", start, *told], environment)
 
     def serve(self) -> None:
         """Commands, and what becomes of processes, until the test goes."""
@@ -118,7 +134,7 @@ class Keeper:
                     return {"error": f"no process {message['pid']}"}
                 return {}
             case "processes":
-                return {"processes": processes()}
+                return {"processes": processes(not self.apart)}
             case other:
                 return {"error": f"no such command: {other}"}
 
@@ -166,11 +182,12 @@ class Keeper:
         self.serve()
 
 
-def processes() -> list[dict[str, Any]]:
-    """All of this world, but for process 1."""
-    found = []
+def processes(only_ours: bool = False) -> list[dict[str, Any]]:
+    """All of this world but for this one; without namespaces, those that descend from it."""
+    found: dict[int, dict[str, Any]] = {}
+    me = os.getpid()
     for folder in Path("/proc").iterdir():
-        if not folder.name.isdigit() or folder.name == "1":
+        if not folder.name.isdigit() or int(folder.name) == me:
             continue
         try:
             stat = (folder / "stat").read_text(encoding="utf-8", errors="replace")
@@ -180,8 +197,12 @@ def processes() -> list[dict[str, Any]]:
         state, parent = stat.rsplit(")", 1)[1].split()[:2]
         if state != "Z":
             one = {"pid": int(folder.name), "parent": int(parent)}
-            found.append({**one, "words": words.split("\0")[:-1]})
-    return found
+            found[int(folder.name)] = {**one, "words": words.split("\0")[:-1]}
+
+    def ours(one: dict[str, Any]) -> bool:
+        return one["parent"] == me or (one["parent"] in found and ours(found[one["parent"]]))
+
+    return [one for one in found.values() if not only_ours or ours(one)]
 
 
 def setup_of(text: str) -> Setup:
@@ -201,7 +222,10 @@ def main() -> None:
     try:
         linux.own_namespaces()
     except OSError as error:
-        keeper.tell(error=f"no namespaces of its own: {error.strerror}")
+        if setup.tier == "umockdev":
+            without(keeper)
+        else:
+            keeper.tell(error=f"no namespaces of its own: {error.strerror}")
         return
     child = os.fork()
     if child:
@@ -220,3 +244,19 @@ def main() -> None:
         keeper.tell(error=traceback.format_exc())
     finally:
         os._exit(0)
+
+
+def without(keeper: Keeper) -> None:
+    """No namespaces: what is started here is taken in when its parent dies, and killed at the end.
+    If this process is killed too, only those of its own die with it."""
+    keeper.apart = False
+    linux.check(linux.libc.prctl(linux.PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0), "prctl")
+    try:
+        keeper.run()
+    finally:
+        signal.set_wakeup_fd(-1)
+        while left := processes(only_ours=True):
+            for each in left:
+                with suppress(ProcessLookupError):
+                    os.kill(each["pid"], signal.SIGKILL)
+            keeper.reap()

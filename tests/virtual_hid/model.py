@@ -91,3 +91,7 @@ class Setup:
     """Time that each device takes for a report."""
     tier: str = "fuse"
     fuse: str = "/dev/fuse"
+    python: str = ""
+    """With the bindings of umockdev."""
+    folder: str = ""
+    """For its files."""

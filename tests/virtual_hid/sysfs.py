@@ -11,7 +11,7 @@ MAJOR = 240  # for local use: LANANA's list of devices
 
 
 def build(root: Path, devices: list[Device], folder: str) -> None:
-    """A tree for devices whose nodes are ``/dev/FOLDER/hidraw0`` and so on."""
+    """A tree for devices whose nodes are ``/dev/FOLDER/hidraw0`` and so on; "": in /dev itself."""
     for name in ("bus/usb/devices", "bus/hid/devices", "class/hidraw", "dev/char"):
         (root / name).mkdir(parents=True)
     for number, device in enumerate(devices):
@@ -40,7 +40,12 @@ def add(root: Path, number: int, device: Device, folder: str) -> None:
         f"HID_UNIQ={device.serial}",
     )
     (hid / "report_descriptor").write_bytes(device.descriptor)
-    write(raw / "uevent", f"MAJOR={MAJOR}", f"MINOR={number}", f"DEVNAME={folder}/hidraw{number}")
+    write(
+        raw / "uevent",
+        f"MAJOR={MAJOR}",
+        f"MINOR={number}",
+        f"DEVNAME={Path(folder) / f'hidraw{number}'}",
+    )
     write(raw / "dev", f"{MAJOR}:{number}")
     link(hid / "subsystem", root / "bus/hid")
     link(raw / "subsystem", root / "class/hidraw")

@@ -18,6 +18,8 @@ class Virtual:
         self.seen: list[Event] = []
         self.path = ""
         """Of its node, within the world."""
+        self.env: dict[str, str] = {}
+        """For programs that are to see it."""
         self.refused = ""
         """Which real-time settings its server did not get."""
 
@@ -28,6 +30,7 @@ class Virtual:
         except EOFError:
             return "the server of the device ended at once"
         self.path, self.refused = got.get("path", ""), got.get("refused", "")
+        self.env = got.get("env", {})
         return str(got.get("error", ""))
 
     @property

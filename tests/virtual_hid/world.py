@@ -15,6 +15,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -23,6 +24,7 @@ from functools import cache
 from pathlib import Path
 from typing import IO, Any
 
+from . import umock
 from .channel import Channel
 from .descriptors import glove
 from .model import Device, Event, Fault, Setup
@@ -121,10 +123,13 @@ class World:
         """``env`` comes on top of what the test has."""
         running = Running(self, [str(word) for word in words], stdin)
         self.commands.append(running)
+        added = {"SYSTEMD_DEVICE_VERIFY_SYSFS": "0", **self.device.env}
+        if self.setup.tier == "umockdev":
+            added |= umock.environment()
         message = {
             "do": "start",
             "words": running.words,
-            "env": {**os.environ, "SYSTEMD_DEVICE_VERIFY_SYSFS": "0", **(env or {})},
+            "env": {**os.environ, **added, **(env or {})},
             "cwd": str(cwd or Path.cwd()),
         }
         files = array.array("i", running.files())
@@ -218,17 +223,22 @@ def open_world(
     all_of_them = list(devices) or [(device or glove(), faults)]
     faulty = slow_ms > 0 or any(theirs for _, theirs in all_of_them)
     tier = tier or choose(faulty)
-    setup = Setup(tuple(x for x, _ in all_of_them), (slow_ms,) * len(all_of_them), tier, fuse)
-    made = World(setup)
-    try:
+    if tier == "umockdev" and len(all_of_them) > 1:
+        raise UnavailableError("umockdev serves one device here")
+    with ExitStack() as stack:
+        told = [tier, fuse]
+        if tier == "umockdev":
+            told += [umock.python(), stack.enter_context(tempfile.TemporaryDirectory())]
+        setup = Setup(tuple(x for x, _ in all_of_them), (slow_ms,) * len(all_of_them), *told)
+        made = World(setup)
+        stack.callback(made.close)
         made.begin([x for _, x in all_of_them])
         yield made
-    finally:
-        made.close()
 
 
 def choose(faulty: bool) -> str:
-    """The kernel's own uhid where there is one and it can do what is asked, else FUSE."""
+    """The kernel's own uhid where there is one and it can do what is asked, else FUSE, else
+    umockdev."""
     reasons = []
     if faulty:
         reasons.append("uhid knows no faults")
@@ -237,7 +247,9 @@ def choose(faulty: bool) -> str:
     else:
         return "uhid"
     if reason := why_no_fuse():
-        raise UnavailableError("; ".join([*reasons, reason]))
+        if umock.python():
+            return "umockdev"
+        raise UnavailableError("; ".join([*reasons, reason, "no umockdev"]))
     return "fuse"
 
 
