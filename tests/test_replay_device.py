@@ -6,6 +6,7 @@ is computed here from the layouts that the profiles describe (replay_device.py),
 
 from __future__ import annotations
 
+import os
 import struct
 from dataclasses import replace
 from fractions import Fraction
@@ -117,6 +118,38 @@ def test_a_device_whose_reports_differ_gets_none(tmp_path):
         assert done.returncode == 1
         assert "length" in done.stderr or "bytes" in done.stderr
         assert not w.reports
+
+
+@pytest.mark.deep
+def test_keys_of_a_terminal(tmp_path):
+    """PLY-003: A player MUST pass from rest to signal and back by a ramp, never by a step: at the start and the end, at a pause, a seek, the join of a loop, an error.
+
+    Space pauses and goes on, right seeks, q ends.
+    """
+    file = rd.constant(tmp_path / "constant.hapf")
+    ours, theirs = pytest.importorskip("pty").openpty()
+    with world() as w, os.fdopen(ours, "wb", 0) as keyboard, os.fdopen(theirs, "rb", 0) as terminal:
+        running = rd.replay(w, file, profile=rd.patient(tmp_path), stdin=terminal)
+        places = []
+        for key in (b" ", b" ", b"\x1b[C", b"q"):
+            seen = len(w.reports)
+            w.device.wait_for(rd.steady(seen + 200 + 2 * rd.RAMP))
+            places.append(len(w.reports))
+            keyboard.write(key)
+        done = running.wait()
+        report = rd.told(done)
+        assert (report["outcome"], report["reason"], done.returncode) == (
+            "interrupted",
+            "q was pressed",
+            0,
+        )
+        counts = rd.counts_of(w.reports)
+    rd.check_steps(counts)
+    way = [*rd.rise(), *rd.fall()] * 3
+    assert rd.without_repeats(counts) == rd.without_repeats(way)
+    assert counts[-len(rd.rested()) :] == rd.rested()
+    assert counts[places[0]] == rd.LEVELS == counts[places[2]] == counts[places[3]]
+    assert counts[places[1]] == (0,) * 5, "a pause rests"
 
 
 def test_waveforms_of_a_dualsense_at_their_period(tmp_path):

@@ -190,6 +190,7 @@ def test_a_report_descriptor():
     )
 
 
+@linux
 class TestUhid:
     """Against a socket in the place of the kernel."""
 
@@ -376,8 +377,9 @@ with open_world(tier="fuse") as w:
 
 
 @linux
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_a_killed_test_leaves_no_world_behind(number):
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM"])
+def test_a_killed_test_leaves_no_world_behind(name):
+    number = signal.Signals[name]
     with world(tier="fuse"):
         pass  # skips, and says why, where there is none
     code = SLEEPER.format(tests=str(ROOT / "tests"))

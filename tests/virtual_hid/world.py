@@ -11,7 +11,6 @@ import array
 import json
 import os
 import select
-import signal
 import socket
 import subprocess
 import sys
@@ -146,7 +145,7 @@ class World:
     def python(self, code: str, *words: object, **others: Any) -> Running:
         return self.start([sys.executable, "-W", "error", "-c", code, *words], **others)
 
-    def signal(self, pid: int, number: int = signal.SIGKILL) -> None:
+    def signal(self, pid: int, number: int) -> None:
         self.ask(do="signal", pid=pid, signal=number)
 
     def processes(self) -> list[dict[str, Any]]:
@@ -239,6 +238,8 @@ def open_world(
 def choose(faulty: bool) -> str:
     """The kernel's own uhid where there is one and it can do what is asked, else FUSE, else
     umockdev."""
+    if sys.platform != "linux":
+        raise UnavailableError("virtual devices are of Linux")
     reasons = []
     if faulty:
         reasons.append("uhid knows no faults")
