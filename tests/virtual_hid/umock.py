@@ -142,7 +142,7 @@ def main() -> None:
     channel = Channel(socket.socket(fileno=int(fd)))
     server = Server(glib, Device.from_json(json.loads(text)), float(slow_ms))
 
-    class Handler(umockdev.IoctlBase):  # type: ignore[misc, name-defined]
+    class Handler(umockdev.IoctlBase):  # type: ignore[misc]
         """Handled is what they say of each call, whenever it is completed."""
 
         def do_client_connected(self, client: Any) -> None:
