@@ -108,7 +108,7 @@ class TestKernels:
         chosen = kernel("band-limited", ratio)
         phases = np.arange(64) / 64
         x = np.arange(1 - chosen.half, chosen.half + 1)[None, :] - phases[:, None]
-        cutoffs = np.arange(0, 8, 0.005)
+        cutoffs = np.arange(0, 4, 0.01)
         angles = np.pi * cutoffs / float(chosen.width)
         weights = chosen.weights(phases).ravel()
         gain = np.abs([weights @ np.cos(angle * x.ravel()) for angle in angles]) / 64
