@@ -167,7 +167,7 @@ def at_once(self):
 def half_way(self):
     self.phase = max(self.phase - 1, 0)
     self.falling = self.phase > self.length // 2
-    return self.shape() / self._top if self._top else 0.0
+    return self.shape() / self.top if self.top else 0.0
 
 
 def dropped(self):

@@ -21,13 +21,14 @@ def ramp_samples(seconds: float, rate: Fraction) -> int:
 class Envelope:
     """Of one actuator. ``phase``: 0 at rest, ``length`` at the full signal."""
 
-    __slots__ = ("_top", "falling", "length", "phase")
+    __slots__ = ("falling", "length", "phase", "top")
 
     def __init__(self, length: int) -> None:
         self.length = length
         self.phase = 0
         self.falling = False
-        self._top = 1.0
+        self.top = 1.0
+        """Its shape where the fall began."""
 
     def shape(self) -> float:
         return (1 - cos(pi * self.phase / self.length)) / 2
@@ -41,10 +42,10 @@ class Envelope:
 
     def begin_fall(self) -> None:
         self.falling = True
-        self._top = self.shape()
+        self.top = self.shape()
 
     def fall(self) -> float:
         """What is left in this sample of the value that the fall began with."""
         if self.phase:
             self.phase -= 1
-        return self.shape() / self._top if self._top else 0.0
+        return self.shape() / self.top if self.top else 0.0

@@ -8,6 +8,8 @@ from .envelope import Envelope, ramp_samples
 from .limiter import Limiter, count_limits
 from .profile.model import Actuator, Profile
 
+State = tuple[int, int, int, bool, float]
+
 
 class Lane:
     """Exactly one of ``play`` and ``fall`` is called for each sample that is sent."""
@@ -103,6 +105,15 @@ class Lane:
         if envelope.phase and not envelope.falling:
             envelope.begin_fall()
             self._held = self.limiter.count - self.rest
+
+    def state(self) -> State:
+        envelope = self.envelope
+        return self.limiter.count, self._held, envelope.phase, envelope.falling, envelope.top
+
+    def restore(self, state: State) -> None:
+        """As it was: what came since was not sent. What was counted stays counted."""
+        envelope = self.envelope
+        self.limiter.count, self._held, envelope.phase, envelope.falling, envelope.top = state
 
     def forget(self) -> None:
         """What comes next is from elsewhere in the recording: no gap lies before it."""

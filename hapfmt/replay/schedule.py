@@ -8,7 +8,6 @@ still while it does not. So ``played``, the number of the sample that comes next
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Literal, get_args
@@ -18,6 +17,7 @@ import numpy as np
 from ..errors import ParameterError
 from .frames import Block, Frame
 from .lane import Lane
+from .lane import State as LaneState
 from .profile.model import Profile
 
 State = Literal["playing", "pausing", "paused", "stopping", "ended"]
@@ -77,6 +77,10 @@ class Schedule:
         self._hold_ns = round(timing.hold_s * 1e9)
         self._number = 0
         """Of the next frame."""
+        self._unsent = 0
+        """Number of the first frame since which the device got none."""
+        self._before: tuple[int, int, int, bool, list[LaneState]] | None = None
+        """``_unsent`` and more before the last frame."""
         self._latest = 0
         """Time as last told."""
         self._shift = 0
@@ -173,12 +177,17 @@ class Schedule:
         if SEVERITY.index(outcome) >= SEVERITY.index(self.outcome or "clean"):
             self.outcome = outcome
 
-    def not_taken(self, before: Sequence[int]) -> None:
-        """The device did not take the last frame, and still has the counts ``before`` it."""
+    def not_taken(self) -> None:
+        """The device did not get the last frame: all is as before it, and it is one of those that
+        are skipped when another comes. It does not come again."""
+        if self._before is None:
+            return
+        self._unsent, self._counts.skipped, self.played, self._running, states = self._before
+        self._before = None
         self._counts.sent -= 1
         self._ended = False
-        for lane, count in zip(self.lanes, before, strict=True):
-            lane.limiter.count = count
+        for lane, state in zip(self.lanes, states, strict=True):
+            lane.restore(state)
 
     def pause(self) -> None:
         if self._goal == "play":
@@ -211,13 +220,15 @@ class Schedule:
         due = now_ns * self._periods // self._period_ns
         if due < self._number:
             return None
-        if now_ns - self._due_ns(self._number) - self._shift > self._hold_ns:
+        if now_ns - self._due_ns(self._unsent) - self._shift > self._hold_ns:
             self.stop("late")
-        skipped = due - self._number
+        counts, skipped = self._counts, due - self._unsent
+        states = [lane.state() for lane in self.lanes]
+        self._before = self._unsent, counts.skipped, self.played, self._running, states
+        counts.sent += 1
+        counts.skipped += skipped
         frame = Frame(due, self._due_ns(due), self._samples_due(skipped))
-        self._number = due + 1
-        self._counts.skipped += skipped
-        self._counts.sent += 1
+        self._number = self._unsent = due + 1
         if self._goal == "stop" and self.at_rest:
             self._ended = all(row == self._rest for row in frame.counts)
         return frame
@@ -250,23 +261,21 @@ class Schedule:
         """Of the samples from ``played`` on; None where there is no block."""
         rows: list[Row | None] = []
         at, stop = self.played, self.played + self._samples
-        while at < stop:
-            while self._blocks and self._blocks[0].first + len(self._blocks[0].values) <= at:
-                self._blocks.popleft()
-            if not self._blocks:
-                self._miss(stop - at)
-                return rows + [None] * (stop - at)
-            first, values, known, *_ = self._blocks[0]
+        while self._blocks and self._blocks[0].first + len(self._blocks[0].values) <= at:
+            self._blocks.popleft()
+        for first, values, known, *_ in self._blocks:
             if first > at:
                 rows += [self._hole] * (min(first, stop) - at)
                 at = min(first, stop)
-                continue
-            part = slice(at - first, stop - first)
+            part = slice(at - first, max(stop - first, 0))
             found = list(zip(values[part].tolist(), known[part].tolist(), strict=True))
             rows += found
             at += len(found)
-        self._starved = False
-        return rows
+            if at == stop:
+                self._starved = False
+                return rows
+        self._miss(stop - at)
+        return rows + [None] * (stop - at)
 
     def _leap(self, samples: int) -> None:
         """Leave samples out. An actuator that is not known all the way comes to rest first: the
