@@ -95,6 +95,8 @@ class Watch:
         self.size = profile.timing.frame_samples
         self.last = [limits.rest for limits in self.limits]
         self.number = -1
+        self.unsent = 0
+        """The first frame since which the device got none."""
         self.sent = 0
         self.lost_ns = 0
         """By which the clock jumped back too far."""
@@ -106,7 +108,6 @@ class Watch:
         self.end: int | None = None
         self.bound: int | None = None
         """Frames that the end may take."""
-        self.frames: list[Frame] = []
 
     def feed(self, block: Block) -> None:
         self.schedule.feed(block)
@@ -142,8 +143,8 @@ class Watch:
         if self.schedule.state == "stopping" and self.bound is None:
             self.bound = self.sent + self.schedule.frames_to_rest
 
-    def tick(self, now_ns: int) -> Frame | None:
-        """One call, at ``now_ns``."""
+    def tick(self, now_ns: int, taken: bool = True) -> Frame | None:
+        """One call, at ``now_ns``; ``taken``: whether the device gets what comes."""
         schedule, lanes = self.schedule, self.schedule.lanes
         state, played = schedule.state, schedule.played
         before = [(lane.envelope.phase, lane.envelope.falling) for lane in lanes]
@@ -165,10 +166,11 @@ class Watch:
         assert frame.number == due
         assert frame.due_ns == ceil(due * self.period_ns) - self.lost_ns <= now_ns
         assert schedule.next_ns == ceil((due + 1) * self.period_ns) - self.lost_ns > now_ns
-        if time_ns - ceil((self.number + 1) * self.period_ns) > hold_ns:
+        if time_ns - ceil(self.unsent * self.period_ns) > hold_ns:
             assert schedule.outcome in ("late", "device-lost")
             assert schedule.state in ("stopping", "ended")
-        skipped, self.number = due - self.number - 1, due
+        skipped, self.number = due - self.unsent, due
+        unsent, self.unsent, last = self.unsent, due + 1, self.last[:]
         self.sent += 1
         self.check_counts(schedule.counts, due)
         self.check_samples(frame, state, played, skipped, before)
@@ -178,7 +180,12 @@ class Watch:
             assert self.sent < self.bound or schedule.state == "ended"
         if schedule.state == "ended":
             assert all(row == tuple(x.rest for x in self.limits) for row in frame.counts)
-        self.frames.append(frame)
+        if not taken:
+            schedule.not_taken()
+            self.sent, self.unsent, self.last = self.sent - 1, unsent, last
+            now = [(lane.envelope.phase, lane.envelope.falling) for lane in lanes]
+            assert (schedule.played, now) == (played, before)
+            assert schedule.state != "ended"
         return frame
 
     @property

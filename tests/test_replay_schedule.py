@@ -481,20 +481,62 @@ class TestEnds:
         assert sent(schedule) == [0]
 
     def test_frames_that_were_not_taken(self):
-        """The device has the counts before them; the last of a ramp is not the end then."""
+        """All is as before them; the last of a ramp is not the end then."""
         schedule = started(np.ones(50), make_profile(make_actuator(slew=200)))
         assert sent(schedule, 7)[-2:] == [1000, 1000]
         schedule.stop("failed")
         assert sent(schedule, 3) == [854, 654, 454]
-        schedule.not_taken([654])
+        schedule.not_taken()
         assert sent(schedule, 1) == [454]
-        schedule.not_taken([654])
+        schedule.not_taken()
+        schedule.not_taken()
         assert sent(schedule, 3) == [454, 254, 54]
         assert sent(schedule) == [0]
-        schedule.not_taken([54])
+        schedule.not_taken()
         assert schedule.state == "stopping"
         assert sent(schedule) == [0]
-        assert schedule.counts.sent == 7 + 2 + 4
+        assert (schedule.counts.sent, schedule.counts.skipped) == (7 + 2 + 4, 3)
+
+    def test_a_frame_that_was_not_sent_in_time(self):
+        """It is left out like others: the recording goes on, the ramp does not, late is late."""
+        schedule = started([1, 2, 3, 4, 5] * 9)
+        schedule.not_taken()
+        assert sent(schedule, 2) == [146, 1000]
+        schedule.not_taken()
+        assert schedule.played == 1
+        assert sent(schedule, 2) == [1500, 3414]
+        schedule.not_taken()
+        assert schedule.frames_due(23 * MS).counts == ((3414,),)
+        assert schedule.outcome is None
+
+    def test_one_that_was_not_sent_is_late_all_the_same(self):
+        schedule = started(np.ones(50))
+        sent(schedule, 5)
+        schedule.not_taken()
+        schedule.frames_due(24 * MS)
+        assert schedule.outcome is None
+        schedule.not_taken()
+        assert schedule.frames_due(25 * MS).counts == ((854,),)
+        assert schedule.outcome == "late"
+
+    def test_one_that_was_not_sent_and_began_a_gap(self):
+        known = np.ones((40, 1), bool)
+        known[5] = False
+        schedule = Schedule(make_profile())
+        schedule.feed(make_block(0, np.ones(5)))
+        schedule.feed(make_block(5, np.ones(1), False))
+        schedule.feed(make_block(6, np.ones(20)))
+        assert sent(schedule, 6)[-2:] == [1000, 854]
+        schedule.not_taken()
+        assert sent(schedule, 5) == [854, 500, 146, 0, 146]
+
+    def test_one_that_was_not_sent_at_the_edge_of_a_block(self):
+        schedule = Schedule(make_profile())
+        for first in (0, 5, 6, 7):
+            schedule.feed(make_block(first, np.ones(1 if first else 5)))
+        assert sent(schedule, 6)[-1] == 1000
+        schedule.not_taken()
+        assert sent(schedule, 2) == [1000, 1000]
 
     def test_an_outcome_that_nobody_knows_stops_too(self):
         schedule = started(np.ones(50))

@@ -87,6 +87,13 @@ class Replays(RuleBasedStateMachine):
             self.watch.tick(self.now_ns)
             assert self.schedule.frames_due(self.now_ns) is None
 
+    @rule(frames=st.lists(st.booleans(), min_size=1, max_size=10))
+    def lose(self, frames):
+        """Frames that were made and not sent."""
+        for taken in frames:
+            self.now_ns = max(self.now_ns, self.schedule.next_ns)
+            self.watch.tick(self.now_ns, taken)
+
     @rule(ns=st.sampled_from([10**6, 19 * 10**6, 20 * 10**6]))
     def stall(self, ns):
         self.now_ns += ns

@@ -54,10 +54,11 @@ class Loop:
         self.guard: Guard | None = None
         self.source, self.target, self.asked = source, target, asked
         self.schedule, self.packer = Schedule(profile, gain), Packer(profile)
-        self.counts = tuple(limits.rest for limits in profile.count_limits)
         """What the device has."""
         self.log: list[Sent] | None = [] if log else None
         self.period_ns = float(profile.timing.period) * 1e9
+        self.latest_ns = min(self.period_ns, profile.timing.hold_s * 1e9)
+        """So much too late a frame is not sent."""
         self.late, self.call = Lateness(), Lateness()
         self.start_ns: int | None = None
         self.heard_ns = self.status_ns = clock()
@@ -66,8 +67,8 @@ class Loop:
         self.deaf = False
         """Nothing that still comes from the player is heard."""
         self.generation = self.neutral = 0
-        self.unsent = self.dropped = 0
-        """The number of the first frame that was not sent yet; frames that were made in vain."""
+        self.unsent = 0
+        """The number of the first frame that was not sent yet."""
         self.reason, self.error_code = "", 1
         self.signal: int | None = None
 
@@ -104,9 +105,10 @@ class Loop:
         try:
             if self.guard is not None:
                 self.guard.listen(clock())
-            if self.until(start_ns + frame.due_ns) - start_ns - frame.due_ns >= self.period_ns:
-                # Held up since it was made: the one that is due now takes its place.
-                self.dropped += 1
+            late_ns = self.until(start_ns + frame.due_ns) - start_ns - frame.due_ns
+            if late_ns >= self.latest_ns and self.schedule.outcome is None:
+                # Held up since it was made: the one that is due now takes its place. But a frame
+                # of a ramp to rest is sent, or a machine that is always too slow would never rest.
                 return
             # Not before: its counters count what is sent.
             reports = self.packer.pack(frame)
@@ -117,9 +119,8 @@ class Loop:
             taken = True
         finally:
             if not taken:
-                self.schedule.not_taken(self.counts)
+                self.schedule.not_taken()
         self.call.add(clock() - began)
-        self.counts = frame.counts[-1]
         self.count_late(began - start_ns, frame)
         if self.log is not None:
             self.log.append(Sent(frame, began - start_ns))
@@ -274,12 +275,8 @@ class Loop:
             "played": self.schedule.played,
             "generation": self.generation,
             "max_late_us": self.late.max / 1000,
-            **self.totals(),
+            **vars(self.schedule.counts),
         }
-
-    def totals(self) -> dict[str, int]:
-        counts = self.schedule.counts
-        return {**vars(counts), "skipped": counts.skipped + self.dropped}
 
     def report(self) -> dict[str, Any]:
         outcome = self.schedule.outcome or "clean"
@@ -291,7 +288,7 @@ class Loop:
             "neutral": self.neutral,
             "late": microseconds(self.late),
             "call": microseconds(self.call),
-            **self.totals(),
+            **vars(self.schedule.counts),
         }
 
 
