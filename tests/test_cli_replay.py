@@ -419,6 +419,7 @@ class TestEnds:
             (ReplayReport("clean"), 0),
             (ReplayReport("clean", lost=["a: 2 s"]), 3),
             (ReplayReport("late", reason="30 ms late"), 5),
+            (ReplayReport("late"), 5),
             (ReplayReport("device-lost", reason="write failed"), 6),
             (ReplayReport("interrupted", signal=2), 130),
             (ReplayReport("interrupted", signal=15), 143),
@@ -432,6 +433,8 @@ class TestEnds:
         assert said.code == code
         reason = getattr(report, "reason", "") or str(getattr(report, "message", ""))
         assert reason in said.err
+        if report == ReplayReport("late"):
+            assert "a frame was later than the 1000 ms that the profile allows" in said.err
         if isinstance(report, ReplayReport):
             assert json.loads(ended(report, "--json").out)["exit_code"] == code
             assert re.search(rf"ended +{report.outcome} ", said.out)

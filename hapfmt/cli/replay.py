@@ -163,7 +163,7 @@ def replay(
             failure = error
         findings = [f"{reader.source.path or 'input'}: {each}" for each in reader.findings]
     if report.outcome != "clean":
-        click.echo(f"hapfmt: {printable(report.reason or report.outcome)}", err=True)
+        click.echo(f"hapfmt: {printable(report.reason or why(report, profile))}", err=True)
     tell_some([*findings, *report.lost, *report.said])
     code = report.exit_code or (LOST if findings else 0)
     if failure is not None:
@@ -186,6 +186,14 @@ def parts(given: tuple[str, ...], labels: list[str]) -> list[str]:
         for text in given
         for part in ([text] if text.rpartition("=")[0] in labels else text.split(","))
     ]
+
+
+def why(report: ReplayReport, profile: Profile) -> str:
+    """An end that has no more to say for itself."""
+    if report.outcome == "late":
+        held = 1000 * profile.timing.hold_s
+        return f"stopped: a frame was later than the {held:g} ms that the profile allows"
+    return report.outcome
 
 
 def refuse_nothing(renderer: Renderer) -> None:
