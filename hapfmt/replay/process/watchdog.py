@@ -5,6 +5,10 @@ heartbeat on standard input. A heart that stops, or an end without a goodbye, tr
 frames through its own handle, at once and again, until the writer is gone or has said goodbye.
 A writer that was stalled in the middle of a call may have sent an old force after the first of
 them. It does not ramp: it knows nothing of the force, only that nobody holds it.
+
+The first one comes ``heartbeat_s`` after the last beat of a writer that hangs, and a few
+milliseconds after the death of one that is killed: 3.4 ms, at most 6.7 ms of 20 (two cores with
+twice as much to do, SCHED_FIFO; 5.3 ms and 23 ms without).
 """
 
 from __future__ import annotations
