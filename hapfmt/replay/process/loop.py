@@ -54,7 +54,6 @@ class Loop:
         self.guard: Guard | None = None
         self.source, self.target, self.asked = source, target, asked
         self.schedule, self.packer = Schedule(profile, gain), Packer(profile)
-        """What the device has."""
         self.log: list[Sent] | None = [] if log else None
         self.period_ns = float(profile.timing.period) * 1e9
         self.latest_ns = min(self.period_ns, profile.timing.hold_s * 1e9)
