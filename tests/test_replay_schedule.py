@@ -99,6 +99,27 @@ class TestRamps:
         schedule.feed(make_block(0, np.full(9, -4.0), generation=1))
         assert sent(schedule, 4) == [146, 0, -586, -2000]
 
+    def test_a_seek_that_was_asked_for_before(self):
+        schedule = started(np.ones(20))
+        schedule.seek(2, 0)
+        schedule.feed(make_block(0, np.ones(20), generation=2))
+        sent(schedule, 5)
+        for generation in (2, 1, 0):
+            schedule.seek(generation, 0)
+        assert schedule.played == 5
+        assert sent(schedule, 2) == [1000, 1000]
+
+    def test_frames_left_out_before_it_plays_cost_nothing_of_it(self):
+        schedule = Schedule(make_profile())
+        sent(schedule, 2)
+        schedule.feed(make_block(0, [1, 2, 3, 4, 5, 5, 5, 5]))
+        assert schedule.frames_due(7 * MS).counts == ((146,),)
+        assert sent(schedule, 4) == [1000, 2561, 4000, 5000]
+        schedule.seek(1, 50)
+        sent(schedule, 5)
+        schedule.feed(make_block(50, [1, 2, 3, 4], generation=1))
+        assert schedule.frames_due(30 * MS).counts == ((146,),)
+
     def test_a_seek_in_a_pause_stays_paused(self):
         schedule = started(np.ones(20))
         sent(schedule, 5)
@@ -377,6 +398,9 @@ class TestLossOfSignal:
     def test_a_block_of_another_shape(self):
         with pytest.raises(ParameterError, match="samples, 1"):
             Schedule(make_profile()).feed(make_block(0, np.ones((3, 2))))
+        block = make_block(0, np.ones(3))
+        with pytest.raises(ParameterError, match="samples, 1"):
+            Schedule(make_profile()).feed(block._replace(known=np.ones((2, 1), bool)))
 
 
 class TestTime:
