@@ -101,6 +101,12 @@ def clean(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
     return report
 
 
+def check_sent(report: dict[str, Any], frames: int) -> None:
+    """Of so many frames those that were not sent were skipped; a ramp goes by samples that are
+    sent, so it takes longer where some are left out."""
+    assert frames <= report["sent"] + report["skipped"] <= frames + report["skipped"], report
+
+
 def shape(phase: int, length: int = RAMP) -> float:
     """The raised cosine."""
     return (1 - cos(pi * phase / length)) / 2
