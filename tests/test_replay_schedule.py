@@ -521,6 +521,17 @@ class TestEnds:
         assert sent(schedule) == [0]
         assert (schedule.counts.sent, schedule.counts.skipped) == (7 + 2 + 4, 3)
 
+    def test_the_first_frame_of_a_block_that_was_not_taken(self):
+        """What lies before it in the block before is still known: no gap, no way down."""
+        schedule = started(np.ones(6))
+        schedule.feed(make_block(6, np.ones(6)))
+        assert sent(schedule, 4) == [146, 500, 854, 1000]
+        assert schedule.frames_due(6 * MS).counts == ((1000,),)
+        schedule.not_taken()
+        assert schedule.played == 4
+        assert schedule.frames_due(7 * MS).counts == ((1000,),)
+        assert schedule.counts.under_runs == 0
+
     def test_a_frame_that_was_not_sent_in_time(self):
         """It is left out like others: the recording goes on, the ramp does not, late is late."""
         schedule = started([1, 2, 3, 4, 5] * 9)

@@ -222,6 +222,9 @@ class Schedule:
             return None
         if now_ns - self._due_ns(self._unsent) - self._shift > self._hold_ns:
             self.stop("late")
+        # Only now: a frame that was not taken goes back to where it began.
+        while self._blocks and self._blocks[0].first + len(self._blocks[0].values) <= self.played:
+            self._blocks.popleft()
         counts, skipped = self._counts, due - self._unsent
         states = [lane.state() for lane in self.lanes]
         self._before = self._unsent, counts.skipped, self.played, self._running, states
@@ -261,8 +264,6 @@ class Schedule:
         """Of the samples from ``played`` on; None where there is no block."""
         rows: list[Row | None] = []
         at, stop = self.played, self.played + self._samples
-        while self._blocks and self._blocks[0].first + len(self._blocks[0].values) <= at:
-            self._blocks.popleft()
         for first, values, known, *_ in self._blocks:
             if first > at:
                 rows += [self._hole] * (min(first, stop) - at)
