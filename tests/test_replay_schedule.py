@@ -573,6 +573,17 @@ class TestEnds:
         schedule.not_taken()
         assert sent(schedule, 2) == [1000, 1000]
 
+    def test_one_that_came_after_others_left_out_over_such_edges(self):
+        schedule = Schedule(make_profile())
+        for first in range(0, 30, 5):
+            schedule.feed(make_block(first, np.ones(5)))
+        sent(schedule, 4)
+        for now_ns in (8 * MS, 12 * MS):
+            assert schedule.frames_due(now_ns).counts == ((1000,),)
+            schedule.not_taken()
+        assert schedule.frames_due(16 * MS).counts == ((1000,),)
+        assert (schedule.counts.sent, schedule.counts.skipped) == (5, 12)
+
     def test_an_outcome_that_nobody_knows_stops_too(self):
         schedule = started(np.ones(50))
         with pytest.raises(ValueError, match="tuple"):
