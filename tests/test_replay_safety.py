@@ -15,11 +15,16 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 from replay_scenes import profile_of
 from spec import ROOT
 
+from hapfmt.replay.frames import Block
 from hapfmt.replay.process import watchdog
+from hapfmt.replay.process.clock import clock
+from hapfmt.replay.process.guard import Guard
+from hapfmt.replay.process.loop import Loop
 from hapfmt.replay.process.messages import Kind, Message
 from hapfmt.replay.profile.model import Profile
 
@@ -490,6 +495,69 @@ class TestStoppedAndKilled:
                 report = replay.end()
                 replay.judge()
             assert (report["outcome"], report["exit_code"]) == ("interrupted", 128 + number), name
+
+
+class Silence:
+    """The end of a pipe from which nothing comes, and that takes all."""
+
+    ended = broken = False
+
+    def take(self) -> Message | None:
+        return None
+
+    def send(self, _: bytes) -> None: ...
+
+
+class TestTripped:
+    """Nothing but neutral frames follows what the watchdog says, in time or not."""
+
+    def test_between_making_a_frame_and_sending_it(self):
+        profile = profile_of(patient())
+
+        class Device:
+            forces = others = 0
+
+            def send(self, frame, _):
+                self.forces += bool(frame.counts)
+                self.others += not frame.counts
+
+        class Tripping:
+            ended = tripped = False
+            asked, state = None, ""
+
+            def due(self, _):
+                return False
+
+            def beat(self, _): ...
+
+            def listen(self, _):
+                self.tripped = device.forces >= 100
+
+            def left_alone(self, _):
+                return self.tripped
+
+        device: Any = Device()
+        loop = Loop(profile, 1.0, device, Silence(), Silence(), [], log=False)
+        loop.guard, loop.begun = Tripping(), True
+        values = np.full((1000, 5), 3.0)
+        loop.schedule.feed(Block(0, values, values > 0, 0, True))
+        loop.run()
+        assert (device.forces, device.others) == (100, profile.timing.neutral_count)
+        assert loop.report()["outcome"] == "late"
+
+    def test_while_the_heart_beats(self):
+        """It may trip for a cause of its own: a pipe that is full, a clock that jumps."""
+        guard = Guard.__new__(Guard)
+        source: Any = Silence()
+        guard.source = guard.target = source
+        guard.beat_ns = guard.heard_ns = clock()
+        guard.heartbeat_ns, guard.tripped, guard.ended = 10**11, False, False
+        assert not guard.left_alone(clock())
+        said = [Message(Kind.TRIPPED, b'{"cause": "any"}')]
+        source.take = lambda: said.pop() if said else None
+        guard.listen(clock())
+        guard.beat(clock())
+        assert guard.left_alone(clock())
 
 
 class TestWatchdogClock:
