@@ -243,9 +243,6 @@ class Schedule:
         if self._settling and self.at_rest:
             self._settling = False
         if self._goal == "play" and not self._settling and not self._waiting:
-            # Those before are over, even if this frame should be undone.
-            while self._blocks and ended(self._blocks[0], self.played):
-                self._blocks.popleft()
             if skipped and self._running:
                 self._leap(skipped * self._samples)
             self._running = True
@@ -303,7 +300,3 @@ class Schedule:
             self._counts.under_run_samples += samples
             self._counts.under_runs += not self._starved
             self._starved = True
-
-
-def ended(block: Block, at: int) -> bool:
-    return block.first + len(block.values) <= at
