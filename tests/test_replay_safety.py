@@ -67,7 +67,7 @@ class Replay:
         self.process = subprocess.Popen(
             [sys.executable, str(ROOT / "tests" / "replay_scenes.py"), json.dumps(self.given)],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            env={**os.environ, "PYTHONPATH": str(ROOT)}, start_new_session=True,
         )  # fmt: skip
 
     def __enter__(self) -> Replay:
@@ -425,12 +425,25 @@ class TestStoppedAndKilled:
             self.force(replay)
             writer = replay.pid("writer")
             os.kill(replay.process.pid, signal.SIGSTOP)
+            stopped_s = time.monotonic()
             wait_until(lambda: not command(writer) or state(writer) == "Z", 12)
             frames = replay.judge()
             os.kill(replay.process.pid, signal.SIGCONT)
             report = replay.end()
         assert report["outcome"] == "failed"
-        assert frames[-1].at_s - frames[0].at_s < 6
+        loud = [frame.at_s for frame in frames if any(frame.samples[0])]
+        assert loud[-1] - stopped_s < 2.0
+
+    def test_all_of_a_terminal_is_killed(self, tmp_path):
+        """By a key that ends its foreground processes, or a job that is thrown out: the others are
+        not among them."""
+        with Replay(tmp_path, seconds=60) as replay:
+            self.force(replay)
+            writer, watchdog = replay.pid("writer"), replay.pid("watchdog")
+            os.killpg(replay.process.pid, signal.SIGKILL)
+            wait_until(lambda: not command(writer) and not command(watchdog), 5)
+            frames = replay.judge()
+        assert {frame.by for frame in frames} == {writer}
 
     @pytest.mark.parametrize("both", [deep(False), True])
     def test_the_player_is_killed(self, tmp_path, both):
