@@ -163,13 +163,24 @@ class TestBlocks:
         assert same(parse_block(pack_block(block)), block)
 
     @given(blocks(), st.integers(1, 12))
-    def test_parts(self, block, size):
-        found = list(parts(block, size))
+    def test_parts(self, block, values):
+        found = list(parts(block, values))
+        assert all(part.values.size <= max(values, part.values.shape[1]) for part in found)
+        size = max(values // max(block.values.shape[1], 1), 1)
         assert [part.first for part in found] == list(
             range(block.first, block.first + max(len(block.values), 1), size)
         )
         assert np.concatenate([part.values for part in found]).tobytes() == block.values.tobytes()
         assert [part.last for part in found] == [False] * (len(found) - 1) + [block.last]
+
+    def test_parts_of_many_actuators_at_a_high_rate(self):
+        """50 ms of 256 actuators at 96 kHz: each message within its limit."""
+        values = np.zeros((4800, 256))
+        for part in parts(Block(0, values, values == 0)):
+            inbox = Inbox()
+            inbox.feed(pack(Kind.BLOCK, pack_block(part)))
+            message = inbox.take()
+            assert message is not None and same(parse_block(message.payload), part)
 
     @given(st.binary(max_size=80))
     def test_any_bytes(self, data):

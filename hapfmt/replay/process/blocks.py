@@ -14,7 +14,7 @@ from .messages import MessageError
 
 BLOCK = Struct("<qI?IH")
 """first, generation, last, samples, actuators; then values (float64), then known (bytes)."""
-SAMPLES = 1 << 12
+VALUES = 1 << 14
 """Of a block in one message: the writer must be done with it between two frames."""
 LOG = Struct("<IHH")
 """frames, samples of a frame, actuators; then, a frame: number, due, sent (ns), counts: int64."""
@@ -40,9 +40,10 @@ def parse_block(payload: bytes) -> Block:
     return Block(first, values, known.astype(bool), generation, last)
 
 
-def parts(block: Block, samples: int = SAMPLES) -> Iterator[Block]:
+def parts(block: Block, values: int = VALUES) -> Iterator[Block]:
     """The block in pieces that are short enough for a message."""
-    count = len(block.values)
+    count, actuators = block.values.shape
+    samples = max(values // max(actuators, 1), 1)
     for start in range(0, max(count, 1), samples):
         stop = start + samples
         yield block._replace(
