@@ -15,7 +15,7 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-DECODE = """atomic clocks codecs container contract damage deadband dump errors events integers
+DECODE = """atomic clocks closing codecs container contract damage deadband dump errors events integers
 kernels limits lock reading recording threads usage verifier"""
 ENCODE = """appending cli conformance convert edit encoder live plotting recovery replay scenes
 writer"""

@@ -8,9 +8,9 @@ from contextlib import AbstractContextManager, nullcontext
 from fractions import Fraction
 from math import gcd, lcm
 from pathlib import Path
-from types import TracebackType
 from typing import BinaryIO
 
+from ..closing import Closing
 from ..container.cluster import Packet, parse_cluster
 from ..container.source import open_source
 from ..container.track import CODECS, Track, lone_lf
@@ -38,7 +38,7 @@ DESCRIBED = frozenset({"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "mETa", "dGST"})
 """Chunk types that an editor writes by itself; the others it copies or leaves out."""
 
 
-class Original:
+class Original(Closing):
     """Opens a path, bytes, or a binary stream for editing; ``scan`` checks all of it at once;
     ``limits`` bound what of it is kept in memory.
 
@@ -58,15 +58,7 @@ class Original:
         self.catalogue: Catalogue = open_catalogue(self.source, scan=scan, limits=self.limits)
         self.refuse()
 
-    def __enter__(self) -> Original:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         self.source.close()
 
     @property

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
 
 from ..atomic import refuse, sync_directory
+from ..closing import Closing
 from ..container.source import FILE_GAP
 from ..container.wire import SIGNATURE
 from ..errors import ParameterError
@@ -56,7 +56,7 @@ class SyncPolicy:
         self.last = self.clock()
 
 
-class LiveFile:
+class LiveFile(Closing):
     """Writes at the end of a locked file, and reads anywhere in it.
 
     A write stands whole in the file or not at all: after a failed one the file is cut back to the
@@ -81,17 +81,6 @@ class LiveFile:
         self.replaced: int | None = None
         self.closed = False
         self.seeking = threading.Lock()
-
-    def __enter__(self) -> LiveFile:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def fileno(self) -> int:
         return self.descriptor

@@ -12,9 +12,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING
 
+from ..closing import Closing
 from ..container.cluster import Packet, parse_cluster
 from ..container.index import FIRST_OFFSET
 from ..container.salvage import salvage_cluster
@@ -37,7 +37,7 @@ INTERVAL = 0.2
 """Seconds between two looks at the file."""
 
 
-class Follower:
+class Follower(Closing):
     """Follows a file until it is closed, ``timeout`` seconds bring nothing, ``until(self)`` is
     true, or ``stop()`` is called.
 
@@ -86,17 +86,6 @@ class Follower:
         self.stop_ns = 0
         self.cluster_at = status.st_mtime
         """When the last cluster was seen, in seconds of time.time()."""
-
-    def __enter__(self) -> Follower:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         self.source.close()

@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
-from types import TracebackType
 from typing import Any, BinaryIO
 from uuid import UUID
 
+from ..closing import Closing
 from ..container.clocks import ClockMap, ClockObservation
 from ..container.cluster import Packet
 from ..container.extras import Attachment
@@ -36,7 +36,7 @@ IN_FLIGHT = 1 << 19
 more is decoded alone."""
 
 
-class Reader:
+class Reader(Closing):
     """Opens a path, a URL, bytes, or a binary stream.
 
     Damage raises nothing by itself: what can be read is delivered, what is lost is in ``findings``
@@ -72,17 +72,6 @@ class Reader:
             self.source.close()
             raise
         self.refuse_damage()
-
-    def __enter__(self) -> Reader:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         self.source.close()

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...reading.seconds import Seconds
 from ..frames import Block
+from . import virtual
 from .blocks import parts
 
 WAITING = 32
@@ -27,17 +28,8 @@ class Place(Protocol):
     def seconds(self) -> Seconds | None: ...
 
 
-class Source(Protocol):
-    """A Renderer."""
-
-    @property
-    def kernels(self) -> dict[str, str]: ...
-
-    @property
-    def left_out(self) -> list[str]: ...
-
-    @property
-    def lost(self) -> list[str]: ...
+class Source(virtual.Source, Protocol):
+    """A Renderer that seeks."""
 
     def blocks(
         self, first: int = 0, generation: int = 0, at: Seconds | None = None, loop: int = 0
