@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...container.index import NS_LIMIT
 from ...container.track import Track
 from ...errors import ParameterError
+from ...limits import TICK_LIMIT
 from ...numbers import exact
 from ...reading.catalogue import Catalogue, ChannelRef
 from ...reading.losses import LostSpan
@@ -130,9 +132,11 @@ class Renderer:
     @property
     def end(self) -> Fraction:
         """The recording ends with the last tick of its longest channel; the index knows that time
-        to the nanosecond above."""
+        to the nanosecond above, but none above 584 years."""
         seconds = self.reader.duration
         rates = {ref.track.rate for ref in self.reader.channels}
+        if seconds >= Fraction(NS_LIMIT, 10**9):
+            return max((TICK_LIMIT / rate for rate in rates), default=Fraction(0))
         return max((seconds * rate // 1 / rate for rate in rates), default=Fraction(0))
 
     def samples_of_a_block(self) -> int:
