@@ -1,0 +1,156 @@
+"""Recordings to replay, and what arrived at a device, read from its bytes by the layouts alone.
+
+Nothing of hapfmt.replay is used here: what must arrive follows from SPEC 17.1, the reports as the
+profiles describe them, and the gain of 0.5 that a profile has.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from itertools import pairwise
+from math import cos, floor, pi
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from spec import ROOT
+from virtual_hid.model import Event
+from virtual_hid.running import Running
+from virtual_hid.world import World
+
+from hapfmt import Channel, Recording, Settings, write
+from hapfmt.recording import Calibration
+
+GLOVE = ROOT / "hapfmt" / "replay" / "profile" / "builtin" / "glove5.toml"
+FINGERS = ("thumb", "index", "middle", "ring", "little")
+RAMP = 50
+"""Samples of glove5's ramp: 50 ms at 1 kHz."""
+CHANGE = 500
+"""Counts from one sample to the next: 500 N/s, 0.001 N a count."""
+NEUTRAL = 5
+LEVELS = (1000, -800, 600, -400, 2000)
+"""Counts that the constant recording gives, one for each finger."""
+
+
+class Report(NamedTuple):
+    """Output report 1 of glove5."""
+
+    id: int
+    counter: int
+    counts: tuple[int, ...]
+
+    @classmethod
+    def of(cls, data: bytes) -> Report:
+        number, counter, *counts = struct.unpack("<BB5h", data)
+        return cls(number, counter, tuple(counts))
+
+
+def recording(
+    path: Path, counts: Sequence[Sequence[int]], *, unit: str = "N", labels: Sequence[str] = FINGERS,
+    rate: int = 1000, scale: Fraction = Fraction(2, 1000), cluster: Fraction | None = None,
+) -> Path:  # fmt: skip
+    """Channels whose samples arrive as these counts: twice as much is recorded, since the gain is 0.5."""
+    held = Calibration(scale.numerator, 0, scale.denominator)
+    channels = tuple(
+        Channel(np.array(each, np.int64), Fraction(rate), calibration=held, label=label, unit=unit)
+        for each, label in zip(counts, labels, strict=True)
+    )
+    write(Recording(channels), path, Settings("archive", cluster=cluster), force=True)
+    return path
+
+
+def constant(path: Path, seconds: int = 60) -> Path:
+    return recording(path, [[level] * (1000 * seconds) for level in LEVELS])
+
+
+def replay(
+    w: World, file: Path, *options: object, profile: object = "glove5", **others: Any
+) -> Running:
+    words = [sys.executable, "-W", "error", "-m", "hapfmt", "replay", file, "--device", profile]
+    return w.start([*words, "--json", *options], cwd=ROOT, **others)
+
+
+def told(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+    """What the replay said of itself."""
+    assert "Traceback" not in done.stderr, done.stderr
+    try:
+        report: dict[str, Any] = json.loads(done.stdout)
+    except ValueError:
+        raise AssertionError(f"{done.returncode}: {done.stdout!r}\n{done.stderr}") from None
+    assert report["exit_code"] == done.returncode
+    return report
+
+
+def shape(phase: int, length: int = RAMP) -> float:
+    """The raised cosine."""
+    return (1 - cos(pi * phase / length)) / 2
+
+
+def count(wanted: float) -> int:
+    """Whole counts, as 17.1 rounds."""
+    return floor(wanted + 0.5)
+
+
+def rise(levels: Sequence[int] = LEVELS) -> list[tuple[int, ...]]:
+    return [tuple(count(x * shape(p)) for x in levels) for p in range(1, RAMP + 1)]
+
+
+def fall(levels: Sequence[int] = LEVELS, phase: int = RAMP) -> list[tuple[int, ...]]:
+    """From what was sent at ``phase`` to rest."""
+    top = shape(phase)
+    return [tuple(count(x * (shape(p) / top)) for x in levels) for p in range(phase - 1, -1, -1)]
+
+
+def rested(levels: Sequence[int] = LEVELS) -> list[tuple[int, ...]]:
+    """The last that a device sees: the ramp and the neutral frames."""
+    return [*fall(levels), *[(0,) * len(levels)] * NEUTRAL]
+
+
+def counts_of(events: Sequence[Event]) -> list[tuple[int, ...]]:
+    return [Report.of(x.data).counts for x in events]
+
+
+def check_steps(counts: Sequence[Sequence[int]]) -> None:
+    """PLY-002, from rest on."""
+    before: Sequence[int] = (0,) * len(counts[0])
+    for now in counts:
+        assert all(-5000 <= x <= 5000 for x in now), now
+        assert all(abs(a - b) <= CHANGE for a, b in zip(before, now, strict=True)), (before, now)
+        before = now
+
+
+def check_counters(reports: Sequence[Report]) -> None:
+    """None is missing, none twice, none out of order."""
+    assert {x.id for x in reports} <= {1}
+    assert [x.counter for x in reports] == [n & 0xFF for n in range(len(reports))]
+
+
+def check_constant(events: Sequence[Event]) -> None:
+    """One writer's replay of the constant recording: up, steady, down, neutral; nothing else."""
+    reports = [Report.of(x.data) for x in events]
+    check_counters(reports)
+    counts = [x.counts for x in reports]
+    check_steps(counts)
+    assert counts[:RAMP] == rise()
+    assert set(counts[RAMP : -len(rested())]) <= {LEVELS}
+    assert counts[-len(rested()) :] == rested()
+
+
+def steady(frames: int) -> Callable[[list[Event]], bool]:
+    """So many frames have come, so that the ramp is long over."""
+    return lambda events: sum(x.taken for x in events) >= frames
+
+
+def crc_right(data: bytes) -> bool:
+    """Sony's: CRC-32 over 0xA2 and all before it."""
+    return zlib.crc32(b"\xa2" + data[:-4]) == int.from_bytes(data[-4:], "little")
+
+
+def gaps_ms(events: Sequence[Event]) -> list[float]:
+    return [(b.time_ns - a.time_ns) / 1e6 for a, b in pairwise(events)]
