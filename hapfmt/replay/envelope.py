@@ -9,10 +9,13 @@ from __future__ import annotations
 from fractions import Fraction
 from math import ceil, cos, pi
 
+from ..numbers import exact
+
 
 def ramp_samples(seconds: float, rate: Fraction) -> int:
-    """Two at least: one value between rest and signal."""
-    return max(2, ceil(Fraction(seconds) * rate))
+    """Two at least: one value between rest and signal. 0.05 s are 50 ms, as the profile says, not
+    what the float of it is."""
+    return max(2, ceil(exact(seconds) * rate))
 
 
 class Envelope:

@@ -59,8 +59,9 @@ class Errors:
         self.thread.start()
 
     def run(self) -> None:
-        with self.pipe, suppress(OSError, ValueError):
-            for line in io.BufferedReader(cast(io.RawIOBase, self.pipe)):
+        buffered = io.BufferedReader(cast(io.RawIOBase, self.pipe))
+        with buffered, suppress(OSError, ValueError):
+            for line in buffered:
                 self.hear(line.decode("utf-8", "replace").rstrip())
 
     def hear(self, line: str) -> None:
