@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hapfmt.errors import ParameterError
 from hapfmt.replay.frames import Frame
-from hapfmt.replay.profile.layout import Const, Crc32, Layout, One, Samples
+from hapfmt.replay.profile.layout import Const, Crc32, Layout, Mapped, One, Samples
 from hapfmt.replay.profile.maps import AMPLITUDE_CEILING, MAPS, rumble_amplitude
 from hapfmt.replay.profile.model import Profile
 from hapfmt.replay.profile.packing import Packer
@@ -205,6 +205,9 @@ def unpacked(one: Profile, layout: Layout, data: bytes) -> dict[tuple[int, str],
                 seed = b"" if field.seed is None else bytes([field.seed])
                 part = seed + data[field.start : field.stop]
                 assert data[field.at : field.at + 4] == sum_of(part)
+            case Mapped():
+                _, high, low, amplitude = data[field.at : field.at + 4]
+                assert high & 0xFE <= 0xC8 and (amplitude, low >> 7) <= (0x72, 0)
             case One() | Samples():
                 names = (field.actuator,) if isinstance(field, One) else field.actuators
                 count = 1 if isinstance(field, One) else one.timing.frame_samples

@@ -139,7 +139,8 @@ BAD: list[tuple[str, Any, str, bool]] = [
     ("timing.ramp_ms", -1, "is too small", BOTH),
     ("timing.neutral_count", 0, "is out of range; write 1 to 100", BOTH),
     ("timing.device_timeout_ms", 1, "the device would rest between two frames, 1 ms apart", RULE),
-    ("actuator", ..., "has 0 entries; there must be at least 1", BOTH),
+    ("actuator", ..., "is missing; add at least one", BOTH),
+    ("actuator", [], "has 0 entries; there must be at least 1", BOTH),
     ("actuator", [3], "is no table", BOTH),
     ("actuator[1].name", "a", "'a' is taken; give each its own", RULE),
     ("actuator[0].name", "a,b", "cannot be used", BOTH),
@@ -164,7 +165,7 @@ BAD: list[tuple[str, Any, str, bool]] = [
     ("actuator[0].band", "low", "is none of full, lf, hf", BOTH),
     ("actuator[0].rectify", 1, "is neither true nor false", BOTH),
     ("actuator[0].max", 1, "is no known key; did you mean maximum?", BOTH),
-    ("report", ..., "has 0 entries; there must be at least 1", BOTH),
+    ("report", ..., "is missing; add at least one", BOTH),
     ("report[0].path", "input", "is none of output, feature", BOTH),
     ("report[0].id", 256, "256 is out of range", BOTH),
     ("report[0].length", 1, "1 is out of range", BOTH),
@@ -272,6 +273,24 @@ def test_limits_of_profiles_made_in_code(key, value):
     limits = {"minimum": 0.0, "maximum": 1.0, "rest": 0.0, "slew": 100.0, "step": 0.1, key: value}
     one = Profile("x", "", "", (), Timing(Fraction(1)), (Actuator("a", "N", **limits),))
     with pytest.raises(ParameterError, match=rf"^actuator\[0\]\.{key}: .*PLY-001"):
+        check(one)
+
+
+@pytest.mark.parametrize(
+    ("timing", "gain", "key"),
+    [
+        ({}, 0.0, "gain"),
+        ({}, float("nan"), "gain"),
+        ({"hold_s": float("inf")}, 1.0, "timing"),
+        ({"ramp_s": 0.0}, 1.0, "timing"),
+        ({"neutral_count": 0}, 1.0, "timing"),
+        ({"frame_samples": 0}, 1.0, "timing"),
+    ],
+)
+def test_timing_and_gain_of_profiles_made_in_code(timing, gain, key):
+    actuator = Actuator("a", "N", 0, 1, 100, 0.1)
+    one = Profile("x", "", "", (), Timing(Fraction(10), **timing), (actuator,), gain=gain)
+    with pytest.raises(ParameterError, match=f"^{key}: "):
         check(one)
 
 

@@ -104,7 +104,7 @@ class Table:
 
     def rows(self, key: str, low: int, high: int) -> list[Any]:
         """A list of tables or values."""
-        value = self.take(key, [], f"at least one [[{key}]]")
+        value = self.take(key, REQUIRED if low else [], "at least one")
         if not isinstance(value, list):
             self.fail(key, f"is no list; write it as [[{key}]], or between brackets")
         if not low <= len(value) <= high:

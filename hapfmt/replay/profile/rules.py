@@ -37,6 +37,12 @@ def _timing(profile: Profile) -> None:
     timing = profile.timing
     if timing.rate <= 0:
         fail("timing.rate", "must be above 0", LIMITS)
+    if not 0 < profile.gain <= 1:
+        fail("gain", "must be above 0 and at most 1")
+    if not (0 < timing.hold_s <= 1 and 0 < timing.ramp_s <= 10):
+        fail("timing", "hold must be above 0 and at most 1 s, a ramp above 0 and at most 10 s")
+    if not (timing.frame_samples >= 1 and 1 <= timing.neutral_count <= 100):
+        fail("timing", "frame_samples must be 1 or more, neutral_count 1 to 100")
     if timing.period > 1:
         text = f"makes a frame each {float(timing.period):g} s; at least one a second must come"
         fail("timing.rate", f"{text}, raise it")
