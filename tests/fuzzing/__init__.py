@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from .appended import APPENDED
 from .decoders import DECODERS
+from .devices import DEVICES
 from .edited import EDITED
 from .files import FILES
 from .foreign import FOREIGN
@@ -15,7 +16,17 @@ from .target import Target
 
 TARGETS: dict[str, Target] = {
     target.name: target
-    for target in (*PARSERS, *DECODERS, *FILES, *APPENDED, *EDITED, *RECOVERED, *STREAMS, *FOREIGN)
+    for target in (
+        *PARSERS,
+        *DECODERS,
+        *FILES,
+        *APPENDED,
+        *EDITED,
+        *RECOVERED,
+        *STREAMS,
+        *FOREIGN,
+        *DEVICES,
+    )
 }
 
 __all__ = ["TARGETS", "Target"]
