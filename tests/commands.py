@@ -134,6 +134,7 @@ if __name__ == "__main__":
         "recovery.recover",
         "convert",
         "scenes.stylus",
+        "scenes.grasp",
     ):
         importlib.import_module(f"hapfmt.{name}")
     serve(socket.socket(fileno=int(sys.argv[1])))

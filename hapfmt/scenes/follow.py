@@ -1,0 +1,52 @@
+"""A mass on spring and damper that touches nothing: linear, so that one exact step a tick is all it
+takes, whatever its frequency."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .description import Tool
+from .waves import Floats
+
+TERMS = 20
+"""Of the exponential's series at a norm of at most 1/2: 2^-20 / 20! is far below 2^-53."""
+
+
+class Follower:
+    """Follows a target that is linear within each step."""
+
+    def __init__(self, tool: Tool, dt_s: float, start: float) -> None:
+        spring, damper = tool.hand_n_per_m / tool.mass_kg, tool.hand_ns_per_m / tool.mass_kg
+        # State: place, velocity; then target and its velocity, which a step holds.
+        system = np.zeros((4, 4))
+        system[0, 1] = system[2, 3] = 1
+        system[1] = -spring, -damper, spring, damper
+        self.rows = exponential(system * dt_s)[:2].tolist()
+        self.dt_s = dt_s
+        self.z, self.v = start, 0.0
+
+    def follow(self, target: Floats, last: float) -> tuple[Floats, Floats]:
+        """Place and velocity at the beginning of each step, [steps] each; ``last`` is where the
+        target is at the end of the last one."""
+        slope = np.diff(target, append=last) / self.dt_s
+        (a, b, c, d), (p, q, r, s) = self.rows
+        z, v, places, velocities = self.z, self.v, [], []
+        for u, w in zip(target.tolist(), slope.tolist(), strict=True):
+            places.append(z)
+            velocities.append(v)
+            z, v = a * z + b * v + c * u + d * w, p * z + q * v + r * u + s * w
+        self.z, self.v = z, v
+        return np.array(places), np.array(velocities)
+
+
+def exponential(a: Floats) -> Floats:
+    """exp of a small square matrix: its series after halving, then squared as often."""
+    halvings = max(int(np.ceil(np.log2(max(float(np.abs(a).sum(axis=1).max()), 1e-300)))) + 1, 0)
+    a = a / 2.0**halvings
+    out = term = np.eye(len(a))
+    for n in range(1, TERMS + 1):
+        term = term @ a / n
+        out = out + term
+    for _ in range(halvings):
+        out = out @ out
+    return out
