@@ -116,8 +116,19 @@ def test_options_reach_the_scene(tmp_path):
         (["wrong.toml", "a.npz"], "wrong.toml: tool.mass_kg: is no number"),
         (["sand", "a.npz", "--list"], "--list takes no other argument"),
         (["--show"], "--show the name of a scene"),
-        (["wall", "a.npz", "--integrator", "explicit-euler", "--dt", "1e-3",
-          "--stiffness", "1e6"], "diverged after"),
+        (
+            [
+                "wall",
+                "a.npz",
+                "--integrator",
+                "explicit-euler",
+                "--dt",
+                "1e-3",
+                "--stiffness",
+                "1e6",
+            ],
+            "diverged after",
+        ),
         (["everything", "a.npz", "--seconds", "36000"], "take a shorter time"),
     ],
 )

@@ -29,9 +29,7 @@ class Reading:
     most: int
     noise: float
 
-    def counts(
-        self, values: Floats, rng: np.random.Generator, work: Work
-    ) -> NDArray[Any]:
+    def counts(self, values: Floats, rng: np.random.Generator, work: Work) -> NDArray[Any]:
         """[ticks] in the unit to counts, int16 where they fit: nearest ones, saturated."""
         out = np.empty(values.size, np.int16 if self.most < 1 << 15 else np.int32)
         for start in range(0, values.size, READ_SAMPLES):

@@ -88,10 +88,10 @@ class Normal:
         return motion.z[:kept], motion.v[:kept], motion.force[:kept]
 
     def _tell_divergence(self, step: int) -> None:
-        dt = self.grid.dt_s
+        dt, stiffness = self.grid.dt_s, self.system.contact_n_per_m
         raise ParameterError(
-            f"{self.integrator} diverged after {step * dt:.3g} s: its steps of {dt:.3g} s are above "
-            f"the {self.limit_s:.3g} s it is stable up to at {self.system.contact_n_per_m:g} N/m; "
+            f"{self.integrator} diverged after {step * dt:.3g} s: its steps of {dt:.3g} s are "
+            f"above the {self.limit_s:.3g} s it is stable up to at {stiffness:g} N/m; "
             "take a smaller --dt, or --integrator exact"
         )
 

@@ -10,10 +10,10 @@ class Work:
     """Counts of what was computed.
 
     step_count: steps of tool and fingers, all axes. contact_step_count: those of them that a
-    contact solver took; the others are exact steps of linear parts, one a tick. height_count:
-    points of a height field. unstable_count: steps that were longer than
-    their integrator is stable up to. finger_count, tremor_count (points), channel_count, sample_count; of
-    the samples, saturated_count lie at the end of their sensor's range.
+    contact solver took; the others are exact steps of linear parts, one a tick. unstable_count:
+    those that were longer than their integrator is stable up to. height_count: points of a height
+    field. finger_count, tremor_count (points), channel_count, sample_count; of the samples,
+    saturated_count lie at the end of their sensor's range.
     """
 
     step_count: int = 0
