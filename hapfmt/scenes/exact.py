@@ -148,18 +148,18 @@ def walker(
 def change(
     push: Callable[[float], float], rate: Callable[[float], float], touching: bool, piece: float
 ) -> float | None:
-    """When the mode changes first within a piece, if it does: at its end it is another, or the gap
-    turned back on the way. Right after a change ``push`` is 0 give or take a rounding."""
-    start, end = 0.0, piece
+    """When the mode changes first within a piece, if it does: it does not fit the end, or the gap
+    turned back on the way. Right after a change ``push`` is 0 give or take a rounding, and need not
+    fit the beginning.
+    """
+    fits_start, fits_end = ((push(t) > 0) is touching for t in (0.0, piece))
+    if fits_start is not fits_end:
+        return crossing(push, 0.0, piece) if fits_start else None
     turned = (rate(0.0) > 0) is not (rate(piece) > 0)
     turn = crossing(rate, 0.0, piece) if turned else 0.0
-    if (push(end) > 0) is touching:
-        end = turn
-        if (push(end) > 0) is touching or not turned:
-            return None
-    elif (push(start) > 0) is not touching:
-        start = turn
-    return crossing(push, start, end) if (push(start) > 0) is touching else start
+    if turned and ((push(turn) > 0) is touching) is not fits_start:
+        return crossing(push, *((0.0, turn) if fits_start else (turn, piece)))
+    return None if fits_start else 0.0
 
 
 def taylor(mode: Mode, z: float, v: float, drive: Sequence[float]) -> list[float]:
@@ -208,6 +208,4 @@ def crossing(of: Callable[[float], float], start: float, end: float) -> float:
         else:
             start, low = end, high
         end, high = t, middle
-        if high == 0.0:
-            break
-    return end
+    return start if abs(low) < abs(high) else end

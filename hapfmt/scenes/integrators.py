@@ -92,7 +92,7 @@ def integrate(
 
     drive = Drive(target, rate(target, target_velocity), surface, rate(surface, surface_velocity))
     step = method.make(system, drive, dt_s)
-    z, v = float(target[0]) if z0 is None else z0, v0
+    z, v = float(target[0] if z0 is None else z0), float(v0)
     zs, vs = [z], [v]
     for n in range(target.size - 1):
         z, v = step(n, z, v)
