@@ -12,7 +12,10 @@ from hypothesis import strategies as st
 from hapfmt.errors import ParameterError
 from hapfmt.scenes import stylus
 from hapfmt.scenes.contact import Drive, System, contact_force, energy, work
+from hapfmt.scenes.description import Stroke
 from hapfmt.scenes.integrators import INTEGRATORS, default_step_s, integrate
+from hapfmt.scenes.stroke import StrokeMotion
+from hapfmt.scenes.waves import Grid
 
 STYLUS = System(0.060, 250.0, 3.0, 1e5)
 SYSTEMS = [
@@ -237,15 +240,18 @@ class TestExactness:
     def test_agrees_with_the_stylus(self):
         """Which notices contact up to a step late: closer, the smaller its steps."""
         worst = []
-        for dt in (50e-6, 5e-6):
-            n = round(0.3 / dt)
-            hand = stylus.move_hand(np.random.default_rng(1), n, dt)
-            stiff = 1e4
-            depth = hand.press * (1 / stylus.HAND_N_PER_M + 1 / stiff)
-            target = hand.lifted * (depth + stylus.APPROACH_M) - depth
-            force = stylus.push(np.zeros(n), hand, stiff, dt)
-            system = System(stylus.MASS_KG, stylus.HAND_N_PER_M, stylus.HAND_NS_PER_M, stiff)
-            motion = integrate(system, target, np.zeros(n), dt)
+        stiff = 1e4
+        system = System(0.060, 250.0, 3.0, stiff)
+        for per_tick in (20, 200):
+            grid = Grid(300, per_tick, 1000)
+            hand = StrokeMotion(Stroke(), grid, np.random.default_rng(1))
+            target = hand.height(grid.times(0, grid.steps), 1 / 250 + 1 / stiff)
+            rate, still = np.gradient(target, grid.dt_s), np.zeros(grid.steps)
+            force = stylus.held(
+                system, target, still, grid.dt_s, "exact", None, 0.0,
+                target_velocity=rate, surface_velocity=still,
+            ).force  # fmt: skip
+            motion = integrate(system, target, still, grid.dt_s)
             worst.append(np.abs(motion.force - force).max())
         assert motion.force.max() > 0.5
         assert worst[1] < worst[0] / 5 and worst[1] < 0.02

@@ -10,6 +10,8 @@ from io import BytesIO
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from spec import ROOT
 
 import hapfmt
@@ -17,6 +19,7 @@ from hapfmt.encoder.split import low_pass
 from hapfmt.errors import LimitError, ParameterError
 from hapfmt.scenes import Scene, builtin_names, load_scene, simulate, waves
 from hapfmt.scenes.description import FINGERS, INTEGRATORS, Contact, Press, Reach, Stroke, Tool
+from hapfmt.scenes.matrix import exponential
 
 BUILT_IN = builtin_names()
 JOINTS = 22
@@ -242,11 +245,12 @@ print(json.dumps(seen))
             described == {"keys", "description", "library"} and "numpy" not in loaded["described"]
         )
         assert free - described == {
-            "build", "work", "sensors", "tool", "waves", "free", "follow", "reach"
+            "build", "work", "sensors", "tool", "waves", "free", "follow", "matrix", "reach"
         }  # fmt: skip
         assert hand - free == {"grasp", "hand"}
         assert wall - hand == {"touch", "integrators", "contact", "exact", "press"}
         assert flat - wall == {"stroke"}
+        assert not any("scipy" in found for found in loaded.values())
         assert sand - flat == {"texture", "heightfields"}
 
     def test_no_texture_no_hf_track(self):
@@ -261,6 +265,15 @@ print(json.dumps(seen))
         fine = replace(scene.tool.texture, relief=0.02)
         scene = replace(scene, tool=replace(scene.tool, texture=fine))
         assert hf_tracks(simulate(scene)[0], "default") == 0
+
+
+@given(st.integers(0, 2**32), st.floats(-8, 0.5))
+def test_exponential(seed, decades):
+    from scipy.linalg import expm
+
+    matrix = np.random.default_rng(seed).normal(size=(6, 6)) * 10**decades
+    theirs = expm(matrix)
+    assert np.abs(exponential(matrix) - theirs).max() < 1e-11 * np.abs(theirs).max()
 
 
 class TestChosen:

@@ -27,7 +27,7 @@ def simulate(scene: Scene, *, progress: Progress | None = None) -> tuple[Recordi
     of a scene changes nothing of the rest, but for what it did to it. ``progress`` is called with
     (parts done, parts in all).
 
-    Memory: the counts, 8 bytes a sample of one channel (of a tool: of all its channels), 20 MB, and
+    Memory: the counts, 8 bytes a sample of one channel (of a tool: of all its channels), 6 MB, and
     for a texture 8 bytes for each step.
     """
     count = sum(len(names) for names in labels(scene).values())

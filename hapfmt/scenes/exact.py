@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .contact import Drive, Samples, System
+from .matrix import exponential
 
 PIECE_RAD = 0.5
 TERMS = 16
@@ -96,13 +97,11 @@ def propagator(mode: Mode, dt: float) -> tuple[list[float], list[float], list[fl
     The exponential of one matrix for (z / dt, v) and the drive's four derivatives, which are scaled
     by dt so that all its entries are of one size.
     """
-    from scipy.linalg import expm
-
     matrix = np.zeros((6, 6))
     matrix[0, 1] = 1
     matrix[1, :3] = -mode.stiffness * dt * dt, -mode.damping * dt, 1
     matrix[2:5, 3:] = np.eye(3)
-    exact = expm(matrix)
+    exact = exponential(matrix)
     scale = np.array([factorial(j) * dt ** (j + 1) for j in range(4)])
     pushed = (exact[:2, 2:] * scale) @ mode.drive
     step = [exact[0, 0], exact[0, 1] * dt, exact[1, 0] / dt, exact[1, 1]]

@@ -6,10 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from .description import Tool
+from .matrix import exponential
 from .waves import Floats
-
-TERMS = 20
-"""Of the exponential's series at a norm of at most 1/2: 2^-20 / 20! is far below 2^-53."""
 
 
 class Follower:
@@ -37,16 +35,3 @@ class Follower:
             z, v = a * z + b * v + c * u + d * w, p * z + q * v + r * u + s * w
         self.z, self.v = z, v
         return np.array(places), np.array(velocities)
-
-
-def exponential(a: Floats) -> Floats:
-    """exp of a small square matrix: its series after halving, then squared as often."""
-    halvings = max(int(np.ceil(np.log2(max(float(np.abs(a).sum(axis=1).max()), 1e-300)))) + 1, 0)
-    a = a / 2.0**halvings
-    out = term = np.eye(len(a))
-    for n in range(1, TERMS + 1):
-        term = term @ a / n
-        out = out + term
-    for _ in range(halvings):
-        out = out @ out
-    return out

@@ -25,6 +25,7 @@ from ..errors import ParameterError
 from ..recording import Channel, Recording
 from .description import FORCES, STIFFEST_N_PER_M, Contact, Stroke, Texture, Tool
 from .integrators import Motion, System
+from .matrix import exponential
 from .sensors import force_reading
 from .tool import run
 from .waves import Floats, Grid
@@ -176,10 +177,8 @@ def held(
 
 def held_step(stiffness: float, damping: float, dt_s: float) -> tuple[list[float], list[float]]:
     """(z, v) after dt is [[p, q], [r, s]] (z, v) + (g, h) u for a constant acceleration u."""
-    from scipy.linalg import expm
-
     system = np.zeros((3, 3))
     system[0, 1] = 1
     system[1] = -stiffness, -damping, 1
-    exact = expm(system * dt_s)
+    exact = exponential(system * dt_s)
     return exact[:2, :2].ravel().tolist(), exact[:2, 2].tolist()

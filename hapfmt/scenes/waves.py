@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-BLOCK_STEPS = 1 << 16
-"""Steps computed at a time: about 20 MB."""
+BLOCK_STEPS = 1 << 14
+"""Steps computed at a time: about 6 MB."""
 
 WAVE_COUNT = 8
 
