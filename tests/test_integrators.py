@@ -317,16 +317,27 @@ class TestEnergy:
         excess = joules - joules[0] - work(STYLUS, drive, motion, dt)
         assert excess.max() < 0.01 * joules.max()
 
+    def test_a_surface_left_in_vain_gives_nothing_back(self):
+        """The damper lets go while the spring is compressed: a whole step of that gained energy."""
+        system = System(0.060, 2.0, 0.0, 10.0, 1.0)
+        joules, _ = dropped(system, "exact", 11 / system.fastest_rad_per_s, 60, height=4e-5)
+        assert np.diff(joules).max() <= 1e-12 * joules[0]
+
+    def test_at_rest_on_the_very_surface(self):
+        """Where every rounding is a change of contact."""
+        still = np.zeros(2000)
+        motion = integrate(STYLUS, still, still, 1e-3, z0=1e-3)
+        assert np.abs(motion.z[-100:]).max() < 1e-20
+
     @pytest.mark.parametrize("stiffness", STIFF)
     @pytest.mark.parametrize("name", FIT)
-    def test_two_seconds_with_the_default_step(self, name, stiffness):
+    def test_a_tap_with_the_default_step(self, name, stiffness):
         self.stays(name, stiffness, 0.3)
 
     @pytest.mark.deep
-    @pytest.mark.parametrize("stiffness", STIFF)
     @pytest.mark.parametrize("name", FIT)
-    def test_a_minute_with_the_default_step(self, name, stiffness):
-        self.stays(name, stiffness, 60.0)
+    def test_a_minute_with_the_default_step(self, name):
+        self.stays(name, 1e5, 60.0)
 
     def stays(self, name, stiffness, seconds):
         """Taps with the stylus: no higher than the hand, and at most a bounce's force."""

@@ -9,6 +9,7 @@ gains none.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from math import factorial, sqrt
 from typing import NamedTuple
 
@@ -61,9 +62,11 @@ def exact_step(
         else:
             end_z, end_v = a * z + b * v + free_z[n], c * z + d * v + free_v[n]
         end = s[n + 1] - end_z
-        if (end > 0 and k * end + damper * (w[n + 1] - end_v) > 0) is touching and (
-            gap + dt * rate > 0
-        ) is (gap > 0):
+        if touching:
+            fits = end > 0 and k * end + damper * (w[n + 1] - end_v) > 0 and gap + dt * rate > 0
+        else:
+            fits = end <= 0 and gap + dt * rate <= 0
+        if fits:
             return end_z, end_v
         return walk(n, z, v, touching)
 
@@ -147,18 +150,16 @@ def walker(
 def change(
     push: Callable[[float], float], rate: Callable[[float], float], touching: bool, piece: float
 ) -> float | None:
-    """When the mode changes first within a piece, if it does: it does not fit the end, or the gap
-    turned back on the way. Right after a change ``push`` is 0 give or take a rounding, and need not
-    fit the beginning.
-    """
-    fits_start, fits_end = ((push(t) > 0) is touching for t in (0.0, piece))
-    if fits_start is not fits_end:
-        return crossing(push, 0.0, piece) if fits_start else None
-    turned = (rate(0.0) > 0) is not (rate(piece) > 0)
-    turn = crossing(rate, 0.0, piece) if turned else 0.0
-    if turned and ((push(turn) > 0) is touching) is not fits_start:
-        return crossing(push, *((0.0, turn) if fits_start else (turn, piece)))
-    return None if fits_start else 0.0
+    """When the mode changes first within a piece, if it does. The gap turns at most once in it;
+    before and after, it changes where the mode fits one end and not the other. Right after a change
+    ``push`` is 0 give or take a rounding, and need not fit the beginning."""
+    parts = [0.0, piece]
+    if rate(0.0) * rate(piece) < 0:
+        parts.insert(1, crossing(rate, 0.0, piece))
+    for start, end in pairwise(parts):
+        if (push(end) > 0) is not touching:
+            return crossing(push, start, end) if (push(start) > 0) is touching else start
+    return None
 
 
 def taylor(mode: Mode, z: float, v: float, drive: Sequence[float]) -> list[float]:
