@@ -43,6 +43,10 @@ STEPS_PER_RADIAN = 10
 from 240 kN/m on with 60 g."""
 
 
+BLOCK = 1 << 15
+"""Steps for which the drive is laid out at a time: a few MB of Python's floats."""
+
+
 @dataclass(frozen=True)
 class Integrator:
     """make: system, drive and step in seconds -> the step. limit: stiffness and damping per mass,
@@ -91,15 +95,16 @@ def integrate(
         return given
 
     drive = Drive(target, rate(target, target_velocity), surface, rate(surface, surface_velocity))
-    step = method.make(system, drive, dt_s)
-    z, v = float(target[0] if z0 is None else z0), float(v0)
-    zs, vs = [z], [v]
-    for n in range(target.size - 1):
-        z, v = step(n, z, v)
-        zs.append(z)
-        vs.append(v)
-    heights, speeds = np.array(zs), np.array(vs)
-    return Motion(heights, speeds, contact_force(system, drive, heights, speeds))
+    z, v = np.empty(target.size), np.empty(target.size)
+    z[0], v[0] = target[0] if z0 is None else z0, v0
+    for first in range(0, target.size - 1, BLOCK):
+        part = slice(first, first + BLOCK + 1)
+        step = method.make(system, Drive(*(x[part] for x in drive)), dt_s)
+        path = [(float(z[first]), float(v[first]))]
+        for n in range(z[part].size - 1):
+            path.append(step(n, *path[n]))
+        z[part], v[part] = np.array(path).T
+    return Motion(z, v, contact_force(system, drive, z, v))
 
 
 def find(name: str) -> Integrator:
