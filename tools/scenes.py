@@ -1,10 +1,11 @@
-"""What a scene costs, and what it costs without each of its parts; the scene "everything".
+"""What a scene costs with everything in it, and without each of its parts.
 
-python tools/scenes.py [--seconds 10] [--name everything] [--keys] [--rows wall,free ...]
+python tools/scenes.py [--seconds 10] [--repeats 3] [--keys]
 
-Each row is made in a process of its own: CPU time of simulating and of writing (best of --repeats),
-the memory that both take beyond what the interpreter holds with everything imported, the modules
-that `hapfmt scene` loads, and the bytes that it writes. --keys prints the tables of docs/scenes.md.
+Each row is two processes of their own. One runs the verb, `hapfmt scene`, from start to end: its
+CPU time, its peak memory, the modules it loaded, and the file. The other has imported all before,
+and simulates: CPU time, and memory beyond what it held. Times are the best of --repeats. --keys
+prints the tables of docs/scenes.md.
 """
 
 from __future__ import annotations
@@ -16,115 +17,179 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import MISSING, fields, replace
+from collections.abc import Callable
+from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 from measured import ROOT, print_origin, print_table
 from rich.console import Console
-from rich.progress import track
 
 MIB = 1 << 20
-NO_HF = "texture too fine to feel"
-FINE = 0.02
-"""Of the relief: 0.6 mN rms, a count of the sensor."""
+FINE = "relief = 0.02"
+"""Of a texture too fine to feel: 0.6 mN rms, a count of the sensor."""
 
-VARIANTS: dict[str, tuple[str, ...]] = {
-    "everything": (),
-    NO_HF: (),
-    "no texture": ("texture",),
-    "no contact": ("contact",),
-    "no hand": ("hand",),
-    "no tool": ("tool",),
-    "no hand, no texture": ("hand", "texture"),
-    "no hand, no contact": ("hand", "contact"),
-    "no tool, no contact, no tremor": ("tool", "contact", "tremor"),
-    "one finger": ("tool", "index", "middle", "ring", "little", "palm", "wrist", "abduction"),
-}
-HEADERS = ["scene", "channels", "heights", "contact steps", "free steps", "simulate ms", "write ms",
-           "memory MiB", "modules", "of ours", "file B", "HF tracks"]  # fmt: skip
+BARE = """
+import json, sys
+from hapfmt.cli import cli
+cli.main(sys.argv[1:], standalone_mode=False)
+print(json.dumps(sorted(sys.modules)))
+"""
 
 
-def scene_of(name: str, variant: str, seconds: float) -> Any:
+class Row(NamedTuple):
+    """A scene, what is taken out of it, the preset of its file, and what is added to its TOML."""
+
+    name: str
+    scene: str
+    without: tuple[str, ...] = ()
+    preset: str = "default"
+    added: str = ""
+
+
+ROWS = (
+    Row("everything", "everything"),
+    Row("everything, no HF track", "everything", (), "auto"),
+    Row("no texture", "everything", ("texture",), "auto"),
+    Row("no contact", "everything", ("contact",), "auto"),
+    Row("no hand", "everything", ("hand",)),
+    Row("no hand, no texture", "everything", ("hand", "texture"), "auto"),
+    Row("no hand, no contact", "everything", ("hand", "contact"), "auto"),
+    Row("no tool", "everything", ("tool",), "auto"),
+    Row("no tool, no contact, no tremor", "everything", ("tool", "contact", "tremor"), "auto"),
+    Row("one finger, no palm, no wrist", "everything",
+        ("tool", "index", "middle", "ring", "little", "palm", "wrist", "abduction"), "auto"),
+    Row("sand", "sand"),
+    Row("sand too fine to feel", "sand", (), "default", FINE),
+    Row("sand without texture", "sand", ("texture",), "auto"),
+    Row("sand without contact", "sand", ("contact",), "auto"),
+)  # fmt: skip
+HEADERS = ["scene", "channels", "heights", "contact steps", "free steps", "simulate ms", "MiB",
+           "whole verb: CPU s", "peak MiB", "modules", "file B", "HF tracks"]  # fmt: skip
+
+
+class Found(NamedTuple):
+    """work: the counters. Seconds of CPU, bytes. The first two of simulating alone, then of the
+    verb."""
+
+    work: dict[str, int]
+    simulate_s: float
+    simulate_memory: int
+    verb_s: float
+    verb_memory: int
+    module_count: int
+    file_size: int
+    hf_track_count: int
+
+
+def measure(row: Row, seconds: float, repeats: int, folder: Path) -> Found:
+    """One row, each part in processes of its own."""
+    source = scene_file(row, folder)
+    target = folder / "scene.hapf"
+    verb = ["scene", source, str(target), "--seconds", str(seconds), "--preset", row.preset,
+            "--force", *(word for part in row.without for word in ("--without", part))]  # fmt: skip
+    runs = [run([sys.executable, "-c", BARE, *verb]) for _ in range(repeats)]
+    asked = json.dumps([source, row.without, seconds, repeats])
+    inside = json.loads(run([sys.executable, __file__, "--child", asked]).output)
+    import hapfmt
+
+    with hapfmt.Reader(target) as reader:
+        hf = sum(each.kind == "hf" for each in reader.catalogue.tracks.values())
+    return Found(
+        inside["work"],
+        inside["simulate_s"],
+        inside["memory"],
+        min(each.cpu_s for each in runs),
+        min(each.memory for each in runs),
+        len(json.loads(runs[0].output.splitlines()[-1])),
+        target.stat().st_size,
+        hf,
+    )
+
+
+def scene_file(row: Row, folder: Path) -> str:
+    """The name of the scene, or of a file with what is added."""
+    if not row.added:
+        return row.scene
+    from hapfmt.scenes import scene_text
+
+    path = folder / "mine.toml"
+    path.write_text(scene_text(row.scene) + row.added + "\n", encoding="utf-8")
+    return str(path)
+
+
+class Run(NamedTuple):
+    output: str
+    cpu_s: float
+    memory: int
+
+
+def run(words: list[str]) -> Run:
+    """A process to its end: what it prints, its CPU time, its peak memory in bytes."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+    with tempfile.TemporaryFile() as out:
+        process = subprocess.Popen(words, stdout=out, env=environment)
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode:
+            raise click.ClickException(f"{' '.join(words)}: exit code {process.returncode}")
+        out.seek(0)
+        output = out.read().decode()
+    return Run(output, usage.ru_utime + usage.ru_stime, in_bytes(usage.ru_maxrss))
+
+
+def in_bytes(most: int) -> int:
+    return most if sys.platform == "darwin" else most * 1024
+
+
+def child(source: str, without: list[str], seconds: float, repeats: int) -> dict[str, Any]:
+    """Simulating, measured in this process."""
     from hapfmt.scenes import load_scene
-
-    scene = load_scene(name).without(*VARIANTS[variant]).changed(seconds=seconds)
-    if variant == NO_HF and scene.tool and scene.tool.texture:
-        fine = replace(scene.tool.texture, relief=FINE)
-        scene = replace(scene, tool=replace(scene.tool, texture=fine))
-    return scene
-
-
-def child(name: str, variant: str, seconds: float, preset: str, repeats: int) -> dict[str, Any]:
-    """One row, measured in this process."""
     from hapfmt.scenes.build import simulate
 
-    scene = scene_of(name, variant, seconds)
-    # Once, short: what is imported is no part of the time, and no more than the scene needs.
-    simulate(scene.changed(seconds=0.01))
-    simulating = sorted(sys.modules)
-    import hapfmt
-    from hapfmt.writer import write
-
-    path = Path(tempfile.mkdtemp()) / "scene.hapf"
-    write(simulate(scene.changed(seconds=0.5))[0], path, hapfmt.Settings.of(preset))
+    scene = load_scene(source).without(*without).changed(seconds=seconds)
+    simulate(scene.changed(seconds=0.01))  # what is imported is no part of it
     before, times = peak(), []
     for _ in range(repeats):
         began = time.process_time()
-        recording, work = simulate(scene)
-        simulated = time.process_time()
-        write(recording, path, hapfmt.Settings.of(preset), canonical=1, force=True, threads=1)
-        times.append((simulated - began, time.process_time() - simulated))
-    memory = peak() - before
-    with hapfmt.Reader(path) as reader:
-        hf = sum(each.kind == "hf" for each in reader.catalogue.tracks.values())
-    size = path.stat().st_size
-    path.unlink()
-    path.parent.rmdir()
-    return {
-        **work.as_json(),
-        "simulate_s": min(each[0] for each in times),
-        "write_s": min(each[1] for each in times),
-        "memory": memory,
-        "modules": len(simulating),
-        "ours": sum(module.startswith("hapfmt.scenes.") for module in simulating),
-        "file_size": size,
-        "hf_track_count": hf,
-    }
+        _, work = simulate(scene)
+        times.append(time.process_time() - began)
+    return {"work": work.as_json(), "simulate_s": min(times), "memory": peak() - before}
 
 
 def peak() -> int:
     """Bytes this process has held at most."""
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return most if sys.platform == "darwin" else most * 1024
+    return in_bytes(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 
-def measure(name: str, variant: str, seconds: float, preset: str, repeats: int) -> dict[str, Any]:
-    """One row, measured in a process of its own."""
-    arguments = [name, variant, str(seconds), preset, str(repeats)]
-    done = subprocess.run(
-        [sys.executable, __file__, "--child", json.dumps(arguments)],
-        check=True, capture_output=True, text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"},
-    )  # fmt: skip
-    return dict(json.loads(done.stdout))
+def table(
+    seconds: float, repeats: int, told: Callable[[str], None] = lambda _: None
+) -> tuple[list[str], list[list[str]]]:
+    """Headers and rows."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for row in ROWS:
+            told(row.name)
+            rows.append(cells(row, measure(row, seconds, repeats, Path(folder))))
+    return HEADERS, rows
 
 
-def row_of(variant: str, found: dict[str, Any]) -> list[str]:
+def cells(row: Row, found: Found) -> list[str]:
+    work = found.work
     return [
-        variant,
-        str(found["channel_count"]),
-        str(found["height_count"]),
-        str(found["contact_step_count"]),
-        str(found["step_count"] - found["contact_step_count"]),
-        f"{1000 * found['simulate_s']:.0f}",
-        f"{1000 * found['write_s']:.0f}",
-        f"{found['memory'] / MIB:.1f}",
-        str(found["modules"]),
-        str(found["ours"]),
-        str(found["file_size"]),
-        str(found["hf_track_count"]),
+        row.name,
+        str(work["channel_count"]),
+        str(work["height_count"]),
+        str(work["contact_step_count"]),
+        str(work["step_count"] - work["contact_step_count"]),
+        f"{1000 * found.simulate_s:.0f}",
+        f"{found.simulate_memory / MIB:.1f}",
+        f"{found.verb_s:.2f}",
+        f"{found.verb_memory / MIB:.0f}",
+        str(found.module_count),
+        str(found.file_size),
+        str(found.hf_track_count),
     ]
 
 
@@ -157,30 +222,23 @@ def without(each: Any) -> str:
 
 
 @click.command(help=__doc__)
-@click.option("--seconds", default=10.0, help="Length of the scene.")
-@click.option("--name", default="everything", help="The scene.")
-@click.option("--preset", default="default", help="Of the file.")
+@click.option("--seconds", default=10.0, help="Length of each scene.")
 @click.option("--repeats", default=3, help="Times are the best of so many.")
 @click.option("--keys", is_flag=True, help="Print the tables of docs/scenes.md.")
-@click.option("--child", "arguments", hidden=True)
-def main(
-    seconds: float, name: str, preset: str, repeats: int, keys: bool, arguments: str | None
-) -> None:
+@click.option("--child", "asked", hidden=True)
+def main(seconds: float, repeats: int, keys: bool, asked: str | None) -> None:
     if keys:
         print_keys()
         return
-    if arguments:
-        scene, variant, length, chosen, times = json.loads(arguments)
-        print(json.dumps(child(scene, variant, float(length), chosen, int(times))))
+    if asked:
+        print(json.dumps(child(*json.loads(asked))))
         return
     console = Console(stderr=True)
-    rows = [
-        row_of(variant, measure(name, variant, seconds, preset, repeats))
-        for variant in track(VARIANTS, "scenes", console=console, transient=True)
-    ]
+    with console.status("scenes") as status:
+        headers, rows = table(seconds, repeats, status.update)
     print_origin()
-    print(f"scene {name}, {seconds:g} s, preset {preset}; CPU time, best of {repeats}\n")
-    print_table(HEADERS, rows)
+    print(f"{seconds:g} s of each scene; CPU time, best of {repeats}\n")
+    print_table(headers, rows)
 
 
 if __name__ == "__main__":
