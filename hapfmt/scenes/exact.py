@@ -153,12 +153,18 @@ def change(
     """When the mode changes first within a piece, if it does. The gap turns at most once in it;
     before and after, it changes where the mode fits one end and not the other. Right after a change
     ``push`` is 0 give or take a rounding, and need not fit the beginning."""
+
+    def fits(t: float) -> bool:
+        return (push(t) > 0) is touching
+
+    if fits(piece) and not fits(0.0):
+        return None
     parts = [0.0, piece]
     if rate(0.0) * rate(piece) < 0:
         parts.insert(1, crossing(rate, 0.0, piece))
     for start, end in pairwise(parts):
-        if (push(end) > 0) is not touching:
-            return crossing(push, start, end) if (push(start) > 0) is touching else start
+        if not fits(end):
+            return crossing(push, start, end) if fits(start) else start
     return None
 
 
