@@ -44,7 +44,7 @@ def balance(a: NDArray[np.float64]) -> NDArray[np.float64]:
         for i in range(len(a)):
             column, row = float(size[:, i].sum()), float(size[i].sum())
             if column and row:
-                by = 2.0 ** round(log2(row / column) / 2)
+                by = 2.0 ** round((log2(row) - log2(column)) / 2)
                 scale[i] *= by
                 size[:, i] *= by
                 size[i] /= by
