@@ -42,7 +42,7 @@ class Table(NamedTuple):
 
 
 class Figure(NamedTuple):
-    """svg: an ``<svg>`` element, or "" where it could not be drawn. By ``drawn``, or your own; its ids
+    """svg: an ``<svg>`` element, or "" where it could not be drawn. By ``drawn``, or own; its ids
     need be unique only within it."""
 
     title: str
