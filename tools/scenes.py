@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -163,33 +163,33 @@ def peak() -> int:
     return in_bytes(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 
-def table(
-    seconds: float, repeats: int, told: Callable[[str], None] = lambda _: None
-) -> tuple[list[str], list[list[str]]]:
-    """Headers and rows."""
-    rows = []
+def measure_all(
+    rows: Sequence[Row], seconds: float, repeats: int, told: Callable[[str], None]
+) -> list[tuple[Row, Found]]:
+    """Of each row what was found; ``told`` hears the name of each before."""
+    found = []
     with tempfile.TemporaryDirectory() as folder:
-        for row in ROWS:
+        for row in rows:
             told(row.name)
-            rows.append(cells(row, measure(row, seconds, repeats, Path(folder))))
-    return HEADERS, rows
+            found.append((row, measure(row, seconds, repeats, Path(folder))))
+    return found
 
 
-def cells(row: Row, found: Found) -> list[str]:
+def cells(row: Row, found: Found) -> list[str | float]:
     work = found.work
     return [
         row.name,
-        str(work["channel_count"]),
-        str(work["height_count"]),
-        str(work["contact_step_count"]),
-        str(work["step_count"] - work["contact_step_count"]),
-        f"{1000 * found.simulate_s:.0f}",
-        f"{found.simulate_memory / MIB:.1f}",
-        f"{found.verb_s:.2f}",
-        f"{found.verb_memory / MIB:.0f}",
-        str(found.module_count),
-        str(found.file_size),
-        str(found.hf_track_count),
+        work["channel_count"],
+        work["height_count"],
+        work["contact_step_count"],
+        work["step_count"] - work["contact_step_count"],
+        round(1000 * found.simulate_s, 1),
+        round(found.simulate_memory / MIB, 1),
+        round(found.verb_s, 2),
+        round(found.verb_memory / MIB),
+        found.module_count,
+        found.file_size,
+        found.hf_track_count,
     ]
 
 
@@ -235,10 +235,10 @@ def main(seconds: float, repeats: int, keys: bool, asked: str | None) -> None:
         return
     console = Console(stderr=True)
     with console.status("scenes") as status:
-        headers, rows = table(seconds, repeats, status.update)
+        rows = [cells(*each) for each in measure_all(ROWS, seconds, repeats, status.update)]
     print_origin()
     print(f"{seconds:g} s of each scene; CPU time, best of {repeats}\n")
-    print_table(headers, rows)
+    print_table(HEADERS, rows)
 
 
 if __name__ == "__main__":
