@@ -15,6 +15,9 @@ import numpy as np
 from report.page import Part, shown
 from report.section import Table
 
+LONG_TABLE = 100
+"""Rows beyond which a table is left to its CSV file."""
+
 
 def slug(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:60]
@@ -42,7 +45,9 @@ def markdown_file(title: str, facts: Sequence[str], parts: Sequence[Part]) -> st
             continue
         blocks.append(part.section.text.strip())
         for table in part.section.tables:
-            blocks += [f"### {table.title}", markdown_table(table)]
+            short = len(table.rows) <= LONG_TABLE
+            file = f"{len(table.rows)} rows: {part.name}-{slug(table.title)}.csv"
+            blocks += [f"### {table.title}", markdown_table(table) if short else file]
     return "\n\n".join(blocks) + "\n"
 
 
