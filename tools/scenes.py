@@ -32,9 +32,12 @@ FINE = "relief = 0.02"
 
 BARE = """
 import json, sys
+from pathlib import Path
 from hapfmt.cli import cli
 cli.main(sys.argv[1:], standalone_mode=False)
-print(json.dumps(sorted(sys.modules)))
+status = Path("/proc/self/status")
+status = status.read_text("ascii") if status.exists() else ""
+print(json.dumps({"modules": len(sys.modules), "status": status}))
 """
 
 
@@ -90,6 +93,7 @@ def measure(row: Row, seconds: float, repeats: int, folder: Path) -> Found:
     verb = ["scene", source, str(target), "--seconds", str(seconds), "--preset", row.preset,
             "--force", *(word for part in row.without for word in ("--without", part))]  # fmt: skip
     runs = [run([sys.executable, "-c", BARE, *verb]) for _ in range(repeats)]
+    told = [json.loads(each.output.splitlines()[-1]) for each in runs]
     asked = json.dumps([source, row.without, seconds, repeats])
     inside = json.loads(run([sys.executable, __file__, "--child", asked]).output)
     import hapfmt
@@ -101,8 +105,8 @@ def measure(row: Row, seconds: float, repeats: int, folder: Path) -> Found:
         inside["simulate_s"],
         inside["memory"],
         min(each.cpu_s for each in runs),
-        min(each.memory for each in runs),
-        len(json.loads(runs[0].output.splitlines()[-1])),
+        min(peak_of(each["status"], run.most) for each, run in zip(told, runs, strict=True)),
+        told[0]["modules"],
         target.stat().st_size,
         hf,
     )
@@ -122,11 +126,11 @@ def scene_file(row: Row, folder: Path) -> str:
 class Run(NamedTuple):
     output: str
     cpu_s: float
-    memory: int
+    most: int
 
 
 def run(words: list[str]) -> Run:
-    """A process to its end: what it prints, its CPU time, its peak memory in bytes."""
+    """A process to its end: what it prints, its CPU time, its ru_maxrss."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
     with tempfile.TemporaryFile() as out:
         process = subprocess.Popen(words, stdout=out, env=environment)
@@ -136,11 +140,7 @@ def run(words: list[str]) -> Run:
             raise click.ClickException(f"{' '.join(words)}: exit code {process.returncode}")
         out.seek(0)
         output = out.read().decode()
-    return Run(output, usage.ru_utime + usage.ru_stime, in_bytes(usage.ru_maxrss))
-
-
-def in_bytes(most: int) -> int:
-    return most if sys.platform == "darwin" else most * 1024
+    return Run(output, usage.ru_utime + usage.ru_stime, usage.ru_maxrss)
 
 
 def child(source: str, without: list[str], seconds: float, repeats: int) -> dict[str, Any]:
@@ -160,7 +160,18 @@ def child(source: str, without: list[str], seconds: float, repeats: int) -> dict
 
 def peak() -> int:
     """Bytes this process has held at most."""
-    return in_bytes(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    status = Path("/proc/self/status")
+    text = status.read_text("ascii") if status.exists() else ""
+    return peak_of(text, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+
+
+def peak_of(status: str, most: int) -> int:
+    """Bytes, from Linux' own status of a process, since ru_maxrss begins there with what its parent
+    held; elsewhere from that."""
+    for line in status.splitlines():
+        if line.startswith("VmHWM"):
+            return int(line.split()[1]) * 1024
+    return most if sys.platform == "darwin" else most * 1024
 
 
 def measure_all(

@@ -64,8 +64,7 @@ def text_of(by_name: dict[str, Found], seconds: float) -> str:
         f"Scene `everything`, {seconds:g} s: a stylus on sand with nine channels, and a hand with "
         "27. Counters say what was computed: no heights without a texture, no steps of contact "
         "without one, no step at all for fingers that touch nothing. The verb is a whole process, "
-        "so that reading Python's own modules is in it; most of it is `scipy.signal`, which the "
-        "encoder's low-pass imports."
+        "so importing is in it: the encoder loads SciPy's filters only where it makes an HF track."
     )
 
 
