@@ -120,7 +120,10 @@ def hand_channels(
     from .waves import stream
 
     if hand.object:
-        told["object_n_per_m"] = hand.object.n_per_m
+        from .tool import default_integrator
+
+        told |= {"object_n_per_m": hand.object.n_per_m,
+                 "object_integrator": default_integrator(hand.object)}  # fmt: skip
     found = {}
     for signal in run_hand(hand, scene.ticks, scene.rate_hz, scene.seed, work, advance):
         reading = signal.reading
