@@ -145,6 +145,21 @@ def test_import_is_light():
     assert not loaded_by("import hapfmt; hapfmt.__version__") & HEAVY
 
 
+def test_only_a_split_loads_scipy():
+    """Importing its filters takes longer than most encoding; where nothing is split, nothing is
+    filtered."""
+    code = """
+import io, sys, hapfmt
+from hapfmt.scenes import load_scene, simulate
+recording, _ = simulate(load_scene("everything").changed(seconds=0.05))
+for preset in ("archive", "deadband", "near-lossless", "auto", "default"):
+    allowed = {"max_error": "2lsb"} if preset == "near-lossless" else {}
+    hapfmt.write(recording, io.BytesIO(), hapfmt.Settings.of(preset, **allowed))
+    assert ("scipy" in sys.modules) is (preset == "default"), preset
+"""
+    assert "scipy" in loaded_by(code)
+
+
 def test_info_loads_no_numbers():
     """The reader of descriptions needs neither arrays nor plots."""
     path = ROOT / "conformance" / "examples" / "hold.hapf"
