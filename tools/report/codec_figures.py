@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import ceil
+from math import ceil, log10
 from typing import Any
 
 from results import mean
@@ -30,10 +30,10 @@ def pictures(found: Sequence[Trial]) -> list[Figure]:
                 "Each setting: geometric means of size and error over all recordings and scenes, "
                 f"errors below {LEAST} % as that. Lower left is better; the line is the Pareto "
                 "front, bars are the middle half."),
-        summary(found, "Error against encoding time", "CPU us a sample",
+        summary(found, "Error against encoding time", "CPU µs a sample",
                 lambda t: t.microseconds(t.encode),
                 "The same against time."),
-        summary(found, "Error against decoding time", "CPU us a sample",
+        summary(found, "Error against decoding time", "CPU µs a sample",
                 lambda t: t.microseconds(t.decode),
                 "Of peers the settings with the promises that are in the table."),
     ]  # fmt: skip
@@ -105,10 +105,14 @@ def summary(
 
 
 def label_points(axes: Any, points: Sequence[tuple[float, float, str]]) -> None:
-    """Words to the right of the points that have some."""
-    for x, y, word in points:
+    """Words to the right of the points that have some; to the left where another word stands."""
+    placed: list[tuple[float, float]] = []
+    for x, y, word in sorted(points, reverse=True):
         if word:
-            axes.annotate(word, (x, y), xytext=(6, -3), textcoords="offset points", fontsize=7.5)
+            free = all(abs(log10(y / b)) > 0.13 or abs(log10(x / a)) > 0.35 for a, b in placed)
+            axes.annotate(word, (x, y), xytext=(6 if free else -6, -3), fontsize=7.5,
+                          textcoords="offset points", ha="left" if free else "right")  # fmt: skip
+            placed.append((x, y))
 
 
 def outline(axes: Any, points: Sequence[tuple[float, float]]) -> None:

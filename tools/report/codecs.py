@@ -73,7 +73,7 @@ def fronts(found: Sequence[Trial]) -> dict[int, tuple[bool, bool]]:
 
 
 SUMMARY = ["setting", "promise", "recordings", "b/s beside archive", "rms error, % of range",
-           "SNR of texture, dB", "encode us/sample", "decode us/sample", "smallest at its error",
+           "SNR of texture, dB", "encode µs/sample", "decode µs/sample", "smallest at its error",
            "fastest at its error"]  # fmt: skip
 
 
@@ -167,7 +167,7 @@ def text_of(
     lines = [
         f"{first} Geometric means over {many} recordings and scenes, each against the smallest "
         "peer that keeps the same promise on it; a ratio below 1 is in our favour.",
-        f"* **Time.** `archive` takes {lossless[6]:.2g} us a sample to encode and "
+        f"* **Time.** `archive` takes {lossless[6]:.2g} µs a sample to encode and "
         f"{lossless[7]:.2g} to decode{quick}.{slower(duels)}",
         "* **Pareto front.** "
         + ", ".join(f"`{row[0]}` ({row[8]})" for row in sorted(ours, key=lambda r: -r[8])[:6])
@@ -231,7 +231,7 @@ def absent(found: Sequence[Trial]) -> str:
 
 HEADERS = ["recording", "setting", "promise", "channels", "samples", "b/s", "file b/s",
            "rms %", "largest %", "SNR of texture, dB", "band energy, dB", "ST-SIM", "outside",
-           "encode us/sample", "from", "to", "decode us/sample", "from", "to", "runs",
+           "encode µs/sample", "from", "to", "decode µs/sample", "from", "to", "runs",
            "size front", "time front", "failed"]  # fmt: skip
 
 

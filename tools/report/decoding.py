@@ -137,8 +137,8 @@ def measure(options: Options, folder: Path) -> list[Case]:
     return found
 
 
-HEADERS = ["recording", "setting", "codecs", "samples", "with extension us/sample", "from", "to",
-           "without us/sample", "from", "to", "ratio", "with: Ms/s", "without: Ms/s",
+HEADERS = ["recording", "setting", "codecs", "samples", "with extension µs/sample", "from", "to",
+           "without µs/sample", "from", "to", "ratio", "with: Ms/s", "without: Ms/s",
            "without: times real time", "JavaScript Ms/s, packets", "same numbers"]  # fmt: skip
 
 
@@ -194,7 +194,7 @@ def text_of(cases: Sequence[Case]) -> str:
         "values; CPU time, opening included, which weighs most in the shortest files.",
         f"* Least gained: {least.recording}, {least.setting} ({least.ratio:.1f}); most: "
         f"{most.recording}, {most.setting} ({most.ratio:.0f}).\n"
-        f"* Without the extension reading takes {usual:.2g} us a sample at the median; the "
+        f"* Without the extension reading takes {usual:.2g} µs a sample at the median; the "
         f"slowest, {real.recording} as {real.setting}, still reads "
         f"{real.seconds / real.slow.median:.1f} s of recording in a second.\n{script}",
     ])  # fmt: skip

@@ -26,13 +26,14 @@ h2 { border-top: 2px solid var(--line); padding-top: 1rem; } h3 { margin: 0; fon
 a { color: var(--link); } p, ul { max-width: 46rem; } li { margin: .3rem 0; }
 code { background: var(--soft); padding: 0 .25em; border-radius: 3px; font-size: .92em; }
 .origin, figcaption, .note { color: var(--pale); font-size: .88rem; }
-.origin { overflow-wrap: anywhere; }
+.origin { overflow-wrap: anywhere; margin: .2rem 0; max-width: none; }
 .finding { font-size: 1.1rem; border-left: 4px solid var(--link); padding-left: .8rem; }
 .failed { border-left: 4px solid var(--bad); padding-left: .8rem; overflow-wrap: anywhere; }
 nav ol { padding-left: 1.4rem; } nav li { max-width: 60rem; } nav span { display: block; }
 .figures { display: grid; gap: 1.5rem 2rem; margin: 1rem 0;
   grid-template-columns: repeat(auto-fit, minmax(min(100%, 33rem), 1fr)); }
-figure { margin: 0; min-width: 0; } figure.wide { grid-column: 1 / -1; }
+figure { margin: 0; min-width: 0; max-width: 44rem; } figure.wide { grid-column: 1 / -1;
+  max-width: none; }
 .picture { overflow-x: auto; } .picture svg, .picture img { width: 100%; height: auto;
   display: block; } .wide svg { min-width: 46rem; }
 .picture svg * { stroke-linejoin: round; stroke-linecap: butt; }
@@ -95,8 +96,11 @@ class Part(NamedTuple):
 def divided(text: str) -> tuple[str, str]:
     """The first sentence, and the rest."""
     first, _, rest = text.strip().partition("\n\n")
-    sentences = re.split(r"(?<=[.!?]) (?=[A-Z*`0-9])", " ".join(first.split()), maxsplit=1)
-    return sentences[0], "\n\n".join([*sentences[1:], rest])
+    flat = " ".join(first.split())
+    end = re.search(r"[.!?](?:\*\*)?(?= [A-Z*`0-9])", flat)
+    finding, more = (flat[: end.end()], flat[end.end() :]) if end else (flat, "")
+    whole = re.fullmatch(r"\*\*([^*]+)\*\*", finding)
+    return whole[1] if whole else finding, f"{more.strip()}\n\n{rest}".strip()
 
 
 def page(title: str, facts: Sequence[str], parts: Sequence[Part]) -> str:

@@ -97,6 +97,7 @@ def main(
     name = ""
 
     def progress(line: str) -> None:
+        line = line.removeprefix(f"{name}: ")
         click.echo(f"[{time.monotonic() - began:4.0f} s] {name}: {line}", err=True)
 
     folder = None if no_data else data or (DATA if DATA.is_dir() else None)

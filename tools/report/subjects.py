@@ -75,7 +75,7 @@ def shortened(recording: hapfmt.Recording, samples: int) -> hapfmt.Recording:
 
 def prepared(name: str, simulated: bool, recording: hapfmt.Recording) -> Iterator[Subject]:
     """Channels on a lattice in counts, as their sensors gave them, so that all coders get the same
-    integers; and those of true doubles apart, as a subject of their own."""
+    integers; and those of true doubles apart, as a subject of their own. Constants alone: none."""
     kept = [
         channel
         for channel in recording.channels
@@ -85,10 +85,10 @@ def prepared(name: str, simulated: bool, recording: hapfmt.Recording) -> Iterato
     found = [(channel, counts_of(channel, search=search)) for channel in kept]
     whole = [(channel, counts) for channel, counts in found if counts is not None]
     doubles = tuple(channel for channel, counts in found if counts is None)
-    if whole:
+    if any(np.ptp(counts) for _, counts in whole):
         channels = tuple(counted(channel, counts) for channel, counts in whole)
         integers = [counts for _, counts in whole]
         yield Subject(name, simulated, replace(recording, channels=channels), integers)
-    if doubles:
+    if any(np.ptp(channel.values) for channel in doubles):
         apart = f"{name}, doubles"
         yield Subject(apart, simulated, replace(recording, channels=doubles), None)
