@@ -14,6 +14,7 @@ from ..codecs.knots import INTERPOLATIONS, Interpolation
 from ..errors import ParameterError
 from ..numbers import exact
 from ..recording import Calibration, Channel, Recording
+from .glitches import without_glitches
 from .perception import FORCE_FLOOR_N, FORCE_WEBER, LF_CUTOFF_HZ
 from .tolerance import Tolerance
 
@@ -145,6 +146,7 @@ class Settings:
             return None
         finite = channel.physical()
         finite = finite[np.isfinite(finite)]
+        finite = without_glitches(finite)
         extent = float(finite.max()) - float(finite.min()) if finite.size else 0.0
         allowed = (self.floor.absolute(extent, channel.lsb) or 0.0) * float(PAPER_TOLERANCE)
         # Nothing is left of a floor below the denormals, and values of 1e308 have no lattice.
@@ -199,7 +201,8 @@ def text_of(amount: Tolerance | None) -> str | None:
 
 
 def counts_of(amount: Tolerance, calibration: Calibration, extent: int) -> Fraction:
-    """An amount in counts; ``extent`` is the largest count minus the smallest."""
+    """An amount in counts; ``extent`` is the largest count minus the smallest, glitches left
+    out."""
     value = Fraction(amount.value)
     if amount.kind == "lsb":
         return value
