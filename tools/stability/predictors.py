@@ -85,7 +85,7 @@ def quantised() -> Row:
         11, f"direct form in {BITS} bits, order {order}",
         (100 * np.mean(np.array(naive) >= 1), at_least(20)),
         (100 * np.mean(np.array(ours) >= 1), exactly(0)), "% of blocks unstable",
-        f"largest root {max(naive):.3g} and {max(ours):.6f}; ours: reflections in 7 bits",
+        f"largest root {max(naive):.6f} and {max(ours):.6f}; ours: reflections in 7 bits",
     )  # fmt: skip
 
 

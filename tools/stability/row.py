@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Limit(NamedTuple):
-    """Which numbers are allowed; nan only where it says so."""
+    """Which numbers are allowed; never nan."""
 
     sign: str
     value: float
@@ -67,6 +67,6 @@ def compared(
         float(good),
         unit,
         note,
-        bool(held) and is_bad.holds(bad) and is_good.holds(good),
+        bool(held and is_bad.holds(bad) and is_good.holds(good)),
         f"naive {is_bad}, ours {is_good}",
     )
