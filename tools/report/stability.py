@@ -21,7 +21,7 @@ HEADERS = ["row", "case", "naive", "ours", "unit", "what must hold", "holds", "n
 
 
 def section(options: Options) -> Section:
-    found = rows(deep=not options.quick, progress=lambda name: options.progress(name))
+    found = rows(deep=not options.quick, progress=options.progress)
     return Section(
         "Stability",
         text_of(found),
