@@ -15,9 +15,9 @@ FOLDED_FROM = 24
 
 CSS = """
 :root { color-scheme: light dark; --ink: #1b1d20; --paper: #fff; --pale: #8a8f98; --line: #d9dce1;
-  --soft: #f4f5f7; --link: #0059a6; --bad: #b3261e; }
+  --soft: #f4f5f7; --quiet: #5c626b; --link: #0059a6; --bad: #b3261e; }
 @media (prefers-color-scheme: dark) { :root { --ink: #e6e8ea; --paper: #15171a; --pale: #8b9199;
-  --line: #363b42; --soft: #1f2226; --link: #7db8ee; --bad: #ff8a80; } }
+  --line: #363b42; --soft: #1f2226; --quiet: #a3a9b1; --link: #7db8ee; --bad: #ff8a80; } }
 * { box-sizing: border-box; }
 body { margin: 0 auto; max-width: 76rem; padding: 1rem clamp(.8rem, 3vw, 2.5rem) 4rem;
   background: var(--paper); color: var(--ink); font: 1rem/1.5 system-ui, sans-serif; }
@@ -25,7 +25,7 @@ h1 { font-size: 1.7rem; margin: .5rem 0 0; } h2 { margin: 3rem 0 .5rem; font-siz
 h2 { border-top: 2px solid var(--line); padding-top: 1rem; } h3 { margin: 0; font-size: 1rem; }
 a { color: var(--link); } p, ul { max-width: 46rem; } li { margin: .3rem 0; }
 code { background: var(--soft); padding: 0 .25em; border-radius: 3px; font-size: .92em; }
-.origin, figcaption, .note { color: var(--pale); font-size: .88rem; }
+.origin, figcaption, .note { color: var(--quiet); font-size: .88rem; }
 .origin { overflow-wrap: anywhere; margin: .2rem 0; max-width: none; }
 .finding { font-size: 1.1rem; border-left: 4px solid var(--link); padding-left: .8rem; }
 .failed { border-left: 4px solid var(--bad); padding-left: .8rem; overflow-wrap: anywhere; }
@@ -47,7 +47,7 @@ th[aria-sort=descending]::after { content: " \\2193"; }
 td.word, th.word { text-align: left; } td.word { min-width: 7rem; }
 summary { cursor: pointer; font-weight: 600; } details { margin: .5rem 0; }
 @media print { body { max-width: none; padding: 0; font-size: 9.5pt; }
-  :root { --ink: #000; --paper: #fff; --pale: #555; --line: #bbb; --soft: #eee; --link: #000; }
+  :root { --ink: #000; --paper: #fff; --pale: #555; --line: #bbb; --soft: #eee; --quiet: #444; --link: #000; }
   figure, tr { break-inside: avoid; } h2 { break-after: avoid; } .wide svg { min-width: 0; }
   .table { max-height: none; overflow: visible; } table { font-size: 7pt; }
   th { position: static; } th, td { padding: .1rem .25rem; } }
