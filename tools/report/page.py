@@ -47,7 +47,8 @@ th[aria-sort=descending]::after { content: " \\2193"; }
 td.word, th.word { text-align: left; } td.word { min-width: 7rem; }
 summary { cursor: pointer; font-weight: 600; } details { margin: .5rem 0; }
 @media print { body { max-width: none; padding: 0; font-size: 9.5pt; }
-  :root { --ink: #000; --paper: #fff; --pale: #555; --line: #bbb; --soft: #eee; --quiet: #444; --link: #000; }
+  :root { --ink: #000; --paper: #fff; --pale: #555; --line: #bbb; --soft: #eee; --quiet: #444;
+  --link: #000; }
   figure, tr { break-inside: avoid; } h2 { break-after: avoid; } .wide svg { min-width: 0; }
   .table { max-height: none; overflow: visible; } table { font-size: 7pt; }
   th { position: static; } th, td { padding: .1rem .25rem; } }
