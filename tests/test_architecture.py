@@ -18,7 +18,7 @@ MODULES = {
 DECODE = """atomic clocks codecs container contract damage deadband dump errors events integers
 kernels limits lock reading recording threads usage verifier"""
 ENCODE = """appending cli conformance convert edit encoder live plotting recovery replay scenes
-writer"""
+survey writer"""
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 REPLAY = [name for name in MODULES if name.split(".")[0] == "replay"]
 RECORDS = "replay.sinks.record"
@@ -37,7 +37,7 @@ BARRED_IN_REPLAY = {
 nothing."""
 ONLY_IN = {
     "construct": ("container.layout", "container.wire"),
-    "matplotlib": ("plotting",),
+    "matplotlib": tuple(name for name in MODULES if name.startswith("plotting.")),
     "soundfile": ("convert.wav",),
     "fsspec": ("container.remote",),
     "hid": ("replay.sinks.hid",),

@@ -29,6 +29,8 @@ VERBS = {
     "meta": "Show or set the metadata.",
     "clocks": "Other clocks: what was observed, offset, drift, jitter.",
     "convert": "From any format to any other.",
+    "plot": "A picture of a recording: signal, texture, knots, spectrum, damage.",
+    "compare": "How two recordings differ, channel by channel.",
     "record": "Record samples as they come from another program.",
     "replay": "Play a recording on a haptic device, or show what it would be sent.",
     "devices": "HID devices that are connected, and which profile fits which.",
