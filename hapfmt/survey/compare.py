@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from ..encoder.tolerance import Tolerance
 
 SNR_SAMPLES = 1 << 22
-"""Of the longest run that both have, for the signal-to-noise ratio of the texture."""
+"""Of the longest runs that both have, for the signal-to-noise ratio of the texture; all channels
+together, so that their number costs no memory."""
 
 
 @dataclass
@@ -67,8 +68,8 @@ class Comparison:
     """One channel of both recordings. Samples: in both, ``only_a``, ``only_b``; ``largest`` and
     ``rms`` of the difference b - a, in the unit, ``largest_counts`` in steps of the
     sensor where one is known; ``at_s``: where the largest is; SNR: of a over the difference;
-    ``snr_hf_db``: of its texture above 20 Hz (hapfmt.metrics), over the longest run. ``reason``: why
-    there is nothing to compare."""
+    ``snr_hf_db``: of its texture above 20 Hz (hapfmt.metrics), over the longest run. ``reason``:
+    why there is nothing to compare."""
 
     number: int
     label: str
@@ -136,8 +137,8 @@ class Comparison:
 class Pair:
     """Takes the parts of one channel of both as they come."""
 
-    def __init__(self, a: Described, b: Described, view: View | None) -> None:
-        self.a, self.b = a, b
+    def __init__(self, a: Described, b: Described, view: View | None, room: int) -> None:
+        self.a, self.b, self.room = a, b, room
         self.found = Comparison(a.number, a.name, a.unit, b.name)
         if a.unit != b.unit:
             self.found.notes += (f"units {a.unit!r} and {b.unit!r}",)
@@ -203,8 +204,10 @@ class Pair:
             self.runs = []
         self.last = start + p.size
         held = sum(run[0].size for run in self.runs)
-        if held < SNR_SAMPLES:
-            self.runs = [*self.runs, (p[: SNR_SAMPLES - held], q[: SNR_SAMPLES - held])]
+        if held < self.room:
+            # Copies, else the whole part would stay in memory.
+            rest = self.room - held
+            self.runs = [*self.runs, (p[:rest].copy(), q[:rest].copy())]
             held = sum(run[0].size for run in self.runs)
         if held > self.best[0]:
             self.best = held, self.runs
@@ -265,7 +268,7 @@ def compare(
             # Drawn as B: its step, its contract.
             view = empty_view(replace(other, number=mine.number), first, last)
             drawn.append(view)
-        pair = Pair(mine, other, view)
+        pair = Pair(mine, other, view, max(SNR_SAMPLES // len(pairs), 1 << 12))
         rows.append(pair)
         at.append((i, j, pair))
     edges = a.edges(first, last) if first < last else []
