@@ -24,7 +24,7 @@ def pages(
     found: Sequence[Comparison], views: Sequence[View], *, title: str, footnotes: Sequence[str]
 ) -> list[Figure]:
     """views: of B, with A as their original. Those that differ come first."""
-    verdicts = {row.number: row for row in found}
+    verdicts = {row.number: row for row in found if not row.reason}
     order = sorted(views, key=lambda view: verdicts[view.channel.number].identical)
     count = ceil(len(order) / ROWS)
     share = ceil(len(order) / count)

@@ -236,6 +236,14 @@ def density_label(view: View) -> str:
 
 def histogram(axes: Axes, errors: Histogram, bound: float | None, name: str) -> None:
     """Errors as bars, how often on a logarithmic scale, since outliers matter; bound: marked."""
+    if not errors.total:
+        axes.text(
+            0.5, 0.5, "no sample in common", transform=axes.transAxes, ha="center", va="center",
+            fontsize=8.5, color=GREY,
+        )  # fmt: skip
+        axes.set_xticks([])
+        axes.set_yticks([])
+        return
     centres, counts, width = errors.bars()
     found = centres[counts > 0]
     if found.size > 1:
@@ -254,11 +262,6 @@ def histogram(axes: Axes, errors: Histogram, bound: float | None, name: str) -> 
             name, (bound, 0.93), xycoords=("data", "axes fraction"), xytext=(-5, 0),
             textcoords="offset points", ha="right", fontsize=8.5, color=INK,
             bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1},
-        )  # fmt: skip
-    if not errors.total:
-        axes.text(
-            0.5, 0.5, "no sample in common", transform=axes.transAxes, ha="center", va="center",
-            fontsize=8.5, color=GREY,
         )  # fmt: skip
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .outline import LARGEST
+
 BINS = 3**7
 """Odd, so that a bin is centred on zero, and a power of three, so that three neighbours become one
 where the range must grow."""
@@ -27,7 +29,7 @@ class Histogram:
 
     def add(self, errors: NDArray[np.float64]) -> None:
         """errors, any shape."""
-        finite = errors[np.isfinite(errors)]
+        finite = np.clip(errors[np.isfinite(errors)], -LARGEST, LARGEST)
         self.beyond += int(errors.size - finite.size)
         largest = float(np.max(np.abs(finite), initial=0.0))
         self.largest = max(self.largest, largest)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from ..recording import Channel
 
+LARGEST = 1e300
+"""What is larger is drawn as this, so that margins do not overflow."""
 COLUMNS = 2000
 """Of a picture across a page: two for each pixel or so. Fewer ticks are kept one by one."""
 
@@ -41,7 +43,7 @@ class Outline:
         if a >= b:
             return
         x = values[a - start : b - start]
-        x = np.where(np.isfinite(x), x, np.nan)
+        x = np.where(np.isfinite(x), np.clip(x, -LARGEST, LARGEST), np.nan)
         column, within = divmod(a - self.first, self.size)
         starts = np.append(0, np.arange(self.size - within, x.size, self.size))
         place = slice(column, column + starts.size)

@@ -152,7 +152,7 @@ class Builder:
         view.only_original += original.values.size
         for (i, j), span in intersect(original.coverage, full.coverage):
             f = x[i : i + span.ticks]
-            with np.errstate(invalid="ignore"):
+            with np.errstate(invalid="ignore", over="ignore"):
                 error = y[j : j + span.ticks] - f
             view.error.add(span.start, error)
             view.errors.add(error)
