@@ -246,6 +246,25 @@ def test_packets_end_where_clusters_begin(start, ticks, cluster, rate):
 
 
 @pytest.mark.parametrize(
+    ("rates", "settings", "seconds"),
+    [
+        (["1000"], Settings(), 10),
+        (["1"], Settings(), 256),
+        (["1/3600"], Settings.of("archive"), 256 * 3600),
+        (["1/3600", "8000"], Settings(), 10),
+        (["100"], Settings.of("archive"), 120),
+        (["1000"], Settings.of("archive"), 17),
+        (["1"], Settings.of("archive", fast=True), 256),
+        (["1/3600"], Settings(cluster=Fraction(1)), 1),
+        ([], Settings(), 256),
+    ],
+)
+def test_seconds_of_a_cluster(rates, settings, seconds):
+    made = [Channel(np.zeros(1, np.int8), rate, calibration=Calibration()) for rate in rates]
+    assert settings.cluster_of(Recording(tuple(made))) == seconds
+
+
+@pytest.mark.parametrize(
     ("counts", "expected"),
     [
         ([], (0, 0)),

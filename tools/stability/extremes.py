@@ -186,5 +186,7 @@ def hold() -> Row:
     )  # fmt: skip
 
 
-ROWS = (full_scale, alternating, impulses, denormals, negative_zero, one_sample_each, hold)
-DEEP = (all_tracks, long_span)
+ROWS = (
+    full_scale, alternating, impulses, denormals, negative_zero, one_sample_each, long_span, hold,
+)  # fmt: skip
+DEEP = (all_tracks,)

@@ -48,6 +48,21 @@ def odd_rates() -> Row:
     )  # fmt: skip
 
 
+def slow_logger() -> Row:
+    """A temperature, once an hour for 40 days, in clusters of ten seconds as of any recording."""
+    walk = np.cumsum(generator(1).integers(-3, 4, 1000)).astype(np.int32)
+    channel = Channel(walk, HOUR, calibration=Calibration(1, 0, 10), unit="Cel")
+    sizes = [
+        len(file_of(channel, settings=hapfmt.Settings.of("archive", cluster=cluster)))
+        for cluster in (Fraction(10), None)
+    ]
+    return compared(
+        29, "1/3600 Hz alone, clusters of ten seconds", (sizes[0] / walk.size, at_least(30)),
+        (sizes[1] / walk.size, at_most(2)), "bytes a sample",
+        "a cluster has 256 ticks of the fastest channel, unless told otherwise",
+    )  # fmt: skip
+
+
 def late_start() -> Row:
     """A second at 1 kHz that begins after ten hours; an array that begins at 0 is filled with
     NaN."""
@@ -120,4 +135,4 @@ def backwards() -> Row:
     )  # fmt: skip
 
 
-ROWS = (odd_rates, late_start, clocks, backwards)
+ROWS = (odd_rates, slow_logger, late_start, clocks, backwards)
