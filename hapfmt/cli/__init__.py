@@ -35,6 +35,7 @@ VERBS = {
     "replay": "Play a recording on a haptic device, or show what it would be sent.",
     "devices": "HID devices that are connected, and which profile fits which.",
     "profile": "Device profiles: list them, show one, check one.",
+    "rate": "Subjective tests: feel, compare, rate from 0 to 100; and their summary.",
     "scene": "Simulate a scene: textures, a wall, taps, a grasp; needs no device.",
     "demo": "Simulate a stylus on a texture, encode it, show what it costs.",
 }
