@@ -292,7 +292,7 @@ def draw(summary: Summary, path: Path, force: bool) -> None:
         path,
         rows,
         scale=summary.study["scale"],
-        title=f"{summary.study['name']}: {rows[0].rating.n} subjects, mean and 95 % interval",
+        title=f"{summary.study['name']}: {people(rows[0].rating.n)}, mean and 95 % interval",
         force=force,
     )
 
@@ -311,13 +311,17 @@ def show(summary: Summary) -> None:
     out = summary.screened_out
     study = summary.study
     missed = f"rated the hidden reference below {study['screen_below']:g} too often"
-    show_rows(f"{study['name']}: all {len(summary.subjects)} subjects", summary.rows)
+    show_rows(f"{study['name']}: {people(len(summary.subjects))}", summary.rows)
     if not out:
         click.echo(f"nobody {missed}")
         return
     click.echo(f"{len(out)} {missed}: {printable(', '.join(out))}")
     if summary.kept:
-        show_rows(f"without them: {len(summary.subjects) - len(out)} subjects", summary.kept)
+        show_rows(f"without them: {people(len(summary.subjects) - len(out))}", summary.kept)
+
+
+def people(count: int) -> str:
+    return f"{count} subject{'s' if count != 1 else ''}"
 
 
 def show_rows(title: str, rows: tuple[Row, ...]) -> None:
@@ -337,7 +341,8 @@ def show_rows(title: str, rows: tuple[Row, ...]) -> None:
         ]
         for row in rows
     ]
-    table([*(["session"] if many else []), *headers], shown, printable(title))
+    click.echo(printable(title))
+    table([*(["session"] if many else []), *headers], shown)
 
 
 def half_of(mean: Mean) -> str:
