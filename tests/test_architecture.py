@@ -18,7 +18,7 @@ MODULES = {
 DECODE = """atomic clocks codecs container contract damage deadband dump errors events integers
 kernels limits lock reading recording threads usage verifier"""
 ENCODE = """appending cli conformance convert edit encoder live plotting recovery replay scenes
-survey writer"""
+study survey writer"""
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 REPLAY = [name for name in MODULES if name.split(".")[0] == "replay"]
 RECORDS = "replay.sinks.record"
@@ -40,6 +40,7 @@ ONLY_IN = {
     "matplotlib": tuple(name for name in MODULES if name.startswith("plotting.")),
     "soundfile": ("convert.wav",),
     "fsspec": ("container.remote",),
+    "sounddevice": ("study.sound",),
     "hid": ("replay.sinks.hid",),
     "hidraw": ("replay.sinks.hid",),
 }
@@ -52,6 +53,7 @@ HEAVY = {
     "rich",
     "matplotlib",
     "soundfile",
+    "sounddevice",
     "hid",
     "hidraw",
     "jsonschema",

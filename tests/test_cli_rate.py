@@ -241,6 +241,10 @@ class TestPipes:
         text = run("rate", "--summary", *files, cwd=room)
         assert b"textures: 2 subjects" in text.stdout and b"nobody rated the hidden" in text.stdout
         assert b"nothing was felt by S1, S2: a dry run" in text.stderr
+        picture = run("rate", "--summary", *files, "--plot", "o.svg", cwd=room)
+        assert picture.returncode == 0, picture.stderr
+        assert b"<svg" in (room / "o.svg").read_bytes()
+        assert run("rate", "--summary", *files, "--plot", "o.svg", cwd=room).returncode == 1
         lines = run("rate", "--summary", *files, "--csv", cwd=room).stdout.decode()
         table = list(csv.DictReader(io.StringIO(lines)))
         assert [float(row["mean"]) for row in table] == [92.5, 60, 15] * 2
