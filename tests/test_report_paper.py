@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
@@ -15,9 +16,9 @@ from spec import ROOT
 sys.path.insert(0, str(ROOT / "tools"))
 
 from ratio import Source, grid, measure, recorded, settings, simulated
-from report import paper
+from report import paper, rated
 from report.felt import THRESHOLD_M, displacement_m_per_n, felt, threshold_m, weighted_power
-from report.paper_figures import LINE_GAP, name_lines
+from report.paper_figures import LINE_GAP, most_textured, name_lines
 from report.section import Options
 from report.texts import plain
 from report.variants import leaves, parts_of, plain_huffman_bits, variants
@@ -59,7 +60,7 @@ class TestSection:
             found = short.data["fig4"][name]
             assert {row["bits"] for row in found} == {0, 2, 5, 8}
             assert {row["k_percent"] for row in found} == {1, 10, 50}
-        assert {(row["texture"], row["bits"]) for row in short.data["fig5"]} == {
+        assert {(row["name"], row["bits"]) for row in short.data["fig5"]} == {
             (name, bits) for name in ("stone", "sand", "cork") for bits in (0, 2, 5, 8)
         }
 
@@ -140,6 +141,35 @@ class TestVariants:
         )
 
 
+class TestRated:
+    def test_torques_are_not_felt(self, sand):
+        (channel,) = sand.recording.channels
+        slow = replace(channel, values=channel.values * 0, label="still")
+        torque = replace(channel, unit="N.m", quantity="torque")
+        recording = replace(sand.recording, channels=(slow, torque))
+        source = Source("lever", recording, sand.floor)
+        assert most_textured(source).recording.channels == (torque,)
+        found = rated.rate(source, Options(quick=True))
+        assert [each.bits for each in found] == [0, 2, 5, 8]
+        assert [each.felt for each in found] == [None] * 4
+        headers, rows = rated.ratings(found)
+        assert all(len(row) == len(headers) and row[4:8] == (None,) * 4 for row in rows)
+        if find_spec("matplotlib"):
+            assert "error felt" not in rated.picture5(found, "of a lever").svg
+
+    def test_similarity_where_vibromaf_is_installed(self, sand, monkeypatch):
+        monkeypatch.setattr(rated, "find_spec", lambda name: name == "vibromaf")
+        monkeypatch.setattr(rated, "st_sim", lambda f, y, rate: 0.25)
+        found = rated.rate(sand, Options(quick=True))
+        assert [each.similarity for each in found] == [0.25] * 4
+        assert "sand 0.25" in rated.similarity_of(found, ["sand"])
+        if find_spec("matplotlib"):
+            assert "ST-SIM" in rated.picture5(found, "sand").svg
+
+    def test_no_similarity_without(self, sand):
+        assert rated.similarity_of([rated.Rated("sand", 8, 1.0, 30.0, None, None)], ["sand"]) == ""
+
+
 class TestFelt:
     def test_threshold_is_that_of_the_literature(self):
         hz = np.array([5.0, 40.0, 80.0, 160.0, 250.0, 300.0])
@@ -181,11 +211,11 @@ class TestFelt:
     @given(st.lists(st.tuples(st.integers(0, 9), st.booleans()), min_size=1))
     def test_least_unfelt(self, rows):
         none = felt(np.zeros(500), np.zeros(500), RATE, TOOL)
-        rated = [
-            paper.Rated("x", bits, 0.0, 0.0, none._replace(share=float(felt_)), None)
+        found = [
+            rated.Rated("x", bits, 0.0, 0.0, none._replace(share=float(felt_)), None)
             for bits, felt_ in rows
         ]
-        said = paper.least_unfelt(rated, lambda each: each.felt.share)
+        said = rated.least_unfelt(found, lambda felt: felt.share)
         unfelt = [b for b, _ in rows if all(not f for bits, f in rows if bits >= b)]
         assert said == (f"b = {min(unfelt)}" if unfelt else "no b that was measured")
 

@@ -7,30 +7,23 @@ compression", VECIMS 2011, https://doi.org/10.1109/VECIMS.2011.6053837.
 from __future__ import annotations
 
 import math
-from importlib.util import find_spec
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from ratio import BITS, SECONDS, TEXTURES, WEBER, Point, Source, grid, recorded, settings, simulated
-from ratio import measure as measure_point
+from ratio import BITS, SECONDS, TEXTURES, WEBER, Point, Source, grid, recorded, simulated
 
-import hapfmt
-from hapfmt.metrics import st_sim
-from hapfmt.scenes import load_scene
-from report.felt import GRASPED_DB, Felt, felt
-from report.paper_figures import Curve, Stretch, fig2, fig4, fig5
+from report.felt import GRASPED_DB
+from report.paper_figures import PERCENT, fig4, picture2
+from report.rated import Rated, least_unfelt, picture5, rate, ratings, similarity_of
 from report.section import Figure, Options, Section, Table
 from report.variants import HEADERS, Changed, parts_of, variants
 
 TITLE = "The paper, reproduced"
 
-PERCENT = 10
-"""Weber fraction of figures 2 and 5, in %: the paper's value for forces."""
+SHOWN = "sand"
+"""Fig. 2, and the table of choices."""
 
-FIG2_TEXTURE, FIG2_BITS = "sand", 5
-FIG2_START_S, FIG2_LONG_S, FIG2_ZOOM_S = 0.45, 1.5, 0.2
-
-FIG5_BITS = (0, 2, 3, 4, 5, 6, 7, 8)
+PICTURED = (SHOWN, "hand-guided, force")
 
 NORMAL_BITS = math.log2(2 * math.pi * math.e) / 2
 """Differential entropy of a normal distribution of rms 1."""
@@ -38,24 +31,8 @@ NORMAL_BITS = math.log2(2 * math.pi * math.e) / 2
 NOTED_POINTS = (3.1, 3.7)
 """What b = 5 adds on sand for k up to 10 %, of the paper (NOTED)."""
 
-SIMILAR = """\
-* **ST-SIM** (package vibromaf) says the same, but divides by the energy of the original alone: a \
-reconstruction that is a little louder passes 1.
-"""
-
 ABSTRACT = "abstract of the paper"
 NOTED = "its Fig. 4 as this project noted it down, not checked against the paper again"
-
-
-class Rated(NamedTuple):
-    """One reconstruction, measured in place of a rating."""
-
-    texture: str
-    bits: int
-    payload_percent: float
-    snr_db: float
-    felt: Felt
-    similarity: float | None
 
 
 def section(options: Options) -> Section:
@@ -65,8 +42,8 @@ def section(options: Options) -> Section:
     others = recorded(options.data, 1 if options.quick else 3)
     options.progress("compression ratios")
     points = {source.name: list(grid(source, weber, BITS)) for source in sources + others}
-    rated = [each for source in sources for each in rate(source, options)]
-    sand = sources[TEXTURES.index(FIG2_TEXTURE)]
+    rated = [each for source in sources + others for each in rate(source, options)]
+    sand = sources[TEXTURES.index(SHOWN)]
     options.progress("what each choice costs")
     changed = {bits: variants(sand, PERCENT, bits) for bits in (2, 5)}
     peaks = [peak_of(source, points[source.name]) for source in sources + others]
@@ -84,13 +61,17 @@ def section(options: Options) -> Section:
                 sorted(peaks, key=lambda row: row[1]),
             ),
         ],
-        [picture2(sand), *pictures4(points, len(sources)), picture5(rated)],
+        [
+            *(picture2(source) for source in [sand, *others] if source.name in PICTURED),
+            *pictures4(points, len(sources)),
+            *pictures5(rated),
+        ],
         {
             "seconds": seconds,
             "fig4": {
                 name: [point_data(point) for point in found] for name, found in points.items()
             },
-            "fig5": [each._asdict() | {"felt": each.felt._asdict()} for each in rated],
+            "fig5": [each._asdict() for each in rated],
             "choices": {bits: [each._asdict() for each in rows] for bits, rows in changed.items()},
             "peaks": [dict(zip(PEAK_HEADERS, row, strict=True)) for row in peaks],
         },
@@ -109,24 +90,6 @@ def point_data(point: Point) -> dict[str, Any]:
         "file_percent": point.file_percent,
         "hf_snr_db": point.snr_db,
     }
-
-
-def rate(source: Source, options: Options) -> list[Rated]:
-    """Every b of one texture. ST-SIM for the paper's own, since it takes a second each."""
-    options.progress(f"what is felt of {source.name}")
-    tool = load_scene(source.name).tool
-    if tool is None:
-        raise ValueError(f"scene {source.name} has no tool to be felt through")
-    (channel,) = source.recording.channels
-    f, rate_hz = channel.physical(), float(channel.rate)
-    found = []
-    for bits in BITS if options.quick else FIG5_BITS:
-        point = measure_point(source, settings(PERCENT, bits, source.floor))
-        y = hapfmt.read(point.file).channels[0].physical()
-        alike = st_sim(f, y, channel.rate) if find_spec("vibromaf") and bits in BITS else None
-        of_error = felt(f, y, rate_hz, tool)
-        found.append(Rated(source.name, bits, point.payload_percent, point.snr_db, of_error, alike))
-    return found
 
 
 def at(points: list[Point], percent: float, bits: int) -> Point:
@@ -170,23 +133,6 @@ def ratios(points: dict[str, list[Point]]) -> tuple[Any, list[Any]]:
         )
         for name, found in points.items()
         for point in found
-    ]  # fmt: skip
-    return headers, rows
-
-
-def ratings(rated: list[Rated]) -> tuple[Any, list[Any]]:
-    headers = (
-        "texture", "b", "payload, % of doubles", "HF SNR, dB", "texture over threshold, dB",
-        "error over threshold, dB", "error felt, % of the time",
-        f"the same, threshold {GRASPED_DB:g} dB lower", "ST-SIM",
-    )  # fmt: skip
-    rows = [
-        (
-            each.texture, each.bits or "none", each.payload_percent, each.snr_db,
-            each.felt.texture_db, each.felt.error_db, 100 * each.felt.share,
-            100 * each.felt.share_grasped, each.similarity,
-        )
-        for each in rated
     ]  # fmt: skip
     return headers, rows
 
@@ -236,31 +182,6 @@ def change(found: list[Point], percent: float, bits: int) -> float:
     return at(found, percent, bits).payload_percent - at(found, 20, bits).payload_percent
 
 
-def picture2(source: Source) -> Figure:
-    point = measure_point(source, settings(PERCENT, FIG2_BITS, source.floor))
-    (channel,) = source.recording.channels
-    parts, f, rate = parts_of(point.file), channel.physical(), float(channel.rate)
-    half = np.maximum(PERCENT / 100 * np.abs(f), float(source.floor))
-    largest = float(np.max(np.abs(parts.whole - f) / half))
-
-    def stretch(start_s: float, seconds: float) -> Stretch:
-        rows = slice(round(start_s * rate), round((start_s + seconds) * rate))
-        t = np.arange(rows.start, rows.stop) / rate
-        knots = parts.knots[(parts.knots >= rows.start) & (parts.knots < rows.stop)] - rows.start
-        return Stretch(t, f[rows], parts.slow[rows], parts.whole[rows], knots, half[rows])
-
-    middle = FIG2_START_S + FIG2_LONG_S / 2
-    knot = parts.knots[np.argmin(np.abs(parts.knots - middle * rate))] / rate
-    return fig2(
-        stretch(FIG2_START_S, FIG2_LONG_S),
-        stretch(knot - FIG2_ZOOM_S / 2, FIG2_ZOOM_S),
-        f"Fig. 2: {source.name}, k = {PERCENT} %, b = {FIG2_BITS}",
-        "Original f (wide grey line), the slow part d as decoded from its knots, and the "
-        "reconstruction d + e. d alone has lost the texture; with the residual it is back, within "
-        f"{100 * largest:.0f} % of the deadband at every sample of the session.",
-    )
-
-
 def pictures4(points: dict[str, list[Point]], count: int) -> list[Figure]:
     caption = (
         "Whole lines: packets only, as the paper counts; dashed: whole files with descriptions and "
@@ -275,46 +196,25 @@ def pictures4(points: dict[str, list[Point]], count: int) -> list[Figure]:
     return found
 
 
-def picture5(rated: list[Rated]) -> Figure:
-    bits = sorted({each.bits for each in rated})
-
-    def lines(of: Any) -> list[list[float | None]]:
-        return [[of(each) for each in rated if each.texture == name] for name in TEXTURES]
-
-    curves = [
-        Curve("texture against error", "HF SNR in dB", lines(lambda each: each.snr_db)),
-        Curve("error over threshold", "dB over vibrotactile threshold",
-              lines(lambda each: each.felt.error_db),
-              [(0, "just felt")]),
-        Curve("error felt", "% of the time",
-              lines(lambda each: 100 * each.felt.share),
-              others=lines(lambda each: 100 * each.felt.share_grasped),
-              other=f"dashed: threshold\n{GRASPED_DB:g} dB lower"),
-    ]  # fmt: skip
-    if any(each.similarity is not None for each in rated):
-        curves.append(Curve("ST-SIM", "similarity", lines(lambda each: each.similarity)))
-    return fig5(
-        TEXTURES,
-        bits,
-        curves,
-        f"In place of Fig. 5: measures against b, k = {PERCENT} %",
-        "No ratings: nobody was asked. An error is felt where it is over the vibrotactile "
-        "threshold and changes the vibration by a fifth (the least Weber fraction known).",
-    )
+def pictures5(rated: list[Rated]) -> list[Figure]:
+    simulated = [each for each in rated if each.name in TEXTURES]
+    others = [each for each in rated if each.name not in TEXTURES]
+    found = [picture5(simulated, "simulated textures")]
+    return [*found, picture5(others, "recordings")] if others else found
 
 
 def text_of(
     points: dict[str, list[Point]], rated: list[Rated], changed: dict[int, list[Changed]],
     peaks: list[Peak], seconds: float,
 ) -> str:  # fmt: skip
-    sand = points[FIG2_TEXTURE]
+    sand = points[SHOWN]
     alone, coded, last = at(sand, PERCENT, 0), at(sand, PERCENT, 5), at(sand, 100, 5)
-    unfelt = least_unfelt(rated, lambda each: each.felt.share)
-    grasped = least_unfelt(rated, lambda each: each.felt.share_grasped)
+    textures = [each for each in rated if each.name in TEXTURES]
+    unfelt = least_unfelt(textures, lambda felt: felt.share)
+    grasped = least_unfelt(textures, lambda felt: felt.share_grasped)
     paper, *_, predicted = changed[5]
     tapped = next(each for each in changed[5] if each.name.startswith("one tap"))
     opened = next(each for each in changed[5] if each.name.startswith("open loop"))
-    similar = SIMILAR if any(each.similarity is not None for each in rated) else ""
     names = [row[0] for row in sorted(peaks, key=lambda row: row[1])]
     by_name = {row[0]: row for row in peaks}
     flat, peaky = by_name[names[0]], by_name[names[-1]]
@@ -334,7 +234,7 @@ are reached by peaks only.
 least difference that is noticed. With a threshold {GRASPED_DB:g} dB lower, the least reported \
 for a cylinder in the grasp, it holds from {grasped} on. The threshold is taken for a stylus of \
 60 g in a hand. It measures the error; it is no rating.
-{similar}\
+{similarity_of(rated, TEXTURES)}\
 * **The step comes from the residual's range.** One tap ahead of the same session leaves b = 5 \
 with {tapped.snr_db:.1f} dB in place of {paper.snr_db:.1f} dB. And larger k makes files with a \
 residual hardly smaller: with b = 5 {coded.payload_percent:.1f} % at k = {coded.percent:g} %, \
@@ -349,10 +249,3 @@ and takes {peaky[2]:.1f} (last table). How the paper's sessions peak is not know
 * **This format's own way**: prediction at the same step (`near-lossless`) takes \
 {predicted.payload_percent:.1f} % in place of {paper.payload_percent:.1f} %.
 """
-
-
-def least_unfelt(rated: list[Rated], share: Any) -> str:
-    """The least b from which on no texture's error is felt for a hundredth of the time."""
-    felt_at = [each.bits for each in rated if share(each) >= 0.01]
-    more = [each.bits for each in rated if each.bits > max(felt_at, default=-1)]
-    return f"b = {min(more)}" if more else "no b that was measured"

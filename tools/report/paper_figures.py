@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from ratio import Point
+from ratio import Point, Source, measure, settings
 
+from hapfmt.encoder.split import low_pass
 from report.section import COLOURS, INK, PALE, Figure, drawn
+from report.variants import parts_of
+
+PERCENT = 10
+"""Weber fraction of figures 2 and 5, in %: the paper's value for forces."""
+
+FIG2_BITS, FIG2_LONG_S, FIG2_ZOOM_S = 5, 1.5, 0.2
 
 BITS_COLOUR = {0: COLOURS[7], 2: COLOURS[4], 5: COLOURS[0], 8: COLOURS[2]}
 ORIGINAL, SLOW, WHOLE = PALE, COLOURS[0], COLOURS[1]
-TEXTURE_COLOUR = (COLOURS[1], COLOURS[0], COLOURS[2])
+LINE_COLOURS = (COLOURS[1], COLOURS[0], COLOURS[2])
 
 LINE_GAP = 0.085
 """Between two names at the end of lines, as a share of the height."""
@@ -32,7 +40,48 @@ class Stretch(NamedTuple):
     half: NDArray[np.float64]
 
 
-def fig2(long: Stretch, zoom: Stretch, title: str, caption: str) -> Figure:
+def most_textured(source: Source) -> Source:
+    """Of the channels the one with the strongest part above 20 Hz."""
+
+    def rms(channel: Any) -> float:
+        f = channel.physical()
+        return float(np.std(f - low_pass(f, float(channel.rate))))
+
+    channel = max(source.recording.channels, key=rms)
+    return source._replace(recording=replace(source.recording, channels=(channel,)))
+
+
+def picture2(source: Source) -> Figure:
+    """1.5 s of the most textured channel, about its middle, and a knot of them closer."""
+    source = most_textured(source)
+    point = measure(source, settings(PERCENT, FIG2_BITS, source.floor))
+    (channel,) = source.recording.channels
+    parts, f, rate = parts_of(point.file), channel.physical(), float(channel.rate)
+    half = np.maximum(PERCENT / 100 * np.abs(f), float(source.floor))
+    largest = float(np.max(np.abs(parts.whole - f) / half))
+
+    def stretch(middle_s: float, seconds: float) -> Stretch:
+        first = max(round((middle_s - seconds / 2) * rate), 0)
+        rows = slice(first, min(first + round(seconds * rate), f.size))
+        t = np.arange(rows.start, rows.stop) / rate
+        knots = parts.knots[(parts.knots >= rows.start) & (parts.knots < rows.stop)] - rows.start
+        return Stretch(t, f[rows], parts.slow[rows], parts.whole[rows], knots, half[rows])
+
+    middle = f.size / 2 / rate
+    knot = float(parts.knots[np.argmin(np.abs(parts.knots - middle * rate))]) / rate
+    quantity = f"{channel.quantity or channel.label} in {channel.unit}"
+    return fig2(
+        stretch(middle, FIG2_LONG_S),
+        stretch(knot, FIG2_ZOOM_S),
+        quantity,
+        f"Fig. 2: {source.name}, k = {PERCENT} %, b = {FIG2_BITS}",
+        "Original f (wide grey line), the slow part d as decoded from its knots, and the "
+        "reconstruction d + e. d alone has lost the texture; with the residual it is back. The "
+        f"largest error of the session is {largest:.2f} deadbands.",
+    )
+
+
+def fig2(long: Stretch, zoom: Stretch, quantity: str, title: str, caption: str) -> Figure:
     def draw(axes: Any) -> None:
         signals(axes[0], long._replace(half=np.zeros_like(long.f)))
         axes[0].axvspan(zoom.t[0], zoom.t[-1], color=PALE, alpha=0.18, linewidth=0)
@@ -40,8 +89,9 @@ def fig2(long: Stretch, zoom: Stretch, title: str, caption: str) -> Figure:
         signals(axes[1], zoom)
         axes[1].set_title(f"the shaded {zoom.t.size * (zoom.t[1] - zoom.t[0]) * 1000:.0f} ms")
         for panel, part in zip(axes, (long, zoom), strict=True):
-            panel.plot(part.t[part.knots], part.d[part.knots], "o", color=SLOW, markersize=6)
-            panel.set_ylabel("normal force in N")
+            size = 6 if part is zoom else 3.5
+            panel.plot(part.t[part.knots], part.d[part.knots], "o", color=SLOW, markersize=size)
+            panel.set_ylabel(quantity)
             panel.set_xlim(part.t[0], part.t[-1])
         axes[1].set_xlabel("seconds")
         name_lines(
@@ -103,7 +153,7 @@ class Curve(NamedTuple):
     unit: str
     lines: Sequence[Sequence[float | None]]
     limits: Sequence[tuple[float, str]] = ()
-    others: Sequence[Sequence[float]] = ()
+    others: Sequence[Sequence[float | None]] = ()
     other: str = ""
 
 
@@ -114,13 +164,12 @@ def fig5(
 
     def draw(axes: Any) -> None:
         for panel, curve in zip(np.atleast_1d(axes), curves, strict=True):
-            for line, colour, mark in zip(curve.lines, TEXTURE_COLOUR, "os^", strict=True):
-                known = [i for i, value in enumerate(line) if value is not None]
-                panel.plot(places[known], [line[i] for i in known], color=colour, marker=mark)
-            for other, colour in zip(curve.others, TEXTURE_COLOUR, strict=False):
-                panel.plot(places, other, color=colour, marker="", linestyle=(0, (4, 3)))
-            panel.annotate(curve.other, (0.98, 0.93), xycoords="axes fraction", ha="right",
-                           va="top", fontsize=8.5)  # fmt: skip
+            for line, colour, mark in zip(curve.lines, LINE_COLOURS, "os^", strict=False):
+                panel.plot(*known(places, line), color=colour, marker=mark)
+            for other, colour in zip(curve.others, LINE_COLOURS, strict=False):
+                panel.plot(*known(places, other), color=colour, marker="", linestyle=(0, (4, 3)))
+            panel.annotate(curve.other, (0.98, 0.94), xycoords="axes fraction", ha="right",
+                           va="top", fontsize=8)  # fmt: skip
             for value, name in curve.limits:
                 panel.axhline(value, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
                 panel.annotate(name, (0.99, value), xycoords=("axes fraction", "data"),
@@ -131,11 +180,21 @@ def fig5(
             panel.set_ylabel(curve.unit)
             panel.set_title(curve.title)
         first = np.atleast_1d(axes)[0]
-        for i, (name, colour) in enumerate(zip(textures, TEXTURE_COLOUR, strict=True)):
-            first.annotate(f"{'●■▲'[i]} {name}", (0.05, 0.93 - 0.08 * i), color=colour,
-                           xycoords="axes fraction")  # fmt: skip
+        low, high = first.get_ylim()
+        first.set_ylim(low - 0.3 * (high - low), high)  # room for the names
+        for i, (name, colour) in enumerate(zip(textures, LINE_COLOURS, strict=False)):
+            first.annotate(f"{name} {'●■▲'[i]}", (0.98, 0.19 - 0.08 * i), color=colour,
+                           xycoords="axes fraction", ha="right", fontsize=9)  # fmt: skip
 
     return drawn(title, caption, draw, width=9.0, height=3.6, panels=(1, len(curves)))
+
+
+def known(
+    places: NDArray[np.float64], line: Sequence[float | None]
+) -> tuple[list[float], list[float]]:
+    """x and y of what was measured."""
+    pairs = [(x, y) for x, y in zip(places.tolist(), line, strict=True) if y is not None]
+    return [x for x, _ in pairs], [y for _, y in pairs]
 
 
 def name_lines(axes: Any, ends: Sequence[tuple[float, str, str]], gap: float = LINE_GAP) -> None:
