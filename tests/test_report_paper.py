@@ -159,14 +159,14 @@ class TestRated:
 
     def test_similarity_where_vibromaf_is_installed(self, sand, monkeypatch):
         monkeypatch.setattr(rated, "find_spec", lambda name: name == "vibromaf")
-        monkeypatch.setattr(rated, "st_sim", lambda f, y, rate: 0.25)
+        monkeypatch.setattr(rated, "st_sim", lambda *_: 0.25)
         found = rated.rate(sand, Options(quick=True))
         assert [each.similarity for each in found] == [0.25] * 4
         assert "sand 0.25" in rated.similarity_of(found, ["sand"])
         if find_spec("matplotlib"):
             assert "ST-SIM" in rated.picture5(found, "sand").svg
 
-    def test_no_similarity_without(self, sand):
+    def test_no_similarity_without(self):
         assert rated.similarity_of([rated.Rated("sand", 8, 1.0, 30.0, None, None)], ["sand"]) == ""
 
 
