@@ -146,7 +146,8 @@ def figure_html(figure: Figure, prefix: str) -> str:
     label = f'<svg role="img" aria-label="{escape(figure.title)}"'
     svg = svg.replace("<svg", label, 1)
     box = re.search(r'viewBox="[\d.]+ [\d.]+ ([\d.]+)', svg)
-    wide = ' class="wide"' if box and float(box[1]) > 600 else ""
+    width = float(box[1]) if box else 0
+    wide = f' class="wide" style="max-width: {1.5 * width:.0f}px"' if width > 600 else ""
     return (
         f'<figure{wide}><h3>{escape(figure.title)}</h3><div class="picture">{svg}</div>'
         f"<figcaption>{inline_markdown(figure.caption)}</figcaption></figure>"
