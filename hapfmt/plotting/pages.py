@@ -84,12 +84,11 @@ def detail(
         panels.signal(near, zoom, TimeUnit(1.0, "s"))
         panels.absences(near, zoom, TimeUnit(1.0, "s"))
         panels.marks(near, zoom, TimeUnit(1.0, "s"), events, named=False)
-        knots = ""
-        if zoom.knots is not None and view.knots is None:
-            knots = ", with its knots"
+        newly = view.knots is None and zoom.knots is not None and zoom.knots.ticks.size
+        knots = ", with its knots" if newly else ""
         length = f"{zoom.stop - zoom.start:.3g} s of it, where most happens{knots}"
         style(near, length, "time in s", panels.axis_label(view))
-        if view.knots is None and zoom.knots is not None:
+        if newly:
             legend(near)
         row += 1
     if view.residual is not None:

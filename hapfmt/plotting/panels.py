@@ -70,6 +70,17 @@ def signal(axes: Axes, view: View, unit: TimeUnit, *, width: float = 1.0) -> Non
         )  # fmt: skip
     axes.margins(y=0.08)
     axes.set_xlim(view.start / seconds, view.stop / seconds)
+    if not np.isfinite(view.full.most).any():
+        instead(axes, "no sample here" if not view.full.sample_count else "no finite value here")
+
+
+def instead(axes: Axes, text: str) -> None:
+    """Why there is nothing to see."""
+    axes.text(
+        0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", fontsize=8.5,
+        color=DIM,
+    )  # fmt: skip
+    axes.set_yticks([])
 
 
 def curve(
@@ -211,12 +222,8 @@ def spectrum(axes: Axes, view: View, *, legend: bool = True) -> None:
                 look = {"color": BLUE, "lw": 1.2}
             axes.plot(hertz, drawn, label=label, **look)
     if not tops:
-        axes.text(
-            0.5, 0.5, "no spectrum:\nsilent, or no run of samples long enough",
-            transform=axes.transAxes, ha="center", va="center", fontsize=8.5, color=GREY,
-        )  # fmt: skip
+        instead(axes, "no spectrum: silent, not finite,\nor no run of samples long enough")
         axes.set_xticks([])
-        axes.set_yticks([])
         return
     axes.set_xscale("log")
     axes.set_yscale("log")
@@ -237,12 +244,8 @@ def density_label(view: View) -> str:
 def histogram(axes: Axes, errors: Histogram, bound: float | None, name: str) -> None:
     """Errors as bars, how often on a logarithmic scale, since outliers matter; bound: marked."""
     if not errors.total:
-        axes.text(
-            0.5, 0.5, "no sample in common", transform=axes.transAxes, ha="center", va="center",
-            fontsize=8.5, color=GREY,
-        )  # fmt: skip
+        instead(axes, "no sample in common")
         axes.set_xticks([])
-        axes.set_yticks([])
         return
     centres, counts, width = errors.bars()
     found = centres[counts > 0]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import ParameterError
 from ..metrics import rmse, snr_hf_db
 from ..reading.reconstruct import intersect
 from ..recording import Calibration, Channel
@@ -86,6 +87,8 @@ class Comparison:
     snr_db: float | None = None
     snr_hf_db: float | None = None
     allowed: float = 0.0
+    rounding: float = 0.0
+    """What the difference of two doubles of this size may be off, where a tolerance is given."""
     reason: str = ""
     notes: tuple[str, ...] = ()
 
@@ -98,7 +101,7 @@ class Comparison:
     def within(self) -> bool:
         """Identical, or no difference is larger than what is allowed."""
         missing = self.reason or self.only_a or self.only_b
-        return not missing and (not self.differing or self.largest <= self.allowed)
+        return not missing and (not self.differing or self.largest <= self.allowed + self.rounding)
 
     @property
     def verdict(self) -> str:
@@ -229,6 +232,9 @@ class Pair:
             if allowed is None:
                 found.notes += ("no step is known, so a tolerance in lsb allows nothing",)
             found.allowed = allowed or 0.0
+            found.rounding = 2.0**-51 * max(abs(self.signal.low), abs(self.signal.high), 0.0)
+            if not isfinite(found.rounding):
+                found.rounding = 0.0
         return found
 
 
@@ -251,6 +257,8 @@ def compare(
     extents = [a.extent(), b.extent()]
     first = min(e[0] for e in extents) if start is None else start
     last = max(e[1] for e in extents) if stop is None else stop
+    if start is not None and start >= max(e[1] for e in extents):
+        raise ParameterError(f"neither has a sample at {float(start):g} s or later")
     rows: list[Comparison | Pair] = []
     at: list[tuple[int, int, Pair]] = []
     drawn: list[View] = []

@@ -38,7 +38,7 @@ class Histogram:
             return
         if not self.width:
             self.width = max(largest / (BINS // 4), np.finfo(np.float64).tiny)
-        while largest / self.width >= BINS // 2:
+        while largest > self.width * (BINS // 2 - 1):
             self.widen()
         places = np.rint(finite / self.width).astype(np.int64) + BINS // 2
         self.counts += np.bincount(places.ravel(), minlength=BINS)

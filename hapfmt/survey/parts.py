@@ -229,7 +229,7 @@ def step_of(channel: Channel) -> float | None:
 
 def cut(channel: Channel, places: Sequence[int], first: int, last: int) -> Channel:
     """Samples with first <= tick < last; places: of the samples that each span begins with."""
-    coverage = channel.coverage
+    coverage = channel.coverage if first < last else ()
     a = bisect_right(coverage, first, key=lambda span: span.stop)
     b = bisect_left(coverage, last, key=lambda span: span.start)
     spans = [Span(max(s.start, first), min(s.stop, last)) for s in coverage[a:b]]
