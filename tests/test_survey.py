@@ -180,6 +180,7 @@ class TestViews:
         assert knotted == (few is not None)
         assert many is None
         assert few is None or few.ticks.size <= SHOWN
+        assert few is None or np.isfinite(few.values).all()
 
     def test_knots_lie_on_the_slow_part(self):
         with Reader(file_of(Recording((force(),)))) as reader:

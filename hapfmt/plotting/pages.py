@@ -165,7 +165,7 @@ def rows(
             below.set_ylabel(f"HF in {plain(view.channel.unit.strip('{}'))}", fontsize=8)
         axes = figure.add_subplot(grid[place, 1])
         panels.spectrum(axes, view, legend=place == 0)
-        style(axes, spectrum_name(view) if place == 0 else "", "frequency in Hz" if last else "",
+        style(axes, "spectrum" if place == 0 else "", "frequency in Hz" if last else "",
               panels.density_label(view))  # fmt: skip
         if view.errors is not None:
             axes = figure.add_subplot(grid[place, 2])

@@ -243,13 +243,16 @@ def density_label(view: View) -> str:
 
 def histogram(axes: Axes, errors: Histogram, bound: float | None, name: str) -> None:
     """Errors as bars, how often on a logarithmic scale, since outliers matter; bound: marked."""
-    if not errors.total:
-        instead(axes, "no sample in common")
+    if not errors.total or (not errors.largest and not bound):
+        same = f"no difference in {errors.total} samples"
+        instead(axes, same if errors.total else "no sample in common")
         axes.set_xticks([])
         return
     centres, counts, width = errors.bars()
     found = centres[counts > 0]
-    if found.size > 1:
+    if found.size == 1:
+        width = width or (bound or 1.0) / 20
+    elif found.size > 1:
         # Errors that are whole counts, or whole steps, lie apart.
         width = float(np.diff(found).min())
     axes.bar(centres, counts, width=0.9 * width, color=ORANGE, alpha=0.85)

@@ -101,6 +101,8 @@ class Builder:
         self.see("full", block.full, y)
         if block.lf is not None:
             self.add_lf(block.full, y, block.lf)
+        else:
+            self.see_knots(block.full, y)
         if original is not None:
             self.add_original(block.full, y, original)
         elif block.half is not None:
@@ -117,19 +119,24 @@ class Builder:
         view.lf = view.lf or self.like()
         view.lf.add_channel(lf, d)
         self.see("LF", lf, d)
+        self.see_knots(lf, d)
         if self.channel.has_lf:
             view.residual = view.residual or self.like()
             for (i, j), span in intersect(full.coverage, lf.coverage):
                 e = y[i : i + span.ticks] - d[j : j + span.ticks]
                 view.residual.add(span.start, e)
                 self.see_run("HF", e)
-        if view.knots is not None:
-            place = 0
-            for span in lf.coverage:
-                ticks = view.knots.ticks
-                inside = (ticks >= span.start) & (ticks < span.stop)
-                view.knots.values[inside] = d[place + ticks[inside] - span.start]
-                place += span.ticks
+
+    def see_knots(self, channel: Channel, values: NDArray[np.float64]) -> None:
+        """values [samples] of the track that has the knots."""
+        knots = self.view.knots
+        if knots is None:
+            return
+        place = 0
+        for span in channel.coverage:
+            inside = (knots.ticks >= span.start) & (knots.ticks < span.stop)
+            knots.values[inside] = values[place + knots.ticks[inside] - span.start]
+            place += span.ticks
 
     def add_deadband(
         self, channel: Channel, x: NDArray[np.float64], half: NDArray[np.float64]
