@@ -8,6 +8,7 @@ import json
 import os
 import re
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,10 +18,14 @@ from pathlib import Path
 import pytest
 from commands import ENVIRONMENT, run
 from spec import ROOT
+from terminal import called
 
 import hapfmt
 from hapfmt.scenes.stylus import simulate
 from hapfmt.study.answers import load_answers
+from hapfmt.study.description import load_study
+from hapfmt.study.order import order
+from hapfmt.study.prepare import prepare
 
 STUDY = """
 name = "textures"
@@ -44,11 +49,20 @@ bits = 0
 PATIENT_S = 60.0
 
 
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("prepared") / "study"
+    folder.mkdir()
+    hapfmt.write(simulate("sand", 0.2), folder / "sand.hapf", canonical=1)
+    (folder / "study.toml").write_text(STUDY)
+    prepare(load_study(folder / "study.toml"), folder / "study-conditions")
+    return folder
+
+
 @pytest.fixture
-def room(tmp_path: Path) -> Path:
-    hapfmt.write(simulate("sand", 0.2), tmp_path / "sand.hapf", canonical=1)
-    (tmp_path / "study.toml").write_text(STUDY)
-    return tmp_path
+def room(prepared: Path, tmp_path: Path) -> Path:
+    """A copy: what is prepared stays so, wherever the study lies."""
+    return Path(shutil.copytree(prepared, tmp_path / "room"))
 
 
 def asked(room: Path, subject: str, words: str, *more: object):
@@ -63,10 +77,10 @@ def answers(room: Path, subject: str):
 class Terminal:
     """``hapfmt ...`` in a terminal of its own, which it controls."""
 
-    def __init__(self, room: Path, *words: object) -> None:
+    def __init__(self, room: Path, *words: object, first: str = "pass") -> None:
         import pty
 
-        code = "import os, sys; os.setsid(); import fcntl, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); from hapfmt.cli import main; main()"
+        code = f"import os; os.setsid(); import fcntl, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); {first}; from hapfmt.cli import main; main()"
         self.master, slave = pty.openpty()
         self.process = subprocess.Popen(
             [sys.executable, "-W", "error", "-c", code, *map(str, words)],
@@ -154,7 +168,7 @@ class TestTerminal:
                 ("-5\r", "'-5' is none of"),
                 ("1e1\r", "'1e1' is none of"),
                 ("nan\r", "'nan' is none of"),
-                ("\r?", "r the reference, p play this one"),
+                ("\r?", "r plays the reference, p this one"),
                 ("b", "there is no question before"),
                 ("7\x7f3\x7f\x7f\x7f20\r", r"20: Poor; saved\n\nsession 1 of 1: question 2"),
                 ("b", r"question 1 of 3\n"),
@@ -212,6 +226,27 @@ class TestTerminal:
             assert terminal.end() == 130
             assert termios.tcgetattr(terminal.master) == before
 
+    @pytest.mark.deep
+    def test_ctrl_c_while_a_device_plays(self, room):
+        """It comes to rest, what was answered is kept, and the command goes on."""
+        from replaying import glove, lines, moving
+
+        hapfmt.write(simulate("sand", 20.0), room / "long.hapf", canonical=1)
+        (room / "glove.toml").write_text(glove().text)
+        (room / "study.toml").write_text(STUDY.replace("sand.hapf", "long.hapf"))
+        frames = room / "frames"
+        config = {"kind": "loopback", "file": str(frames)}
+        first = f"import hapfmt.study.outputs as o; o.find_device = lambda *_: {config}"
+        words = ["rate", "study.toml", "--subject", "S1", "--device", "glove.toml", "--no-watchdog"]
+        with Terminal(room, *words, first=first) as terminal:
+            terminal.until("question 1 of 3\n> ")
+            terminal.type("p")
+            moving(frames)
+            terminal.type("\x03")
+            terminal.until("0 of 3 answers .*\nthe same command goes on")
+            assert terminal.end() == 130
+        assert lines(frames)[-1].neutral and len(lines(frames)) < 10_000
+
     def test_ctrl_d(self, room):
         with self.start(room) as terminal:
             terminal.until("> ")
@@ -241,18 +276,16 @@ class TestPipes:
         text = run("rate", "--summary", *files, cwd=room)
         assert b"textures: 2 subjects" in text.stdout and b"nobody rated the hidden" in text.stdout
         assert b"nothing was felt by S1, S2: a dry run" in text.stderr
-        picture = run("rate", "--summary", *files, "--plot", "o.svg", cwd=room)
-        assert picture.returncode == 0, picture.stderr
-        assert b"<svg" in (room / "o.svg").read_bytes()
-        assert run("rate", "--summary", *files, "--plot", "o.svg", cwd=room).returncode == 1
         lines = run("rate", "--summary", *files, "--csv", cwd=room).stdout.decode()
         table = list(csv.DictReader(io.StringIO(lines)))
         assert [float(row["mean"]) for row in table] == [92.5, 60, 15] * 2
+        pytest.importorskip("matplotlib")
+        paths = [room / each for each in files]
+        assert called("rate", "--summary", *paths, "--plot", room / "o.svg").code == 0
+        assert b"<svg" in (room / "o.svg").read_bytes()
+        assert called("rate", "--summary", *paths, "--plot", room / "o.svg").code == 1
 
     def order(self, room: Path, subject: str) -> list[str]:
-        from hapfmt.study.description import load_study
-        from hapfmt.study.order import order
-
         return [each.condition for each in order(load_study(room / "study.toml"), subject)]
 
     def test_the_end_of_a_pipe(self, room):
@@ -272,7 +305,8 @@ class TestPipes:
         done = run("rate", "study.toml", "--subject", "S1", "--device", "glove5", "--dry-run",
                    "--channels", "0=1", cwd=room, stdin=words.encode())  # fmt: skip
         assert done.returncode == 0 and b"3 of 3 answers" in done.stdout
-        assert answers(room, "S1").head["output"] == {"kind": "dry-run", "profile": "glove5"}
+        output = answers(room, "S1").head["output"]
+        assert (output["kind"], output["profile"]) == ("dry-run", "glove5")
 
     def test_new_and_prepare(self, room):
         done = run("rate", "--new", "a.toml", "sand.hapf", cwd=room)

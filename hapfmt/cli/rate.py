@@ -242,7 +242,7 @@ def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
         from ..replay.profile.parse import load_profile
 
         profile = load_profile(felt["device"])
-        parts = tuple(part for text in felt["channels"] for part in text.split(","))
+        parts = parts_of(felt["channels"], prepared)
         for each in prepared.stimuli:
             outputs.refuse_unplayable(each.path, profile, parts)
         if felt["dry_run"]:
@@ -256,6 +256,17 @@ def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
     if felt["wav"] is not None:
         return outputs.WavFiles(study, prepared, felt["wav"])
     return outputs.Nowhere()
+
+
+def parts_of(given: tuple[str, ...], prepared: Prepared) -> tuple[str, ...]:
+    """As hapfmt replay takes them; a label may have a comma itself."""
+    from ..reading.reader import Reader
+    from .replay import parts
+
+    if not given:
+        return ()
+    with Reader(str(prepared.stimuli[0].path)) as reader:
+        return tuple(parts(given, [each.label for each in reader.channels]))
 
 
 def summed(

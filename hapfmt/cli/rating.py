@@ -94,15 +94,15 @@ def tell_play(rating: Rating, fault: str) -> None:
 def tell_place(rating: Rating) -> None:
     part, parts, question, questions = rating.place
     assert rating.trial is not None
+    if question == 1 and part > 1 and not rating.trial.training:
+        say("\nThis session is done. Rest as long as you like.")
     what = "training, does not count" if rating.trial.training else f"session {part} of {parts}"
     say(f"\n{what}: question {question} of {questions}")
 
 
 def tell_keys() -> None:
-    say(
-        "r the reference, p play this one, a again, b back to the one before, q stop (and go on "
-        f"later); 0 to {HIGHEST} and Enter rates this one"
-    )
+    say("r plays the reference, p this one, a the last once more")
+    say(f"a number from 0 to {HIGHEST} and Enter rates this one; b goes back by one, q stops")
 
 
 def tell_scale(scale: tuple[str, ...]) -> None:

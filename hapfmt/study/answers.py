@@ -13,19 +13,21 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from math import isfinite
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 from ..atomic import sync_directory
 from ..errors import ParameterError
 from ..lock import lock
-from .description import HIGHEST
+from .description import HIGHEST, ROLES
 from .order import Trial
 
 VERSION = 1
 LARGEST = 64 << 20
 """Bytes."""
+LIMIT = 1e12
+"""No number of a study is as large."""
 
 
 @dataclass
@@ -76,10 +78,9 @@ def parse_answers(data: bytes) -> Answers | None:
     head = parsed(whole[0], 1)
     refuse_head(head)
     answers = Answers(head, torn=len(rest))
-    count = len(head["order"])
     for number, text in enumerate(whole[1:], 2):
         line = parsed(text, number)
-        refuse_line(line, number, count)
+        refuse_line(line, number, head["order"])
         answers.lines.append(line)
     return answers
 
@@ -111,18 +112,61 @@ def refuse_head(head: dict[str, Any]) -> None:
         raise ParameterError(
             "line 1: the order is a list of [session, condition, repeat, training]"
         )
-    names = {each.get("name") for each in head["conditions"] if isinstance(each, dict)}
-    if names != {each[1] for each in head["order"]}:
-        raise ParameterError("line 1: order and conditions differ")
+    refuse_study(head["study"])
+    for each in head["conditions"]:
+        refuse_condition(each)
+    names = {each["name"] for each in head["conditions"]}
+    asked = [tuple(each[:3]) for each in head["order"] if not each[3]]
+    sessions, repeats = ({each[place] for each in asked} for place in (0, 2))
+    wanted = set(product(sessions, names, repeats))
+    known = names.issuperset(each[1] for each in head["order"])
+    if not asked or len(asked) != len(wanted) or set(asked) != wanted or not known:
+        raise ParameterError("line 1: the order is not every condition in every session")
+    roles = [each["role"] for each in head["conditions"]]
+    if len(names) != len(roles) or roles.count("reference") != 1:
+        raise ParameterError("line 1: two conditions of one name, or not one reference")
 
 
-def refuse_line(line: dict[str, Any], number: int, count: int) -> None:
+def refuse_study(study: dict[str, Any]) -> None:
+    scale = study.get("scale")
+    texts = [study.get("name"), study.get("sha256"), *(scale if isinstance(scale, list) else [])]
+    good = isinstance(scale, list) and scale and all(isinstance(each, str) for each in texts)
+    if not good or not all(is_number(study.get(f"screen_{name}")) for name in ("below", "share")):
+        raise ParameterError("line 1: its study lacks name, sha256, scale or screening")
+
+
+def refuse_condition(condition: Any) -> None:
+    if not isinstance(condition, dict):
+        raise ParameterError("line 1: a condition is no JSON object")
+    by_session, bits = condition.get("bits_per_sample"), condition.get("bits")
+    good = (
+        isinstance(condition.get("name"), str)
+        and condition.get("role") in ROLES
+        and (bits is None or type(bits) is int)
+        and (
+            condition.get("k") is None
+            or isinstance(condition["k"], str)
+            or is_number(condition["k"])
+        )
+        and isinstance(by_session, dict)
+        and all(is_number(each) for each in by_session.values())
+    )
+    if not good:
+        raise ParameterError(f"line 1: condition {condition.get('name')!s:.40} is not understood")
+
+
+def is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < LIMIT
+
+
+def refuse_line(line: dict[str, Any], number: int, order: list[list[Any]]) -> None:
     trial, rating = line.get("trial"), line.get("rating")
-    if not isinstance(trial, int) or isinstance(trial, bool) or not 0 <= trial < count:
+    if not isinstance(trial, int) or isinstance(trial, bool) or not 0 <= trial < len(order):
         raise ParameterError(f"line {number}: there is no trial {trial!r:.40}")
-    good = isinstance(rating, (int, float)) and not isinstance(rating, bool) and isfinite(rating)
-    if not good or not 0 <= rating <= HIGHEST:  # type: ignore[operator]
+    if not is_number(rating) or not 0 <= rating <= HIGHEST:  # type: ignore[operator]
         raise ParameterError(f"line {number}: {rating!r:.40} is no rating from 0 to {HIGHEST}")
+    if [line.get(name) for name in Trial._fields] != order[trial]:
+        raise ParameterError(f"line {number}: this is not what trial {trial} asked")
 
 
 class AnswerFile:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from ..errors import DeviceError, ParameterError
 from .description import Study
@@ -16,14 +17,20 @@ if TYPE_CHECKING:
     from .sound import Card, Level
 
 
+class Felt(NamedTuple):
+    fault: str = ""
+    """What kept it from being felt whole."""
+    skipped: int = 0
+    """Frames that came too late for a device, and were left out."""
+
+
 class Output(Protocol):
     @property
     def told(self) -> dict[str, Any]:
         """For the answers: what must be the same when they are gone on with."""
 
-    def play(self, path: Path, label: str) -> str:
-        """Until it has been felt; what kept it from being felt whole, or nothing.
-        ``label`` is what a subject may know of it."""
+    def play(self, path: Path, label: str) -> Felt:
+        """Until it has been felt; ``label`` is what a subject may know of it."""
 
 
 class SignalError(KeyboardInterrupt):
@@ -48,12 +55,11 @@ class Nowhere:
 
     @property
     def told(self) -> dict[str, Any]:
-        profile = {"profile": self.profile.name} if self.profile else {}
-        return {"kind": "dry-run", **profile}
+        return {"kind": "dry-run", **(told_of(self.profile) if self.profile else {})}
 
-    def play(self, path: Path, label: str) -> str:  # noqa: ARG002
+    def play(self, path: Path, label: str) -> Felt:  # noqa: ARG002
         if self.profile is None:
-            return ""
+            return Felt()
         from ..reading.reader import Reader
         from ..replay.process.virtual import rehearse
 
@@ -80,9 +86,9 @@ class Device:
     @property
     def told(self) -> dict[str, Any]:
         more = {"channels": list(self.channels)} if self.channels else {}
-        return {"kind": "device", "profile": self.profile.name, "gain": self.gain, **more}
+        return {"kind": "device", **told_of(self.profile), "gain": self.gain, **more}
 
-    def play(self, path: Path, label: str) -> str:  # noqa: ARG002
+    def play(self, path: Path, label: str) -> Felt:  # noqa: ARG002
         from ..reading.reader import Reader
         from ..replay.process.player import play
 
@@ -91,6 +97,12 @@ class Device:
             return end_of(
                 play(renderer, self.profile, self.config, gain=self.gain, watchdog=self.watchdog)
             )
+
+
+def told_of(profile: Profile) -> dict[str, Any]:
+    """A profile that was changed is another one."""
+    digest = hashlib.sha256(profile.text.encode()).hexdigest()
+    return {"profile": profile.name, "profile_sha256": digest}
 
 
 def render(reader: Any, profile: Profile, channels: tuple[str, ...]) -> Renderer:
@@ -118,15 +130,14 @@ def find_device(profile: Profile, path: str | None) -> dict[str, Any]:
     return {"kind": "hid", "path": find(profile, path).place}
 
 
-def end_of(report: ReplayReport) -> str:
+def end_of(report: ReplayReport) -> Felt:
     if report.outcome == "interrupted":
         raise SignalError(report.signal or 2)
     if report.outcome == "device-lost":
         raise DeviceError(report.reason or "the device has gone")
-    if report.outcome == "clean" and not report.skipped:
-        return ""
-    skipped = f"{report.skipped} frames were skipped"
-    return report.reason or (skipped if report.outcome == "clean" else report.outcome)
+    if report.outcome == "clean":
+        return Felt(skipped=report.skipped)
+    return Felt(report.reason or report.outcome, report.skipped)
 
 
 class Sound:
@@ -160,9 +171,9 @@ class SoundCard(Sound):
     def told(self) -> dict[str, Any]:
         return {"kind": "sound", "channel": self.card.channel, "device": self.card.device}
 
-    def play(self, path: Path, label: str) -> str:  # noqa: ARG002
+    def play(self, path: Path, label: str) -> Felt:  # noqa: ARG002
         self.card.play(self.signal(path))
-        return ""
+        return Felt()
 
 
 class WavFiles(Sound):
@@ -175,12 +186,12 @@ class WavFiles(Sound):
 
     told = {"kind": "wav"}  # noqa: RUF012
 
-    def play(self, path: Path, label: str) -> str:
+    def play(self, path: Path, label: str) -> Felt:
         from ..convert import save
         from .sound import wav
 
         save(wav(self.signal(path)), str(self.folder / f"{label}.wav"), force=True)
-        return ""
+        return Felt()
 
 
 def read(path: Path) -> Any:

@@ -70,7 +70,7 @@ def prepare(
 ) -> Prepared:
     """What lies in the folder, if it is all there and of this study and these recordings; else it
     is made."""
-    sources = {str(path): digest_of(path) for path in sources_of(study)}
+    sources = [digest_of(path) for path in sources_of(study)]
     found = {"version": 1, "study_sha256": study.digest, "sources": sources, "hapfmt": __version__}
     stimuli = load(folder, found)
     if stimuli is None:

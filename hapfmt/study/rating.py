@@ -92,6 +92,7 @@ class Rating:
     def begin(self, number: int) -> None:
         self.number = number
         self.plays = {"this": 0, "reference": 0}
+        self.skipped = 0
         self.began = self.clock()
         self.last = "this"
 
@@ -100,11 +101,12 @@ class Rating:
         assert self.trial is not None
         name = self.trial.condition if which == "this" else self.study.reference.name
         label = "reference" if which == "reference" else f"trial {self.number + 1}"
-        fault = self.output.play(self.prepared.file(self.trial.session, name), label)
+        felt = self.output.play(self.prepared.file(self.trial.session, name), label)
         self.last = which
-        if not fault:
+        self.skipped += felt.skipped
+        if not felt.fault:
             self.plays[which] += 1
-        return fault
+        return felt.fault
 
     def again(self) -> str:
         return self.play(self.last)
@@ -122,6 +124,7 @@ class Rating:
                 **self.trial._asdict(),
                 "rating": rating,
                 "plays": dict(self.plays),
+                "skipped_frames": self.skipped,
                 "answer_s": round(self.clock() - self.began, 3),
                 "at": now(),
             }

@@ -173,7 +173,7 @@ def subject_of(answers: Answers) -> Subject:
             misses += rated[number] < below
     means = {cell: float(np.mean(ratings)) for cell, ratings in cells.items()}
     output = answers.head["output"]
-    told = " ".join(str(value) for value in output.values() if value is not None)
+    told = " ".join(f"{name} {value}" for name, value in output.items() if value is not None)
     return Subject(answers.subject, means, missing, misses, items, told)
 
 
@@ -181,12 +181,12 @@ def rows_of(
     subjects: Sequence[Subject], conditions: Sequence[dict[str, Any]], sessions: Sequence[str]
 ) -> tuple[Row, ...]:
     """All sessions together first, then each by itself."""
-    reference = next((c["name"] for c in conditions if c.get("role") == "reference"), None)
+    reference = next(each["name"] for each in conditions if each["role"] == "reference")
     rows = []
     for session in (None, *(sessions if len(sessions) > 1 else ())):
         for each in conditions:
             ratings = [subject.of(each["name"], session) for subject in subjects]
-            base = [subject.of(reference, session) if reference else 0.0 for subject in subjects]
+            base = [subject.of(reference, session) for subject in subjects]
             rows.append(
                 Row(
                     each["name"],
