@@ -120,7 +120,7 @@ def test_any_bytes_are_a_study_or_refused(data):
         parse_study(data, PLACE)
 
 
-@given(st.text(min_size=1, max_size=20))
+@given(st.text(min_size=1, max_size=20) | st.sampled_from([" ", "\x7f", '"', "\\", "\u200b"]))
 def test_a_new_study_can_be_read(name):
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, f"{name}.hapf")
@@ -132,6 +132,14 @@ def test_a_new_study_can_be_read(name):
         again = parse_study(new_study(path, [str(file), str(file)]).encode(), PLACE)
         assert len(again.conditions) == 11
         assert again.sessions[0].recording == os.path.relpath(file, folder)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="names of bytes")
+def test_a_name_that_is_no_text(tmp_path):
+    file = os.fsdecode(os.fsencode(tmp_path / "a") + b"\xff.hapf")
+    Path(file).touch()
+    with pytest.raises(ParameterError, match="no text"):
+        new_study(tmp_path / "s.toml", [file])
 
 
 def test_orders(study):

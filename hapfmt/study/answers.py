@@ -120,7 +120,8 @@ def refuse_head(head: dict[str, Any]) -> None:
     sessions, repeats = ({each[place] for each in asked} for place in (0, 2))
     wanted = set(product(sessions, names, repeats))
     known = names.issuperset(each[1] for each in head["order"])
-    if not asked or len(asked) != len(wanted) or set(asked) != wanted or not known:
+    told = all(set(each["bits_per_sample"]) == sessions for each in head["conditions"])
+    if not told or not asked or len(asked) != len(wanted) or set(asked) != wanted or not known:
         raise ParameterError("line 1: the order is not every condition in every session")
     roles = [each["role"] for each in head["conditions"]]
     if len(names) != len(roles) or roles.count("reference") != 1:

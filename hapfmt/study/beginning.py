@@ -64,6 +64,8 @@ def new_study(path: Path, recordings: Sequence[str]) -> str:
             raise ParameterError("there is no such file", path=each)
         name = unused(file.stem, names)
         names.append(name)
+        if any("\ud800" <= c <= "\udfff" for c in each):
+            raise ParameterError("a name that is no text cannot stand in a study", path=ascii(each))
         place = os.path.relpath(file, path.parent or ".")
         parts.append(
             f"\n[[session]]\nname = {quoted(name)}\nrecording = {quoted(Path(place).as_posix())}\n"
@@ -79,8 +81,9 @@ def coded_name(k: float, bits: int) -> str:
 
 
 def unused(stem: str, names: Sequence[str]) -> str:
-    name, number = stem[:70], 1
+    base = stem[:70].strip() or "session"
+    name, number = base, 1
     while name in names:
         number += 1
-        name = f"{stem[:70]} {number}"
+        name = f"{base} {number}"
     return name
