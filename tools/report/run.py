@@ -51,7 +51,7 @@ def run(name: str, options: Options) -> Part:
         return Part(name, None, why, time.monotonic() - began, failed=True)
 
 
-def facts(options: Options, seconds: float) -> dict[str, str]:
+def facts(options: Options, seconds: float, on: str) -> dict[str, str]:
     """What every figure depends on."""
     others = dict(versions())
     for module in ("scipy", "matplotlib", "vibromaf"):
@@ -61,7 +61,7 @@ def facts(options: Options, seconds: float) -> dict[str, str]:
     return {
         "measured": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, in {seconds:.0f} s"
         + (", --quick: seconds of everything, no figures to quote" if options.quick else ""),
-        "on": origin(),
+        "on": on,
         "packages": ", ".join(f"{name} {version}" for name, version in others.items()),
         "left out": ", ".join(missing) or "nothing",
         "recordings": f"{options.data.name} and simulated scenes"
@@ -93,7 +93,7 @@ def main(
 ) -> None:  # fmt: skip
     if unknown := set(only) - set(SECTIONS):
         raise click.BadParameter(f"no section {', '.join(sorted(unknown))}", param_hint="--only")
-    began = time.monotonic()
+    began, on = time.monotonic(), origin()  # a tree may change while it is measured
     name = ""
 
     def progress(line: str) -> None:
@@ -109,7 +109,7 @@ def main(
             parts.append(run(name, options))
     except KeyboardInterrupt:
         parts.append(Part(name, None, "interrupted"))
-    write(out, facts(options, time.monotonic() - began), parts)
+    write(out, facts(options, time.monotonic() - began, on), parts)
     click.echo(out / "index.html")
     if failed := [part.name for part in parts if part.failed]:
         click.echo(f"failed: {', '.join(failed)}", err=True)
