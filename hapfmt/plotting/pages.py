@@ -205,7 +205,10 @@ def multiples(
         panels.marks(axes, view, unit, events, named=False)
         last = row == count - 1 or place == len(views) - 1
         style(axes, "", f"time in {unit.name}" if last else "", panels.axis_label(view, short=True))
-        axes.set_title(plain(view.channel.name), loc="left", fontsize=8, color=INK, pad=2)
+        name = plain(view.channel.name)
+        if view.errors is not None and view.errors.total:
+            name += f": largest error {view.errors.largest:.2g}"
+        axes.set_title(name, loc="left", fontsize=8, color=INK, pad=2)
         axes.tick_params(labelsize=7, labelbottom=last)
         axes.yaxis.label.set_fontsize(7)
         axes.locator_params(axis="y", nbins=4)

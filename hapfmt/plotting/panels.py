@@ -9,6 +9,7 @@ import numpy as np
 
 from ..events import Event
 from ..survey.histogram import Histogram
+from ..survey.knots import SHOWN
 from ..survey.outline import Outline
 from ..survey.views import View
 from .style import BLUE, GREY, INK, ORANGE, plain
@@ -47,7 +48,8 @@ def axis_label(view: View, *, short: bool = False) -> str:
 
 
 def signal(axes: Axes, view: View, unit: TimeUnit, *, width: float = 1.0) -> None:
-    """The channel over time with all that belongs to it; ``width``: of lines."""
+    """The channel over time with all that belongs to it; ``width``: of lines, below 1 in a
+    small picture."""
     seconds = unit.seconds
     if view.low is not None and view.high is not None:
         axes.fill_between(
@@ -63,7 +65,8 @@ def signal(axes: Axes, view: View, unit: TimeUnit, *, width: float = 1.0) -> Non
     curve(axes, view.full, unit, colour, 0.9 * width, name)
     if view.lf is not None:
         curve(axes, view.lf, unit, BLUE, 1.4 * width, "slow part (LF)")
-    if view.knots is not None and view.knots.ticks.size:
+    most = SHOWN if width >= 1 else SHOWN // 10
+    if view.knots is not None and 0 < view.knots.ticks.size <= most:
         axes.plot(
             view.knots.seconds / seconds, view.knots.values, "o",
             color=BLUE, ms=3.6 * width + 0.6, mec="white", mew=0.6, label="knots",
