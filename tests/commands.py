@@ -127,6 +127,7 @@ if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for verb in VERBS:
         importlib.import_module(f"hapfmt.cli.{verb}")
+    importlib.import_module("scipy.signal")  # of the low-pass; longer than all the rest
     for name in (
         "reading.reader",
         "writer",
@@ -134,6 +135,7 @@ if __name__ == "__main__":
         "recovery.recover",
         "convert",
         "scenes.stylus",
+        "scenes.grasp",
     ):
         importlib.import_module(f"hapfmt.{name}")
     serve(socket.socket(fileno=int(sys.argv[1])))

@@ -18,7 +18,7 @@ MODULES = {
 DECODE = """atomic clocks closing codecs container contract damage deadband dump errors events integers
 kernels limits lock reading recording threads usage verifier"""
 ENCODE = """appending cli conformance convert edit encoder live plotting recovery replay scenes
-writer"""
+study survey writer"""
 DECODE_SIDE = [name for name in MODULES if name.split(".")[0] in DECODE.split()]
 REPLAY = [name for name in MODULES if name.split(".")[0] == "replay"]
 RECORDS = "replay.sinks.record"
@@ -37,9 +37,10 @@ BARRED_IN_REPLAY = {
 nothing."""
 ONLY_IN = {
     "construct": ("container.layout", "container.wire"),
-    "matplotlib": ("plotting",),
+    "matplotlib": tuple(name for name in MODULES if name.startswith("plotting.")),
     "soundfile": ("convert.wav",),
     "fsspec": ("container.remote",),
+    "sounddevice": ("study.sound",),
     "hid": ("replay.sinks.hid",),
     "hidraw": ("replay.sinks.hid",),
 }
@@ -52,6 +53,7 @@ HEAVY = {
     "rich",
     "matplotlib",
     "soundfile",
+    "sounddevice",
     "hid",
     "hidraw",
     "jsonschema",
@@ -143,6 +145,21 @@ def loaded_by(code: str) -> set[str]:
 
 def test_import_is_light():
     assert not loaded_by("import hapfmt; hapfmt.__version__") & HEAVY
+
+
+def test_only_a_split_loads_scipy():
+    """Importing its filters takes longer than most encoding; where nothing is split, nothing is
+    filtered."""
+    code = """
+import io, sys, hapfmt
+from hapfmt.scenes import load_scene, simulate
+recording, _ = simulate(load_scene("everything").changed(seconds=0.05))
+for preset in ("archive", "deadband", "near-lossless", "auto", "default"):
+    allowed = {"max_error": "2lsb"} if preset == "near-lossless" else {}
+    hapfmt.write(recording, io.BytesIO(), hapfmt.Settings.of(preset, **allowed))
+    assert ("scipy" in sys.modules) is (preset == "default"), preset
+"""
+    assert "scipy" in loaded_by(code)
 
 
 def test_info_loads_no_numbers():

@@ -20,7 +20,7 @@ from hapfmt.container.track import series_of
 from hapfmt.encoder.codebook import choose_codebook
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.groups import share_lattice
-from hapfmt.encoder.source import cut, declared_range
+from hapfmt.encoder.source import cut, declared_range, held_range
 from hapfmt.encoder.tolerance import Tolerance
 from hapfmt.limits import LEVELS
 from hapfmt.recording import Span
@@ -246,6 +246,25 @@ def test_packets_end_where_clusters_begin(start, ticks, cluster, rate):
 
 
 @pytest.mark.parametrize(
+    ("rates", "settings", "seconds"),
+    [
+        (["1000"], Settings(), 10),
+        (["1"], Settings(), 256),
+        (["1/3600"], Settings.of("archive"), 256 * 3600),
+        (["1/3600", "8000"], Settings(), 10),
+        (["100"], Settings.of("archive"), 120),
+        (["1000"], Settings.of("archive"), 17),
+        (["1"], Settings.of("archive", fast=True), 256),
+        (["1/3600"], Settings(cluster=Fraction(1)), 1),
+        ([], Settings(), 256),
+    ],
+)
+def test_seconds_of_a_cluster(rates, settings, seconds):
+    made = [Channel(np.zeros(1, np.int8), rate, calibration=Calibration()) for rate in rates]
+    assert settings.cluster_of(Recording(tuple(made))) == seconds
+
+
+@pytest.mark.parametrize(
     ("counts", "expected"),
     [
         ([], (0, 0)),
@@ -258,6 +277,28 @@ def test_packets_end_where_clusters_begin(start, ticks, cluster, rate):
 )
 def test_declared_range(counts, expected):
     assert declared_range(np.array(counts, np.int64)) == expected
+
+
+@pytest.mark.parametrize(
+    ("counts", "expected"),
+    [
+        ([5] * 8 + [-3], (-8, 5)),
+        ([5] * 7 + [-3] * 7, (-8, 7)),
+        ([-5] * 8 + [3] * 8, (-5, 3)),
+        ([5] * 8 + [0] * 8, (0, 5)),
+        ([5] * 8 + list(range(5)) * 2000, (0, 7)),
+    ],
+)
+def test_the_range_ends_where_a_sensor_does(counts, expected):
+    assert held_range(np.array(counts, np.int64)) == expected
+
+
+def test_nothing_decodes_beyond_a_saturated_sensor():
+    x = np.clip(6500 * np.sin(np.arange(4000) / 50), -5000, 5000)
+    data = encoded(Recording((force(x),)), Settings(bits=3))
+    for band in ("lf", "full"):
+        y = hapfmt.read(data, band=band).channels[0].values
+        assert np.abs(y).max() == 5000
 
 
 @given(st.lists(st.integers(-(2**31), 2**31), min_size=1, max_size=60))

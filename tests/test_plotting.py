@@ -10,6 +10,7 @@ import pytest
 
 from hapfmt import plotting
 from hapfmt.errors import MissingExtraError, ParameterError
+from hapfmt.plotting import demo
 
 pytest.importorskip("matplotlib")
 
@@ -70,14 +71,14 @@ def test_outline_keeps_peaks():
     x = np.zeros(100_000)
     x[77_777] = 5
     x[33_333] = -3
-    at, least, most = plotting._outline(np.arange(x.size) / 1e3, x)
-    assert at.size <= plotting.OUTLINE_POINTS / 2
+    at, least, most = demo._outline(np.arange(x.size) / 1e3, x)
+    assert at.size <= demo.OUTLINE_POINTS / 2
     assert most.max() == 5 and least.min() == -3
-    time, line = plotting._line(np.arange(x.size) / 1e3, x)
-    assert time.size == line.size <= plotting.OUTLINE_POINTS
+    time, line = demo._line(np.arange(x.size) / 1e3, x)
+    assert time.size == line.size <= demo.OUTLINE_POINTS
     assert np.all(np.diff(time) >= 0)
     short = np.arange(10.0)
-    assert plotting._line(short, short)[1] is short
+    assert demo._line(short, short)[1] is short
 
 
 def test_refused(tmp_path):

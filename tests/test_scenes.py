@@ -10,8 +10,13 @@ import pytest
 
 from hapfmt.encoder.split import low_pass
 from hapfmt.errors import ParameterError
-from hapfmt.scenes import heightfields, stylus
+from hapfmt.scenes import heightfields
+from hapfmt.scenes.description import Contact, Press, Tool
 from hapfmt.scenes.stylus import simulate
+from hapfmt.scenes.tool import system_of
+from hapfmt.scenes.touch import FRICTION, Normal
+from hapfmt.scenes.waves import Grid
+from hapfmt.scenes.work import Work
 
 TEXTURES = ["stone", "sand", "cork"]
 
@@ -70,7 +75,7 @@ def test_three_axes():
     assert {channel.group for channel in recording.channels} == {"tip"}
     assert np.array_equal(z.values, simulate("sand", seed=2).channels[0].values)
     along = np.hypot(x.physical(), y.physical())[500:3700] / z.physical()[500:3700]
-    assert along.mean() == pytest.approx(stylus.FRICTION, rel=0.05)
+    assert along.mean() == pytest.approx(FRICTION, rel=0.05)
     assert np.sign(x.physical()[500:3700]).min() < 0 < np.sign(x.physical()[500:3700]).max()
 
 
@@ -92,10 +97,20 @@ class TestStiffness:
 
     def test_static_force(self):
         """At rest the press is what both springs in a row hold."""
-        n, dt = 20_000, 1 / 20_000
-        rest = stylus.Hand(*(np.zeros(n),) * 4, press=np.full(n, 0.7), lifted=np.zeros(n))
-        force = stylus.push(np.full(n, 1e-3), rest, 500.0, dt)
+        contact, work = Contact(500.0), Work()
+        tool = Tool(press=Press(0.7), contact=contact)
+        depth = -0.7 * (1 / 250 + 1 / 500)
+        normal = Normal(
+            system_of(tool, contact),
+            contact,
+            Grid(20_000, 1, 20_000),
+            lambda t: np.full_like(t, depth),
+            work,
+        )
+        raised = np.full(20_000, 1e-3), np.zeros(20_000)
+        *_, force = normal.block(0, 20_000, raised)
         assert force[-1] == pytest.approx(0.7 + 1e-3 * 250 * 500 / 750, rel=1e-6)
+        assert work.contact_step_count == 20_000
 
 
 class TestHeightfields:

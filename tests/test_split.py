@@ -189,6 +189,14 @@ def sizes(request):
     patch.undo()
 
 
+@pytest.mark.parametrize("n", [1, 2, 3, 10, 151, 152, 1000, 70_000])
+@pytest.mark.parametrize("rate", [30, 100, 1000, 20_000])
+def test_what_is_told_of_is_the_slow_part(n, rate):
+    x = np.cumsum(np.random.default_rng(n).normal(0, 100, (n, 2)), axis=0)
+    far = np.abs(split.slow_for_telling(x, rate) - low_pass(x, rate)).max()
+    assert far <= 1e-11 * np.abs(x).max()
+
+
 class TestSelectKnots:
     @pytest.mark.usefixtures("sizes")
     @settings(max_examples=100, deadline=None)

@@ -1,53 +1,150 @@
 """The paper's Fig. 4: compression ratio against the Weber fraction k, for residuals of b bits.
 
-python tools/ratio.py [RECORDING.npz CHANNEL]     without: the simulated textures
+python tools/ratio.py [RECORDING.npz CHANNEL]     without: the simulated textures, and recordings
+
+F. Brandi, R. Chaudhari, E. Steinbach, "Texture compensation for haptic feedback signal
+compression", VECIMS 2011, https://doi.org/10.1109/VECIMS.2011.6053837.
 """
 
 from __future__ import annotations
 
 import io
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from measured import DATA, print_origin, print_table
 
 import hapfmt
+from hapfmt.encoder.tolerance import Tolerance
 from hapfmt.metrics import snr_hf_db
-from hapfmt.scenes.stylus import simulate
+from hapfmt.scenes import load_scene, simulate
 
 WEBER = (1, 2, 5, 10, 15, 20, 30, 40, 50)
 BITS = (0, 2, 5, 8)
 SECONDS = 11.0
 """Length of the paper's sessions."""
 
+TEXTURES = ("stone", "sand", "cork")
 
-def measure(name: str, recording: hapfmt.Recording, floor: str) -> None:
-    from hapfmt.encoder.tolerance import Tolerance
+SAMPLE_SIZE = 8
+"""Bytes of a sample before coding, as the paper counts: a double."""
 
-    rows = []
-    samples = recording.sample_count
-    for percent in WEBER:
-        row: list[object] = [percent]
-        for bits in BITS:
-            settings = hapfmt.Settings.of(
-                "paper", k=Fraction(percent, 100), bits=bits, floor=Tolerance.parse(floor)
-            )
-            stream = io.BytesIO()
-            summary = hapfmt.write(recording, stream, settings, canonical=1)
-            back = hapfmt.read(stream.getvalue())
-            snr = np.median(
-                [
-                    snr_hf_db(a.physical(), b.physical(), float(a.rate))
-                    for a, b in zip(recording.channels, back.channels, strict=True)
-                ]
-            )
-            payload = 100 * (1 - summary.payload_size / (8 * samples))
-            whole = 8 * samples / summary.file_size
-            row += [f"{payload:.2f}", f"{whole:.1f}", f"{snr:.1f}"]
-        rows.append(row)
-    print(f"{name}: {len(recording)} channels, {samples} samples, floor {floor}")
+
+class Source(NamedTuple):
+    """A recording that is measured, and the absolute floor of its deadband."""
+
+    name: str
+    recording: hapfmt.Recording
+    floor: str
+
+
+class Point(NamedTuple):
+    """One setting. Sizes in bytes: payload is that of all packets, file is everything."""
+
+    percent: float
+    bits: int
+    payload_size: int
+    file_size: int
+    sample_count: int
+    snr_db: float
+    file: bytes
+
+    @property
+    def payload_percent(self) -> float:
+        """Of the samples as doubles."""
+        return 100 * self.payload_size / (SAMPLE_SIZE * self.sample_count)
+
+    @property
+    def file_percent(self) -> float:
+        return 100 * self.file_size / (SAMPLE_SIZE * self.sample_count)
+
+
+class Recorded(NamedTuple):
+    path: str
+    channels: tuple[str, ...]
+    floor: str
+    name: str
+
+
+RECORDED = (
+    Recorded("teleop1dof/question1a_foam.npz", ("tau_env",), "0.2%", "foam, torque"),
+    Recorded("teleop1dof/question1a_rigid.npz", ("tau_env",), "0.2%", "rigid, torque"),
+    Recorded("panda_comanip/symbol17_3.npz", ("fx", "fy", "fz"), "0.01", "hand-guided, force"),
+)
+"""Contact forces, and torques at a lever that touches, with an HF part of 1 % of the range and
+more. A floor of 10 mN for forces; torques have 0.2 % of their range."""
+
+
+def simulated(seconds: float = SECONDS) -> list[Source]:
+    return [
+        Source(name, simulate(load_scene(name).changed(seconds=seconds))[0], "0.01")
+        for name in TEXTURES
+    ]
+
+
+def recorded(folder: Path | None, count: int = len(RECORDED)) -> list[Source]:
+    """Those that the folder has."""
+    found = []
+    for each in RECORDED[:count]:
+        path = (folder or Path()) / each.path
+        if folder and path.exists():
+            recording = hapfmt.load(path)
+            channels = tuple(recording.channel(label) for label in each.channels)
+            found.append(Source(each.name, replace(recording, channels=channels), each.floor))
+    return found
+
+
+def settings(percent: float, bits: int, floor: str) -> hapfmt.Settings:
+    k = Fraction(percent) / 100
+    return hapfmt.Settings.of("paper", k=k, bits=bits, floor=Tolerance.parse(floor))
+
+
+def measure(source: Source, chosen: hapfmt.Settings) -> Point:
+    stream = io.BytesIO()
+    summary = hapfmt.write(source.recording, stream, chosen, canonical=1)
+    file = stream.getvalue()
+    back = hapfmt.read(file)
+    snr = np.median(
+        [
+            snr_hf_db(a.physical(), b.physical(), float(a.rate))
+            for a, b in zip(source.recording.channels, back.channels, strict=True)
+        ]
+    )
+    return Point(
+        float(100 * chosen.k),
+        chosen.bits or 0,
+        summary.payload_size,
+        summary.file_size,
+        source.recording.sample_count,
+        float(snr),
+        file,
+    )
+
+
+def grid(
+    source: Source, weber: tuple[int, ...] = WEBER, bits: tuple[int, ...] = BITS
+) -> Iterator[Point]:
+    """All settings, the bits of one k side by side."""
+    for percent in weber:
+        for count in bits:
+            yield measure(source, settings(percent, count, source.floor))
+
+
+def show(source: Source) -> None:
+    rows: list[list[object]] = []
+    for point in grid(source):
+        if point.bits == BITS[0]:
+            rows.append([f"{point.percent:g}"])
+        ratio = 100 / point.file_percent
+        rows[-1] += [f"{100 - point.payload_percent:.2f}", f"{ratio:.1f}", f"{point.snr_db:.1f}"]
+    samples = source.recording.sample_count
+    print(f"{source.name}: {len(source.recording)} channels, {samples} samples, "
+          f"floor {source.floor}")  # fmt: skip
     print("reduction % of 64-bit samples (packets), ratio (whole file), HF SNR dB (median)\n")
     headers = ["k %"]
     for bits in BITS:
@@ -62,15 +159,10 @@ def main() -> None:
         recording = hapfmt.load(sys.argv[1])
         if len(sys.argv) > 2:
             recording = replace(recording, channels=(recording.channel(sys.argv[2]),))
-        measure(sys.argv[1], recording, "0.2%")
+        show(Source(sys.argv[1], recording, "0.2%"))
         return
-    for texture in ("sand", "stone", "cork"):
-        measure(texture, simulate(texture, SECONDS), "0.01")
-    foam = DATA / "teleop1dof" / "question1a_foam.npz"
-    if foam.exists():
-        recording = hapfmt.load(foam)
-        forces = tuple(c for c in recording.channels if c.unit == "N.m")
-        measure("question1a_foam, torques", replace(recording, channels=forces), "0.2%")
+    for source in simulated() + recorded(DATA):
+        show(source)
 
 
 if __name__ == "__main__":

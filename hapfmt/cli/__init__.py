@@ -29,10 +29,14 @@ VERBS = {
     "meta": "Show or set the metadata.",
     "clocks": "Other clocks: what was observed, offset, drift, jitter.",
     "convert": "From any format to any other.",
+    "plot": "A picture of a recording: signal, texture, knots, spectrum, damage.",
+    "compare": "How two recordings differ, channel by channel.",
     "record": "Record samples as they come from another program.",
     "replay": "Play a recording on a haptic device, or show what it would be sent.",
     "devices": "HID devices that are connected, and which profile fits which.",
     "profile": "Device profiles: list them, show one, check one.",
+    "rate": "Subjective tests: feel, compare, rate from 0 to 100; and their summary.",
+    "scene": "Simulate a scene: textures, a wall, taps, a grasp; needs no device.",
     "demo": "Simulate a stylus on a texture, encode it, show what it costs.",
 }
 ERROR = 1

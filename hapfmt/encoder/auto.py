@@ -20,7 +20,7 @@ from .check import decoded_pieces
 from .perception import FORCE_FLOORS, QUANTITY_OF_UNIT, WEBER_LIMITS
 from .settings import Settings, text_of
 from .source import Source
-from .split import PADDING_PERIODS, low_pass
+from .split import PADDING_PERIODS, slow_for_telling
 from .tolerance import Tolerance
 from .unit import Bound, Unit, bound_of, encode_counts
 
@@ -207,7 +207,8 @@ def texture_share(source: Source, bound: Bound, cutoff_hz: float) -> float:
         for start in range(rows.start, rows.stop, STRETCH):
             stop = min(start + STRETCH, rows.stop)
             first, last = max(start - margin, rows.start), min(stop + margin, rows.stop)
-            slow = low_pass(source.counts[first:last].astype(np.float64), rate, cutoff_hz)
+            counts = source.counts[first:last].astype(np.float64)
+            slow = slow_for_telling(counts, rate, cutoff_hz)
             near = np.floor(slow[start - first : stop - first] + 0.5).astype(np.int64)
             outside += int(bound.band.outside(source.counts[start:stop], near).sum())
     return outside / len(source.counts)

@@ -21,6 +21,7 @@ from ..errors import ParameterError
 from ..limits import EXACT_LIMIT, SINGLE_MAX
 from ..recording import Calibration, Channel, Deviation
 from .common_step import Steps, near_steps
+from .glitches import without_glitches
 from .near import Near, first_near
 from .rational import (
     Placed,
@@ -230,7 +231,8 @@ def _snap(
         step = steps.low
     elif step is None and isinstance(exact, Lattice):
         step = float(exact.calibration.step)
-    allowed = tolerance.absolute(float(u[-1] - u[0]), step)
+    calm = without_glitches(x)
+    allowed = tolerance.absolute(float(calm.max() - calm.min()), step)
     if allowed is None:
         return "no step was found to measure the tolerance with; declare it in the channel's unit"
     if allowed == inf:

@@ -14,6 +14,7 @@ from ..codecs.knots import INTERPOLATIONS, Interpolation
 from ..errors import ParameterError
 from ..numbers import exact
 from ..recording import Calibration, Channel, Recording
+from .glitches import without_glitches
 from .perception import FORCE_FLOOR_N, FORCE_WEBER, LF_CUTOFF_HZ
 from .tolerance import Tolerance
 
@@ -39,6 +40,10 @@ LEARNING, LONGEST_CLUSTER = 1 << 14, Fraction(120)
 """Samples after which adaptive models have learned most and the rows of a packet table cost little
 (a glove at 100 Hz: clusters of 120 s take 36 % less than those of 41 s, measured), and the seconds
 that a slow channel may wait for them."""
+
+LEAST_TICKS = 256
+"""Of the fastest channel in a cluster. With one in each, as ten seconds give it, 1000 samples of
+1/3600 Hz took 49 kB; so they take 1.3 kB."""
 
 LONG_PACKET = 1 << 15
 """Samples of a packet of Rice codes, which learn nothing: as long as one predictor does for."""
@@ -123,15 +128,17 @@ class Settings:
 
     def cluster_of(self, recording: Recording) -> Fraction:
         """Seconds of a cluster: as asked for; else ten, and where packets learn as they go, as many
-        as give the fastest channel enough to learn from."""
+        as give the fastest channel enough to learn from; and never few ticks."""
         if self.cluster is not None:
             return self.cluster
         fastest = max((channel.rate for channel in recording.channels), default=Fraction(1))
-        if self.preset not in WITHIN:
-            return ARCHIVE_CLUSTER
+        seconds = ARCHIVE_CLUSTER
         if self.fast:
-            return min(Fraction(ceil(LONG_PACKET / fastest)), LONGEST_CLUSTER)
-        return min(max(ARCHIVE_CLUSTER, Fraction(ceil(LEARNING / fastest))), LONGEST_CLUSTER)
+            seconds = min(Fraction(ceil(LONG_PACKET / fastest)), LONGEST_CLUSTER)
+        elif self.preset in WITHIN:
+            learning = Fraction(ceil(LEARNING / fastest))
+            seconds = min(max(ARCHIVE_CLUSTER, learning), LONGEST_CLUSTER)
+        return max(seconds, Fraction(ceil(LEAST_TICKS / fastest)))
 
     def tolerance_for(self, channel: Channel) -> Tolerance | None:
         """What may be lost by putting true doubles on a lattice; None: nothing."""
@@ -145,6 +152,7 @@ class Settings:
             return None
         finite = channel.physical()
         finite = finite[np.isfinite(finite)]
+        finite = without_glitches(finite)
         extent = float(finite.max()) - float(finite.min()) if finite.size else 0.0
         allowed = (self.floor.absolute(extent, channel.lsb) or 0.0) * float(PAPER_TOLERANCE)
         # Nothing is left of a floor below the denormals, and values of 1e308 have no lattice.
@@ -199,7 +207,8 @@ def text_of(amount: Tolerance | None) -> str | None:
 
 
 def counts_of(amount: Tolerance, calibration: Calibration, extent: int) -> Fraction:
-    """An amount in counts; ``extent`` is the largest count minus the smallest."""
+    """An amount in counts; ``extent`` is the largest count minus the smallest, glitches left
+    out."""
     value = Fraction(amount.value)
     if amount.kind == "lsb":
         return value

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,10 @@ from ..container.lists import round_up
 from ..container.track import Affine, Component, Track
 from ..recording import Channel, Span
 from ..threads import check_stopped
+from .glitches import without_glitches
+
+HELD, HELD_SHARE = 8, 0.001
+"""Samples at an end of the range, of all of them, that are no accident."""
 
 PACKET_SAMPLES = 1 << 16
 """Longer packets are cut: eight bytes each then still fit a payload of level 1."""
@@ -35,10 +40,18 @@ class Source:
     def rate(self) -> Fraction:
         return self.channels[0].rate
 
+    @cached_property
+    def calm(self) -> NDArray[Any]:
+        """Counts without single samples that are far beyond all others; mostly ``counts``."""
+        columns = [without_glitches(column) for column in self.counts.T]
+        if all(np.shares_memory(column, self.counts) for column in columns):
+            return self.counts
+        return np.column_stack(columns)
+
     @property
     def extents(self) -> list[int]:
-        """The largest count minus the smallest, of each component."""
-        low, high = self.counts.min(axis=0).tolist(), self.counts.max(axis=0).tolist()
+        """The largest count minus the smallest, of each component, glitches left out."""
+        low, high = self.calm.min(axis=0).tolist(), self.calm.max(axis=0).tolist()
         return [b - a for a, b in zip(low, high, strict=True)]
 
     def pieces(self, rows: NDArray[Any]) -> Iterator[tuple[Span, NDArray[np.int64]]]:
@@ -110,6 +123,19 @@ def declared_range(counts: NDArray[Any]) -> tuple[int, int]:
         return 0, (1 << high.bit_length()) - 1
     bits = max((-low - 1).bit_length(), high.bit_length())
     return -(1 << bits), (1 << bits) - 1
+
+
+def held_range(counts: NDArray[Any]) -> tuple[int, int]:
+    """The declared range, but where many samples lie at one end of all, that is the end: a sensor
+    that saturates has it there, and what a decoder makes of the samples is clamped to it."""
+    low, high = declared_range(counts)
+    least, largest = int(counts.min(initial=0)), int(counts.max(initial=0))
+    enough = max(HELD, HELD_SHARE * len(counts))
+    if np.count_nonzero(counts == least) >= enough:
+        low = least
+    if np.count_nonzero(counts == largest) >= enough:
+        high = largest
+    return low, high
 
 
 def make_track(source: Source, first_channel: int, **given: Any) -> Track:

@@ -20,7 +20,8 @@ class Tolerance:
     """Largest deviation, positive and finite.
 
     ``value`` is in the channel's unit ("absolute"), in steps of the sensor ("lsb"), or a fraction
-    (0.0001 for 0.01 %) of the channel's largest minus its smallest value ("range").
+    (0.0001 for 0.01 %) of the channel's largest minus its smallest value ("range"), single samples
+    far beyond all others left out.
     """
 
     value: float

@@ -29,7 +29,7 @@ from .codebook import choose_codebook
 from .knots import knot_values, select_knots
 from .packed import Coded, Packing, plain_knots, smaller_knots
 from .settings import WITHIN, Settings, counts_of, whole_counts
-from .source import Source, declared_range, make_track
+from .source import Source, declared_range, held_range, make_track
 from .split import low_pass
 
 ENCODE_LEVEL = LEVELS[2]
@@ -249,10 +249,12 @@ def residual_step(
 
 
 def slow_part(source: Source, settings: Settings) -> NDArray[np.int64]:
-    """The low-passed counts, segment by segment: a gap is no signal."""
+    """The low-passed counts, segment by segment: a gap is no signal, nor is a glitch; the paper
+    knows of none."""
+    counts = source.counts if settings.preset == "paper" else source.calm
     out = np.zeros(source.counts.shape, np.int64)
     for rows in source.segments():
-        x = source.counts[rows].astype(np.float64)
+        x = counts[rows].astype(np.float64)
         slow = low_pass(x, float(source.rate), settings.cutoff_hz)
         out[rows] = np.floor(slow + 0.5).astype(np.int64)
     return out
@@ -279,6 +281,8 @@ def encode_counts(source: Source, first_channel: int, settings: Settings) -> Uni
     chosen_by_size = settings.preset == "default" and settings.step is None and not settings.bits
     if chosen_by_size and (unit := encode_level(source, bound, base)):
         return unit
+    low, high = held_range(x)
+    base = replace(base, count_min=low, count_max=high)
     slow = slow_part(source, settings)
     lf = code_knots(source, slow, bound.band, settings, base)
     d = decode_all(lf, x.shape[1])

@@ -14,20 +14,24 @@ for ever. So the step follows the stiffness.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from fractions import Fraction
 from math import ceil, inf, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import ParameterError
-from ..recording import Calibration, Channel, Recording
+from ..recording import Channel, Recording
+from .description import FORCES, STIFFEST_N_PER_M, Contact, Stroke, Texture, Tool
+from .integrators import Motion, System
+from .matrix import exponential
+from .sensors import force_reading
+from .tool import run
+from .waves import Floats, Grid
+from .work import Work
 
-MASS_KG = 0.060
-HAND_N_PER_M = 250.0
-HAND_NS_PER_M = 3.0
+HELD = Tool(stroke=Stroke())
 """Stylus and hand as seen from the tip: 60 g, 250 N/m, 3 Ns/m; alone they swing at 10 Hz."""
 
 CONTACT_N_PER_M: dict[str | None, float] = {
@@ -38,51 +42,11 @@ CONTACT_N_PER_M: dict[str | None, float] = {
 }
 """Stiffness of the contact, 450-900 N/m; None is the flat plane."""
 
-STIFFEST_N_PER_M = 1e7
-"""A steel rod of 1 cm^2 and 2 m; the step is then 8 us."""
-
-SPEED_M_PER_S = (0.050, 0.070)
-MEAN_FORCE_N = 0.95
-"""What the hand aims at in contact. With touch-down and lift-off the mean over 4 s is about 0.9."""
-
-FRICTION = 0.35
-"""Coulomb friction of the tip; only drawn on with three axes."""
-
 STEP_HZ = 20_000
 STEPS_PER_RADIAN = 10
 """Steps of the scene: 20 kHz, or 10 per radian of the contact's natural frequency where that is
 more, from 240 kN/m on. Peak of the first impact at 100 kN/m: 7.7 N, and 7.5 N with steps of 100
 kHz; at 1 kHz the same contact bounces for ever."""
-
-TIP_M = 25e-6
-TIP_SLOPE_M = 400e-6
-"""Gaussian widths (standard deviation along the path): of the contact patch, that smooths the
-height; and of the ball of the tip, that bridges slopes shorter than itself."""
-
-SENSOR = Calibration(1, 0, 2000)
-SENSOR_NOISE_N = 0.5e-3
-"""A 16-bit force sensor of +-16.384 N: one count is 0.5 mN, noise one count (rms)."""
-
-APPROACH_M = 2e-3
-TOUCH_S, LIFT_S, TRAVEL_S = 0.15, 0.10, 0.10
-"""The hand waits 2 mm above the surface, starts down after 0.15 s, travels 0.1 s, and leaves so
-that it is up again 0.1 s before the end; in recordings below 1 s all three shrink with it."""
-
-
-@dataclass(frozen=True)
-class Hand:
-    """What the hand does; [steps] each.
-
-    x, y: where it is in the plane, metres. heading: radians. speed: m/s. press: what it would push
-    with at rest, newtons. lifted: from 0, pressing, to 1, above the surface.
-    """
-
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    heading: NDArray[np.float64]
-    speed: NDArray[np.float64]
-    press: NDArray[np.float64]
-    lifted: NDArray[np.float64]
 
 
 def simulate(
@@ -123,46 +87,36 @@ def simulate(
     if not 0 < stiffness <= STIFFEST_N_PER_M:
         raise ParameterError("a contact needs a stiffness above 0 and up to 1e7 N/m")
     if step_hz is None:
-        step_hz = max(STEP_HZ, STEPS_PER_RADIAN * sqrt((HAND_N_PER_M + stiffness) / MASS_KG))
+        step_hz = max(
+            STEP_HZ, STEPS_PER_RADIAN * sqrt((HELD.hand_n_per_m + stiffness) / HELD.mass_kg)
+        )
     if not (0 < seconds < inf and rate_hz >= 1 and 1 <= step_hz < inf):
         raise ParameterError("a scene needs a finite duration and rates of at least 1 Hz")
     if seed < 0:
         raise ParameterError("a seed is not negative")
 
-    tick_count = max(round(seconds * rate_hz), 1)
-    steps_per_tick = max(ceil(step_hz / rate_hz), 2)
-    dt = 1 / (rate_hz * steps_per_tick)
+    grid = Grid(max(round(seconds * rate_hz), 1), max(ceil(step_hz / rate_hz), 2), rate_hz)
     of_hand, of_surface, of_sensor = (
         np.random.Generator(np.random.PCG64(child))
         for child in np.random.SeedSequence(seed).spawn(3)
     )
-    hand = move_hand(of_hand, tick_count * steps_per_tick, dt)
-    if texture is None:
-        under_tip = np.zeros_like(hand.x)
-        height = under_tip
-    else:
-        from .heightfields import SURFACES
-
-        under_tip = SURFACES[texture](of_surface)(hand.x, hand.y)
-        under_tip -= under_tip.mean()
-        height = _smooth(under_tip, TIP_M, dt)
-    normal = push(height, hand, stiffness, dt)
-    forces = [normal]
-    if axes == 3:
-        slope = np.gradient(_smooth(under_tip, TIP_SLOPE_M, dt), dt) / hand.speed
-        drag = -normal * (FRICTION + slope)
-        forces = [drag * np.cos(hand.heading), drag * np.sin(hand.heading), normal]
-    names = ("tangential force x", "tangential force y", "normal force")[-axes:]
+    names = FORCES[-axes:]
+    tool = replace(
+        HELD,
+        channels=names,
+        contact=Contact(stiffness),
+        texture=Texture(texture) if texture else None,
+    )
+    work = Work()
+    traces = run(tool, grid, of_hand, of_surface, work, lambda _: None, held)
     # The normal force is read first: the same counts with one axis and with three.
-    readings = [
-        _read(force.reshape(tick_count, steps_per_tick).mean(axis=1), of_sensor)
-        for force in reversed(forces)
-    ]
+    reading = force_reading()
+    readings = [reading.counts(traces[name], of_sensor, work) for name in reversed(names)]
     channels = [
         Channel(
             values=counts,
             rate=Fraction(rate_hz),
-            calibration=SENSOR,
+            calibration=reading.calibration,
             label=name,
             unit="N",
             quantity="force",
@@ -177,93 +131,54 @@ def simulate(
         "texture": texture,
         "seed": seed,
         "contact_n_per_m": stiffness,
-        "step_hz": rate_hz * steps_per_tick,
+        "step_hz": rate_hz * grid.per_tick,
     }
     return Recording(tuple(channels), metadata={"scene": scene})
 
 
-def move_hand(rng: np.random.Generator, steps: int, dt: float) -> Hand:
-    """A slow turn, once in about 5 s, with wandering speed, heading and pressure."""
-    t = np.arange(steps, dtype=np.float64) * dt
-    slowest, fastest = SPEED_M_PER_S
-    half = (fastest - slowest) / 2
-    speed = slowest + half + half * np.clip(_wander(rng, t, 0.2, 1.5) / 2, -1, 1)
-    heading = 2 * np.pi * (rng.uniform() + t / 5) + 0.3 * _wander(rng, t, 0.1, 1.0)
-    press = MEAN_FORCE_N * (1 + 0.12 * _wander(rng, t, 0.2, 2.0)) + 0.006 * _wander(rng, t, 8, 12)
-    shrink = min(1.0, steps * dt)
-    down = (t / shrink - TOUCH_S) / TRAVEL_S
-    up = ((steps * dt - t) / shrink - LIFT_S) / TRAVEL_S
-    travelled = np.clip(np.minimum(down, up), 0, 1)
-    return Hand(
-        x=np.cumsum(speed * np.cos(heading)) * dt,
-        y=np.cumsum(speed * np.sin(heading)) * dt,
-        heading=heading,
-        speed=speed,
-        press=press,
-        lifted=(1 + np.cos(np.pi * travelled)) / 2,
-    )
+def held(
+    system: System,
+    target: Floats,
+    surface: Floats,
+    dt_s: float,
+    integrator: str,  # noqa: ARG001
+    z0: float | None,
+    v0: float,
+    *,
+    target_velocity: Floats,
+    surface_velocity: Floats,  # noqa: ARG001
+) -> Motion:
+    """Exact steps under a drive that is held for each of them, in the mode that each begins in.
 
-
-def push(
-    height: NDArray[np.float64], hand: Hand, stiffness: float, dt: float
-) -> NDArray[np.float64]:
-    """Normal force on the surface in newtons, [steps], at the beginning of each step.
-
-    height: of the surface under the tip in metres, [steps].
+    As :func:`hapfmt.scenes.integrators.integrate`, whose "exact" is better: here a contact is
+    noticed up to a step late. The recordings of this module, which are measured with in many
+    places, are those of these steps.
     """
-    depth = hand.press * (1 / HAND_N_PER_M + 1 / stiffness)
-    target = hand.lifted * (depth + APPROACH_M) - depth
-    pull = (HAND_N_PER_M * target + HAND_NS_PER_M * np.gradient(target, dt)) / MASS_KG
-    pushed = pull + stiffness / MASS_KG * height
-    (a, b, c, d), (e, f) = _step(HAND_N_PER_M, dt)
-    (p, q, r, s), (g, h) = _step(HAND_N_PER_M + stiffness, dt)
-    z, v = float(target[0]), 0.0
-    force = []
-    for surface, free, touching in zip(
-        height.tolist(), pull.tolist(), pushed.tolist(), strict=True
+    pull = system.hand_n_per_m * target + system.hand_ns_per_m * target_velocity
+    pull /= system.mass_kg
+    pushed = pull + system.contact_n_per_m / system.mass_kg * surface
+    (a, b, c, d), (e, f) = held_step(*system.mode(False), dt_s)
+    (p, q, r, s), (g, h) = held_step(*system.mode(True), dt_s)
+    z, v = float(target[0]) if z0 is None else z0, v0
+    places, speeds = [], []
+    for height, free, touching in zip(
+        surface.tolist(), pull.tolist(), pushed.tolist(), strict=True
     ):
-        if z < surface:
-            force.append(stiffness * (surface - z))
+        places.append(z)
+        speeds.append(v)
+        if z < height:
             z, v = p * z + q * v + g * touching, r * z + s * v + h * touching
         else:
-            force.append(0.0)
             z, v = a * z + b * v + e * free, c * z + d * v + f * free
-    return np.array(force)
+    path = np.array(places)
+    force = np.where(path < surface, system.contact_n_per_m * (surface - path), 0.0)
+    return Motion(path, np.array(speeds), force)
 
 
-def _step(stiffness: float, dt: float) -> tuple[list[float], list[float]]:
-    """(z, v) after dt is [[p, q], [r, s]] (z, v) + (g, h) u for a constant acceleration input u."""
-    from scipy.linalg import expm
-
+def held_step(stiffness: float, damping: float, dt_s: float) -> tuple[list[float], list[float]]:
+    """(z, v) after dt is [[p, q], [r, s]] (z, v) + (g, h) u for a constant acceleration u."""
     system = np.zeros((3, 3))
     system[0, 1] = 1
-    system[1] = -stiffness / MASS_KG, -HAND_NS_PER_M / MASS_KG, 1
-    exact = expm(system * dt)
+    system[1] = -stiffness, -damping, 1
+    exact = exponential(system * dt_s)
     return exact[:2, :2].ravel().tolist(), exact[:2, 2].tolist()
-
-
-def _wander(
-    rng: np.random.Generator, t: NDArray[np.float64], low_hz: float, high_hz: float
-) -> NDArray[np.float64]:
-    """Eight sines of random frequency and phase between two frequencies; rms 1 in the long run."""
-    out = np.zeros_like(t)
-    for frequency, phase in zip(
-        rng.uniform(low_hz, high_hz, 8), rng.uniform(0, 2 * np.pi, 8), strict=True
-    ):
-        out += np.sin(2 * np.pi * frequency * t + phase)
-    return out / 2
-
-
-def _smooth(height: NDArray[np.float64], width: float, dt: float) -> NDArray[np.float64]:
-    """Gaussian of standard deviation ``width`` in metres at the mean speed, edges held."""
-    sigma = width / (np.mean(SPEED_M_PER_S) * dt)
-    reach = ceil(4 * sigma)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
-    return np.convolve(np.pad(height, reach, mode="edge"), kernel / kernel.sum(), mode="valid")
-
-
-def _read(force: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.int16]:
-    """Newtons to counts, int16: noise, rounding to the nearest, saturation."""
-    noisy = force + rng.normal(0, SENSOR_NOISE_N, force.size)
-    counts = np.floor(noisy * SENSOR.d / SENSOR.a + 0.5)
-    return np.clip(counts, -(2**15), 2**15 - 1).astype(np.int16)

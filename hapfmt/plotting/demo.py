@@ -13,14 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .atomic import atomic_write
-from .errors import MissingExtraError, ParameterError
+from ..errors import ParameterError
+from .style import BLUE, GREY, INK, ORANGE, kind_of, new_figure, save, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-INK, GREY, BLUE, ORANGE = "#22272e", "#8b949e", "#1f5fa8", "#d9570d"
-"""Blue and orange stay apart for colour-blind readers, and in grey print."""
 
 OUTLINE_POINTS = 4000
 """Points a line is thinned to, in pairs of least and greatest: one pair for half a pixel."""
@@ -31,13 +28,6 @@ KNOT_MARKS = 600
 ZOOM_S = 0.2
 BIN_COUNT = 81
 """Bins of a histogram, or fewer: one for each count where the errors are whole counts."""
-
-_METADATA: dict[str, dict[str, Any]] = {
-    ".png": {"Software": None},
-    ".svg": {"Date": None},
-    ".pdf": {"CreationDate": None},
-}
-"""Left out, since it would make two pictures of the same data differ (in an SVG ids still do)."""
 
 
 def plot_demo(
@@ -74,23 +64,16 @@ def plot_demo(
     start_s
         time of the first sample.
     """
-    path = Path(path)
-    if path.suffix.lower() not in _METADATA:
-        raise ParameterError(f"pictures are written as {', '.join(_METADATA)}, not {path.name!r}")
+    kind = kind_of(path)
     parts = (original, lf, reconstruction, lower, upper)
     f, d, y, low, high = (np.asarray(part, dtype=np.float64) for part in parts)
     if f.ndim != 1 or not f.size or any(part.shape != f.shape for part in (d, y, low, high)):
         raise ParameterError("a picture needs five arrays [ticks] of one length, not empty")
     if not rate_hz > 0:
         raise ParameterError("a picture needs a positive rate")
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingExtraError("matplotlib", "plot") from error
-
     time = start_s + np.arange(f.size, dtype=np.float64) / rate_hz
     ticks = np.asarray(knots, dtype=np.int64)
-    figure = Figure(figsize=(11, 8.5), dpi=120, layout="constrained", facecolor="white")
+    figure = new_figure(11, 8.5, layout="constrained")
     grid = figure.add_gridspec(3, 2, height_ratios=(3, 3, 2.2))
     whole = figure.add_subplot(grid[0, :])
     zoom = figure.add_subplot(grid[1, :])
@@ -114,7 +97,7 @@ def plot_demo(
     _signals(zoom, tuple(part[view] for part in (time, f, d, y, low, high)), near)
     zoom.set_xlim(begin, begin + width)
     for axes, name in ((whole, "recording"), (zoom, f"{1000 * width:.0f} ms of it")):
-        _style(axes, name, "time in s", f"{quantity} in {unit}")
+        style(axes, name, "time in s", f"{quantity} in {unit}")
     whole.legend(
         loc="lower right", bbox_to_anchor=(1, 1), ncols=5, frameon=False, fontsize=9, borderpad=0
     )
@@ -123,15 +106,13 @@ def plot_demo(
     missed, half = (y - f)[known], (high - low)[known] / 2
     relative = np.divide(missed, half, out=np.zeros(half.size), where=half > 0)
     _histogram(error_axes[0], missed, error_bound, "half a step", unit)
-    _style(error_axes[0], "error of the reconstruction", error_axes[0].get_xlabel(), "samples")
+    style(error_axes[0], "error of the reconstruction", error_axes[0].get_xlabel(), "samples")
     _histogram(error_axes[1], relative, 1.0, "deadband", "")
-    _style(error_axes[1], "the same in deadbands", "error / half width", "samples")
+    style(error_axes[1], "the same in deadbands", "error / half width", "samples")
 
     if title:
         figure.suptitle(title, fontsize=13, color=INK, x=0.01, ha="left")
-    suffix = path.suffix.lower()
-    with atomic_write(path, force=force) as stream:
-        figure.savefig(stream, format=suffix[1:], metadata=_METADATA[suffix])
+    save([figure], path, kind, force=force)
 
 
 def _signals(axes: Axes, parts: tuple[NDArray[np.float64], ...], ticks: NDArray[np.int64]) -> None:
@@ -184,19 +165,6 @@ def _histogram(
     axes.set_xlim(-reach, reach)
     axes.set_ylim(0, 1.2 * float(np.max(heights)) or 1)
     axes.set_xlabel(f"error in {'m' if milli else ''}{unit}")
-
-
-def _style(axes: Axes, name: str, x_label: str, y_label: str) -> None:
-    axes.set_title(name, loc="left", fontsize=10, color=INK, fontweight="bold")
-    axes.set_xlabel(x_label, fontsize=9, color=INK)
-    axes.set_ylabel(y_label, fontsize=9, color=INK)
-    axes.tick_params(labelsize=8.5, colors=INK, length=3)
-    axes.grid(color="#d0d7de", lw=0.6)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color(GREY)
 
 
 def _outline(

@@ -1,0 +1,172 @@
+"""hapfmt compare"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ..errors import ParameterError
+from .common import (
+    AmountType,
+    echo_json,
+    force_option,
+    json_option,
+    memory_option,
+    output_of,
+    parse_time,
+    printable,
+    progress,
+    table,
+)
+from .parts import open_parts
+from .plot import finish, told
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..encoder.tolerance import Tolerance
+    from ..limits import Limits
+    from ..survey.compare import Comparison
+    from ..survey.views import View
+
+DIFFERENT = 3
+"""As ``verify --against`` says that a promise does not hold (SPEC clause 14)."""
+
+
+@click.command(short_help="How two recordings differ, channel by channel.")
+@click.argument("a", metavar="A")
+@click.argument("b", metavar="B")
+@click.option("--channels", multiple=True, help="Labels or numbers, of both: fx,fy or 0,3. [all]")
+@click.option("--time", "time_", metavar="START:STOP", help="Seconds START <= t < STOP. [all]")
+@click.option(
+    "--tolerance",
+    type=AmountType(),
+    metavar="AMOUNT",
+    help="What counts as equal: 1e-3 in the unit, 0.5lsb, or 0.1% of the range of A. [nothing]",
+)
+@click.option("--plot", "picture", metavar="PICTURE", help="Draw both: .png .svg .pdf.")
+@click.option("--from", "format_", help="Format of A and B, if a name does not say.")
+@click.option("--rate", help="Ticks per second, for a file that does not say.")
+@memory_option
+@force_option
+@json_option
+def compare(
+    a: str,
+    b: str,
+    channels: tuple[str, ...],
+    time_: str | None,
+    tolerance: Tolerance | None,
+    picture: str | None,
+    format_: str | None,
+    rate: str | None,
+    max_memory: Limits,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Compare the samples of A and B, of any format, tick by tick. Channels of one label belong
+    together, else those of one place; metadata, events and attachments are not compared.
+
+    The exit code is 0 where all is identical, or no difference is larger than --tolerance and no
+    sample is missing on either side; 3 where recordings differ, or damage took samples. (1 is an
+    error, unlike that of diff.)
+
+    \b
+    hapfmt compare original.npz touch.hapf
+    hapfmt compare a.hapf b.hapf --tolerance 0.5lsb --plot both.png
+    """
+    from ..atomic import refuse
+    from ..survey.compare import compare as run
+    from ..survey.compare import pair_up
+
+    if a == "-" and b == "-":
+        raise ParameterError("only one of A and B comes from standard input")
+    if picture is not None:
+        from ..plotting.style import kind_of, new_figure
+
+        kind_of(picture)
+        refuse(picture, force)
+        new_figure(1, 1)
+    start, stop = parse_time(time_)
+    whole = time_ is None
+    one = open_parts(a, format_, rate, max_memory, channels, whole=whole)
+    try:
+        two = open_parts(b, format_, rate, max_memory, channels, whole=whole)
+        try:
+            with progress("comparing") as advance:
+                found, views = run(
+                    one, two, pair_up(one, two), start, stop,
+                    tolerance=tolerance, views=picture is not None, progress=advance,
+                )  # fmt: skip
+            code = max(finish(one, start, stop), finish(two, start, stop))
+            footnotes = [*told(one, start, stop, "A: "), *told(two, start, stop, "B: ")]
+        finally:
+            two.close()
+    finally:
+        one.close()
+    if picture is not None:
+        draw(picture, found, views, f"{Path(a).name} (A) and {Path(b).name} (B)", footnotes, force)
+    if not all(row.within for row in found):
+        code = max(code, DIFFERENT)
+    if as_json:
+        names = {"a": a, "b": b, "exit_code": code}
+        same = all(row.identical for row in found)
+        echo_json({**names, "identical": same, "channels": [row.as_json() for row in found]})
+    else:
+        show(a, b, found)
+    return code
+
+
+def draw(
+    picture: str,
+    found: Sequence[Comparison],
+    views: Sequence[View],
+    title: str,
+    footnotes: Sequence[str],
+    force: bool,
+) -> None:
+    from ..plotting.difference import pages
+    from ..plotting.style import kind_of, save
+
+    if not views:
+        raise ParameterError("there is nothing to draw: no channel is in both at one rate")
+    figures = pages(found, views, title=printable(title), footnotes=footnotes)
+    kind = kind_of(picture)
+    if kind != "pdf" and len(figures) > 1:
+        click.echo(f"note: the first of {len(figures)} pages; a PDF has them all", err=True)
+        figures = figures[:1]
+    save(figures, output_of(picture), kind, force=force)
+
+
+def show(a: str, b: str, found: Sequence[Comparison]) -> None:
+    rows = [
+        [
+            str(row.number),
+            row.label,
+            row.verdict,
+            str(row.samples),
+            str(row.only_a),
+            str(row.only_b),
+            str(row.differing),
+            f"{row.largest:.6g}",
+            "-" if row.largest_counts is None else f"{row.largest_counts:.4g}",
+            f"{row.rms:.4g}",
+            row.unit,
+            "-" if row.snr_db is None else f"{row.snr_db:.1f}",
+            "-" if row.snr_hf_db is None else f"{row.snr_hf_db:.1f}",
+        ]
+        for row in found
+    ]
+    headers = ["channel", "label", "verdict", "samples", "only A", "only B", "differing", "largest",
+               "counts", "rms", "unit", "SNR dB", "HF SNR dB"]  # fmt: skip
+    table(headers, rows)
+    for row in found:
+        for note in row.notes:
+            click.echo(f"note: {printable(row.label)}: {printable(note)}", err=True)
+    different = sum(not row.within for row in found)
+    near = sum(row.within and not row.identical for row in found)
+    same = len(found) - different - near
+    parts = [(same, "identical"), (near, "within tolerance"), (different, "different")]
+    said = ", ".join(f"{count} {word}" for count, word in parts if count) or "no channels"
+    click.echo(f"{printable(a)} and {printable(b)}: {said}")

@@ -1,0 +1,74 @@
+"""Files of any format as recordings that are looked at in parts: what plot and compare share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from ..errors import ParameterError
+from .common import HAPF, input_of, load_recording, parse_channels, suffix_of
+
+if TYPE_CHECKING:
+    from ..limits import Limits
+    from ..recording import Recording
+    from ..survey.parts import Parts
+
+
+def open_parts(
+    name: str,
+    format_: str | None,
+    rate: str | None,
+    limits: Limits,
+    channels: Sequence[str] = (),
+    *,
+    numbers: Sequence[int] | None = None,
+    whole: bool = True,
+) -> Parts:
+    """``channels``: labels or numbers as a person gives them; ``numbers``: these;
+    ``whole``: all of its time is wanted, so a hapf file is checked from end to end."""
+    from ..reading.reader import Reader
+    from ..survey.parts import FileParts, RecordingParts
+
+    if suffix_of(name, None if name.lower().endswith(HAPF) else format_) == HAPF:
+        reader = Reader(input_of(name), limits=limits)
+        try:
+            labels = [ref.label for ref in reader.channels]
+            return FileParts(reader, numbers or parse_channels(channels, labels), whole=whole)
+        except BaseException:
+            reader.close()
+            raise
+    recording, _ = load_recording(name, format_, rate, limits)
+    labels = [channel.label for channel in recording.channels]
+    names: Sequence[str | int] | None = numbers or parse_channels(channels, labels)
+    return RecordingParts(recording, None if names is None else places(recording, names))
+
+
+def places(recording: Recording, names: Sequence[str | int]) -> list[int]:
+    """Of channels by label, or by number."""
+    labels = [channel.label for channel in recording.channels]
+    found = []
+    for name in names:
+        if isinstance(name, str) and name in labels:
+            found.append(labels.index(name))
+        elif str(name).isascii() and str(name).isdecimal() and int(name) < len(labels):
+            found.append(int(name))
+        else:
+            known = ", ".join(f"{place}={label!r}" for place, label in enumerate(labels))
+            raise ParameterError(f"no channel {name!r}; there are: {known}")
+    return found
+
+
+def matched(
+    parts: Parts, name: str, format_: str | None, rate: str | None, limits: Limits
+) -> Parts:
+    """The channels of the file ``name`` that belong to those of ``parts``: of the same places, as
+    in ``verify`` (SPEC DBC-003)."""
+    numbers = [channel.number for channel in parts.channels]
+    try:
+        return open_parts(name, format_, rate, limits, numbers=numbers)
+    except ParameterError as error:
+        if not error.message.startswith("no channel"):
+            raise
+        raise ParameterError(
+            f"the original lacks a channel of the file: {error.message}", path=name
+        ) from None

@@ -1,0 +1,180 @@
+"""hapfmt plot"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ParameterError
+from .common import (
+    force_option,
+    memory_option,
+    output_of,
+    parse_time,
+    printable,
+    progress,
+    tell_losses,
+)
+from .parts import matched, open_parts
+
+if TYPE_CHECKING:
+    from ..limits import Limits
+    from ..survey.parts import Parts
+    from ..survey.views import View
+
+ZOOM_TICKS = 400
+"""Of the stretch that is drawn sample by sample."""
+LINES = 3
+"""Of what is lost, below the picture."""
+
+
+@click.command(short_help="A picture of a recording: signal, texture, knots, spectrum, damage.")
+@click.argument("file", metavar="FILE")
+@click.option("--out", metavar="PICTURE", help="Write it here: .png .svg .pdf; - is a pipe.")
+@click.option("--window", is_flag=True, help="Show it in a window instead.")
+@click.option("--channels", multiple=True, help="Labels or numbers: fx,fy or 0,3. [all]")
+@click.option("--time", "time_", metavar="START:STOP", help="Seconds START <= t < STOP. [all]")
+@click.option(
+    "--against", metavar="ORIGINAL", help="What FILE was encoded from: shows its errors too."
+)
+@click.option("--from", "format_", help="Format of FILE, and of ORIGINAL, if a name does not say.")
+@click.option("--rate", help="Ticks per second, for a file that does not say.")
+@click.option(
+    "--to", "kind", type=click.Choice(["png", "svg", "pdf"]), help="Kind, for a pipe [png]."
+)
+@memory_option
+@force_option
+def plot(
+    file: str,
+    out: str | None,
+    window: bool,
+    channels: tuple[str, ...],
+    time_: str | None,
+    against: str | None,
+    format_: str | None,
+    rate: str | None,
+    kind: str | None,
+    max_memory: Limits,
+    force: bool,
+) -> int:
+    """Draw FILE, of any format. Long recordings are read in parts.
+
+    One channel fills a page: the signal, its deadband and the knots of its slow part, a stretch of
+    it sample by sample, the texture, the spectrum. A few have a row each; many are small pictures
+    side by side. A PDF has as many pages as are needed, and one for each channel where there are at
+    most 12. Gaps are hatched, damage is crossed, and what it took is said; the exit code is then 3.
+
+    \b
+    hapfmt plot touch.hapf --out touch.png
+    hapfmt plot touch.hapf --out part.svg --channels force_z --time 1.5:2
+    hapfmt plot touch.hapf --out errors.pdf --against original.npz
+    hapfmt plot touch.npz --window
+    """
+    from ..atomic import refuse
+    from ..plotting.style import kind_of, new_figure, save
+
+    if (out is None) != window:
+        raise ParameterError("say where to: --out touch.png (or .svg, .pdf), or --window")
+    if out is not None and out != "-":
+        kind = kind or kind_of(out)
+        refuse(out, force)
+    new_figure(1, 1)
+    if window:
+        from ..plotting.window import open_window
+
+        open_window("hapfmt").destroy()
+    start, stop = parse_time(time_)
+    parts = open_parts(file, format_, rate, max_memory, channels, whole=time_ is None)
+    try:
+        original = None
+        if against is not None:
+            original = matched(parts, against, format_, rate, max_memory)
+        figures = draw(parts, original, file, start, stop, kind == "pdf" or window)
+        code = finish(parts, start, stop)
+    finally:
+        parts.close()
+    if window:
+        from ..plotting.window import show
+
+        show(figures, f"hapfmt: {file}")
+        return code
+    if len(figures) > 1 and kind != "pdf":
+        click.echo(
+            f"note: the first of {len(figures)} pages; choose with --channels, or write a PDF, "
+            "which has them all",
+            err=True,
+        )
+        figures = figures[:1]
+    assert out is not None
+    save(figures, output_of(out), kind or "png", force=force)
+    return code
+
+
+def draw(
+    parts: Parts,
+    original: Parts | None,
+    name: str,
+    start: Fraction | None,
+    stop: Fraction | None,
+    details: bool,
+) -> list[Any]:
+    """Pages."""
+    from ..plotting.pages import ROWS, pages
+    from ..survey.views import liveliest, survey, within
+
+    first, last = within(parts, start, stop)
+    many = len(parts.channels) > ROWS and not (details and original is not None)
+    with progress("reading") as advance:
+        views = survey(parts, first, last, against=original, spectra=not many, progress=advance)
+    zoom: View | None = None
+    near = liveliest(views[0], ZOOM_TICKS) if len(views) == 1 else None
+    if near is not None:
+        zoom = survey(parts, *near, against=original, spectra=False)[0]
+    title = printable(Path(name).name if name != "-" else "standard input")
+    if original is not None:
+        title += ", against its original"
+    return pages(
+        views, zoom=zoom, events=parts.events(first, last), title=title,
+        footnotes=footnotes(parts, views, start, stop), details=details,
+    )  # fmt: skip
+
+
+def footnotes(
+    parts: Parts, views: list[View], start: Fraction | None, stop: Fraction | None
+) -> list[str]:
+    lines = told(parts, start, stop)
+    missing = sum(view.only_original for view in views)
+    if missing:
+        lines.append(f"{missing} samples of the original are not there")
+    return lines
+
+
+def told(parts: Parts, start: Fraction | None, stop: Fraction | None, name: str = "") -> list[str]:
+    """What is wrong with the file, in a few lines."""
+    from ..damage import lost_lines
+    from ..survey.parts import FileParts
+
+    lines: list[str] = []
+    if isinstance(parts, FileParts):
+        found = parts.reader.findings
+        if found:
+            kinds = sorted({finding.code for finding in found})
+            lines.append(f"{name}{len(found)} findings ({', '.join(kinds)})")
+        lost = lost_lines(parts.reader.catalogue, parts.lost_within(start, stop))
+        lines += [name + line for line in lost[:LINES]]
+        if len(lost) > LINES:
+            lines.append(f"{name}... and {len(lost) - LINES} more losses")
+    return lines
+
+
+def finish(parts: Parts, start: Fraction | None, stop: Fraction | None) -> int:
+    """Tells of damage; the exit code that it deserves."""
+    from ..survey.parts import FileParts
+
+    if not isinstance(parts, FileParts):
+        return 0
+    parts.reader.lost = parts.lost_within(start, stop)
+    return tell_losses(parts.reader)

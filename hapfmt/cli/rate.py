@@ -1,0 +1,366 @@
+"""hapfmt rate"""
+
+from __future__ import annotations
+
+import csv
+import io
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ParameterError
+from .common import echo_json, force_option, json_option, printable, progress, table
+
+if TYPE_CHECKING:
+    from ..study.description import Study
+    from ..study.outputs import Output
+    from ..study.prepare import Prepared
+    from ..study.summary import Mean, Row, Summary
+
+MODES = ("new", "prepare", "summary")
+LEAST_FREE = 1 << 20
+"""Bytes on the disk of the answers: a full one is found before the first question."""
+INTERRUPTED = 130
+"""128 + SIGINT, as in hapfmt replay."""
+
+
+@click.command(short_help="Subjective tests: feel, compare, rate from 0 to 100; and their summary.")
+@click.argument("files", metavar="STUDY.toml|ANSWERS...", nargs=-1, required=True)
+@click.option("--subject", metavar="S07", help="Whose answers: a code, not a name.")
+@click.option("--device", metavar="PROFILE", help="Feel it on a haptic device: see hapfmt profile.")
+@click.option("--path", metavar="DEVICE_PATH", help="Which device, where several fit the profile.")
+@click.option(
+    "--gain",
+    type=click.FloatRange(0, 1, min_open=True),
+    help="Of everything on a device, above 0 and at most 1 [what the profile says].",
+)
+@click.option(
+    "--channels",
+    multiple=True,
+    metavar="A=1,B=2",
+    help="Channels = actuators of the device, as in hapfmt replay.",
+)
+@click.option("--no-watchdog", is_flag=True, help="Where the device can be opened only once.")
+@click.option(
+    "--sound",
+    metavar="CHANNEL[/DEVICE]",
+    help="Feel it on a channel of a sound card, from 1: 1, 2/USB.",
+)
+@click.option(
+    "--wav",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="FOLDER",
+    help="Write what would be felt as WAV files, for another player.",
+)
+@click.option("--dry-run", is_flag=True, help="Ask, and play nothing; with --device render it all.")
+@click.option(
+    "--answers",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Where answers go, and are gone on with [STUDY-answers/SUBJECT.jsonl].",
+)
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="FOLDER",
+    help="Where the conditions are kept, made once [STUDY-conditions].",
+)
+@click.option("--new", is_flag=True, help="Write STUDY.toml, to edit; recordings follow it.")
+@click.option("--prepare", "prepare_only", is_flag=True, help="Make the conditions, and list them.")
+@click.option("--summary", is_flag=True, help="What all of ANSWERS say together.")
+@click.option(
+    "--plot",
+    type=click.Path(path_type=Path),
+    metavar="OUT",
+    help="With --summary: a picture, .png .svg .pdf.",
+)
+@click.option("--csv", "as_csv", is_flag=True, help="With --summary: print CSV.")
+@force_option
+@json_option
+def rate(
+    files: tuple[str, ...],
+    subject: str | None,
+    new: bool,
+    prepare_only: bool,
+    summary: bool,
+    folder: Path | None,
+    answers: Path | None,
+    plot: Path | None,
+    as_csv: bool,
+    force: bool,
+    as_json: bool,
+    **felt: Any,
+) -> int:
+    """Play the conditions of a study in random order beside their reference, and keep what SUBJECT
+    says of each, from 0 to 100; then make the summary of all subjects. docs/studies.md tells how to
+    write a study and how to run one, docs/safety.md what a device can do to a hand.
+
+    \b
+    hapfmt rate --new study.toml sand.hapf cork.hapf
+    hapfmt rate study.toml --prepare
+    hapfmt rate study.toml --subject S07 --device glove5
+    hapfmt rate --summary study-answers/*.jsonl --plot opinions.png
+
+    Every answer is on the disk before the next question; the same command goes on where it
+    stopped, after Ctrl-C too.
+    """
+    chosen = [
+        name for name, given in zip(MODES, (new, prepare_only, summary), strict=True) if given
+    ]
+    if len(chosen) > 1:
+        raise ParameterError(f"choose one of --{' and --'.join(chosen)}")
+    if (plot or as_csv) and not summary:
+        raise ParameterError("--plot and --csv go with --summary")
+    if as_csv and as_json:
+        raise ParameterError("choose one of --csv and --json")
+    if (chosen or as_json) and (subject or (as_json and not chosen)):
+        raise ParameterError("--subject is asked, which has no --json and no other mode beside it")
+    if summary:
+        return summed(files, plot, as_csv, as_json, force)
+    if new:
+        return begun(files, force, as_json)
+    if len(files) != 1:
+        raise ParameterError("one study at a time (--new and --summary take several files)")
+    from ..study.description import load_study
+
+    study = load_study(files[0])
+    if prepare_only:
+        return tell_prepared(study, made(study, folder), as_json)
+    if subject is None:
+        raise ParameterError("whose answers? give --subject, a code such as S07")
+    return asked(study, subject, folder, answers, felt)
+
+
+def begun(files: tuple[str, ...], force: bool, as_json: bool) -> int:
+    from ..atomic import atomic_write
+    from ..study.beginning import new_study
+    from ..study.description import parse_study
+
+    path = Path(files[0])
+    text = new_study(path, files[1:])
+    study = parse_study(text.encode(), path)
+    with atomic_write(path, force=force) as stream:
+        stream.write(text.encode())
+    if as_json:
+        sessions = [each.name for each in study.sessions]
+        echo_json({"study": str(path), "sessions": sessions,
+                   "conditions": [each.name for each in study.conditions]})  # fmt: skip
+    else:
+        click.echo(
+            f"{printable(str(path))}: {len(study.sessions)} sessions of {len(study.conditions)} "
+            "conditions; edit it, then --prepare"
+        )
+    return 0
+
+
+def made(study: Study, folder: Path | None) -> Prepared:
+    from ..study.prepare import prepare
+
+    with progress("preparing") as advance:
+        return prepare(study, folder or study.folder("conditions"), advance)
+
+
+def tell_prepared(study: Study, prepared: Prepared, as_json: bool) -> int:
+    if as_json:
+        rows = [{**s._asdict(), "path": str(s.path), "bits_per_sample": s.bits_per_sample}
+                for s in prepared.stimuli]  # fmt: skip
+        echo_json({"study_sha256": study.digest, "stimuli": rows})
+        return 0
+    rows_shown = [
+        [s.session, s.condition, study.condition(s.condition).role, str(s.file_size),
+         f"{s.bits_per_sample:.3f}", s.path.name]
+        for s in prepared.stimuli
+    ]  # fmt: skip
+    table(["session", "condition", "role", "bytes", "b/sample", "file"], rows_shown)
+    if not any(each.role == "anchor" for each in study.conditions):
+        click.echo("note: no condition is an anchor, so nothing holds the low end of the scale")
+    return 0
+
+
+def asked(
+    study: Study, subject: str, folder: Path | None, answers: Path | None, felt: dict[str, Any]
+) -> int:
+    """The questions; answers are safe however it ends."""
+    from ..study.answers import AnswerFile
+    from ..study.order import refuse_subject
+    from ..study.outputs import SignalError
+    from ..study.rating import Rating, heading
+    from .rating import conduct
+
+    refuse_subject(subject)
+    choose_output(felt)
+    prepared = made(study, folder)
+    output = output_of(felt, study, prepared)
+    path = answers or study.folder("answers") / f"{subject}.jsonl"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if shutil.disk_usage(path.parent).free < LEAST_FREE:
+        raise ParameterError("the disk is full: answers could not be kept", path=str(path))
+    head = heading(study, prepared, subject, output.told)
+    told: Callable[[str], None] = lambda text: click.echo(f"hapfmt: {printable(text)}", err=True)  # noqa: E731
+    with AnswerFile(path, head, told) as file:
+        rating = Rating(study, prepared, file, output)
+        code = 0
+        try:
+            finished = conduct(rating, subject)
+        except KeyboardInterrupt as stopped:
+            finished, code = False, INTERRUPTED
+            if isinstance(stopped, SignalError):
+                code = 128 + stopped.number
+            click.echo()
+        finally:
+            click.echo(
+                f"{rating.done} of {len(rating.trials)} answers are in {printable(str(path))}"
+            )
+        if not finished:
+            click.echo("the same command goes on from here")
+    return code
+
+
+def choose_output(felt: dict[str, Any]) -> None:
+    """What goes together; before anything is prepared."""
+    ways = [name for name in ("device", "sound", "wav") if felt[name] is not None]
+    if felt["dry_run"] and ways == ["device"]:
+        ways = ["dry_run"]
+    elif felt["dry_run"]:
+        ways.append("dry_run")
+    if len(ways) != 1:
+        raise ParameterError(
+            "say where it is felt: --device PROFILE, --sound CHANNEL, --wav FOLDER, or --dry-run"
+            + (", one of them" if ways else "")
+        )
+    if felt["device"] is None and (felt["path"] or felt["gain"] or felt["channels"]):
+        raise ParameterError("--path, --gain and --channels go with --device")
+
+
+def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
+    from ..study import outputs
+
+    if felt["device"] is not None:
+        from ..replay.profile.parse import load_profile
+
+        profile = load_profile(felt["device"])
+        parts = parts_of(felt["channels"], prepared)
+        for each in prepared.stimuli:
+            outputs.refuse_unplayable(each.path, profile, parts)
+        if felt["dry_run"]:
+            return outputs.Nowhere(profile, felt["gain"], parts)
+        config = outputs.find_device(profile, felt["path"])
+        return outputs.Device(profile, config, felt["gain"], parts, not felt["no_watchdog"])
+    if felt["sound"] is not None:
+        from ..study.sound import Card, parse_card
+
+        return outputs.SoundCard(study, prepared, Card(*parse_card(felt["sound"])))
+    if felt["wav"] is not None:
+        return outputs.WavFiles(study, prepared, felt["wav"])
+    return outputs.Nowhere()
+
+
+def parts_of(given: tuple[str, ...], prepared: Prepared) -> tuple[str, ...]:
+    """As hapfmt replay takes them; a label may have a comma itself."""
+    from ..reading.reader import Reader
+    from .replay import parts
+
+    if not given:
+        return ()
+    with Reader(str(prepared.stimuli[0].path)) as reader:
+        return tuple(parts(given, [each.label for each in reader.channels]))
+
+
+def summed(
+    files: tuple[str, ...], plot: Path | None, as_csv: bool, as_json: bool, force: bool
+) -> int:
+    from ..study.answers import load_answers
+    from ..study.summary import as_json as told
+    from ..study.summary import summarise
+
+    if plot is not None:
+        from ..atomic import refuse
+
+        refuse(str(plot), force)
+    summary = summarise([load_answers(each) for each in files])
+    if plot is not None:
+        draw(summary, plot, force)
+    if as_json:
+        echo_json(told(summary))
+    elif as_csv:
+        click.echo(csv_of(summary), nl=False)
+    else:
+        show(summary)
+    if not as_json:
+        for note in (*summary.notes, *unfinished(summary)):
+            click.echo(f"note: {printable(note)}", err=True)
+    return 0
+
+
+def draw(summary: Summary, path: Path, force: bool) -> None:
+    from ..plotting.opinions import plot_opinions
+
+    rows = [row for row in summary.kept or summary.rows if row.session is None]
+    plot_opinions(
+        path,
+        rows,
+        scale=summary.study["scale"],
+        title=f"{summary.study['name']}: {people(rows[0].rating.n)}, mean and 95 % interval",
+        force=force,
+    )
+
+
+def csv_of(summary: Summary) -> str:
+    from ..study.summary import HEADERS, table_rows
+
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(HEADERS)
+    writer.writerows(table_rows(summary))
+    return stream.getvalue()
+
+
+def show(summary: Summary) -> None:
+    out = summary.screened_out
+    study = summary.study
+    missed = f"rated the hidden reference below {study['screen_below']:g} too often"
+    show_rows(f"{study['name']}: {people(len(summary.subjects))}", summary.rows)
+    if not out:
+        click.echo(f"nobody {missed}")
+        return
+    click.echo(f"{len(out)} {missed}: {printable(', '.join(out))}")
+    if summary.kept:
+        show_rows(f"without them: {people(len(summary.subjects) - len(out))}", summary.kept)
+
+
+def people(count: int) -> str:
+    return f"{count} subject{'s' if count != 1 else ''}"
+
+
+def show_rows(title: str, rows: tuple[Row, ...]) -> None:
+    many = any(row.session is not None for row in rows)
+    headers = ["condition", "role", "b/sample", "n", "mean", "+-", "to reference", "+-"]
+    shown = [
+        [
+            *([row.session or "all"] if many else []),
+            row.condition,
+            row.role,
+            "-" if row.bits_per_sample is None else f"{row.bits_per_sample:.3f}",
+            str(row.rating.n),
+            f"{row.rating.mean:.1f}",
+            half_of(row.rating),
+            f"{row.difference.mean:+.1f}",
+            half_of(row.difference),
+        ]
+        for row in rows
+    ]
+    click.echo(printable(title))
+    table([*(["session"] if many else []), *headers], shown)
+
+
+def half_of(mean: Mean) -> str:
+    return "-" if mean.half is None else f"{mean.half:.1f}"
+
+
+def unfinished(summary: Summary) -> list[str]:
+    return [
+        f"{each.name} is left out: {each.open} questions are open" for each in summary.unfinished
+    ]

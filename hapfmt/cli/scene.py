@@ -1,0 +1,206 @@
+"""hapfmt scene"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ParameterError
+from .common import (
+    HAPF,
+    echo_json,
+    force_option,
+    json_option,
+    output_of,
+    printable,
+    progress,
+    save_recording,
+    suffix_of,
+    table,
+)
+
+if TYPE_CHECKING:
+    from ..recording import Recording
+    from ..scenes.description import Scene
+    from ..scenes.work import Work
+
+INTEGRATORS = ("explicit-euler", "semi-implicit", "implicit", "trapezoid", "rk4", "exact")
+PRESETS = ("default", "auto", "paper", "deadband", "archive")
+
+
+@click.command(short_help="Simulate a scene: textures, a wall, taps, a grasp; needs no device.")
+@click.argument("name", metavar="NAME|FILE.toml", required=False)
+@click.argument("target", metavar="OUT", required=False)
+@click.option("--seconds", type=float, metavar="S", help="How long it lasts [4].")
+@click.option(
+    "--stiffness", "n_per_m", type=float, metavar="N/M", help="Of whatever is touched, up to 1e7."
+)
+@click.option("--seed", type=int, metavar="N", help="Another number, another scene [1].")
+@click.option("--rate", "rate_hz", type=int, metavar="HZ", help="Of every sensor [1000].")
+@click.option(
+    "--integrator",
+    type=click.Choice(INTEGRATORS),
+    help="How steps of a contact are taken [exact].",
+)
+@click.option(
+    "--dt", "dt_s", type=float, metavar="S", help="Step of a contact [as its stiffness needs]."
+)
+@click.option(
+    "--without",
+    multiple=True,
+    metavar="PART",
+    help="Leave out texture, contact, tool, hand, tremor, abduction, palm, wrist, or a finger; "
+    "may be given several times.",
+)
+@click.option(
+    "--preset",
+    type=click.Choice(PRESETS),
+    help="Of a .hapf file, as in encode [default where there is a texture, else auto, which "
+    "writes no HF track].",
+)
+@click.option("--list", "as_list", is_flag=True, help="The scenes that there are.")
+@click.option("--show", is_flag=True, help="The TOML of NAME, to start one of your own.")
+@force_option
+@json_option
+def scene(
+    name: str | None,
+    target: str | None,
+    without: tuple[str, ...],
+    preset: str | None,
+    as_list: bool,
+    show: bool,
+    force: bool,
+    as_json: bool,
+    **given: Any,
+) -> int:
+    """Simulate the scene NAME, or the one described in FILE.toml, and write it to OUT (.hapf .npz
+    .csv .npy .wav). Only what the description names is built and computed.
+
+    \b
+    hapfmt scene                                    which there are
+    hapfmt scene sand sand.hapf --seconds 10
+    hapfmt scene wall wall.npz --stiffness 1e5
+    hapfmt scene grasp hand.hapf --without ring --without little
+    hapfmt scene sand --show > mine.toml
+    """
+    from ..scenes.library import load_scene, scene_text
+
+    if as_list or name is None:
+        if show or target is not None:
+            raise ParameterError("--list takes no other argument, and --show the name of a scene")
+        list_scenes(as_json)
+        return 0
+    if show:
+        click.echo(scene_text(name), nl=False)
+        return 0
+    if target is None:
+        raise ParameterError("give OUT, where it is written: scene.hapf, scene.npz, scene.csv")
+    kind = refuse_early(target, force, preset)
+    asked = load_scene(name).without(*without).changed(**given)
+    return write_scene(asked, target, kind, preset, force, as_json)
+
+
+def refuse_early(target: str, force: bool, preset: str | None) -> str:
+    """The suffix of the target, before any work is done for nothing."""
+    from ..atomic import refuse
+    from ..convert import FORMATS
+
+    kind = suffix_of(target, None, HAPF)
+    if kind != HAPF and kind not in FORMATS:
+        known = " ".join((HAPF, *FORMATS))
+        raise ParameterError(f"the suffix {kind!r} is not one of: {known}", path=target)
+    if preset and kind != HAPF:
+        raise ParameterError(f"--preset is of a .hapf file; {kind} holds the samples themselves")
+    if target != "-":
+        refuse(target, force)
+    return kind
+
+
+def write_scene(
+    asked: Scene, target: str, kind: str, preset: str | None, force: bool, as_json: bool
+) -> int:
+    from ..scenes.build import simulate
+
+    began = time.perf_counter()
+    with progress("simulating") as advance:
+        recording, work = simulate(asked, progress=advance)
+    simulated = time.perf_counter() - began
+    told: dict[str, Any] = {
+        **recording.metadata["scene"],
+        "seconds": float(recording.duration),
+        "channels": [channel.label for channel in recording.channels],
+        "work": work.as_json(),
+        "simulate_s": simulated,
+    }
+    if kind == HAPF:
+        textured = asked.tool is not None and asked.tool.texture is not None
+        told |= encode_to(recording, target, preset or ("default" if textured else "auto"), force)
+    else:
+        save_recording(recording, target, kind, force)
+    if as_json and target != "-":
+        echo_json(told)
+    elif target != "-":
+        click.echo(
+            f"{printable(target)}: {printable(asked.name or 'scene')}, "
+            f"{float(recording.duration):g} s, {len(recording)} channels, "
+            f"{recording.sample_count} samples; computed {in_words(work)} in {simulated:.2f} s"
+        )
+    if work.unstable_count:
+        click.echo(
+            "note: the steps are longer than their integrator is stable up to, so the forces may "
+            "be wrong; take a smaller --dt, or --integrator exact",
+            err=True,
+        )
+    if work.saturated_count:
+        click.echo(
+            f"note: {work.saturated_count} samples are at the end of their sensor's range "
+            "(range_n of [tool.sensor])",
+            err=True,
+        )
+    return 0
+
+
+def encode_to(recording: Recording, target: str, preset: str, force: bool) -> dict[str, Any]:
+    """Writes the file; its size, and its tracks by their kind."""
+    from ..encoder.settings import Settings
+    from ..writer import write
+
+    with progress("encoding") as advance:
+        summary = write(
+            recording, output_of(target), Settings.of(preset), force=force, progress=advance
+        )
+    kinds = Counter("lf + hf" if "quantised" in d.chosen else "full" for d in summary.decisions)
+    return {
+        "preset": preset,
+        "file_size": summary.file_size,
+        "payload_size": summary.payload_size,
+        "hf_channel_count": kinds["lf + hf"],
+    }
+
+
+def in_words(work: Work) -> str:
+    """What was computed; nothing is said of what was not."""
+    said = [
+        (work.height_count, "heights"),
+        (work.contact_step_count, "steps of contact"),
+        (work.step_count - work.contact_step_count, "free steps"),
+        (work.finger_count, "fingers"),
+    ]
+    return ", ".join(f"{count} {what}" for count, what in said if count) or "angles alone"
+
+
+def list_scenes(as_json: bool) -> None:
+    from ..scenes.library import builtin_names, load_scene
+
+    found = [load_scene(each) for each in builtin_names()]
+    if as_json:
+        rows = [{"name": each.name, "description": each.description} for each in found]
+        echo_json({"scenes": rows})
+        return
+    table(["name", "what"], [[each.name, each.description] for each in found])
+    if sys.stdout.isatty():
+        click.echo("hapfmt scene NAME OUT.hapf writes one; --show prints its description")

@@ -1,0 +1,302 @@
+"""Recordings, of any format, in parts that are neither too large nor too small."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from itertools import accumulate
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..codecs.grids import UNIFORM, LpcParameters
+from ..codecs.quantised import QuanParameters
+from ..container.track import Contract, Track
+from ..errors import HapfmtError
+from ..events import Event
+from ..reading.assembly import Assembly, join
+from ..reading.catalogue import ChannelRef, Part
+from ..reading.losses import LostSpan
+from ..reading.reader import Reader
+from ..reading.reconstruct import build_channel
+from ..reading.seconds import tick_range
+from ..recording import Channel, Recording, Span
+
+PART = 1 << 20
+"""Samples of all channels that are decoded at a time, about: 20 MB with what is made of them."""
+
+
+@dataclass(frozen=True)
+class Described:
+    """A channel, without its samples. ``contract`` is that of its last track, ``step`` of the
+    quantiser of its residual, or of all its samples, in counts; None: there is none."""
+
+    number: int
+    label: str
+    unit: str
+    quantity: str
+    rate: Fraction
+    lsb: float | None = None
+    zero: float = 0.0
+    contract: Contract | None = None
+    component: int = 0
+    step: int | None = None
+    has_lf: bool = False
+
+    @property
+    def name(self) -> str:
+        return self.label or f"channel {self.number}"
+
+    @property
+    def floor(self) -> float:
+        """Of the deadband, in the channel's unit."""
+        if self.contract is None or self.lsb is None:
+            return 0.0
+        floors = self.contract.floor
+        return floors[min(self.component, len(floors) - 1)] * self.lsb
+
+    @property
+    def weber(self) -> float:
+        return self.contract.kn / self.contract.kd if self.contract else 0.0
+
+    @property
+    def is_vector(self) -> bool:
+        return self.contract is not None and self.contract.vector
+
+    def half_width(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of the deadband of a scalar around physical values x, same shape."""
+        return np.asarray(np.maximum(self.weber * np.abs(x - self.zero), self.floor))
+
+
+class Block(NamedTuple):
+    """A part of one channel: the whole band, the LF track, and half the width of the deadband
+    around each sample of the whole band [samples], where there are such."""
+
+    full: Channel
+    lf: Channel | None = None
+    half: NDArray[np.float64] | None = None
+
+
+class Parts(Protocol):
+    """Channels of one recording, to be looked at in parts. ``lost``: what damage took of what was
+    looked at so far."""
+
+    channels: list[Described]
+    lost: list[LostSpan]
+
+    def extent(self) -> tuple[Fraction, Fraction]:
+        """Seconds from the first sample to the end of the last, of all channels together."""
+
+    def edges(self, start: Fraction, stop: Fraction) -> list[Fraction]:
+        """Seconds that cut [start, stop) into parts of a good size, the two included."""
+
+    def part(self, start: Fraction, stop: Fraction) -> list[Block]:
+        """The seconds [start, stop) of each channel."""
+
+    def events(self, start: Fraction, stop: Fraction) -> list[Event]: ...
+
+    def close(self) -> None: ...
+
+
+def in_parts(
+    parts: Parts, start: Fraction, stop: Fraction
+) -> Iterator[tuple[Fraction, Fraction, list[Block]]]:
+    edges = parts.edges(start, stop)
+    for a, b in zip(edges, edges[1:], strict=False):
+        yield a, b, parts.part(a, b)
+
+
+class RecordingParts:
+    """Of a recording in memory; ``places``: the channels, None: all."""
+
+    def __init__(self, recording: Recording, places: Sequence[int] | None = None) -> None:
+        chosen = range(len(recording)) if places is None else places
+        self.recording = recording
+        self.own = [recording.channels[place] for place in chosen]
+        self.lost: list[LostSpan] = []
+        self.channels = [
+            Described(
+                place, channel.label, channel.unit, channel.quantity, channel.rate,
+                step_of(channel),
+            )
+            for place, channel in zip(chosen, self.own, strict=True)
+        ]  # fmt: skip
+        self.places = [list(accumulate((s.ticks for s in c.coverage), initial=0)) for c in self.own]
+
+    def extent(self) -> tuple[Fraction, Fraction]:
+        known = [c for c in self.own if c.values.size]
+        start = min((c.start_tick / c.rate for c in known), default=Fraction(0))
+        return start, max((c.duration for c in known), default=start)
+
+    def edges(self, start: Fraction, stop: Fraction) -> list[Fraction]:
+        samples = (stop - start) * sum(channel.rate for channel in self.own)
+        count = min(max(int(samples) // PART, 1), 10_000)
+        return [start + (stop - start) * i / count for i in range(count + 1)]
+
+    def part(self, start: Fraction, stop: Fraction) -> list[Block]:
+        return [
+            Block(cut(channel, places, *tick_range(channel.rate, start, stop)))
+            for channel, places in zip(self.own, self.places, strict=True)
+        ]
+
+    def events(self, start: Fraction, stop: Fraction) -> list[Event]:
+        return [event for event in self.recording.events if start <= event.time < stop]
+
+    def close(self) -> None:
+        pass
+
+
+class FileParts:
+    """Of a hapf file; ``names``: labels or numbers of the channels, None: all. A file that is
+    looked at as a whole is walked through first, so that no damage goes by unseen."""
+
+    def __init__(
+        self, reader: Reader, names: Sequence[str | int] | None = None, *, whole: bool = True
+    ) -> None:
+        if whole:
+            reader.scan()
+        self.reader = reader
+        self.refs = reader.select(names)
+        self.lost: list[LostSpan] = []
+        self.passed = False
+        self.channels = [describe(ref, reader) for ref in self.refs]
+
+    def extent(self) -> tuple[Fraction, Fraction]:
+        starts = [ref.start_ns for ref in self.reader.catalogue.data if ref.start_ns is not None]
+        stop = self.reader.duration
+        return min(Fraction(min(starts, default=0), 10**9), stop), stop
+
+    def edges(self, start: Fraction, stop: Fraction) -> list[Fraction]:
+        """Where clusters begin, so that hardly a packet is decoded twice."""
+        rate = sum((ref.track.rate for ref in self.refs), Fraction(0))
+        starts = sorted({ref.start_ns or 0 for ref in self.reader.catalogue.data})
+        found = [start]
+        for ns in starts:
+            seconds = Fraction(ns, 10**9)
+            if seconds < stop and (seconds - found[-1]) * rate >= PART:
+                found.append(seconds)
+        return [*found, stop]
+
+    def part(self, start: Fraction, stop: Fraction) -> list[Block]:
+        catalogue = self.reader.catalogue
+        assembly = self.reader.assembly(self.refs, start, stop)
+        if self.reader.catalogue is not catalogue:
+            # The index was false, and the file was walked instead: once more, with what that found.
+            self.refs = self.reader.select([ref.number for ref in self.refs])
+            assembly = self.reader.assembly(self.refs, start, stop)
+        # Where one pass told what is missing, parts add only the packets that do not decode.
+        told = [s for s in self.reader.lost if not self.passed or s.offset is None]
+        self.lost += [span for span in told if span not in self.lost]
+        return [block_of(assembly, ref) for ref in self.refs]
+
+    def find_lost(self) -> None:
+        """One pass over the packets of a damaged file, from its first to its last, tells best what
+        it lacks."""
+        if self.passed or not self.reader.catalogue.damaged:
+            return
+        tracks = {track.id for ref in self.refs for track in ref.tracks}
+        for _ in self.reader.packets(dict.fromkeys(tracks, (0, 1 << 62))):
+            pass
+        self.lost, self.passed = list(self.reader.lost), True
+
+    def lost_within(self, start: Fraction | None, stop: Fraction | None) -> list[LostSpan]:
+        """Of ``lost``, what touches the seconds [start, stop)."""
+        tracks = self.reader.catalogue.tracks
+        found = []
+        for span in self.lost:
+            track = tracks.get(span.track)
+            first, last = tick_range(track.rate if track else Fraction(1), start, stop)
+            if not track or (span.start < last and (span.stop is None or span.stop > first)):
+                found.append(span)
+        return found
+
+    def events(self, start: Fraction, stop: Fraction) -> list[Event]:
+        before = self.reader.lost
+        found = self.reader.events(start, stop)
+        self.reader.lost = before
+        return found
+
+    def close(self) -> None:
+        self.reader.close()
+
+
+def step_of(channel: Channel) -> float | None:
+    return channel.lsb if channel.calibration is None else float(abs(channel.calibration.step))
+
+
+def cut(channel: Channel, places: Sequence[int], first: int, last: int) -> Channel:
+    """Samples with first <= tick < last; places: of the samples that each span begins with."""
+    coverage = channel.coverage if first < last else ()
+    a = bisect_right(coverage, first, key=lambda span: span.stop)
+    b = bisect_left(coverage, last, key=lambda span: span.start)
+    spans = [Span(max(s.start, first), min(s.stop, last)) for s in coverage[a:b]]
+    if not spans:
+        return replace(channel, values=channel.values[:0], coverage=(), exact=None)
+    low = places[a] + spans[0].start - coverage[a].start
+    high = places[b - 1] + spans[-1].stop - coverage[b - 1].start
+    exact = None if channel.exact is None else channel.exact[low:high]
+    return replace(channel, values=channel.values[low:high], coverage=tuple(spans), exact=exact)
+
+
+def describe(ref: ChannelRef, reader: Reader) -> Described:
+    track, part = ref.track, ref.parts[-1]
+    component = track.components[ref.index]
+    a, b, d = component.calibration
+    contract = part.contract
+    zero = (contract.zero[ref.index] * a + b) / d if contract and contract.zero else 0.0
+    return Described(
+        ref.number, ref.label, component.unit, component.quantity, track.rate,
+        abs(a) / d if track.number_format == "counts" else None,
+        zero, contract, ref.index, quantiser_step(part.residual or part.track, reader),
+        any(each.track.kind == "lf" and each.residual for each in ref.parts),
+    )  # fmt: skip
+
+
+def quantiser_step(track: Track, reader: Reader) -> int | None:
+    """In counts; None where samples are not rounded to a uniform grid, or lossless."""
+    level = reader.catalogue.level
+    try:
+        if track.codec == "QUAN":
+            return QuanParameters.parse(track.parameters, level, track.offset).step
+        if track.codec == "LPCR":
+            grid = LpcParameters.parse(track.parameters, level, track.offset)
+            return grid.step if grid.grid == UNIFORM and grid.step > 1 else None
+    except HapfmtError:
+        pass  # reading says so, with its place
+    return None
+
+
+def block_of(assembly: Assembly, ref: ChannelRef) -> Block:
+    described = ref.track.components[ref.index]
+    fulls = assembly.parts(ref)
+    lfs = [
+        build_channel(assembly.tracks[part.track.id], ref.index, described)
+        for part in ref.parts
+        if part.track.kind == "lf"
+    ]
+    halves = None
+    if any(part.contract for part in ref.parts):
+        pairs = zip(ref.parts, fulls, strict=True)
+        halves = np.concatenate([half_width(assembly, ref, *pair) for pair in pairs])
+    return Block(join(fulls), join(lfs) if lfs else None, halves)
+
+
+def half_width(
+    assembly: Assembly, ref: ChannelRef, part: Part, full: Channel
+) -> NDArray[np.float64]:
+    """[samples of full], in the channel's unit: what the contract allows around the decoded values;
+    NaN where there is none. Of a vector the norm counts."""
+    contract = part.contract
+    if contract is None or full.calibration is None:
+        return np.full(full.values.size, np.nan)
+    counts = full.values[:, None]
+    zero, floor = contract.zero[ref.index : ref.index + 1], contract.floor
+    if contract.vector:
+        counts, zero = assembly.of_part(part).numbers(), contract.zero
+    away = counts.astype(np.float64) - np.array(zero)
+    norm = np.sqrt(np.einsum("ij,ij->i", away, away))
+    allowed = np.maximum(norm * contract.kn / contract.kd, floor[min(ref.index, len(floor) - 1)])
+    return np.asarray(allowed * float(abs(full.calibration.step)))

@@ -1,0 +1,264 @@
+"""Descriptions of scenes: whatever is wrong is named by its key, with what to do about it."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from spec import ROOT
+
+from hapfmt.errors import ParameterError
+from hapfmt.scenes import Scene, builtin_names, load_scene, parse_scene, scene_text
+from hapfmt.scenes.description import (
+    CHANNELS,
+    FINGERS,
+    PARTS,
+    Contact,
+    Hand,
+    Press,
+    Reach,
+    Sensor,
+    Stroke,
+    Texture,
+    Tool,
+)
+from hapfmt.scenes.keys import SceneError
+
+TOOL = "[tool]\n[tool.stroke]\n"
+HUGE = "9" * 5000
+
+WRONG = [
+    ("", "a scene of nothing; add [tool] or [hand]"),
+    ("seconds = 1", "a scene of nothing; add [tool] or [hand]"),
+    ("[", "no TOML: "),
+    ("x = " + "[" * 5000, "no TOML: "),
+    ("a = 1\na = 2\n" + TOOL, "no TOML: "),
+    ("secnds = 1\n" + TOOL, "secnds: is no known key; did you mean seconds?"),
+    ("q = 1\n" + TOOL, "q: is no known key; known: name, description, seconds, seed,"),
+    ("tool = 3", "tool: is no table; write it as [tool.x]".replace("[tool.x]", "[table]")),
+    ("[tool]", "tool: has none of stroke, press, reach; give one of them"),
+    (TOOL + "[tool.reach]", "tool: has stroke and reach of stroke, press, reach; give one"),
+    ("[tool.press]", "tool.press: press_n is missing; add what the hand presses with, in N"),
+    ("seconds = '4'\n" + TOOL, "seconds: is no number; write one, without quotes"),
+    ("seconds = true\n" + TOOL, "seconds: is no number"),
+    ("seconds = 0\n" + TOOL, "seconds: 0 is too small; write a number above 0"),
+    ("seconds = nan\n" + TOOL, "seconds: nan cannot be used; write a finite number"),
+    ("seconds = inf\n" + TOOL, "seconds: inf cannot be used"),
+    ("seconds = 1e9\n" + TOOL, "seconds: 1000000000.0 is out of range; write 0 to 36000"),
+    (f"seconds = {HUGE[:4000]}\n" + TOOL, "seconds: the number is out of range"),
+    ("seed = -1\n" + TOOL, "seed: -1 is out of range; write 0 to 9223372036854775807"),
+    ("seed = 1.5\n" + TOOL, "seed: is no whole number; write one from 0 to"),
+    ("rate_hz = 0\n" + TOOL, "rate_hz: 0 is out of range; write 1 to 1000000"),
+    ("name = 3\n" + TOOL, "name: is no text; put it between quotes"),
+    (f"name = '{'n' * 101}'\n" + TOOL, "name: has 101 characters; at most 100 are taken"),
+    (TOOL + "speed_m_per_s = 3", "tool.stroke.speed_m_per_s: is not two numbers; write [smallest,"),
+    (TOOL + "speed_m_per_s = [1]", "tool.stroke.speed_m_per_s: is not two numbers"),
+    (TOOL + "speed_m_per_s = [0, 1]", "tool.stroke.speed_m_per_s[0]: 0 is out of range"),
+    (TOOL + "speed_m_per_s = [0.2, 0.1]", "tool.stroke.speed_m_per_s: begins with the larger"),
+    (TOOL + "[tool.contact]", "tool.contact: n_per_m is missing; add the stiffness in N/m"),
+    (TOOL + "[tool.contact]\nn_per_m = 1e8", "tool.contact.n_per_m: 100000000.0 is out of range"),
+    (TOOL + "[tool.contact]\nn_per_m = 0", "tool.contact.n_per_m: 0 is too small"),
+    (
+        TOOL + "[tool.contact]\nn_per_m = 1\nintegrator = 'exakt'",
+        "tool.contact.integrator: there is no 'exakt'; did you mean 'exact'?",
+    ),
+    (
+        TOOL + "[tool.contact]\nn_per_m = 1\nintegrator = 'x'",
+        "tool.contact.integrator: there is no 'x'; choose one of explicit-euler, ",
+    ),
+    (TOOL + "[tool.contact]\nn_per_m = 1\ndt_s = 0.01", "tool.contact.dt_s: is longer than a tick"),
+    (TOOL + "[tool.contact]\nn_per_m = 1\ndt_s = 0", "tool.contact.dt_s: 0 is too small"),
+    (TOOL + "[tool.texture]\nsurface = 'sand'", "tool.texture: is not felt without [tool.contact]"),
+    (
+        "[tool.press]\npress_n = 1\n[tool.contact]\nn_per_m = 1\n[tool.texture]\nsurface = 'sand'",
+        "tool.texture: is not felt without [tool.stroke]; add it",
+    ),
+    (TOOL + "[tool.texture]", "tool.texture: surface is missing; add what is stroked"),
+    (
+        TOOL + "[tool.texture]\nsurface = 'velvet'",
+        "there is no 'velvet'; choose one of stone, sand",
+    ),
+    (TOOL + "[tool.sensor]", "tool.sensor: has no force to read; add [tool.contact]"),
+    ("[tool.reach]\n[tool.contact]\nn_per_m = 1", "tool.contact: is never met by reach; take one"),
+    (
+        "[tool]\nchannels = ['normal force']\n[tool.stroke]",
+        "tool.channels: 'normal force' needs [tool.contact]; add it",
+    ),
+    (
+        "[tool]\nchannels = ['position x']\n[tool.press]\npress_n = 1",
+        "tool.channels: 'position x': a press moves along z alone; leave it out",
+    ),
+    ("[tool]\nchannels = []\n[tool.stroke]", "tool.channels: is no list; write some of tangential"),
+    ("[tool]\nchannels = [3]\n[tool.stroke]", "tool.channels[0]: is no text; write one of"),
+    ("[tool]\nchannels = ['force']\n[tool.stroke]", "tool.channels[0]: there is no 'force'; "),
+    (
+        "[tool]\nchannels = ['position x', 'position x']\n[tool.stroke]",
+        "tool.channels[1]: 'position x' stands there twice; write it once",
+    ),
+    ("[tool.press]\npress_n = 1\nevery_s = 1", "tool.press.every_s: is over before the hand is up"),
+    ("[tool.reach]\nevery_s = 0.1", "tool.reach.travel_s: is longer than every_s; write at most"),
+    (
+        TOOL + "[tool.contact]\nn_per_m = 1\n[tool.sensor]\nstep_n = 1\nrange_n = 0.5",
+        "tool.sensor.range_n: takes less than 1 or more than 2^30 steps; mend step_n",
+    ),
+    ("[hand]\nfingers = ['toe']", "hand.fingers[0]: there is no 'toe'; choose one of thumb, "),
+    ("[hand]\nfingers = []", "hand.fingers: is no list; write some of thumb, index"),
+    ("[hand]\nwrist = 1", "hand.wrist: is neither true nor false; write one of them"),
+    ("[hand]\nevery_s = 1", "hand.every_s: is too short to close, hold and open"),
+    ("[hand.object]\nwidth_m = 0.05", "hand.object: n_per_m is missing; add the stiffness in N/m"),
+    ("[hand.object]\nn_per_m = 1\nwidth_m = 1", "hand.object.width_m: 1 is out of range"),
+    ("[hand.tremor]\nhz = [8]", "hand.tremor.hz: is not two numbers"),
+    ("[hand]\nmiddle = true", "hand.middle: is no known key; "),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), WRONG, ids=range(len(WRONG)))
+def test_what_is_wrong_is_named(text, message):
+    with pytest.raises(ParameterError) as caught:
+        parse_scene(text, "mine.toml")
+    assert str(caught.value).startswith("mine.toml: ") and message in str(caught.value)
+    assert len(str(caught.value)) < 600
+
+
+def test_no_two_are_told_alike():
+    said = set()
+    for text, _ in WRONG:
+        with pytest.raises(ParameterError) as caught:
+            parse_scene(text)
+        said.add(caught.value.message)
+    assert len(said) > len(WRONG) - 6
+
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(
+            st.sampled_from(
+                [*(f.name for t in (Scene, Tool, Hand, Contact) for f in fields(t)), "x"]
+            ),
+            inner,
+            max_size=4,
+        )
+    ),
+    max_leaves=5,
+)
+
+
+@given(st.dictionaries(st.sampled_from([f.name for f in fields(Scene)]), values, max_size=5))
+def test_any_values_give_a_scene_or_an_error_of_ours(given):
+    from hapfmt.scenes.keys import read_table
+
+    try:
+        scene = read_table(Scene, given)
+    except SceneError as error:
+        assert error.message
+    else:
+        assert scene.tool or scene.hand
+
+
+@given(st.text())
+def test_any_text(text):
+    try:
+        parse_scene(text)
+    except ParameterError as error:
+        assert str(error)
+
+
+class TestFiles:
+    def test_names_that_are_none(self, tmp_path):
+        with pytest.raises(ParameterError, match="neither a file nor one of cork, everything"):
+            load_scene("velvet")
+        with pytest.raises(ParameterError, match="neither a file"):
+            load_scene(str(tmp_path))
+
+    def test_not_utf8_and_too_long(self, tmp_path):
+        path = tmp_path / "a.toml"
+        path.write_bytes(b"\xff\xfe")
+        with pytest.raises(ParameterError, match="not UTF-8"):
+            load_scene(str(path))
+        path.write_bytes(b"#" * ((1 << 20) + 1))
+        with pytest.raises(ParameterError, match="more than 1 MiB"):
+            load_scene(str(path))
+
+    @pytest.mark.parametrize("name", builtin_names())
+    def test_built_in_ones_are_what_they_say(self, name, tmp_path):
+        scene = load_scene(name)
+        assert scene.name == name and 20 < len(scene.description) < 100
+        path = tmp_path / "copy.toml"
+        path.write_text(scene_text(name), encoding="utf-8")
+        assert load_scene(str(path)) == scene
+
+
+class TestInPython:
+    def test_the_same_rules(self):
+        for make, message in (
+            (lambda: Tool(stroke=Stroke(), press=Press(1)), "give one of them"),
+            (lambda: Tool(stroke="fast"), "stroke: is no Stroke; give one, or None"),
+            (lambda: Contact(-1.0), "n_per_m: -1.0 is too small"),
+            (lambda: Contact(1, integrator="euler"), "integrator: there is no 'euler'"),
+            (Scene, "a scene of nothing"),
+            (lambda: Texture("velvet"), "surface: there is no 'velvet'"),
+            (lambda: Sensor(step_n=1e-6, range_n=1e4), "range_n: takes"),
+            (lambda: Hand(fingers=()), "fingers: is no list"),
+        ):
+            with pytest.raises(SceneError) as caught:
+                make()
+            assert message in caught.value.message
+
+    def test_whole_numbers_become_floats_and_lists_tuples(self):
+        tool = Tool(channels=["position y", "position x"], reach=Reach(extent_m=1))
+        assert tool.channels == ("position x", "position y")
+        assert type(tool.reach.extent_m) is float
+
+    def test_changed(self):
+        scene = load_scene("grasp").changed(n_per_m=50, seed=7, seconds=None)
+        assert scene.hand.object.n_per_m == 50 and scene.seed == 7 and scene.seconds == 4
+        assert scene.hand.object.grip_n == 6
+        with pytest.raises(SceneError, match="'free' touches nothing, so this is no part of it"):
+            load_scene("free").changed(n_per_m=1e3)
+        with pytest.raises(SceneError, match="seed: -1 is out of range"):
+            load_scene("free").changed(seed=-1)
+
+    @pytest.mark.parametrize("part", PARTS)
+    def test_without(self, part):
+        scene = load_scene("everything").without(part)
+        text = repr(scene)
+        if part == "contact":
+            assert not scene.contacts and "Texture" not in text
+            assert not [name for name in scene.tool.recorded if "force" in name]
+        elif part in FINGERS:
+            assert scene.hand.fingers == tuple(f for f in FINGERS if f != part)
+        elif part in ("abduction", "palm", "wrist"):
+            assert f"{part}=False" in text
+        else:
+            assert f"{part}=None" in text
+
+    def test_all_of_it_taken_out(self):
+        with pytest.raises(SceneError, match="a scene of nothing"):
+            load_scene("everything").without("tool", "hand")
+        with pytest.raises(SceneError, match="no part is called 'toe'; there are: texture"):
+            load_scene("everything").without("toe")
+        with pytest.raises(SceneError, match="fingers: is no list"):
+            load_scene("grasp").without(*FINGERS)
+
+    def test_recorded(self):
+        assert Tool(press=Press(1)).recorded == ("position z", "velocity z")
+        assert Tool(press=Press(1), contact=Contact(1)).recorded == ("normal force",)
+        assert Tool(reach=Reach()).recorded == CHANNELS[3:]
+
+
+def test_every_key_is_described():
+    """docs/scenes.md has a row for each, with what belongs there."""
+    page = (ROOT / "docs" / "scenes.md").read_text("utf-8")
+    tables = {"": Scene}
+    while tables:
+        at, table = tables.popitem()
+        for each in fields(table):
+            rule = each.metadata["key"]
+            assert f"| `{each.name}` | {rule.what}" in page, f"{at}{each.name}"
+            if rule.table:
+                assert is_dataclass(rule.table)
+                tables[f"{at}{each.name}."] = rule.table

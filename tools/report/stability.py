@@ -1,0 +1,119 @@
+"""Stability: each stiff or extreme case, the naive way beside ours; and four of them drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from stability import Row, rows
+from stability.filters import butterworth
+from stability.playing import STEP_N, scheduled
+from stability.ranges import range_derived
+from stability.scenes import HAND, run
+from stability.signals import RATE, back, contact, force, texture
+
+from hapfmt.kernels import compiled
+from hapfmt.scenes.integrators import System, default_step_s
+from report.section import COLOURS, PALE, Options, Section, Table, drawn
+
+HEADERS = ["row", "case", "naive", "ours", "unit", "what must hold", "holds", "note"]
+
+
+def section(options: Options) -> Section:
+    found = rows(deep=not options.quick, progress=options.progress)
+    return Section(
+        "Stability",
+        text_of(found),
+        [Table("Stiff and extreme cases", HEADERS, [cells(row) for row in found])],
+        [
+            drawn(
+                "Four of them",
+                "What a naive way gives (dotted) and what hapfmt gives (line), from the same "
+                "samples (grey). Rows 5, 8, 19 and 20 of the table.",
+                draw,
+                width=8.5,
+                height=6.0,
+                panels=(2, 2),
+            )
+        ],
+        [row._asdict() for row in found],
+    )
+
+
+def cells(row: Row) -> list[str | int | float | bool]:
+    return [row.number, row.case, row.naive, row.ours, row.unit, row.limits, row.ok, row.note]
+
+
+def text_of(found: Sequence[Row]) -> str:
+    failed = [f"row {row.number} ({row.case})" for row in found if not row.ok]
+    held = f"{len(found) - len(failed)} of {len(found)}"
+    loops = "the compiled loops" if compiled else "the readable loops, no extension"
+    return (
+        f"**{held} stiff and extreme cases hold{', all of them' if not failed else ''}.** "
+        + (f"**Not: {', '.join(failed)}.** " if failed else "")
+        + f"Both results of each row are computed here, with {loops}: the naive one must be as bad "
+        "as the row says, or there would be nothing to show, and ours as good. The same rows are "
+        "tests (`tests/test_stability.py`), run with and without the extension."
+    )
+
+
+def draw(axes: Any) -> None:
+    for panel, picture in zip(axes.flat, (touch, glitch, jumps, stiff), strict=True):
+        picture(panel)
+    axes.flat[0].legend(loc="upper left")
+
+
+def lines(panel: Any, x: Any, recorded: Any, naive: Any, ours: Any) -> None:
+    """Each an array over x, None where there is none."""
+    if recorded is not None:
+        panel.plot(x, recorded, color=PALE, linewidth=4, alpha=0.45, marker="", label="recorded")
+    panel.plot(x, naive, color=COLOURS[1], linestyle=":", marker="", label="naive")
+    panel.plot(x, ours, color=COLOURS[0], marker="", label="hapfmt")
+
+
+def touch(panel: Any) -> None:
+    at = 1000
+    x = contact(2000, at)
+    ms = np.arange(-150, 60)
+    shown = slice(at + ms[0], at + ms[-1] + 1)
+    slow = back(force(x), bits=8, band="lf").physical()
+    lines(panel, ms, x[shown], butterworth(x, 8)[shown], slow[shown])
+    panel.set_ylim(-0.5, 1.2)
+    panel.set_title("LF before a contact of 3.3 N: it pulls")
+    panel.set_xlabel("ms")
+    panel.set_ylabel("N")
+
+
+def glitch(panel: Any) -> None:
+    x = 1 + texture(8000, 0.03)
+    x[4000] = 1000
+    shown = slice(2000, 2080)
+    y = back(force(x)).physical()
+    lines(panel, np.arange(80), x[shown], range_derived(x)[shown], y[shown])
+    panel.set_title("2 s before a glitch of 1 kN: the texture")
+    panel.set_xlabel("ms")
+    panel.set_ylabel("N")
+
+
+def jumps(panel: Any) -> None:
+    x = 1.4 * np.cos(2 * np.pi * 0.4 * np.arange(4000) / RATE)
+    sent = scheduled(x) * STEP_N
+    naive = np.concatenate([x[:1500], x[2000:3000], np.zeros(sent.size)])[: sent.size]
+    lines(panel, np.arange(sent.size) / RATE, None, naive, sent)
+    panel.set_title("Start, seek at 1.5 s, stop at 2.5 s")
+    panel.set_xlabel("seconds")
+    panel.set_ylabel("N")
+
+
+def stiff(panel: Any) -> None:
+    system = System(*HAND, 1e4)
+    dt = default_step_s(system)
+    stride = round(1e-3 / dt)
+    ours = run(system, dt, "exact")[0].force[::stride]
+    naive = run(system, 1e-3, "explicit-euler")[0].force
+    shown = slice(0, 500)
+    lines(panel, np.arange(500), None, naive[shown], ours[shown])
+    panel.set_title("60 g against 10 kN/m, steps of 1 ms and of 50 us")
+    panel.set_xlabel("ms")
+    panel.set_ylabel("N")

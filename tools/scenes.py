@@ -1,0 +1,256 @@
+"""What a scene costs with everything in it, and without each of its parts.
+
+python tools/scenes.py [--seconds 10] [--repeats 3] [--keys]
+
+Each row is two processes of their own. One runs the verb, `hapfmt scene`, from start to end: its
+CPU time, its peak memory, the modules it loaded, and the file. The other has imported all before,
+and simulates: CPU time, and memory beyond what it held. Times are the best of --repeats. --keys
+prints the tables of docs/scenes.md.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+from measured import ROOT, print_origin, print_table
+from rich.console import Console
+
+MIB = 1 << 20
+FINE = "relief = 0.02"
+"""Of a texture too fine to feel: 0.6 mN rms, a count of the sensor."""
+
+BARE = """
+import json, sys
+from pathlib import Path
+from hapfmt.cli import cli
+cli.main(sys.argv[1:], standalone_mode=False)
+status = Path("/proc/self/status")
+status = status.read_text("ascii") if status.exists() else ""
+print(json.dumps({"modules": len(sys.modules), "status": status}))
+"""
+
+
+class Row(NamedTuple):
+    """A scene, what is taken out of it, the preset of its file, and what is added to its TOML."""
+
+    name: str
+    scene: str
+    without: tuple[str, ...] = ()
+    preset: str = "default"
+    added: str = ""
+
+
+ROWS = (
+    Row("everything", "everything"),
+    Row("everything, no HF track", "everything", (), "auto"),
+    Row("no texture", "everything", ("texture",), "auto"),
+    Row("no contact", "everything", ("contact",), "auto"),
+    Row("no hand", "everything", ("hand",)),
+    Row("no hand, no texture", "everything", ("hand", "texture"), "auto"),
+    Row("no hand, no contact", "everything", ("hand", "contact"), "auto"),
+    Row("no tool", "everything", ("tool",), "auto"),
+    Row("no tool, no contact, no tremor", "everything", ("tool", "contact", "tremor"), "auto"),
+    Row("one finger, no palm, no wrist", "everything",
+        ("tool", "index", "middle", "ring", "little", "palm", "wrist", "abduction"), "auto"),
+    Row("sand", "sand"),
+    Row("sand too fine to feel", "sand", (), "default", FINE),
+    Row("sand without texture", "sand", ("texture",), "auto"),
+    Row("sand without contact", "sand", ("contact",), "auto"),
+)  # fmt: skip
+HEADERS = ["scene", "channels", "heights", "contact steps", "free steps", "simulate ms", "MiB",
+           "whole verb: CPU s", "peak MiB", "modules", "file B", "HF tracks"]  # fmt: skip
+
+
+class Found(NamedTuple):
+    """work: the counters. Seconds of CPU, bytes. The first two of simulating alone, then of the
+    verb."""
+
+    work: dict[str, int]
+    simulate_s: float
+    simulate_memory: int
+    verb_s: float
+    verb_memory: int
+    module_count: int
+    file_size: int
+    hf_track_count: int
+
+
+def measure(row: Row, seconds: float, repeats: int, folder: Path) -> Found:
+    """One row, each part in processes of its own."""
+    source = scene_file(row, folder)
+    target = folder / "scene.hapf"
+    verb = ["scene", source, str(target), "--seconds", str(seconds), "--preset", row.preset,
+            "--force", *(word for part in row.without for word in ("--without", part))]  # fmt: skip
+    runs = [run([sys.executable, "-c", BARE, *verb]) for _ in range(repeats)]
+    told = [json.loads(each.output.splitlines()[-1]) for each in runs]
+    asked = json.dumps([source, row.without, seconds, repeats])
+    inside = json.loads(run([sys.executable, __file__, "--child", asked]).output)
+    import hapfmt
+
+    with hapfmt.Reader(target) as reader:
+        hf = sum(each.kind == "hf" for each in reader.catalogue.tracks.values())
+    return Found(
+        inside["work"],
+        inside["simulate_s"],
+        inside["memory"],
+        min(each.cpu_s for each in runs),
+        min(peak_of(each["status"], run.most) for each, run in zip(told, runs, strict=True)),
+        told[0]["modules"],
+        target.stat().st_size,
+        hf,
+    )
+
+
+def scene_file(row: Row, folder: Path) -> str:
+    """The name of the scene, or of a file with what is added."""
+    if not row.added:
+        return row.scene
+    from hapfmt.scenes import scene_text
+
+    path = folder / "mine.toml"
+    path.write_text(scene_text(row.scene) + row.added + "\n", encoding="utf-8")
+    return str(path)
+
+
+class Run(NamedTuple):
+    output: str
+    cpu_s: float
+    most: int
+
+
+def run(words: list[str]) -> Run:
+    """A process to its end: what it prints, its CPU time, its ru_maxrss."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+    with tempfile.TemporaryFile() as out:
+        process = subprocess.Popen(words, stdout=out, env=environment)
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode:
+            raise click.ClickException(f"{' '.join(words)}: exit code {process.returncode}")
+        out.seek(0)
+        output = out.read().decode()
+    return Run(output, usage.ru_utime + usage.ru_stime, usage.ru_maxrss)
+
+
+def child(source: str, without: list[str], seconds: float, repeats: int) -> dict[str, Any]:
+    """Simulating, measured in this process."""
+    from hapfmt.scenes import load_scene
+    from hapfmt.scenes.build import simulate
+
+    scene = load_scene(source).without(*without).changed(seconds=seconds)
+    simulate(scene.changed(seconds=0.01))  # what is imported is no part of it
+    before, times = peak(), []
+    for _ in range(repeats):
+        began = time.process_time()
+        _, work = simulate(scene)
+        times.append(time.process_time() - began)
+    return {"work": work.as_json(), "simulate_s": min(times), "memory": peak() - before}
+
+
+def peak() -> int:
+    """Bytes this process has held at most."""
+    status = Path("/proc/self/status")
+    text = status.read_text("ascii") if status.exists() else ""
+    return peak_of(text, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+
+
+def peak_of(status: str, most: int) -> int:
+    """Bytes, from Linux' own status of a process, since ru_maxrss begins there with what its parent
+    held; elsewhere from that."""
+    for line in status.splitlines():
+        if line.startswith("VmHWM"):
+            return int(line.split()[1]) * 1024
+    return most if sys.platform == "darwin" else most * 1024
+
+
+def measure_all(
+    rows: Sequence[Row], seconds: float, repeats: int, told: Callable[[str], None]
+) -> list[tuple[Row, Found]]:
+    """Of each row what was found; ``told`` hears the name of each before."""
+    found = []
+    with tempfile.TemporaryDirectory() as folder:
+        for row in rows:
+            told(row.name)
+            found.append((row, measure(row, seconds, repeats, Path(folder))))
+    return found
+
+
+def cells(row: Row, found: Found) -> list[str | float]:
+    work = found.work
+    return [
+        row.name,
+        work["channel_count"],
+        work["height_count"],
+        work["contact_step_count"],
+        work["step_count"] - work["contact_step_count"],
+        round(1000 * found.simulate_s, 1),
+        round(found.simulate_memory / MIB, 1),
+        round(found.verb_s, 2),
+        round(found.verb_memory / MIB),
+        found.module_count,
+        found.file_size,
+        found.hf_track_count,
+    ]
+
+
+def print_keys() -> None:
+    """The tables of docs/scenes.md."""
+    from hapfmt.scenes.description import Scene
+
+    tables: list[tuple[str, Any]] = [("", Scene)]
+    while tables:
+        at, table = tables.pop(0)
+        print(f"### {f'`[{at}]`' if at else 'At the top'}\n\n{' '.join(table.__doc__.split())}\n")
+        print("| key | what | without it |\n|---|---|---|")
+        for each in fields(table):
+            rule = each.metadata["key"]
+            inner = ".".join(filter(None, (at, each.name)))
+            if rule.table:
+                tables.append((inner, rule.table))
+            print(f"| `{each.name}` | {rule.what} | {without(each)} |")
+        print()
+
+
+def without(each: Any) -> str:
+    """What a key that is not given stands for."""
+    if each.default is MISSING:
+        return "must be given"
+    if each.metadata["key"].table:
+        return "none"
+    value = list(each.default) if isinstance(each.default, tuple) else each.default
+    return "as said" if value is None else f"`{json.dumps(value)}`"
+
+
+@click.command(help=__doc__)
+@click.option("--seconds", default=10.0, help="Length of each scene.")
+@click.option("--repeats", default=3, help="Times are the best of so many.")
+@click.option("--keys", is_flag=True, help="Print the tables of docs/scenes.md.")
+@click.option("--child", "asked", hidden=True)
+def main(seconds: float, repeats: int, keys: bool, asked: str | None) -> None:
+    if keys:
+        print_keys()
+        return
+    if asked:
+        print(json.dumps(child(*json.loads(asked))))
+        return
+    console = Console(stderr=True)
+    with console.status("scenes") as status:
+        rows = [cells(*each) for each in measure_all(ROWS, seconds, repeats, status.update)]
+    print_origin()
+    print(f"{seconds:g} s of each scene; CPU time, best of {repeats}\n")
+    print_table(HEADERS, rows)
+
+
+if __name__ == "__main__":
+    main()
