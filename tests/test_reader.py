@@ -179,6 +179,7 @@ class TestGaps:
 EIGHT = Fraction(8, 1000)
 
 
+@pytest.mark.capped(False)  # threads decode what is long
 @given(strategies.recordings(), strategies.encoder_settings(), st.data())
 def test_a_part_is_a_slice_of_the_whole(recording, settings, data):
     """Reading [a, b) and slicing the whole give the same; so do the index and the walk."""
