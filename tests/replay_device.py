@@ -206,7 +206,8 @@ def pid_of(w: World, name: str) -> int:
 def alone(w: World, seconds: float = 10.0) -> bool:
     """Nothing of a replay is left running."""
     end = time.monotonic() + seconds
-    while any("hapfmt" in word for x in w.processes() for word in x["words"]):
+    # Of what words name, not of where they lie: a clone may be called like this too.
+    while any(word.split(".")[0] == "hapfmt" for x in w.processes() for word in x["words"]):
         if time.monotonic() > end:
             return False
         time.sleep(0.01)
