@@ -24,7 +24,7 @@ COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("brief", max_examples=20, derandomize=True, **COMMON)
 settings.register_profile("steady", max_examples=40, derandomize=True, **COMMON)
 settings.register_profile("dev", max_examples=40, **COMMON)
-settings.register_profile("ci", max_examples=60, derandomize=True, print_blob=True, **COMMON)
+settings.register_profile("ci", max_examples=40, derandomize=True, print_blob=True, **COMMON)
 settings.register_profile("nightly", max_examples=3000, **COMMON)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "dev"))
 
