@@ -4,13 +4,13 @@ lists every key."""
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from ..errors import ParameterError
 from ..scenes.keys import SceneError, check, choice, key, number, read_table, text, whole
+from ..toml import parse_toml
 
 Role = Literal["test", "reference", "anchor"]
 ROLES = ("test", "reference", "anchor")
@@ -193,9 +193,9 @@ def parse_study(data: bytes, path: Path) -> Study:
     if len(data) > LARGEST:
         raise ParameterError(f"a study file has at most {LARGEST} bytes")
     try:
-        values = tomllib.loads(data.decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ParameterError(f"this is no TOML: {error}") from None
+        values = parse_toml(data.decode("utf-8"))
+    except UnicodeDecodeError:
+        raise ParameterError("not UTF-8, as TOML must be") from None
     tables = {name: values.pop(name, None) for name in ("session", "condition")}
     sessions = tuple(read_all(Session, tables["session"], "session", MOST_SESSIONS))
     conditions = tuple(read_all(Condition, tables["condition"], "condition", MOST_CONDITIONS))

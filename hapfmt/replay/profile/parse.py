@@ -4,15 +4,12 @@ rules.py; schema.json says the former once more, for editors."""
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Callable
 from fractions import Fraction
-from importlib import resources
-from importlib.resources.abc import Traversable
-from pathlib import Path as FilePath
 from typing import Any
 
-from ...errors import HapfmtError, ParameterError
+from ...errors import HapfmtError
+from ...toml import Library, parse_toml
 from ...units import to_ucum
 from .keys import REQUIRED, ProfileError, Table, real, whole
 from .layout import (
@@ -32,7 +29,7 @@ from .maps import MAPS
 from .model import Actuator, Match, Profile, Report, Timing
 from .rules import check
 
-MOST_BYTES = 1 << 20
+LIBRARY = Library(__package__, "profile")
 NAME = r"[A-Za-z][A-Za-z0-9_.-]{0,63}"
 """Of a profile or an actuator. It begins with a letter, since a number stands for a place, and
 leaves out what separates names on a command line."""
@@ -46,43 +43,18 @@ LONGEST_REPORT = 4096
 
 def load_profile(name_or_path: str) -> Profile:
     """The built-in profile of this name, or else the one in this TOML file."""
-    if name_or_path in builtin_names():
-        text = (_builtin() / f"{name_or_path}.toml").read_text(encoding="utf-8")
-        return parse_profile(text, name_or_path)
-    path = FilePath(name_or_path)
-    if not path.is_file():
-        raise ParameterError(
-            f"no profile {name_or_path!r}: neither a file nor one of {', '.join(builtin_names())}"
-        )
-    with path.open("rb") as stream:
-        data = stream.read(MOST_BYTES + 1)
-    if len(data) > MOST_BYTES:
-        raise ParameterError("more than 1 MiB; a profile is shorter", path=name_or_path)
-    try:
-        return parse_profile(data.decode("utf-8"), name_or_path)
-    except UnicodeDecodeError:
-        raise ParameterError("not UTF-8, as TOML must be", path=name_or_path) from None
+    return parse_profile(LIBRARY.text(name_or_path), name_or_path)
 
 
 def builtin_names() -> tuple[str, ...]:
     """Names of the profiles that come with the package, sorted."""
-    names = (entry.name for entry in _builtin().iterdir())
-    return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
-
-
-def _builtin() -> Traversable:
-    return resources.files(__package__) / "builtin"
+    return LIBRARY.names()
 
 
 def parse_profile(text: str, path: str | None = None) -> Profile:
     """TOML -> a profile that may be played; ``path`` is named in errors."""
     try:
-        try:
-            values = tomllib.loads(text)
-        except (ValueError, RecursionError) as error:
-            problem = str(error) or "nested too deeply"
-            raise ParameterError(f"no TOML: {problem}") from None
-        return profile_of(values, text)
+        return profile_of(parse_toml(text), text)
     except HapfmtError as error:
         raise error.at(path=path) from None
 
