@@ -238,10 +238,10 @@ class TestRecord:
         assert [channel.label for channel in sent.channels] == ["left", "right"]
         for there, back in zip(original.channels, sent.channels, strict=True):
             assert back.coverage == (Span(0, 3202),) and back.calibration == STEP
-            dense = np.nan_to_num(there.dense(0, 3202))
-            differs = np.flatnonzero(dense != back.physical())
+            dense = np.nan_to_num(there.filled(0, 3202))
+            differs = np.flatnonzero(dense != back.samples())
             assert set(differs.tolist()) <= {0, 1000, 1200, 3200}
-            assert np.all(back.values[1001:1200] == 0)
+            assert np.all(back.stored[1001:1200] == 0)
         told = sent.metadata["replay"]
         assert told["profile"] == "two" and told["gain"] == 1 and told["kernels"]
         assert told["channels"] == {"left": "a", "right": "b"}
@@ -486,8 +486,8 @@ class TestLoopback:
         ]
         assert told["sent"] == 6 and told["late"]["p50"] <= told["late"]["max"] < 100_000
         left, right = hapfmt.read(tmp_path / "out.hapf").channels
-        assert left.values.tolist() == [50, 100, 100, 100, 50, 0]
-        assert right.values.tolist() == [-50, -100, -100, -100, -50, 0]
+        assert left.stored.tolist() == [50, 100, 100, 100, 50, 0]
+        assert right.stored.tolist() == [-50, -100, -100, -100, -50, 0]
 
     def test_the_table(self, played, touch):
         said, _ = played(source=touch)

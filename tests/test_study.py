@@ -175,16 +175,16 @@ class TestPreparing:
         assert prepare(study, tmp_path / "a").digest == first.digest
 
     def test_signals(self, study, prepared):
-        original = hapfmt.load(study.path.parent / "cork.npz").channels[0].physical()[100:300]
+        original = hapfmt.load(study.path.parent / "cork.npz").channels[0].samples()[100:300]
         back = {
             name: hapfmt.read(prepared.file("cork", name)).channels[0]
             for name in ("same", "b5", "slow", "anchor")
         }
         assert all(each.start_tick == 0 and each.stop_tick == 200 for each in back.values())
-        assert np.array_equal(back["same"].physical(), original)
-        errors = {name: np.std(each.physical() - original) for name, each in back.items()}
+        assert np.array_equal(back["same"].samples(), original)
+        errors = {name: np.std(each.samples() - original) for name, each in back.items()}
         assert 0 < errors["b5"] < errors["anchor"] and 0 < errors["b5"] < errors["slow"]
-        bends = [np.std(np.diff(x, 2)) for x in (back["slow"].physical(), original)]
+        bends = [np.std(np.diff(x, 2)) for x in (back["slow"].samples(), original)]
         assert bends[0] < bends[1] / 5
 
     def test_files_of_ones_own(self, study, tmp_path):
@@ -392,7 +392,7 @@ class TestOutputs:
         }  # fmt: skip
         device.play(path, "trial 1")
         sent = {line.number: line.counts[0] for line in lines(frames)}  # some may be skipped
-        force = 250 * hapfmt.read(path).channels[0].physical()  # counts of 1 mN, at this gain
+        force = 250 * hapfmt.read(path).channels[0].samples()  # counts of 1 mN, at this gain
         later = sorted(set(range(80, 190)) & sent.keys())  # the ramp of the start is over
         assert len(later) > 20
         assert max(abs(sent[number] - force[number]) for number in later) < 5
@@ -413,13 +413,13 @@ class TestOutputs:
         for name in ("same", "anchor"):
             output.play(prepared.file("sand", name), name)
             found[name] = hapfmt.load(tmp_path / "w" / f"{name}.wav").channels[0]
-        y = found["same"].physical()
-        assert found["same"].rate == 48_000 and y.size == 0.4 * 48_000
+        y = found["same"].samples()
+        assert found["same"].rate_exact == 48_000 and y.size == 0.4 * 48_000
         assert 0.4 < np.abs(y).max() < 0.6 and abs(y[0]) < 1e-3 and abs(y[-1]) < 1e-3
-        x = hapfmt.read(prepared.file("sand", "anchor")).channels[0].physical()
+        x = hapfmt.read(prepared.file("sand", "anchor")).channels[0].samples()
         level = output.levels[prepared.file("sand", "same")]
         there = (x - level.offset) * level.scale
-        middle = found["anchor"].physical()[4800:-4800:48]
+        middle = found["anchor"].samples()[4800:-4800:48]
         assert np.abs(middle - there[100:-100]).max() < 0.02
 
     def test_a_card(self, study, prepared, monkeypatch):

@@ -25,7 +25,7 @@ def pcodec_size(recording: hapfmt.Recording) -> int | None:
     except ImportError:
         return None
     best = ChunkConfig(compression_level=12)
-    columns = (np.ascontiguousarray(c.physical()) for c in recording.channels)
+    columns = (np.ascontiguousarray(c.samples()) for c in recording.channels)
     return sum(4 + len(standalone.simple_compress(x, best)) for x in columns)
 
 
@@ -48,7 +48,7 @@ def main() -> None:
         data = written(recording)
         back = hapfmt.read(data)
         same = [
-            np.array_equal(a.physical().view(np.int64), b.physical().view(np.int64))
+            np.array_equal(a.samples().view(np.int64), b.samples().view(np.int64))
             for a, b in zip(recording.channels, back.channels, strict=True)
         ]
         usage, peer = measure(BytesSource(data)), pcodec_size(recording)

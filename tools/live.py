@@ -38,7 +38,7 @@ PRESETS = {
 
 def signals(channels: int, kind: str) -> list[np.ndarray]:
     """Counts at 1 kHz: joints of a glove at rest and in motion, or textures that never rest."""
-    rows = [c.values for c in glove(SECONDS, SECOND, channels).channels]
+    rows = [c.stored for c in glove(SECONDS, SECOND, channels).channels]
     if kind == "glove":
         return rows
     t = np.arange(SECONDS * SECOND) / SECOND
@@ -78,17 +78,17 @@ def sizes(recording: hapfmt.Recording, preset: str) -> tuple[int, int, int, int]
     live = whole = count = tracks = 0
     for channel in recording.channels:
         given, _ = to_counts(channel)
-        if given.calibration is None or not given.values.size:
+        if given.calibration is None or not given.stored.size:
             continue
         settings = Settings.of(preset.removesuffix(", fast"), fast=preset.endswith("fast") or None,
                                max_error="1lsb" if preset == "near-lossless" else None)  # fmt: skip
-        extent = float(abs(given.calibration.step)) * float(np.ptp(given.values))
+        extent = float(abs(given.calibration.step)) * float(np.ptp(given.stored))
         if preset == "deadband":
             settings = replace(settings, floor=max(SHARE * extent, 1e-12))
         settings = replace(settings, cluster=Fraction(1), references=False)
-        bits = max(24, int(np.abs(given.values.astype(np.int64)).max()).bit_length() + 1)
+        bits = max(24, int(np.abs(given.stored.astype(np.int64)).max()).bit_length() + 1)
         source = Input(
-            channel.label, given.rate, channel.unit, calibration=given.calibration, bits=bits
+            channel.label, given.rate_exact, channel.unit, calibration=given.calibration, bits=bits
         )
         encoder = LiveEncoder(settings)
         coded = encode(hapfmt.Recording((given,)), settings, threads=1)
@@ -96,9 +96,9 @@ def sizes(recording: hapfmt.Recording, preset: str) -> tuple[int, int, int, int]
         count += len(coded.packets)
         at = 0
         for span in given.coverage:
-            for tick in range(span.start, span.stop, round(given.rate)):
-                stop = min(tick + round(given.rate), span.stop)
-                block = Block(0, source, tick, given.values[at : at + stop - tick])
+            for tick in range(span.start, span.stop, round(given.rate_exact)):
+                stop = min(tick + round(given.rate_exact), span.stop)
+                block = Block(0, source, tick, given.stored[at : at + stop - tick])
                 at += stop - tick
                 new, packets = encoder.encode([block])
                 tracks += len(new)
