@@ -193,5 +193,5 @@ def not_carried(recording: Recording, suffix: str, *carried: str) -> list[str]:
 
 
 _RECORDING_FIELDS = [f.name for f in fields(Recording) if f.name not in ("channels", "metadata")]
-_SAMPLES = ("values", "exact", "rate", "coverage")
+_SAMPLES = ("stored", "exact", "rate_exact", "coverage")
 _CHANNEL_FIELDS = [f.name for f in fields(Channel) if f.name not in _SAMPLES]

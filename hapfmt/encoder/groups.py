@@ -68,8 +68,8 @@ def why_apart(members: Sequence[Channel]) -> str | None:
         return "two have the same axis"
     if len(members) > SERIES_SIZE:
         return f"more than {SERIES_SIZE} axes"
-    for name in ("rate", "coverage", "unit"):
-        if any(getattr(channel, name) != getattr(first, name) for channel in members):
+    for name, field in (("rate", "rate_exact"), ("coverage", "coverage"), ("unit", "unit")):
+        if any(getattr(channel, field) != getattr(first, field) for channel in members):
             return f"they differ in {name}"
     if any(channel.calibration is None for channel in members):
         return "one is kept as doubles (a tolerance would put it on a lattice)"
