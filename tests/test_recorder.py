@@ -57,7 +57,7 @@ def channel_of(source) -> Channel:
     given, values, known = source
     return Channel(
         values[known],
-        given.rate_exact,
+        given.rate,
         tuple(spans_of(known)),
         calibration=given.calibration,
         label=given.label,
