@@ -53,7 +53,7 @@ PRESETS = ("default", "auto", "paper", "deadband", "archive")
     "--without",
     multiple=True,
     metavar="PART",
-    help="Leave out texture, contact, tool, hand, tremor, abduction, palm, wrist, or a finger; "
+    help="Leave out texture, touches, contact, tool, hand, tremor, abduction, palm, wrist, or a finger; "
     "may be given several times.",
 )
 @click.option(
