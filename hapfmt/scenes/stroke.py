@@ -1,6 +1,6 @@
 """A hand that draws a tool over a plane: a slow turn, once in about 5 s, with wandering speed,
-heading and pressure; down at the beginning, up at the end, and where a scene asks for it up and down
-again in between."""
+heading and pressure; down at the beginning, up at the end, and up and down again in between where a
+scene asks for it."""
 
 from __future__ import annotations
 
