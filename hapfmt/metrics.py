@@ -125,8 +125,9 @@ def st_sim(f: NDArray[Any], y: NDArray[Any], rate_hz: float | Fraction) -> float
     Computed by the package vibromaf (extra "metrics"), after: zero-phase high-pass (15 Hz,
     Butterworth of order 2), polyphase resampling to 8 kHz (within 0.003 %, see
     :func:`resampling_8khz`), the first and last 4096 samples left out. A negative mean correlation,
-    for which the package gives a complex number, counts as 0. Two signals without texture are alike, a silent one and one with texture are not at all. The unit
-    matters: the measure weighs each spectrum with a perceptual threshold of its own.
+    for which the package gives a complex number, counts as 0. Two signals without texture are
+    alike, a silent one and one with texture are not at all. The unit matters: the measure weighs
+    each spectrum with a perceptual threshold of its own.
     Both its terms are projections on f, divided by the energy of f alone, so that a y with a little
     more energy comes out above 1 (1.014 was seen).
     ParameterError where fewer than 512 samples (the block of the measure) are left: below 1.088 s.
