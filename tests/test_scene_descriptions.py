@@ -98,6 +98,10 @@ WRONG = [
         "tool.channels[1]: 'position x' stands there twice; write it once",
     ),
     ("[tool.press]\npress_n = 1\nevery_s = 1", "tool.press.every_s: is over before the hand is up"),
+    (
+        TOOL + "[tool.stroke.touches]\nevery_s = 0.2",
+        "tool.stroke.touches.every_s: is too short; write at least 2 x travel_s + away_s",
+    ),
     ("[tool.reach]\nevery_s = 0.1", "tool.reach.travel_s: is longer than every_s; write at most"),
     (
         TOOL + "[tool.contact]\nn_per_m = 1\n[tool.sensor]\nstep_n = 1\nrange_n = 0.5",

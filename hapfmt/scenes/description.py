@@ -63,12 +63,29 @@ class Texture:
 
 
 @dataclass(frozen=True)
+class Touches:
+    """Lifts the tool off the surface while it strokes, and sets it down again: contact onsets."""
+
+    every_s: float = number("from one touch-down to the next, in s", 2.0, low=1e-2, high=3600)
+    lift_m: float = number("how high it is lifted, in m", 0.01, above=0, high=0.5)
+    away_s: float = number("how long it stays up, in s", 0.1, high=3600)
+    travel_s: float = number("how long it goes up, and how long down, in s", 0.08,
+                             low=1e-3, high=60)  # fmt: skip
+
+    def __post_init__(self) -> None:
+        check(self)
+        if 2 * self.travel_s + self.away_s > self.every_s:
+            raise SceneError("every_s", "is too short; write at least 2 x travel_s + away_s")
+
+
+@dataclass(frozen=True)
 class Stroke:
     """Moves over the plane with wandering speed and pressure; lifts off at the end."""
 
     speed_m_per_s: tuple[float, float] = pair("[slowest, fastest] in m/s", (0.05, 0.07),
                                               low=1e-3, high=1.0)  # fmt: skip
     press_n: float = number("what the hand presses with, in N", 0.95, above=0, high=100)
+    touches: Touches | None = part("lifts off and touches down again", Touches)
 
     def __post_init__(self) -> None:
         check(self)
@@ -204,7 +221,18 @@ class Hand:
             )
 
 
-PARTS = ("texture", "contact", "tool", "hand", "tremor", "abduction", "palm", "wrist", *FINGERS)
+PARTS = (
+    "texture",
+    "touches",
+    "contact",
+    "tool",
+    "hand",
+    "tremor",
+    "abduction",
+    "palm",
+    "wrist",
+    *FINGERS,
+)
 """What can be taken out of a scene by name."""
 
 
@@ -273,6 +301,8 @@ class Scene:
             hand = None
         if tool and "texture" in parts:
             tool = replace(tool, texture=None)
+        if tool and tool.stroke and "touches" in parts:
+            tool = replace(tool, stroke=replace(tool.stroke, touches=None))
         if tool and "contact" in parts:
             left = tuple(name for name in tool.channels or () if name not in FORCES)
             tool = replace(tool, contact=None, texture=None, sensor=None, channels=left or None)
