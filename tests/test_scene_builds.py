@@ -53,7 +53,7 @@ def residual(force: np.ndarray) -> np.ndarray:
     stream = BytesIO()
     paper = hapfmt.Settings.of("paper", k=0.1, bits=0, floor=Tolerance.parse("0.01"))
     hapfmt.write(hapfmt.Recording((channel,)), stream, paper, canonical=1)
-    return force - hapfmt.read(stream.getvalue()).channels[0].physical()
+    return force - hapfmt.read(stream.getvalue()).channels[0].samples()
 
 
 def kurtosis(x: np.ndarray) -> float:
