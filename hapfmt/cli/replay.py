@@ -366,15 +366,9 @@ class StatusLine:
 
 def tell_plan(renderer: Renderer, gain: float) -> None:
     """Before anything moves: what goes where, within which limits, and what is left out."""
-    profile, channels, reasons = renderer.profile, assigned(renderer), reasons_of(renderer)
+    profile = renderer.profile
     lines = [f"{profile.name}: gain {gain:g}, {float(1 / profile.timing.period):g} frames a second"]
-    lines += [
-        f"  {each.name} <- {channels[each.name]} ({reasons[each.name]}): {each.minimum:g} to {each.maximum:g} "
-        f"{each.unit}, at most {each.slew:g} {each.unit}/s"
-        for each in profile.actuators
-        if each.name in channels
-    ]
-    lines.append(f"at rest: {', '.join(renderer.resting) or 'no actuator'}")
+    lines += [f"  {each}" for each in renderer.plan]
     lines += [f"note: {each}" for each in renderer.notes]
     lines += [f"left out: {each}" for each in renderer.left_out[:SHOWN_LINES]]
     for line in lines:

@@ -26,6 +26,8 @@ APART = (
 """Words of one group name different things: a channel of the left hand never drives the right."""
 SHOWN = 12
 """Channels that a refusal lists."""
+ALIKE = 0.75
+"""How alike two spellings must be (difflib) for a hint."""
 PLACEHOLDER = "ACTUATOR"
 
 
@@ -80,7 +82,7 @@ def assign(
     """
     if given and (by_order or ignore):
         option = "--map-by-order" if by_order else "--ignore"
-        raise ParameterError(f"--channels names every channel to play; do not add {option}")
+        raise ParameterError(f"--map names every channel to play; do not add {option}")
     ignored = {channel_called(text, reader).number for text in ignore}
     channels = [ref for ref in reader.channels if ref.number not in ignored]
     if given:
@@ -143,9 +145,7 @@ def similar(one: Sequence[str], other: Sequence[str]) -> bool:
 def apart(one: Sequence[str], other: Sequence[str]) -> bool:
     """True if the words name different hands, fingers or axes."""
     return any(
-        group.intersection(one)
-        and group.intersection(other)
-        and not group.intersection(one, other)
+        group.intersection(one) and group.intersection(other) and not group.intersection(one, other)
         for group in APART
     )
 
@@ -214,13 +214,19 @@ def by_words(channels: Sequence[ChannelRef], profile: Profile) -> Found:
 
 
 def nearest(ref: ChannelRef, profile: Profile) -> list[str]:
-    """Actuators whose names are spelt almost as the label."""
+    """Actuators whose names are spelt almost as the label, or as a word of it."""
     able = {
         " ".join(words_of(actuator.name)): actuator.name
         for actuator in profile.actuators
         if fit(ref, actuator)[0] is not None
     }
-    return [able[name] for name in get_close_matches(" ".join(words_of(ref.label)), able, 1)]
+    words = words_of(ref.label)
+    near = [
+        name
+        for text in (" ".join(words), *words)
+        for name in get_close_matches(text, able, 1, ALIKE)
+    ]
+    return [able[name] for name in dict.fromkeys(near)]
 
 
 def why_not(ref: ChannelRef, profile: Profile) -> str:
@@ -268,7 +274,9 @@ def channel_called(name: str, reader: Reader) -> ChannelRef:
 def route_of(text: str, reader: Reader, profile: Profile) -> Route:
     channel, equals, actuator = text.rpartition("=")
     if not equals or not channel.strip() or not actuator.strip():
-        raise ParameterError(f"expected CHANNEL=ACTUATOR, got {text!r}; actuators: {names(profile)}")
+        raise ParameterError(
+            f"expected CHANNEL=ACTUATOR, got {text!r}; actuators: {names(profile)}"
+        )
     ref = channel_called(channel.strip(), reader)
     place = actuator_called(actuator.strip(), profile)
     factor, fault = fit(ref, profile.actuators[place])
@@ -277,7 +285,7 @@ def route_of(text: str, reader: Reader, profile: Profile) -> Route:
             f"channel {name_of(ref)} cannot drive actuator {profile.actuators[place].name!r}: "
             f"{fault}"
         )
-    return Route(ref.number, place, factor, "as --channels says")
+    return Route(ref.number, place, factor, "as --map says")
 
 
 def actuator_called(name: str, profile: Profile) -> int:
@@ -288,9 +296,7 @@ def actuator_called(name: str, profile: Profile) -> int:
         return int(name) - 1
     near = get_close_matches(name, known, 1)
     hint = f"did you mean {near[0]!r}? All: " if near else "its actuators: "
-    raise ParameterError(
-        f"profile {profile.name} has no actuator {name!r}; {hint}{names(profile)}"
-    )
+    raise ParameterError(f"profile {profile.name} has no actuator {name!r}; {hint}{names(profile)}")
 
 
 def names(profile: Profile) -> str:
@@ -366,7 +372,7 @@ def advice(
         chosen[number] = free[0] if free else PLACEHOLDER
         used |= set(free[:1])
     if able:
-        yield "to choose actuators", f"--channels {pairs(chosen, called)}"
+        yield "to choose actuators", f"--map {pairs(chosen, called)}"
     if found.routes:
         gone = [called[number] for number in sorted({*ignored, *found.faults})]
         order = "--map-by-order " if by_order else ""

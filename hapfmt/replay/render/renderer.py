@@ -119,6 +119,20 @@ class Renderer:
         driven = {route.actuator for route in self.routes}
         return [each.name for i, each in enumerate(self.profile.actuators) if i not in driven]
 
+    @property
+    def plan(self) -> list[str]:
+        """For the user: what drives each actuator and why, the limits, and what rests."""
+        actuators, refs = self.profile.actuators, self.refs
+        lines = []
+        for route in self.routes:
+            each = actuators[route.actuator]
+            lines.append(
+                f"{each.name} <- {name_of(refs[route.channel])}, {route.reason}: "
+                f"{each.minimum:g} to {each.maximum:g} {each.unit}, "
+                f"at most {each.slew:g} {each.unit}/s"
+            )
+        return [*lines, f"at rest: {', '.join(self.resting) or 'no actuator'}"]
+
     def refuse_too_fast(self) -> None:
         for route in self.routes:
             ref = self.refs[route.channel]
