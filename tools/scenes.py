@@ -212,24 +212,24 @@ def print_keys() -> None:
     while tables:
         at, table = tables.pop(0)
         print(f"### {f'`[{at}]`' if at else 'At the top'}\n\n{' '.join(table.__doc__.split())}\n")
-        print("| key | what | without it |\n|---|---|---|")
+        print("| key | meaning | default |\n|---|---|---|")
         for each in fields(table):
             rule = each.metadata["key"]
             inner = ".".join(filter(None, (at, each.name)))
             if rule.table:
                 tables.append((inner, rule.table))
-            print(f"| `{each.name}` | {rule.what} | {without(each)} |")
+            print(f"| `{each.name}` | {rule.what} | {default_of(each)} |")
         print()
 
 
-def without(each: Any) -> str:
-    """What a key that is not given stands for."""
+def default_of(each: Any) -> str:
+    """The default of a key."""
     if each.default is MISSING:
-        return "must be given"
+        return "required"
     if each.metadata["key"].table:
         return "none"
     value = list(each.default) if isinstance(each.default, tuple) else each.default
-    return "as said" if value is None else f"`{json.dumps(value)}`"
+    return "in brackets" if value is None else f"`{json.dumps(value)}`"
 
 
 @click.command(help=__doc__)
