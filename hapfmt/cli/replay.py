@@ -138,8 +138,12 @@ def replay(
     profile. It moves a machine that touches a person: read docs/safety.md first.
 
     \b
-    hapfmt replay touch.hapf --device glove5 --dry-run
-    hapfmt replay touch.hapf --device glove5 --start 2 --stop 5 --gain 0.2
+    hapfmt replay touch.hapf --device glove5 --map 'normal force=thumb' --dry-run
+    hapfmt replay hand.hapf --device glove5 --start 2 --stop 5 --gain 0.2
+
+    Replay does not guess: the words of a channel's label, body site or axis must name one actuator.
+    Otherwise nothing is played, and the message lists command lines that would play. The assignment
+    and its reasons are printed before anything moves.
 
     In a terminal: space pauses and goes on, left and right seek by five seconds, q ends; Ctrl-C
     ends too, by a ramp to rest. Exit codes beyond those of all verbs: 5 stopped since it was late,
