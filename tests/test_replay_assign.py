@@ -287,7 +287,7 @@ class TestAdvice:
         st.lists(
             st.builds(
                 channel,
-                texts | st.text(max_size=5),
+                texts | st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=5),
                 st.sampled_from(["N", "V"]),
                 body_site=texts,
             ),
