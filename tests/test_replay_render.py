@@ -31,7 +31,9 @@ def ramp(ticks=5000, rate=1000, **described):
 
 def rendered(data, profile, **asked):
     with Reader(data) as reader:
-        return joined(Renderer(reader, profile, assign(reader, profile), **asked).blocks())
+        return joined(
+            Renderer(reader, profile, assign(reader, profile, by_order=True), **asked).blocks()
+        )
 
 
 WIDEST = 200
@@ -229,7 +231,9 @@ class TestOnlyWhatIsPlayedIsDecoded:
         decoded["packets"].clear()
         with Reader(file) as reader:
             profile = profile_of()
-            blocks = Renderer(reader, profile, assign(reader, profile), start=50).blocks()
+            blocks = Renderer(
+                reader, profile, assign(reader, profile, by_order=True), start=50
+            ).blocks()
             first = next(blocks)
             assert len(decoded["packets"]) <= 2
             assert first.known.all()
@@ -243,7 +247,7 @@ class TestLoops:
         channel = ramp(200)
         with Reader(file_of(Recording((channel,)))) as reader:
             profile = profile_of(ramp_s=0.03)
-            renderer = Renderer(reader, profile, assign(reader, profile), loops=3)
+            renderer = Renderer(reader, profile, assign(reader, profile, by_order=True), loops=3)
             values, known = joined(renderer.blocks())
             assert [(k.any(), k.all()) for k in (known[:200], known[200:260])] == [
                 (True, True),
@@ -259,7 +263,7 @@ class TestLoops:
     def test_for_ever(self):
         with Reader(file_of(Recording((ramp(20),)))) as reader:
             profile = profile_of()
-            renderer = Renderer(reader, profile, assign(reader, profile), loops=0)
+            renderer = Renderer(reader, profile, assign(reader, profile, by_order=True), loops=0)
             blocks = renderer.blocks()
             some = [next(blocks) for _ in range(200)]
             assert not any(block.last for block in some)
@@ -270,7 +274,7 @@ class TestLoops:
         channel = ramp(1000)
         with Reader(file_of(Recording((channel,)))) as reader:
             profile = profile_of()
-            renderer = Renderer(reader, profile, assign(reader, profile), loops=3)
+            renderer = Renderer(reader, profile, assign(reader, profile, by_order=True), loops=3)
             blocks = list(renderer.blocks(5000, 2, Fraction(9, 10), 1))
             assert {block.generation for block in blocks} == {2}
             values, known = joined(blocks)
@@ -286,7 +290,9 @@ class TestLoops:
     def test_of_nothing(self, start, stop, loops):
         with Reader(file_of(Recording((ramp(1000),)))) as reader:
             profile = profile_of()
-            renderer = Renderer(reader, profile, assign(reader, profile), start, stop, loops=loops)
+            renderer = Renderer(
+                reader, profile, assign(reader, profile, by_order=True), start, stop, loops=loops
+            )
             (block,) = renderer.blocks()
             assert block.last
             assert block.values.shape == (0, 1)
@@ -296,4 +302,4 @@ class TestLoops:
             profile = profile_of()
             for wish in ({"speed": 0}, {"speed": -1}, {"loops": -1}):
                 with pytest.raises(ParameterError):
-                    Renderer(reader, profile, assign(reader, profile), **wish)
+                    Renderer(reader, profile, assign(reader, profile, by_order=True), **wish)

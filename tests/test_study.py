@@ -23,7 +23,7 @@ from hapfmt.study.answers import AnswerFile, load_answers, parse_answers
 from hapfmt.study.beginning import new_study
 from hapfmt.study.description import Study, fifth, load_study, parse_study
 from hapfmt.study.order import Trial, order
-from hapfmt.study.outputs import Device, Felt, Nowhere, WavFiles, refuse_unplayable
+from hapfmt.study.outputs import ChannelMap, Device, Felt, Nowhere, WavFiles, plan
 from hapfmt.study.prepare import MANIFEST, prepare
 from hapfmt.study.rating import NotYetError, Rating, heading
 from hapfmt.study.summary import as_json, mean_of, summarise, table_rows
@@ -381,11 +381,12 @@ class TestOutputs:
 
         profile = glove()
         frames = tmp_path / "frames"
+        mapping = ChannelMap(("0=1",))
         device = Device(
-            profile, {"kind": "loopback", "file": str(frames)}, 0.25, ("0=1",), watchdog=False
+            profile, {"kind": "loopback", "file": str(frames)}, 0.25, mapping, watchdog=False
         )
         path = prepared.file("cork", "b5")
-        refuse_unplayable(path, profile, ("0=1",))
+        assert plan(path, profile, mapping)[-1] == "at rest: index, middle, ring, little"
         assert device.told == {
             "kind": "device", "profile": profile.name, "gain": 0.25, "channels": ["0=1"],
             "profile_sha256": hashlib.sha256(profile.text.encode()).hexdigest(),
@@ -396,15 +397,26 @@ class TestOutputs:
         later = sorted(set(range(80, 190)) & sent.keys())  # the ramp of the start is over
         assert len(later) > 20
         assert max(abs(sent[number] - force[number]) for number in later) < 5
-        assert Nowhere(profile, 0.25, ("0=1",)).play(path, "trial 1") == Felt()
+        assert Nowhere(profile, 0.25, mapping).play(path, "trial 1") == Felt()
 
     def test_what_no_actuator_takes(self, tmp_path):
         from replaying import glove
 
         metres = hapfmt.Channel.from_physical(np.ones(50), 1000, unit="m")
         hapfmt.write(hapfmt.Recording((metres,)), tmp_path / "m.hapf")
-        with pytest.raises(ParameterError, match="no channel can be played with glove5"):
-            refuse_unplayable(tmp_path / "m.hapf", glove(), ())
+        with pytest.raises(ParameterError, match="its unit is m, the actuator takes N"):
+            plan(tmp_path / "m.hapf", glove(), ChannelMap())
+
+    def test_no_channel_is_guessed(self, prepared):
+        """One force and five fingers: the study says which, and its answers keep it."""
+        from replaying import glove
+
+        path, profile = prepared.file("cork", "b5"), glove()
+        with pytest.raises(ParameterError, match="replay does not guess"):
+            plan(path, profile, ChannelMap())
+        assert plan(path, profile, ChannelMap(by_order=True))[0].startswith("thumb <- 0 ")
+        told = Device(profile, {}, None, ChannelMap(("0=1",), ("x",), by_order=True)).told
+        assert told.items() >= {"channels": ["0=1"], "ignored": ["x"], "by_order": True}.items()
 
     def test_wav_is_level(self, study, prepared, tmp_path):
         pytest.importorskip("soundfile")
