@@ -108,8 +108,10 @@ def check_contracts(reader: Reader, against: Recording) -> list[ContractCheck]:
     groups: dict[int, list[Member]] = {}
     for ref, x in zip(refs, against.channels, strict=True):
         rate = ref.track.rate
-        if x.rate != rate:
-            raise ParameterError(f"channel {ref.number} has rate {rate}, the original {x.rate}")
+        if x.rate_exact != rate:
+            raise ParameterError(
+                f"channel {ref.number} has rate {rate}, the original {x.rate_exact}"
+            )
         decoded = assembly.parts(ref)
         originals = cut(x, decoded)
         for part, own, y in zip(ref.parts, originals, decoded, strict=True):
@@ -182,19 +184,19 @@ def pair_up(original: Channel, decoded: Channel) -> Pair:
     rows_y = [np.arange(j, j + span.ticks) for (_, j), span in common]
     none = np.zeros(0, np.int64)
     at_x, at_y = np.concatenate([none, *rows_x]), np.concatenate([none, *rows_y])
-    physical_x, physical_y = original.physical()[at_x], decoded.physical()[at_y]
+    physical_x, physical_y = original.samples()[at_x], decoded.samples()[at_y]
     # Both infinite is no difference; NaN words differ only where their bits do.
     same = physical_x.view(np.int64) == physical_y.view(np.int64)
     with np.errstate(all="ignore"):
         errors = np.where(same, 0.0, np.abs(physical_x - physical_y))
-    y = decoded.values[at_y]
+    y = decoded.stored[at_y]
     moved, far = 0.0, 0
     if decoded.exact is not None:
         x, y = physical_x.view(np.int64), physical_y.view(np.int64)
     elif decoded.calibration is None:
-        x, y = comparable(original.values[at_x], y)
+        x, y = comparable(original.stored[at_x], y)
     elif original.calibration == decoded.calibration:
-        x = original.values[at_x]
+        x = original.stored[at_x]
     else:
         near = reachable(physical_x, decoded.calibration)
         far = int(physical_x.size - near.sum())
@@ -205,8 +207,8 @@ def pair_up(original: Channel, decoded: Channel) -> Pair:
     return Pair(
         x,
         y,
-        original.values.size - at_x.size,
-        decoded.values.size - at_y.size,
+        original.stored.size - at_x.size,
+        decoded.stored.size - at_y.size,
         float(errors.max(initial=0.0)),
         moved,
         far,

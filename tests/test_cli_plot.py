@@ -260,7 +260,7 @@ class TestCompare:
     def test_refused(self, room):
         with pytest.raises(ParameterError, match="only one of A and B"):
             run("compare", "-", "-")
-        with pytest.raises(ParameterError, match="neither has a sample"):
+        with pytest.raises(ParameterError, match="Neither recording has samples"):
             run(
                 "compare",
                 room / "a.npz",

@@ -128,8 +128,8 @@ def run(recording: Recording, k: Fraction, bits: int) -> Outcome:
         back = reader.read()
     decoded = time.perf_counter()
     checks = verify(data, against=recording).contracts
-    f, y = recording.channels[0].physical(), back.channels[0].physical()
-    rate = float(recording.channels[0].rate)
+    f, y = recording.channels[0].samples(), back.channels[0].samples()
+    rate = float(recording.channels[0].rate_exact)
     return Outcome(
         bits,
         data,
@@ -159,7 +159,7 @@ def show(
     samples = recording.sample_count
     channel = recording.channels[0]
     say(
-        f"{channel.label} of a stylus on {texture}: {samples} samples at {channel.rate} Hz, "
+        f"{channel.label} of a stylus on {texture}: {samples} samples at {channel.rate_exact} Hz, "
         f"simulated in {simulated:.2f} s; deadband k = {float(k):.3g}, floor 10 mN"
     )
     rows = [
@@ -205,19 +205,19 @@ def draw(path: Path, recording: Recording, chosen: Outcome, k: Fraction, force: 
         packets: list[Packet] = list(reader.packets({base.track.id: (0, 1 << 62)}))
         ticks = [parse_knots(p.data, 1, p.offset)[0] + p.start for p in packets]
         last = (base.residual or base.track).contract
-    d = slow.physical()
+    d = slow.samples()
     half = np.maximum(float(k) * np.abs(d), float(FORCE_FLOOR_N))
     step = None
     if base.residual is not None and full.calibration is not None and last is not None:
         step = QuanParameters.parse(base.residual.parameters, LEVELS[2], 0).step
     plot_demo(
         path,
-        original=recording.channels[0].physical(),
+        original=recording.channels[0].samples(),
         lf=d,
-        reconstruction=full.physical(),
+        reconstruction=full.samples(),
         lower=d - half,
         upper=d + half,
-        rate_hz=float(full.rate),
+        rate_hz=float(full.rate_exact),
         knots=np.concatenate(ticks),
         error_bound=step * float(abs(full.calibration.step)) / 2
         if step and full.calibration

@@ -17,7 +17,7 @@ from .tables import table
 
 if TYPE_CHECKING:
     from ..study.description import Study
-    from ..study.outputs import Output
+    from ..study.outputs import ChannelMap, Output
     from ..study.prepare import Prepared
     from ..study.summary import Mean, Row, Summary
 
@@ -43,7 +43,13 @@ INTERRUPTED = 130
     "channels",
     multiple=True,
     metavar="A=1,B=2",
-    help="Channels = actuators of the device, as in hapfmt replay.",
+    help="Play these channels alone: CHANNEL=ACTUATOR, as in hapfmt replay.",
+)
+@click.option("--ignore", multiple=True, metavar="A,B", help="Leave these channels out.")
+@click.option(
+    "--map-by-order",
+    is_flag=True,
+    help="Assign channels to actuators by unit and order, whatever their names.",
 )
 @click.option("--no-watchdog", is_flag=True, help="Where the device can be opened only once.")
 @click.option(
@@ -230,8 +236,9 @@ def choose_output(felt: dict[str, Any]) -> None:
             "say where it is felt: --device PROFILE, --sound CHANNEL, --wav FOLDER, or --dry-run"
             + (", one of them" if ways else "")
         )
-    if felt["device"] is None and (felt["path"] or felt["gain"] or felt["channels"]):
-        raise ParameterError("--path, --gain and --map go with --device")
+    played = ("path", "gain", "channels", "ignore", "map_by_order")
+    if felt["device"] is None and any(felt[name] for name in played):
+        raise ParameterError("--path, --gain, --map, --ignore and --map-by-order require --device")
 
 
 def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
@@ -241,13 +248,14 @@ def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
         from ..replay.profile.parse import load_profile
 
         profile = load_profile(felt["device"])
-        parts = parts_of(felt["channels"], prepared)
-        for each in prepared.stimuli:
-            outputs.refuse_unplayable(each.path, profile, parts)
+        mapping = mapping_of(felt, prepared)
+        plans = [outputs.plan(each.path, profile, mapping) for each in prepared.stimuli]
+        for line in dict.fromkeys(line for plan in plans for line in plan):
+            click.echo(printable(line), err=True)
         if felt["dry_run"]:
-            return outputs.Nowhere(profile, felt["gain"], parts)
+            return outputs.Nowhere(profile, felt["gain"], mapping)
         config = outputs.find_device(profile, felt["path"])
-        return outputs.Device(profile, config, felt["gain"], parts, not felt["no_watchdog"])
+        return outputs.Device(profile, config, felt["gain"], mapping, not felt["no_watchdog"])
     if felt["sound"] is not None:
         from ..study.sound import Card, parse_card
 
@@ -257,15 +265,16 @@ def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
     return outputs.Nowhere()
 
 
-def parts_of(given: tuple[str, ...], prepared: Prepared) -> tuple[str, ...]:
-    """As hapfmt replay takes them; a label may have a comma itself."""
+def mapping_of(felt: dict[str, Any], prepared: Prepared) -> ChannelMap:
+    """As hapfmt replay takes it; a label may have a comma itself."""
     from ..reading.reader import Reader
+    from ..study.outputs import ChannelMap
     from .replay import parts
 
-    if not given:
-        return ()
     with Reader(str(prepared.stimuli[0].path)) as reader:
-        return tuple(parts(given, [each.label for each in reader.channels]))
+        labels = [each.label for each in reader.channels]
+    given, ignored = (tuple(parts(felt[name], labels)) for name in ("channels", "ignore"))
+    return ChannelMap(given, ignored, felt["map_by_order"])
 
 
 def summed(
