@@ -251,7 +251,7 @@ def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
         mapping = mapping_of(felt, prepared)
         plans = [outputs.plan(each.path, profile, mapping) for each in prepared.stimuli]
         for line in dict.fromkeys(line for plan in plans for line in plan):
-            click.echo(printable(line), err=True)
+            say(line, err=True)
         if felt["dry_run"]:
             return outputs.Nowhere(profile, felt["gain"], mapping)
         config = outputs.find_device(profile, felt["path"])

@@ -28,7 +28,7 @@ from .common import (
     stop_option,
     tell_some,
 )
-from .screen import complain, say
+from .screen import complain, printable, say
 from .tables import table
 
 if TYPE_CHECKING:
