@@ -15,7 +15,6 @@ from .common import (
     memory_option,
     output_of,
     output_option,
-    printable,
     progress,
     refuse_span,
     start_option,
@@ -23,6 +22,7 @@ from .common import (
     tell_losses,
 )
 from .parts import matched, open_parts
+from .screen import note, printable
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -118,7 +118,7 @@ def plot(
     assert output is not None
     names = save(figures, output_of(output), kind or "png", force=force)
     if len(names) > 1:
-        click.echo(f"{len(names)} pages: {printable(', '.join(names))}", err=True)
+        note(f"{len(names)} pages: {', '.join(names)}")
     return code
 
 
