@@ -61,7 +61,7 @@ def route_of(text: str, reader: Reader, profile: Profile) -> Route:
     channel, equals, actuator = text.rpartition("=")
     if not equals or not channel.strip() or not actuator.strip():
         raise ParameterError(
-            f"{text!r} is no assignment: CHANNEL=ACTUATOR, such as 0={names(profile)}"
+            f"{text!r} is not an assignment: CHANNEL=ACTUATOR, such as 0={names(profile)}"
         )
     ref = reader.select(channel.strip())[0]
     place = actuator_called(actuator.strip(), profile)
