@@ -237,7 +237,8 @@ class TestTerminal:
         frames = room / "frames"
         config = {"kind": "loopback", "file": str(frames)}
         first = f"import hapfmt.study.outputs as o; o.find_device = lambda *_: {config}"
-        words = ["rate", "study.toml", "--subject", "S1", "--device", "glove.toml", "--no-watchdog"]
+        words = ["rate", "study.toml", "--subject", "S1", "--device", "glove.toml"]
+        words += ["--map", "0=thumb", "--no-watchdog"]
         with Terminal(room, *words, first=first) as terminal:
             terminal.until("question 1 of 3\n> ")
             terminal.type("p")
@@ -325,7 +326,7 @@ class TestPipes:
             (["study.toml"], "whose answers"),
             (["study.toml", "--subject", "S1"], "say where it is felt"),
             (["study.toml", "--subject", "S1", "--dry-run", "--wav", "w"], "one of them"),
-            (["study.toml", "--subject", "S1", "--dry-run", "--gain", "0.1"], "go with --device"),
+            (["study.toml", "--subject", "S1", "--dry-run", "--gain", "0.1"], "require --device"),
             (["study.toml", "--subject", "../S", "--dry-run"], "cannot be a subject"),
             (["study.toml", "--subject", "S1", "--device", "glove5", "--map", "9=1"], "9"),
             (["study.toml", "--prepare", "--summary"], "choose one of"),

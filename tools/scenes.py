@@ -22,8 +22,10 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from installed import environment
+
 import click
-from measured import ROOT, print_origin, print_table
+from measured import print_origin, print_table
 from rich.console import Console
 
 MIB = 1 << 20
@@ -131,9 +133,9 @@ class Run(NamedTuple):
 
 def run(words: list[str]) -> Run:
     """A process to its end: what it prints, its CPU time, its ru_maxrss."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+    given = environment(OPENBLAS_NUM_THREADS="1")
     with tempfile.TemporaryFile() as out:
-        process = subprocess.Popen(words, stdout=out, env=environment)
+        process = subprocess.Popen(words, stdout=out, env=given)
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:

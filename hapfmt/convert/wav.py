@@ -164,12 +164,12 @@ def _pcm_frames(channels: Sequence[Channel], subtype: str) -> NDArray[Any]:
             raise ParameterError(
                 f"channel {channel.label!r} has gaps, which PCM cannot hold; use .npz"
             )
-        x = channel.values
+        x = channel.stored
         if x.size and not -(1 << (bits - 1)) <= int(x.min()) <= int(x.max()) < 1 << (bits - 1):
             raise ParameterError(
                 f"channel {channel.label!r} has counts beyond {bits} bits; use .npz"
             )
-    return np.stack([channel.values.astype(dtype) << shift for channel in channels], axis=1)
+    return np.stack([channel.stored.astype(dtype) << shift for channel in channels], axis=1)
 
 
 def _samples(file: Any, dtype: np.dtype[Any], max_memory: int) -> NDArray[Any]:
