@@ -62,7 +62,7 @@ def test_a_table_then_more_of_it(tmp_path):
 def test_a_bad_line_ends_with_1_and_keeps_what_came_before(tmp_path):
     path = str(tmp_path / "a.hapf")
     code, out, err = run(HEAD + b"1\n2\nx\n", path, "--json")
-    assert code == 1 and "line 4: 'x' is no number" in err
+    assert code == 1 and "line 4: 'x' is not a number" in err
     assert json.loads(out)["exit_code"] == 1
     assert hapfmt.verify(path).verdict == "intact"
     assert hapfmt.read(path).channels[0].stored.tolist() == [1, 2]

@@ -265,13 +265,13 @@ def wav(subtype: str, **options: Any) -> bytes:
 
 X = np.zeros((2, 3))
 BAD_NPY: dict[str, Callable[[], bytes]] = {
-    "is no NumPy array: EOF": lambda: b"",
-    "is no NumPy array: the magic string": lambda: b"abcdefgh",
+    "is not a NumPy array: EOF": lambda: b"",
+    "is not a NumPy array: the magic string": lambda: b"abcdefgh",
     r"array format \(3, 0\)": lambda: npy_header("", version=3),
-    r"is no NumPy array: (?!EOF:)": lambda: npy_header("{"),
+    r"is not a NumPy array: (?!EOF:)": lambda: npy_header("{"),
     "Header does not contain the correct keys": lambda: npy_header("{}"),
     "the array has the dtype object": lambda: npy(np.array([None]), allow_pickle=True),
-    "the array holds 0x110000, which is no Unicode": lambda: npy_header(
+    "the array holds 0x110000, which is not a Unicode": lambda: npy_header(
         "{'descr':'<U1','fortran_order':False,'shape':()}", struct.pack("<I", 0x110000)
     ),
     "the array has the dtype complex128": lambda: npy(np.zeros(2, complex)),
@@ -303,13 +303,13 @@ BAD_NPZ: dict[str, Callable[[], bytes]] = {
     "key 'x' is compressed by a method": lambda: npz(zipfile.ZIP_BZIP2, x=X),
     "key 'x' has the dtype object": lambda: npz(x=npy(np.array([None]), allow_pickle=True)),
     "key 'x': Bad CRC-32": lambda: npz(zipfile.ZIP_STORED, x=X).replace(b"\0" * 48, b"\1" * 48),
-    "key 'x' is no NumPy array": lambda: npz(x=b""),
+    "key 'x' is not a NumPy array": lambda: npz(x=b""),
     "the file holds no rate": lambda: npz(x=X),
     "key 'rate_hz' has 2 entries, more than 1": lambda: npz(x=X, rate_hz=[1, 2]),
-    "'nan' is no rate": lambda: npz(x=X, rate_hz=NAN),
-    "'-1' is no rate": lambda: npz(x=X, rate_hz=-1),
+    "'nan' is not a rate": lambda: npz(x=X, rate_hz=NAN),
+    "'-1' is not a rate": lambda: npz(x=X, rate_hz=-1),
     "a rate is a fraction of two integers": lambda: npz(x=X, rate_hz=0),
-    "'1/0' is no rate": lambda: npz(x=X, rate="1/0"),
+    "'1/0' is not a rate": lambda: npz(x=X, rate="1/0"),
     "key 'rate' holds bool values": lambda: npz(x=X, rate=True),
     "rate is 7 Hz and rate_hz 8 Hz": lambda: npz(x=X, rate="7", rate_hz=8),
     "key 'channel_names' holds int64 values, not text": lambda: npz(x=X, channel_names=[1, 2]),
@@ -331,7 +331,7 @@ BAD_CSV: dict[str, bytes] = {
     "no header row 'name": b"\xef\xbb\xbf# only a comment\n\n",
     "line 1: the first row holds numbers": b"0,1\n",
     "no first column 't .s.' and no rate": b"x\n1\n",
-    "a time column and no channel beside it": b"t\n1\n",
+    "a time column but no channel": b"t\n1\n",
     r"line 4, column 2 \('x'\): 'abc' is not a number$": b"t,x\n0,1\n#\n1,abc\n",
     "'1_0' is not a number": b"t,x\n0,1_0\n",
     "'0x1' is not a number": b"t,x\n0,0x1\n",
@@ -346,7 +346,7 @@ BAD_CSV: dict[str, bytes] = {
     r"after line \d{4}: no UTF-8 text": b"x\n" + b"1\n" * 5000 + b"\xff\n",
 }
 BAD_WAV: dict[str, Callable[[], bytes]] = {
-    "this is no .wav file: it does not begin with RIFF": lambda: b"",
+    "this is not a .wav file: it does not begin with RIFF": lambda: b"",
     "it does not begin with RIFF and WAVE": lambda: wav("PCM_16", format="FLAC"),
     "this is no .wav file: Error opening": lambda: wav("PCM_16")[:12],
     "ULAW samples are not read": lambda: wav("ULAW"),
@@ -386,10 +386,10 @@ class TestRefused:
         [
             ({}, "a stream has no suffix; give its format: .npz .npy .csv .wav"),
             ({"format": "mp3"}, "no format is called 'mp3'"),
-            ({"format": "csv", "rate": "fast"}, "'fast' is no rate in Hz"),
+            ({"format": "csv", "rate": "fast"}, "'fast' is not a rate in Hz"),
             ({"format": "csv", "rate": 0}, "a rate is a fraction"),
-            ({"format": "csv", "rate": float("inf")}, "'inf' is no rate"),
-            ({"format": "csv", "rate": "1e999999999"}, "'1e999999999' is no rate"),
+            ({"format": "csv", "rate": float("inf")}, "'inf' is not a rate"),
+            ({"format": "csv", "rate": "1e999999999"}, "'1e999999999' is not a rate"),
         ],
     )
     def test_arguments(self, arguments: dict[str, Any], message: str) -> None:
@@ -401,7 +401,7 @@ class TestRefused:
             load(tmp_path / "a.mp3")
         with pytest.raises(FileNotFoundError):
             load(tmp_path / "a.csv")
-        with pytest.raises(ParameterError, match="a directory stands"):
+        with pytest.raises(ParameterError, match="the output is a directory"):
             save(example(), tmp_path, format="csv")
 
     def test_one_rate_for_several_groups(self) -> None:

@@ -244,7 +244,7 @@ def test_refusals():
         for call, message in [
             (lambda: recorder.write("y", [1]), "no channel 'y'; there are: 'force', 'x'"),
             (lambda: recorder.write(2, [1]), "no channel 2"),
-            (lambda: recorder.write_rows([[1, 2]]), "write them apart"),
+            (lambda: recorder.write_rows([[1, 2]]), "write them separately"),
             (lambda: recorder.write_rows([[1, 2]], channels=[0, 0]), "each once"),
             (lambda: recorder.add(counts_input("wide", bits=25)), "needs level 2"),
             (lambda: recorder.write("x", [1 + 2j]), "are floats"),

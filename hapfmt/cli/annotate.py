@@ -150,7 +150,7 @@ def json_rows(text: str) -> list[tuple[int, dict[str, Any]]]:
         except (ValueError, RecursionError):
             row = None
         if not isinstance(row, dict):
-            raise ParameterError(f"line {number} is no JSON object")
+            raise ParameterError(f"line {number} is not a JSON object")
         rows.append((number, row))
     return rows
 

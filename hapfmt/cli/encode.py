@@ -193,7 +193,7 @@ def with_vector(recording: Recording, names: list[str], group: str) -> Recording
         places.append(place)
     if places != list(range(places[0], places[0] + len(places))):
         raise ParameterError(
-            f"the axes of a vector stand side by side in the recording, in their order: "
+            f"the axes of a vector must be neighbours in the recording, in order: "
             f"{','.join(names)} are channels {places}"
         )
     for place, axis in zip(places, AXES, strict=False):

@@ -125,7 +125,7 @@ def rate(
     if as_csv and as_json:
         raise ParameterError("choose one of --csv and --json")
     if (chosen or as_json) and (subject or (as_json and not chosen)):
-        raise ParameterError("--subject is asked, which has no --json and no other mode beside it")
+        raise ParameterError("--subject does not go with --json or another mode")
     if summary:
         return summed(files, plot, as_csv, as_json, force)
     if new:
