@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 
@@ -105,7 +106,7 @@ def main() -> None:
     except (click.Abort, KeyboardInterrupt):
         code = report("interrupted", ERROR)
     except HapfmtError as error:
-        code = report(str(error), error.exit_code)
+        code = report(error.line(), error.exit_code, error.more)
     except BrokenPipeError:
         code = ERROR  # the reader of our output has gone
     except OSError as error:
@@ -139,11 +140,13 @@ def usage(error: click.ClickException) -> int:
     return code
 
 
-def report(message: str, code: int) -> int:
+def report(message: str, code: int, more: Sequence[str] = ()) -> int:
     """An error for a person, and for a program where --json was given."""
     with suppress(OSError):
         screen.complain(message)
+        for line in more:
+            screen.say(line, err=True, whole=line.startswith("  hapfmt "))
     if "--json" in sys.argv:
         with suppress(OSError):
-            screen.raw(json.dumps({"error": message, "exit_code": code}) + "\n")
+            screen.raw(json.dumps({"error": "\n".join([message, *more]), "exit_code": code}) + "\n")
     return code
