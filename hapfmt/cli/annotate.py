@@ -44,8 +44,8 @@ TIMES, TEXTS = ("time", "onset"), ("text", "trial_type")
     "--table",
     "table_",
     metavar="TABLE",
-    help="Add all events of a table. CSV or JSON lines; columns: time (or onset), duration, channel, "
-    "layer, text (or trial_type).",
+    help="Add all events of a table. CSV or JSON lines; columns: time (or onset), duration, "
+    "channel, layer, text (or trial_type).",
 )
 @click.option("--list", "list_", is_flag=True, help="List the events (of --layer, if given).")
 @copy_option

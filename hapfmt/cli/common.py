@@ -185,10 +185,16 @@ class AmountType(click.ParamType["Tolerance"]):
 
 
 start_option = click.option(
-    "--start", type=FractionType(), metavar="S", help="Start of the part in seconds, included. [the beginning]"
+    "--start",
+    type=FractionType(),
+    metavar="S",
+    help="Start of the part in seconds, included. [the beginning]",
 )
 stop_option = click.option(
-    "--stop", type=FractionType(), metavar="S", help="End of the part in seconds, not included. [the end]"
+    "--stop",
+    type=FractionType(),
+    metavar="S",
+    help="End of the part in seconds, not included. [the end]",
 )
 
 

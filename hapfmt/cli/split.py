@@ -54,8 +54,8 @@ def split(
 ) -> int:
     """Cut the .hapf file IN into parts. Packets are copied bit for bit.
 
-    A packet is kept whole, in the part in which it begins. Every part has all channels, metadata and
-    attachments. Parts keep their times, so concat joins them again.
+    A packet is kept whole, in the part in which it begins. Every part has all channels, metadata
+    and attachments. Parts keep their times, so concat joins them again.
 
     \b
     hapfmt split long.hapf --every 600 --output 'part-{:03d}.hapf'
