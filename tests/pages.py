@@ -44,9 +44,7 @@ def commands_of(block: Block) -> list[Command]:
     return [Command(*pair) for pair in zip(parts[1::2], parts[2::2], strict=True)]
 
 
-def walk(
-    page: Path, room: Path, run: Callable[[Command, Path], None], python: bool = True
-) -> None:
+def walk(page: Path, room: Path, run: Callable[[Command, Path], None], python: bool = True) -> None:
     """Runs the commands and the Python of a page, in its order, in the folder ``room``."""
     names: dict[str, object] = {"__name__": page.stem}
     before = Path.cwd()
