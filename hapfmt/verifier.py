@@ -256,7 +256,9 @@ def digested_tracks(catalogue: Catalogue, chunk: Chunk, *, harmed: bool) -> rang
     """The tracks that a dGST chunk has checksums of; in a damaged file some may not be known."""
     tracks, at, size = catalogue.tracks, chunk.payload_offset, len(chunk.payload)
     ids = range(chunk.header.track, chunk.header.track + size // 32)
-    unknown = [i for i in ids if i not in tracks or (tracks[i].offset > at and not catalogue.damaged)]
+    unknown = [
+        i for i in ids if i not in tracks or (tracks[i].offset > at and not catalogue.damaged)
+    ]
     if not size or size % 32 or (unknown and not harmed):
         raise FormatError(
             "The chunk does not hold a whole number of checksums of known tracks",

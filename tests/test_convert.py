@@ -189,7 +189,7 @@ class TestEveryFormat:
     def test_files(self, suffix: str, tmp_path: Path) -> None:
         path = tmp_path / f"a{suffix.upper()}"
         save(example(), path)
-        with pytest.raises(ParameterError, match=f"{path}: exists already"):
+        with pytest.raises(ParameterError, match=f"{path} already exists"):
             save(example(), path)
         save(example(5), path, force=True)
         back = load(str(path), rate="100/1")

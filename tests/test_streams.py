@@ -253,3 +253,35 @@ def test_an_input_of_a_table_may_have_a_lattice():
     assert back.channels[0].calibration == Calibration(1, 0, 10)
     assert (back.channels[0].label, back.channels[0].unit) == ("1", "V")
     assert Input("1", 10, "V", lsb=0.1).lsb == 0.1
+
+
+HUGE = {
+    "row": (b"1,2\n3,1e999\n4,5\n", "line 2: '1e999' is beyond the range of a double", 1),
+    "negative": (b"1,2\n-1E400,3\n", "line 2: '-1E400' is beyond the range of a double", 1),
+    "first": (b"1e999,2\n", "line 1: '1e999' is beyond the range of a double", None),
+    "value": (
+        b'{"channels": [{"label": "a", "rate": 10}]}\n1\n{"channel": "a", "values": [2, 1e999]}\n',
+        "line 3: '1e999' is beyond the range of a double",
+        1,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HUGE)
+def test_numbers_beyond_a_double_are_refused(name):
+    """As encode does; what was recorded before stays."""
+    data, message, kept = HUGE[name]
+    back, error = recorded(data, Table(Fraction(10)))
+    assert str(error) == message
+    assert (back is None) == (kept is None)
+    if back is not None:
+        assert {channel.values.size for channel in back.channels} == {kept}
+
+
+def test_infinity_is_a_value():
+    back, error = recorded(b"1,inf\n-Infinity,3\n", Table(Fraction(10)))
+    assert error is None
+    assert [channel.physical().tolist() for channel in back.channels] == [
+        [1, -np.inf],
+        [np.inf, 3],
+    ]

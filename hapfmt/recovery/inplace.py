@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from ..appending import check_tail, open_append
-from ..atomic import atomic_write, sync_directory
+from ..atomic import atomic_write, refusal, sync_directory
 from ..container.source import open_source
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Limits
@@ -102,7 +102,7 @@ def rewrite(
     target = Path(os.path.realpath(name))
     kept = target.with_name(target.name + DAMAGED)
     if kept.exists():
-        raise ParameterError("exists already: the damaged file would be kept there", path=str(kept))
+        raise refusal(f"{kept} already exists; it is the name for the damaged file")
     beside = target.with_name(f".{secrets.token_hex(8)}.tmp")
     linked = False
     locked = open_live(target)
