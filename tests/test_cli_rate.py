@@ -237,7 +237,8 @@ class TestTerminal:
         frames = room / "frames"
         config = {"kind": "loopback", "file": str(frames)}
         first = f"import hapfmt.study.outputs as o; o.find_device = lambda *_: {config}"
-        words = ["rate", "study.toml", "--subject", "S1", "--device", "glove.toml", "--no-watchdog"]
+        words = ["rate", "study.toml", "--subject", "S1", "--device", "glove.toml"]
+        words += ["--map", "0=thumb", "--no-watchdog"]
         with Terminal(room, *words, first=first) as terminal:
             terminal.until("question 1 of 3\n> ")
             terminal.type("p")
@@ -303,7 +304,7 @@ class TestPipes:
     def test_a_device_is_rehearsed(self, room):
         words = "p\n50\n" * 3
         done = run("rate", "study.toml", "--subject", "S1", "--device", "glove5", "--dry-run",
-                   "--channels", "0=1", cwd=room, stdin=words.encode())  # fmt: skip
+                   "--map", "0=1", cwd=room, stdin=words.encode())  # fmt: skip
         assert done.returncode == 0 and b"3 of 3 answers" in done.stdout
         output = answers(room, "S1").head["output"]
         assert (output["kind"], output["profile"]) == ("dry-run", "glove5")
@@ -325,12 +326,12 @@ class TestPipes:
             (["study.toml"], "whose answers"),
             (["study.toml", "--subject", "S1"], "say where it is felt"),
             (["study.toml", "--subject", "S1", "--dry-run", "--wav", "w"], "one of them"),
-            (["study.toml", "--subject", "S1", "--dry-run", "--gain", "0.1"], "go with --device"),
+            (["study.toml", "--subject", "S1", "--dry-run", "--gain", "0.1"], "require --device"),
             (["study.toml", "--subject", "../S", "--dry-run"], "cannot be a subject"),
-            (["study.toml", "--subject", "S1", "--device", "glove5", "--channels", "9=1"], "9"),
+            (["study.toml", "--subject", "S1", "--device", "glove5", "--map", "9=1"], "9"),
             (["study.toml", "--prepare", "--summary"], "choose one of"),
             (["study.toml", "--plot", "a.png"], "go with --summary"),
-            (["--summary", "study.toml"], "line 1 is no JSON"),
+            (["--summary", "study.toml"], "line 1 is not a JSON"),
             (["--summary", "study.toml", "--csv", "--json"], "choose one of --csv and --json"),
             (["--new", "n.toml"], "give the recordings"),
             (["--new", "n.toml", "no.hapf"], "no such file"),

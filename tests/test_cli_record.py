@@ -54,7 +54,7 @@ def test_a_table_then_more_of_it(tmp_path):
     assert told["written"] == 20 and told["channels"] == ["x", "y"] and told["dropped"] == {}
     x, y = hapfmt.read(path).channels
     assert x.coverage == (Span(0, 2510),) and x.unit == "N"
-    assert y.physical()[2500:].tolist() == [n / 8 for n in range(10)]
+    assert y.samples()[2500:].tolist() == [n / 8 for n in range(10)]
     assert run(rows, path, *table, "--force")[0] == 0
     assert hapfmt.read(path).channels[0].coverage == (Span(0, 2500),)
 
@@ -62,10 +62,10 @@ def test_a_table_then_more_of_it(tmp_path):
 def test_a_bad_line_ends_with_1_and_keeps_what_came_before(tmp_path):
     path = str(tmp_path / "a.hapf")
     code, out, err = run(HEAD + b"1\n2\nx\n", path, "--json")
-    assert code == 1 and "line 4: 'x' is no number" in err
+    assert code == 1 and "line 4: 'x' is not a number" in err
     assert json.loads(out)["exit_code"] == 1
     assert hapfmt.verify(path).verdict == "intact"
-    assert hapfmt.read(path).channels[0].values.tolist() == [1, 2]
+    assert hapfmt.read(path).channels[0].stored.tolist() == [1, 2]
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_a_bad_line_ends_with_1_and_keeps_what_came_before(tmp_path):
         (b"1\n", ["--rate", "10", "--fsync", "often"], "fsync is one of"),
         (b"1\n", ["--rate", "10", "--preset", "near-lossless"], "the largest error"),
         (b"1\n", ["--rate", "10", "--append"], "No such file"),
-        (b"1\n", ["--rate", "10", "--from", "nowhere"], "No such file"),
+        (b"1\n", ["--rate", "10", "--input", "nowhere"], "No such file"),
     ],
 )
 def test_what_cannot_begin_leaves_no_file(tmp_path, data, arguments, message):
@@ -91,13 +91,13 @@ def test_from_a_file_to_a_pipe_with_an_id(tmp_path):
     outputs = set()
     for _ in range(2):
         done = subprocess.run(
-            [sys.executable, "-m", "hapfmt", "record", "-", "--from", str(source), "--canonical", "7"],
+            [sys.executable, "-m", "hapfmt", "record", "-", "--input", str(source), "--canonical", "7"],
             capture_output=True, env=ENVIRONMENT, check=True,
         )  # fmt: skip
         outputs.add(done.stdout)
         assert b"3 samples" in done.stderr
     (data,) = outputs
-    assert hapfmt.read(data).channels[0].values.tolist() == [1, 2, 3]
+    assert hapfmt.read(data).channels[0].stored.tolist() == [1, 2, 3]
 
 
 def wait_for_samples(path: Path) -> None:
@@ -120,7 +120,7 @@ def test_a_signal_closes_the_file(tmp_path, number):
     assert (process.returncode, err) == (0, b"")
     assert b"2 samples" in out
     assert hapfmt.verify(path).verdict == "intact"
-    assert hapfmt.read(path).channels[0].values.tolist() == [1, 2]
+    assert hapfmt.read(path).channels[0].stored.tolist() == [1, 2]
 
 
 def test_under_nohup_the_end_of_the_connection_ends_nothing(monkeypatch):
@@ -162,7 +162,7 @@ def test_dropped_samples_end_with_3(tmp_path, monkeypatch):
     arguments = [
         "record",
         str(path),
-        "--from",
+        "--input",
         str(source),
         "--on-full",
         "drop",
@@ -174,7 +174,7 @@ def test_dropped_samples_end_with_3(tmp_path, monkeypatch):
     back = hapfmt.read(path)
     values = back.channels[0]
     ticks = np.concatenate([np.arange(*span) for span in values.coverage])
-    assert 0 < values.values.size < noise.size and (values.values == noise[ticks]).all()
+    assert 0 < values.stored.size < noise.size and (values.stored == noise[ticks]).all()
     assert "for which the encoder was too slow" in back.metadata["notes"][0]
 
 

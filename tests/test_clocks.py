@@ -149,7 +149,7 @@ class TestFile:
 
     def test_samples_keep_their_times(self):
         assert samples(FILE) == samples(f.minimal())
-        assert Reader(FILE).read().channels[0].rate == 1000
+        assert Reader(FILE).read().channels[0].rate_exact == 1000
 
     def test_the_last_map_counts(self):
         later = f.clock_map([(0, 0), (5, 7)])
@@ -389,7 +389,7 @@ class TestVerb:
         assert len(rows[0]["points"]) > 2
         assert rows[0]["beside_map_ns"] < rows[0]["jitter_ns"]
         assert rows[1]["points"] is None
-        assert "nanoseconds" in self.run(path, "--fit", "--window", "600")
+        assert "nanoseconds" in self.run(path, "--fit", "--segment", "600")
 
     def test_a_channel_that_goes_on_in_another_track(self, tmp_path):
         path = tmp_path / "d.hapf"

@@ -16,6 +16,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
+import installed  # noqa: F401
+
 import numpy as np
 from measured import DATA, print_origin, print_table
 
@@ -111,7 +113,7 @@ def measure(source: Source, chosen: hapfmt.Settings) -> Point:
     back = hapfmt.read(file)
     snr = np.median(
         [
-            snr_hf_db(a.physical(), b.physical(), float(a.rate))
+            snr_hf_db(a.samples(), b.samples(), a.rate)
             for a, b in zip(source.recording.channels, back.channels, strict=True)
         ]
     )

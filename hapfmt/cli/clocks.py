@@ -14,9 +14,10 @@ from .common import (
     input_of,
     json_option,
     memory_option,
-    table,
     tell_losses,
 )
+from .screen import say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..clocks import Delays
@@ -39,7 +40,10 @@ NS = Fraction(10**9)
     help="Whether time stamps are early and late, or late only.",
 )
 @click.option(
-    "--window", type=FractionType(), help="Seconds of one line. [what tells best of the rest]"
+    "--segment",
+    type=FractionType(),
+    metavar="S",
+    help="Seconds of one line. [what tells best of the rest]",
 )
 @memory_option
 @json_option
@@ -47,7 +51,7 @@ def clocks(
     file: str,
     fit: bool,
     delays: str,
-    window: Fraction | None,
+    segment: Fraction | None,
     as_json: bool,
     max_memory: Limits,
 ) -> int:
@@ -60,7 +64,7 @@ def clocks(
     from ..reading.reader import Reader
 
     with Reader(input_of(file), limits=max_memory) as reader:
-        seconds = None if window is None else float(window)
+        seconds = None if segment is None else float(segment)
         asked = (cast("Delays", delays), seconds) if fit else None
         rows = [one_clock(reader, seen, asked) for seen in by_clock(reader)]
         code = tell_losses(reader)
@@ -69,7 +73,7 @@ def clocks(
     elif rows:
         show(rows)
     else:
-        click.echo("no other clock was observed")
+        say("no other clock was observed")
     return code
 
 

@@ -8,23 +8,28 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import ParameterError
+from .bounds import amount
 from .common import (
     AmountType,
     echo_json,
     force_option,
+    input_format_option,
     json_option,
     memory_option,
     output_of,
-    parse_time,
-    printable,
     progress,
-    table,
+    refuse_span,
+    start_option,
+    stop_option,
 )
 from .parts import open_parts
 from .plot import finish, told
+from .screen import note, printable, say
+from .tables import Column, table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from fractions import Fraction
 
     from ..encoder.tolerance import Tolerance
     from ..limits import Limits
@@ -39,7 +44,8 @@ DIFFERENT = 3
 @click.argument("a", metavar="A")
 @click.argument("b", metavar="B")
 @click.option("--channels", multiple=True, help="Labels or numbers, of both: fx,fy or 0,3. [all]")
-@click.option("--time", "time_", metavar="START:STOP", help="Seconds START <= t < STOP. [all]")
+@start_option
+@stop_option
 @click.option(
     "--tolerance",
     type=AmountType(),
@@ -47,7 +53,7 @@ DIFFERENT = 3
     help="What counts as equal: 1e-3 in the unit, 0.5lsb, or 0.1% of the range of A. [nothing]",
 )
 @click.option("--plot", "picture", metavar="PICTURE", help="Draw both: .png .svg .pdf.")
-@click.option("--from", "format_", help="Format of A and B, if a name does not say.")
+@input_format_option
 @click.option("--rate", help="Ticks per second, for a file that does not say.")
 @memory_option
 @force_option
@@ -56,10 +62,11 @@ def compare(
     a: str,
     b: str,
     channels: tuple[str, ...],
-    time_: str | None,
+    start: Fraction | None,
+    stop: Fraction | None,
     tolerance: Tolerance | None,
     picture: str | None,
-    format_: str | None,
+    input_format: str | None,
     rate: str | None,
     max_memory: Limits,
     force: bool,
@@ -88,11 +95,11 @@ def compare(
         kind_of(picture)
         refuse(picture, force)
         new_figure(1, 1)
-    start, stop = parse_time(time_)
-    whole = time_ is None
-    one = open_parts(a, format_, rate, max_memory, channels, whole=whole)
+    refuse_span(start, stop)
+    whole = start is None and stop is None
+    one = open_parts(a, input_format, rate, max_memory, channels, whole=whole)
     try:
-        two = open_parts(b, format_, rate, max_memory, channels, whole=whole)
+        two = open_parts(b, input_format, rate, max_memory, channels, whole=whole)
         try:
             with progress("comparing") as advance:
                 found, views = run(
@@ -127,46 +134,56 @@ def draw(
     force: bool,
 ) -> None:
     from ..plotting.difference import pages
+    from ..plotting.pages import Words
     from ..plotting.style import kind_of, save
+    from ..survey.facts import duration, grouped, rates
 
     if not views:
-        raise ParameterError("there is nothing to draw: no channel is in both at one rate")
-    figures = pages(found, views, title=printable(title), footnotes=footnotes)
-    kind = kind_of(picture)
-    if kind != "pdf" and len(figures) > 1:
-        click.echo(f"note: the first of {len(figures)} pages; a PDF has them all", err=True)
-        figures = figures[:1]
-    save(figures, output_of(picture), kind, force=force)
+        raise ParameterError("Nothing to draw: no channel of both has the same rate")
+    samples = sum(row.samples for row in found)
+    facts = [
+        f"{len(found)} channels" if len(found) != 1 else "1 channel",
+        rates([view.channel.rate for view in views]),
+        duration(views[0].stop - views[0].start),
+        f"{grouped(samples)} samples in both",
+    ]
+    figures = pages(found, views, Words(printable(title), facts, footnotes))
+    names = save(figures, output_of(picture), kind_of(picture), force=force)
+    if len(names) > 1:
+        note(f"{len(names)} pages: {', '.join(names)}")
 
 
 def show(a: str, b: str, found: Sequence[Comparison]) -> None:
     rows = [
         [
+            row.label or f"channel {row.number}",
             str(row.number),
-            row.label,
             row.verdict,
+            amount(row.largest, row.unit, 4) if row.largest else "0",
+            str(row.differing),
             str(row.samples),
             str(row.only_a),
             str(row.only_b),
-            str(row.differing),
-            f"{row.largest:.6g}",
-            "-" if row.largest_counts is None else f"{row.largest_counts:.4g}",
             f"{row.rms:.4g}",
-            row.unit,
+            "-" if row.largest_counts is None else f"{row.largest_counts:.4g}",
             "-" if row.snr_db is None else f"{row.snr_db:.1f}",
             "-" if row.snr_hf_db is None else f"{row.snr_hf_db:.1f}",
         ]
         for row in found
     ]
-    headers = ["channel", "label", "verdict", "samples", "only A", "only B", "differing", "largest",
-               "counts", "rms", "unit", "SNR dB", "HF SNR dB"]  # fmt: skip
+    headers = [
+        Column("label"), Column("#", 7), Column("verdict"), Column("largest difference"),
+        Column("differing", 1), Column("samples", 2), Column("only in A", 5),
+        Column("only in B", 6), Column("rms", 4), Column("in steps", 9), Column("SNR, dB", 3),
+        Column("SNR > 20 Hz, dB", 8),
+    ]  # fmt: skip
     table(headers, rows)
     for row in found:
-        for note in row.notes:
-            click.echo(f"note: {printable(row.label)}: {printable(note)}", err=True)
+        for each in row.notes:
+            note(f"{row.label}: {each}")
     different = sum(not row.within for row in found)
     near = sum(row.within and not row.identical for row in found)
     same = len(found) - different - near
     parts = [(same, "identical"), (near, "within tolerance"), (different, "different")]
     said = ", ".join(f"{count} {word}" for count, word in parts if count) or "no channels"
-    click.echo(f"{printable(a)} and {printable(b)}: {said}")
+    say(f"{a} and {b}: {said}")

@@ -16,14 +16,13 @@ from .common import (
     FractionType,
     echo_json,
     force_option,
+    input_format_option,
     json_option,
     load_recording,
     memory_option,
     output_of,
-    printable,
     progress,
     refuse_target,
-    table,
     tell_notes,
     threads_option,
 )
@@ -34,8 +33,6 @@ if TYPE_CHECKING:
     from ..writer import Summary
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
-ORIGINAL_BITS = 64
-"""Bits of a sample before encoding, as the paper counts: a double."""
 
 
 @click.command(short_help="Encode a recording into a .hapf file.")
@@ -116,13 +113,14 @@ ORIGINAL_BITS = 64
 )
 @click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track.")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
-@click.option("--from", "format_", help="Format of the input, for a pipe: npz npy csv wav hapf.")
+@input_format_option
 @click.option(
     "--canonical",
     type=click.IntRange(0, (1 << 32) - 1),
     metavar="FILE_ID",
     help="The same input gives the same bytes; FILE_ID stands for the random file id.",
 )
+@click.option("-v", "--verbose", is_flag=True, help="Say how each channel was coded, and why.")
 @threads_option
 @memory_option
 @force_option
@@ -132,12 +130,13 @@ def encode(
     target: str,
     preset: str,
     rate: str | None,
-    format_: str | None,
+    input_format: str | None,
     canonical: int | None,
     force: bool,
     as_json: bool,
     threads: int | None,
     max_memory: Limits,
+    verbose: bool,
     vectors: tuple[str, ...],
     **given: Any,
 ) -> int:
@@ -147,7 +146,7 @@ def encode(
     hapfmt encode touch.npz touch.hapf
     hapfmt encode touch.csv touch.hapf --preset paper --k 0.1 --bits 5
     hapfmt encode force.npy force.hapf --rate 1000 --tolerance 0.01%
-    cat touch.npz | hapfmt encode - - --from npz > touch.hapf
+    cat touch.npz | hapfmt encode - - --input-format npz > touch.hapf
     """
     from ..encoder.settings import Settings
     from ..writer import write
@@ -155,7 +154,7 @@ def encode(
     refuse_target(target, force)
     given["vectors"] = "required" if vectors else None
     settings = Settings.of(preset, **given)
-    recording, code = load_recording(source, format_, rate, max_memory)
+    recording, code = load_recording(source, input_format, rate, max_memory)
     tell_notes(recording)
     for place, names in enumerate(vectors):
         recording = with_vector(recording, names.split(","), f"vector {place + 1}")
@@ -174,7 +173,9 @@ def encode(
     if as_json and target != "-":
         echo_json(summary_json(summary, recording.duration, seconds))
     elif target != "-":
-        show(summary, target, seconds, tolerant=settings.tolerance is not None)
+        from .encoded import show
+
+        show(summary, target, seconds, recording, verbose=verbose)
     return code
 
 
@@ -192,7 +193,7 @@ def with_vector(recording: Recording, names: list[str], group: str) -> Recording
         places.append(place)
     if places != list(range(places[0], places[0] + len(places))):
         raise ParameterError(
-            f"the axes of a vector stand side by side in the recording, in their order: "
+            f"the axes of a vector must be neighbours in the recording, in order: "
             f"{','.join(names)} are channels {places}"
         )
     for place, axis in zip(places, AXES, strict=False):
@@ -209,39 +210,3 @@ def summary_json(summary: Summary, duration: Fraction, seconds: float) -> dict[s
         "encode_s": seconds,
         "channels": [decision.as_json() for decision in summary.decisions],
     }
-
-
-def show(summary: Summary, target: str, seconds: float, *, tolerant: bool) -> None:
-    from ..encoder.words import WORDS_REASON
-
-    rows = [
-        [
-            str(d.channel),
-            d.label,
-            str(d.sample_count),
-            f"{8 * d.size / d.sample_count:.3f}" if d.sample_count else "-",
-            "exact" if d.exact else "yes" if d.within else "no",
-            f"{d.chosen}: {d.reason}" + (f", {d.axis_count} axes" if d.axis_count > 1 else ""),
-            d.lattice,
-        ]
-        for d in summary.decisions
-    ]
-    headers = ["channel", "label", "samples", "b/sample", "within", "coded as", "values"]
-    if any(d.left_out for d in summary.decisions):
-        headers.append("left out")
-        rows = [[*row, d.left_out] for row, d in zip(rows, summary.decisions, strict=True)]
-    table(headers, rows)
-    samples = summary.sample_count
-    if samples:
-        bits = 8 * summary.file_size / samples
-        click.echo(
-            f"{printable(target)}: {summary.file_size} bytes for {samples} samples, "
-            f"{bits:.3f} bits a sample with everything, {ORIGINAL_BITS / bits:.1f} times smaller "
-            f"than doubles, in {seconds:.2f} s"
-        )
-    words = [d for d in summary.decisions if d.reason == WORDS_REASON]
-    if words and not tolerant:
-        click.echo(
-            f"{len(words)} of {len(summary.decisions)} channels are true doubles and were kept bit "
-            "for bit; --tolerance 0.01% puts them on a lattice, if that error is no loss to you"
-        )

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import DeviceError, ParameterError
-from .common import echo_json, json_option, printable, table
+from .common import echo_json, json_option
+from .screen import complain, document, say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..replay.profile.descriptor import Descriptor
@@ -25,7 +27,7 @@ def profile() -> None:
     \b
     hapfmt profile list
     hapfmt profile show glove5 > mine.toml
-    hapfmt profile check mine.toml --device /dev/hidraw3
+    hapfmt profile check mine.toml --path /dev/hidraw3
     """
 
 
@@ -61,16 +63,15 @@ def show_profile(name: str) -> int:
     """Print the TOML of the built-in profile NAME (or of a file), to start one of your own."""
     from ..replay.profile.parse import load_profile
 
-    click.echo(load_profile(name).text, nl=False)
+    document(load_profile(name).text)
     return 0
 
 
 @profile.command("check", short_help="Whether a profile is one, and fits a device.")
 @click.argument("file", metavar="FILE.toml")
 @click.option(
-    "--device",
-    "path",
-    metavar="PATH",
+    "--path",
+    metavar="DEVICE_PATH",
     help="Hold its reports against this device (hapfmt devices lists paths); nothing is sent.",
 )
 @click.option(
@@ -82,14 +83,14 @@ def show_profile(name: str) -> int:
 def check_profile(file: str, path: str | None, descriptor: str | None, as_json: bool) -> int:
     """Check the profile FILE.toml (or a built-in one) and say what it makes of a device.
 
-    With --device or --descriptor, each report of the profile must be one of the device's, with
+    With --path or --descriptor, each report of the profile must be one of the device's, with
     its kind, id and length. Exit code 1 where it is not.
     """
     from ..replay.profile.matching import differences
     from ..replay.profile.parse import load_profile
 
     if path is not None and descriptor is not None:
-        raise ParameterError("give --device or --descriptor, not both")
+        raise ParameterError("give --path or --descriptor, not both")
     chosen = load_profile(file)
     against: Descriptor | None = None
     found: list[str] = []
@@ -109,9 +110,9 @@ def check_profile(file: str, path: str | None, descriptor: str | None, as_json: 
     else:
         show(file, chosen)
         if against is not None and not found:
-            click.echo(f"each of its reports is one of {printable(path or descriptor or '')}")
+            say(f"each of its reports is one of {path or descriptor or ''}")
         for text in found:
-            click.echo(f"hapfmt: {printable(text)}", err=True)
+            complain(text)
     return code
 
 
@@ -186,21 +187,21 @@ def show(file: str, chosen: Profile) -> None:
     from ..replay.profile.matching import wanted_of
 
     timing = chosen.timing
-    click.echo(f"{printable(file)}: {printable(chosen.name)}, {printable(chosen.description)}")
-    click.echo(f"for {', '.join(devices_of(chosen)) or 'no device in particular: name its path'}")
-    click.echo(
+    say(f"{file}: {chosen.name}, {chosen.description}")
+    say(f"for {', '.join(devices_of(chosen)) or 'no device in particular: name its path'}")
+    say(
         f"{float(1 / timing.period):g} frames/s of {timing.frame_samples} for each actuator; "
         f"gain {chosen.gain:g}; stops when {timing.hold_s * 1e3:g} ms late; "
         f"ramps of {timing.ramp_s * 1e3:g} ms"
     )
     rests = timing.device_timeout_s
-    click.echo(
+    say(
         "not known to go to rest by itself when nothing comes any more"
         if rests is None
         else f"goes to rest by itself {rests * 1e3:g} ms after the last report"
     )
     for each in wanted_of(chosen):
-        click.echo(f"{each.path} report 0x{each.id:02x}, {each.length} bytes")
+        say(f"{each.path} report 0x{each.id:02x}, {each.length} bytes")
     table(
         ["actuator", "unit", "lowest", "highest", "rest", "change/s", "step", "band", "takes"],
         [row_of(each) for each in chosen.actuators],

@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 
 from ..errors import ParameterError
-from .common import AmountType, FractionType, echo_json, force_option, json_option, printable
+from . import screen
+from .common import AmountType, FractionType, echo_json, force_option, json_option, standard_input
+from .screen import complain, say
 
 if TYPE_CHECKING:
     from ..live.recorder import Recorder
@@ -37,7 +39,12 @@ LOST = 3
 @click.command(short_help="Record samples as they come from another program.")
 @click.argument("target", metavar="OUT")
 @click.option(
-    "--from", "source", default="-", metavar="FILE", help="What to read [-, standard input]."
+    "-i",
+    "--input",
+    "source",
+    default="-",
+    metavar="FILE",
+    help="What to read [-, standard input].",
 )
 @click.option("--rate", type=FractionType(), help="Ticks per second of a bare table.")
 @click.option("--labels", help="Channels of a bare table: a,b,c [1,2,3, or as its first line].")
@@ -139,9 +146,9 @@ def record(
         labels_ = [given.label for given in recorder.inputs]
         echo_json({**status.as_json(), "wall_s": time.monotonic() - began, "channels": labels_})
     else:
-        click.echo(f"{printable(target)}: {summary(status)}", err=target == "-")
+        say(f"{target}: {summary(status)}", err=target == "-")
     if status.dropped:
-        click.echo(f"hapfmt: {dropped(status)}", err=True)
+        complain(dropped(status))
         return LOST
     return 0
 
@@ -161,7 +168,7 @@ def summary(status: Status) -> str:
 
 def dropped(status: Status) -> str:
     """Of the first few channels."""
-    parts = [f"{printable(label)} {count}" for label, count in list(status.dropped.items())[:10]]
+    parts = [f"{label} {count}" for label, count in list(status.dropped.items())[:10]]
     return f"dropped {status.dropped_count} samples: {', '.join(parts)}"
 
 
@@ -209,7 +216,7 @@ def exit_signals() -> list[int]:
 def opened(source: str) -> Iterator[int]:
     """A descriptor to read from."""
     if source == "-":
-        yield sys.stdin.fileno()
+        yield standard_input().fileno()
         return
     descriptor = os.open(source, os.O_RDONLY | getattr(os, "O_BINARY", 0))
     try:
@@ -253,7 +260,7 @@ class StatusLine:
 
     def __exit__(self, *_: object) -> None:
         if self.shown:
-            click.echo("\r\x1b[K", err=True, nl=False)
+            screen.status("")
 
     def tell(self) -> None:
         recorder = self.stream.recorder
@@ -264,4 +271,4 @@ class StatusLine:
         text = f"{summary(status)}, {status.queued_size >> 10} KiB waiting"
         if status.dropped:
             text += f", {status.dropped_count} samples dropped"
-        click.echo(f"\r\x1b[K{text}", err=True, nl=False)
+        screen.status(text)

@@ -156,14 +156,14 @@ class Pair:
         if self.builder is not None:
             # A is the original, B what is drawn against it.
             self.builder.add_pair(b, a)
-        x, y = a.physical(), b.physical()
+        x, y = a.samples(), b.samples()
         self.signal.add(x)
         found = self.found
         found.only_a += x.size
         found.only_b += y.size
         counts = None
         if a.calibration is not None and a.calibration == b.calibration and a.exact is b.exact:
-            counts = a.values, b.values
+            counts = a.stored, b.stored
         for (i, j), span in intersect(a.coverage, b.coverage):
             p, q = x[i : i + span.ticks], y[j : j + span.ticks]
             found.only_a -= span.ticks
@@ -258,7 +258,7 @@ def compare(
     first = min(e[0] for e in extents) if start is None else start
     last = max(e[1] for e in extents) if stop is None else stop
     if start is not None and start >= max(e[1] for e in extents):
-        raise ParameterError(f"neither has a sample at {float(start):g} s or later")
+        raise ParameterError(f"Neither recording has samples at {float(start):g} s or later")
     rows: list[Comparison | Pair] = []
     at: list[tuple[int, int, Pair]] = []
     drawn: list[View] = []
