@@ -246,10 +246,10 @@ class TestRecord:
         assert [channel.label for channel in sent.channels] == ["left", "right"]
         for there, back in zip(original.channels, sent.channels, strict=True):
             assert back.coverage == (Span(0, 3202),) and back.calibration == STEP
-            dense = np.nan_to_num(there.dense(0, 3202))
-            differs = np.flatnonzero(dense != back.physical())
+            dense = np.nan_to_num(there.filled(0, 3202))
+            differs = np.flatnonzero(dense != back.samples())
             assert set(differs.tolist()) <= {0, 1000, 1200, 3200}
-            assert np.all(back.values[1001:1200] == 0)
+            assert np.all(back.stored[1001:1200] == 0)
         told = sent.metadata["replay"]
         assert told["profile"] == "two" and told["gain"] == 1 and told["kernels"]
         assert told["channels"] == {"left": "a", "right": "b"}
@@ -292,7 +292,7 @@ class TestRecord:
         monkeypatch.setattr("hapfmt.replay.sinks.record.CsvRows.close", full)
         said = dry("--record", tmp_path / "out.csv")
         assert said.code == 1 and "6 sent" in said.out
-        assert "what was sent is not recorded" in said.err and "No space left" in said.err
+        assert "record of what was sent is lost" in said.err and "No space left" in said.err
         assert not (tmp_path / "out.csv").exists()
 
 
@@ -471,7 +471,7 @@ class TestEnds:
             assert "a frame was later than the 1000 ms that the profile allows" in said.err
         if isinstance(report, ReplayReport):
             assert json.loads(ended(report, "--json").out)["exit_code"] == code
-            assert re.search(rf"ended +{report.outcome} ", said.out)
+            assert re.search(rf"ended +{report.outcome}\n", said.out)
 
     def test_the_table(self, ended):
         times = {"p50": 1.2, "p99": 20, "p999": 300, "max": 4000}
@@ -520,8 +520,8 @@ class TestLoopback:
         ]
         assert told["sent"] == 6 and told["late"]["p50"] <= told["late"]["max"] < 100_000
         left, right = hapfmt.read(tmp_path / "out.hapf").channels
-        assert left.values.tolist() == [50, 100, 100, 100, 50, 0]
-        assert right.values.tolist() == [-50, -100, -100, -100, -50, 0]
+        assert left.stored.tolist() == [50, 100, 100, 100, 50, 0]
+        assert right.stored.tolist() == [-50, -100, -100, -100, -50, 0]
 
     def test_the_table(self, played, touch):
         said, _ = played(source=touch)

@@ -56,12 +56,14 @@ class TestEverySampleIsWhatThePageSays:
         PLY-009: A player MUST send for sample n of a replay what the channel is at `start + n * speed / rate` seconds of the recording, rate being that of the device, computed with exact rational numbers.
         PLY-010: A player MUST treat a channel as known at a time t of the recording exactly where it covers tick `floor(t * rate)`, rate being that of the channel, with a finite value.
         """
-        assume(any(channel.values.size for channel in recording.channels))
-        widest = max(channel.rate for channel in recording.channels) * speed / rate
+        assume(any(channel.stored.size for channel in recording.channels))
+        widest = max(channel.rate_exact for channel in recording.channels) * speed / rate
         assume(widest <= WIDEST)
         file = file_of(recording, settings)
         step = speed / rate
-        edges = [edge / c.rate for c in recording.channels for span in c.coverage for edge in span]
+        edges = [
+            edge / c.rate_exact for c in recording.channels for span in c.coverage for edge in span
+        ]
         start = data.draw(st.sampled_from(edges)) - data.draw(st.integers(0, 40)) * step
         start = max(start, Fraction(0))
         count = data.draw(st.integers(1, 60))
@@ -86,7 +88,7 @@ class TestEverySampleIsWhatThePageSays:
         assert values.tobytes() == again.tobytes()
         assert len(values) <= count
         for i, runs in enumerate(want):
-            own = recording.channels[i].rate
+            own = recording.channels[i].rate_exact
             for n in range(len(values)):
                 found = expected(runs, SHAPES[band], own * step, (start + n * step) * own)
                 assert known[n, i] == (found is not None)
@@ -95,20 +97,20 @@ class TestEverySampleIsWhatThePageSays:
 
     @given(strategies.recordings(), strategies.encoder_settings(), st.sampled_from(["full", "lf"]))
     def test_at_the_same_rate_samples_pass_bit_for_bit(self, recording, settings, band):
-        channels = [c for c in recording.channels if c.values.size]
+        channels = [c for c in recording.channels if c.stored.size]
         assume(channels)
         for place, channel in enumerate(channels):
             first = max(channel.start_tick - 3, 0)
             ticks = min(channel.stop_tick - first, 400)
             with Reader(file_of(Recording(tuple(channels)), settings)) as reader:
-                want = reader.read(place, band=band).channels[0].dense(first, first + ticks)
-                profile = profile_of(rate=channel.rate, band=band)
+                want = reader.read(place, band=band).channels[0].filled(first, first + ticks)
+                profile = profile_of(rate=channel.rate_exact, band=band)
                 renderer = Renderer(
                     reader,
                     profile,
                     Assignment((Route(place, 0, Fraction(1)),)),
-                    first / channel.rate,
-                    (first + ticks) / channel.rate,
+                    first / channel.rate_exact,
+                    (first + ticks) / channel.rate_exact,
                 )
                 values, known = joined(renderer.blocks())
             assert known[:, 0].tolist() == np.isfinite(want).tolist()
@@ -192,7 +194,7 @@ class TestOnlyWhatIsPlayedIsDecoded:
             replace(
                 ramp(3000),
                 label=label,
-                values=generator.integers(-2000, 2000, 3000).astype(np.int32),
+                stored=generator.integers(-2000, 2000, 3000).astype(np.int32),
             )
             for label in "ABC"
         ]
@@ -221,7 +223,7 @@ class TestOnlyWhatIsPlayedIsDecoded:
         assert set(decoded["packets"]) == set(decoded["decoders"]) == played
         assert known.all()
         for i, channel in enumerate(want):
-            assert values[:, i].tobytes() == channel.physical().tobytes()
+            assert values[:, i].tobytes() == channel.samples().tobytes()
 
     def test_a_part_of_an_hour(self, decoded):
         """Neither what lies before nor what lies far behind it."""
@@ -254,7 +256,7 @@ class TestLoops:
             assert len(values) == 3 * 200 + 2 * 60
             for loop in range(3):
                 at = loop * 260
-                assert values[at : at + 200, 0].tobytes() == channel.physical().tobytes()
+                assert values[at : at + 200, 0].tobytes() == channel.samples().tobytes()
                 assert renderer.position(at + 7) == Position(loop, Fraction(7, 1000))
                 assert renderer.position(at + 230) == Position(loop, None)
 
@@ -278,7 +280,7 @@ class TestLoops:
             values, known = joined(blocks)
             assert blocks[0].first == 5000
             assert len(values) == 100 + 100 + 1000
-            assert values[:100, 0].tobytes() == channel.physical()[900:].tobytes()
+            assert values[:100, 0].tobytes() == channel.samples()[900:].tobytes()
             assert renderer.position(5099) == Position(1, Fraction(999, 1000))
             assert renderer.position(5200) == Position(2, Fraction(0))
             assert not known[100:200].any()

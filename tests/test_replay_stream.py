@@ -46,7 +46,7 @@ def decoded(data, band, number, start, stop):
             rate = reader.select([number])[0].track.rate
             chosen = reader.select([number])
             assembly = reader.assembly(chosen, start / rate, stop / rate, band=band)
-            return assembly.channel(chosen[0]).dense(start, stop)
+            return assembly.channel(chosen[0]).filled(start, stop)
     except HapfmtError:
         return None
 
@@ -293,11 +293,11 @@ class TestLayouts:
             for _ in range(2):
                 values, known = joined(renderer.blocks())
                 for i in range(2):
-                    line = want.channels[i].dense(0, 4000)
+                    line = want.channels[i].filled(0, 4000)
                     assert known[:, i].tolist() == np.isfinite(line).tolist()
                     assert values[known[:, i], i].tobytes() == line[np.isfinite(line)].tobytes()
                 assert known[:, 2].all()
-                assert values[::4, 2].tobytes() == want.channels[2].physical().tobytes()
+                assert values[::4, 2].tobytes() == want.channels[2].samples().tobytes()
         if order != "by time":
             assert bool(renderer.apart) == (ahead == 100)
 

@@ -21,13 +21,13 @@ from .common import (
     load_recording,
     memory_option,
     output_of,
-    printable,
     progress,
     refuse_target,
-    table,
     tell_notes,
     threads_option,
 )
+from .screen import say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -193,7 +193,7 @@ def with_vector(recording: Recording, names: list[str], group: str) -> Recording
         places.append(place)
     if places != list(range(places[0], places[0] + len(places))):
         raise ParameterError(
-            f"the axes of a vector stand side by side in the recording, in their order: "
+            f"the axes of a vector must be neighbours in the recording, in order: "
             f"{','.join(names)} are channels {places}"
         )
     for place, axis in zip(places, AXES, strict=False):
@@ -235,14 +235,14 @@ def show(summary: Summary, target: str, seconds: float, *, tolerant: bool) -> No
     samples = summary.sample_count
     if samples:
         bits = 8 * summary.file_size / samples
-        click.echo(
-            f"{printable(target)}: {summary.file_size} bytes for {samples} samples, "
+        say(
+            f"{target}: {summary.file_size} bytes for {samples} samples, "
             f"{bits:.3f} bits a sample with everything, {ORIGINAL_BITS / bits:.1f} times smaller "
             f"than doubles, in {seconds:.2f} s"
         )
     words = [d for d in summary.decisions if d.reason == WORDS_REASON]
     if words and not tolerant:
-        click.echo(
+        say(
             f"{len(words)} of {len(summary.decisions)} channels are true doubles and were kept bit "
             "for bit; --tolerance 0.01% puts them on a lattice, if that error is no loss to you"
         )

@@ -15,7 +15,6 @@ from .common import (
     memory_option,
     output_of,
     output_option,
-    printable,
     progress,
     refuse_span,
     start_option,
@@ -23,6 +22,7 @@ from .common import (
     tell_losses,
 )
 from .parts import matched, open_parts
+from .screen import note, printable
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -113,10 +113,9 @@ def plot(
         show(figures, f"hapfmt: {file}")
         return code
     if len(figures) > 1 and kind != "pdf":
-        click.echo(
-            f"note: the first of {len(figures)} pages; choose with --channels, or write a PDF, "
-            "which has them all",
-            err=True,
+        note(
+            f"the picture shows the first of {len(figures)} pages; choose channels with "
+            "--channels, or write a PDF"
         )
         figures = figures[:1]
     assert output is not None

@@ -96,7 +96,7 @@ class Builder:
 
     def add(self, block: Block, original: Channel | None) -> None:
         view = self.view
-        y = block.full.physical()
+        y = block.full.samples()
         view.full.add_channel(block.full, y)
         self.see("full", block.full, y)
         if block.lf is not None:
@@ -110,12 +110,12 @@ class Builder:
 
     def add_pair(self, full: Channel, original: Channel) -> None:
         """What two recordings have of the same seconds."""
-        y = full.physical()
+        y = full.samples()
         self.view.full.add_channel(full, y)
         self.add_original(full, y, original)
 
     def add_lf(self, full: Channel, y: NDArray[np.float64], lf: Channel) -> None:
-        view, d = self.view, lf.physical()
+        view, d = self.view, lf.samples()
         view.lf = view.lf or self.like()
         view.lf.add_channel(lf, d)
         self.see("LF", lf, d)
@@ -147,7 +147,7 @@ class Builder:
         view.high.add_channel(channel, x + half)
 
     def add_original(self, full: Channel, y: NDArray[np.float64], original: Channel) -> None:
-        view, x = self.view, original.physical()
+        view, x = self.view, original.samples()
         view.original = view.original or self.like()
         view.error = view.error or self.like()
         lattice = self.channel.lsb if original.calibration is not None else None
@@ -156,7 +156,7 @@ class Builder:
         if self.channel.contract is not None and not self.channel.is_vector:
             self.add_deadband(original, x, self.channel.half_width(x))
             view.relative = view.relative or Histogram()
-        view.only_original += original.values.size
+        view.only_original += original.stored.size
         for (i, j), span in intersect(original.coverage, full.coverage):
             f = x[i : i + span.ticks]
             with np.errstate(invalid="ignore", over="ignore"):
