@@ -391,10 +391,10 @@ class TestFilesWithoutEnd:
         (room / "study.toml").write_text(text)
         assert endless in self.refused("study.toml", "--prepare")
 
-    def test_a_study(self, room, endless):
+    def test_a_study(self, endless):
         assert endless in self.refused(endless, "--prepare")
 
-    def test_answers(self, room, endless):
+    def test_answers(self, endless):
         assert endless in self.refused("--summary", endless)
         said = self.refused("study.toml", "--subject", "S1", "--dry-run", "--answers", endless)
         assert endless in said or "--answers" in said
