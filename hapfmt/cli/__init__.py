@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 
@@ -105,7 +106,7 @@ def main() -> None:
     except (click.Abort, KeyboardInterrupt):
         code = report("interrupted", ERROR)
     except HapfmtError as error:
-        code = report(str(error), error.exit_code)
+        code = report(str(error), error.exit_code, getattr(error, "__notes__", ()))
     except BrokenPipeError:
         code = ERROR  # the reader of our output has gone
     except OSError as error:
@@ -139,11 +140,15 @@ def usage(error: click.ClickException) -> int:
     return code
 
 
-def report(message: str, code: int) -> int:
-    """An error for a person, and for a program where --json was given."""
+def report(message: str, code: int, notes: Sequence[str] = ()) -> int:
+    """An error for a person, and for a program where --json was given. A note is a line below it,
+    which is never broken: it may be a command line to copy."""
     with suppress(OSError):
         screen.complain(message)
+        for note in notes:
+            screen.put(f"{screen.printable(note)}\n", err=True)
     if "--json" in sys.argv:
+        told = {"error": message, "exit_code": code, **({"notes": list(notes)} if notes else {})}
         with suppress(OSError):
-            screen.raw(json.dumps({"error": message, "exit_code": code}) + "\n")
+            screen.raw(json.dumps(told) + "\n")
     return code
