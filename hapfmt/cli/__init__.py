@@ -106,7 +106,7 @@ def main() -> None:
     except (click.Abort, KeyboardInterrupt):
         code = report("interrupted", ERROR)
     except HapfmtError as error:
-        code = report(str(error), error.exit_code, getattr(error, "__notes__", ()))
+        code = report(error.line(), error.exit_code, error.more)
     except BrokenPipeError:
         code = ERROR  # the reader of our output has gone
     except OSError as error:
@@ -140,15 +140,13 @@ def usage(error: click.ClickException) -> int:
     return code
 
 
-def report(message: str, code: int, notes: Sequence[str] = ()) -> int:
-    """An error for a person, and for a program where --json was given. A note is a line below it,
-    which is never broken: it may be a command line to copy."""
+def report(message: str, code: int, more: Sequence[str] = ()) -> int:
+    """An error for a person, and for a program where --json was given."""
     with suppress(OSError):
         screen.complain(message)
-        for note in notes:
-            screen.put(f"{screen.printable(note)}\n", err=True)
+        for line in more:
+            screen.say(line, err=True, whole=line.startswith("  hapfmt "))
     if "--json" in sys.argv:
-        told = {"error": message, "exit_code": code, **({"notes": list(notes)} if notes else {})}
         with suppress(OSError):
-            screen.raw(json.dumps(told) + "\n")
+            screen.raw(json.dumps({"error": "\n".join([message, *more]), "exit_code": code}) + "\n")
     return code

@@ -134,16 +134,23 @@ def draw(
     force: bool,
 ) -> None:
     from ..plotting.difference import pages
+    from ..plotting.pages import Words
     from ..plotting.style import kind_of, save
+    from ..survey.facts import duration, grouped, rates
 
     if not views:
-        raise ParameterError("there is nothing to draw: no channel is in both at one rate")
-    figures = pages(found, views, title=printable(title), footnotes=footnotes)
-    kind = kind_of(picture)
-    if kind != "pdf" and len(figures) > 1:
-        note(f"the picture shows the first of {len(figures)} pages; a PDF holds them all")
-        figures = figures[:1]
-    save(figures, output_of(picture), kind, force=force)
+        raise ParameterError("Nothing to draw: no channel of both has the same rate")
+    samples = sum(row.samples for row in found)
+    facts = [
+        f"{len(found)} channels" if len(found) != 1 else "1 channel",
+        rates([view.channel.rate for view in views]),
+        duration(views[0].stop - views[0].start),
+        f"{grouped(samples)} samples in both",
+    ]
+    figures = pages(found, views, Words(printable(title), facts, footnotes))
+    names = save(figures, output_of(picture), kind_of(picture), force=force)
+    if len(names) > 1:
+        note(f"{len(names)} pages: {', '.join(names)}")
 
 
 def show(a: str, b: str, found: Sequence[Comparison]) -> None:

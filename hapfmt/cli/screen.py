@@ -29,12 +29,13 @@ def printable(text: str) -> str:
     )
 
 
-def say(text: str = "", *, err: bool = False, nl: bool = True) -> None:
-    """One line on standard output (``err``: error), in several where a terminal is narrower."""
+def say(text: str = "", *, err: bool = False, whole: bool = False) -> None:
+    """One line on standard output (``err``: error), in several where a terminal is narrower.
+    ``whole``: never broken, for a command that a person may copy."""
     text = printable(text)
-    width = width_of(err=err)
+    width = None if whole else width_of(err=err)
     lines = [text] if width is None else wrapped(text, width)
-    put("\n".join(lines) + ("\n" if nl else ""), err=err)
+    put("\n".join(lines) + "\n", err=err)
 
 
 def note(text: str) -> None:

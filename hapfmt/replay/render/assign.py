@@ -77,8 +77,8 @@ def assign(
     ``given``: texts "A=1" (channel, by label or number, = actuator, by name or number from 1);
     other channels are left out. ``by_order``: by unit and order. Otherwise the words of label, body
     site and axis decide, and nothing is guessed. ``ignore``: channels to leave out. ParameterError
-    if a channel remains without an actuator; its notes advise, and ``command`` is the command
-    line that the advice continues.
+    if a channel remains without an actuator; ``command`` is the command line that its advice
+    continues.
     """
     if given and (by_order or ignore):
         option = "--map-by-order" if by_order else "--ignore"
@@ -91,7 +91,10 @@ def assign(
     else:
         found = in_order(channels, profile) if by_order else by_words(channels, profile)
         if found.faults or not found.routes:
-            raise refusal(found, reader.channels, profile, ignored, command, by_order=by_order)
+            first, *more = refusal(
+                found, reader.channels, profile, ignored, command, by_order=by_order
+            )
+            raise ParameterError(first, more=more)
         routes = found.routes
     routes.sort(key=lambda route: route.actuator)
     by_number = {ref.number: ref for ref in reader.channels}
@@ -322,16 +325,14 @@ def refusal(
     command: str,
     *,
     by_order: bool,
-) -> ParameterError:
-    """What is missing; its notes list the channels and the command lines that would play."""
+) -> list[str]:
+    """What is missing, and the command lines that would play: a line each."""
     refs = {ref.number: ref for ref in channels}
     if not found.faults:
-        return ParameterError("nothing to play: no channel is left")
+        return ["nothing to play: no channel is left"]
     count = len(found.routes) + len(found.faults)
-    error = ParameterError(
-        f"replay does not guess: {len(found.faults)} of {count} channels have no actuator"
-    )
-    lines = [
+    lines = [f"replay does not guess: {len(found.faults)} of {count} channels have no actuator"]
+    lines += [
         f"  {name_of(refs[number])} ({unit_of(refs[number])}): {fault}"
         for number, fault in list(found.faults.items())[:SHOWN]
     ]
@@ -347,9 +348,7 @@ def refusal(
     asked = [ref for ref in channels if ref.number not in ignored]
     for what, options in advice(found, asked, profile, ignored, called, by_order=by_order):
         lines += [f"{what}:", "  " + " ".join(filter(None, [command, options]))]
-    for line in lines:
-        error.add_note(line)
-    return error
+    return lines
 
 
 def advice(
