@@ -178,7 +178,10 @@ def dropped(status: Status) -> str:
 
 
 class ExitSignals:
-    """SIGINT and SIGTERM ask for the end in place of ending the program; a second one ends it."""
+    """SIGINT, SIGTERM and SIGHUP close the file and end the recording; a second one ends at once.
+
+    SIGHUP comes when the terminal or the connection goes. It stays ignored under nohup.
+    """
 
     def __init__(self) -> None:
         self.asked = False
@@ -186,7 +189,7 @@ class ExitSignals:
 
     def __enter__(self) -> ExitSignals:
         self.reader, self.writer = os.pipe()
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in exit_signals():
             with suppress(ValueError):  # not in the main thread
                 self.before[number] = signal.signal(number, self.ask)
         return self
@@ -204,6 +207,14 @@ class ExitSignals:
         os.write(self.writer, b"!")
         if os.name == "nt":
             raise KeyboardInterrupt
+
+
+def exit_signals() -> list[int]:
+    numbers: list[int] = [signal.SIGINT, signal.SIGTERM]
+    hangup = getattr(signal, "SIGHUP", None)
+    if hangup is not None and signal.getsignal(hangup) is not signal.SIG_IGN:
+        numbers.append(hangup)
+    return numbers
 
 
 @contextmanager
