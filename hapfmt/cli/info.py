@@ -25,13 +25,13 @@ from .tables import Column, table
 @click.command(short_help="What a file holds.")
 @click.argument("file", metavar="FILE")
 @click.option("--events", "with_events", is_flag=True, help="List the events too.")
-@click.option("--follow", is_flag=True, help="A line a second while FILE grows.")
+@click.option("--follow", is_flag=True, help="Print a line each second while FILE grows.")
 @click.option(
     "--interval",
     type=click.FloatRange(0.01),
     default=1.0,
     show_default=True,
-    help="Seconds between two lines of --follow.",
+    help="Seconds between the lines of --follow.",
 )
 @memory_option
 @json_option
@@ -43,9 +43,9 @@ def info(
     as_json: bool,
     max_memory: Limits,
 ) -> int:
-    """What FILE holds: channels, rates, units, codecs, times, and whether it was closed.
+    """Print what FILE contains: channels, rates, units, codecs, times, and whether it was closed.
 
-    Reads the index and the descriptions only; nothing is decoded, but for --events. FILE may be a
+    Only the index and the descriptions are read; only --events decodes anything. FILE may be a
     URL. --follow ends when the file is closed, or with Ctrl-C.
     """
     if follow:
