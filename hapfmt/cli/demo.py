@@ -180,9 +180,9 @@ def show(
                "rms mN", "outside %"]  # fmt: skip
     table(headers, rows)
     say(
-        "bits: of the residual; ratio: against doubles; HF SNR: texture above 20 Hz against all "
-        "error;\noutside: samples beyond the deadband. 'none' is the deadband alone: small, and "
-        "without texture."
+        "bits: of the residual ('none': the deadband alone, without texture); ratio: against "
+        "float64; HF SNR: texture above 20 Hz against all error; outside: samples outside the "
+        "deadband."
     )
 
 
