@@ -340,9 +340,9 @@ class TestText:
     @pytest.mark.parametrize(
         ("text", "said"),
         [
-            ("name = ", "no TOML: Invalid value"),
-            ("a = " + "[" * 5000, "no TOML"),
-            ("a = " + "9" * 5000, "no TOML"),
+            ("name = ", "Invalid TOML: Invalid value"),
+            ("a = " + "[" * 5000, "Invalid TOML"),
+            ("a = " + "9" * 5000, "Invalid TOML"),
             ("", "name: is missing"),
         ],
     )
