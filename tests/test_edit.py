@@ -102,7 +102,7 @@ def test_a_band_becomes_channels_of_its_own(name: str, band: str) -> None:
         expected = reader.read(labels, band=band)
     if not labels:
         with pytest.raises(
-            hapfmt.ParameterError, match="no channel that was asked for has this band"
+            hapfmt.ParameterError, match="none of these channels has this band"
         ):
             subset(data, band=band)
         return

@@ -111,7 +111,7 @@ def choose(
             kept[residual.id] = residual_alone(track, residual)
     if not any(map(has_channels, kept.values())) and (channels is not None or band == "hf"):
         raise ParameterError(
-            "no channel that was asked for has this band", path=original.source.path
+            "none of these channels has this band", path=original.source.path
         )
     if along:
         listed = ", ".join(map(str, sorted(along)))
