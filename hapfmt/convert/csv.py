@@ -247,7 +247,10 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
         text.detach()
     notes = []
     if not _told_by(stamps, rate, start):
-        notes.append(f"the times are too few or too coarse to give the rate, {rate} Hz, and the start, tick {start}")
+        notes.append(
+            "the times are too few or too coarse to give "
+            f"the rate, {rate} Hz, and the start, tick {start}"
+        )
     if any(channel.label != channel.label.strip() for channel in recording.channels):
         notes.append("spaces around labels are not carried over to .csv")
     return notes + not_carried(recording, ".csv", "unit", "label")

@@ -110,9 +110,7 @@ def choose(
         elif residual:
             kept[residual.id] = residual_alone(track, residual)
     if not any(map(has_channels, kept.values())) and (channels is not None or band == "hf"):
-        raise ParameterError(
-            "none of these channels has this band", path=original.source.path
-        )
+        raise ParameterError("none of these channels has this band", path=original.source.path)
     if along:
         listed = ", ".join(map(str, sorted(along)))
         notes.append(f"channels {listed} come along: they are coded in one track with others")
