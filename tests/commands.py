@@ -14,6 +14,9 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -24,12 +27,15 @@ PYTHON = [sys.executable, "-W", "error"]
 Done = subprocess.CompletedProcess[bytes]
 
 
-def run(*arguments: object, cwd: Path, stdin: bytes = b"") -> Done:
+FORKS = hasattr(os, "fork") and hasattr(socket, "send_fds")
+
+
+def run(*arguments: object, cwd: Path, stdin: bytes = b"", columns: int = 200) -> Done:
     words = [str(word) for word in arguments]
-    if not hasattr(os, "fork") or not hasattr(socket, "send_fds"):
+    if not FORKS:
         return subprocess.run(
             [*PYTHON, "-m", "hapfmt", *words], cwd=cwd, input=stdin, capture_output=True,
-            check=False, env=ENVIRONMENT,
+            check=False, env={**ENVIRONMENT, "COLUMNS": str(columns)},
         )  # fmt: skip
     with (
         tempfile.TemporaryFile() as given,
@@ -38,16 +44,65 @@ def run(*arguments: object, cwd: Path, stdin: bytes = b"") -> Done:
     ):
         given.write(stdin)
         given.seek(0)
-        message = "\0".join([os.fspath(cwd), *words]).encode()
-        connection = server()
-        connection.sendall(len(message).to_bytes(4, "little"))
-        files = [given.fileno(), out.fileno(), err.fileno()]
-        socket.send_fds(connection, [message[:1]], files)
-        connection.sendall(message[1:])
-        code = int.from_bytes(received(connection, 4), "little", signed=True)
+        code = forked(words, [given.fileno(), out.fileno(), err.fileno()], cwd, str(columns))
         out.seek(0)
         err.seek(0)
         return subprocess.CompletedProcess(words, code, out.read(), err.read())
+
+
+def run_in_terminal(*arguments: object, cwd: Path, columns: int = 80) -> Done:
+    """In a pseudo-terminal of this width. Everything printed is in ``stdout``."""
+    words = [str(word) for word in arguments]
+    with pseudo_terminal(columns) as (slave, printed):
+        code = forked(words, [slave] * 3, cwd, "")
+        os.close(slave)
+    return subprocess.CompletedProcess(words, code, b"".join(printed), b"")
+
+
+def run_shell_in_terminal(command: str, cwd: Path, env: dict[str, str], columns: int = 80) -> Done:
+    with pseudo_terminal(columns) as (slave, printed):
+        code = subprocess.run(
+            ["sh", "-c", command], cwd=cwd, env=env, stdin=slave, stdout=slave, stderr=slave,
+            check=False, start_new_session=True,
+        ).returncode  # fmt: skip
+        os.close(slave)
+    return subprocess.CompletedProcess(command, code, b"".join(printed), b"")
+
+
+@contextmanager
+def pseudo_terminal(columns: int) -> Iterator[tuple[int, list[bytes]]]:
+    """The slave's descriptor, to be closed in the block, and a list of what is printed."""
+    import fcntl
+    import pty
+    import struct
+    import termios
+
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 50, columns, 0, 0))
+    printed: list[bytes] = []
+
+    def listen() -> None:
+        with suppress(OSError):  # EIO: no process has the slave open any more
+            while data := os.read(master, 1 << 16):
+                printed.append(data)
+
+    listener = threading.Thread(target=listen)
+    listener.start()
+    try:
+        yield slave, printed
+        listener.join()
+    finally:
+        os.close(master)
+
+
+def forked(words: list[str], files: list[int], cwd: Path, columns: str) -> int:
+    """Runs the words in a fork of the server with these standard streams: its exit code."""
+    message = "\0".join([os.fspath(cwd), columns, *words]).encode()
+    connection = server()
+    connection.sendall(len(message).to_bytes(4, "little"))
+    socket.send_fds(connection, [message[:1]], files)
+    connection.sendall(message[1:])
+    return int.from_bytes(received(connection, 4), "little", signed=True)
 
 
 @cache
@@ -85,21 +140,25 @@ def serve(connection: socket.socket) -> None:
         except EOFError:
             return
         first, files, *_ = socket.recv_fds(connection, 1, 3)
-        cwd, *words = (first + received(connection, size - 1)).decode().split("\0")
+        cwd, columns, *words = (first + received(connection, size - 1)).decode().split("\0")
         pid = os.fork()
         if not pid:
             connection.close()
-            one(cwd, words, files)
+            one(cwd, columns, words, files)
         for each in files:
             os.close(each)
         code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
         connection.sendall(code.to_bytes(4, "little", signed=True))
 
 
-def one(cwd: str, words: list[str], files: list[int]) -> None:
+def one(cwd: str, columns: str, words: list[str], files: list[int]) -> None:
     """What ``python -m hapfmt`` does, in this process, which then ends."""
     from hapfmt.cli import main
 
+    os.environ["COLUMNS"] = columns
+    if not columns:  # a terminal knows its own width
+        del os.environ["COLUMNS"]
+        os.setsid()
     for place, each in enumerate(files):
         os.dup2(each, place)
     os.chdir(cwd)

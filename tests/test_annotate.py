@@ -169,12 +169,12 @@ def test_on_the_command_line(tmp_path: Path) -> None:
                "anna", "slip", cwd=tmp_path)  # fmt: skip
     assert done.returncode == 0
     (tmp_path / "e.csv").write_text("Onset;duration;trial_type;channel\n0,5;;x;\n")
-    done = run("annotate", "a.hapf", "--from", "e.csv", cwd=tmp_path)
+    done = run("annotate", "a.hapf", "--table", "e.csv", cwd=tmp_path)
     assert done.returncode == 1 and b"line 2: '0,5' is not a number" in done.stderr
     (tmp_path / "e.csv").write_text("Onset,duration,trial_type,channel\n0.5,,x,\n0.75,1e-1,y,2\n")
-    assert run("annotate", "a.hapf", "--from", "e.csv", cwd=tmp_path).returncode == 0
+    assert run("annotate", "a.hapf", "--table", "e.csv", cwd=tmp_path).returncode == 0
     lines = b'{"time": 3, "text": "z", "layer": "bob"}\n\n{"time": 0.1, "channel": "a"}\n'
-    done = run("annotate", "a.hapf", "--from", "-", stdin=lines, cwd=tmp_path)
+    done = run("annotate", "a.hapf", "--table", "-", stdin=lines, cwd=tmp_path)
     assert done.stdout == b"a.hapf: 2 events added\n"
     code, told = run_json("annotate", "a.hapf", "--list", cwd=tmp_path)
     assert code == 0 and [(e["time"], e["text"], e["channel"]) for e in told["events"]] == [
@@ -191,8 +191,8 @@ def test_on_the_command_line(tmp_path: Path) -> None:
     for name, text in [("none", "a,b\n1,2\n"), ("list", "{}\n[]\n"), ("json", "{oops\n")]:
         (tmp_path / name).write_text(text)
     wrong: list[list[str]] = [
-        ["--at", "1"], ["text"], [], ["--at", "1", "x", "--from", "e.csv"], ["--from", "bad"],
-        ["--from", "none"], ["--from", "list"], ["--from", "json"], ["--from", "missing"],
+        ["--at", "1"], ["text"], [], ["--at", "1", "x", "--table", "e.csv"], ["--table", "bad"],
+        ["--table", "none"], ["--table", "list"], ["--table", "json"], ["--table", "missing"],
         ["--at", "-1", "x"], ["--at", "1", "x", "--channel", "q"],
     ]  # fmt: skip
     for arguments in wrong:

@@ -8,12 +8,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import pytest
 from commands import run
+from terminal import called
 
 import hapfmt
-from hapfmt.cli import VERBS
+from hapfmt.cli import VERBS, cli
 from hapfmt.scenes.stylus import simulate
 
 TABLE = {"intact": 0, "usage": 1, "nonconforming": 2, "damaged": 3, "unsupported": 4}
@@ -53,6 +55,44 @@ def test_help_names_every_verb(room: Path) -> None:
         assert done.returncode == 0 and b"Usage" in done.stdout
 
 
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        ("encode a b --from npz", "--from was renamed --input-format"),
+        ("convert a b --to npz", "--to was renamed --output-format"),
+        ("decode a b --time 1:2", "--time was renamed --start and --stop"),
+        ("plot a --out b.png", "--out was renamed --output"),
+        ("attach a --extract --to b", "--to was renamed --output"),
+        ("annotate a --from b.csv", "--from was renamed --table"),
+        ("record a --from b", "--from was renamed --input"),
+        ("replay a --device b --from 1", "--from was renamed --start"),
+        ("replay a --device b --to 1", "--to was renamed --stop"),
+        ("replay a --device b --channels 0=1", "--channels was renamed --map"),
+        ("clocks a --window 3", "--window was renamed --segment"),
+        ("profile check a --device b", "--device was renamed --path"),
+        ("encode a b --presett lossless", "Did you mean '--preset'"),
+        ("info a --from npz", "No such option '--from'"),
+    ],
+)
+def test_options_of_an_earlier_version_name_those_of_today(words: str, name: str) -> None:
+    said = called(*words.split())
+    assert said.code == 1 and name in said.err
+
+
+def test_an_option_name_has_one_kind_of_value() -> None:
+    """No verb takes a format, a time or a path where another takes something else."""
+    kinds: dict[str, set[str]] = {}
+    for verb in VERBS:
+        command = cli.get_command(click.Context(cli), verb)
+        for each in getattr(command, "commands", {"": command}).values():
+            for option in each.params:
+                for name in option.opts if isinstance(option, click.Option) else ():
+                    kinds.setdefault(name, set()).add(option.type.name)
+    assert not {"--from", "--to", "--time", "--out"} & set(kinds)
+    for name in ("--input-format", "--start", "--stop", "--output", "--input", "--map", "--path"):
+        assert len(kinds[name] - {"path"}) <= 1, name
+
+
 def test_encode_verify_decode(room: Path, tmp_path: Path) -> None:
     code, told = run_json("encode", room / "one.npz", "o.hapf", cwd=tmp_path)
     assert code == 0 and told["file_size"] == (tmp_path / "o.hapf").stat().st_size
@@ -76,19 +116,19 @@ def test_a_step_of_one_count_gives_back_the_identical_array(room: Path, tmp_path
 
 def test_pipes(room: Path) -> None:
     coded = run(
-        "encode", "-", "-", "--from", "npz", cwd=room, stdin=(room / "one.npz").read_bytes()
+        "encode", "-", "-", "--input-format", "npz", cwd=room, stdin=(room / "one.npz").read_bytes()
     )
     assert coded.returncode == 0 and coded.stdout.startswith(b"\x8fHAP")
     for verb in ("info", "verify", "du", "dump"):
         assert run(verb, "-", cwd=room, stdin=coded.stdout).returncode == 0
-    text = run("decode", "-", "-", "--to", "csv", cwd=room, stdin=coded.stdout)
+    text = run("decode", "-", "-", "--output-format", "csv", cwd=room, stdin=coded.stdout)
     assert text.stdout.splitlines()[0] == b"t [s],normal force [N]"
     assert len(text.stdout.splitlines()) == 1001
 
 
 def test_pipe_without_a_format_is_refused(room: Path) -> None:
     done = run("encode", "-", "out.hapf", cwd=room, stdin=b"")
-    assert done.returncode == 1 and b"--from" in done.stderr
+    assert done.returncode == 1 and b"--input-format" in done.stderr
 
 
 def test_several_rates_and_gaps_come_back(room: Path, tmp_path: Path) -> None:
@@ -104,7 +144,7 @@ def test_parts(room: Path, tmp_path: Path) -> None:
     whole = hapfmt.read(room / "one.hapf").channels[0]
     for band in ("full", "lf", "hf"):
         done = run(
-            "decode", room / "one.hapf", f"{band}.npz", "--time", "0.25:0.5", "--band", band,
+            "decode", room / "one.hapf", f"{band}.npz", "--start", "0.25", "--stop", "0.5", "--band", band,
             "--channels", "0", cwd=tmp_path,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
@@ -121,7 +161,7 @@ def test_existing_output_is_refused_without_force(room: Path, tmp_path: Path) ->
         ("encode", room / "one.npz", "o.hapf"),
         ("decode", room / "one.hapf", "o.npz"),
         ("convert", room / "one.npz", "o.csv"),
-        ("demo", "--seconds", "0.5", "--out", "d.hapf"),
+        ("demo", "--seconds", "0.5", "--output", "d.hapf"),
     ):
         target = tmp_path / str(arguments[-1])
         target.write_bytes(b"precious")
@@ -134,7 +174,7 @@ def test_existing_output_is_refused_without_force(room: Path, tmp_path: Path) ->
 
 
 def test_a_failed_write_leaves_nothing(room: Path, tmp_path: Path) -> None:
-    done = run("decode", room / "one.hapf", "o.wav", "--time", "0:nonsense", cwd=tmp_path)
+    done = run("decode", room / "one.hapf", "o.wav", "--stop", "nonsense", cwd=tmp_path)
     assert done.returncode == 1 and not list(tmp_path.iterdir())
 
 
@@ -146,7 +186,7 @@ class TestExitCodes:
     def codes(self, path: Path, room: Path) -> dict[str, int]:
         found = {}
         for verb in self.READERS:
-            extra = ["-", "--to", "csv"] if verb == "decode" else []
+            extra = ["-", "--output-format", "csv"] if verb == "decode" else []
             found[verb] = run(verb, path, *extra, cwd=room).returncode
         return found
 
@@ -256,7 +296,7 @@ def test_channels_that_resemble_each_other(tmp_path: Path) -> None:
 def test_demo(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     code, told = run_json(
-        "demo", "--texture", "stone", "--seconds", "2", "--plot", "d.png", "--out", "d.hapf",
+        "demo", "--texture", "stone", "--seconds", "2", "--plot", "d.png", "--output", "d.hapf",
         cwd=tmp_path,
     )  # fmt: skip
     assert code == 0

@@ -279,22 +279,22 @@ class TestCheck:
         assert run("profile", "check", "glove5", "--descriptor", tmp_path / "none")[0] == 1
 
     def test_against_a_device(self, run, module):
-        code, out, _ = run("profile", "check", "glove5", "--device", os.fsdecode(PATH))
+        code, out, _ = run("profile", "check", "glove5", "--path", os.fsdecode(PATH))
         assert code == 0 and "each of its reports is one of /dev/hidraw7" in out
         module.descriptor = hd.device(0xFF00, 1, hd.field(hd.FEATURE, 11, number=1))
-        code, _, err = run("profile", "check", "glove5", "--device", os.fsdecode(PATH))
+        code, _, err = run("profile", "check", "glove5", "--path", os.fsdecode(PATH))
         assert code == 1 and "there 0x01 is of kind feature" in err
         assert not module.sent
 
     @pytest.mark.usefixtures("module")
     def test_against_a_device_of_another_kind(self, run):
-        code, _, err = run("profile", "check", "xbox-bluetooth", "--device", os.fsdecode(PATH))
+        code, _, err = run("profile", "check", "xbox-bluetooth", "--path", os.fsdecode(PATH))
         assert code == 1 and "does not fit /dev/hidraw7" in err
-        code, _, err = run("profile", "check", "glove5", "--device", "/dev/hidraw99")
+        code, _, err = run("profile", "check", "glove5", "--path", "/dev/hidraw99")
         assert code == 1 and "no HID device has the path" in err
 
     def test_one_of_both(self, run):
-        code, _, err = run("profile", "check", "glove5", "--device", "a", "--descriptor", "b")
+        code, _, err = run("profile", "check", "glove5", "--path", "a", "--descriptor", "b")
         assert code == 1 and "not both" in err
 
 

@@ -23,7 +23,18 @@ def room(tmp_path: Path) -> Path:
 
 
 def test_subset(room: Path) -> None:
-    done = run("subset", "a.hapf", "part.hapf", "--channels", "a,c", "--time", "1.2:1.3", cwd=room)
+    done = run(
+        "subset",
+        "a.hapf",
+        "part.hapf",
+        "--channels",
+        "a,c",
+        "--start",
+        "1.2",
+        "--stop",
+        "1.3",
+        cwd=room,
+    )
     assert done.returncode == 0, done.stderr
     line = done.stdout.decode()
     assert line.startswith("part.hapf: ") and "2 channels, 1 s to 1.5 s, 4 packets" in line
@@ -46,18 +57,18 @@ def test_subsets_of_one_file_are_the_same_bytes(room: Path) -> None:
 
 
 def test_split_and_concat(room: Path) -> None:
-    done = run("split", "a.hapf", "--at", "0.9,2", "--out", "p{:02d}.hapf", cwd=room)
+    done = run("split", "a.hapf", "--at", "0.9,2", "--output", "p{:02d}.hapf", cwd=room)
     assert done.returncode == 0, done.stderr
     names = ["p00.hapf", "p01.hapf", "p02.hapf"]
     assert [line.split(":")[0] for line in done.stdout.decode().splitlines()] == names
-    again = run("split", "a.hapf", "--at", "0.9,2", "--out", "p{:02d}.hapf", cwd=room)
+    again = run("split", "a.hapf", "--at", "0.9,2", "--output", "p{:02d}.hapf", cwd=room)
     assert again.returncode == 1 and b"exists already" in again.stderr
     code, told = run_json("concat", *names, "whole.hapf", cwd=room)
     assert code == 0 and told["offsets"] == [0.0, 0.0, 0.0]
     assert_same(hapfmt.read(room / "whole.hapf"), hapfmt.read(room / "a.hapf"))
     code, told = run_json("split", "a.hapf", "--every", "1", "--to-zero", cwd=room)
     assert [part["start"] for part in told["parts"]] == [0.0] * 4
-    assert run("split", "a.hapf", "--every", "1", "--out", "-", cwd=room).returncode == 1
+    assert run("split", "a.hapf", "--every", "1", "--output", "-", cwd=room).returncode == 1
 
 
 def test_merge(room: Path) -> None:
@@ -89,9 +100,9 @@ def test_attach_and_meta(room: Path) -> None:
     }  # fmt: skip
     assert b"note.txt" in run("attach", "a.hapf", "--list", cwd=room).stdout
     (room / "out").mkdir()
-    done = run("attach", "a.hapf", "--extract", "note.txt", "--to", "out", cwd=room)
+    done = run("attach", "a.hapf", "--extract", "note.txt", "--output", "out", cwd=room)
     assert (room / "out" / "note.txt").read_text() == "hello" and done.returncode == 0
-    code, told = run_json("attach", "a.hapf", "--extract", "--to", "out", "-f", cwd=room)
+    code, told = run_json("attach", "a.hapf", "--extract", "--output", "out", "-f", cwd=room)
     assert len(told["files"]) == 2
     done = run("meta", "a.hapf", "subject=S7", 'rig={"v": 2}', "x=NaN", cwd=room)
     assert done.stdout == b"a.hapf: set subject, rig, x\n"
@@ -115,7 +126,7 @@ def test_attach_and_meta(room: Path) -> None:
 
 VERBS: list[list[Any]] = [
     ["subset", "damaged.hapf", "out.hapf"],
-    ["split", "damaged.hapf", "--every", "1", "--out", "out-{}.hapf"],
+    ["split", "damaged.hapf", "--every", "1", "--output", "out-{}.hapf"],
     ["concat", "a.hapf", "damaged.hapf", "out.hapf"],
     ["merge", "a.hapf", "damaged.hapf", "out.hapf", "--same-times"],
     ["meta", "damaged.hapf", "a=1", "-o", "out.hapf"],

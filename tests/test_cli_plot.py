@@ -85,7 +85,9 @@ def check_labels(figure, least):
 
 
 def test_one_channel(room, pages):
-    assert run("plot", room / "a.hapf", "--out", room / "x.png", "--against", room / "a.npz") == 0
+    assert (
+        run("plot", room / "a.hapf", "--output", room / "x.png", "--against", room / "a.npz") == 0
+    )
     ((figure,), kind) = pages[0]
     assert kind == "png"
     shown = check_labels(figure, 6)
@@ -101,7 +103,10 @@ def test_one_channel(room, pages):
 
 
 def test_any_format_and_a_stretch(room, pages):
-    assert run("plot", room / "a.npz", "--out", room / "x.svg", "--time", "0.5:1") == 0
+    assert (
+        run("plot", room / "a.npz", "--output", room / "x.svg", "--start", "0.5", "--stop", "1")
+        == 0
+    )
     figure = pages[0][0][0]
     assert figure.axes[0].get_xlim() == (0.5, 1)
     assert [axes.get_title("left").split(" ")[0] for axes in check_labels(figure, 2)] == [
@@ -110,7 +115,7 @@ def test_any_format_and_a_stretch(room, pages):
 
 
 def test_a_few_channels_have_rows(room, pages):
-    assert run("plot", room / "three.hapf", "--out", room / "x.pdf") == 0
+    assert run("plot", room / "three.hapf", "--output", room / "x.pdf") == 0
     figures = pages[0][0]
     assert len(figures) == 4  # a page for all, and one for each
     check_labels(figures[0], 6)
@@ -121,17 +126,17 @@ def test_a_few_channels_have_rows(room, pages):
 
 
 def test_many_channels_are_small_multiples(room, pages, capsys):
-    assert run("plot", room / "many.hapf", "--out", room / "x.png") == 0
-    assert run("plot", room / "many.hapf", "--out", room / "x.pdf") == 0
+    assert run("plot", room / "many.hapf", "--output", room / "x.png") == 0
+    assert run("plot", room / "many.hapf", "--output", room / "x.pdf") == 0
     assert "first of 2 pages" in capsys.readouterr().err
     (one, _), (both, _) = pages
     assert len(one) == 1 and [len(figure.axes) for figure in both] == [35, 35]
-    assert run("plot", room / "many.hapf", "--out", room / "x.png", "--channels", "f3,69") == 0
+    assert run("plot", room / "many.hapf", "--output", room / "x.png", "--channels", "f3,69") == 0
     assert [len(figure.axes) for figure in pages[2][0]] == [4]
 
 
 def test_damage_is_drawn_and_reported(room, pages, capsys):
-    assert run("plot", room / "cut.hapf", "--out", room / "x.png") == 3
+    assert run("plot", room / "cut.hapf", "--output", room / "x.png") == 3
     figure = pages[0][0][0]
     told = capsys.readouterr().err
     assert "cut.hapf" in told
@@ -141,7 +146,7 @@ def test_damage_is_drawn_and_reported(room, pages, capsys):
 @pytest.mark.parametrize("kind", MAGIC)
 def test_files_whole_or_not_at_all(room, kind, tmp_path):
     path = tmp_path / f"x.{kind}"
-    words = ["plot", room / "a.hapf", "--out", path, "--time", "0:0.2"]
+    words = ["plot", room / "a.hapf", "--output", path, "--stop", "0.2"]
     assert run(*words) == 0
     first = path.read_bytes()
     assert first.startswith(MAGIC[kind])
@@ -160,7 +165,9 @@ def test_to_a_pipe(room, monkeypatch):
             return False
 
     monkeypatch.setattr(sys, "stdout", Pipe())
-    assert run("plot", room / "a.npz", "--out", "-", "--to", "svg", "--time", "0:0.1") == 0
+    assert (
+        run("plot", room / "a.npz", "--output", "-", "--output-format", "svg", "--stop", "0.1") == 0
+    )
     assert Pipe.buffer.getvalue().startswith(MAGIC["svg"])
 
 
@@ -169,15 +176,15 @@ def test_refused_before_any_work(room, monkeypatch):
     file = room / "a.hapf"
     for words, message in (
         ([], "--window"),
-        (["--out", room / "x.gif"], r"\.svg"),
-        (["--out", room / "x.png", "--window"], "--window"),
-        (["--out", room / "nowhere" / "x.png"], "directory"),
+        (["--output", room / "x.gif"], r"\.svg"),
+        (["--output", room / "x.png", "--window"], "--window"),
+        (["--output", room / "nowhere" / "x.png"], "directory"),
     ):
         with pytest.raises(ParameterError, match=message):
             run("plot", file, *words)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'hapfmt\[plot\]'"):
-        run("plot", file, "--out", room / "x.png")
+        run("plot", file, "--output", room / "x.png")
     with pytest.raises(MissingExtraError, match="plot"):
         run("compare", file, file, "--plot", room / "x.png")
 
@@ -186,7 +193,7 @@ def test_a_window_needs_a_display(room, monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setitem(sys.modules, "tkinter", None)
-    with pytest.raises(ParameterError, match="--out"):
+    with pytest.raises(ParameterError, match="--output"):
         run("plot", room / "a.hapf", "--window")
     monkeypatch.undo()
     if sys.platform != "linux":
@@ -198,16 +205,16 @@ def test_a_window_needs_a_display(room, monkeypatch):
 
 
 def test_the_original_must_fit(room):
-    words = ["plot", room / "three.hapf", "--out", room / "x.png", "--against", room / "a.npz"]
+    words = ["plot", room / "three.hapf", "--output", room / "x.png", "--against", room / "a.npz"]
     with pytest.raises(ParameterError, match="the original lacks"):
         run(*words)
     with pytest.raises(ParameterError, match="no channel 'z'"):
-        run("plot", room / "a.npz", "--out", room / "x.png", "--channels", "z")
+        run("plot", room / "a.npz", "--output", room / "x.png", "--channels", "z")
 
 
 def test_memory_that_may_be_taken_is_bounded(room):
     with pytest.raises(hapfmt.errors.LimitError):
-        run("plot", room / "a.hapf", "--out", room / "x.png", "--max-memory", "1k")
+        run("plot", room / "a.hapf", "--output", room / "x.png", "--max-memory", "1k")
     assert Limits.of_memory("1k").memory == 1024
 
 
@@ -253,9 +260,17 @@ class TestCompare:
     def test_refused(self, room):
         with pytest.raises(ParameterError, match="only one of A and B"):
             run("compare", "-", "-")
-        with pytest.raises(ParameterError, match="neither has a sample"):
+        with pytest.raises(ParameterError, match="Neither recording has samples"):
             run(
-                "compare", room / "a.npz", room / "a.npz", "--time", "5:6", "--plot", room / "x.png"
+                "compare",
+                room / "a.npz",
+                room / "a.npz",
+                "--start",
+                "5",
+                "--stop",
+                "6",
+                "--plot",
+                room / "x.png",
             )
 
 

@@ -303,7 +303,7 @@ class TestPipes:
     def test_a_device_is_rehearsed(self, room):
         words = "p\n50\n" * 3
         done = run("rate", "study.toml", "--subject", "S1", "--device", "glove5", "--dry-run",
-                   "--channels", "0=1", cwd=room, stdin=words.encode())  # fmt: skip
+                   "--map", "0=1", cwd=room, stdin=words.encode())  # fmt: skip
         assert done.returncode == 0 and b"3 of 3 answers" in done.stdout
         output = answers(room, "S1").head["output"]
         assert (output["kind"], output["profile"]) == ("dry-run", "glove5")
@@ -327,7 +327,7 @@ class TestPipes:
             (["study.toml", "--subject", "S1", "--dry-run", "--wav", "w"], "one of them"),
             (["study.toml", "--subject", "S1", "--dry-run", "--gain", "0.1"], "go with --device"),
             (["study.toml", "--subject", "../S", "--dry-run"], "cannot be a subject"),
-            (["study.toml", "--subject", "S1", "--device", "glove5", "--channels", "9=1"], "9"),
+            (["study.toml", "--subject", "S1", "--device", "glove5", "--map", "9=1"], "9"),
             (["study.toml", "--prepare", "--summary"], "choose one of"),
             (["study.toml", "--plot", "a.png"], "go with --summary"),
             (["--summary", "study.toml"], "line 1 is no JSON"),

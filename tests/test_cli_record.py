@@ -76,7 +76,7 @@ def test_a_bad_line_ends_with_1_and_keeps_what_came_before(tmp_path):
         (b"1\n", ["--rate", "10", "--fsync", "often"], "fsync is one of"),
         (b"1\n", ["--rate", "10", "--preset", "near-lossless"], "the largest error"),
         (b"1\n", ["--rate", "10", "--append"], "No such file"),
-        (b"1\n", ["--rate", "10", "--from", "nowhere"], "No such file"),
+        (b"1\n", ["--rate", "10", "--input", "nowhere"], "No such file"),
     ],
 )
 def test_what_cannot_begin_leaves_no_file(tmp_path, data, arguments, message):
@@ -91,7 +91,7 @@ def test_from_a_file_to_a_pipe_with_an_id(tmp_path):
     outputs = set()
     for _ in range(2):
         done = subprocess.run(
-            [sys.executable, "-m", "hapfmt", "record", "-", "--from", str(source), "--canonical", "7"],
+            [sys.executable, "-m", "hapfmt", "record", "-", "--input", str(source), "--canonical", "7"],
             capture_output=True, env=ENVIRONMENT, check=True,
         )  # fmt: skip
         outputs.add(done.stdout)
@@ -153,7 +153,7 @@ def test_dropped_samples_end_with_3(tmp_path, monkeypatch):
     arguments = [
         "record",
         str(path),
-        "--from",
+        "--input",
         str(source),
         "--on-full",
         "drop",

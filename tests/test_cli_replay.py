@@ -157,13 +157,13 @@ class TestDryRun:
         assert len(report["left_out"]) == 2
 
     def test_channels_to_actuators(self, dry):
-        assert max(values_of(dry("--gain", 1, "--channels", "b=left").out)) == (0, 0)
-        assert min(values_of(dry("--gain", 1, "--channels", "b=left").out)) == (-100, 0)
-        for words in (["b=left,a=right"], ["b=1,0=2"], ["b=left", "--channels", "a=right"]):
-            assert (-100, 100) in values_of(dry("--gain", 1, "--channels", *words).out)
+        assert max(values_of(dry("--gain", 1, "--map", "b=left").out)) == (0, 0)
+        assert min(values_of(dry("--gain", 1, "--map", "b=left").out)) == (-100, 0)
+        for words in (["b=left,a=right"], ["b=1,0=2"], ["b=left", "--map", "a=right"]):
+            assert (-100, 100) in values_of(dry("--gain", 1, "--map", *words).out)
 
     def test_a_part(self, dry):
-        assert len(values_of(dry("--from", "0.01", "--to", "0.03").out)) == 2 + 2 + 2
+        assert len(values_of(dry("--start", "0.01", "--stop", "0.03").out)) == 2 + 2 + 2
 
     def test_speed(self, dry, tmp_path):
         path = tmp_path / "long.hapf"
@@ -295,13 +295,13 @@ class TestRefusals:
             (["--gain", "0"], "gain"),
             (["--gain", "1.5"], "gain"),
             (["--loop=-1"], "-1"),
-            (["--channels", "zzz=left"], "zzz"),
-            (["--channels", "a=zzz"], "zzz"),
-            (["--channels", "a"], "a"),
+            (["--map", "zzz=left"], "zzz"),
+            (["--map", "a=zzz"], "zzz"),
+            (["--map", "a"], "a"),
             (["--path", "/dev/hidraw0"], "--dry-run needs none"),
             (["--speed", "0"], "speed"),
-            (["--from", "3"], "nothing lies between"),
-            (["--from", "0.03", "--to", "0.01"], "nothing lies between"),
+            (["--start", "3"], "nothing lies between"),
+            (["--start", "0.03", "--stop", "0.01"], "nothing lies between"),
             (["--record", "out.wav"], ".hapf or .csv"),
             (["--record", "nowhere/out.hapf"], "does not exist"),
         ],

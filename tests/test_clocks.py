@@ -389,7 +389,7 @@ class TestVerb:
         assert len(rows[0]["points"]) > 2
         assert rows[0]["beside_map_ns"] < rows[0]["jitter_ns"]
         assert rows[1]["points"] is None
-        assert "nanoseconds" in self.run(path, "--fit", "--window", "600")
+        assert "nanoseconds" in self.run(path, "--fit", "--segment", "600")
 
     def test_a_channel_that_goes_on_in_another_track(self, tmp_path):
         path = tmp_path / "d.hapf"

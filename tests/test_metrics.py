@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import sys
+from fractions import Fraction
 from types import ModuleType
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from hapfmt.deadband import Deadband
 from hapfmt.errors import MissingExtraError, ParameterError
-from hapfmt.metrics import band_energy_error_db, max_error, rmse, share_outside, snr_hf_db, st_sim
+from hapfmt.metrics import (
+    band_energy_error_db,
+    max_error,
+    resampling_8khz,
+    rmse,
+    share_outside,
+    snr_hf_db,
+    st_sim,
+)
 
 RATE = 1000
 
@@ -150,6 +160,31 @@ class TestStSim:
             st_sim(texture(1), texture(2), 30)
         with pytest.raises(ParameterError, match="single"):
             st_sim(texture(1)[:, None], texture(2)[:, None], RATE)
+
+    @pytest.mark.parametrize(
+        "rate", [Fraction(17809, 500), Fraction(6993007, 10_000), 35.6180000001, 51_200, 96_001]
+    )
+    def test_an_odd_rate_needs_a_bounded_filter(self, monkeypatch, rate):
+        """resample_poly designs 20 taps for each unit of the larger factor."""
+        self.fake(monkeypatch, 0.5)
+        factors = []
+        resample = signal.resample_poly
+
+        def recorded(x, up, down):
+            factors.append((up, down))
+            return resample(x, up, down)
+
+        monkeypatch.setattr(signal, "resample_poly", recorded)
+        n = int(2 * rate)
+        assert st_sim(texture(1, n), texture(2, n), rate) == 0.5
+        assert len(factors) == 2
+        for up, down in factors:
+            assert 20 * max(up, down) + 1 <= 655_381
+            assert abs(Fraction(up, down) * Fraction(rate) / 8000 - 1) <= 3.1e-5
+
+    @pytest.mark.parametrize(("rate", "ratio"), [(1000, 8), (2200, Fraction(40, 11)), (8000, 1)])
+    def test_a_usual_rate_is_resampled_exactly(self, rate, ratio):
+        assert resampling_8khz(rate) == ratio
 
     def test_the_package_itself(self):
         pytest.importorskip("vibromaf.metrics.stsim")

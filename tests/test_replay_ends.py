@@ -128,7 +128,7 @@ class TestDevice:
         """The time goes on: frames are left out, none comes twice, none in a burst."""
         with world(faults=[Fault("stall", at=300, ms=30)]) as w:
             profile = rd.patient(tmp_path)
-            report = rd.clean(rd.replay(w, constant, "--to", "1", profile=profile).wait())
+            report = rd.clean(rd.replay(w, constant, "--stop", "1", profile=profile).wait())
             assert report["skipped"] >= 25
             rd.check_sent(report, 1000 + rd.RAMP)
             rd.check_constant(w.reports)
@@ -150,7 +150,7 @@ class TestDevice:
         """2 ms for each report: every second frame is left out, and the end is as it should be."""
         with world(slow_ms=2) as w:
             report = rd.clean(
-                rd.replay(w, constant, "--to", "0.5", profile=rd.patient(tmp_path)).wait()
+                rd.replay(w, constant, "--stop", "0.5", profile=rd.patient(tmp_path)).wait()
             )
             assert 0.4 < report["skipped"] / (report["sent"] + report["skipped"]) < 0.8
             rd.check_constant(w.reports)

@@ -95,9 +95,9 @@ def test_profile_check():
         good, bad = (each.path for each in made.devices)
         assert (
             f"each of its reports is one of {good}"
-            in hapfmt(made, "profile", "check", "glove5", "--device", good).stdout
+            in hapfmt(made, "profile", "check", "glove5", "--path", good).stdout
         )
-        refused = hapfmt(made, "profile", "check", "glove5", "--device", bad, code=1).stderr
+        refused = hapfmt(made, "profile", "check", "glove5", "--path", bad, code=1).stderr
         assert not made.devices[0].reports + made.devices[1].reports
     assert "output report 0x01: the profile sends 12 bytes, the device takes 11" in refused
 

@@ -122,7 +122,8 @@ class TestVariants:
         assert first.payload_percent == point.payload_percent
         assert first.snr_db == point.snr_db
         assert predicted.payload_percent < first.payload_percent
-        assert predicted.largest <= 1
+        half_a_step = parts_of(point.file).step / 2 + 1 / 2000
+        assert predicted.largest <= half_a_step / float(sand.floor)
         tapped = next(each for each in others if "tap" in each.name)
         assert tapped.snr_db < first.snr_db - 10
         opened = next(each for each in others if "open" in each.name)
@@ -199,7 +200,7 @@ class TestFelt:
         assert levels == sorted(levels)
         assert levels[1] - levels[0] == pytest.approx(20 * np.log10(30), abs=0.01)
         assert found[0].share == 0
-        assert found[-1].share > 0.9
+        assert found[-1].share > 0.8
         for each in found:
             assert each.share <= each.share_grasped
             assert each.texture_db > 0

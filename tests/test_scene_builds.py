@@ -16,9 +16,19 @@ from spec import ROOT
 
 import hapfmt
 from hapfmt.encoder.split import low_pass
+from hapfmt.encoder.tolerance import Tolerance
 from hapfmt.errors import LimitError, ParameterError
-from hapfmt.scenes import Scene, builtin_names, load_scene, simulate, waves
-from hapfmt.scenes.description import FINGERS, INTEGRATORS, Contact, Press, Reach, Stroke, Tool
+from hapfmt.scenes import Scene, builtin_names, load_scene, simulate, stroke, waves
+from hapfmt.scenes.description import (
+    FINGERS,
+    INTEGRATORS,
+    Contact,
+    Press,
+    Reach,
+    Stroke,
+    Tool,
+    Touches,
+)
 from hapfmt.scenes.matrix import exponential
 
 BUILT_IN = builtin_names()
@@ -37,6 +47,20 @@ def hf_tracks(recording: hapfmt.Recording, preset: str) -> int:
         return sum(track.kind == "hf" for track in reader.catalogue.tracks.values())
 
 
+def residual(force: np.ndarray) -> np.ndarray:
+    """What the paper's method leaves for its second track: force minus decoded knots."""
+    channel = hapfmt.Channel.from_physical(force, 1000, label="force", unit="N", lsb=0.0005)
+    stream = BytesIO()
+    paper = hapfmt.Settings.of("paper", k=0.1, bits=0, floor=Tolerance.parse("0.01"))
+    hapfmt.write(hapfmt.Recording((channel,)), stream, paper, canonical=1)
+    return force - hapfmt.read(stream.getvalue()).channels[0].physical()
+
+
+def kurtosis(x: np.ndarray) -> float:
+    """3 for a normal distribution."""
+    return float(np.mean((x - x.mean()) ** 4) / np.var(x) ** 2)
+
+
 class TestPlausible:
     def test_there_are(self):
         assert set(BUILT_IN) == {
@@ -46,14 +70,38 @@ class TestPlausible:
     @pytest.mark.parametrize("texture", ["stone", "sand", "cork"])
     def test_textures_are_felt_where_they_are(self, texture):
         """About 0.9 N in contact; above 20 Hz 20-60 mN rms, and without the texture less than 2."""
-        scene = load_scene(texture)
-        scene = scene.changed(seconds=2)
+        scene = load_scene(texture).without("touches").changed(seconds=2)
         (rough,), (flat,) = (physical(s).values() for s in (scene, scene.without("texture")))
         middle = slice(500, 1700)
         assert 0.6 < rough.mean() < 1.0 and rough[middle].min() > 0.4 and rough.max() < 2
         assert 0.020 < (rough - low_pass(rough, 1000))[middle].std() < 0.060
         assert (flat - low_pass(flat, 1000))[middle].std() < 0.002
         assert np.abs(rough[[0, 50, -50, -1]]).max() < 0.005
+
+    @pytest.mark.parametrize("texture", ["stone", "sand", "cork"])
+    def test_the_residual_of_a_texture_has_peaks(self, texture):
+        """Each touch-down is a contact onset: the kurtosis of what a deadband of 10 % leaves grows
+        from about 3, that of a normal distribution, to more than 8; forces stay those of a hand."""
+        scene = load_scene(texture).changed(seconds=11)
+        (force,), (smooth,) = (physical(s).values() for s in (scene, scene.without("touches")))
+        assert kurtosis(residual(smooth)) < 4
+        assert kurtosis(residual(force)) > 8
+        assert 2 < force.max() < 3.5 and force.min() > -0.005
+        in_air = force < 0.01
+        assert np.count_nonzero(np.diff(in_air.astype(int)) == -1) >= 6
+
+    def test_touches_lift_as_often_and_as_high_as_they_are_told_to(self):
+        """Up once in each ``every_s``, for about ``away_s`` and the ways there and back."""
+        touches = Touches(every_s=0.5, lift_m=0.01, away_s=0.1, travel_s=0.05)
+        tool = Tool(stroke=Stroke(touches=touches), contact=Contact(650.0),
+                    channels=("normal force", "position z"))  # fmt: skip
+        got = physical(Scene(tool=tool, seconds=4))
+        height = got["position z"][300:3700]
+        up = height > 0.003
+        assert np.count_nonzero(np.diff(up.astype(int)) == 1) == 7
+        assert 0.1 < up.mean() / 2 < 0.25
+        assert 0.008 < height.max() < 0.02
+        assert np.abs(got["normal force"][300:3700][up]).max() < 0.005
 
     def test_wall(self):
         """Pressed with 4 N into 100 kN/m: the peg stops within 0.1 mm, the force steps."""
@@ -190,6 +238,14 @@ class TestNothingForNothing:
         whole, flat = self.work("sand"), self.work("sand", "texture")
         assert whole["height_count"] == whole["contact_step_count"] == 4000
         assert flat["height_count"] == 0 and flat["contact_step_count"] < 1000
+
+    def test_no_touches_are_drawn_where_none_are_named(self, monkeypatch):
+        """A stroke alone asks for no repeats, and its hand moves as before."""
+        scene = load_scene("sand").changed(seconds=0.2)
+        monkeypatch.setattr(stroke, "Repeats", None)
+        simulate(scene.without("touches"))
+        with pytest.raises(TypeError):
+            simulate(scene)
 
     def test_no_contact_no_solver(self):
         assert self.work("sand", "contact")["contact_step_count"] == 0

@@ -40,7 +40,7 @@ WRONG = [
     ("tool = 3", "tool: is no table; write it as [tool.x]".replace("[tool.x]", "[table]")),
     ("[tool]", "tool: has none of stroke, press, reach; give one of them"),
     (TOOL + "[tool.reach]", "tool: has stroke and reach of stroke, press, reach; give one"),
-    ("[tool.press]", "tool.press: press_n is missing; add what the hand presses with, in N"),
+    ("[tool.press]", "tool.press: press_n is missing: force of the hand in N"),
     ("seconds = '4'\n" + TOOL, "seconds: is no number; write one, without quotes"),
     ("seconds = true\n" + TOOL, "seconds: is no number"),
     ("seconds = 0\n" + TOOL, "seconds: 0 is too small; write a number above 0"),
@@ -57,7 +57,7 @@ WRONG = [
     (TOOL + "speed_m_per_s = [1]", "tool.stroke.speed_m_per_s: is not two numbers"),
     (TOOL + "speed_m_per_s = [0, 1]", "tool.stroke.speed_m_per_s[0]: 0 is out of range"),
     (TOOL + "speed_m_per_s = [0.2, 0.1]", "tool.stroke.speed_m_per_s: begins with the larger"),
-    (TOOL + "[tool.contact]", "tool.contact: n_per_m is missing; add the stiffness in N/m"),
+    (TOOL + "[tool.contact]", "tool.contact: n_per_m is missing: stiffness in N/m"),
     (TOOL + "[tool.contact]\nn_per_m = 1e8", "tool.contact.n_per_m: 100000000.0 is out of range"),
     (TOOL + "[tool.contact]\nn_per_m = 0", "tool.contact.n_per_m: 0 is too small"),
     (
@@ -75,7 +75,7 @@ WRONG = [
         "[tool.press]\npress_n = 1\n[tool.contact]\nn_per_m = 1\n[tool.texture]\nsurface = 'sand'",
         "tool.texture: is not felt without [tool.stroke]; add it",
     ),
-    (TOOL + "[tool.texture]", "tool.texture: surface is missing; add what is stroked"),
+    (TOOL + "[tool.texture]", "tool.texture: surface is missing: name of the surface"),
     (
         TOOL + "[tool.texture]\nsurface = 'velvet'",
         "there is no 'velvet'; choose one of stone, sand",
@@ -98,6 +98,10 @@ WRONG = [
         "tool.channels[1]: 'position x' stands there twice; write it once",
     ),
     ("[tool.press]\npress_n = 1\nevery_s = 1", "tool.press.every_s: is over before the hand is up"),
+    (
+        TOOL + "[tool.stroke.touches]\nevery_s = 0.2",
+        "tool.stroke.touches.every_s: is too short; write at least 2 x travel_s + away_s",
+    ),
     ("[tool.reach]\nevery_s = 0.1", "tool.reach.travel_s: is longer than every_s; write at most"),
     (
         TOOL + "[tool.contact]\nn_per_m = 1\n[tool.sensor]\nstep_n = 1\nrange_n = 0.5",
@@ -107,7 +111,7 @@ WRONG = [
     ("[hand]\nfingers = []", "hand.fingers: is no list; write some of thumb, index"),
     ("[hand]\nwrist = 1", "hand.wrist: is neither true nor false; write one of them"),
     ("[hand]\nevery_s = 1", "hand.every_s: is too short to close, hold and open"),
-    ("[hand.object]\nwidth_m = 0.05", "hand.object: n_per_m is missing; add the stiffness in N/m"),
+    ("[hand.object]\nwidth_m = 0.05", "hand.object: n_per_m is missing: stiffness in N/m"),
     ("[hand.object]\nn_per_m = 1\nwidth_m = 1", "hand.object.width_m: 1 is out of range"),
     ("[hand.tremor]\nhz = [8]", "hand.tremor.hz: is not two numbers"),
     ("[hand]\nmiddle = true", "hand.middle: is no known key; "),

@@ -211,6 +211,32 @@ class TestViews:
         assert view.gaps == [pytest.approx((0.1, 0.2), abs=0.01)]
         assert view.full.sample_count == 4900 and view.lf.sample_count == 5900
 
+    def test_one_cluster_with_a_damaged_packet_keeps_its_other_channels(self):
+        rng = np.random.default_rng(1)
+        counts = rng.integers(-1000, 1000, (27, 3000)).astype(np.int32)
+        channels = [Channel(x, Fraction(1000), label=f"c{i}") for i, x in enumerate(counts)]
+        data = bytearray(file_of(Recording(tuple(channels)), "archive"))
+        data[len(data) // 2] ^= 1
+        with Reader(bytes(data)) as reader:
+            parts = FileParts(reader)
+            assert len(reader.catalogue.data) == 1 and parts.extent() == (0, 3)
+            views = survey(parts, spectra=False)
+        whole = [view for view in views if view.full.sample_count == 3000]
+        (cut_view,) = (view for view in views if view.full.sample_count == 0)
+        assert len(whole) == 26 and not any(view.losses for view in whole)
+        assert [(loss.start, loss.stop, loss.what) for loss in cut_view.losses] == [
+            (0, pytest.approx(3, abs=0.001), "all")
+        ]
+
+    def test_a_lost_beginning_belongs_to_the_picture(self):
+        data = bytearray(file_of(Recording((force(),)), "archive", cluster=Fraction(2)))
+        with Reader(bytes(data)) as reader:
+            data[reader.catalogue.data[0].offset + 200] ^= 1
+        with Reader(bytes(data)) as reader:
+            (view,) = survey(FileParts(reader))
+        assert view.start == 0 and view.stop == 6
+        assert [(loss.start, round(loss.stop)) for loss in view.losses] == [(0, 2)]
+
     def test_where_most_happens(self):
         x = np.zeros(20_000)
         x[15_000] = 1
@@ -223,7 +249,7 @@ class TestViews:
         parts = RecordingParts(Recording((force(),)))
         with pytest.raises(ParameterError, match="ends at 6 s"):
             survey(parts, Fraction(7))
-        with pytest.raises(ParameterError, match="no sample"):
+        with pytest.raises(ParameterError, match="No samples in this time range"):
             survey(RecordingParts(Recording()))
         with pytest.raises(ParameterError, match="rate"):
             survey(parts, against=RecordingParts(Recording((force(rate=500),))))

@@ -18,6 +18,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import installed  # noqa: F401
+
 import click
 import numpy as np
 from measured import DATA, origin, timed

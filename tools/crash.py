@@ -27,6 +27,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
+import installed  # noqa: F401
+
 import click
 import numpy as np
 from measured import print_origin, print_table

@@ -10,7 +10,6 @@ count. Recordings are simulated. Without node the last column is empty.
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -19,8 +18,10 @@ import tempfile
 import time
 from pathlib import Path
 
+from installed import ROOT, environment
+
 import click
-from measured import ROOT, print_origin, print_table
+from measured import print_origin, print_table
 from simulated import drift, glove
 
 import hapfmt
@@ -72,8 +73,7 @@ def elsewhere(path: Path, seconds: float) -> float:
     code = "import decoders, pathlib, sys; "
     code += "print(decoders.rate_of(pathlib.Path(sys.argv[1]), float(sys.argv[2])))"
     done = subprocess.run(
-        [sys.executable, "-c", code, str(path), str(seconds)], cwd=ROOT / "tools",
-        env={**os.environ, "HAPFMT_PURE": "1", "PYTHONPATH": str(ROOT)},
+        [sys.executable, "-c", code, str(path), str(seconds)], env=environment(HAPFMT_PURE="1"),
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     return float(done.stdout)

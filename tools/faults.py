@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 
+import installed  # noqa: F401
+
 import numpy as np
 from measured import print_origin, print_table
 

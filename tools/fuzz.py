@@ -19,13 +19,16 @@ import subprocess
 import sys
 import time
 import warnings
+from importlib import import_module
 from itertools import count
 from pathlib import Path
 from typing import Any
 
+import installed  # noqa: F401
+
 ROOT = Path(__file__).resolve().parent.parent
 CORPUS = ROOT / "tests" / "corpus"
-sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "conformance" / "gen")]
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "conformance" / "gen")]
 
 MEMORY = 256 << 20
 """Bytes beyond those of the interpreter and its modules."""
@@ -106,7 +109,7 @@ def fuzz(name: str, arguments: list[str]) -> None:
 def lines_of(target: Any, data: bytes) -> set[tuple[str, int, int]]:
     """Steps from line to line within the package that an input takes."""
     steps: set[tuple[str, int, int]] = set()
-    package = str(ROOT / "hapfmt")
+    package = str(Path(import_module("hapfmt").__file__ or "").parent)
 
     def local(frame: Any, event: str, _: Any) -> Any:
         if event == "line":

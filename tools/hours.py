@@ -15,6 +15,8 @@ import time
 from fractions import Fraction
 from pathlib import Path
 
+import installed  # noqa: F401
+
 import click
 import numpy as np
 from measured import print_origin, print_table

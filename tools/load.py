@@ -19,9 +19,11 @@ import time
 from fractions import Fraction
 from pathlib import Path
 
+from installed import environment
+
 import click
 import numpy as np
-from measured import ROOT, print_origin, print_table
+from measured import print_origin, print_table
 from numpy.typing import NDArray
 from simulated import SENSORS, STEP, glove
 
@@ -101,7 +103,7 @@ def run(channels: int, seconds: float, preset: str, fast: bool) -> dict[str, flo
             check=True,
             capture_output=True,
             text=True,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            env=environment(),
         )
     found: dict[str, float] = json.loads(done.stdout)
     kept = "kept up" if keeps_up(found) else "did not"

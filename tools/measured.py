@@ -5,27 +5,17 @@ from __future__ import annotations
 
 import os
 import platform
-import subprocess
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from installed import ROOT, describe
+
 import numpy as np
 
-from hapfmt.kernels import compiled
-from hapfmt.version import __version__
-
-ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT.parent / "shared" / "data"
 Result = TypeVar("Result")
-
-
-def commit() -> str:
-    """As ``git describe`` names it, with a + where the tree differs."""
-    git = ["git", "-C", str(ROOT), "describe", "--always", "--tags", "--dirty=+"]
-    done = subprocess.run(git, capture_output=True, text=True, check=False)
-    return done.stdout.strip() or "unknown"
 
 
 def machine() -> str:
@@ -39,12 +29,9 @@ def machine() -> str:
 
 
 def origin() -> str:
-    """One line: versions, commit, machine, and whether the loops are compiled."""
-    loops = "compiled loops" if compiled else "readable loops: no extension"
-    return (
-        f"hapfmt {__version__}, commit {commit()}, {loops}, Python {platform.python_version()}, "
-        f"NumPy {np.__version__}, {machine()}"
-    )
+    """One line: which hapfmt, Python, NumPy and machine."""
+    python = platform.python_version()
+    return f"{describe()}, Python {python}, NumPy {np.__version__}, {machine()}"
 
 
 def print_origin() -> None:

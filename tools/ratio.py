@@ -16,6 +16,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
+import installed  # noqa: F401
+
 import numpy as np
 from measured import DATA, print_origin, print_table
 

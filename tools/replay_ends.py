@@ -13,7 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-from measured import ROOT
+from installed import ROOT, environment
+
 from replay_cases import Case
 from watched import find
 
@@ -21,7 +22,7 @@ from hapfmt.replay.profile.parse import load_profile
 
 sys.path.insert(0, str(ROOT / "tests"))
 
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
+ENVIRONMENT = environment()
 SECONDS = 30.0
 
 
@@ -109,7 +110,7 @@ class Hid:
         return {"kind": "hid", "path": self.world.path}
 
     def start(self, words: Sequence[str]) -> Any:
-        return Inside(self.world.start(list(words), env={"PYTHONPATH": str(ROOT)}))
+        return Inside(self.world.start(list(words), env=environment()))
 
     def arrivals(self) -> list[Arrival]:
         return [Arrival(x.time_ns, x.pid, x.data) for x in self.world.reports[self.before :]]

@@ -32,6 +32,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import installed  # noqa: F401
+
 import click
 import numpy as np
 from measured import origin, print_table

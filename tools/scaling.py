@@ -20,8 +20,10 @@ from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 
+from installed import environment
+
 import click
-from measured import ROOT, print_origin, print_table
+from measured import print_origin, print_table
 from rich.console import Console
 from rich.progress import Progress
 from simulated import SENSORS, glove
@@ -124,7 +126,7 @@ def main(minutes: str, preset: str, sensors: int, step: str | None, path: str) -
                              "--step", each, "--file", path]  # fmt: skip
                 done = subprocess.run(
                     [sys.executable, __file__, *arguments], check=True, capture_output=True,
-                    text=True, env={**os.environ, "PYTHONPATH": str(ROOT)},
+                    text=True, env=environment(),
                 )  # fmt: skip
                 found = json.loads(done.stdout)
                 row.append(f"{found['seconds'] / float(length):.3f} s, {found['extra'] / MIB:.0f}")

@@ -22,8 +22,10 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from installed import environment
+
 import click
-from measured import ROOT, print_origin, print_table
+from measured import print_origin, print_table
 from rich.console import Console
 
 MIB = 1 << 20
@@ -131,9 +133,9 @@ class Run(NamedTuple):
 
 def run(words: list[str]) -> Run:
     """A process to its end: what it prints, its CPU time, its ru_maxrss."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+    given = environment(OPENBLAS_NUM_THREADS="1")
     with tempfile.TemporaryFile() as out:
-        process = subprocess.Popen(words, stdout=out, env=environment)
+        process = subprocess.Popen(words, stdout=out, env=given)
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:
@@ -212,24 +214,24 @@ def print_keys() -> None:
     while tables:
         at, table = tables.pop(0)
         print(f"### {f'`[{at}]`' if at else 'At the top'}\n\n{' '.join(table.__doc__.split())}\n")
-        print("| key | what | without it |\n|---|---|---|")
+        print("| key | meaning | default |\n|---|---|---|")
         for each in fields(table):
             rule = each.metadata["key"]
             inner = ".".join(filter(None, (at, each.name)))
             if rule.table:
                 tables.append((inner, rule.table))
-            print(f"| `{each.name}` | {rule.what} | {without(each)} |")
+            print(f"| `{each.name}` | {rule.what} | {default_of(each)} |")
         print()
 
 
-def without(each: Any) -> str:
-    """What a key that is not given stands for."""
+def default_of(each: Any) -> str:
+    """The default of a key."""
     if each.default is MISSING:
-        return "must be given"
+        return "required"
     if each.metadata["key"].table:
         return "none"
     value = list(each.default) if isinstance(each.default, tuple) else each.default
-    return "as said" if value is None else f"`{json.dumps(value)}`"
+    return "in brackets" if value is None else f"`{json.dumps(value)}`"
 
 
 @click.command(help=__doc__)

@@ -10,9 +10,12 @@ import re
 import sys
 from pathlib import Path
 
-from hapfmt.container.layout import TABLES
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))  # the layouts of this clone, whatever is installed
 
-SPEC = Path(__file__).resolve().parent.parent / "SPEC.md"
+from hapfmt.container.layout import TABLES  # noqa: E402
+
+SPEC = ROOT / "SPEC.md"
 MARKED = re.compile(r"<!-- table: (?P<name>[^>]+?) -->\n.*?<!-- end -->", re.S)
 
 

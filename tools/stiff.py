@@ -17,6 +17,8 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
+import installed  # noqa: F401
+
 import click
 import numpy as np
 from measured import print_origin, print_table

@@ -12,6 +12,8 @@ import tempfile
 import time
 from pathlib import Path
 
+import installed  # noqa: F401
+
 import numpy as np
 from measured import best_of, print_origin, print_table
 from peers.exact import flac_decode, flac_encode

@@ -39,6 +39,21 @@ VERBS = {
     "scene": "Simulate a scene: textures, a wall, taps, a grasp; needs no device.",
     "demo": "Simulate a stylus on a texture, encode it, show what it costs.",
 }
+RENAMED = {
+    "--from": {
+        "annotate": "--table",
+        "record": "--input",
+        "replay": "--start",
+        "": "--input-format",
+    },
+    "--to": {"attach": "--output", "replay": "--stop", "": "--output-format"},
+    "--time": {"": "--start and --stop"},
+    "--out": {"": "--output"},
+    "--channels": {"replay": "--map", "rate": "--map"},
+    "--window": {"clocks": "--segment"},
+    "--device": {"check": "--path"},
+}
+"""Options that had another name -> verb ("": any other) -> the name of today."""
 ERROR = 1
 """Usage, input or output, internal error (SPEC clause 14)."""
 
@@ -84,6 +99,7 @@ def main() -> None:
         code = cli.main(standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
+        error = renamed(error)
         error.show()
         if "--json" in sys.argv:
             click.echo(json.dumps({"error": error.format_message(), "exit_code": ERROR}))
@@ -106,6 +122,18 @@ def main() -> None:
         report("out of memory: read fewer channels or a shorter time range", ERROR)
         code = ERROR
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def renamed(error: click.ClickException) -> click.ClickException:
+    """For an option by a name of an earlier version: an error that says the name of today."""
+    if not isinstance(error, click.NoSuchOption) or error.ctx is None:
+        return error
+    names = RENAMED.get(error.option_name, {})
+    name = names.get(error.ctx.command.name or "", names.get("", ""))
+    known = [each for param in error.ctx.command.params for each in param.opts]
+    if name.split(" ")[0] not in known:
+        return error
+    return click.UsageError(f"{error.option_name} was renamed {name}", error.ctx)
 
 
 def report(message: str, code: int) -> None:

@@ -23,7 +23,7 @@ from .common import (
     refuse_target,
     table,
 )
-from .editing import out_option, tell_added
+from .editing import copy_option, tell_added
 
 if TYPE_CHECKING:
     from ..events import Event
@@ -40,14 +40,14 @@ TIMES, TEXTS = ("time", "onset"), ("text", "trial_type")
 @click.option("--channel", help="Label or number of the channel it speaks of. [all]")
 @click.option("--layer", default="", help="Events that belong together, such as an observer's.")
 @click.option(
-    "--from",
+    "--table",
     "table_",
     metavar="TABLE",
     help="Many at once: CSV with the columns time (or onset), duration, channel, layer, text (or "
     "trial_type), or JSON lines with such members.",
 )
 @click.option("--list", "list_", is_flag=True, help="What is annotated, of --layer if given.")
-@out_option
+@copy_option
 @force_option
 @json_option
 def annotate(
@@ -59,7 +59,7 @@ def annotate(
     layer: str,
     table_: str | None,
     list_: bool,
-    out: str | None,
+    output: str | None,
     force: bool,
     as_json: bool,
 ) -> int:
@@ -68,7 +68,7 @@ def annotate(
     \b
     hapfmt annotate touch.hapf --at 1.25 "first contact"
     hapfmt annotate touch.hapf --at 2 --duration 0.5 --channel force_z --layer anna slip
-    hapfmt annotate touch.hapf --from events.csv
+    hapfmt annotate touch.hapf --table events.csv
     hapfmt annotate touch.hapf --list
     """
     from .. import edit
@@ -78,19 +78,19 @@ def annotate(
     one = [text, at, duration, channel]
     if table_ is not None:
         if any(x is not None for x in one):
-            raise ParameterError("--from, or one event with --at and TEXT, not both")
+            raise ParameterError("--table, or one event with --at and TEXT, not both")
         events = read_table(table_, layer)
     else:
         if text is None or at is None:
-            raise ParameterError("an event is --at SECONDS and TEXT; or give --from or --list")
+            raise ParameterError("an event is --at SECONDS and TEXT; or give --table or --list")
         row = {"time": at, "duration": duration, "channel": channel, "text": text}
         events = [event_of(row, layer)]
-    if out is not None:
-        refuse_target(out, force)
-    given = input_of(file) if out is not None else file
-    notes = edit.annotate(given, events, out and output_of(out), force=force)
+    if output is not None:
+        refuse_target(output, force)
+    given = input_of(file) if output is not None else file
+    notes = edit.annotate(given, events, output and output_of(output), force=force)
     what = f"{len(events)} event{'s' * (len(events) > 1)} added"
-    tell_added(out or file, what, notes, as_json)
+    tell_added(output or file, what, notes, as_json)
     return 0
 
 

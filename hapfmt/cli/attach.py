@@ -14,11 +14,12 @@ from .common import (
     input_of,
     json_option,
     output_of,
+    output_option,
     printable,
     refuse_target,
     table,
 )
-from .editing import out_option, tell_added
+from .editing import tell_added
 
 if TYPE_CHECKING:
     from ..edit import Original
@@ -33,8 +34,9 @@ if TYPE_CHECKING:
 @click.option(
     "--extract", is_flag=True, help="Write attachments into a folder: PATH are names. [all]"
 )
-@click.option("--to", "folder", default=".", show_default=True, help="Folder to extract into.")
-@out_option
+@output_option(
+    "PATH", "Leave FILE as it is and write a copy; with --extract: the folder to extract into [.]."
+)
 @force_option
 @json_option
 def attach(
@@ -44,8 +46,7 @@ def attach(
     media_type: str | None,
     list_: bool,
     extract: bool,
-    folder: str,
-    out: str | None,
+    output: str | None,
     force: bool,
     as_json: bool,
 ) -> int:
@@ -54,7 +55,7 @@ def attach(
     \b
     hapfmt attach touch.hapf photo.png calibration.pdf
     hapfmt attach touch.hapf --list
-    hapfmt attach touch.hapf --extract photo.png --to /tmp
+    hapfmt attach touch.hapf --extract photo.png --output /tmp
     """
     from .. import edit
 
@@ -65,7 +66,7 @@ def attach(
             show(original, as_json)
         return 0
     if extract:
-        written = edit.extract(input_of(file), paths or None, folder, force=force)
+        written = edit.extract(input_of(file), paths or None, output or ".", force=force)
         if as_json:
             echo_json({"files": [os.fspath(path) for path in written]})
         for path in () if as_json else written:
@@ -76,12 +77,12 @@ def attach(
     if name is not None and len(paths) != 1:
         raise ParameterError("--name is for one file")
     attachments = [edit.attachment_of(path, name=name, media_type=media_type) for path in paths]
-    if out is not None:
-        refuse_target(out, force)
-    given = input_of(file) if out is not None else file
-    notes = edit.attach(given, attachments, out and output_of(out), force=force)
+    if output is not None:
+        refuse_target(output, force)
+    given = input_of(file) if output is not None else file
+    notes = edit.attach(given, attachments, output and output_of(output), force=force)
     names = ", ".join(attachment.name for attachment in attachments)
-    tell_added(out or file, f"attached {names}", notes, as_json)
+    tell_added(output or file, f"attached {names}", notes, as_json)
     return 0
 
 

@@ -39,7 +39,10 @@ NS = Fraction(10**9)
     help="Whether time stamps are early and late, or late only.",
 )
 @click.option(
-    "--window", type=FractionType(), help="Seconds of one line. [what tells best of the rest]"
+    "--segment",
+    type=FractionType(),
+    metavar="S",
+    help="Seconds of one line. [what tells best of the rest]",
 )
 @memory_option
 @json_option
@@ -47,7 +50,7 @@ def clocks(
     file: str,
     fit: bool,
     delays: str,
-    window: Fraction | None,
+    segment: Fraction | None,
     as_json: bool,
     max_memory: Limits,
 ) -> int:
@@ -60,7 +63,7 @@ def clocks(
     from ..reading.reader import Reader
 
     with Reader(input_of(file), limits=max_memory) as reader:
-        seconds = None if window is None else float(window)
+        seconds = None if segment is None else float(segment)
         asked = (cast("Delays", delays), seconds) if fit else None
         rows = [one_clock(reader, seen, asked) for seen in by_clock(reader)]
         code = tell_losses(reader)

@@ -65,6 +65,16 @@ memory_option = click.option(
     "refused, with exit code 4. [no bound but those of the format]",
 )
 """Gives the verb ``max_memory``, the Limits for whatever it reads."""
+input_format_option = click.option(
+    "--input-format",
+    metavar="FORMAT",
+    help="Format of what is read, where a name does not say: npz, npy, csv, wav, hapf.",
+)
+output_format_option = click.option(
+    "--output-format",
+    metavar="FORMAT",
+    help="Format of the output, where its name does not say: npz, npy, csv, wav, hapf.",
+)
 force_option = click.option("-f", "--force", is_flag=True, help="Replace an existing output file.")
 
 
@@ -152,6 +162,11 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
         bar.stop()
 
 
+def output_option(metavar: str, text: str) -> Callable[[Any], Any]:
+    """Where output goes, in every verb that does not name it by its place."""
+    return click.option("-o", "--output", metavar=metavar, help=text)
+
+
 def fraction(text: str) -> Fraction:
     """A number as it is written: 0.1 is 1/10, and 44100/7 is allowed."""
     try:
@@ -201,17 +216,21 @@ class AmountType(click.ParamType["Tolerance"]):
             self.fail(error.message, param, ctx)
 
 
-def parse_time(text: str | None) -> tuple[Fraction | None, Fraction | None]:
-    """START:STOP in seconds, either may be missing."""
-    if text is None:
-        return None, None
-    start, colon, stop = text.partition(":")
-    if not colon:
-        raise click.BadParameter("a time range is START:STOP in seconds, such as 1.5:2 or :10")
-    first, last = fraction(start) if start else None, fraction(stop) if stop else None
-    if last is not None and (first or 0) >= last:
-        raise click.BadParameter(f"the time range {text} is empty")
-    return first, last
+start_option = click.option(
+    "--start", type=FractionType(), metavar="S", help="First second of the part. [the beginning]"
+)
+stop_option = click.option(
+    "--stop", type=FractionType(), metavar="S", help="Second before which it ends. [the end]"
+)
+
+
+def refuse_span(start: Fraction | None, stop: Fraction | None) -> None:
+    """An empty time range is a mistake of whoever typed it."""
+    if stop is not None and (start or 0) >= stop:
+        began = 0 if start is None else float(start)
+        raise click.BadParameter(
+            f"the time range is empty: --start {began:g} is not before --stop {float(stop):g}"
+        )
 
 
 def parse_channels(texts: Sequence[str], labels: Sequence[str]) -> list[str] | None:
@@ -250,7 +269,9 @@ def suffix_of(name: str, format_: str | None, default: str | None = None) -> str
     if name == "-":
         if default:
             return default
-        raise ParameterError("give the format of a pipe: --from or --to npz, npy, csv, wav, hapf")
+        raise ParameterError(
+            "a pipe has no suffix: give --input-format or --output-format (npz, csv, hapf ...)"
+        )
     return Path(name).suffix.lower()
 
 

@@ -12,12 +12,15 @@ from .common import (
     AmountType,
     echo_json,
     force_option,
+    input_format_option,
     json_option,
     memory_option,
     output_of,
-    parse_time,
     printable,
     progress,
+    refuse_span,
+    start_option,
+    stop_option,
     table,
 )
 from .parts import open_parts
@@ -25,6 +28,7 @@ from .plot import finish, told
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from fractions import Fraction
 
     from ..encoder.tolerance import Tolerance
     from ..limits import Limits
@@ -39,7 +43,8 @@ DIFFERENT = 3
 @click.argument("a", metavar="A")
 @click.argument("b", metavar="B")
 @click.option("--channels", multiple=True, help="Labels or numbers, of both: fx,fy or 0,3. [all]")
-@click.option("--time", "time_", metavar="START:STOP", help="Seconds START <= t < STOP. [all]")
+@start_option
+@stop_option
 @click.option(
     "--tolerance",
     type=AmountType(),
@@ -47,7 +52,7 @@ DIFFERENT = 3
     help="What counts as equal: 1e-3 in the unit, 0.5lsb, or 0.1% of the range of A. [nothing]",
 )
 @click.option("--plot", "picture", metavar="PICTURE", help="Draw both: .png .svg .pdf.")
-@click.option("--from", "format_", help="Format of A and B, if a name does not say.")
+@input_format_option
 @click.option("--rate", help="Ticks per second, for a file that does not say.")
 @memory_option
 @force_option
@@ -56,10 +61,11 @@ def compare(
     a: str,
     b: str,
     channels: tuple[str, ...],
-    time_: str | None,
+    start: Fraction | None,
+    stop: Fraction | None,
     tolerance: Tolerance | None,
     picture: str | None,
-    format_: str | None,
+    input_format: str | None,
     rate: str | None,
     max_memory: Limits,
     force: bool,
@@ -88,11 +94,11 @@ def compare(
         kind_of(picture)
         refuse(picture, force)
         new_figure(1, 1)
-    start, stop = parse_time(time_)
-    whole = time_ is None
-    one = open_parts(a, format_, rate, max_memory, channels, whole=whole)
+    refuse_span(start, stop)
+    whole = start is None and stop is None
+    one = open_parts(a, input_format, rate, max_memory, channels, whole=whole)
     try:
-        two = open_parts(b, format_, rate, max_memory, channels, whole=whole)
+        two = open_parts(b, input_format, rate, max_memory, channels, whole=whole)
         try:
             with progress("comparing") as advance:
                 found, views = run(

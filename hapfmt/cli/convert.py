@@ -11,10 +11,12 @@ from .common import (
     HAPF,
     echo_json,
     force_option,
+    input_format_option,
     json_option,
     load_recording,
     memory_option,
     notes_of,
+    output_format_option,
     output_of,
     save_recording,
     suffix_of,
@@ -26,8 +28,8 @@ from .common import (
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="OUT")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
-@click.option("--from", "from_", help="Format of the input, for a pipe.")
-@click.option("--to", "to", help="Format of the output, for a pipe.")
+@input_format_option
+@output_format_option
 @memory_option
 @force_option
 @json_option
@@ -35,8 +37,8 @@ def convert(
     source: str,
     target: str,
     rate: str | None,
-    from_: str | None,
-    to: str | None,
+    input_format: str | None,
+    output_format: str | None,
     force: bool,
     as_json: bool,
     max_memory: Limits,
@@ -46,19 +48,19 @@ def convert(
     Nothing is lost on the way to .hapf (encode makes it smaller, within a deadband). What the
     output format cannot hold is said on standard error.
     """
-    if suffix_of(source, from_) == suffix_of(target, to) == HAPF:
+    if suffix_of(source, input_format) == suffix_of(target, output_format) == HAPF:
         raise ParameterError("both are .hapf: copy the file, or encode it anew with encode")
     if target != "-":
         refuse(target, force)
-    recording, code = load_recording(source, from_, rate, max_memory)
+    recording, code = load_recording(source, input_format, rate, max_memory)
     tell_notes(recording)
-    if suffix_of(target, to) == HAPF:
+    if suffix_of(target, output_format) == HAPF:
         from ..encoder.settings import Settings
         from ..writer import write
 
         write(recording, output_of(target), Settings.of(step="1lsb"), force=force)
     else:
-        save_recording(recording, target, to, force)
+        save_recording(recording, target, output_format, force)
     if as_json and target != "-":
         echo_json(
             {

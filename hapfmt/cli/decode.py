@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import TYPE_CHECKING, cast
 
 import click
@@ -13,10 +14,13 @@ from .common import (
     input_of,
     json_option,
     memory_option,
+    output_format_option,
     parse_channels,
-    parse_time,
     progress,
+    refuse_span,
     save_recording,
+    start_option,
+    stop_option,
     suffix_of,
     tell_clocks,
     tell_losses,
@@ -36,7 +40,8 @@ if TYPE_CHECKING:
     multiple=True,
     help="Labels or numbers: force_x,force_y or 0,3; may be given several times. [all]",
 )
-@click.option("--time", "time_", metavar="START:STOP", help="Seconds START <= t < STOP. [all]")
+@start_option
+@stop_option
 @click.option(
     "--band",
     type=click.Choice(["full", "lf", "hf"]),
@@ -44,7 +49,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="The sum, the slow part, or the texture alone.",
 )
-@click.option("--to", "format_", help="Format of the output, for a pipe: npz npy csv wav.")
+@output_format_option
 @threads_option
 @memory_option
 @force_option
@@ -53,9 +58,10 @@ def decode(
     source: str,
     target: str,
     channels: tuple[str, ...],
-    time_: str | None,
+    start: Fraction | None,
+    stop: Fraction | None,
     band: str,
-    format_: str | None,
+    output_format: str | None,
     force: bool,
     as_json: bool,
     threads: int | None,
@@ -67,15 +73,15 @@ def decode(
 
     \b
     hapfmt decode touch.hapf touch.npz
-    hapfmt decode touch.hapf part.csv --channels force_z --time 1.5:2
-    hapfmt decode - - --to csv < touch.hapf | head
+    hapfmt decode touch.hapf part.csv --channels force_z --start 1.5 --stop 2
+    hapfmt decode - - --output-format csv < touch.hapf | head
     """
     from ..reading.reader import Reader
 
-    suffix_of(target, format_)
+    suffix_of(target, output_format)
     if target != "-":
         refuse(target, force)
-    start, stop = parse_time(time_)
+    refuse_span(start, stop)
     with (
         Reader(input_of(source), threads=threads, limits=max_memory) as reader,
         progress("decoding") as advance,
@@ -83,7 +89,7 @@ def decode(
         names = parse_channels(channels, [ref.label for ref in reader.channels])
         recording = reader.read(names, start, stop, band=cast("Band", band), progress=advance)
         tell_clocks(reader)
-        save_recording(recording, target, format_, force)
+        save_recording(recording, target, output_format, force)
         code = tell_losses(reader)
         if as_json and target != "-":
             echo_json(

@@ -47,7 +47,13 @@ class Outcome:
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
 @click.option("--k", "k", type=FractionType(), default="0.1", show_default=True)
 @click.option("--bits", type=BitsType(), default=5, show_default=True)
-@click.option("--out", type=click.Path(path_type=Path), help="Keep the .hapf file of --bits here.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="OUT",
+    help="Keep the .hapf file of --bits here.",
+)
 @click.option("--plot", type=click.Path(path_type=Path), help="Write a picture: .png .svg .pdf.")
 @force_option
 @json_option
@@ -57,7 +63,7 @@ def demo(
     seed: int,
     k: Fraction,
     bits: int,
-    out: Path | None,
+    output: Path | None,
     plot: Path | None,
     force: bool,
     as_json: bool,
@@ -67,12 +73,12 @@ def demo(
 
     \b
     hapfmt demo
-    hapfmt demo --texture cork --bits 8 --plot demo.png --out demo.hapf
+    hapfmt demo --texture cork --bits 8 --plot demo.png --output demo.hapf
     """
     from ..atomic import atomic_write, refuse
     from ..scenes.stylus import simulate
 
-    for path in (out, plot):
+    for path in (output, plot):
         if path is not None:
             refuse(str(path), force)
     began = time.perf_counter()
@@ -80,8 +86,8 @@ def demo(
     simulated = time.perf_counter() - began
     outcomes = [run(recording, k, each) for each in sorted({*BITS, bits})]
     chosen = next(outcome for outcome in outcomes if outcome.bits == bits)
-    if out is not None:
-        with atomic_write(out, force=force) as stream:
+    if output is not None:
+        with atomic_write(output, force=force) as stream:
             stream.write(chosen.data)
     if plot is not None:
         draw(plot, recording, chosen, k, force)
@@ -97,7 +103,7 @@ def demo(
         )
         return 0
     show(recording, texture, simulated, k, outcomes)
-    for path, what in ((out, "file"), (plot, "picture")):
+    for path, what in ((output, "file"), (plot, "picture")):
         if path is not None:
             click.echo(f"{what}: {printable(str(path))}")
     return 0

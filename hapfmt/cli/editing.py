@@ -10,7 +10,7 @@ import click
 
 from ..errors import ParameterError
 from ..numbers import exact
-from .common import echo_json, input_of, printable
+from .common import echo_json, input_of, output_option, printable
 
 if TYPE_CHECKING:
     from ..edit import Edited, Original
@@ -34,9 +34,7 @@ by_epoch_option = click.option(
 same_times_option = click.option(
     "--same-times", is_flag=True, help="Tick 0 of all files is the same moment."
 )
-out_option = click.option(
-    "-o", "--out", metavar="OUT", help="Leave FILE as it is, and write a copy with what is added."
-)
+copy_option = output_option("OUT", "Leave FILE as it is and write a copy with the addition.")
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from .common import (
     FractionType,
     echo_json,
     force_option,
+    input_format_option,
     json_option,
     load_recording,
     memory_option,
@@ -116,7 +117,7 @@ ORIGINAL_BITS = 64
 )
 @click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track.")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
-@click.option("--from", "format_", help="Format of the input, for a pipe: npz npy csv wav hapf.")
+@input_format_option
 @click.option(
     "--canonical",
     type=click.IntRange(0, (1 << 32) - 1),
@@ -132,7 +133,7 @@ def encode(
     target: str,
     preset: str,
     rate: str | None,
-    format_: str | None,
+    input_format: str | None,
     canonical: int | None,
     force: bool,
     as_json: bool,
@@ -147,7 +148,7 @@ def encode(
     hapfmt encode touch.npz touch.hapf
     hapfmt encode touch.csv touch.hapf --preset paper --k 0.1 --bits 5
     hapfmt encode force.npy force.hapf --rate 1000 --tolerance 0.01%
-    cat touch.npz | hapfmt encode - - --from npz > touch.hapf
+    cat touch.npz | hapfmt encode - - --input-format npz > touch.hapf
     """
     from ..encoder.settings import Settings
     from ..writer import write
@@ -155,7 +156,7 @@ def encode(
     refuse_target(target, force)
     given["vectors"] = "required" if vectors else None
     settings = Settings.of(preset, **given)
-    recording, code = load_recording(source, format_, rate, max_memory)
+    recording, code = load_recording(source, input_format, rate, max_memory)
     tell_notes(recording)
     for place, names in enumerate(vectors):
         recording = with_vector(recording, names.split(","), f"vector {place + 1}")

@@ -17,16 +17,18 @@ from .common import (
     printable,
     refuse_target,
 )
-from .editing import out_option, tell_added
+from .editing import copy_option, tell_added
 
 
 @click.command(short_help="Show or set the metadata.")
 @click.argument("file", metavar="FILE")
 @click.argument("members", metavar="[KEY=VALUE]...", nargs=-1)
-@out_option
+@copy_option
 @force_option
 @json_option
-def meta(file: str, members: tuple[str, ...], out: str | None, force: bool, as_json: bool) -> int:
+def meta(
+    file: str, members: tuple[str, ...], output: str | None, force: bool, as_json: bool
+) -> int:
     """Set members of the metadata of the .hapf file FILE, in place; without any, show them all.
 
     VALUE is JSON, or else a text.
@@ -46,12 +48,12 @@ def meta(file: str, members: tuple[str, ...], out: str | None, force: bool, as_j
             text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
             click.echo(printable(f"{name}: {text}"))
         return 0
-    if out is not None:
-        refuse_target(out, force)
-    given = input_of(file) if out is not None else file
+    if output is not None:
+        refuse_target(output, force)
+    given = input_of(file) if output is not None else file
     values = dict(map(member, members))
-    notes = edit.set_metadata(given, values, out and output_of(out), force=force)
-    tell_added(out or file, f"set {', '.join(values)}", notes, as_json)
+    notes = edit.set_metadata(given, values, output and output_of(output), force=force)
+    tell_added(output or file, f"set {', '.join(values)}", notes, as_json)
     return 0
 
 

@@ -11,11 +11,15 @@ import click
 from ..errors import ParameterError
 from .common import (
     force_option,
+    input_format_option,
     memory_option,
     output_of,
-    parse_time,
+    output_option,
     printable,
     progress,
+    refuse_span,
+    start_option,
+    stop_option,
     tell_losses,
 )
 from .parts import matched, open_parts
@@ -33,28 +37,33 @@ LINES = 3
 
 @click.command(short_help="A picture of a recording: signal, texture, knots, spectrum, damage.")
 @click.argument("file", metavar="FILE")
-@click.option("--out", metavar="PICTURE", help="Write it here: .png .svg .pdf; - is a pipe.")
+@output_option("PICTURE", "Write the picture here: .png .svg .pdf; - is a pipe.")
 @click.option("--window", is_flag=True, help="Show it in a window instead.")
 @click.option("--channels", multiple=True, help="Labels or numbers: fx,fy or 0,3. [all]")
-@click.option("--time", "time_", metavar="START:STOP", help="Seconds START <= t < STOP. [all]")
+@start_option
+@stop_option
 @click.option(
     "--against", metavar="ORIGINAL", help="What FILE was encoded from: shows its errors too."
 )
-@click.option("--from", "format_", help="Format of FILE, and of ORIGINAL, if a name does not say.")
+@input_format_option
 @click.option("--rate", help="Ticks per second, for a file that does not say.")
 @click.option(
-    "--to", "kind", type=click.Choice(["png", "svg", "pdf"]), help="Kind, for a pipe [png]."
+    "--output-format",
+    "kind",
+    type=click.Choice(["png", "svg", "pdf"]),
+    help="Format of the picture, for a pipe [png].",
 )
 @memory_option
 @force_option
 def plot(
     file: str,
-    out: str | None,
+    output: str | None,
     window: bool,
     channels: tuple[str, ...],
-    time_: str | None,
+    start: Fraction | None,
+    stop: Fraction | None,
     against: str | None,
-    format_: str | None,
+    input_format: str | None,
     rate: str | None,
     kind: str | None,
     max_memory: Limits,
@@ -68,30 +77,32 @@ def plot(
     most 12. Gaps are hatched, damage is crossed, and what it took is said; the exit code is then 3.
 
     \b
-    hapfmt plot touch.hapf --out touch.png
-    hapfmt plot touch.hapf --out part.svg --channels force_z --time 1.5:2
-    hapfmt plot touch.hapf --out errors.pdf --against original.npz
+    hapfmt plot touch.hapf --output touch.png
+    hapfmt plot touch.hapf --output part.svg --channels force_z --start 1.5 --stop 2
+    hapfmt plot touch.hapf --output errors.pdf --against original.npz
     hapfmt plot touch.npz --window
     """
     from ..atomic import refuse
     from ..plotting.style import kind_of, new_figure, save
 
-    if (out is None) != window:
-        raise ParameterError("say where to: --out touch.png (or .svg, .pdf), or --window")
-    if out is not None and out != "-":
-        kind = kind or kind_of(out)
-        refuse(out, force)
+    if (output is None) != window:
+        raise ParameterError("say where to: --output touch.png (or .svg, .pdf), or --window")
+    if output is not None and output != "-":
+        kind = kind or kind_of(output)
+        refuse(output, force)
     new_figure(1, 1)
     if window:
         from ..plotting.window import open_window
 
         open_window("hapfmt").destroy()
-    start, stop = parse_time(time_)
-    parts = open_parts(file, format_, rate, max_memory, channels, whole=time_ is None)
+    refuse_span(start, stop)
+    parts = open_parts(
+        file, input_format, rate, max_memory, channels, whole=start is None and stop is None
+    )
     try:
         original = None
         if against is not None:
-            original = matched(parts, against, format_, rate, max_memory)
+            original = matched(parts, against, input_format, rate, max_memory)
         figures = draw(parts, original, file, start, stop, kind == "pdf" or window)
         code = finish(parts, start, stop)
     finally:
@@ -108,8 +119,8 @@ def plot(
             err=True,
         )
         figures = figures[:1]
-    assert out is not None
-    save(figures, output_of(out), kind or "png", force=force)
+    assert output is not None
+    save(figures, output_of(output), kind or "png", force=force)
     return code
 
 

@@ -25,7 +25,7 @@ def profile() -> None:
     \b
     hapfmt profile list
     hapfmt profile show glove5 > mine.toml
-    hapfmt profile check mine.toml --device /dev/hidraw3
+    hapfmt profile check mine.toml --path /dev/hidraw3
     """
 
 
@@ -68,9 +68,8 @@ def show_profile(name: str) -> int:
 @profile.command("check", short_help="Whether a profile is one, and fits a device.")
 @click.argument("file", metavar="FILE.toml")
 @click.option(
-    "--device",
-    "path",
-    metavar="PATH",
+    "--path",
+    metavar="DEVICE_PATH",
     help="Hold its reports against this device (hapfmt devices lists paths); nothing is sent.",
 )
 @click.option(
@@ -82,14 +81,14 @@ def show_profile(name: str) -> int:
 def check_profile(file: str, path: str | None, descriptor: str | None, as_json: bool) -> int:
     """Check the profile FILE.toml (or a built-in one) and say what it makes of a device.
 
-    With --device or --descriptor, each report of the profile must be one of the device's, with
+    With --path or --descriptor, each report of the profile must be one of the device's, with
     its kind, id and length. Exit code 1 where it is not.
     """
     from ..replay.profile.matching import differences
     from ..replay.profile.parse import load_profile
 
     if path is not None and descriptor is not None:
-        raise ParameterError("give --device or --descriptor, not both")
+        raise ParameterError("give --path or --descriptor, not both")
     chosen = load_profile(file)
     against: Descriptor | None = None
     found: list[str] = []

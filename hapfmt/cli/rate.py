@@ -38,7 +38,8 @@ INTERRUPTED = 130
     help="Of everything on a device, above 0 and at most 1 [what the profile says].",
 )
 @click.option(
-    "--channels",
+    "--map",
+    "channels",
     multiple=True,
     metavar="A=1,B=2",
     help="Channels = actuators of the device, as in hapfmt replay.",
@@ -232,7 +233,7 @@ def choose_output(felt: dict[str, Any]) -> None:
             + (", one of them" if ways else "")
         )
     if felt["device"] is None and (felt["path"] or felt["gain"] or felt["channels"]):
-        raise ParameterError("--path, --gain and --channels go with --device")
+        raise ParameterError("--path, --gain and --map go with --device")
 
 
 def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:

@@ -37,7 +37,12 @@ LOST = 3
 @click.command(short_help="Record samples as they come from another program.")
 @click.argument("target", metavar="OUT")
 @click.option(
-    "--from", "source", default="-", metavar="FILE", help="What to read [-, standard input]."
+    "-i",
+    "--input",
+    "source",
+    default="-",
+    metavar="FILE",
+    help="What to read [-, standard input].",
 )
 @click.option("--rate", type=FractionType(), help="Ticks per second of a bare table.")
 @click.option("--labels", help="Channels of a bare table: a,b,c [1,2,3, or as its first line].")

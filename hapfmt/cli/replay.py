@@ -23,6 +23,8 @@ from .common import (
     memory_option,
     printable,
     progress,
+    start_option,
+    stop_option,
     table,
     tell_some,
 )
@@ -63,8 +65,8 @@ ERROR, LOST = 1, 3
     help="Which device, where several fit the profile: see hapfmt devices.",
 )
 @click.option("--dry-run", is_flag=True, help="Print, or --record, what would be sent; no device.")
-@click.option("--from", "start", type=FractionType(), metavar="S", help="Seconds to begin at.")
-@click.option("--to", "stop", type=FractionType(), metavar="S", help="Seconds to end at.")
+@start_option
+@stop_option
 @click.option(
     "--loop",
     "loops",
@@ -84,7 +86,8 @@ ERROR, LOST = 1, 3
     help="Of everything, above 0 and at most 1 [what the profile says, 0.5 as a rule].",
 )
 @click.option(
-    "--channels",
+    "--map",
+    "channels",
     multiple=True,
     metavar="A=1,B=2",
     help="Channels (label or number) = actuators (name, or number from 1), and no others [by "
@@ -122,7 +125,7 @@ def replay(
 
     \b
     hapfmt replay touch.hapf --device glove5 --dry-run
-    hapfmt replay touch.hapf --device glove5 --from 2 --to 5 --gain 0.2
+    hapfmt replay touch.hapf --device glove5 --start 2 --stop 5 --gain 0.2
 
     In a terminal: space pauses and goes on, left and right seek by five seconds, q ends; Ctrl-C
     ends too, by a ramp to rest. Exit codes beyond those of all verbs: 5 stopped since it was late,

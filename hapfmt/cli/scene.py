@@ -53,8 +53,8 @@ PRESETS = ("default", "auto", "paper", "deadband", "archive")
     "--without",
     multiple=True,
     metavar="PART",
-    help="Leave out texture, contact, tool, hand, tremor, abduction, palm, wrist, or a finger; "
-    "may be given several times.",
+    help="Leave out texture, touches, contact, tool, hand, tremor, abduction, palm, wrist, or a "
+    "finger; may be given several times.",
 )
 @click.option(
     "--preset",

@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 @click.option("--every", type=FractionType(), metavar="S", help="A part for each S seconds.")
 @click.option("--at", metavar="T1,T2,...", help="Seconds at which a new part begins.")
 @click.option(
-    "--out",
+    "-o",
+    "--output",
+    metavar="NAME",
     default="part-{:03d}.hapf",
     show_default=True,
     help="Name of a part, with a place for its number.",
@@ -43,7 +45,7 @@ def split(
     source: str,
     every: Fraction | None,
     at: str | None,
-    out: str,
+    output: str,
     to_zero: bool,
     canonical: int | None,
     force: bool,
@@ -56,18 +58,18 @@ def split(
     and attachments, and keeps its times, so that concat puts the parts together again.
 
     \b
-    hapfmt split long.hapf --every 600 --out 'part-{:03d}.hapf'
+    hapfmt split long.hapf --every 600 --output 'part-{:03d}.hapf'
     hapfmt split long.hapf --at 12.5,30
     """
     from .. import edit
 
-    if out == "-":
+    if output == "-":
         raise ParameterError("parts are files: give a name with a place for the number")
-    refuse_target(out, force=True)
+    refuse_target(output, force=True)
     times = [fraction(text) for text in at.split(",")] if at else []
     with originals([source], max_memory) as (original,), progress("copying") as advance:
         parts = edit.split(
-            original, out, every=every, at=times, to_zero=to_zero, canonical=canonical,
+            original, output, every=every, at=times, to_zero=to_zero, canonical=canonical,
             force=force, progress=advance,
         )  # fmt: skip
     if as_json:

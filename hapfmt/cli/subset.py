@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import TYPE_CHECKING, cast
 
 import click
@@ -13,9 +14,11 @@ from .common import (
     memory_option,
     output_of,
     parse_channels,
-    parse_time,
     progress,
+    refuse_span,
     refuse_target,
+    start_option,
+    stop_option,
 )
 from .editing import canonical_option, tell, to_zero_option
 
@@ -32,7 +35,8 @@ if TYPE_CHECKING:
     multiple=True,
     help="Labels or numbers: force_x,force_y or 0,3; may be given several times. [all]",
 )
-@click.option("--time", "time_", metavar="START:STOP", help="Seconds START <= t < STOP. [all]")
+@start_option
+@stop_option
 @click.option(
     "--band",
     type=click.Choice(["full", "lf", "hf"]),
@@ -50,7 +54,8 @@ def subset(
     source: str,
     target: str,
     channels: tuple[str, ...],
-    time_: str | None,
+    start: Fraction | None,
+    stop: Fraction | None,
     band: str,
     to_zero: bool,
     level: str | None,
@@ -65,13 +70,13 @@ def subset(
     from when to when. The samples keep their times.
 
     \b
-    hapfmt subset long.hapf part.hapf --channels force_z --time 10:20
+    hapfmt subset long.hapf part.hapf --channels force_z --start 10 --stop 20
     hapfmt subset long.hapf slow.hapf --band lf
     """
     from .. import edit
 
     refuse_target(target, force)
-    start, stop = parse_time(time_)
+    refuse_span(start, stop)
     whole = start is None and stop is None
     opened = edit.Original(input_of(source), scan=whole, limits=max_memory)
     with opened as original, progress("copying") as advance:

@@ -8,6 +8,7 @@ import click
 
 from .common import (
     echo_json,
+    input_format_option,
     input_of,
     json_option,
     load_recording,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 @click.command(short_help="Check every rule of a file, and its deadband contract.")
 @click.argument("file", metavar="FILE")
 @click.option("--against", metavar="ORIGINAL", help="The recording that FILE was encoded from.")
-@click.option("--from", "format_", help="Format of ORIGINAL, if its name does not say.")
+@input_format_option
 @click.option("--rate", help="Ticks per second of ORIGINAL, if it does not say.")
 @threads_option
 @memory_option
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 def verify(
     file: str,
     against: str | None,
-    format_: str | None,
+    input_format: str | None,
     rate: str | None,
     as_json: bool,
     threads: int | None,
@@ -50,7 +51,7 @@ def verify(
     """
     from ..verifier import verify as check
 
-    original = load_recording(against, format_, rate, max_memory)[0] if against else None
+    original = load_recording(against, input_format, rate, max_memory)[0] if against else None
     with progress("verifying") as advance:
         report = check(
             input_of(file), against=original, limits=max_memory, progress=advance, threads=threads

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-INSTEAD = "write a picture instead: --out picture.png"
+INSTEAD = "write a picture instead: --output picture.png"
 
 
 def show(figures: Sequence[Figure], title: str) -> None:

@@ -30,13 +30,13 @@ STIFFEST_N_PER_M = 1e7
 
 @dataclass(frozen=True)
 class Contact:
-    """Spring and damper that push while something is touched, and never pull."""
+    """Spring and damper that push during contact and never pull."""
 
-    n_per_m: float = number("the stiffness in N/m", above=0, high=STIFFEST_N_PER_M)
-    damping: float = number("its damping ratio: 0 bounces, 1 does not swing", 0.0, high=2)
-    integrator: Integrator | None = choice("how steps are taken [exact]", INTEGRATORS, None)
+    n_per_m: float = number("stiffness in N/m", above=0, high=STIFFEST_N_PER_M)
+    damping: float = number("damping ratio: 0 bounces, 1 does not oscillate", 0.0, high=2)
+    integrator: Integrator | None = choice("how it is solved [exact]", INTEGRATORS, None)
     dt_s: float | None = number(
-        "the step in seconds [as stiffness and texture need]", None, above=0, low=1e-7, high=1.0
+        "time step in s [from stiffness and texture]", None, above=0, low=1e-7, high=1.0
     )
 
     def __post_init__(self) -> None:
@@ -45,21 +45,37 @@ class Contact:
 
 @dataclass(frozen=True)
 class Object(Contact):
-    """What a hand closes on."""
+    """The object that a hand grasps."""
 
-    grip_n: float = number("what the thumb presses with, in N", 6.0, above=0, high=200)
-    width_m: float = number("how thick it is, in m", 0.06, low=0.005, high=0.1)
+    grip_n: float = number("force of the thumb in N", 6.0, above=0, high=200)
+    width_m: float = number("thickness in m", 0.06, low=0.005, high=0.1)
 
 
 @dataclass(frozen=True)
 class Texture:
-    """Heights under the tip of a tool; made only where one is named."""
+    """A height field under the tip of a tool."""
 
-    surface: str = choice("what is stroked", SURFACES)
-    relief: float = number("what its heights are multiplied by", 1.0, high=100)
+    surface: str = choice("name of the surface", SURFACES)
+    relief: float = number("factor on its heights", 1.0, high=100)
 
     def __post_init__(self) -> None:
         check(self)
+
+
+@dataclass(frozen=True)
+class Touches:
+    """Lifts the tool off the surface while it strokes, and sets it down again: contact onsets."""
+
+    every_s: float = number("period of the touch-downs in s", 2.0, low=1e-2, high=3600)
+    lift_m: float = number("height of the lift in m", 0.01, above=0, high=0.5)
+    away_s: float = number("time in the air in s", 0.1, high=3600)
+    travel_s: float = number("time of each way, up and down, in s", 0.08,
+                             low=1e-3, high=60)  # fmt: skip
+
+    def __post_init__(self) -> None:
+        check(self)
+        if 2 * self.travel_s + self.away_s > self.every_s:
+            raise SceneError("every_s", "is too short; write at least 2 x travel_s + away_s")
 
 
 @dataclass(frozen=True)
@@ -68,7 +84,8 @@ class Stroke:
 
     speed_m_per_s: tuple[float, float] = pair("[slowest, fastest] in m/s", (0.05, 0.07),
                                               low=1e-3, high=1.0)  # fmt: skip
-    press_n: float = number("what the hand presses with, in N", 0.95, above=0, high=100)
+    press_n: float = number("force of the hand in N", 0.95, above=0, high=100)
+    touches: Touches | None = part("lifts off and touches down again", Touches)
 
     def __post_init__(self) -> None:
         check(self)
@@ -76,13 +93,13 @@ class Stroke:
 
 @dataclass(frozen=True)
 class Press:
-    """Comes down along the normal, stays, goes up, and again; held short, it is a tap."""
+    """Comes down along the normal, stays, goes up, repeats. A short hold is a tap."""
 
-    press_n: float = number("what the hand presses with, in N", above=0, high=100)
-    lift_m: float = number("how high it is in between, in m", 0.01, above=0, high=0.5)
-    travel_s: float = number("how long it comes down, in s", 0.2, low=1e-3, high=60)
-    hold_s: float = number("how long it presses, in s", 0.8, high=3600)
-    every_s: float = number("from one to the next, in s", 2.0, low=1e-2, high=3600)
+    press_n: float = number("force of the hand in N", above=0, high=100)
+    lift_m: float = number("height between presses in m", 0.01, above=0, high=0.5)
+    travel_s: float = number("time to come down in s", 0.2, low=1e-3, high=60)
+    hold_s: float = number("time in contact in s", 0.8, high=3600)
+    every_s: float = number("period in s", 2.0, low=1e-2, high=3600)
 
     def __post_init__(self) -> None:
         check(self)
@@ -95,11 +112,11 @@ class Press:
 
 @dataclass(frozen=True)
 class Reach:
-    """From point to point in space, in one smooth movement each."""
+    """Smooth movements from point to point in space."""
 
-    extent_m: float = number("side of the cube it stays in, in m", 0.2, above=0, high=10)
-    travel_s: float = number("how long a movement takes, in s", 0.7, low=1e-2, high=60)
-    every_s: float = number("from one to the next, in s", 1.0, low=1e-2, high=3600)
+    extent_m: float = number("side of the cube of motion in m", 0.2, above=0, high=10)
+    travel_s: float = number("duration of a movement in s", 0.7, low=1e-2, high=60)
+    every_s: float = number("period in s", 1.0, low=1e-2, high=3600)
 
     def __post_init__(self) -> None:
         check(self)
@@ -109,11 +126,11 @@ class Reach:
 
 @dataclass(frozen=True)
 class Sensor:
-    """Of a force: counts, their range, and noise."""
+    """A force sensor: step, range and noise."""
 
-    step_n: float = number("what one count stands for, in N", 0.0005, low=1e-6, high=1)
-    range_n: float = number("the largest force either way, in N", 16.384, above=0, high=1e4)
-    noise_n: float = number("noise (rms), in N", 0.0005, high=1)
+    step_n: float = number("step in N", 0.0005, low=1e-6, high=1)
+    range_n: float = number("largest force, positive or negative, in N", 16.384, above=0, high=1e4)
+    noise_n: float = number("noise (rms) in N", 0.0005, high=1)
 
     def __post_init__(self) -> None:
         check(self)
@@ -123,20 +140,20 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Tool:
-    """A mass that a hand holds by a spring and a damper, and moves in one of three ways."""
+    """A mass that a hand holds by a spring and a damper. It moves in one of three ways."""
 
-    mass_kg: float = number("its mass in kg", 0.060, low=1e-4, high=100)
+    mass_kg: float = number("mass in kg", 0.060, low=1e-4, high=100)
     hand_n_per_m: float = number("stiffness of the hand in N/m", 250.0, low=1, high=1e6)
     hand_ns_per_m: float = number("damping of the hand in Ns/m", 3.0, high=1e5)
     channels: tuple[str, ...] | None = several(
-        "what is recorded [the normal force; without contact positions, velocities]", CHANNELS, None
+        "channels to record [normal force; without contact: positions, velocities]", CHANNELS, None
     )
     stroke: Stroke | None = part("moves over the plane", Stroke)
-    press: Press | None = part("comes down and goes up", Press)
+    press: Press | None = part("moves down and up", Press)
     reach: Reach | None = part("moves in space", Reach)
-    contact: Contact | None = part("what it touches", Contact)
-    texture: Texture | None = part("what it strokes", Texture)
-    sensor: Sensor | None = part("how forces are read", Sensor)
+    contact: Contact | None = part("contact with a surface", Contact)
+    texture: Texture | None = part("texture of the surface", Texture)
+    sensor: Sensor | None = part("force sensor", Sensor)
 
     def __post_init__(self) -> None:
         check(self)
@@ -172,9 +189,9 @@ class Tool:
 
 @dataclass(frozen=True)
 class Tremor:
-    """Of the fingers: physiological, of a tenth of a millimetre."""
+    """Physiological tremor of the fingers."""
 
-    rms_m: float = number("how far a fingertip trembles (rms), in m", 1e-4, high=1e-2)
+    rms_m: float = number("amplitude at the fingertip (rms) in m", 1e-4, high=1e-2)
     hz: tuple[float, float] = pair("[slowest, fastest] in Hz", (8.0, 12.0), low=0.1, high=50)
 
     def __post_init__(self) -> None:
@@ -183,18 +200,18 @@ class Tremor:
 
 @dataclass(frozen=True)
 class Hand:
-    """Closes, holds, opens: joints, and where there is an object forces at the fingertips."""
+    """Closes, holds and opens. Records joints, and with an object the fingertip forces."""
 
-    fingers: tuple[str, ...] = several("the fingers that there are", FINGERS, FINGERS)
+    fingers: tuple[str, ...] = several("the fingers of the hand", FINGERS, FINGERS)
     abduction: bool = flag("angles between the fingers", True)
     palm: bool = flag("the arch of the palm", True)
     wrist: bool = flag("flexion and abduction of the wrist", True)
-    close_s: float = number("how long it closes, in s", 0.6, low=0.05, high=60)
-    hold_s: float = number("how long it holds, in s", 1.6, high=3600)
-    open_s: float = number("how long it opens, in s", 0.5, low=0.05, high=60)
-    every_s: float = number("from one grasp to the next, in s", 4.0, low=0.2, high=3600)
-    object: Object | None = part("what it closes on", Object)
-    tremor: Tremor | None = part("trembling of the fingers", Tremor)
+    close_s: float = number("time to close in s", 0.6, low=0.05, high=60)
+    hold_s: float = number("time to hold in s", 1.6, high=3600)
+    open_s: float = number("time to open in s", 0.5, low=0.05, high=60)
+    every_s: float = number("period of the grasps in s", 4.0, low=0.2, high=3600)
+    object: Object | None = part("the object to grasp", Object)
+    tremor: Tremor | None = part("tremor of the fingers", Tremor)
 
     def __post_init__(self) -> None:
         check(self)
@@ -204,20 +221,31 @@ class Hand:
             )
 
 
-PARTS = ("texture", "contact", "tool", "hand", "tremor", "abduction", "palm", "wrist", *FINGERS)
+PARTS = (
+    "texture",
+    "touches",
+    "contact",
+    "tool",
+    "hand",
+    "tremor",
+    "abduction",
+    "palm",
+    "wrist",
+    *FINGERS,
+)
 """What can be taken out of a scene by name."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """All there is."""
+    """The keys of the whole scene."""
 
-    name: str = text("its name", most=100)
-    description: str = text("what it is, for a person", most=4000)
-    seconds: float = number("how long it lasts, in s", 4.0, above=0, high=36_000)
-    seed: int = whole("another number, another scene", 1, low=0, high=(1 << 63) - 1)
-    rate_hz: int = whole("samples a second of every sensor", 1000, low=1, high=1_000_000)
-    tool: Tool | None = part("a tool that is held", Tool)
+    name: str = text("name", most=100)
+    description: str = text("description", most=4000)
+    seconds: float = number("duration in s", 4.0, above=0, high=36_000)
+    seed: int = whole("seed of the random numbers", 1, low=0, high=(1 << 63) - 1)
+    rate_hz: int = whole("samples per second of every sensor", 1000, low=1, high=1_000_000)
+    tool: Tool | None = part("a tool in the hand", Tool)
     hand: Hand | None = part("a hand with its joints", Hand)
 
     def __post_init__(self) -> None:
@@ -273,6 +301,8 @@ class Scene:
             hand = None
         if tool and "texture" in parts:
             tool = replace(tool, texture=None)
+        if tool and tool.stroke and "touches" in parts:
+            tool = replace(tool, stroke=replace(tool.stroke, touches=None))
         if tool and "contact" in parts:
             left = tuple(name for name in tool.channels or () if name not in FORCES)
             tool = replace(tool, contact=None, texture=None, sensor=None, channels=left or None)

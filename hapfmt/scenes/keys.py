@@ -162,7 +162,7 @@ def read_table(table: type[Made], values: Any, at: str = "") -> Made:
         given[name] = read_table(rule.table, value, path) if rule.table else value
     for name, each in known.items():
         if name not in given and each.default is MISSING:
-            raise SceneError(at, f"{name} is missing; add {each.metadata['key'].what}")
+            raise SceneError(at, f"{name} is missing: {each.metadata['key'].what}")
     try:
         return table(**given)
     except SceneError as error:

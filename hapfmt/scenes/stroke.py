@@ -1,5 +1,6 @@
 """A hand that draws a tool over a plane: a slow turn, once in about 5 s, with wandering speed,
-heading and pressure; down at the beginning, up at the end."""
+heading and pressure; down at the beginning, up at the end, and up and down again in between where a
+scene asks for it."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ from math import cos, sin
 import numpy as np
 
 from .description import Stroke
-from .waves import Floats, Grid, Waves
+from .waves import Floats, Grid, Repeats, Waves, minimum_jerk
 
 APPROACH_M = 2e-3
 TOUCH_S, LIFT_S, TRAVEL_S = 0.15, 0.10, 0.10
@@ -26,6 +27,9 @@ class StrokeMotion:
         self.turns = Waves(rng, 0.1, 1.0)
         self.slow_press, self.fast_press = Waves(rng, 0.2, 2.0), Waves(rng, 8, 12)
         self.x = self.y = 0.0
+        if touches := stroke.touches:
+            lasts = 2 * touches.travel_s + touches.away_s
+            self.again = Repeats(rng, grid.ticks / grid.rate_hz, touches.every_s, lasts)
 
     def speed(self, t: Floats) -> Floats:
         """m/s."""
@@ -71,4 +75,11 @@ class StrokeMotion:
         """Where along the normal the hand would have the tip, in metres; ``compliance`` of hand and
         contact in a row, m/N."""
         depth = self.press(t) * compliance
-        return np.asarray(self.lifted(t) * (depth + APPROACH_M) - depth)
+        height = self.lifted(t) * (depth + APPROACH_M) - depth
+        if touches := self.stroke.touches:
+            number, since = self.again.at(t)
+            up = minimum_jerk(since / touches.travel_s)
+            down = minimum_jerk((since - touches.travel_s - touches.away_s) / touches.travel_s)
+            lift = touches.lift_m * self.again.strength[number]
+            height = np.maximum(height, (up - down) * (depth + lift) - depth)
+        return np.asarray(height)

@@ -258,7 +258,7 @@ def compare(
     first = min(e[0] for e in extents) if start is None else start
     last = max(e[1] for e in extents) if stop is None else stop
     if start is not None and start >= max(e[1] for e in extents):
-        raise ParameterError(f"neither has a sample at {float(start):g} s or later")
+        raise ParameterError(f"Neither recording has samples at {float(start):g} s or later")
     rows: list[Comparison | Pair] = []
     at: list[tuple[int, int, Pair]] = []
     drawn: list[View] = []

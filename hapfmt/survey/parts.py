@@ -162,12 +162,17 @@ class FileParts:
         self.refs = reader.select(names)
         self.lost: list[LostSpan] = []
         self.passed = False
+        self.known: list[tuple[Fraction, Fraction]] = []
+        """Seconds of intact packets, and of losses between them, in a damaged file."""
         self.channels = [describe(ref, reader) for ref in self.refs]
 
     def extent(self) -> tuple[Fraction, Fraction]:
+        # The times of a damaged cluster are unknown, but its intact packets have their own.
+        self.find_lost()
         starts = [ref.start_ns for ref in self.reader.catalogue.data if ref.start_ns is not None]
-        stop = self.reader.duration
-        return min(Fraction(min(starts, default=0), 10**9), stop), stop
+        firsts = [Fraction(ns, 10**9) for ns in starts] + [span[0] for span in self.known]
+        stop = max([self.reader.duration, *(span[1] for span in self.known)])
+        return min(min(firsts, default=Fraction(0)), stop), stop
 
     def edges(self, start: Fraction, stop: Fraction) -> list[Fraction]:
         """Where clusters begin, so that hardly a packet is decoded twice."""
@@ -193,14 +198,22 @@ class FileParts:
         return [block_of(assembly, ref) for ref in self.refs]
 
     def find_lost(self) -> None:
-        """One pass over the packets of a damaged file, from its first to its last, tells best what
-        it lacks."""
+        """Finds what a damaged file lacks, and its times, in one pass over all its packets."""
         if self.passed or not self.reader.catalogue.damaged:
             return
-        tracks = {track.id for ref in self.refs for track in ref.tracks}
-        for _ in self.reader.packets(dict.fromkeys(tracks, (0, 1 << 62))):
-            pass
+        tracks = {track.id: track for ref in self.refs for track in ref.tracks}
+        ticks: dict[int, tuple[int, int]] = {}
+        for packet in self.reader.packets(dict.fromkeys(tracks, (0, 1 << 62))):
+            start, stop = packet.start, packet.start + packet.span
+            first, last = ticks.get(packet.track, (start, stop))
+            ticks[packet.track] = min(first, start), max(last, stop)
         self.lost, self.passed = list(self.reader.lost), True
+        spans = [(track, *span) for track, span in ticks.items()]
+        if spans:
+            spans += [(s.track, s.start, s.stop or s.start) for s in self.lost if s.track in tracks]
+        self.known = [
+            (first / tracks[track].rate, last / tracks[track].rate) for track, first, last in spans
+        ]
 
     def lost_within(self, start: Fraction | None, stop: Fraction | None) -> list[LostSpan]:
         """Of ``lost``, what touches the seconds [start, stop)."""

@@ -239,10 +239,10 @@ def within(
     b = last if stop is None else stop
     if start is not None and start >= last:
         raise ParameterError(
-            f"nothing is there at {float(start):g} s: it ends at {float(last):g} s"
+            f"No samples at {float(start):g} s or later: the recording ends at {float(last):g} s"
         )
     if not parts.channels or a >= b:
-        raise ParameterError("there is no sample to look at")
+        raise ParameterError("No samples in this time range")
     return a, b
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -13,8 +12,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
+from installed import environment
+
 from decoders import in_javascript
-from measured import ROOT
 from results import mean
 from simulated import drift, glove
 
@@ -65,7 +65,7 @@ def readable(paths: Sequence[str], repeats: int) -> list[Read]:
     code += "print(json.dumps(read_all(sys.argv[2:], int(sys.argv[1]))))"
     done = subprocess.run(
         [sys.executable, "-c", code, str(repeats), *paths],
-        env={**os.environ, "HAPFMT_PURE": "1", "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"},
+        env=environment(HAPFMT_PURE="1"),
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     if done.returncode:

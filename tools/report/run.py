@@ -18,8 +18,10 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
+from installed import ROOT
+
 import click
-from measured import DATA, ROOT, origin
+from measured import DATA, origin
 from peers.packages import left_out, versions
 
 from report.page import Part, page

@@ -1,0 +1,150 @@
+"""The pages a user reads, README.md and docs/*.md: their prose and the blocks that run."""
+
+from __future__ import annotations
+
+import doctest
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import commands
+from spec import ROOT
+
+README = ROOT / "README.md"
+PAGES = [README, *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^ *```(\w*)[^\n]*\n(.*?)^ *```$", re.S | re.M)
+SHELL = re.compile(r"[|<>;&$*`\\]")
+WIDTH = 80
+
+
+class Block(NamedTuple):
+    kind: str
+    body: str
+
+
+class Command(NamedTuple):
+    line: str
+    shown: str
+    """The output that the page shows."""
+
+
+def blocks(page: Path) -> list[Block]:
+    return [Block(*found) for found in BLOCK.findall(page.read_text("utf-8"))]
+
+
+def commands_of(block: Block) -> list[Command]:
+    parts = re.split(r"^\$ (.*)\n", block.body, flags=re.M)
+    assert parts[0] == "", f"output without a command: {parts[0]}"
+    return [Command(*pair) for pair in zip(parts[1::2], parts[2::2], strict=True)]
+
+
+def walk(page: Path, room: Path, run: Callable[[Command, Path], None]) -> None:
+    """Runs the commands and the Python of a page, in its order, in the folder ``room``."""
+    names: dict[str, object] = {"__name__": page.stem}
+    before = Path.cwd()
+    for block in blocks(page):
+        if block.kind == "console":
+            for command in commands_of(block):
+                run(command, room)
+        elif block.kind == "python":
+            os.chdir(room)
+            try:
+                exec(compile(block.body, str(page), "exec"), names)
+            finally:
+                os.chdir(before)
+
+
+def run_piped(command: Command, room: Path) -> None:
+    """The exit code is 0, and the output is the one shown."""
+    words = simple(command)
+    if words is None:
+        done = subprocess.run(
+            ["sh", "-c", command.line], cwd=room, env=environment(room), capture_output=True,
+            stdin=subprocess.DEVNULL, check=False,
+        )  # fmt: skip
+    else:
+        done = commands.run(*words, cwd=room, columns=WIDTH)
+    out, err = done.stdout.decode(), done.stderr.decode()
+    assert done.returncode == 0, f"$ {command.line}\n{out}{err}"
+    if command.shown:
+        same = doctest.OutputChecker().check_output(
+            shape(command.shown), shape(out), doctest.ELLIPSIS
+        )
+        assert same, f"$ {command.line}\n{out}{err}\n--- the page shows\n{command.shown}"
+
+
+def shape(text: str) -> str:
+    """What has to be equal: all but sizes, times and other numbers, and the widths of columns."""
+    text = re.sub(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}", "#", text)
+    text = re.sub(r"(?<!exit code )(?<![\w.])-?\d[\d.]*(e-?\d+)?", "#", text)
+    text = re.sub(r" {2,}|─+", " ", text)
+    return "".join(f"{line.strip()}\n" for line in text.splitlines() if line.strip())
+
+
+def run_in_terminal(command: Command, room: Path) -> None:
+    """The exit code is 0 in a terminal too, and what is printed fits it."""
+    words = simple(command)
+    if words is None:
+        done = commands.run_shell_in_terminal(command.line, room, environment(room), WIDTH)
+    else:
+        done = commands.run_in_terminal(*words, cwd=room, columns=WIDTH)
+    text = seen(done.stdout.decode())
+    assert done.returncode == 0, f"$ {command.line}\n{text}"
+    assert "Traceback" not in text, text
+    wide = [line for line in text.splitlines() if len(line) > WIDTH]
+    assert not wide, f"$ {command.line}\n" + "\n".join(wide)
+
+
+def seen(printed: str) -> str:
+    """Without colours and cursor movements; each overwriting of a line is a line."""
+    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", printed).replace("\r\n", "\n").replace("\r", "\n")
+
+
+def simple(command: Command) -> list[str] | None:
+    """The arguments of hapfmt, where a command runs nothing else and needs no shell."""
+    words = shlex.split(command.line, comments=True)
+    if words[0] != "hapfmt" or SHELL.search(re.sub(r"'[^']*'", "", command.line)):
+        return None
+    return words[1:] if commands.FORKS else None
+
+
+def environment(room: Path) -> dict[str, str]:
+    """With ``hapfmt`` as a command."""
+    folder = room / ".bin"
+    if not folder.exists():
+        folder.mkdir()
+        script = folder / "hapfmt"
+        script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m hapfmt "$@"\n')
+        script.chmod(0o755)
+    kept = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
+    return {**kept, "PATH": f"{folder}:{os.environ['PATH']}"}
+
+
+def renew(page: Path) -> None:
+    """Puts the output of today below each command that shows all of its output."""
+    text = page.read_text("utf-8")
+
+    def run(command: Command, room: Path) -> None:
+        nonlocal text
+        words = simple(command)
+        if not command.shown or "..." in command.shown or words is None:
+            return run_piped(command._replace(shown=""), room)
+        out = commands.run(*words, cwd=room, columns=WIDTH).stdout.decode()
+        kept = "".join(f"{line.rstrip()}\n" for line in out.splitlines() if line.strip())
+        text = text.replace(f"$ {command.line}\n{command.shown}", f"$ {command.line}\n{kept}", 1)
+        return None
+
+    with tempfile.TemporaryDirectory() as folder:
+        walk(page, Path(folder), run)
+    page.write_text(text, "utf-8")
+
+
+if __name__ == "__main__":  # python tests/pages.py docs/inspect.md ...
+    for name in sys.argv[1:]:
+        renew(Path(name).resolve())

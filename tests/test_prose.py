@@ -1,0 +1,88 @@
+"""Words that users read: README.md, docs/*.md, and every help text."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+from pages import PAGES
+
+BANNED = [
+    r"stands?\b(?! for)",
+    r"stood",
+    r"told",
+    r"by little",
+    r"so many",
+    r"comes of",
+    r"(?<!there )is no\b(?! longer)",
+    r"what is (late|lost|in it|there|wanted|missing|added|felt)",
+    r"what was",
+    r"true doubles",
+    r"lattices?",
+    r"beside",
+    r"anew",
+    r"strangers?",
+    r"(gone|goes|go) on with",
+    r"nothing but",
+    r"whatever is",
+    r"such as it",
+    r"as nearly as",
+    r"thereof",
+    r"unlike that of",
+    r"deadband contract",
+    r"felt how",
+]
+PATTERN = re.compile(rf"\b(?:{'|'.join(BANNED)})\b", re.I)
+LONGEST = 25  # words in a sentence
+
+
+def sentences(text: str) -> Iterator[str]:
+    """Of prose in Markdown: code is a word, a cell of a table and an item of a list end one."""
+    text = re.sub(r"^ *```.*?^ *```$", "\n", text, flags=re.S | re.M)
+    text = re.sub(r"<!--.*?-->|<http[^>]*>", "", text, flags=re.S)
+    text = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", text)
+    text = re.sub(r"`[^`]*`", "CODE", text)
+    for part in re.split(r"\n\s*\n|^ *(?:[*-]|\d+\.|#+) |\||:\n", text, flags=re.M):
+        for sentence in re.split(r"(?<=[.!?;:])\**\s+", part):
+            yield " ".join(sentence.split())
+
+
+def faults(text: str) -> list[str]:
+    found = []
+    for sentence in sentences(text):
+        if match := PATTERN.search(sentence):
+            found.append(f"{match[0]!r}: {sentence}")
+        words = re.findall(r"[\w'’%-]*\w[\w'’%-]*", sentence)
+        if len(words) > LONGEST:
+            found.append(f"{len(words)} words: {sentence}")
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_page(page: Path) -> None:
+    assert faults(page.read_text("utf-8")) == []
+
+
+def helps(command: click.Command, name: str) -> Iterator[tuple[str, str]]:
+    if command.help:
+        # Examples are indented, and begin with the name of the program.
+        yield name, re.sub(r"^ *hapfmt .*$", "", command.help.replace("\b", ""), flags=re.M)
+    for parameter in command.params:
+        if isinstance(parameter, click.Option) and parameter.help:
+            yield f"{name} {parameter.opts[0]}", parameter.help
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for each in command.list_commands(context):
+            found = command.get_command(context, each)
+            assert found is not None
+            yield from helps(found, f"{name} {each}")
+
+
+def test_help_texts() -> None:
+    from hapfmt.cli import cli
+
+    found = {name: faults(text) for name, text in helps(cli, "hapfmt")}
+    assert {name: each for name, each in found.items() if each} == {}

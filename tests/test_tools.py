@@ -1,0 +1,117 @@
+"""tools/installed.py: tools measure the installed hapfmt, or stop and say why."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from spec import ROOT
+
+import hapfmt
+from hapfmt.kernels import compiled
+
+MEASURE_NOTHING = {"installed.py", "sanitize.py", "spec_tables.py"}
+"""sanitize.py builds its own copy; spec_tables.py prints the layouts of the clone."""
+
+
+def scripts() -> list[Path]:
+    found = [*sorted((ROOT / "tools").glob("*.py")), ROOT / "tools" / "report" / "__main__.py"]
+    return [
+        path
+        for path in found
+        if path.name not in MEASURE_NOTHING and "__main__" in path.read_text("utf-8")
+    ]
+
+
+@pytest.fixture
+def clone(tmp_path):
+    """A clone without compiled loops, in which nothing was installed in place."""
+    folder = tmp_path / "clone"
+    left_out = shutil.ignore_patterns("*.so", "*.pyd", "__pycache__")
+    for name in ("tools", "hapfmt"):
+        shutil.copytree(ROOT / name, folder / name, ignore=left_out)
+    return folder
+
+
+@pytest.fixture
+def site(tmp_path):
+    """What `pip install .` leaves: a copy of the package with its loops, and its metadata."""
+    folder = tmp_path / "site"
+    package = Path(hapfmt.__file__).parent
+    shutil.copytree(package, folder / "hapfmt", ignore=shutil.ignore_patterns("__pycache__"))
+    metadata = folder / "hapfmt-0.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: hapfmt\nVersion: 0.0\n")
+    (metadata / "direct_url.json").write_text(json.dumps({"url": "file:///x", "dir_info": {}}))
+    return folder
+
+
+def run(*words: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    kept = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "HAPFMT_PURE")}
+    return subprocess.run(
+        [sys.executable, *words], cwd=cwd, capture_output=True, text=True, check=False,
+        env={**kept, **environment},
+    )  # fmt: skip
+
+
+class TestAfterAnInstallationThatIsNotInPlace:
+    def test_a_report_measures_the_installed_copy(self, clone, site, tmp_path):
+        out = tmp_path / "out"
+        words = ("--quick", "--only", "paper", "--no-data", "--out", str(out))
+        given = {"PYTHONPATH": str(site), **({} if compiled else {"HAPFMT_PURE": "1"})}
+        done = run("tools/report", *words, cwd=clone, **given)
+        assert done.returncode == 0, done.stderr
+        on = json.loads((out / "report.json").read_text("utf-8"))["on"]
+        assert "an installed copy of this commit" in on
+        assert ("compiled loops" if compiled else "readable Python loops") in on
+
+    def test_other_code_than_the_clone_is_said(self, clone, site):
+        (clone / "hapfmt" / "version.py").write_text('__version__ = "9"\n')
+        given = {"PYTHONPATH": str(site), **({} if compiled else {"HAPFMT_PURE": "1"})}
+        done = run("tools/installed.py", cwd=clone, **given)
+        assert done.returncode == 0, done.stderr
+        assert "commit unknown, an installed copy with other code than this clone" in done.stdout
+        assert "hapfmt 9" not in done.stdout
+
+    def test_no_loops_no_timings(self, clone, site):
+        for path in (site / "hapfmt" / "kernels").glob("_kernels*"):
+            if path.suffix in (".so", ".pyd"):
+                path.unlink()
+        done = run("tools/ratio.py", cwd=clone, PYTHONPATH=str(site))
+        assert done.returncode == 1 and not done.stdout
+        assert "no compiled loops" in done.stderr
+        assert "python -m pip install --force-reinstall --no-deps -e ." in done.stderr
+        asked = run("tools/installed.py", cwd=clone, PYTHONPATH=str(site), HAPFMT_PURE="1")
+        assert asked.returncode == 0 and "readable Python loops" in asked.stdout
+
+
+def test_without_an_installation_the_command_is_named(clone):
+    """-S: no packages at all, so that this is the first import that can fail."""
+    for script in ("bench.py", "report"):
+        done = run("-S", f"tools/{script}", cwd=clone)
+        assert done.returncode == 1 and not done.stdout
+        assert done.stderr.count("\n") == 1
+        assert "hapfmt is not installed" in done.stderr
+        assert "python -m pip install -e '.[bench]'" in done.stderr
+
+
+@pytest.mark.parametrize("path", scripts(), ids=lambda path: str(path.relative_to(ROOT / "tools")))
+def test_every_tool_chooses_its_hapfmt_first(path):
+    """The first import that is not of the standard library is that of tools/installed.py."""
+    tree = ast.parse(path.read_text("utf-8"))
+    names = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names += [(node.lineno, alias.name) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names.append((node.lineno, node.module or ""))
+    first = next(
+        name for _, name in sorted(names) if name.partition(".")[0] not in sys.stdlib_module_names
+    )
+    assert first == "installed"
