@@ -119,7 +119,9 @@ def run(recording: Recording, k: Fraction, bits: int) -> Outcome:
 
     stream = io.BytesIO()
     began = time.perf_counter()
-    summary = write(recording, stream, Settings.of("paper", k=k, bits=bits), canonical=0)
+    summary = write(
+        recording, stream, Settings.of("paper", k=k, bits=bits, smallest=False), canonical=0
+    )
     encoded = time.perf_counter()
     data = stream.getvalue()
     with Reader(data) as reader:

@@ -31,6 +31,10 @@ HOPE = 0.5
 and more (measured; from 0 to 0.7 no recording changed by a byte)."""
 
 
+KNOT_WAYS = 3
+"""The first of :func:`scalar_ways`."""
+
+
 def encode_lossless(source: Source, base: Track, *, fast: bool = False) -> Unit:
     code = encode_quick if fast else partial(encode_best, thorough=False)
     coded = code_grid(source, base, LpcParameters(), nearest_uniform, code=code)
@@ -52,16 +56,21 @@ def error_of(channel: Channel, promise: Promise) -> int:
 
 
 def encode_bounded(
-    source: Source, base: Track, promise: Promise, smallest: int | None = None
+    source: Source,
+    base: Track,
+    promise: Promise,
+    smallest: int | None = None,
+    *,
+    knots_alone: bool = False,
 ) -> Unit | None:
-    """Each sample within max(k * |x|, floor): the smallest of grids and knots; None where none of
-    them is below ``smallest`` bytes."""
+    """Each sample within max(k * |x|, floor): the smallest of grids and knots, or of ``knots
+    alone``; None where none of them is below ``smallest`` bytes."""
     bound = bound_of(source, promise)
-    if not bound.slack and not promise.k:
+    if len(source.channels) == 1 and not bound.slack and not promise.k:
         return encode_lossless(source, base)
     ways = vector_ways(source, bound) if len(source.channels) > 1 else scalar_ways(source, bound)
     best: tuple[Coded, str] | None = None
-    for why, code in ways:
+    for why, code in ways[:KNOT_WAYS] if knots_alone else ways:
         if (coded := code(base, smallest)) and (smallest is None or coded.size < smallest):
             best, smallest = (coded, why), coded.size
     if best is None:

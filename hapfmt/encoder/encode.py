@@ -51,6 +51,10 @@ JOINED_TICKS = 1 << 19
 """Of a constant packet with one component, at most: eight of them fill a cluster of level 1."""
 
 
+ROW, CONTRACT, DEVIATION, DESCRIPTION = 12, 96, 96, 128
+"""Bytes that a packet, a contract, the deviation of a grid, and a track of its own take in a file
+beside the packets; a lossy form that saves less is not worth the loss."""
+
 SMALL = 1 << 16
 """Samples of a recording whose lossless form is always tried beside a lossy one; of longer ones
 where it may win."""
@@ -94,6 +98,8 @@ class Encoded:
     packets: list[Packet]
     decisions: list[Decision]
     level: Level
+    settings: Settings
+    """As asked for; of preset lossless where nothing was lost after all."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +124,14 @@ class Job:
     promises: list[Promise]
     cluster: Fraction
     threads: int
+
+    @property
+    def lossless(self) -> Settings:
+        """The settings of the same file without loss."""
+        given = self.settings
+        if given.preset == "lossless":
+            return given
+        return Settings(references=given.references, cluster=given.cluster, digest=given.digest)
 
 
 def encode(
@@ -144,14 +158,16 @@ def encode(
     count = len(recording)
     done = progress or (lambda _done, _all: None)
     parts = list(encode_parts(job, 0, count, lambda done_now: done(done_now, count)))
-    if settings.preset != "lossless":
+    if settings.preset != "lossless" and settings.smallest:
         parts = with_lossless(parts, job, recorded)
     decisions: list[Decision] = []
     for part in parts:
         notes = [note for _, note in calm[part.first : part.stop]]
         decisions += decide(part, originals, notes, recording)
     tracks, packets = number_tracks([part.unit for part in parts])
-    return Encoded(tracks, packets, decisions, choose_level(tracks))
+    if not any(decision.largest_error for decision in decisions):
+        settings = job.lossless
+    return Encoded(tracks, packets, decisions, choose_level(tracks), settings)
 
 
 def encode_parts(
@@ -237,9 +253,7 @@ def with_lossless(parts: list[Part], job: Job, recorded: list[Channel]) -> list[
     small = sum(channel.values.size for channel in recorded) <= SMALL
     lossless = replace(
         job,
-        settings=Settings(
-            references=job.settings.references, cluster=job.cluster, digest=job.settings.digest
-        ),
+        settings=job.lossless,
         originals=recorded,
         promises=[Promise()] * len(recorded),
     )
@@ -260,7 +274,14 @@ def may_lose(part: Part) -> bool:
     """Whether a lossless form may be smaller: what is lossless already is the smallest found."""
     if all(each.promise.lossless for each in part.members):
         return False
-    return 8 * part.unit.size > part.unit.least
+    return 8 * cost(part.unit) > part.unit.least
+
+
+def cost(unit: Unit) -> int:
+    """Bytes of a unit in a file, about: with the rows of its packets, and its contract."""
+    packets = len(unit.base.packets) + (len(unit.residual.packets) if unit.residual else 0)
+    described = CONTRACT * (not unit.exact) + DEVIATION * any(c.deviation for c in unit.channels)
+    return unit.size + ROW * packets + described + DESCRIPTION * (unit.residual is not None)
 
 
 def smaller(parts: list[Part], rivals: list[Part]) -> Iterator[Part]:
@@ -280,7 +301,7 @@ def smaller(parts: list[Part], rivals: list[Part]) -> Iterator[Part]:
             else:
                 theirs.append(rivals[place])
                 place += 1
-        if sum(part.unit.size for part in theirs) > sum(part.unit.size for part in ours):
+        if sum(cost(part.unit) for part in theirs) > sum(cost(part.unit) for part in ours):
             yield from ours
             continue
         for part in theirs:
@@ -332,7 +353,7 @@ def decide(
 def encode_unit(members: list[Gridded], first_channel: int, job: Job) -> Unit:
     """A channel, or the axes of a vector: the smallest way to keep the promise."""
     channels = [each.channel for each in members]
-    channel, promise, settings = channels[0], members[0].promise, job.settings
+    channel = channels[0]
     original = job.originals[first_channel]
     if channel.rate.numerator >> 32 or channel.rate.denominator >> 32:
         raise ParameterError(
@@ -345,7 +366,18 @@ def encode_unit(members: list[Gridded], first_channel: int, job: Job) -> Unit:
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
     source = Source(tuple(channels), counts, spans)
+    unit = encode_source(source, members, original, first_channel, job)
+    unit.channels = unit.channels or source.channels
+    return unit
+
+
+def encode_source(
+    source: Source, members: list[Gridded], original: Channel, first_channel: int, job: Job
+) -> Unit:
+    """Channels of counts: the smallest way to keep the promise."""
     base = whole_range(source, first_channel)
+    promise, settings, spans = members[0].promise, job.settings, source.spans
+    channel, counts = source.channels[0], source.counts
     if is_constant(source):
         return encode_constant(source, base)
     if promise.lossless:
@@ -356,6 +388,7 @@ def encode_unit(members: list[Gridded], first_channel: int, job: Job) -> Unit:
         rounded = original.values.dtype == "f8" and channel.deviation is None and sparse(counts)
         if rounded:
             # What a text rounded may lie on a much coarser lattice.
+            assert channel.calibration is not None
             exact = Lattice(channel.calibration, counts[:, 0], True, 0.0, "")
             return encode_doubles(
                 original, spans, first_channel, as_counts, exact=exact, grid=False
@@ -363,7 +396,7 @@ def encode_unit(members: list[Gridded], first_channel: int, job: Job) -> Unit:
         return as_counts()
     if promise.paper:
         unit = encode_paper(source, first_channel, promise, settings)
-    elif len(channels) > 1:
+    elif len(members) > 1:
         joint = encode_bounded(source, base, vector_promise(settings))
         assert joint
         unit = replace(joint, kept_as=vector_promise(settings).kept_as)
@@ -374,10 +407,9 @@ def encode_unit(members: list[Gridded], first_channel: int, job: Job) -> Unit:
         unit.kept_as = kept_as
     else:
         unit = encode_within(members[0], source, base, original, first_channel, promise)
-    unit.channels = unit.channels or source.channels
     unit.least = unit.least or sum(
         lossless_bits(replace(source, channels=(each,), counts=counts[:, place : place + 1]))
-        for place, each in enumerate(channels)
+        for place, each in enumerate(source.channels)
     )
     return unit
 
@@ -402,7 +434,8 @@ def encode_within(
         return unit
     finer = Source((fine.channel,), fine.channel.values[:, None], source.spans)
     unit.least = lossless_bits(finer)
-    knots = encode_bounded(finer, whole_range(finer, first_channel), promise, unit.size)
+    base = whole_range(finer, first_channel)
+    knots = encode_bounded(finer, base, promise, unit.size, knots_alone=True)
     if knots is None:
         return unit
     return replace(knots, channels=finer.channels, grid=fine.text, least=unit.least)

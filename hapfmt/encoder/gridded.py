@@ -47,7 +47,7 @@ def without_odd_values(channel: Channel, promise: Promise) -> tuple[Channel, str
         return channel, ""
     odd = ~np.isfinite(values)
     count = int(np.count_nonzero(odd))
-    if not count or count > max(values.size // ODD_SHARE, 1) or count == values.size:
+    if not count or count > values.size // ODD_SHARE:
         return channel, ""
     spans: list[Span] = []
     at = 0

@@ -103,7 +103,7 @@ def check_settings(settings: Settings) -> None:
     if settings.preset == "paper":
         raise ParameterError(NEEDS_WHOLE.format("preset paper"))
     if settings.preset == "perceptual" and settings.texture:
-        raise ParameterError(NEEDS_WHOLE.format("the texture of preset perceptual"))
+        raise ParameterError(NEEDS_WHOLE.format("texture in preset perceptual"))
     if settings.tolerance is not None:
         raise ParameterError("while recording, an input states its lsb in place of a tolerance")
     if settings.preset == "near-lossless" and settings.max_error.kind == "range":

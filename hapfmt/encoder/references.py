@@ -281,7 +281,9 @@ def encode_run(
             for place in range(len(channels))
         ]
         packets = [
-            encode_referring(indices, packet_alone(unit, span, indices), columns[:place], sources)
+            encode_referring(
+                indices, packet_alone(unit, grid, span, indices), columns[:place], sources
+            )
             for place, (indices, unit, sources) in enumerate(
                 zip(columns, apart, links, strict=True)
             )
@@ -310,9 +312,10 @@ def told(sources: tuple[int, ...], first_channel: int) -> str:
     return f", from {numbers}" if numbers else ""
 
 
-def packet_alone(unit: Unit, span: Span, indices: Indices) -> bytes:
-    """Without references: as the unit has it, where that is cut in the same way."""
-    if unit.base.track.codec == "LPCR":
+def packet_alone(unit: Unit, grid: LpcParameters, span: Span, indices: Indices) -> bytes:
+    """Without references: as the unit has it, where that has this grid and is cut in this way."""
+    track = unit.base.track
+    if track.codec == "LPCR" and track.parameters == grid.build() and not unit.grid:
         for packet in unit.base.packets:
             if (packet.start, packet.span) == (span.start, span.ticks):
                 return packet.data

@@ -76,6 +76,8 @@ class Settings:
     "possible" codes them apart. references: channels that resemble each other may share a track,
     each predicted from those before it; one lost packet then takes all of them along, and to read
     one all are decoded. fast: lossless in a fraction of the time, for a few percent of size.
+    smallest: channels whose lossless form is smaller are lossless; False, where a method is to be
+    measured or heard: the lossy form whatever its size.
     """
 
     preset: Preset = "lossless"
@@ -94,6 +96,7 @@ class Settings:
     fast: bool = False
     felt: tuple[str, ...] | None = None
     texture: bool = True
+    smallest: bool = True
     snr: float = TEXTURE_DB
 
     def __post_init__(self) -> None:
@@ -156,7 +159,7 @@ class Settings:
         seconds = ARCHIVE_CLUSTER
         if self.fast:
             seconds = min(Fraction(ceil(LONG_PACKET / fastest)), LONGEST_CLUSTER)
-        elif self.preset != "paper":
+        else:
             learning = Fraction(ceil(LEARNING / fastest))
             seconds = min(max(ARCHIVE_CLUSTER, learning), LONGEST_CLUSTER)
         return max(seconds, Fraction(ceil(LEAST_TICKS / fastest)))
