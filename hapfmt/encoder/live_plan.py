@@ -149,7 +149,7 @@ def plan_input(given: Input, settings: Settings) -> Plan:
         lsb=given.lsb,
     )
     promise = live_promise(channel, settings)
-    bound = None if calibration is None else bound_for(channel, promise)
+    bound = None if calibration is None else bound_for(channel, promise, settings)
     return Plan(given, channel, low, high, settings, promise, bound)
 
 
@@ -188,10 +188,10 @@ def live_promise(channel: Channel, settings: Settings) -> Promise:
     return Promise(ONE_COUNT if floor.kind == "range" else floor, k)
 
 
-def bound_for(channel: Channel, promise: Promise) -> Bound | None:
+def bound_for(channel: Channel, promise: Promise, settings: Settings) -> Bound | None:
     """None where nothing may be lost."""
     if promise.floor is None:
         return None
     nothing = np.zeros((1, 1), np.int64)
     bound = bound_of(Source((channel,), nothing, (Span(0, 1),)), promise)
-    return bound if bound.slack or promise.k else None
+    return None if settings.preset == "near-lossless" and not bound.slack else bound
