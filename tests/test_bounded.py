@@ -91,12 +91,12 @@ class TestArchive:
         back = assert_intact(recording, Settings.of("lossless"))
         for before, after in zip(recording.channels, back.channels, strict=True):
             assert after.coverage == before.coverage
-            assert after.physical().tobytes() == before.physical().tobytes()
+            assert after.samples().tobytes() == before.samples().tobytes()
 
     @given(signals, calibrations)
     def test_counts_come_back(self, x, calibration):
         back = assert_intact(Recording((channel(x, calibration),)), Settings.of("lossless"))
-        assert back.channels[0].values.tolist() == x.tolist()
+        assert back.channels[0].stored.tolist() == x.tolist()
 
     def test_everything_is_predicted(self):
         made = encode(
@@ -118,7 +118,7 @@ class TestNearLossless:
     def test_never_beyond_the_error(self, x, calibration, text):
         settings = Settings.of("near-lossless", max_error=text, smallest=False)
         recording = Recording((channel(x, calibration),))
-        y = assert_intact(recording, settings).channels[0].values.astype(np.int64)
+        y = assert_intact(recording, settings).channels[0].stored.astype(np.int64)
         error = Tolerance.parse(text)
         allowed = {
             "lsb": Fraction(error.value),
@@ -151,7 +151,7 @@ class TestDeadband:
         """DBC-002: With flag *guaranteed*, every sample MUST keep the contract: scalar form `|x - y| * kd <= max(kn * |x - zero|, floor * kd)` for each component; vector form the same with Euclidean norms over the components, compared by their squares, and the floor of the first component."""
         settings = deadband(k, floor)
         recording = Recording((channel(x, calibration),))
-        y = assert_intact(recording, settings).channels[0].values.astype(np.int64)
+        y = assert_intact(recording, settings).channels[0].stored.astype(np.int64)
         band = Deadband.from_physical(at_most(k), 1, [calibration])
         whole = {"lsb": floor.value, "range": floor.value * int(np.ptp(x))}.get(
             floor.kind, floor.value / float(abs(calibration.step))
@@ -198,7 +198,7 @@ class TestDeadband:
     def test_every_way_of_a_vector(self, seed, k, floor, name, width, size):
         calibration = Calibration(1, 5, 1000)
         axes = tuple(channel(shapes(size, seed + i)[name], calibration) for i in range(width))
-        rows = np.column_stack([axis.values for axis in axes]).astype(np.int64)
+        rows = np.column_stack([axis.stored for axis in axes]).astype(np.int64)
         source = Source(axes, rows, tuple(cut(axes[0].coverage, axes[0].rate, Fraction(10), width)))
         bound = bound_of(source, Promise(amount(floor), k))
         base = make_track(source, 0, kind="full", codec="KNOT", count_min=-(2**31),
@@ -253,4 +253,4 @@ def test_near_lossless_counts_the_deviation_of_the_lattice():
     hapfmt.write(recording, stream, settings, canonical=1)
     back = hapfmt.read(stream.getvalue()).channels[0]
     assert back.deviation is not None and back.deviation.largest > 0.001
-    assert np.abs(back.physical() - x).max() <= 0.01
+    assert np.abs(back.samples() - x).max() <= 0.01

@@ -42,7 +42,7 @@ def test_every_format(suffix, tmp_path):
     path = str(tmp_path / name)
     load = hapfmt.read if suffix == "hapf" else hapfmt.load
     back = load(path, rate=1000) if suffix == "npy" else load(path)
-    assert back.channels[0].values.size == 500 and back.sample_count == 500
+    assert back.channels[0].stored.size == 500 and back.sample_count == 500
 
 
 def test_hapf_says_what_was_computed(tmp_path):
@@ -101,8 +101,8 @@ def test_options_reach_the_scene(tmp_path):
         (["velvet", "a.hapf"], "no scene 'velvet': neither a file nor one of cork"),
         (["sand"], "give OUT, where it is written"),
         (["sand", "a.xyz"], "the suffix '.xyz' is not one of: .hapf .npz"),
-        (["sand", "none/a.npz"], "the directory it should lie in does not exist"),
-        (["sand", "there.npz"], "exists already; it is replaced only with force"),
+        (["sand", "none/a.npz"], "does not exist"),
+        (["sand", "there.npz"], "already exists; use --force to overwrite it"),
         (["sand", "a.npz", "--preset", "paper"], "--preset is of a .hapf file"),
         (["sand", "a.npz", "--seconds", "-1"], "seconds: -1.0 is too small"),
         (["sand", "a.npz", "--seconds", "nan"], "seconds: nan cannot be used"),
@@ -113,7 +113,7 @@ def test_options_reach_the_scene(tmp_path):
         (["free", "a.npz", "--stiffness", "10"], "'free' touches nothing"),
         (["sand", "a.npz", "--without", "toe"], "no part is called 'toe'"),
         (["sand", "a.npz", "--without", "tool"], "a scene of nothing"),
-        (["wrong.toml", "a.npz"], "wrong.toml: tool.mass_kg: is no number"),
+        (["wrong.toml", "a.npz"], "wrong.toml: tool.mass_kg: is not a number"),
         (["sand", "a.npz", "--list"], "--list takes no other argument"),
         (["--show"], "--show the name of a scene"),
         (
@@ -147,7 +147,7 @@ def test_force_and_a_pipe(tmp_path):
     done = run("scene", "taps", "a.npz", "--seconds", 0.2, "--force", cwd=tmp_path)
     assert done.returncode == 0 and len(np.load(tmp_path / "a.npz")["x"][0]) == 200
     done = run("scene", "taps", "-", "--seconds", 0.2, cwd=tmp_path)
-    assert len(hapfmt.Reader(done.stdout).read().channels[0].values) == 200
+    assert len(hapfmt.Reader(done.stdout).read().channels[0].stored) == 200
 
 
 def test_saturation_is_told(tmp_path):

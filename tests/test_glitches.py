@@ -99,5 +99,5 @@ def test_the_slow_part_is_not_drawn_by_them():
     channel = Channel(x, Fraction(1000), calibration=Calibration(1, 0, 1000), unit="N")
     source = Source((channel,), x[:, None], channel.coverage)
     promise = Promise(Tolerance(0.002, "range"), Fraction(1, 10), 20.0)
-    felt = Felt.of(channel.physical(), source, promise, 20.0)
+    felt = Felt.of(channel.samples(), source, promise, 20.0)
     assert np.abs(1000 * felt.slow - HUM).max() < 150

@@ -64,7 +64,7 @@ def timed(work: object) -> float:
 @click.option("--preset", default="archive")
 @click.option("--fast", is_flag=True)
 def main(hours: float, preset: str, fast: bool) -> None:
-    joints = there_and_back(np.column_stack([c.values for c in glove(BLOCK_S).channels]))
+    joints = there_and_back(np.column_stack([c.stored for c in glove(BLOCK_S).channels]))
     shakes = there_and_back(vibrations())
     inputs = [hapfmt.Input(f"joint {n}", SLOW, "deg", calibration=STEP) for n in range(22)]
     inputs += [
@@ -99,7 +99,7 @@ def main(hours: float, preset: str, fast: bool) -> None:
 
         def read_second() -> None:
             found = hapfmt.read(path, ["joint 7"], start=middle, stop=middle + 1)
-            assert found.channels[0].values.size == 1000
+            assert found.channels[0].stored.size == 1000
 
         print_origin()
         seconds = hours * 3600

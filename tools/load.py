@@ -49,7 +49,7 @@ NARROW = 1.1
 def samples(channels: int) -> NDArray[np.int16]:
     """[ticks, channels]"""
     ticks = BLOCK_S * RATE
-    joints = [c.values for c in glove(20 + BLOCK_S).channels]
+    joints = [c.stored for c in glove(20 + BLOCK_S).channels]
     block = np.empty((ticks, channels), np.int16)
     for channel in range(channels):
         at = (channel // SENSORS * 37) % (20 * RATE)

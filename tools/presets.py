@@ -74,7 +74,7 @@ def measure(recording: hapfmt.Recording, given: dict[str, Any]) -> Result:
     worst = 0.0
     decoded = hapfmt.read(data).channels
     for channel, back, decision in zip(recording.channels, decoded, summary.decisions, strict=True):
-        x, y = channel.physical(), back.physical()
+        x, y = channel.samples(), back.samples()
         finite = np.isfinite(x)
         if not finite.any() or x.size != y.size:
             continue
@@ -91,16 +91,16 @@ def texture(recording: hapfmt.Recording, label: str) -> tuple[float, float, floa
     residual whose step gives the same SNR."""
     channel = recording.channel(label)
     alone = hapfmt.Recording((channel,))
-    rate = float(channel.rate)
+    rate = float(channel.rate_exact)
 
     def coded(**given: Any) -> tuple[float, float]:
         summary, data, _ = written(alone, given)
-        y = hapfmt.read(data).channels[0].physical()
+        y = hapfmt.read(data).channels[0].samples()
         bits = 8 * summary.payload_size / summary.sample_count
-        return bits, snr_hf_db(channel.physical(), y, rate)
+        return bits, snr_hf_db(channel.samples(), y, rate)
 
     ours = coded(preset="perceptual", felt="all", snr=QUALITY_DB)
-    extent = float(np.ptp(channel.physical()))
+    extent = float(np.ptp(channel.samples()))
     low, high = 1e-5 * extent, extent
     for _ in range(12):
         step = (low * high) ** 0.5

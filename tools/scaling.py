@@ -63,7 +63,7 @@ def work_of(step: str, path: str, preset: str, minutes: float, sensors: int) -> 
         return encode
 
     def read() -> int:
-        return sum(channel.values.nbytes for channel in hapfmt.read(path).channels)
+        return sum(channel.stored.nbytes for channel in hapfmt.read(path).channels)
 
     def pieces() -> int:
         with hapfmt.Reader(path) as reader:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import sys
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,9 +20,11 @@ from .common import (
     json_option,
     output_of,
     refuse_target,
-    table,
+    standard_input,
 )
 from .editing import copy_option, tell_added
+from .screen import say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..events import Event
@@ -35,18 +36,18 @@ TIMES, TEXTS = ("time", "onset"), ("text", "trial_type")
 @click.command(short_help="Markers and annotations: add, list.")
 @click.argument("file", metavar="FILE")
 @click.argument("text", metavar="[TEXT]", required=False)
-@click.option("--at", type=FractionType(), metavar="S", help="When, in seconds.")
-@click.option("--duration", type=FractionType(), metavar="S", help="For how long. [a moment]")
-@click.option("--channel", help="Label or number of the channel it speaks of. [all]")
-@click.option("--layer", default="", help="Events that belong together, such as an observer's.")
+@click.option("--at", type=FractionType(), metavar="S", help="Time in seconds.")
+@click.option("--duration", type=FractionType(), metavar="S", help="Duration in seconds. [0]")
+@click.option("--channel", help="Label or number of the channel it is about. [all]")
+@click.option("--layer", default="", help="Name of a group of events, such as the observer.")
 @click.option(
     "--table",
     "table_",
     metavar="TABLE",
-    help="Many at once: CSV with the columns time (or onset), duration, channel, layer, text (or "
-    "trial_type), or JSON lines with such members.",
+    help="Add all events of a table. CSV or JSON lines; columns: time (or onset), duration, "
+    "channel, layer, text (or trial_type).",
 )
-@click.option("--list", "list_", is_flag=True, help="What is annotated, of --layer if given.")
+@click.option("--list", "list_", is_flag=True, help="List the events (of --layer, if given).")
 @copy_option
 @force_option
 @json_option
@@ -63,7 +64,7 @@ def annotate(
     force: bool,
     as_json: bool,
 ) -> int:
-    """Add an event to the .hapf file FILE, in place. Nothing that stands in it changes.
+    """Add an event to the .hapf file FILE, in place. Its other contents do not change.
 
     \b
     hapfmt annotate touch.hapf --at 1.25 "first contact"
@@ -108,7 +109,7 @@ def event_of(row: dict[str, Any], layer: str) -> Event:
 
 def read_table(name: str, layer: str) -> list[Event]:
     """CSV, or JSON lines where the first character is a brace."""
-    raw = sys.stdin.buffer.read() if name == "-" else Path(name).read_bytes()
+    raw = standard_input().read() if name == "-" else Path(name).read_bytes()
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -149,7 +150,7 @@ def json_rows(text: str) -> list[tuple[int, dict[str, Any]]]:
         except (ValueError, RecursionError):
             row = None
         if not isinstance(row, dict):
-            raise ParameterError(f"line {number} is no JSON object")
+            raise ParameterError(f"line {number} is not a JSON object")
         rows.append((number, row))
     return rows
 
@@ -167,14 +168,16 @@ def show(file: str, layer: str, as_json: bool) -> int:
         echo_json({"events": rows, "exit_code": code})
     elif events:
         table(
-            ["time s", "duration s", "channel", "layer", "text"],
+            ["time, s", "text", "duration, s", "channel", "layer"],
             [
                 [
-                    f"{float(e.time):.9g}", f"{float(e.duration):.9g}",
+                    f"{float(e.time):.9g}", e.text, f"{float(e.duration):.9g}",
                     "-" if e.channel is None else labels.get(int(e.channel)) or str(e.channel),
-                    e.layer, e.text,
+                    e.layer,
                 ]
                 for e in events
             ],
         )  # fmt: skip
+    else:
+        say("no events")
     return code

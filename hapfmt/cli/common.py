@@ -18,25 +18,32 @@ from ..damage import lost_lines
 from ..errors import ParameterError
 from ..limits import Limits
 from ..numbers import exact
+from .screen import closed, complain, note, raw, terminal_text, width_of
 
 if TYPE_CHECKING:
     from ..encoder.tolerance import Tolerance
     from ..reading.reader import Reader
     from ..recording import Recording
 
-HAPF = ".hapf"
+HAPF, CSV = ".hapf", ".csv"
+OTHER_SUFFIXES = (
+    *(".h5", ".hdf5", ".mat", ".parquet", ".feather", ".arrow", ".json", ".jsonl", ".tsv", ".txt"),
+    *(".xlsx", ".mcap", ".bag", ".edf", ".bdf", ".c3d", ".tdms", ".pkl", ".nc", ".toml"),
+    *(".flac", ".mp3", ".ogg", ".zst", ".gz", ".zip", ".png", ".svg", ".pdf"),
+)
+"""No name of a hapf file ends like this unless by mistake."""
 SHOWN_LINES = 20
 BITS = frozenset(str(bits) for bits in (0, *range(2, 17)))
 LONG_SECONDS = 0.5
 """Work shorter than this shows no progress."""
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for a program.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 threads_option = click.option(
     "--threads",
     type=click.IntRange(1),
     metavar="N",
-    help="Threads that work together; the output does not depend on them "
-    "[HAPFMT_THREADS, else the CPUs there are].",
+    help="Number of threads; the output does not depend on it "
+    "[HAPFMT_THREADS, else the number of CPUs].",
 )
 
 
@@ -61,19 +68,19 @@ memory_option = click.option(
     type=MemoryType(),
     default=Limits(),
     metavar="SIZE",
-    help="Memory that hapf files may take beside the program, such as 256M; what takes more is "
+    help="Memory that files may take, on top of the program, such as 256M; what takes more is "
     "refused, with exit code 4. [no bound but those of the format]",
 )
 """Gives the verb ``max_memory``, the Limits for whatever it reads."""
 input_format_option = click.option(
     "--input-format",
     metavar="FORMAT",
-    help="Format of what is read, where a name does not say: npz, npy, csv, wav, hapf.",
+    help="Format of the input, if its name does not say: npz, npy, csv, wav, hapf.",
 )
 output_format_option = click.option(
     "--output-format",
     metavar="FORMAT",
-    help="Format of the output, where its name does not say: npz, npy, csv, wav, hapf.",
+    help="Format of the output, if its name does not say: npz, npy, csv, wav, hapf.",
 )
 force_option = click.option("-f", "--force", is_flag=True, help="Replace an existing output file.")
 
@@ -84,7 +91,7 @@ def echo_json(value: Any) -> None:
         text = json.dumps(value, sort_keys=True, allow_nan=False)
     except ValueError:
         text = json.dumps(finite(value), sort_keys=True, allow_nan=False)
-    click.echo(text)
+    raw(text.replace("\x7f", "\\u007f") + "\n")
 
 
 def finite(value: Any) -> Any:
@@ -93,39 +100,6 @@ def finite(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [finite(inner) for inner in value]
     return None if isinstance(value, float) and not isfinite(value) else value
-
-
-def table(
-    headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", *, err: bool = False
-) -> None:
-    """A table on standard output (``err``: error); columns that hold numbers are right-aligned."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    shown = Table(title=title or None, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-    for place, header in enumerate(headers):
-        numeric = bool(rows) and all(is_number(row[place]) for row in rows)
-        shown.add_column(
-            header, justify="right" if numeric else "left", overflow="fold", no_wrap=numeric
-        )
-    for row in rows:
-        shown.add_row(*(Text(printable(cell)) for cell in row))
-    console = Console(highlight=False, soft_wrap=False, stderr=err)
-    if not console.is_terminal:
-        # A pipe has no width: rows stay whole.
-        console = Console(highlight=False, width=200, stderr=err)
-    console.print(shown)
-
-
-def is_number(text: str) -> bool:
-    return text.strip("-+%x .0123456789eE") == "" or text in ("-", "inf", "nan")
-
-
-def printable(text: str) -> str:
-    """Text from a file, without what could steer a terminal."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 @contextmanager
@@ -184,7 +158,9 @@ class PresetType(click.Choice[str]):
         note = alias_note(str(value))
         if not note:
             return super().convert(value, param, ctx)
-        click.echo(f"note: {note}", err=True)
+        from .screen import say
+
+        say(f"note: {note}", err=True)
         return str(value)
 
 
@@ -246,10 +222,16 @@ class AmountType(click.ParamType["Tolerance"]):
 
 
 start_option = click.option(
-    "--start", type=FractionType(), metavar="S", help="First second of the part. [the beginning]"
+    "--start",
+    type=FractionType(),
+    metavar="S",
+    help="Start of the part in seconds, included. [the beginning]",
 )
 stop_option = click.option(
-    "--stop", type=FractionType(), metavar="S", help="Second before which it ends. [the end]"
+    "--stop",
+    type=FractionType(),
+    metavar="S",
+    help="End of the part in seconds, not included. [the end]",
 )
 
 
@@ -269,16 +251,31 @@ def parse_channels(texts: Sequence[str], labels: Sequence[str]) -> list[str] | N
     return [part for text in texts for part in ([text] if text in labels else text.split(","))]
 
 
+def counted(count: int, what: str) -> str:
+    return f"{count} {what}" + ("" if count == 1 else "s")
+
+
 def input_of(name: str) -> str | BinaryIO:
-    return sys.stdin.buffer if name == "-" else name
+    return standard_input() if name == "-" else name
 
 
-def output_of(name: str) -> str | BinaryIO:
-    if name == "-":
-        if sys.stdout.isatty():
-            raise ParameterError("binary output goes to a file or a pipe, not to a terminal")
-        return sys.stdout.buffer
-    return name
+def standard_input() -> BinaryIO:
+    if 0 in closed:
+        raise ParameterError("standard input is closed")
+    return sys.stdin.buffer
+
+
+def output_of(name: str, *, text: bool = False) -> str | BinaryIO:
+    """``text``: what is written is text, which a terminal may show."""
+    if name != "-":
+        return name
+    if 1 in closed:
+        raise ParameterError("standard output is closed")
+    if width_of() is not None:
+        if text:
+            return terminal_text()
+        raise ParameterError("this format is binary: write it to a file or a pipe")
+    return sys.stdout.buffer
 
 
 def refuse_target(name: str, force: bool) -> None:
@@ -287,8 +284,11 @@ def refuse_target(name: str, force: bool) -> None:
 
     if name == "-":
         return
-    if Path(name).suffix.lower() in FORMATS:
-        raise ParameterError(f"{name} would be a hapf file under the name of another format")
+    suffix = Path(name).suffix.lower()
+    if suffix in FORMATS:
+        raise ParameterError(f"hapf files end in .hapf; hapfmt convert writes {suffix}", path=name)
+    if suffix in OTHER_SUFFIXES:
+        raise ParameterError(f"hapf files end in .hapf; {suffix} is another format's", path=name)
     refuse(name, force)
 
 
@@ -325,14 +325,17 @@ def load_recording(
 def save_recording(recording: Recording, name: str, format_: str | None, force: bool) -> None:
     from ..convert import save
 
-    for note in save(recording, output_of(name), format=format_, force=force):
-        click.echo(f"note: {printable(note)}", err=True)
+    target = output_of(name, text=suffix_of(name, format_) == CSV)
+    for each in save(recording, target, format=format_, force=force):
+        note(each)
+    if name == "-":
+        target.flush()  # type: ignore[union-attr]
 
 
 def tell_clocks(reader: Reader) -> None:
     """What a recording does not hold."""
     if reader.clocks or reader.clock_maps:
-        click.echo("note: observations of other clocks are not carried over", err=True)
+        note("observations of other clocks are not carried over")
 
 
 def tell_losses(reader: Reader) -> int:
@@ -345,16 +348,16 @@ def tell_losses(reader: Reader) -> int:
 def tell_some(lines: Sequence[str]) -> None:
     """The first lines on standard error, and how many there are: --json has them all."""
     for line in lines[:SHOWN_LINES]:
-        click.echo(f"hapfmt: {printable(line)}", err=True)
+        complain(line)
     if len(lines) > SHOWN_LINES:
-        click.echo(f"hapfmt: ... and {len(lines) - SHOWN_LINES} more (--json has all)", err=True)
+        complain(f"... and {len(lines) - SHOWN_LINES} more (--json shows all)")
 
 
 def notes_of(recording: Recording) -> list[str]:
     notes = recording.metadata.get("notes", [])
-    return [note for note in notes if isinstance(note, str)] if isinstance(notes, list) else []
+    return [each for each in notes if isinstance(each, str)] if isinstance(notes, list) else []
 
 
 def tell_notes(recording: Recording) -> None:
-    for note in notes_of(recording):
-        click.echo(f"note: {printable(note)}", err=True)
+    for each in notes_of(recording):
+        note(each)

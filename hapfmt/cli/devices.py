@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import echo_json, json_option, printable, table
+from .common import echo_json, json_option
+from .screen import document, say
+from .tables import Column, table
 
 if TYPE_CHECKING:
     from ..replay.profile.matching import Device
@@ -24,14 +26,14 @@ RULES_FILE = "/etc/udev/rules.d/70-hapfmt.rules"
     "own",
     multiple=True,
     metavar="FILE.toml",
-    help="Try this profile too, beside those that are built in; may be given again.",
+    help="Try this profile as well as the built-in ones; repeatable.",
 )
 @json_option
 def devices(own: tuple[str, ...], as_json: bool) -> int:
-    """The HID devices that are connected: where, what, which profiles fit, and what is missing.
+    """List the connected HID devices: paths, names, matching profiles, and missing permissions.
 
-    A device whose ids a profile names is opened, its report descriptor read, and closed again;
-    nothing is sent to it.
+    hapfmt opens a device only to read its report descriptor, and only if a profile has its ids.
+    Nothing is sent to it.
     """
     from ..replay.profile.matching import by_path
     from ..replay.profile.parse import builtin_names, load_profile
@@ -48,7 +50,7 @@ def devices(own: tuple[str, ...], as_json: bool) -> int:
     elif rows:
         show(rows)
     else:
-        click.echo("no HID device is connected")
+        say("no HID device is connected")
     return 0
 
 
@@ -131,7 +133,10 @@ def udev_rule(device: Device) -> str:
 
 
 def show(rows: list[dict[str, Any]]) -> None:
-    headers = ["path", "ids", "bus", "usage", "name", "profile", "missing"]
+    headers = [
+        Column("path"), Column("ids", 2), Column("bus", 4), Column("usage", 5), Column("name"),
+        Column("profile", 1), Column("missing", 3),
+    ]  # fmt: skip
     cells = [
         [
             row["path"],
@@ -148,17 +153,15 @@ def show(rows: list[dict[str, Any]]) -> None:
     for row in rows:
         for each in row["profiles"]:
             for difference in each["differences"]:
-                click.echo(f"{printable(row['path'])}: {each['name']}: {printable(difference)}")
+                say(f"{row['path']}: {each['name']}: {difference}")
     rules = list(dict.fromkeys(row["udev_rule"] for row in rows if "udev_rule" in row))
     if rules:
-        click.echo(
-            f"To give who sits at this machine the permission, put into {RULES_FILE}\n"
-            + "\n".join(f"  {rule}" for rule in rules)
-            + "\nand run: sudo udevadm control --reload && sudo udevadm trigger"
-            + '\n(over a network, MODE="0660", GROUP="a group of yours" instead of TAG)'
-        )
+        say(f"To let the person at this machine use the device, put into {RULES_FILE}:")
+        document("".join(f"  {rule}\n" for rule in rules))
+        say("and run: sudo udevadm control --reload && sudo udevadm trigger")
+        say('(over a network: MODE="0660", GROUP="your group" instead of TAG)')
     if any("profile" in row["missing"] for row in rows):
-        click.echo("A device without a profile needs one: hapfmt profile show glove5 is a start.")
+        say("A device without a profile needs one: hapfmt profile show glove5 is a start.")
 
 
 def profile_text(judged: dict[str, Any]) -> str:

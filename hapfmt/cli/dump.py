@@ -9,6 +9,7 @@ import click
 from ..container.source import open_source
 from ..limits import Limits
 from .common import input_of, memory_option
+from .screen import raw
 
 
 @click.command(short_help="All of a file as canonical JSON.")
@@ -16,9 +17,9 @@ from .common import input_of, memory_option
 @click.option("--counts", is_flag=True, help="Decode the packets and print their counts too.")
 @memory_option
 def dump(file: str, counts: bool, max_memory: Limits) -> int:
-    """FILE as one JSON array, an object a chunk in the order of the bytes, the findings last.
+    """Print FILE as one JSON array: one object for each chunk, in order, then the findings.
 
-    Keys are sorted, nothing depends on the machine: two dumps can be compared as text.
+    Keys are sorted, and nothing depends on the machine. So two dumps can be compared as text.
     """
     from ..dump import dump as dump_chunks
 
@@ -29,10 +30,10 @@ def dump(file: str, counts: bool, max_memory: Limits) -> int:
         for entry in dump_chunks(source, counts=counts, limits=max_memory):
             # Nothing is printed before the file was opened: an error leaves no half of a JSON.
             text = json.dumps(entry, sort_keys=True, separators=(",", ":"), allow_nan=False)
-            click.echo(before + text, nl=False)
+            raw((before + text).replace("\x7f", "\\u007f"))
             before = ",\n"
             code = entry.get("exit_code", code)
-        click.echo("\n]")
+        raw("\n]\n")
     finally:
         source.close()
     return code

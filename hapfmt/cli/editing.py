@@ -10,7 +10,8 @@ import click
 
 from ..errors import ParameterError
 from ..numbers import exact
-from .common import echo_json, input_of, output_option, printable
+from .common import counted, echo_json, input_of, output_option
+from .screen import note, say
 
 if TYPE_CHECKING:
     from ..edit import Edited, Original
@@ -20,16 +21,16 @@ canonical_option = click.option(
     "--canonical",
     type=click.IntRange(0, (1 << 32) - 1),
     metavar="FILE_ID",
-    help="The same input gives the same bytes; FILE_ID stands for the random file id.",
+    help="The same input gives the same bytes; FILE_ID replaces the random file id.",
 )
 to_zero_option = click.option(
     "--to-zero",
     is_flag=True,
-    help="Move the first packet to tick 0, as nearly as whole ticks of every track allow, and the "
-    "epoch with it.",
+    help="Move the first packet to tick 0, or as near as whole ticks of every track allow. The "
+    "epoch moves too.",
 )
 by_epoch_option = click.option(
-    "--by-epoch", is_flag=True, help="Place each file as its epoch says, to the nearest whole tick."
+    "--by-epoch", is_flag=True, help="Place each file by its epoch, to the nearest tick."
 )
 same_times_option = click.option(
     "--same-times", is_flag=True, help="Tick 0 of all files is the same moment."
@@ -49,8 +50,8 @@ def originals(names: Sequence[str], limits: Limits) -> Iterator[list[Original]]:
 def tell(edited: Edited, target: str, as_json: bool) -> None:
     """What was written, and what not; nothing on standard output where the file goes there."""
     if target == "-":
-        for note in edited.notes:
-            click.echo(f"note: {printable(note)}", err=True)
+        for each in edited.notes:
+            note(each)
     elif as_json:
         echo_json(edited.as_json())
     else:
@@ -58,9 +59,9 @@ def tell(edited: Edited, target: str, as_json: bool) -> None:
 
 
 def show(edited: Edited) -> None:
-    click.echo(f"{printable(edited.file or '-')}: {line(edited)}")
-    for note in edited.notes:
-        click.echo(f"note: {printable(note)}", err=True)
+    say(f"{edited.file or '-'}: {line(edited)}")
+    for each in edited.notes:
+        note(each)
 
 
 def line(edited: Edited) -> str:
@@ -68,8 +69,8 @@ def line(edited: Edited) -> str:
     if edited.start is not None and edited.stop is not None:
         span = f"{float(edited.start):.6g} s to {float(edited.stop):.6g} s"
     return (
-        f"{edited.file_size} bytes, {len(edited.channels)} channels, {span}, "
-        f"{edited.packet_count} packets"
+        f"{edited.file_size} bytes, {counted(len(edited.channels), 'channel')}, {span}, "
+        f"{counted(edited.packet_count, 'packet')}"
     )
 
 
@@ -86,11 +87,11 @@ def named(pairs: tuple[str, ...], files: tuple[str, ...]) -> dict[int, Any]:
 
 def tell_added(file: str, what: str, notes: Sequence[str], as_json: bool) -> None:
     """What was appended to a file; nothing on standard output where the file goes there."""
-    for note in notes:
-        click.echo(f"note: {printable(note)}", err=True)
+    for each in notes:
+        note(each)
     if file == "-":
         return
     if as_json:
         echo_json({"file": file, "notes": list(notes)})
     else:
-        click.echo(f"{printable(file)}: {printable(what)}")
+        say(f"{file}: {what}")

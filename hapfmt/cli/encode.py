@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ParameterError
+from ..names import unknown
 from .common import (
     AmountType,
     BitsType,
@@ -23,10 +24,8 @@ from .common import (
     load_recording,
     memory_option,
     output_of,
-    printable,
     progress,
     refuse_target,
-    table,
     tell_notes,
     threads_option,
 )
@@ -37,8 +36,6 @@ if TYPE_CHECKING:
     from ..writer import Summary
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
-ORIGINAL_BITS = 64
-"""Bits of a sample before encoding, as the paper counts: a double."""
 
 
 @click.command(short_help="Encode a recording into a .hapf file.")
@@ -152,6 +149,7 @@ ORIGINAL_BITS = 64
     metavar="FILE_ID",
     help="The same input gives the same bytes; FILE_ID stands for the random file id.",
 )
+@click.option("-v", "--verbose", is_flag=True, help="Say how each channel was coded, and why.")
 @threads_option
 @memory_option
 @force_option
@@ -167,6 +165,7 @@ def encode(
     as_json: bool,
     threads: int | None,
     max_memory: Limits,
+    verbose: bool,
     vectors: tuple[str, ...],
     **given: Any,
 ) -> int:
@@ -204,7 +203,9 @@ def encode(
     if as_json and target != "-":
         echo_json(summary_json(summary, recording.duration, seconds))
     elif target != "-":
-        show(summary, target, seconds)
+        from .encoded import show
+
+        show(summary, target, seconds, recording, verbose=verbose)
     return code
 
 
@@ -218,11 +219,11 @@ def with_vector(recording: Recording, names: list[str], group: str) -> Recording
     for name in names:
         place = labels.index(name) if name in labels else int(name) if name.isdecimal() else -1
         if not 0 <= place < len(channels):
-            raise ParameterError(f"no channel {name!r}; there are: {', '.join(labels)}")
+            raise ParameterError(unknown("channel", name, dict(enumerate(labels))))
         places.append(place)
     if places != list(range(places[0], places[0] + len(places))):
         raise ParameterError(
-            f"the axes of a vector stand side by side in the recording, in their order: "
+            f"the axes of a vector must be neighbours in the recording, in order: "
             f"{','.join(names)} are channels {places}"
         )
     for place, axis in zip(places, AXES, strict=False):
@@ -239,28 +240,3 @@ def summary_json(summary: Summary, duration: Fraction, seconds: float) -> dict[s
         "encode_s": seconds,
         "channels": [decision.as_json() for decision in summary.decisions],
     }
-
-
-def show(summary: Summary, target: str, seconds: float) -> None:
-    rows = [
-        [
-            str(d.channel),
-            d.label,
-            str(d.sample_count),
-            f"{8 * d.size / d.sample_count:.3f}" if d.sample_count else "-",
-            "exact" if d.exact else "yes" if d.within else "no",
-            f"{d.kept_as}: {d.reason}" + (f", {d.axis_count} axes" if d.axis_count > 1 else ""),
-            d.lattice,
-        ]
-        for d in summary.decisions
-    ]
-    headers = ["channel", "label", "samples", "b/sample", "within", "coded as", "values"]
-    table(headers, rows)
-    samples = summary.sample_count
-    if samples:
-        bits = 8 * summary.file_size / samples
-        click.echo(
-            f"{printable(target)}: {summary.file_size} bytes for {samples} samples, "
-            f"{bits:.3f} bits a sample with everything, {ORIGINAL_BITS / bits:.1f} times smaller "
-            f"than doubles, in {seconds:.2f} s"
-        )

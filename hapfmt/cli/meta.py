@@ -14,10 +14,10 @@ from .common import (
     input_of,
     json_option,
     output_of,
-    printable,
     refuse_target,
 )
 from .editing import copy_option, tell_added
+from .screen import say
 
 
 @click.command(short_help="Show or set the metadata.")
@@ -29,9 +29,9 @@ from .editing import copy_option, tell_added
 def meta(
     file: str, members: tuple[str, ...], output: str | None, force: bool, as_json: bool
 ) -> int:
-    """Set members of the metadata of the .hapf file FILE, in place; without any, show them all.
+    """Set metadata of the .hapf file FILE, in place. Without KEY=VALUE, print all metadata.
 
-    VALUE is JSON, or else a text.
+    VALUE is JSON; anything else is taken as text.
 
     \b
     hapfmt meta touch.hapf
@@ -46,7 +46,7 @@ def meta(
             echo_json(known)
         for name, value in () if as_json else known.items():
             text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-            click.echo(printable(f"{name}: {text}"))
+            say(f"{name}: {text}")
         return 0
     if output is not None:
         refuse_target(output, force)

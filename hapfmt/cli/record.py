@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 
 from ..errors import ParameterError
+from . import screen
 from .common import (
     AmountType,
     FractionType,
@@ -25,8 +26,9 @@ from .common import (
     echo_json,
     force_option,
     json_option,
-    printable,
+    standard_input,
 )
+from .screen import complain, say
 
 if TYPE_CHECKING:
     from ..live.recorder import Recorder
@@ -51,12 +53,12 @@ LOST = 3
     "source",
     default="-",
     metavar="FILE",
-    help="What to read [-, standard input].",
+    help="File to read [-, standard input].",
 )
 @click.option("--rate", type=FractionType(), help="Ticks per second of a bare table.")
 @click.option("--labels", help="Channels of a bare table: a,b,c [1,2,3, or as its first line].")
 @click.option("--unit", help="Unit of a bare table, in UCUM [1].")
-@click.option("--lsb", type=float, help="Put a bare table on multiples of this step.")
+@click.option("--lsb", type=float, help="Round a bare table to multiples of this step.")
 @click.option(
     "--preset",
     type=PresetType(["lossless", "near-lossless", "perceptual"]),
@@ -75,29 +77,34 @@ LOST = 3
     "--no-texture", "texture", flag_value=False, default=None, help="perceptual: no texture."
 )
 @click.option(
-    "--cluster", type=FractionType(), help="Seconds of a cluster: what a crash may take [1]."
+    "--cluster",
+    type=FractionType(),
+    help="Seconds in a cluster; a crash loses at most one cluster [1].",
 )
 @click.option(
     "--fsync",
     default="cluster",
     show_default=True,
-    help="When the disk is waited for: cluster, close, never, or seconds.",
+    help="When to wait for the disk: cluster, close, never, or a number of seconds.",
 )
 @click.option(
     "--on-full",
     type=click.Choice(["block", "drop", "raise"]),
     default="block",
     show_default=True,
-    help="Where the encoder is too slow: make the stream wait, leave samples out, or stop.",
+    help="If the encoder is too slow: block the stream, drop samples, or stop.",
 )
-@click.option("--append", is_flag=True, help="Go on with OUT, where it ends.")
-@click.option("--at", help="With --append: at so many seconds, or now, by the file's epoch.")
+@click.option("--append", is_flag=True, help="Append to OUT.")
+@click.option(
+    "--at",
+    help="With --append: time of the first sample, in seconds, or now (by the epoch of OUT).",
+)
 @click.option("--clock-maps", is_flag=True, help="Fit a map to each clock at the end.")
 @click.option(
     "--canonical",
     type=click.IntRange(0, (1 << 32) - 1),
     metavar="FILE_ID",
-    help="No time of day and no random number in the file.",
+    help="The same input gives the same bytes; FILE_ID replaces the random file id.",
 )
 @force_option
 @json_option
@@ -160,9 +167,9 @@ def record(
         labels_ = [given.label for given in recorder.inputs]
         echo_json({**status.as_json(), "wall_s": time.monotonic() - began, "channels": labels_})
     else:
-        click.echo(f"{printable(target)}: {summary(status)}", err=target == "-")
+        say(f"{target}: {summary(status)}", err=target == "-")
     if status.dropped:
-        click.echo(f"hapfmt: {dropped(status)}", err=True)
+        complain(dropped(status))
         return LOST
     return 0
 
@@ -182,12 +189,15 @@ def summary(status: Status) -> str:
 
 def dropped(status: Status) -> str:
     """Of the first few channels."""
-    parts = [f"{printable(label)} {count}" for label, count in list(status.dropped.items())[:10]]
+    parts = [f"{label} {count}" for label, count in list(status.dropped.items())[:10]]
     return f"dropped {status.dropped_count} samples: {', '.join(parts)}"
 
 
 class ExitSignals:
-    """SIGINT and SIGTERM ask for the end in place of ending the program; a second one ends it."""
+    """SIGINT, SIGTERM and SIGHUP close the file and end the recording; a second one ends at once.
+
+    SIGHUP comes when the terminal or the connection goes. It stays ignored under nohup.
+    """
 
     def __init__(self) -> None:
         self.asked = False
@@ -195,7 +205,7 @@ class ExitSignals:
 
     def __enter__(self) -> ExitSignals:
         self.reader, self.writer = os.pipe()
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in exit_signals():
             with suppress(ValueError):  # not in the main thread
                 self.before[number] = signal.signal(number, self.ask)
         return self
@@ -215,11 +225,19 @@ class ExitSignals:
             raise KeyboardInterrupt
 
 
+def exit_signals() -> list[int]:
+    numbers: list[int] = [signal.SIGINT, signal.SIGTERM]
+    hangup = getattr(signal, "SIGHUP", None)
+    if hangup is not None and signal.getsignal(hangup) is not signal.SIG_IGN:
+        numbers.append(hangup)
+    return numbers
+
+
 @contextmanager
 def opened(source: str) -> Iterator[int]:
     """A descriptor to read from."""
     if source == "-":
-        yield sys.stdin.fileno()
+        yield standard_input().fileno()
         return
     descriptor = os.open(source, os.O_RDONLY | getattr(os, "O_BINARY", 0))
     try:
@@ -263,7 +281,7 @@ class StatusLine:
 
     def __exit__(self, *_: object) -> None:
         if self.shown:
-            click.echo("\r\x1b[K", err=True, nl=False)
+            screen.status("")
 
     def tell(self) -> None:
         recorder = self.stream.recorder
@@ -274,4 +292,4 @@ class StatusLine:
         text = f"{summary(status)}, {status.queued_size >> 10} KiB waiting"
         if status.dropped:
             text += f", {status.dropped_count} samples dropped"
-        click.echo(f"\r\x1b[K{text}", err=True, nl=False)
+        screen.status(text)

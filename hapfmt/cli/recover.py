@@ -14,11 +14,11 @@ from .common import (
     json_option,
     memory_option,
     output_of,
-    printable,
     progress,
     refuse_target,
     tell_some,
 )
+from .screen import complain, say
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="[OUT]", required=False)
 @click.option(
-    "--in-place", is_flag=True, help="Mend IN itself; keep IN.damaged unless only its end changes."
+    "--in-place", is_flag=True, help="Mend IN itself. Keep IN.damaged unless only its end changes."
 )
 @click.option(
     "--canonical",
@@ -49,10 +49,10 @@ def recover(
     as_json: bool,
     max_memory: Limits,
 ) -> int:
-    """Write all that can be read of IN to OUT, an intact file.
+    """Write everything readable in IN to OUT, an intact file.
 
-    Packets are copied bit for bit, nothing is decoded and encoded again; what is missing stays a
-    gap. What was lost is told, and noted in OUT's metadata. Exit code 0 where nothing was lost.
+    Packets are copied bit for bit. Lost samples stay gaps. The losses are printed, and noted in the
+    metadata of OUT. The exit code is 0 if nothing was lost.
 
     \b
     hapfmt recover broken.hapf whole.hapf
@@ -88,10 +88,10 @@ def recover(
 
 
 def show(source: str, target: str, done: Recovery) -> None:
-    tell_some([f"{printable(source)}: {finding}" for finding in done.findings])
+    tell_some([f"{source}: {finding}" for finding in done.findings])
     tell_some(done.lost_lines)
     if done.kept_as:
-        click.echo(f"hapfmt: the damaged file is now {printable(done.kept_as)}", err=True)
-    line = f"{printable(target)}: {done.packets} packets, {done.samples} samples"
+        complain(f"the damaged file is now {done.kept_as}")
+    line = f"{target}: {done.packets} packets, {done.samples} samples"
     how = "with loss" if done.exit_code == 3 else "nothing lost"
-    click.echo(f"{line}; {how}", err=target == "-")
+    say(f"{line}; {how}", err=target == "-")

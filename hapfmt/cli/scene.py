@@ -17,12 +17,12 @@ from .common import (
     force_option,
     json_option,
     output_of,
-    printable,
     progress,
     save_recording,
     suffix_of,
-    table,
 )
+from .screen import document, note, say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..recording import Recording
@@ -35,34 +35,40 @@ INTEGRATORS = ("explicit-euler", "semi-implicit", "implicit", "trapezoid", "rk4"
 @click.command(short_help="Simulate a scene: textures, a wall, taps, a grasp; needs no device.")
 @click.argument("name", metavar="NAME|FILE.toml", required=False)
 @click.argument("target", metavar="OUT", required=False)
-@click.option("--seconds", type=float, metavar="S", help="How long it lasts [4].")
+@click.option("--seconds", type=float, metavar="S", help="Duration in seconds [4].")
 @click.option(
-    "--stiffness", "n_per_m", type=float, metavar="N/M", help="Of whatever is touched, up to 1e7."
+    "--stiffness", "n_per_m", type=float, metavar="N/M", help="Stiffness of contacts, up to 1e7."
 )
-@click.option("--seed", type=int, metavar="N", help="Another number, another scene [1].")
-@click.option("--rate", "rate_hz", type=int, metavar="HZ", help="Of every sensor [1000].")
+@click.option("--seed", type=int, metavar="N", help="Seed of the random numbers [1].")
+@click.option(
+    "--rate", "rate_hz", type=int, metavar="HZ", help="Samples per second of every sensor [1000]."
+)
 @click.option(
     "--integrator",
     type=click.Choice(INTEGRATORS),
-    help="How steps of a contact are taken [exact].",
+    help="Integrator of contacts [exact].",
 )
 @click.option(
-    "--dt", "dt_s", type=float, metavar="S", help="Step of a contact [as its stiffness needs]."
+    "--dt",
+    "dt_s",
+    type=float,
+    metavar="S",
+    help="Time step of a contact in seconds [from its stiffness].",
 )
 @click.option(
     "--without",
     multiple=True,
     metavar="PART",
     help="Leave out texture, touches, contact, tool, hand, tremor, abduction, palm, wrist, or a "
-    "finger; may be given several times.",
+    "finger; repeatable.",
 )
 @click.option(
     "--preset",
     type=PresetType(["lossless", "near-lossless", "perceptual", "paper"]),
     help="Of a .hapf file, as in encode [lossless].",
 )
-@click.option("--list", "as_list", is_flag=True, help="The scenes that there are.")
-@click.option("--show", is_flag=True, help="The TOML of NAME, to start one of your own.")
+@click.option("--list", "as_list", is_flag=True, help="List the scenes.")
+@click.option("--show", is_flag=True, help="Print the TOML of NAME, as a start for your own.")
 @force_option
 @json_option
 def scene(
@@ -94,7 +100,7 @@ def scene(
         list_scenes(as_json)
         return 0
     if show:
-        click.echo(scene_text(name), nl=False)
+        document(scene_text(name))
         return 0
     if target is None:
         raise ParameterError("give OUT, where it is written: scene.hapf, scene.npz, scene.csv")
@@ -142,22 +148,20 @@ def write_scene(
     if as_json and target != "-":
         echo_json(told)
     elif target != "-":
-        click.echo(
-            f"{printable(target)}: {printable(asked.name or 'scene')}, "
+        say(
+            f"{target}: {asked.name or 'scene'}, "
             f"{float(recording.duration):g} s, {len(recording)} channels, "
             f"{recording.sample_count} samples; computed {in_words(work)} in {simulated:.2f} s"
         )
     if work.unstable_count:
-        click.echo(
-            "note: the steps are longer than their integrator is stable up to, so the forces may "
-            "be wrong; take a smaller --dt, or --integrator exact",
-            err=True,
+        note(
+            "the integrator is not stable at this step, so the forces may be wrong; "
+            "use a smaller --dt or --integrator exact"
         )
     if work.saturated_count:
-        click.echo(
-            f"note: {work.saturated_count} samples are at the end of their sensor's range "
-            "(range_n of [tool.sensor])",
-            err=True,
+        note(
+            f"{work.saturated_count} samples are at the end of their sensor's range "
+            "(range_n of [tool.sensor])"
         )
     return 0
 
@@ -199,6 +203,6 @@ def list_scenes(as_json: bool) -> None:
         rows = [{"name": each.name, "description": each.description} for each in found]
         echo_json({"scenes": rows})
         return
-    table(["name", "what"], [[each.name, each.description] for each in found])
+    table(["scene", "what it is"], [[each.name, each.description] for each in found])
     if sys.stdout.isatty():
-        click.echo("hapfmt scene NAME OUT.hapf writes one; --show prints its description")
+        say("Write one with: hapfmt scene NAME OUT.hapf")

@@ -45,9 +45,9 @@ def encode_lossless(source: Source, base: Track, *, fast: bool = False) -> Unit:
 def error_of(channel: Channel, promise: Promise) -> int:
     """Counts that each sample may be off, whatever its value; 0 where every count is kept."""
     calibration = channel.calibration
-    if promise.floor is None or calibration is None or not channel.values.size:
+    if promise.floor is None or calibration is None or not channel.stored.size:
         return 0
-    calm = without_glitches(channel.values)
+    calm = without_glitches(channel.stored)
     extent = int(calm.max()) - int(calm.min())
     allowed = counts_of(promise.floor, calibration, extent, channel.unit)
     if channel.deviation is not None:

@@ -34,7 +34,7 @@ def largest_errors(
     unit. AssertionError where a guaranteed contract is broken."""
     if unit.exact:
         return [c.deviation.largest if c.deviation else 0.0 for c in members]
-    recorded = [channel.physical() for channel in originals]
+    recorded = [channel.samples() for channel in originals]
     calibrations = [
         Calibration(c.calibration.a, c.calibration.b, c.calibration.d)
         for c in unit.base.track.components
@@ -42,7 +42,7 @@ def largest_errors(
     contract, band = (unit.residual or unit.base).track.contract, None
     if contract and contract.guaranteed:
         band = Deadband(contract.kn, contract.kd, contract.floor, contract.zero, contract.vector)
-    counts = np.column_stack([channel.values.astype(np.int64) for channel in members])
+    counts = np.column_stack([channel.stored.astype(np.int64) for channel in members])
     errors = [0.0] * len(members)
     at = 0
     for piece in decoded_pieces(unit):

@@ -224,7 +224,7 @@ def as_recorded(channel: Channel) -> Channel:
     """With exact values a channel is these doubles: its counts were found in them."""
     if channel.exact is None:
         return channel
-    return replace(channel, values=channel.exact, exact=None, calibration=None)
+    return replace(channel, stored=channel.exact, exact=None, calibration=None)
 
 
 def encode_members(members: list[Gridded], links: Links, first: int, job: Job) -> Iterator[Part]:
@@ -250,7 +250,7 @@ def encode_members(members: list[Gridded], links: Links, first: int, job: Job) -
 
 def with_lossless(parts: list[Part], job: Job, recorded: list[Channel]) -> list[Part]:
     """The parts, where they are larger than the same channels without loss these in their place."""
-    small = sum(channel.values.size for channel in recorded) <= SMALL
+    small = sum(channel.stored.size for channel in recorded) <= SMALL
     lossless = replace(
         job,
         settings=job.lossless,
@@ -335,7 +335,7 @@ def decide(
         yield Decision(
             channel=number,
             label=given.label,
-            sample_count=int(given.values.size),
+            sample_count=int(given.stored.size),
             axis_count=1 if unit.parts else count,
             chosen=unit.chosen,
             reason=f"{reason} ({why})" if why else reason,
@@ -346,7 +346,7 @@ def decide(
             unit=given.unit,
             kept_as=kept_as,
             largest_error=errors[place],
-            original_bits=8 * (given.values if given.exact is None else given.exact).itemsize,
+            original_bits=8 * (given.stored if given.exact is None else given.exact).itemsize,
         )
 
 
@@ -355,11 +355,11 @@ def encode_unit(members: list[Gridded], first_channel: int, job: Job) -> Unit:
     channels = [each.channel for each in members]
     channel = channels[0]
     original = job.originals[first_channel]
-    if channel.rate.numerator >> 32 or channel.rate.denominator >> 32:
+    if channel.rate_exact.numerator >> 32 or channel.rate_exact.denominator >> 32:
         raise ParameterError(
-            f"rate {channel.rate} of channel {channel.label!r} needs more than 32 bits"
+            f"rate {channel.rate_exact} of channel {channel.label!r} needs more than 32 bits"
         )
-    spans = tuple(cut(channel.coverage, channel.rate, job.cluster, len(channels)))
+    spans = tuple(cut(channel.coverage, channel.rate_exact, job.cluster, len(channels)))
     if channel.calibration is None:
         return encode_floating(channel, spans, first_channel)
     counts = side_by_side(channels)
@@ -385,7 +385,7 @@ def encode_source(
         def as_counts() -> Unit:
             return encode_lossless(source, base, fast=settings.fast)
 
-        rounded = original.values.dtype == "f8" and channel.deviation is None and sparse(counts)
+        rounded = original.stored.dtype == "f8" and channel.deviation is None and sparse(counts)
         if rounded:
             # What a text rounded may lie on a much coarser lattice.
             assert channel.calibration is not None
@@ -432,7 +432,7 @@ def encode_within(
     fine = fine_grid(original, promise)
     if not fine.fine or fine.channel.calibration is None:
         return unit
-    finer = Source((fine.channel,), fine.channel.values[:, None], source.spans)
+    finer = Source((fine.channel,), fine.channel.stored[:, None], source.spans)
     unit.least = lossless_bits(finer)
     base = whole_range(finer, first_channel)
     knots = encode_bounded(finer, base, promise, unit.size, knots_alone=True)
@@ -443,10 +443,10 @@ def encode_within(
 
 def encode_floating(channel: Channel, spans: tuple[Span, ...], first_channel: int) -> Unit:
     """Numbers without a common step, bit for bit."""
-    kind = WORDS.get(channel.values.dtype)
+    kind = WORDS.get(channel.stored.dtype)
     if kind is None:
         raise ParameterError(
-            f"channel {channel.label!r} holds {channel.values.dtype}: give it a calibration, "
+            f"channel {channel.label!r} holds {channel.stored.dtype}: give it a calibration, "
             "or one of int64, uint64, float16, float32, float64"
         )
 

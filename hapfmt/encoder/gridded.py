@@ -42,7 +42,7 @@ class Gridded:
 
 def without_odd_values(channel: Channel, promise: Promise) -> tuple[Channel, str]:
     """A channel whose few infinite samples are gaps, and a note; no value is near an infinity."""
-    values = channel.values
+    values = channel.stored
     if promise.lossless or values.dtype.kind != "f":
         return channel, ""
     odd = ~np.isfinite(values)
@@ -62,7 +62,7 @@ def without_odd_values(channel: Channel, promise: Promise) -> tuple[Channel, str
             append_span(spans, Span(start, span.stop))
         at += span.ticks
     exact = None if channel.exact is None else channel.exact[~odd]
-    changed = replace(channel, values=values[~odd], coverage=tuple(spans), exact=exact)
+    changed = replace(channel, stored=values[~odd], coverage=tuple(spans), exact=exact)
     return changed, f"{count} infinite samples became gaps"
 
 
@@ -94,7 +94,7 @@ def in_unit(channel: Channel, promise: Promise) -> tuple[Promise | None, str]:
     """The promise with an absolute amount; None and the reason where there is none."""
     floor = promise.floor
     assert floor is not None
-    if channel.values.dtype.kind not in "fiu" or not np.isfinite(x := channel.physical()).all():
+    if channel.stored.dtype.kind not in "fiu" or not np.isfinite(x := channel.samples()).all():
         return None, "infinite samples"
     if not x.size:
         return None, "no samples"

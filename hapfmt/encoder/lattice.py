@@ -119,31 +119,31 @@ def to_counts(channel: Channel, tolerance: Tolerance | None = None) -> tuple[Cha
     """
     if channel.is_counts:
         return channel, "already in counts"
-    if not _fits_doubles(channel.values):
-        return channel, f"stored as {channel.values.dtype}: float64 does not hold the values"
-    x = _doubles(channel.values)
+    if not _fits_doubles(channel.stored):
+        return channel, f"stored as {channel.stored.dtype}: float64 does not hold the values"
+    x = _doubles(channel.stored)
     deviation = channel.deviation
     if tolerance is None:
         found = _find(x, COUNT_BITS)
         if isinstance(found, str):
-            return channel, f"stored as {channel.values.dtype}: {found}{_hint(x, found)}"
+            return channel, f"stored as {channel.stored.dtype}: {found}{_hint(x, found)}"
         found = replace(found, reason=found.reason + _hint(x, found))
     else:
         snapped = _snap(x, tolerance, channel.lsb, COUNT_BITS, channel.unit)
         if isinstance(snapped, str):
-            return channel, f"stored as {channel.values.dtype}: {snapped}"
+            return channel, f"stored as {channel.stored.dtype}: {snapped}"
         found, declared = snapped
         if not found.exact:
             deviation = Deviation(declared, found.largest_deviation)
     counts = found.counts.astype(np.int32)  # COUNT_BITS
-    changed = replace(channel, values=counts, calibration=found.calibration, deviation=deviation)
+    changed = replace(channel, stored=counts, calibration=found.calibration, deviation=deviation)
     return changed, found.reason
 
 
 def on_uniform_grid(channel: Channel, error: float) -> tuple[Channel, str] | None:
     """The channel in counts of the widest grid that has a value within ``error`` of each sample;
     None where no calibration holds it. The grid is the quantiser: counts cost what they are."""
-    x = _doubles(channel.values) + 0.0
+    x = _doubles(channel.stored) + 0.0
     if not x.size or _out_of_reach(x):
         return None
     u = np.unique(x)
@@ -159,7 +159,7 @@ def on_uniform_grid(channel: Channel, error: float) -> tuple[Channel, str] | Non
     lattice = _lattice(x, u, placed, f"rounded by {largest:.3g} at most to {how}")
     deviation = Deviation(error, largest)
     changed = replace(
-        channel, values=lattice.counts.astype(np.int32), calibration=calibration,
+        channel, stored=lattice.counts.astype(np.int32), calibration=calibration,
         deviation=deviation,
     )  # fmt: skip
     return changed, lattice.reason

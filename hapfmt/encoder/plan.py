@@ -94,7 +94,7 @@ def promise_of(channel: Channel, settings: Settings, *, felt: bool | None = None
         return paper_promise(channel, settings)
     if settings.preset == "near-lossless":
         return bound_promise(settings)
-    x = channel.physical()
+    x = channel.samples()
     kept = "" if settings.felt == ALL else exact_kind(channel, x)
     if kept:
         return Promise(why=kept)
@@ -120,7 +120,7 @@ def felt_promise(channel: Channel, settings: Settings) -> Promise:
     k = settings.k if limit is None else min(settings.k, limit)
     floor = settings.deadband_floor
     kept_as = f"deadband {percent(k)}" if k else f"within {amount_text(floor)}"
-    snr = settings.snr if settings.texture and channel.rate > 2 * settings.cutoff_hz else None
+    snr = settings.snr if settings.texture and channel.rate_exact > 2 * settings.cutoff_hz else None
     if snr is not None:
         kept_as += f", texture {snr:g} dB"
     why = f"{quantity}: " if quantity else ""

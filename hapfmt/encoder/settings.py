@@ -155,7 +155,7 @@ class Settings:
         as give the fastest channel enough to learn from; and never few ticks."""
         if self.cluster is not None:
             return self.cluster
-        fastest = max((channel.rate for channel in recording.channels), default=Fraction(1))
+        fastest = max((channel.rate_exact for channel in recording.channels), default=Fraction(1))
         seconds = ARCHIVE_CLUSTER
         if self.fast:
             seconds = min(Fraction(ceil(LONG_PACKET / fastest)), LONGEST_CLUSTER)

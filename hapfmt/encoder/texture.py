@@ -122,7 +122,7 @@ def encode_textured(
 ) -> tuple[Unit, str]:
     """The smallest way found, and what is kept. source: one channel on a fine grid."""
     base = whole_range(source, first_channel)
-    felt = Felt.of(original.physical(), source, promise, cutoff_hz)
+    felt = Felt.of(original.samples(), source, promise, cutoff_hz)
     quality = f"texture {promise.snr:g} dB"
     alone = encode_bounded(source, base, promise)
     assert alone
@@ -170,10 +170,10 @@ def encode_whole(
         own = on_uniform_grid(original, step / 2)
         if own is None:
             return None
-        source = Source((own[0],), own[0].values[:, None], felt.source.spans)
+        source = Source((own[0],), own[0].stored[:, None], felt.source.spans)
         calibration = own[0].calibration
         assert calibration is not None
-        if not felt.holds(calibration.physical(own[0].values)):
+        if not felt.holds(calibration.physical(own[0].stored)):
             continue
         track = whole_range(source, first_channel)
         coded = code_grid(source, track, LpcParameters(), nearest_uniform, smallest)
@@ -197,16 +197,16 @@ def whole_counts(
     if counts < FINER:
         times = ceil(FINER / counts)
         finer = in_finer_counts(original, times)
-        low, high = declared_range(finer.values)
+        low, high = declared_range(finer.stored)
         if finer.calibration and finer.calibration.covers(low, high) and high < 1 << 31:
             channel, counts = finer, counts * times
-    source = Source((channel,), channel.values[:, None], felt.source.spans)
+    source = Source((channel,), channel.stored[:, None], felt.source.spans)
     track = whole_range(source, first_channel)
     whole = min(int(counts), STEP_LIMIT)
     while whole > 1:
         grid = LpcParameters(whole)
         assert channel.calibration is not None
-        y = nearest_uniform(channel.values.astype(np.int64), grid) * whole
+        y = nearest_uniform(channel.stored.astype(np.int64), grid) * whole
         if felt.holds(channel.calibration.physical(y)):
             coded = code_grid(source, track, grid, nearest_uniform, smallest)
             if coded is None:

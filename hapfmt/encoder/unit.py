@@ -329,7 +329,7 @@ def in_finer_counts(channel: Channel, times: int) -> Channel:
     calibration = channel.calibration
     assert calibration is not None
     finer = Calibration(calibration.a, calibration.b * times, calibration.d * times)
-    return replace(channel, values=channel.values.astype(np.int64) * times, calibration=finer)
+    return replace(channel, stored=channel.stored.astype(np.int64) * times, calibration=finer)
 
 
 def with_residual(

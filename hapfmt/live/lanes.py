@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ParameterError
+from ..names import unknown
 from .clusters import Grid
 from .inputs import Input
 from .samples import named
@@ -66,8 +67,8 @@ class Lanes:
         place = self.by_label.get(channel, -1) if isinstance(channel, str) else channel
         if isinstance(place, (int, np.integer)) and 0 <= place < len(self.members):
             return int(place)
-        labels = ", ".join(repr(member.input.label) for member in self.members)
-        raise ParameterError(f"no channel {channel!r}; there are: {labels}")
+        labels = [member.input.label for member in self.members]
+        raise ParameterError(unknown("channel", channel, labels))
 
     def one(self, channel: str | int) -> Lane:
         """The lane of a single channel."""
@@ -85,8 +86,8 @@ class Lanes:
                 raise ParameterError("rows have one channel or more, each once")
             if len({(given.rate, given.takes_counts) for given in inputs}) > 1:
                 raise ParameterError(
-                    f"{named(inputs)} have different rates, or counts beside floats: "
-                    "write them apart"
+                    f"{named(inputs)} have different rates, or integers and floats: "
+                    "write them separately"
                 )
             grid = Grid.of(self.cluster, inputs[0].rate)
             lane = Lane(places, np.array(places, np.intp), inputs, grid)
@@ -102,7 +103,7 @@ class Lanes:
         if tick is None:
             if int(ticks.min()) != ahead:
                 raise ParameterError(
-                    f"{named(lane.inputs)} do not stand at one tick, but from {ticks.min()} "
+                    f"{named(lane.inputs)} are not at one tick, but from {ticks.min()} "
                     f"to {ahead}: give the tick"
                 )
             return ahead

@@ -115,7 +115,7 @@ PEAK_HEADERS = (
 
 def peak_of(source: Source, points: list[Point]) -> Peak:
     """At k = PERCENT, of the recording's first channel the peak, of all channels the points."""
-    f = source.recording.channels[0].physical()
+    f = source.recording.channels[0].samples()
     e = f - parts_of(at(points, PERCENT, 0).file).slow
     peak, more = float(np.max(np.abs(e)) / np.std(e)), added(points, PERCENT, 5)
     return source.name, peak, more, more * 64 / 100, math.log2((2**4 - 1) / peak) + NORMAL_BITS

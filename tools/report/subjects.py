@@ -35,7 +35,7 @@ class Subject(NamedTuple):
 
     @property
     def truth(self) -> list[NDArray[np.float64]]:
-        return [channel.physical() for channel in self.recording.channels]
+        return [channel.samples() for channel in self.recording.channels]
 
 
 def subjects(options: Options) -> Iterator[Subject]:
@@ -71,7 +71,9 @@ def shortened(recording: hapfmt.Recording, samples: int) -> hapfmt.Recording:
     if recording.sample_count <= samples:
         return recording
     ends = recording.duration * Fraction(samples, recording.sample_count)
-    cut = tuple(channel.slice_ticks(0, int(ends * channel.rate)) for channel in recording.channels)
+    cut = tuple(
+        channel.slice_ticks(0, int(ends * channel.rate_exact)) for channel in recording.channels
+    )
     return replace(recording, channels=cut, events=())
 
 
@@ -81,7 +83,7 @@ def prepared(name: str, simulated: bool, recording: hapfmt.Recording) -> Iterato
     kept = [
         channel
         for channel in recording.channels
-        if channel.values.size and np.isfinite(channel.physical()).all()
+        if channel.stored.size and np.isfinite(channel.samples()).all()
     ]
     search = all(channel.lsb is None for channel in kept)
     found = [(channel, counts_of(channel, search=search)) for channel in kept]
@@ -91,6 +93,6 @@ def prepared(name: str, simulated: bool, recording: hapfmt.Recording) -> Iterato
         channels = tuple(counted(channel, counts) for channel, counts in whole)
         integers = [counts for _, counts in whole]
         yield Subject(name, simulated, replace(recording, channels=channels), integers)
-    if any(np.ptp(channel.values) for channel in doubles):
+    if any(np.ptp(channel.stored) for channel in doubles):
         apart = f"{name}, doubles"
         yield Subject(apart, simulated, replace(recording, channels=doubles), None)

@@ -41,7 +41,7 @@ def played(data: bytes, rate: int, band: str = "full") -> Samples:
     """What the renderer makes of the file for a device of this rate and band."""
     with Reader(data) as reader:
         profile = device(rate, band)
-        blocks = list(Renderer(reader, profile, assign(reader, profile)).blocks())
+        blocks = list(Renderer(reader, profile, assign(reader, profile, by_order=True)).blocks())
     return np.asarray(np.concatenate([block.values for block in blocks])[:, 0])
 
 

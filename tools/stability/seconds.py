@@ -43,8 +43,8 @@ def odd_rates() -> Row:
         29, "1/3600 Hz beside 200 kHz, times in float64", (naive, at_least(100)),
         (ours, exactly(0)), f"of {hours + fast.size} ticks wrong",
         f"seconds since 1970; ours: both rates as fractions, {len(data)} bytes for both",
-        held=all(np.array_equal(a.values, b.values) for a, b in zip(channels, back, strict=True))
-        and [channel.values.tolist() for channel in some] == [[3], [777]],
+        held=all(np.array_equal(a.stored, b.stored) for a, b in zip(channels, back, strict=True))
+        and [channel.stored.tolist() for channel in some] == [[3], [777]],
     )  # fmt: skip
 
 
@@ -76,7 +76,7 @@ def late_start() -> Row:
     return compared(
         30, "a second that begins after ten hours, as npy of doubles",
         (head.tell() + 8 * (first + x.size), at_least(10**8)), (len(data), at_most(3000)), "bytes",
-        held=back.coverage == channel.coverage and np.array_equal(back.values, x),
+        held=back.coverage == channel.coverage and np.array_equal(back.stored, x),
     )  # fmt: skip
 
 

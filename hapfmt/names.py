@@ -1,0 +1,31 @@
+"""Names that a person mistyped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+SHOWN = 30
+"""Names that a message lists."""
+
+
+def similar(name: str, known: Iterable[str]) -> str | None:
+    """The known name that a mistyped one most resembles."""
+    from difflib import get_close_matches
+
+    names = {each.lower(): each for each in known if each}
+    found = get_close_matches(name.lower(), names, n=1, cutoff=0.6 if len(name) > 3 else 0.5)
+    return names[found[0]] if found else None
+
+
+def unknown(kind: str, name: object, known: Iterable[str] | Mapping[int, str]) -> str:
+    """The message for a name that is not known: the one that was meant, or those that there are,
+    with their numbers where it has them."""
+    names = list(known.values()) if isinstance(known, Mapping) else list(known)
+    meant = similar(name, names) if isinstance(name, str) else None
+    if meant is not None:
+        return f"no {kind} {name!r}; did you mean {meant!r}?"
+    listed = list(map(repr, names))
+    if isinstance(known, Mapping):
+        listed = [f"{number}={text}" for number, text in zip(known, listed, strict=True)]
+    more = f" and {len(listed) - SHOWN} more" if len(listed) > SHOWN else ""
+    return f"no {kind} {name!r}; there are: {', '.join(listed[:SHOWN]) or 'none'}{more}"
