@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections import Counter
 from typing import TYPE_CHECKING, Any
@@ -204,5 +203,4 @@ def list_scenes(as_json: bool) -> None:
         echo_json({"scenes": rows})
         return
     table(["scene", "what it is"], [[each.name, each.description] for each in found])
-    if sys.stdout.isatty():
-        say("Write one with: hapfmt scene NAME OUT.hapf")
+    say("Write one with: hapfmt scene NAME OUT.hapf")
