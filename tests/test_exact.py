@@ -9,13 +9,13 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import strategies
-from hapfmt.codecs.values import DECIMALS, PRODUCT, QUOTIENT, SIGNIFICANT, SINGLE
 from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule
 
 import hapfmt
 from hapfmt.codecs.exact import ExactParameters
+from hapfmt.codecs.values import DECIMALS, PRODUCT, QUOTIENT, SIGNIFICANT, SINGLE
 from hapfmt.container.source import BytesSource
 from hapfmt.convert import save
 from hapfmt.dump import dump
