@@ -26,6 +26,12 @@ if TYPE_CHECKING:
     from ..recording import Recording
 
 HAPF, CSV = ".hapf", ".csv"
+OTHER_SUFFIXES = (
+    *(".h5", ".hdf5", ".mat", ".parquet", ".feather", ".arrow", ".json", ".jsonl", ".tsv", ".txt"),
+    *(".xlsx", ".mcap", ".bag", ".edf", ".bdf", ".c3d", ".tdms", ".pkl", ".nc", ".toml"),
+    *(".flac", ".mp3", ".ogg", ".zst", ".gz", ".zip", ".png", ".svg", ".pdf"),
+)
+"""No name of a hapf file ends like this unless by mistake."""
 SHOWN_LINES = 20
 BITS = frozenset(str(bits) for bits in (0, *range(2, 17)))
 LONG_SECONDS = 0.5
@@ -143,6 +149,37 @@ def fraction(text: str) -> Fraction:
         raise click.BadParameter(error.message) from None
 
 
+class PresetType(click.Choice[str]):
+    """A preset; old names are taken with a note."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from ..encoder.settings import alias_note
+
+        note = alias_note(str(value))
+        if not note:
+            return super().convert(value, param, ctx)
+        from .screen import say
+
+        say(f"note: {note}", err=True)
+        return str(value)
+
+
+class ShareType(click.ParamType[Fraction]):
+    """0.1 or 10%."""
+
+    name = "share"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Fraction:
+        from ..encoder.settings import share
+
+        try:
+            return share(value)
+        except ParameterError as error:
+            self.fail(error.message, param, ctx)
+
+
 class FractionType(click.ParamType[Fraction]):
     name = "number"
 
@@ -167,7 +204,7 @@ class BitsType(click.ParamType[int]):
 
 
 class AmountType(click.ParamType["Tolerance"]):
-    """1e-6 in the channel's unit, 0.5lsb, 0.01% of its range."""
+    """1e-6 in the channel's unit, 10mN, 0.5lsb, 0.01% of its range."""
 
     name = "amount"
 
@@ -214,6 +251,10 @@ def parse_channels(texts: Sequence[str], labels: Sequence[str]) -> list[str] | N
     return [part for text in texts for part in ([text] if text in labels else text.split(","))]
 
 
+def counted(count: int, what: str) -> str:
+    return f"{count} {what}" + ("" if count == 1 else "s")
+
+
 def input_of(name: str) -> str | BinaryIO:
     return standard_input() if name == "-" else name
 
@@ -243,11 +284,11 @@ def refuse_target(name: str, force: bool) -> None:
 
     if name == "-":
         return
-    if Path(name).suffix.lower() in FORMATS:
-        raise ParameterError(
-            f"encoded data needs the suffix .hapf; hapfmt convert writes {Path(name).suffix}",
-            path=name,
-        )
+    suffix = Path(name).suffix.lower()
+    if suffix in FORMATS:
+        raise ParameterError(f"hapf files end in .hapf; hapfmt convert writes {suffix}", path=name)
+    if suffix in OTHER_SUFFIXES:
+        raise ParameterError(f"hapf files end in .hapf; {suffix} is another format's", path=name)
     refuse(name, force)
 
 

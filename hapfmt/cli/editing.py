@@ -10,7 +10,7 @@ import click
 
 from ..errors import ParameterError
 from ..numbers import exact
-from .common import echo_json, input_of, output_option
+from .common import counted, echo_json, input_of, output_option
 from .screen import note, say
 
 if TYPE_CHECKING:
@@ -69,8 +69,8 @@ def line(edited: Edited) -> str:
     if edited.start is not None and edited.stop is not None:
         span = f"{float(edited.start):.6g} s to {float(edited.stop):.6g} s"
     return (
-        f"{edited.file_size} bytes, {len(edited.channels)} channels, {span}, "
-        f"{edited.packet_count} packets"
+        f"{edited.file_size} bytes, {counted(len(edited.channels), 'channel')}, {span}, "
+        f"{counted(edited.packet_count, 'packet')}"
     )
 
 

@@ -17,7 +17,7 @@ from ..limits import Limits
 from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError
 from ..reading.opening import open_catalogue
 from .bounds import bound_text, unit_text
-from .common import echo_json, input_of, json_option, memory_option
+from .common import counted, echo_json, input_of, json_option, memory_option
 from .screen import complain, say
 from .tables import Column, table
 
@@ -237,10 +237,6 @@ def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
         complain(str(finding))
     if catalogue.unsupported:
         complain(str(catalogue.unsupported))
-
-
-def counted(count: int, what: str) -> str:
-    return f"{count} {what}" + ("" if count == 1 else "s")
 
 
 def event_row(event: dict[str, Any]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import TYPE_CHECKING
 
 import click
@@ -68,7 +69,8 @@ def verify(
 def show(file: str, report: Report) -> None:
     say(
         f"{file}: {report.verdict}; {report.packets} packets, {report.samples} samples, "
-        f"{report.digests} checksums" + (f", {report.events} events" if report.events else "")
+        f"{report.digests} SHA-256 checksums"
+        + (f", {report.events} events" if report.events else "")
     )
     if report.error:
         complain(str(report.error))
@@ -80,13 +82,14 @@ def show(file: str, report: Report) -> None:
     )
     tell_some(report.lost_lines)
     if report.verdict == "damaged" and report.damage:
-        complain(f"keep these {report.packets} packets with: hapfmt recover {file} OUT")
+        command = f"hapfmt recover {shlex.quote(file)} OUT"
+        complain(f"to keep these {report.packets} packets, run: {command}")
     if report.unknown:
         say(f"unknown chunks: {' '.join(report.unknown)}")
     if report.contracts:
         headers = [
             Column("label"), Column("#", 5), Column("error bound", 3), Column("outside"),
-            Column("largest error"), Column("worst, % of bound", 1), Column("samples", 4),
+            Column("largest error"), Column("% of bound", 1), Column("samples", 4),
             Column("missing", 6), Column("added", 7),
         ]  # fmt: skip
         table(headers, [row_of(check) for check in report.contracts])
