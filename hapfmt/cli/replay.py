@@ -80,7 +80,7 @@ ERROR, LOST = 1, 3
     help="Play it N times, or with --loop at the end of the line until Ctrl-C.",
 )
 @click.option(
-    "--speed", type=FractionType(), default="1", metavar="X", help="Play this many times as fast [1]."
+    "--speed", type=FractionType(), default="1", metavar="X", help="Factor on the speed [1]."
 )
 @click.option(
     "--gain",
