@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .container.track import Contract
+from .container.track import Component, Contract
 from .deadband import Deadband
 from .errors import ParameterError
 from .limits import TICK_LIMIT
@@ -27,7 +27,8 @@ class ContractCheck:
     ``samples`` were compared, ``missing`` are in the original only, ``invented`` in the file only;
     ``outside`` lie outside the deadband, or differ at all where there is no contract;
     ``worst_ratio`` is the largest error in deadbands, ``largest_error`` in the channel's unit;
-    ``moved`` the largest distance of the source from its lattice, ``stated`` what the file says.
+    ``moved`` the largest distance of the source from its grid, ``stated`` what the file says;
+    ``component``: of this track, at this ``index``.
     """
 
     channel: int
@@ -40,8 +41,10 @@ class ContractCheck:
     outside: int
     worst_ratio: Fraction
     largest_error: float
-    moved: float = 0.0
-    stated: float = 0.0
+    moved: float
+    stated: float
+    component: Component
+    index: int
 
     @property
     def promised(self) -> bool:
@@ -75,6 +78,7 @@ class ContractCheck:
             "outside_count": self.outside,
             "worst_ratio": float(self.worst_ratio),
             "largest_error": self.largest_error,
+            "unit": self.component.unit,
             "moved": self.moved,
             "stated": self.stated,
         }
@@ -159,9 +163,10 @@ def check_track(members: Sequence[Member]) -> list[ContractCheck]:
         ContractCheck(
             ref.number, part.track.id, ref.label, contract, int(pair.x.size), pair.missing,
             pair.invented, outside + pair.far, ratio, pair.largest_error, pair.moved,
-            y.deviation.largest if y.deviation else 0.0,
+            y.deviation.largest if y.deviation else 0.0, owner.track.components[ref.index],
+            ref.index,
         )
-        for (ref, _, _, y), pair, (outside, ratio) in zip(members, pairs, judged, strict=True)
+        for (ref, owner, _, y), pair, (outside, ratio) in zip(members, pairs, judged, strict=True)
     ]  # fmt: skip
 
 

@@ -202,7 +202,7 @@ class Channel:
             or self.exact.dtype != np.float64
             or self.exact.shape != self.stored.shape
         ):
-            raise ParameterError("exact values are one float64 beside each count")
+            raise ParameterError("exact values need one float64 for each count")
         if not self.coverage and self.stored.size:
             object.__setattr__(self, "coverage", (Span(0, self.stored.size),))
         previous = -1

@@ -485,7 +485,7 @@ class TestRefusals:
         self.refused(tmp_path / "a", WHOLE + other, ParameterError, "another file")
 
     def test_more_rubbish_than_a_writer_leaves(self, tmp_path: Path):
-        self.refused(tmp_path / "a", WHOLE + b"x" * (1 << 21), ParameterError, "no chunk stand")
+        self.refused(tmp_path / "a", WHOLE + b"x" * (1 << 21), ParameterError, "belong to no chunk")
         path = tmp_path / "b"
         path.write_bytes(WHOLE + bytes(1 << 21))
         with open_append(path) as more:

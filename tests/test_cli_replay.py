@@ -277,7 +277,7 @@ class TestRecord:
         path = tmp_path / "out.csv"
         path.write_text("mine")
         said = dry("--record", path)
-        assert said.code == 1 and "exists already" in said.err and path.read_text() == "mine"
+        assert said.code == 1 and "already exists" in said.err and path.read_text() == "mine"
         assert dry("--record", path, "--force").code == 0
         assert path.read_text().startswith("# replay: ")
 
@@ -292,7 +292,7 @@ class TestRecord:
         monkeypatch.setattr("hapfmt.replay.sinks.record.CsvRows.close", full)
         said = dry("--record", tmp_path / "out.csv")
         assert said.code == 1 and "6 sent" in said.out
-        assert "what was sent is not recorded" in said.err and "No space left" in said.err
+        assert "record of what was sent is lost" in said.err and "No space left" in said.err
         assert not (tmp_path / "out.csv").exists()
 
 
@@ -471,7 +471,7 @@ class TestEnds:
             assert "a frame was later than the 1000 ms that the profile allows" in said.err
         if isinstance(report, ReplayReport):
             assert json.loads(ended(report, "--json").out)["exit_code"] == code
-            assert re.search(rf"ended +{report.outcome} ", said.out)
+            assert re.search(rf"ended +{report.outcome}\n", said.out)
 
     def test_the_table(self, ended):
         times = {"p50": 1.2, "p99": 20, "p999": 300, "max": 4000}

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hapfmt.convert import FORMATS, load, save
+from hapfmt.convert import FORMATS, read, save
 from hapfmt.errors import HapfmtError, MissingExtraError, ParameterError
 from hapfmt.recording import Calibration, Channel, Recording, Span
 
@@ -60,7 +60,7 @@ def there_and_back(recording: Recording, suffix: str, **options: Any) -> Recordi
     stream = io.BytesIO()
     save(recording, stream, format=suffix)
     stream.seek(0)
-    return load(stream, format=suffix, **options)
+    return read(stream, format=suffix, **options)
 
 
 def facts(channel: Channel) -> tuple[Any, ...]:
@@ -93,7 +93,7 @@ class TestThereAndBack:
         given = Channel(np.arange(float(count)), rate, (Span(start, start + count),))
         stream = io.BytesIO()
         notes = save(Recording((given,)), stream, format="csv")
-        [back] = load(io.BytesIO(stream.getvalue()), format="csv").channels
+        [back] = read(io.BytesIO(stream.getvalue()), format="csv").channels
         assert (back.rate_exact, back.coverage) == (rate, given.coverage) or "do not tell" in notes[
             0
         ]
@@ -131,7 +131,7 @@ class TestThereAndBack:
         ]
         stream = io.BytesIO()
         assert save(Recording(tuple(given)), stream, format="wav") == ()
-        back = load(io.BytesIO(stream.getvalue()), format="wav").channels
+        back = read(io.BytesIO(stream.getvalue()), format="wav").channels
         assert [*map(facts, back)] == [*map(facts, given)]
         assert [c.calibration for c in back] == [c.calibration for c in given]
         assert stream.getvalue()[34:36] == struct.pack("<H", bits)
@@ -184,17 +184,17 @@ class TestEveryFormat:
         sink = Pipe()
         save(example(), sink, format=suffix)  # type: ignore[arg-type]
         source: BinaryIO = io.BufferedReader(Pipe(bytes(sink.taken)))  # type: ignore[assignment]
-        back = load(source, format=suffix, rate=100)
+        back = read(source, format=suffix, rate=100)
         assert [*map(samples, back.channels)] == [*map(samples, example().channels)]
         assert not source.closed
 
     def test_files(self, suffix: str, tmp_path: Path) -> None:
         path = tmp_path / f"a{suffix.upper()}"
         save(example(), path)
-        with pytest.raises(ParameterError, match=f"{path}: exists already"):
+        with pytest.raises(ParameterError, match=f"{path} already exists"):
             save(example(), path)
         save(example(5), path, force=True)
-        back = load(str(path), rate="100/1")
+        back = read(str(path), rate="100/1")
         assert [*map(samples, back.channels)] == [*map(samples, example(5).channels)]
         assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
@@ -216,7 +216,7 @@ class TestEveryFormat:
             damaged.append(whole[:at] + changed + whole[at + 1 :])
         for data in damaged:
             try:
-                load(io.BytesIO(data), format=suffix, rate=100, max_memory=1 << 22)
+                read(io.BytesIO(data), format=suffix, rate=100, max_memory=1 << 22)
             except (ParameterError, OSError) as error:
                 assert str(error)
 
@@ -224,7 +224,7 @@ class TestEveryFormat:
     @settings(max_examples=50)
     def test_any_bytes_give_a_recording_or_our_error(self, suffix: str, data: bytes) -> None:
         try:
-            load(io.BytesIO(data), format=suffix, rate=100, max_memory=1 << 22)
+            read(io.BytesIO(data), format=suffix, rate=100, max_memory=1 << 22)
         except (ParameterError, OSError) as error:
             assert str(error)
 
@@ -232,7 +232,7 @@ class TestEveryFormat:
         stream = io.BytesIO()
         save(example(1000), stream, format=suffix)
         with pytest.raises(ParameterError, match=r"1000 (bytes )?allowed|more than 1000 bytes"):
-            load(io.BytesIO(stream.getvalue()), format=suffix, rate=100, max_memory=1000)
+            read(io.BytesIO(stream.getvalue()), format=suffix, rate=100, max_memory=1000)
         far = Channel(np.zeros(2), Fraction(10), (Span(0, 1), Span(1 << 40, (1 << 40) + 1)))
         with pytest.raises(ParameterError, match="gaps included"):
             save(Recording((far,)), io.BytesIO(), format=suffix)
@@ -265,13 +265,13 @@ def wav(subtype: str, **options: Any) -> bytes:
 
 X = np.zeros((2, 3))
 BAD_NPY: dict[str, Callable[[], bytes]] = {
-    "is no NumPy array: EOF": lambda: b"",
-    "is no NumPy array: the magic string": lambda: b"abcdefgh",
+    "is not a NumPy array: EOF": lambda: b"",
+    "is not a NumPy array: the magic string": lambda: b"abcdefgh",
     r"array format \(3, 0\)": lambda: npy_header("", version=3),
-    r"is no NumPy array: (?!EOF:)": lambda: npy_header("{"),
+    r"is not a NumPy array: (?!EOF:)": lambda: npy_header("{"),
     "Header does not contain the correct keys": lambda: npy_header("{}"),
     "the array has the dtype object": lambda: npy(np.array([None]), allow_pickle=True),
-    "the array holds 0x110000, which is no Unicode": lambda: npy_header(
+    "the array holds 0x110000, which is not a Unicode": lambda: npy_header(
         "{'descr':'<U1','fortran_order':False,'shape':()}", struct.pack("<I", 0x110000)
     ),
     "the array has the dtype complex128": lambda: npy(np.zeros(2, complex)),
@@ -303,13 +303,13 @@ BAD_NPZ: dict[str, Callable[[], bytes]] = {
     "key 'x' is compressed by a method": lambda: npz(zipfile.ZIP_BZIP2, x=X),
     "key 'x' has the dtype object": lambda: npz(x=npy(np.array([None]), allow_pickle=True)),
     "key 'x': Bad CRC-32": lambda: npz(zipfile.ZIP_STORED, x=X).replace(b"\0" * 48, b"\1" * 48),
-    "key 'x' is no NumPy array": lambda: npz(x=b""),
+    "key 'x' is not a NumPy array": lambda: npz(x=b""),
     "the file holds no rate": lambda: npz(x=X),
     "key 'rate_hz' has 2 entries, more than 1": lambda: npz(x=X, rate_hz=[1, 2]),
-    "'nan' is no rate": lambda: npz(x=X, rate_hz=NAN),
-    "'-1' is no rate": lambda: npz(x=X, rate_hz=-1),
+    "'nan' is not a rate": lambda: npz(x=X, rate_hz=NAN),
+    "'-1' is not a rate": lambda: npz(x=X, rate_hz=-1),
     "a rate is a fraction of two integers": lambda: npz(x=X, rate_hz=0),
-    "'1/0' is no rate": lambda: npz(x=X, rate="1/0"),
+    "'1/0' is not a rate": lambda: npz(x=X, rate="1/0"),
     "key 'rate' holds bool values": lambda: npz(x=X, rate=True),
     "rate is 7 Hz and rate_hz 8 Hz": lambda: npz(x=X, rate="7", rate_hz=8),
     "key 'channel_names' holds int64 values, not text": lambda: npz(x=X, channel_names=[1, 2]),
@@ -331,7 +331,7 @@ BAD_CSV: dict[str, bytes] = {
     "no header row 'name": b"\xef\xbb\xbf# only a comment\n\n",
     "line 1: the first row holds numbers": b"0,1\n",
     "no first column 't .s.' and no rate": b"x\n1\n",
-    "a time column and no channel beside it": b"t\n1\n",
+    "a time column but no channel": b"t\n1\n",
     r"line 4, column 2 \('x'\): 'abc' is not a number$": b"t,x\n0,1\n#\n1,abc\n",
     "'1_0' is not a number": b"t,x\n0,1_0\n",
     "'0x1' is not a number": b"t,x\n0,0x1\n",
@@ -346,7 +346,7 @@ BAD_CSV: dict[str, bytes] = {
     r"after line \d{4}: no UTF-8 text": b"x\n" + b"1\n" * 5000 + b"\xff\n",
 }
 BAD_WAV: dict[str, Callable[[], bytes]] = {
-    "this is no .wav file: it does not begin with RIFF": lambda: b"",
+    "this is not a .wav file: it does not begin with RIFF": lambda: b"",
     "it does not begin with RIFF and WAVE": lambda: wav("PCM_16", format="FLAC"),
     "this is no .wav file: Error opening": lambda: wav("PCM_16")[:12],
     "ULAW samples are not read": lambda: wav("ULAW"),
@@ -361,7 +361,7 @@ def refused(suffix: str, data: bytes, message: str) -> None:
     stream = io.BytesIO(data)
     stream.name = "dir/given"  # type: ignore[attr-defined]
     with pytest.raises(ParameterError, match=rf"^dir/given: .*{message}"):
-        load(stream, format=suffix)
+        read(stream, format=suffix)
 
 
 class TestRefused:
@@ -386,33 +386,33 @@ class TestRefused:
         [
             ({}, "a stream has no suffix; give its format: .npz .npy .csv .wav"),
             ({"format": "mp3"}, "no format is called 'mp3'"),
-            ({"format": "csv", "rate": "fast"}, "'fast' is no rate in Hz"),
+            ({"format": "csv", "rate": "fast"}, "'fast' is not a rate in Hz"),
             ({"format": "csv", "rate": 0}, "a rate is a fraction"),
-            ({"format": "csv", "rate": float("inf")}, "'inf' is no rate"),
-            ({"format": "csv", "rate": "1e999999999"}, "'1e999999999' is no rate"),
+            ({"format": "csv", "rate": float("inf")}, "'inf' is not a rate"),
+            ({"format": "csv", "rate": "1e999999999"}, "'1e999999999' is not a rate"),
         ],
     )
     def test_arguments(self, arguments: dict[str, Any], message: str) -> None:
         with pytest.raises(ParameterError, match=message):
-            load(io.BytesIO(b"x\n1\n"), **arguments)
+            read(io.BytesIO(b"x\n1\n"), **arguments)
 
     def test_names(self, tmp_path: Path) -> None:
         with pytest.raises(ParameterError, match=r"a\.mp3: the suffix '.mp3' is not one of"):
-            load(tmp_path / "a.mp3")
+            read(tmp_path / "a.mp3")
         with pytest.raises(FileNotFoundError):
-            load(tmp_path / "a.csv")
-        with pytest.raises(ParameterError, match="a directory stands"):
+            read(tmp_path / "a.csv")
+        with pytest.raises(ParameterError, match="is a directory"):
             save(example(), tmp_path, format="csv")
 
     def test_one_rate_for_several_groups(self) -> None:
         data = npz(x__0=X, x__1=X, rate_hz__0=1, rate_hz__1=2)
         with pytest.raises(ParameterError, match="several rates"):
-            load(io.BytesIO(data), format="npz", rate=1)
+            read(io.BytesIO(data), format="npz", rate=1)
 
     def test_wav_without_soundfile(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "soundfile", None)
         with pytest.raises(MissingExtraError, match=r"hapfmt\[audio\]"):
-            load(io.BytesIO(b"RIFF\0\0\0\0WAVE"), format="wav")
+            read(io.BytesIO(b"RIFF\0\0\0\0WAVE"), format="wav")
 
     @pytest.mark.parametrize("error", [OSError("disk full"), KeyboardInterrupt()])
     def test_an_error_of_the_stream_below_wav(self, error: BaseException) -> None:
@@ -480,12 +480,12 @@ class TestNpz:
         ids=lambda x: str(x.dtype),
     )
     def test_every_real_dtype(self, x: Any) -> None:
-        back = load(io.BytesIO(npz(x=x, rate_hz=10)), format="npz")
+        back = read(io.BytesIO(npz(x=x, rate_hz=10)), format="npz")
         for row, found in zip(np.atleast_2d(x), back.channels, strict=True):
             assert np.array_equal(found.filled(0, row.size), row.astype(float), equal_nan=True)
 
     def test_what_is_absent(self) -> None:
-        [one, two] = load(io.BytesIO(npz(x=X, rate_hz=1)), format="npz").channels
+        [one, two] = read(io.BytesIO(npz(x=X, rate_hz=1)), format="npz").channels
         assert (one.label, two.label, one.unit, one.lsb, one.start_tick) == (
             "ch1",
             "ch2",
@@ -496,7 +496,7 @@ class TestNpz:
 
     def test_one_unit_and_one_step_for_all(self) -> None:
         data = npz(x=X, rate_hz=1, unit=np.array(b"Nm"), lsb=0.5)
-        found = load(io.BytesIO(data), format="npz").channels
+        found = read(io.BytesIO(data), format="npz").channels
         assert [(c.unit, c.lsb) for c in found] == [("N.m", 0.5)] * 2
 
     @pytest.mark.parametrize(
@@ -511,12 +511,12 @@ class TestNpz:
     )
     def test_rate_is_the_shortest_decimal(self, rate: Any, exact: Fraction) -> None:
         assert (
-            load(io.BytesIO(npz(x=X, rate_hz=rate)), format="npz").channels[0].rate_exact == exact
+            read(io.BytesIO(npz(x=X, rate_hz=rate)), format="npz").channels[0].rate_exact == exact
         )
 
     def test_what_is_not_carried_over_is_noted(self) -> None:
         data = npz(x=X, rate_hz=10, t=[5.0, 5.1, 5.25], set="a", unit="\u65e5")
-        notes = load(io.BytesIO(data), format="npz", rate=20).metadata["notes"]
+        notes = read(io.BytesIO(data), format="npz", rate=20).metadata["notes"]
         assert notes == [
             "the rate of the file, 10 Hz, was overridden by 20 Hz",
             "true times (key 't') are not carried over; they begin at 5.0 s and deviate by at most "
@@ -528,7 +528,7 @@ class TestNpz:
 
     @pytest.mark.parametrize("times", [[0.0, NAN, 1.0], [0.0]])
     def test_unusable_times_are_noted(self, times: list[float]) -> None:
-        [note] = load(io.BytesIO(npz(x=X, rate_hz=1, t=times)), format="npz").metadata["notes"]
+        [note] = read(io.BytesIO(npz(x=X, rate_hz=1, t=times)), format="npz").metadata["notes"]
         assert f"there are {len(times)}, perhaps not finite, for 3 samples" in note
 
     def test_the_same_recording_gives_the_same_bytes(self) -> None:
@@ -552,7 +552,7 @@ class TestCsv:
         ],
     )
     def test_dialects(self, text: str) -> None:
-        recording = load(io.BytesIO(text.encode()), format="csv")
+        recording = read(io.BytesIO(text.encode()), format="csv")
         x, y = recording.channels
         assert (x.label, x.unit, x.coverage, x.stored.tolist()) == ("x", "N", (Span(0, 1),), [1.5])
         assert (y.label, y.unit, y.coverage, y.stored.tolist()) == (
@@ -568,7 +568,7 @@ class TestCsv:
         )
 
     def test_without_a_time_column(self) -> None:
-        x, y = load(io.BytesIO(b"x,y\n1,2\n,\n\ninf,-0\n"), format="csv", rate="7/2").channels
+        x, y = read(io.BytesIO(b"x,y\n1,2\n,\n\ninf,-0\n"), format="csv", rate="7/2").channels
         assert (x.rate_exact, x.coverage, y.coverage) == (
             Fraction(7, 2),
             (Span(0, 1), Span(2, 3)),
@@ -577,7 +577,7 @@ class TestCsv:
         assert repr(y.stored.tolist()) == "[2.0, -0.0]"
 
     def test_an_empty_line_of_a_single_column_is_a_gap(self) -> None:
-        [x] = load(io.BytesIO(b"x\n1\n\n2\n"), format="csv", rate=1).channels
+        [x] = read(io.BytesIO(b"x\n1\n\n2\n"), format="csv", rate=1).channels
         assert x.coverage == (Span(0, 1), Span(2, 3))
 
     def test_bytes(self) -> None:
@@ -597,11 +597,11 @@ class TestCsv:
 class TestWav:
     def test_a_file_that_was_written_to_a_pipe(self) -> None:
         data = wav("PCM_16").replace(b"data\x08\0\0\0", b"data\xff\xff\xff\xff")
-        [found] = load(io.BytesIO(data), format="wav").channels
+        [found] = read(io.BytesIO(data), format="wav").channels
         assert found.stored.tolist() == [0] * 4
 
     def test_a_given_rate_is_noted(self) -> None:
-        recording = load(io.BytesIO(wav("PCM_24")), format="wav", rate=7999.5)
+        recording = read(io.BytesIO(wav("PCM_24")), format="wav", rate=7999.5)
         assert recording.channels[0].rate_exact == Fraction(15_999, 2)
         [note] = recording.metadata["notes"]
         assert note == "the rate of the file, 8000 Hz, was overridden by 15999/2 Hz"
@@ -639,8 +639,8 @@ class TestNotes:
 class TestRealRecordings:
     @pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: f"{path.parent.name}-{path.stem}")
     def test_every_npz(self, path: Path) -> None:
-        recording = load(path)
-        with np.load(path) as arrays:
+        recording = read(path)
+        with np.read(path) as arrays:
             assert len(recording) == len(arrays["x"])
             for row, found in zip(arrays["x"], recording.channels, strict=True):
                 assert np.array_equal(found.filled(0, row.size), row, equal_nan=True)
@@ -656,7 +656,7 @@ class TestRealRecordings:
 
     @pytest.mark.parametrize("kind", ["fabricslide", "teleop1dof", "shock51k"])
     def test_through_csv(self, kind: str) -> None:
-        recording = load(next(path for path in RECORDINGS if path.parent.name == kind))
+        recording = read(next(path for path in RECORDINGS if path.parent.name == kind))
         short = Recording(tuple(c.slice_ticks(0, 2000) for c in recording.channels))
         back = there_and_back(short, "csv")
         assert [*map(facts, back.channels)] == [*map(facts, short.channels)]

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapfmt.convert import load
+from hapfmt.convert import read
 from hapfmt.errors import ParameterError
 from hapfmt.recording import Recording, Span
 
 
 def table(times: Iterable[str], *, head: str = "t [s]", rate: float | None = None) -> Recording:
     rows = "".join(f"{time},{row}\n" for row, time in enumerate(times))
-    return load(io.BytesIO(f"{head},x [N]\n{rows}".encode()), format="csv", rate=rate)
+    return read(io.BytesIO(f"{head},x [N]\n{rows}".encode()), format="csv", rate=rate)
 
 
 def stamps(
@@ -169,10 +169,10 @@ REFUSED: dict[str, Callable[[], Recording]] = {
     r"line 2, column 1 .*'12:30' is not a time": lambda: table(["12:30"]),
     r"line 2, column 1 .*'' is not a time": lambda: table([""]),
     r"line 2, column 1 .*'1_0' is not a time": lambda: table(["1_0"]),
-    r"line 2, column 1 .*'nan' is no usable time": lambda: table(["nan"]),
-    r"line 2, column 1 .*'inf' is no usable time": lambda: table(["inf"]),
+    r"line 2, column 1 .*'nan' is not a usable time": lambda: table(["nan"]),
+    r"line 2, column 1 .*'inf' is not a usable time": lambda: table(["inf"]),
     r"'1e99999999999999999999' is no usable": lambda: table(["1e99999999999999999999"]),
-    r"'0e-9999' is no usable time": lambda: table(["0e-9999"]),
+    r"'0e-9999' is not a usable time": lambda: table(["0e-9999"]),
     r"a rate is a fraction of two integers": lambda: table(["0", "1e-30"]),
 }
 

@@ -150,11 +150,11 @@ class TestRefusals:
     def test_an_output_that_exists(self, tmp_path: Any) -> None:
         path = tmp_path / "a.hapf"
         path.write_bytes(made("archive"))
-        with pytest.raises(hapfmt.ParameterError, match="exists already"):
+        with pytest.raises(hapfmt.ParameterError, match="already exists"):
             edit.subset(path, path)
         edit.subset(path, path, ["a"], force=True)
         assert [c.label for c in hapfmt.read(path).channels] == ["a"]
-        with pytest.raises(hapfmt.ParameterError, match="exists already"):
+        with pytest.raises(hapfmt.ParameterError, match="already exists"):
             edit.attach(path, [edit.attachment_of(__file__)], path)
 
 
@@ -311,7 +311,7 @@ class TestTimes:
         assert back.epoch_ns == EPOCH_NS - 5 * 10**8 and back.uuid not in (UUID, None)
         assert [c.start_tick for c in back.channels] == [250] * 3 + [1000] * 3
         assert edited.offsets == [Fraction(1, 2), 2]
-        with pytest.raises(hapfmt.ParameterError, match="the nearest that is: 1/250 s"):
+        with pytest.raises(hapfmt.ParameterError, match="the nearest one: 1/250 s"):
             merge([one, two], offsets={1: Fraction(41, 10000)})
         with pytest.raises(hapfmt.ParameterError, match="an offset is not negative"):
             merge([one, two], offsets={1: -1})

@@ -28,7 +28,7 @@ def frame(number: int, *counts: tuple[int, ...], size: int = 1, rate: int = 1000
 
 
 def loaded(path: str) -> hapfmt.Recording:
-    return hapfmt.read(path) if path.endswith(".hapf") else hapfmt.load(path, rate=1000)
+    return hapfmt.read(path) if path.endswith(".hapf") else hapfmt.read(path, rate=1000)
 
 
 class TestDryRun:
@@ -124,7 +124,7 @@ class TestRecord:
     def test_nothing_is_replaced_unless_asked(self, path, tmp_path):
         with RecordSink(path, PROFILE) as sink:
             sink.send(frame(0, (1, 2)), ())
-        with pytest.raises(ParameterError, match="exists already"):
+        with pytest.raises(ParameterError, match="already exists"):
             RecordSink(path, PROFILE)
         with RecordSink(path, PROFILE, force=True) as sink:
             sink.send(frame(0, (3, 2)), ())

@@ -85,22 +85,22 @@ def test_a_study(study):
     [
         ('role = "reference"', "bits = 3", r"condition: 0 have role = \"reference\""),
         ("bits = 5", "bits = 1", r"condition\[1\].bits: is neither 0"),
-        ("bits = 5", 'bit = "5"', r"condition\[1\].bit: is no known key; did you mean bits"),
+        ("bits = 5", 'bit = "5"', r"condition\[1\].bit: is not a known key; did you mean bits"),
         ("bits = 5", 'files = { sand = "a.hapf" }', r"condition\[1\].preset: does not go with"),
         ("low_pass_hz = 10", "", r"condition\[2\]: says nothing of how it is made"),
         ("low_pass_hz = 10", 'files = { sand = "a" }', r"condition\[2\].files: names the sessions"),
         ("low_pass_hz = 10", "low_pass_hz = -1", r"condition\[2\].low_pass_hz: -1 is too small"),
-        ("low_pass_hz = 10", "k = true", r"condition\[2\].k: is no amount"),
-        ('name = "slow"', 'name = "b5"', r"condition\[2\].name: 'b5' stands there twice"),
+        ("low_pass_hz = 10", "k = true", r"condition\[2\].k: is not an amount"),
+        ('name = "slow"', 'name = "b5"', r"condition\[2\].name: 'b5' is there twice"),
         ('name = "slow"', 'name = " "', r"condition\[2\].name: is empty"),
         ("to_s = 0.3", "to_s = 0.1", r"session\[1\].to_s: ends before it begins"),
         ('"sand.hapf"', '""', r"session\[0\].recording: is empty"),
         ('["anchor"]', '["anker"]', r"training\[0\]: there is no condition 'anker'"),
-        ('["anchor"]', "[1]", r"training: is no list of different texts"),
+        ('["anchor"]', "[1]", r"training: is not a list of different texts"),
         ('name = "textures"', 'scale = ["a", "b"]', r"scale: has 2 texts; write 5"),
-        ('name = "textures"', "session = 1", r"no TOML: "),
-        ('name = "textures"', 'name = "\x00', r"no TOML: "),
-        ('name = "textures"', "seed = " + "9" * 5000, r"no TOML: "),
+        ('name = "textures"', "session = 1", r"Invalid TOML: "),
+        ('name = "textures"', 'name = "\x00', r"Invalid TOML: "),
+        ('name = "textures"', "seed = " + "9" * 5000, r"Invalid TOML: "),
     ],
 )
 def test_errors_name_the_key(old, new, told):
@@ -139,7 +139,7 @@ def test_a_new_study_can_be_read(name):
 def test_a_name_that_is_no_text(tmp_path):
     file = os.fsdecode(os.fsencode(tmp_path / "a") + b"\xff.hapf")
     Path(file).touch()
-    with pytest.raises(ParameterError, match="no text"):
+    with pytest.raises(ParameterError, match="must be a text"):
         new_study(tmp_path / "s.toml", [file])
 
 
@@ -175,7 +175,7 @@ class TestPreparing:
         assert prepare(study, tmp_path / "a").digest == first.digest
 
     def test_signals(self, study, prepared):
-        original = hapfmt.load(study.path.parent / "cork.npz").channels[0].samples()[100:300]
+        original = hapfmt.read(study.path.parent / "cork.npz").channels[0].samples()[100:300]
         back = {
             name: hapfmt.read(prepared.file("cork", name)).channels[0]
             for name in ("same", "b5", "slow", "anchor")
@@ -190,7 +190,7 @@ class TestPreparing:
     def test_files_of_ones_own(self, study, tmp_path):
         for name in ("sand.hapf", "cork.npz"):
             (tmp_path / name).write_bytes(study.beside(name).read_bytes())
-        hapfmt.write(hapfmt.load(tmp_path / "cork.npz"), tmp_path / "c.hapf")
+        hapfmt.write(hapfmt.read(tmp_path / "cork.npz"), tmp_path / "c.hapf")
         files = 'files = { sand = "sand.hapf", cork = "c.hapf" }'
         path = tmp_path / "own.toml"
         path.write_text(TEXT.replace("low_pass_hz = 10", files))
@@ -276,13 +276,13 @@ class TestAnswers:
     @pytest.mark.parametrize(
         ("line", "fault"),
         [
-            ("?", "line 2 is no JSON object"),
-            ("[]", "line 2 is no JSON object"),
+            ("?", "line 2 is not a JSON object"),
+            ("[]", "line 2 is not a JSON object"),
             ('{"trial": 99, "rating": 1}', "line 2: there is no trial 99"),
             ('{"trial": true, "rating": 1}', "no trial True"),
-            ('{"trial": 0, "rating": 101}', "101 is no rating"),
-            ('{"trial": 0, "rating": NaN}', "nan is no rating"),
-            ('{"trial": 0}', "None is no rating"),
+            ('{"trial": 0, "rating": 101}', "101 is not a rating"),
+            ('{"trial": 0, "rating": NaN}', "nan is not a rating"),
+            ('{"trial": 0}', "None is not a rating"),
             ('{"trial": 0, "rating": 1}', "not what trial 0 asked"),
         ],
     )
@@ -424,7 +424,7 @@ class TestOutputs:
         found = {}
         for name in ("same", "anchor"):
             output.play(prepared.file("sand", name), name)
-            found[name] = hapfmt.load(tmp_path / "w" / f"{name}.wav").channels[0]
+            found[name] = hapfmt.read(tmp_path / "w" / f"{name}.wav").channels[0]
         y = found["same"].samples()
         assert found["same"].rate_exact == 48_000 and y.size == 0.4 * 48_000
         assert 0.4 < np.abs(y).max() < 0.6 and abs(y[0]) < 1e-3 and abs(y[-1]) < 1e-3
@@ -465,7 +465,7 @@ class TestOutputs:
         assert y.shape == (19_200, 1) and y.dtype == np.float32 and rate == 48_000
         assert how["mapping"] == [2] and how["blocking"] and end == "stop"
         for bad in ("0", "x", "1/", "", "-1", "999"):
-            with pytest.raises(ParameterError, match="no output of a sound card"):
+            with pytest.raises(ParameterError, match="not an output of a sound card"):
                 sound.parse_card(bad)
         assert sound.parse_card("1/3") == (1, 3)
 

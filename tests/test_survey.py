@@ -245,6 +245,17 @@ class TestViews:
         assert start < 15 < stop and (stop - start) * 1000 == 400
         assert liveliest(view, 10_000) is None
 
+    @pytest.mark.parametrize("n", [3000, 40_000])
+    def test_most_happens_in_the_texture_and_not_in_the_silence_before_it(self, n):
+        """A contact: silence, one large step, a force with texture."""
+        t = np.arange(n) / 1000
+        x = np.where(t > n / 4000, 2 + 0.1 * np.sin(500 * t), 0.0)
+        (view,) = survey(RecordingParts(Recording((Channel.from_physical(x, 1000),))))
+        start, _ = liveliest(view, 400)
+        assert start >= Fraction(n - 2000, 4000)
+        flat = Recording((Channel.from_physical(np.ones(n), 1000),))
+        assert liveliest(survey(RecordingParts(flat))[0], 400) is None
+
     def test_refused(self):
         parts = RecordingParts(Recording((force(),)))
         with pytest.raises(ParameterError, match="ends at 6 s"):

@@ -195,7 +195,7 @@ def main(places: tuple[str, ...]) -> None:
     cases = {name: wall(texture, COARSE_HZ) for name, texture in scenes.items()}
     for place in places:
         file, _, label = place.rpartition(":")
-        cases[f"{label}"] = hapfmt.load(file).channel(label)
+        cases[f"{label}"] = hapfmt.read(file).channel(label)
     rows = [
         row
         for name, channel in cases.items()

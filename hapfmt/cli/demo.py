@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import BitsType, FractionType, echo_json, force_option, json_option, printable, table
+from .common import BitsType, FractionType, echo_json, force_option, json_option
+from .screen import say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..recording import Recording
@@ -105,7 +107,7 @@ def demo(
     show(recording, texture, simulated, k, outcomes)
     for path, what in ((output, "file"), (plot, "picture")):
         if path is not None:
-            click.echo(f"{what}: {printable(str(path))}")
+            say(f"{what}: {path!s}")
     return 0
 
 
@@ -156,7 +158,7 @@ def show(
 ) -> None:
     samples = recording.sample_count
     channel = recording.channels[0]
-    click.echo(
+    say(
         f"{channel.label} of a stylus on {texture}: {samples} samples at {channel.rate_exact} Hz, "
         f"simulated in {simulated:.2f} s; deadband k = {float(k):.3g}, floor 10 mN"
     )
@@ -177,7 +179,7 @@ def show(
     headers = ["bits", "file B", "packets B", "b/sample", "ratio", "HF SNR dB", "max mN",
                "rms mN", "outside %"]  # fmt: skip
     table(headers, rows)
-    click.echo(
+    say(
         "bits: of the residual; ratio: against doubles; HF SNR: texture above 20 Hz against all "
         "error;\noutside: samples beyond the deadband. 'none' is the deadband alone: small, and "
         "without texture."

@@ -5,14 +5,15 @@ from __future__ import annotations
 import csv
 import io
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..errors import ParameterError
-from .common import echo_json, force_option, json_option, printable, progress, table
+from .common import echo_json, force_option, json_option, progress
+from .screen import complain, document, note, say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..study.description import Study
@@ -124,7 +125,7 @@ def rate(
     if as_csv and as_json:
         raise ParameterError("choose one of --csv and --json")
     if (chosen or as_json) and (subject or (as_json and not chosen)):
-        raise ParameterError("--subject is asked, which has no --json and no other mode beside it")
+        raise ParameterError("--subject does not go with --json or another mode")
     if summary:
         return summed(files, plot, as_csv, as_json, force)
     if new:
@@ -156,8 +157,8 @@ def begun(files: tuple[str, ...], force: bool, as_json: bool) -> int:
         echo_json({"study": str(path), "sessions": sessions,
                    "conditions": [each.name for each in study.conditions]})  # fmt: skip
     else:
-        click.echo(
-            f"{printable(str(path))}: {len(study.sessions)} sessions of {len(study.conditions)} "
+        say(
+            f"{path!s}: {len(study.sessions)} sessions of {len(study.conditions)} "
             "conditions; edit it, then --prepare"
         )
     return 0
@@ -183,7 +184,7 @@ def tell_prepared(study: Study, prepared: Prepared, as_json: bool) -> int:
     ]  # fmt: skip
     table(["session", "condition", "role", "bytes", "b/sample", "file"], rows_shown)
     if not any(each.role == "anchor" for each in study.conditions):
-        click.echo("note: no condition is an anchor, so nothing holds the low end of the scale")
+        note("no condition is an anchor, so nothing holds the low end of the scale")
     return 0
 
 
@@ -206,8 +207,7 @@ def asked(
     if shutil.disk_usage(path.parent).free < LEAST_FREE:
         raise ParameterError("the disk is full: answers could not be kept", path=str(path))
     head = heading(study, prepared, subject, output.told)
-    told: Callable[[str], None] = lambda text: click.echo(f"hapfmt: {printable(text)}", err=True)  # noqa: E731
-    with AnswerFile(path, head, told) as file:
+    with AnswerFile(path, head, complain) as file:
         rating = Rating(study, prepared, file, output)
         code = 0
         try:
@@ -216,13 +216,11 @@ def asked(
             finished, code = False, INTERRUPTED
             if isinstance(stopped, SignalError):
                 code = 128 + stopped.number
-            click.echo()
+            say()
         finally:
-            click.echo(
-                f"{rating.done} of {len(rating.trials)} answers are in {printable(str(path))}"
-            )
+            say(f"{rating.done} of {len(rating.trials)} answers are in {path!s}")
         if not finished:
-            click.echo("the same command goes on from here")
+            say("the same command goes on from here")
     return code
 
 
@@ -253,7 +251,7 @@ def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
         mapping = mapping_of(felt, prepared)
         plans = [outputs.plan(each.path, profile, mapping) for each in prepared.stimuli]
         for line in dict.fromkeys(line for plan in plans for line in plan):
-            click.echo(printable(line), err=True)
+            say(line, err=True)
         if felt["dry_run"]:
             return outputs.Nowhere(profile, felt["gain"], mapping)
         config = outputs.find_device(profile, felt["path"])
@@ -296,12 +294,12 @@ def summed(
     if as_json:
         echo_json(told(summary))
     elif as_csv:
-        click.echo(csv_of(summary), nl=False)
+        document(csv_of(summary))
     else:
         show(summary)
     if not as_json:
-        for note in (*summary.notes, *unfinished(summary)):
-            click.echo(f"note: {printable(note)}", err=True)
+        for each in (*summary.notes, *unfinished(summary)):
+            note(each)
     return 0
 
 
@@ -334,9 +332,9 @@ def show(summary: Summary) -> None:
     missed = f"rated the hidden reference below {study['screen_below']:g} too often"
     show_rows(f"{study['name']}: {people(len(summary.subjects))}", summary.rows)
     if not out:
-        click.echo(f"nobody {missed}")
+        say(f"nobody {missed}")
         return
-    click.echo(f"{len(out)} {missed}: {printable(', '.join(out))}")
+    say(f"{len(out)} {missed}: {', '.join(out)}")
     if summary.kept:
         show_rows(f"without them: {people(len(summary.subjects) - len(out))}", summary.kept)
 
@@ -362,7 +360,7 @@ def show_rows(title: str, rows: tuple[Row, ...]) -> None:
         ]
         for row in rows
     ]
-    click.echo(printable(title))
+    say(title)
     table([*(["session"] if many else []), *headers], shown)
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import HapfmtError, MissingExtraError, ParameterError
+from . import screen
 from .common import (
     SHOWN_LINES,
     FractionType,
@@ -22,13 +23,13 @@ from .common import (
     input_of,
     json_option,
     memory_option,
-    printable,
     progress,
     start_option,
     stop_option,
-    table,
     tell_some,
 )
+from .screen import complain, printable, say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -193,7 +194,7 @@ def replay(
             failure = error
         findings = [f"{reader.source.path or 'input'}: {each}" for each in reader.findings]
     if report.outcome != "clean":
-        click.echo(f"hapfmt: {printable(report.reason or why(report, profile))}", err=True)
+        complain(report.reason or why(report, profile))
     tell_some([*findings, *report.lost, *report.said])
     code = report.exit_code or (LOST if findings else 0)
     if failure is not None:
@@ -205,7 +206,7 @@ def replay(
         # What a dry run prints on standard output are packets alone.
         tell_report(report, err=dry_run and target is None)
     if failure is not None:
-        click.echo(f"hapfmt: what was sent is not recorded: {printable(str(failure))}", err=True)
+        complain(f"the record of what was sent is lost: {failure}")
     return code
 
 
@@ -357,7 +358,7 @@ class StatusLine:
 
     def __exit__(self, *_: object) -> None:
         if self.shown:
-            click.echo("\r\x1b[K", err=True, nl=False)
+            screen.status("")
 
     def tell(self, status: Status) -> None:
         if self.shown:
@@ -365,7 +366,7 @@ class StatusLine:
                 f"{status.state} {status.position_s:.1f} s, {status.sent} frames, "
                 f"{status.skipped} skipped, at most {status.max_late_us:.0f} us late"
             )
-            click.echo(f"\r\x1b[K{text}", err=True, nl=False)
+            screen.status(text)
 
 
 def tell_plan(renderer: Renderer, gain: float) -> None:
@@ -376,7 +377,7 @@ def tell_plan(renderer: Renderer, gain: float) -> None:
     lines += [f"note: {each}" for each in renderer.notes]
     lines += [f"left out: {each}" for each in renderer.left_out[:SHOWN_LINES]]
     for line in lines:
-        click.echo(printable(line), err=True)
+        say(line, err=True)
 
 
 def tell_report(report: ReplayReport, err: bool) -> None:

@@ -36,7 +36,7 @@ def rate_from(value: Fraction | float | str) -> Fraction:
     """Ticks per second, exactly: 35.618 (the shortest decimal of the float) is 17809/500."""
     text = str(value).strip().lower()
     if _RATE.fullmatch(text) is None or re.search("/0+$", text):
-        raise ParameterError(f"{text[:40]!r} is no rate in Hz, such as 1000, 35.618 or 44100/7")
+        raise ParameterError(f"{text[:40]!r} is not a rate in Hz, such as 1000, 35.618 or 44100/7")
     return checked_rate(Fraction(text))
 
 

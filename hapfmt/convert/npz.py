@@ -86,7 +86,7 @@ def read(
     """A zip file of arrays with the keys above; NaN is a gap, other keys are noted."""
     stream = seekable(stream, max_memory)
     _check_directory(stream)
-    with refusing("this is no .npz archive", *_ZIP_ERRORS):
+    with refusing("this is not an .npz archive", *_ZIP_ERRORS):
         opened = zipfile.ZipFile(stream)
     with opened:
         archive = _Archive(opened, max_memory)

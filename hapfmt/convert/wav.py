@@ -236,7 +236,7 @@ def _check_chunks(stream: BinaryIO) -> None:
     position = 12
     start = stream.read(position)
     if start[:4] not in _STARTS or start[8:] != b"WAVE":
-        raise ParameterError("this is no .wav file: it does not begin with RIFF and WAVE")
+        raise ParameterError("this is not a .wav file: it does not begin with RIFF and WAVE")
     for _ in range(_CHUNKS_LIMIT if start[:4] == b"RIFF" else 0):
         stream.seek(position)
         head = stream.read(8)

@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from ..container.track import Track
-from ..errors import ParameterError
+from ..errors import ParameterError, UnsupportedError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from .original import has_channels, labels_of, ticks_of
 
@@ -56,6 +56,12 @@ def lay_out(
         if track.kind != "events":
             changes["first_channel"] = numbers[track.first_channel]
         if track.base is not None:
+            if track.base not in ids:
+                # Only a track that is not understood refers to one that does not belong to it.
+                raise UnsupportedError(
+                    f"Track {old} refers to track {track.base}, which is not copied",
+                    offset=track.offset,
+                )
             changes["base"] = ids[track.base]
         if has_channels(track):
             # Tracks that share their channel numbers continue one another, in order of their ids.

@@ -63,6 +63,10 @@ class Decision:
     within: bool
     size: int
     left_out: str = ""
+    unit: str = ""
+    kept_as: str = ""
+    largest_error: float = 0.0
+    original_bits: int = 64
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)

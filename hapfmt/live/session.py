@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
+from math import isinf
 from typing import Any
 
 import numpy as np
@@ -190,7 +191,7 @@ def whole(values: NDArray[np.float64]) -> NDArray[np.int64]:
     counts = values.astype(np.int64)
     if (counts != values).any():
         odd = float(values[counts != values].flat[0])
-        raise ParameterError(f"{odd!r} is no integer count, as the calibration says")
+        raise ParameterError(f"{odd!r} is not an integer count, but the calibration requires one")
     return counts
 
 
@@ -230,11 +231,19 @@ def input_of(given: Any) -> Input:
         ) from None
 
 
+def double(text: str) -> float:
+    """A number of JSON; one too large would become infinite without a word."""
+    value = float(text)
+    if isinf(value):
+        raise ParameterError(f"{text[:40]!r} is beyond the range of a double")
+    return value
+
+
 def parse_object(text: bytes) -> dict[str, Any]:
     try:
-        found = json.loads(text.decode("utf-8"))
+        found = json.loads(text.decode("utf-8"), parse_float=double)
     except (ValueError, RecursionError):
         raise ParameterError("this is not JSON") from None
     if not isinstance(found, dict):
-        raise ParameterError("this is no JSON object")
+        raise ParameterError("this is not a JSON object")
     return found

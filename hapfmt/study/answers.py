@@ -21,6 +21,7 @@ from ..atomic import sync_directory
 from ..errors import ParameterError
 from ..lock import lock
 from .description import HIGHEST, ROLES
+from .files import open_regular, refuse_special
 from .order import Trial
 
 VERSION = 1
@@ -55,7 +56,7 @@ class Answers:
 
 
 def load_answers(path: str | Path) -> Answers:
-    with Path(path).open("rb") as stream:
+    with open_regular(path, LARGEST) as stream:
         data = stream.read(LARGEST + 1)
     try:
         found = parse_answers(data)
@@ -91,7 +92,7 @@ def parsed(text: bytes, number: int) -> dict[str, Any]:
     except (ValueError, RecursionError):
         line = None
     if not isinstance(line, dict):
-        raise ParameterError(f"line {number} is no JSON object")
+        raise ParameterError(f"line {number} is not a JSON object")
     return line
 
 
@@ -138,7 +139,7 @@ def refuse_study(study: dict[str, Any]) -> None:
 
 def refuse_condition(condition: Any) -> None:
     if not isinstance(condition, dict):
-        raise ParameterError("line 1: a condition is no JSON object")
+        raise ParameterError("line 1: a condition is not a JSON object")
     by_session, bits = condition.get("bits_per_sample"), condition.get("bits")
     good = (
         isinstance(condition.get("name"), str)
@@ -165,7 +166,7 @@ def refuse_line(line: dict[str, Any], number: int, order: list[list[Any]]) -> No
     if not isinstance(trial, int) or isinstance(trial, bool) or not 0 <= trial < len(order):
         raise ParameterError(f"line {number}: there is no trial {trial!r:.40}")
     if not is_number(rating) or not 0 <= rating <= HIGHEST:  # type: ignore[operator]
-        raise ParameterError(f"line {number}: {rating!r:.40} is no rating from 0 to {HIGHEST}")
+        raise ParameterError(f"line {number}: {rating!r:.40} is not a rating from 0 to {HIGHEST}")
     if [line.get(name) for name in Trial._fields] != order[trial]:
         raise ParameterError(f"line {number}: this is not what trial {trial} asked")
 
@@ -176,8 +177,10 @@ class AnswerFile:
     def __init__(self, path: Path, head: dict[str, Any], tell: Callable[[str], None]) -> None:
         """New, or gone on with; refused where what is there belongs to something else."""
         self.path = path
-        self.descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
+        flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
+        self.descriptor = os.open(path, flags, 0o666)
         try:
+            refuse_special(self.descriptor, path, LARGEST)
             if lock(self.descriptor) is False:
                 raise ParameterError("is being written by another program", path=str(path))
             data = b""

@@ -11,6 +11,7 @@ from typing import Any, Literal
 from ..errors import ParameterError
 from ..scenes.keys import SceneError, check, choice, key, number, read_table, text, whole
 from ..toml import parse_toml
+from .files import open_regular
 
 Role = Literal["test", "reference", "anchor"]
 ROLES = ("test", "reference", "anchor")
@@ -39,7 +40,7 @@ def amount(what: str) -> Any:
             return value
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             return value
-        raise SceneError(at, 'is no amount; write 0.1, or text such as "2lsb" or "0.2%"')
+        raise SceneError(at, 'is not an amount; write 0.1, or text such as "2lsb" or "0.2%"')
 
     return key(what, read, None)
 
@@ -61,7 +62,7 @@ def texts(what: str, default: Any, count: int | None = None) -> Any:
             isinstance(each, str) and 0 < len(each) <= 80 for each in value
         )
         if not good or len(set(value)) != len(value) or len(value) > MOST_CONDITIONS:
-            raise SceneError(at, "is no list of different texts in brackets")
+            raise SceneError(at, "is not a list of different texts in brackets")
         if count is not None and len(value) != count:
             raise SceneError(at, f"has {len(value)} texts; write {count}, the lowest first")
         return tuple(value)
@@ -77,7 +78,7 @@ def paths(what: str) -> Any:
         if not isinstance(pairs, (tuple, type({}.items()))) or not all(
             isinstance(file, str) and file for _, file in pairs
         ):
-            raise SceneError(at, 'is no table of files; write { session = "file.hapf" }')
+            raise SceneError(at, 'is not a table of files; write { session = "file.hapf" }')
         return tuple((str(name), file) for name, file in pairs)
 
     return key(what, read, ())
@@ -180,7 +181,7 @@ class Study:
 
 def load_study(path: str | Path) -> Study:
     path = Path(path)
-    with path.open("rb") as stream:
+    with open_regular(path, LARGEST) as stream:
         data = stream.read(LARGEST + 1)
     try:
         return parse_study(data, path)
@@ -216,7 +217,7 @@ def read_all(table: Any, values: Any, name: str, most: int) -> list[Any]:
         if not each.strip():
             raise SceneError(f"{name}[{n}].name", "is empty; write what it is called")
         if each in names[:n]:
-            raise SceneError(f"{name}[{n}].name", f"{each!r} stands there twice")
+            raise SceneError(f"{name}[{n}].name", f"{each!r} is there twice")
     return found
 
 

@@ -22,8 +22,11 @@ from ..errors import HapfmtError, ParameterError
 from ..recording import Channel, Recording, Span
 from ..version import __version__
 from .description import Condition, Session, Study
+from .files import open_regular
 
 MANIFEST = "prepared.json"
+LARGEST_MANIFEST = 64 << 20
+"""Bytes."""
 SHORTER_S = 0.05
 """A file of one's own may differ so much in length from the reference."""
 LOSSLESS = {"preset": "archive"}
@@ -89,20 +92,21 @@ def sources_of(study: Study) -> list[Path]:
 
 
 def digest_of(path: Path) -> str:
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def load(folder: Path, wanted: dict[str, Any]) -> list[Stimulus] | None:
     """What was made, where every byte of it is still there."""
     try:
-        told = json.loads((folder / MANIFEST).read_bytes())
+        with open_regular(folder / MANIFEST, LARGEST_MANIFEST) as stream:
+            told = json.loads(stream.read())
         rows = told.pop("stimuli")
         if told != wanted:
             return None
         stimuli = [Stimulus(**{**row, "path": folder / row["path"]}) for row in rows]
         whole = all(digest_of(each.path) == each.sha256 for each in stimuli)
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+    except (HapfmtError, OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
     return stimuli if whole else None
 
@@ -133,7 +137,7 @@ def make(study: Study, folder: Path, progress: Callable[[int, int], None]) -> li
 
 def load_session(study: Study, session: Session) -> Recording:
     """Its stretch of its recording, from zero; without what is no signal."""
-    from ..convert import load as load_any
+    from ..convert import read as read_any
     from ..reading.reader import Reader
 
     path = study.beside(session.recording)
@@ -143,7 +147,7 @@ def load_session(study: Study, session: Session) -> Recording:
             if reader.findings or reader.lost:
                 raise ParameterError("is damaged; hapfmt recover it first", path=str(path))
     else:
-        whole = load_any(str(path))
+        whole = read_any(str(path))
     channels = [stretch(each, session.from_s, session.to_s) for each in whole.channels]
     if not any(channel.stored.size for channel in channels):
         raise ParameterError(f"session {session.name!r} holds no sample", path=str(path))

@@ -86,7 +86,7 @@ def parse_card(text: str) -> tuple[int, str | int | None]:
     number, slash, device = text.partition("/")
     if not number.isdecimal() or not 1 <= int(number) <= 256 or (slash and not device):
         raise ParameterError(
-            f"{text!r} is no output of a sound card: CHANNEL or CHANNEL/DEVICE, such as 1 or "
+            f"{text!r} is not an output of a sound card: CHANNEL or CHANNEL/DEVICE, such as 1 or "
             "2/USB Audio"
         )
     return int(number), int(device) if device.isdecimal() else device or None

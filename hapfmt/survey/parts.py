@@ -45,6 +45,8 @@ class Described:
     component: int = 0
     step: int | None = None
     has_lf: bool = False
+    deviation: float = 0.0
+    """Largest distance of the source from the grid of counts, in the channel's unit."""
 
     @property
     def name(self) -> str:
@@ -61,6 +63,28 @@ class Described:
     @property
     def weber(self) -> float:
         return self.contract.kn / self.contract.kd if self.contract else 0.0
+
+    @property
+    def is_lossy(self) -> bool:
+        return self.contract is not None or self.step is not None or self.deviation > 0
+
+    @property
+    def error_bound(self) -> float | None:
+        """Largest error that the file allows any sample, in the channel's unit; None: unknown, or
+        it depends on the signal."""
+        if not self.is_lossy:
+            return 0.0
+        if self.step is not None and self.lsb:
+            return self.step * self.lsb / 2 + self.deviation
+        contract = self.contract
+        if contract is not None and contract.guaranteed and not contract.kn:
+            return self.floor + self.deviation
+        return self.deviation if contract is None else None
+
+    @property
+    def has_deadband(self) -> bool:
+        """Whether the allowed error grows with the signal."""
+        return self.contract is not None and self.contract.kn > 0
 
     @property
     def is_vector(self) -> bool:
@@ -265,6 +289,7 @@ def describe(ref: ChannelRef, reader: Reader) -> Described:
         abs(a) / d if track.number_format == "counts" else None,
         zero, contract, ref.index, quantiser_step(part.residual or part.track, reader),
         any(each.track.kind == "lf" and each.residual for each in ref.parts),
+        max((track.components[ref.index].deviation or (0, 0))[1] for track in ref.tracks),
     )  # fmt: skip
 
 
@@ -291,7 +316,7 @@ def block_of(assembly: Assembly, ref: ChannelRef) -> Block:
         if part.track.kind == "lf"
     ]
     halves = None
-    if any(part.contract for part in ref.parts):
+    if any(part.contract and part.contract.kn for part in ref.parts):
         pairs = zip(ref.parts, fulls, strict=True)
         halves = np.concatenate([half_width(assembly, ref, *pair) for pair in pairs])
     return Block(join(fulls), join(lfs) if lfs else None, halves)

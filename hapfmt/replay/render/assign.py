@@ -91,9 +91,10 @@ def assign(
     else:
         found = in_order(channels, profile) if by_order else by_words(channels, profile)
         if found.faults or not found.routes:
-            raise ParameterError(
-                refusal(found, reader.channels, profile, ignored, command, by_order=by_order)
+            first, *more = refusal(
+                found, reader.channels, profile, ignored, command, by_order=by_order
             )
+            raise ParameterError(first, more=more)
         routes = found.routes
     routes.sort(key=lambda route: route.actuator)
     by_number = {ref.number: ref for ref in reader.channels}
@@ -324,11 +325,11 @@ def refusal(
     command: str,
     *,
     by_order: bool,
-) -> str:
-    """What is missing, and the command lines that would play."""
+) -> list[str]:
+    """What is missing, and the command lines that would play: a line each."""
     refs = {ref.number: ref for ref in channels}
     if not found.faults:
-        return "nothing to play: no channel is left"
+        return ["nothing to play: no channel is left"]
     count = len(found.routes) + len(found.faults)
     lines = [f"replay does not guess: {len(found.faults)} of {count} channels have no actuator"]
     lines += [
@@ -345,11 +346,9 @@ def refusal(
     lines.append(f"actuators of {profile.name}: {names(profile)}")
     called = {number: short_name(ref, channels) for number, ref in refs.items()}
     asked = [ref for ref in channels if ref.number not in ignored]
-    lines += [
-        f"{what}:\n  " + " ".join(filter(None, [command, options]))
-        for what, options in advice(found, asked, profile, ignored, called, by_order=by_order)
-    ]
-    return "\n".join(lines)
+    for what, options in advice(found, asked, profile, ignored, called, by_order=by_order):
+        lines += [f"{what}:", "  " + " ".join(filter(None, [command, options]))]
+    return lines
 
 
 def advice(
