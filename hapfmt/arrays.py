@@ -241,23 +241,23 @@ def to_xarray(recording: Recording) -> Any:
 
 
 def unique(labels: Sequence[str], notes: list[str]) -> list[str]:
-    """Labels of which none is there twice: the second "x" becomes "x (2)", with a note."""
+    """Labels of which none but "" is there twice: the second "x" becomes "x (2)", with a note."""
     taken = set(labels)
-    if len(taken) == len(labels):
-        return list(labels)
     count: dict[str, int] = {}
     found = []
     for label in labels:
         number = count.get(label, 0) + 1
-        name = label if number == 1 else f"{label} ({number})"
-        while number > 1 and name in taken:
+        name = label if number == 1 or not label.strip() else f"{label} ({number})"
+        while number > 1 and label.strip() and name in taken:
             number += 1
             name = f"{label} ({number})"
         count[label] = number
         taken.add(name)
         found.append(name)
-    first = next(label for label, number in count.items() if number > 1)
-    notes.append(f"several channels are called {first!r}; the others became {first + ' (2)'!r} ...")
+    twice = [label for label, number in count.items() if number > 1 and label.strip()]
+    if twice:
+        new = f"{twice[0]} (2)"
+        notes.append(f"several channels are called {twice[0]!r}; the second became {new!r}")
     return found
 
 

@@ -2,7 +2,7 @@
 
 python tools/stiff.py [FILE.npz:CHANNEL ...]
 
-A simulated wall of 1e5 N/m, and channels of files as ``hapfmt.load`` reads them. The wall is known
+A simulated wall of 1e5 N/m, and channels of files as ``hapfmt.read`` reads them. The wall is known
 at 10 kHz, recorded at 1 kHz as a sensor averages it, and rendered for 10 kHz again: error, images
 above 500 Hz against what is below, how far lowest and highest force go beyond those recorded, and
 the force before the touch. Then the largest change per millisecond that devices would be sent: as

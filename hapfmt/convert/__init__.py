@@ -166,6 +166,7 @@ def _opened(file: str | os.PathLike[str] | bytes | BinaryIO) -> Iterator[BinaryI
             from ..container.remote import spool_url
 
             with spool_url(file)[0] as stream:
+                stream.seek(0)
                 yield stream
             return
     with Path(file).open("rb") as stream:

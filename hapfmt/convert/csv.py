@@ -216,7 +216,7 @@ class _Table:
                 )
 
     def _row_values(self, row: list[str], first: int) -> list[float]:
-        if self._lines.is_plain:
+        if self._lines.is_plain and not self._commas:
             try:
                 values = list(map(float, row))
             except ValueError:
