@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from .errors import LimitError, ParameterError, UnknownChannelError
 from .limits import AFFINE_LIMIT, EXACT_LIMIT, TICK_LIMIT
+from .names import unknown
 from .numbers import exact as to_fraction
 from .numbers import tick_range
 
@@ -457,9 +458,7 @@ class Recording:
                 raise UnknownChannelError(
                     f"{len(places)} channels are called {label!r}; use their numbers: {numbers}"
                 )
-            raise UnknownChannelError(
-                f"no channel is called {label!r}; {suggestion(label, self.labels)}"
-            )
+            raise UnknownChannelError(unknown("channel", label, self.labels))
         try:
             number = index(label)
         except TypeError:
@@ -626,19 +625,6 @@ class Recording:
         body = "".join(f"<tr>{line}</tr>" for line in lines)
         first = escape(repr(self).split("\n", 1)[0])
         return f"<p>{first}</p><table>{body}</table>" + (f"<p>and {more} more</p>" if more else "")
-
-
-def suggestion(name: str, known: Sequence[str]) -> str:
-    """What else there is: "did you mean 'fx'?", or the first labels."""
-    from difflib import get_close_matches
-
-    folded = {label.casefold(): label for label in reversed(known)}
-    near = get_close_matches(name.casefold(), list(folded)[:10_000], n=1, cutoff=0.6)
-    if near:
-        return f"did you mean {folded[near[0]]!r}?"
-    listed = ", ".join(repr(_short(label)) for label in known[:_SHOWN_CHANNELS])
-    more = len(known) - _SHOWN_CHANNELS
-    return f"there are: {listed}" + (f" and {more} more" if more > 0 else "")
 
 
 def extent(

@@ -97,7 +97,7 @@ def test_options_reach_the_scene(tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["velvet", "a.hapf"], "no scene 'velvet': neither a file nor one of cork"),
+        (["velvet", "a.hapf"], "no scene 'velvet'; there are: cork"),
         (["sand"], "give OUT, where it is written"),
         (["sand", "a.xyz"], "the suffix '.xyz' is not one of: .hapf .npz"),
         (["sand", "none/a.npz"], "does not exist"),
@@ -112,7 +112,7 @@ def test_options_reach_the_scene(tmp_path):
         (["free", "a.npz", "--stiffness", "10"], "'free' touches nothing"),
         (["sand", "a.npz", "--without", "toe"], "no part is called 'toe'"),
         (["sand", "a.npz", "--without", "tool"], "a scene of nothing"),
-        (["wrong.toml", "a.npz"], "wrong.toml: tool.mass_kg: is no number"),
+        (["wrong.toml", "a.npz"], "wrong.toml: tool.mass_kg: is not a number"),
         (["sand", "a.npz", "--list"], "--list takes no other argument"),
         (["--show"], "--show the name of a scene"),
         (

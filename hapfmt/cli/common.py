@@ -31,13 +31,13 @@ BITS = frozenset(str(bits) for bits in (0, *range(2, 17)))
 LONG_SECONDS = 0.5
 """Work shorter than this shows no progress."""
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for a program.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 threads_option = click.option(
     "--threads",
     type=click.IntRange(1),
     metavar="N",
-    help="Threads that work together; the output does not depend on them "
-    "[HAPFMT_THREADS, else the CPUs there are].",
+    help="Number of threads; the output does not depend on it "
+    "[HAPFMT_THREADS, else the number of CPUs].",
 )
 
 
@@ -62,19 +62,20 @@ memory_option = click.option(
     type=MemoryType(),
     default=Limits(),
     metavar="SIZE",
-    help="Memory that a file may take, read or written with its gaps, such as 256M; what takes "
-    "more is refused, with exit code 4. [1G for gaps that are written, 4G for other formats]",
+    help="Memory that a file may take, on top of the program, such as 256M, and gaps in an output "
+    "that writes them out; what takes more is refused, with exit code 4. [1G for gaps, 4G for "
+    "formats other than hapf]",
 )
 """Gives the verb ``max_memory``, the Limits for whatever it reads."""
 input_format_option = click.option(
     "--input-format",
     metavar="FORMAT",
-    help="Format of what is read, where a name does not say: npz, npy, csv, wav, hapf.",
+    help="Format of the input, if its name does not say: npz, npy, csv, wav, hapf.",
 )
 output_format_option = click.option(
     "--output-format",
     metavar="FORMAT",
-    help="Format of the output, where its name does not say: npz, npy, csv, wav, hapf.",
+    help="Format of the output, if its name does not say: npz, npy, csv, wav, hapf.",
 )
 force_option = click.option("-f", "--force", is_flag=True, help="Replace an existing output file.")
 
@@ -191,10 +192,16 @@ transpose_option = click.option(
     "[refuse an array of more rows than columns]",
 )
 start_option = click.option(
-    "--start", type=FractionType(), metavar="S", help="First second of the part. [the beginning]"
+    "--start",
+    type=FractionType(),
+    metavar="S",
+    help="Start of the part in seconds, included. [the beginning]",
 )
 stop_option = click.option(
-    "--stop", type=FractionType(), metavar="S", help="Second before which it ends. [the end]"
+    "--stop",
+    type=FractionType(),
+    metavar="S",
+    help="End of the part in seconds, not included. [the end]",
 )
 
 
@@ -212,6 +219,10 @@ def parse_channels(texts: Sequence[str], labels: Sequence[str]) -> list[str] | N
     if not texts:
         return None
     return [part for text in texts for part in ([text] if text in labels else text.split(","))]
+
+
+def counted(count: int, what: str) -> str:
+    return f"{count} {what}" + ("" if count == 1 else "s")
 
 
 def input_of(name: str) -> str | BinaryIO:

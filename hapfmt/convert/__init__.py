@@ -39,10 +39,10 @@ READ_MEMORY = 4 << 30
 """Bytes of sample values that a file that is read may take, unless the caller says otherwise."""
 
 _OTHERS = """
-7z aac ahap aif aiff arrow au avi bag bdf bz2 c csv db3 dll edf exe feather flac gdf gif gz h h5
-haps hdf hdf5 hjif hmpg htm html ivs jpeg jpg json jsonl m4a mat mcap md mkv mov mp3 mp4 nc npy npz
-ods ogg opus parquet pdf pickle pkl png pt pth py so svg tar tgz toml tsv txt wav xdf xls xlsx xml
-xz yaml yml zarr zip zst
+7z aac ahap aif aiff arrow au avi bag bdf bz2 c c3d csv db3 dll edf exe feather flac gdf gif gz h
+h5 haps hdf hdf5 hjif hmpg htm html ivs jpeg jpg json jsonl m4a mat mcap md mkv mov mp3 mp4 nc npy
+npz ods ogg opus parquet pdf pickle pkl png pt pth py so svg tar tdms tgz toml tsv txt wav xdf xls
+xlsx xml xz yaml yml zarr zip zst
 """
 FOREIGN = frozenset(f".{suffix}" for suffix in _OTHERS.split())
 """Suffixes of other formats: no .hapf file is written under them."""
@@ -51,10 +51,12 @@ FOREIGN = frozenset(f".{suffix}" for suffix in _OTHERS.split())
 def refuse_foreign(path: str | os.PathLike[str]) -> None:
     """ParameterError where the suffix of a .hapf file to be written is that of another format."""
     suffix = Path(path).suffix.lower()
+    if suffix in FORMATS:
+        way = f"hapfmt convert and hapfmt.save write {suffix}"
+        raise ParameterError(f"hapf files end in .hapf; {way}", path=os.fspath(path))
     if suffix in FOREIGN:
-        way = f"; hapfmt.save and hapfmt convert write {suffix}" if suffix in FORMATS else ""
         raise ParameterError(
-            f"{path} would be a hapf file under the name of another format: use .hapf{way}"
+            f"hapf files end in .hapf; {suffix} is another format's", path=os.fspath(path)
         )
 
 
