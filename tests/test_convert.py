@@ -383,14 +383,14 @@ BAD_CSV: dict[str, bytes] = {
     "line 2: a row of 1 cells, where the header has 2": b"t,x\n0\n",
     "line 1: unexpected end of data": b't,"x\n0,1\n',
     "line 2: ',' expected after '\"'": b't,x\n"0"1,2\n',
-    r"after line \d{4}: no UTF-8 text": b"x\n" + b"1\n" * 5000 + b"\xff\n",
+    r"after line \d{4}: not UTF-8 text": b"x\n" + b"1\n" * 5000 + b"\xff\n",
 }
 BAD_WAV: dict[str, Callable[[], bytes]] = {
     "this is not a .wav file: it does not begin with RIFF": lambda: b"",
     "it does not begin with RIFF and WAVE": lambda: wav("PCM_16", format="FLAC"),
     "this is no .wav file: Error opening": lambda: wav("PCM_16")[:12],
     "ULAW samples are not read": lambda: wav("ULAW"),
-    "never closed: the header tells of no samples, 8 bytes follow": lambda: (
+    "never closed: the header counts no samples, 8 bytes follow": lambda: (
         b"RIFF\0\0\0\0" + wav("PCM_16")[8:].replace(b"data\x08", b"data\0")
     ),
     "truncated: 3 of 8 bytes of samples are missing": lambda: wav("PCM_16")[:-3],
@@ -664,7 +664,7 @@ class TestNotes:
                 f"not carried over to .npy: {told}, label, unit, axis, lsb",
             ],
             "csv": [
-                "the times do not tell the rate, 10 Hz, and the start, tick 3",
+                "the times are too few or too coarse to give the rate, 10 Hz, and the start, tick 3",
                 "spaces around labels are not carried over to .csv",
                 f"not carried over to .csv: {told}, axis, lsb",
             ],

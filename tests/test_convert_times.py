@@ -166,7 +166,7 @@ def test_where_the_times_begin(offset: float, start: int, note: str | None) -> N
 
 
 REFUSED: dict[str, Callable[[], Recording]] = {
-    r"fewer than two times tell no rate": lambda: table(["0"]),
+    r"fewer than two times give no rate": lambda: table(["0"]),
     r"line 3, column 1 \('t \[s\]'\): '0' is not later than the time before": lambda: table("00"),
     r"line 2, column 1 .*'12:30' is not a time": lambda: table(["12:30"]),
     r"line 2, column 1 .*'' is not a time": lambda: table([""]),

@@ -195,7 +195,7 @@ class TestWriting:
 
     @pytest.mark.parametrize("place", ["c", 2, -1])
     def test_channels_that_there_are_not(self, place):
-        with pytest.raises(ParameterError, match="speaks of channel"):
+        with pytest.raises(ParameterError, match="refers to channel"):
             written(self.recording(Event(0, channel=place)))
 
     @pytest.mark.parametrize(
@@ -380,11 +380,8 @@ class TestTold:
 
     def test_events_of_info(self, path):
         told_lines = self.run("info", path, "--events").splitlines()
-        assert [line.split()[:1] for line in told_lines if "touch  " in line] == [
-            ["0.002"],
-            ["0.005"],
-            ["0.005"],
-        ]
+        rows = [line.split()[0] for line in told_lines if line.lstrip().startswith("0.")]
+        assert rows == ["0.002", "0.005", "0.005"]
         rows = json.loads(self.run("info", path, "--events", "--json"))["events"]
         assert rows[1] == {
             "time": "1/200", "duration": "1/200", "channel": 0, "text": "out", "layer": "touch",

@@ -78,7 +78,7 @@ class _Lines:
             line = self._text.readline(_LINE_LIMIT)
         except UnicodeDecodeError as error:
             raise ParameterError(
-                f"after line {self.number - 1}: no UTF-8 text ({error.reason})"
+                f"after line {self.number - 1}: not UTF-8 text ({error.reason})"
             ) from error
         if len(line) == _LINE_LIMIT and not line.endswith(("\r", "\n")):
             raise ParameterError(f"line {self.number} is longer than {_LINE_LIMIT} characters")
@@ -334,7 +334,10 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
     if not recording.sample_count:
         notes.append("no samples: a .csv without rows holds neither rate nor start")
     elif not _told_by(stamps, rate, start):
-        notes.append(f"the times do not tell the rate, {rate} Hz, and the start, tick {start}")
+        notes.append(
+            "the times are too few or too coarse to give "
+            f"the rate, {rate} Hz, and the start, tick {start}"
+        )
     if any(channel.label != channel.label.strip() for channel in recording.channels):
         notes.append("spaces around labels are not carried over to .csv")
     return notes + not_carried(recording, ".csv", "unit", "label")

@@ -121,7 +121,7 @@ class Stamps:
         if rate is not None:
             return self._on_given(times, rate)
         if len(self) < 2:
-            raise ParameterError("fewer than two times tell no rate; give one (--rate)")
+            raise ParameterError("fewer than two times give no rate; use --rate")
         exact, rounded = self.noise, self.noise + self.resolution / 2
         whole, *gappy = _hypotheses(times, np.frombuffer(self._steps))
         likely = [line for line in gappy if self._is_likely(line)]

@@ -251,7 +251,7 @@ def _check_chunks(stream: BinaryIO) -> None:
                 )
             if not size and 8 + int.from_bytes(start[4:8], "little") < end:
                 raise ParameterError(
-                    f"never closed: the header tells of no samples, {end - position} bytes follow"
+                    f"never closed: the header counts no samples, {end - position} bytes follow"
                 )
             break
         position += size % 2

@@ -110,16 +110,12 @@ def choose(
         elif residual:
             kept[residual.id] = residual_alone(track, residual)
     if not any(map(has_channels, kept.values())) and (channels is not None or band == "hf"):
-        raise ParameterError(
-            "no channel that was asked for has this band", path=original.source.path
-        )
+        raise ParameterError("none of these channels has this band", path=original.source.path)
     whole = {
         n for t in kept.values() if has_channels(t) and t.id not in residuals for n in t.channels
     }
     if band == "lf" and asked <= whole:
-        raise ParameterError(
-            "no channel that was asked for has this band", path=original.source.path
-        )
+        raise ParameterError("none of these channels has this band", path=original.source.path)
     if band == "lf" and whole:
         listed = ", ".join(map(str, sorted(whole)))
         notes.append(f"channels {listed} have no LF track and are copied whole")
