@@ -102,9 +102,9 @@ def rate(
     as_json: bool,
     **felt: Any,
 ) -> int:
-    """Play the conditions of a study in random order, each with its reference, and store how SUBJECT
-    rates them, from 0 to 100. Then summarise all subjects. docs/studies.md explains how to write and
-    run a study, docs/safety.md what a device can do to a hand.
+    """Play the conditions of a study in random order, each with its reference, and store how
+    SUBJECT rates them, from 0 to 100. Then summarise all subjects. docs/studies.md explains how to
+    write and run a study, docs/safety.md what a device can do to a hand.
 
     \b
     hapfmt rate --new study.toml sand.hapf cork.hapf
