@@ -22,7 +22,7 @@ import installed  # noqa: F401
 
 import click
 import numpy as np
-from measured import DATA, origin, timed
+from measured import DATA, files_in, origin, timed
 from peers.exact import Coder, double_coders, integer_coders
 from peers.packages import PACKAGES, left_out, versions
 from peers.relative import Recipe, outside, recipes
@@ -67,8 +67,8 @@ class Job(NamedTuple):
 
 
 def load_all(data: Path, only: str, rate: str | None) -> Iterator[tuple[str, hapfmt.Recording]]:
-    """(name, recording) of what can be read in a folder; what cannot is told."""
-    paths = [data] if data.is_file() else sorted(data.rglob("*"))
+    """(name, recording) of each file that can be read; the others are printed with the reason."""
+    paths = [data] if data.is_file() else files_in(data)
     root = data.parent if data.is_file() else data
     for path in paths:
         name = str(path.relative_to(root).with_suffix(""))
