@@ -11,31 +11,32 @@ from results import mean
 from report.section import COLOURS, INK, MARKERS, PALE, Figure, drawn
 from report.trials import PEER_ERROR, PEER_K, Trial
 
-FAMILIES = ("archive", "near-lossless", "deadband", "default", "paper", "auto")
+FAMILIES = ("lossless", "near-lossless", "deadband", "perceptual", "paper")
 PEERS = ("flac", "pcodec", "sz3", "zstd", "blosc2", "sz2")
 TASKS = {
-    "lossless": ("archive", "Without loss"),
+    "lossless": ("lossless", "Without loss"),
     f"within {PEER_ERROR:.2%}": ("near-lossless", f"Every sample within {PEER_ERROR:.1%} of range"),
     f"deadband k={PEER_K:g}": ("deadband", f"Deadband of {PEER_K:.0%}"),
 }
 LEAST = 0.004
-"""% of range: errors below are drawn here, no error too."""
+"""% of range: smaller errors are drawn here, no error too."""
 
 COLUMNS = 4
 
 
 def pictures(found: Sequence[Trial]) -> list[Figure]:
     figures = [
-        summary(found, "Error against size", "bits a sample, beside archive", size_of(found),
-                "Each setting: geometric means of size and error over all recordings and scenes, "
-                f"errors below {LEAST} % as that. Lower left is better; the line is the Pareto "
-                "front, bars are the middle half."),
-        summary(found, "Error against encoding time", "CPU µs a sample",
+        summary(found, "Error against size", "size relative to lossless", size_of(found),
+                "One point for each setting: geometric means of size and error over all "
+                f"recordings and scenes. Errors below {LEAST} % are drawn at {LEAST} %. Lower "
+                "left is better. The line is the Pareto front. Bars span the middle half of the "
+                "recordings."),
+        summary(found, "Error against encoding time", "CPU µs per sample",
                 lambda t: t.microseconds(t.encode),
-                "The same against time."),
-        summary(found, "Error against decoding time", "CPU µs a sample",
+                "The same points, with the CPU time of encoding."),
+        summary(found, "Error against decoding time", "CPU µs per sample",
                 lambda t: t.microseconds(t.decode),
-                "Of peers the settings with the promises that are in the table."),
+                "The same points, with the CPU time of decoding."),
     ]  # fmt: skip
     for task, (family, words) in TASKS.items():
         figure = beside(found, task, family, words)
@@ -49,10 +50,10 @@ def pictures(found: Sequence[Trial]) -> list[Figure]:
 
 
 def size_of(found: Sequence[Trial]) -> Callable[[Trial], float | None]:
-    archive = {t.subject: t.coded_bits for t in found if t.label == "archive"}
+    lossless = {t.subject: t.coded_bits for t in found if t.label == "lossless"}
 
     def relative(trial: Trial) -> float | None:
-        own = archive.get(trial.subject)
+        own = lossless.get(trial.subject)
         return trial.coded_bits / own if own and trial.coded_bits else None
 
     return relative
@@ -105,7 +106,7 @@ def summary(
 
 
 def label_points(axes: Any, points: Sequence[tuple[float, float, str]]) -> None:
-    """Words to the right of the points that have some; to the left where another word stands."""
+    """Names to the right of the points that have one; to the left where there is no room."""
     placed: list[tuple[float, float]] = []
     for x, y, word in sorted(points, reverse=True):
         if word:
@@ -126,7 +127,7 @@ def outline(axes: Any, points: Sequence[tuple[float, float]]) -> None:
 
 
 def scales(axes: Any) -> None:
-    """Both logarithmic; no error is told as such."""
+    """Both logarithmic; the lowest tick is "none"."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_ylim(LEAST / 1.7, 60)
@@ -143,7 +144,7 @@ def scales(axes: Any) -> None:
 
 
 def beside(found: Sequence[Trial], task: str, family: str, words: str) -> Figure | None:
-    """Sizes of peers over ours, a line a recording."""
+    """Sizes of peers divided by ours, one line for each recording."""
     ours = {
         t.subject: t for t in found
         if (t.task, t.family) == (task, family) and t.coded_bits and not t.label.endswith("fast")
@@ -181,21 +182,21 @@ def beside(found: Sequence[Trial], task: str, family: str, words: str) -> Figure
         axes.set_xticks([], minor=True)
         axes.set_yticks(range(len(rows)), [short(name) for name, _ in rows])
         axes.set_ylim(len(rows) - 0.4, -0.6)
-        axes.set_xlabel(f"size of the peer over that of {family}")
+        axes.set_xlabel(f"size of the peer divided by that of {family}")
         axes.legend(loc="upper center", bbox_to_anchor=(0.4, 1.12), ncols=6, handletextpad=0.1,
                     columnspacing=0.8)  # fmt: skip
 
     return drawn(
-        f"{words}: peers beside {family}",
-        "Right of the line the peer is larger, in the shade smaller. Of several recipes of a peer "
-        "the smallest; those that broke the promise are left out.",
+        f"{words}: peers compared with {family}",
+        "Right of the line the peer is larger; in the shaded area it is smaller. The smallest of "
+        "several recipes of a peer is drawn. Recipes that broke the error bound are left out.",
         draw,
         height=1.2 + 0.24 * len(rows),
     )
 
 
 def short(name: str) -> str:
-    """Of a path the last part, and what follows a comma."""
+    """The last folder of a path, and the text after a comma."""
     stem, comma, rest = name.partition(",")
     last = stem.rsplit("/", 1)
     text = last[0] if len(last) == 2 else stem
@@ -227,12 +228,12 @@ def multiples(found: Sequence[Trial], words: str) -> Figure:
             axes.tick_params(labelsize=7)
         handles, labels = flat[0].get_legend_handles_labels()
         flat[0].figure.legend(handles, labels, loc="outside upper center", ncols=8)
-        flat[0].figure.supxlabel("bits a sample", fontsize=9)
+        flat[0].figure.supxlabel("bits per sample", fontsize=9)
         flat[0].figure.supylabel("rms error, % of range", fontsize=9)
 
     return drawn(
         f"Error against size: {words}",
-        "Each panel one of them; every mark a setting, those of a preset joined. The thin line is "
-        "the Pareto front of all coders.",
+        "One panel for each. Every mark is a setting; lines join the settings of one preset. The "
+        "thin line is the Pareto front of all coders.",
         draw, width=11.5, height=0.6 + 2.1 * lines, panels=(lines, COLUMNS), squeeze=False,
     )  # fmt: skip
