@@ -149,11 +149,11 @@ def check_tail(catalogue: Catalogue, findings: Sequence[Finding], end: int) -> N
             and not zeros(source, found.offset)
         ):
             raise ParameterError(
-                f"{found.size} bytes that are no chunk stand at its end; {RECOVER}",
+                f"{found.size} bytes at its end belong to no chunk; {RECOVER}",
                 offset=found.offset,
             )
         if found.code == "garbage" and find_header(source, found.offset, None) is not None:
-            raise ParameterError("another file stands behind its end", offset=found.offset)
+            raise ParameterError("another file follows its end", offset=found.offset)
 
 
 def zeros(source: Source, start: int) -> bool:

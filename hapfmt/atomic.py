@@ -77,7 +77,7 @@ def refuse(name: str, force: bool) -> None:
             ) from None
         return
     if stat.S_ISDIR(mode):
-        raise ParameterError("a directory stands in the place of the file", path=name)
+        raise ParameterError("the output is a directory", path=name)
     if not stat.S_ISREG(mode):
         raise ParameterError("not a regular file, so it cannot be replaced", path=name)
     if not force:

@@ -125,7 +125,7 @@ def growing(points: dict[int, int]) -> tuple[tuple[int, int], ...]:
     times = [time for _, time in placed_in_order]
     if any(b <= a for a, b in zip(times, times[1:], strict=False)):
         raise ParameterError(
-            "the clock was set back to times that it told already: no map goes both ways"
+            "the clock was set back: some of its times occur twice, so no map can be inverted"
         )
     return tuple(placed_in_order)
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .container.track import Contract
+from .container.track import Component, Contract
 from .deadband import Deadband
 from .errors import ParameterError
 from .limits import TICK_LIMIT
@@ -27,7 +27,8 @@ class ContractCheck:
     ``samples`` were compared, ``missing`` are in the original only, ``invented`` in the file only;
     ``outside`` lie outside the deadband, or differ at all where there is no contract;
     ``worst_ratio`` is the largest error in deadbands, ``largest_error`` in the channel's unit;
-    ``moved`` the largest distance of the source from its lattice, ``stated`` what the file says.
+    ``moved`` the largest distance of the source from its grid, ``stated`` what the file says;
+    ``component``: of this track, at this ``index``.
     """
 
     channel: int
@@ -40,8 +41,10 @@ class ContractCheck:
     outside: int
     worst_ratio: Fraction
     largest_error: float
-    moved: float = 0.0
-    stated: float = 0.0
+    moved: float
+    stated: float
+    component: Component
+    index: int
 
     @property
     def promised(self) -> bool:
@@ -75,6 +78,7 @@ class ContractCheck:
             "outside_count": self.outside,
             "worst_ratio": float(self.worst_ratio),
             "largest_error": self.largest_error,
+            "unit": self.component.unit,
             "moved": self.moved,
             "stated": self.stated,
         }
@@ -104,8 +108,10 @@ def check_contracts(reader: Reader, against: Recording) -> list[ContractCheck]:
     groups: dict[int, list[Member]] = {}
     for ref, x in zip(refs, against.channels, strict=True):
         rate = ref.track.rate
-        if x.rate != rate:
-            raise ParameterError(f"channel {ref.number} has rate {rate}, the original {x.rate}")
+        if x.rate_exact != rate:
+            raise ParameterError(
+                f"channel {ref.number} has rate {rate}, the original {x.rate_exact}"
+            )
         decoded = assembly.parts(ref)
         originals = cut(x, decoded)
         for part, own, y in zip(ref.parts, originals, decoded, strict=True):
@@ -157,9 +163,10 @@ def check_track(members: Sequence[Member]) -> list[ContractCheck]:
         ContractCheck(
             ref.number, part.track.id, ref.label, contract, int(pair.x.size), pair.missing,
             pair.invented, outside + pair.far, ratio, pair.largest_error, pair.moved,
-            y.deviation.largest if y.deviation else 0.0,
+            y.deviation.largest if y.deviation else 0.0, owner.track.components[ref.index],
+            ref.index,
         )
-        for (ref, _, _, y), pair, (outside, ratio) in zip(members, pairs, judged, strict=True)
+        for (ref, owner, _, y), pair, (outside, ratio) in zip(members, pairs, judged, strict=True)
     ]  # fmt: skip
 
 
@@ -177,19 +184,19 @@ def pair_up(original: Channel, decoded: Channel) -> Pair:
     rows_y = [np.arange(j, j + span.ticks) for (_, j), span in common]
     none = np.zeros(0, np.int64)
     at_x, at_y = np.concatenate([none, *rows_x]), np.concatenate([none, *rows_y])
-    physical_x, physical_y = original.physical()[at_x], decoded.physical()[at_y]
+    physical_x, physical_y = original.samples()[at_x], decoded.samples()[at_y]
     # Both infinite is no difference; NaN words differ only where their bits do.
     same = physical_x.view(np.int64) == physical_y.view(np.int64)
     with np.errstate(all="ignore"):
         errors = np.where(same, 0.0, np.abs(physical_x - physical_y))
-    y = decoded.values[at_y]
+    y = decoded.stored[at_y]
     moved, far = 0.0, 0
     if decoded.exact is not None:
         x, y = physical_x.view(np.int64), physical_y.view(np.int64)
     elif decoded.calibration is None:
-        x, y = comparable(original.values[at_x], y)
+        x, y = comparable(original.stored[at_x], y)
     elif original.calibration == decoded.calibration:
-        x = original.values[at_x]
+        x = original.stored[at_x]
     else:
         near = reachable(physical_x, decoded.calibration)
         far = int(physical_x.size - near.sum())
@@ -200,8 +207,8 @@ def pair_up(original: Channel, decoded: Channel) -> Pair:
     return Pair(
         x,
         y,
-        original.values.size - at_x.size,
-        decoded.values.size - at_y.size,
+        original.stored.size - at_x.size,
+        decoded.stored.size - at_y.size,
         float(errors.max(initial=0.0)),
         moved,
         far,

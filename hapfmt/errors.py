@@ -5,12 +5,15 @@ A message names the place and the rule: ``file.hapf:0x1f3: knot ticks not increa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 
 class HapfmtError(Exception):
     """Root of our errors.
 
     ``offset`` is the position in the file in bytes, ``requirement`` the id of the SPEC sentence
-    that the input breaks, ``path`` the file; each is None where it does not apply.
+    that the input breaks, ``path`` the file; each is None where it does not apply. ``more``:
+    further lines, such as the commands that would work.
     """
 
     exit_code = 1
@@ -22,9 +25,11 @@ class HapfmtError(Exception):
         requirement: str | None = None,
         offset: int | None = None,
         path: str | None = None,
+        more: Sequence[str] = (),
     ) -> None:
         super().__init__(message)
         self.message = message
+        self.more = tuple(more)
         self.requirement = requirement
         self.offset = offset
         self.path = path
@@ -38,6 +43,10 @@ class HapfmtError(Exception):
         return self
 
     def __str__(self) -> str:
+        return "\n".join([self.line(), *self.more])
+
+    def line(self) -> str:
+        """The first line: place, message and rule."""
         place = ":".join(
             part
             for part in (

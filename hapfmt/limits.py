@@ -70,7 +70,7 @@ def parse_size(text: str | int) -> int:
     """Bytes of 268435456, "256M", "2 GiB"; K, M, G and T are powers of 1024."""
     match = _SIZE.fullmatch(str(text).strip().lower())
     if match is None or not int(match[1]):
-        raise ParameterError(f"{str(text)[:40]!r} is no size, such as 500000000, 256M or 2G")
+        raise ParameterError(f"{str(text)[:40]!r} is not a size, such as 500000000, 256M or 2G")
     return int(match[1]) << _SHIFTS[match[2]]
 
 

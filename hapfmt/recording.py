@@ -1,15 +1,17 @@
 """What people have: a Recording of Channels, as integer counts with a calibration, or true doubles.
 
-A channel keeps the samples that were measured and the spans of ticks that they cover. What no span
-covers is a gap: it has no value, costs no memory, and turns into NaN only in :meth:`Channel.dense`.
+A channel keeps the samples that were measured and the spans of ticks that they cover. Ticks that no
+span covers are a gap: a gap costs no memory, and becomes NaN only in :meth:`Channel.filled`.
 """
 
 from __future__ import annotations
 
 import uuid as _uuid
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import partial
 from operator import index
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,10 +20,13 @@ from numpy.typing import NDArray
 
 from .errors import LimitError, ParameterError
 from .limits import AFFINE_LIMIT, EXACT_LIMIT, TICK_LIMIT
-from .numbers import exact
+from .numbers import exact as to_fraction
 
 if TYPE_CHECKING:
     from .events import Event
+
+
+Rate = Fraction | float | str
 
 
 class Span(NamedTuple):
@@ -93,20 +98,25 @@ class Calibration:
         return numerator.astype(np.float64) / float(self.d)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Channel:
     """One physical signal on a regular grid of ticks; tick 0 is the zero of the recording.
 
-    values
-        [sample_count], only the samples that were measured, in order of time. Signed integers where
-        ``calibration`` is given (counts); otherwise numbers in ``unit``, float64 as a rule
-        (float16, float32, int64 and uint64 too: bit for bit where they are on no lattice, else
-        equal as numbers).
+    ``Channel(x, 1000, label="fx", unit="N")`` is all that most channels need;
+    :meth:`from_physical` turns NaN into gaps.
+
+    stored
+        [sample_count], the samples that were measured, in order of time, gaps left out. Signed
+        integers where ``calibration`` is given (see ``counts``); otherwise numbers in ``unit``,
+        float64 as a rule (float16, float32, int64 and uint64 too).
     rate
-        ticks per second, a positive Fraction.
+        samples per second, above 0: an int, a float, a Fraction or a text such as "44100/7".
+        ``channel.rate`` is a float, ``channel.rate_exact`` the Fraction.
     coverage
-        the spans that ``values`` fills one after the other: sorted, disjoint, none empty, never
-        adjacent. Together they hold sample_count ticks.
+        the spans of ticks that ``stored`` fills, in order: sorted, disjoint, none empty, never
+        adjacent. Together they hold sample_count ticks. By default one span from tick 0.
+    calibration
+        converts counts to ``unit``; None for floating point.
     unit
         UCUM code ("N", "m/s2", "rad", "{count}", "1").
     exact
@@ -114,8 +124,8 @@ class Channel:
         alone do not give them back.
     """
 
-    values: NDArray[Any]
-    rate: Fraction
+    stored: NDArray[Any]
+    rate_exact: Fraction
     coverage: tuple[Span, ...] = ()
     calibration: Calibration | None = None
     label: str = ""
@@ -129,22 +139,64 @@ class Channel:
     lsb: float | None = None
     exact: NDArray[np.float64] | None = None
 
-    def __post_init__(self) -> None:
-        if self.values.ndim != 1:
+    def __init__(
+        self,
+        stored: NDArray[Any] | None = None,
+        rate: Rate | None = None,
+        coverage: tuple[Span, ...] = (),
+        calibration: Calibration | None = None,
+        label: str = "",
+        unit: str = "1",
+        quantity: str = "",
+        axis: str = "",
+        group: str = "",
+        body_site: str = "",
+        device: str = "",
+        deviation: Deviation | None = None,
+        lsb: float | None = None,
+        exact: NDArray[np.float64] | None = None,
+        *,
+        rate_exact: Rate | None = None,
+        values: NDArray[Any] | None = None,
+    ) -> None:
+        if values is not None:  # dataclasses.replace gives ``stored`` too
+            _deprecated("Channel(values=...)", "Channel(stored=...)")
+            stored = values
+        rate = rate_exact if rate is None else rate
+        if stored is None or rate is None:
+            raise ParameterError("a channel needs samples and a rate: Channel(x, 1000)")
+        put = partial(object.__setattr__, self)
+        put("stored", stored)
+        put("rate_exact", to_fraction(rate))
+        put("coverage", coverage)
+        put("calibration", calibration)
+        put("label", label)
+        put("unit", unit)
+        put("quantity", quantity)
+        put("axis", axis)
+        put("group", group)
+        put("body_site", body_site)
+        put("device", device)
+        put("deviation", deviation)
+        put("lsb", lsb)
+        put("exact", exact)
+        self._check()
+
+    def _check(self) -> None:
+        if self.stored.ndim != 1:
             raise ParameterError("a channel's values are one-dimensional")
-        object.__setattr__(self, "rate", exact(self.rate))
-        if self.rate <= 0:
+        if self.rate_exact <= 0:
             raise ParameterError("a channel's rate is positive")
-        if self.calibration is not None and self.values.dtype.kind not in "iu":
+        if self.calibration is not None and self.stored.dtype.kind not in "iu":
             raise ParameterError("a channel with a calibration holds integer counts")
         if self.exact is not None and (
             self.calibration is None
             or self.exact.dtype != np.float64
-            or self.exact.shape != self.values.shape
+            or self.exact.shape != self.stored.shape
         ):
-            raise ParameterError("exact values are one float64 beside each count")
-        if not self.coverage and self.values.size:
-            object.__setattr__(self, "coverage", (Span(0, self.values.size),))
+            raise ParameterError("exact values need one float64 for each count")
+        if not self.coverage and self.stored.size:
+            object.__setattr__(self, "coverage", (Span(0, self.stored.size),))
         previous = -1
         for span in self.coverage:
             if span.start <= previous or span.stop <= span.start:
@@ -152,22 +204,39 @@ class Channel:
             previous = span.stop
         if previous > TICK_LIMIT or (self.coverage and self.coverage[0].start < 0):
             raise ParameterError("ticks lie in [0, 2^48)")
-        if sum(span.ticks for span in self.coverage) != self.values.size:
+        if sum(span.ticks for span in self.coverage) != self.stored.size:
             raise ParameterError("coverage and values differ in length")
 
     @classmethod
     def from_physical(
-        cls, x: NDArray[Any], rate: Fraction | float | str, *, start_tick: int = 0, **described: Any
+        cls, x: NDArray[Any], rate: Rate, *, start_tick: int = 0, **described: Any
     ) -> Channel:
         """A channel of true doubles from [ticks] values; every NaN becomes a gap."""
         x = np.ascontiguousarray(x, dtype=np.float64)
         known = ~np.isnan(x)
         return cls(
-            values=x[known],
-            rate=exact(rate),
+            stored=x[known],
+            rate=rate,
             coverage=tuple(spans_of(known, start_tick)),
             **described,
         )
+
+    @property
+    def rate(self) -> float:
+        """Samples per second, as a float; ``rate_exact`` is the Fraction."""
+        return float(self.rate_exact)
+
+    @property
+    def counts(self) -> NDArray[Any]:
+        """[sample_count] the stored integers, gaps left out.
+
+        Raises ParameterError where the channel holds floating point.
+        """
+        if self.calibration is None:
+            raise ParameterError(
+                f"channel {self.label!r} holds {self.stored.dtype}, not counts; use samples()"
+            )
+        return self.stored
 
     @property
     def is_counts(self) -> bool:
@@ -190,25 +259,43 @@ class Channel:
     @property
     def duration(self) -> Fraction:
         """Seconds from the zero of the recording to the end of the last sample."""
-        return self.stop_tick / self.rate
+        return self.stop_tick / self.rate_exact
 
-    def physical(self) -> NDArray[np.float64]:
-        """[sample_count] physical values in ``unit``, gaps left out; exact ones come first."""
+    def samples(self) -> NDArray[np.float64]:
+        """float64 [sample_count]: the samples that were measured, in ``unit``, gaps left out."""
         if self.exact is not None:
             return self.exact.copy()
         if self.calibration is not None:
-            return self.calibration.physical(self.values)
+            return self.calibration.physical(self.stored)
         with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
-            return self.values.astype(np.float64)
+            return self.stored.astype(np.float64)
 
-    def segments(self) -> Iterator[tuple[int, NDArray[Any]]]:
-        """Each covered span as (start tick, its values)."""
-        position = 0
-        for span in self.coverage:
-            yield span.start, self.values[position : position + span.ticks]
-            position += span.ticks
+    @property
+    def values(self) -> NDArray[Any]:
+        """Deprecated: ``counts``, or ``stored`` where the channel may hold floating point."""
+        _deprecated("channel.values", "channel.counts or channel.stored")
+        return self.stored
+
+    def physical(self) -> NDArray[np.float64]:
+        """Deprecated: ``samples()``, or ``to_numpy()`` with NaN in the gaps."""
+        _deprecated("channel.physical()", "channel.samples() or channel.to_numpy()")
+        return self.samples()
 
     def dense(
+        self, start: int | None = None, stop: int | None = None, *, limit: int = 1 << 31
+    ) -> NDArray[np.float64]:
+        """Deprecated: ``filled()`` by ticks, ``to_numpy()`` by seconds."""
+        _deprecated("channel.dense()", "channel.filled() or channel.to_numpy()")
+        return self.filled(start, stop, limit=limit)
+
+    def segments(self) -> Iterator[tuple[int, NDArray[Any]]]:
+        """Each covered span as (start tick, its stored samples)."""
+        position = 0
+        for span in self.coverage:
+            yield span.start, self.stored[position : position + span.ticks]
+            position += span.ticks
+
+    def filled(
         self, start: int | None = None, stop: int | None = None, *, limit: int = 1 << 31
     ) -> NDArray[np.float64]:
         """[stop - start] physical values, NaN in the gaps; by default from tick 0 to the end."""
@@ -218,7 +305,7 @@ class Channel:
             raise LimitError(f"{last - first} ticks with their gaps are above the limit of {limit}")
         out = np.full(max(last - first, 0), np.nan)
         position = 0
-        x = self.physical()
+        x = self.samples()
         for span in self.coverage:
             a, b = max(span.start, first), min(span.stop, last)
             if a < b:
@@ -230,7 +317,7 @@ class Channel:
     def slice_ticks(self, start: int, stop: int) -> Channel:
         """Only the samples with start <= tick < stop; ticks keep their numbers."""
         spans: list[Span] = []
-        kept = np.zeros(self.values.size, np.bool_)
+        kept = np.zeros(self.stored.size, np.bool_)
         position = 0
         for span in self.coverage:
             a, b = max(span.start, start), min(span.stop, stop)
@@ -239,7 +326,7 @@ class Channel:
                 kept[position + a - span.start : position + b - span.start] = True
             position += span.ticks
         exact = None if self.exact is None else self.exact[kept]
-        return replace(self, values=self.values[kept], coverage=tuple(spans), exact=exact)
+        return replace(self, stored=self.stored[kept], coverage=tuple(spans), exact=exact)
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,7 +359,7 @@ class Recording:
 
     @property
     def sample_count(self) -> int:
-        return sum(int(channel.values.size) for channel in self.channels)
+        return sum(int(channel.stored.size) for channel in self.channels)
 
     def channel(self, label: str) -> Channel:
         for channel in self.channels:
@@ -280,6 +367,10 @@ class Recording:
                 return channel
         known = ", ".join(repr(channel.label) for channel in self.channels)
         raise ParameterError(f"no channel is called {label!r}; there are: {known}")
+
+
+def _deprecated(old: str, new: str) -> None:
+    warnings.warn(f"{old} is deprecated; use {new}", DeprecationWarning, stacklevel=3)
 
 
 def spans_of(known: NDArray[np.bool_], start_tick: int = 0) -> Iterator[Span]:

@@ -164,9 +164,9 @@ def assert_same_channel(a: hapfmt.Channel, b: hapfmt.Channel) -> None:
     for name in ("rate", "calibration", "coverage", "label", "unit", "quantity", "axis", "group",
                  "body_site", "device", "deviation"):  # fmt: skip
         assert getattr(a, name) == getattr(b, name), name
-    assert a.values.dtype == b.values.dtype
-    assert a.values.tobytes() == b.values.tobytes()
-    if a.values.size:
+    assert a.stored.dtype == b.stored.dtype
+    assert a.stored.tobytes() == b.stored.tobytes()
+    if a.stored.size:
         assert (a.exact is None) == (b.exact is None)
     if a.exact is not None and b.exact is not None:
         assert a.exact.tobytes() == b.exact.tobytes()

@@ -252,7 +252,7 @@ def events(size: Size) -> bytes:
 
 
 def clocks(size: Size) -> bytes:
-    """Observations of a clock that stands."""
+    """Observations of a clock that does not advance."""
     count = (size.json - 32) // 3
     observed = f.clock([(0, 0, 0)], count=count) + bytes(3 * (count - 1))
     return f.closed(head(), f.TRACK_0, ("cLOk", observed, {"track": 0}))

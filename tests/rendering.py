@@ -60,7 +60,7 @@ def joined(blocks):
 def runs_of(channel):
     """{start tick: finite values} without gaps, of what a channel has."""
     found, at = [], 0
-    physical = channel.physical().tolist()
+    physical = channel.samples().tolist()
     for span in channel.coverage:
         start, row = span.start, []
         for tick in range(span.start, span.stop):

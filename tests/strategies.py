@@ -508,7 +508,7 @@ def channels(draw, group=""):
     calibration = Calibration(*draw(affines())) if counts else None
     deviation = Deviation(*draw(deviations())) if counts and draw(st.booleans()) else None
     return Channel(
-        values=values,
+        stored=values,
         rate=draw(st.sampled_from([Fraction(1000), Fraction(50), Fraction(44100, 7)])),
         coverage=draw(coverages(values.size)),
         calibration=calibration,
@@ -530,7 +530,7 @@ def vectors(draw):
     seed = np.random.default_rng(draw(st.integers(0, 2**32)))
     return [
         Channel(
-            values=seed.integers(-1000, 1000, ticks).astype(np.int32),
+            stored=seed.integers(-1000, 1000, ticks).astype(np.int32),
             rate=Fraction(1000),
             coverage=coverage,
             calibration=Calibration(1, 0, 1000),

@@ -94,7 +94,7 @@ class TestClosedFiles:
         assert data.startswith(before)
         intact(path)
         read = hapfmt.read(path)
-        assert [len(channel.values) for channel in read.channels] == [305, 301, 7]
+        assert [len(channel.stored) for channel in read.channels] == [305, 301, 7]
         assert read.channels[0].coverage == (hapfmt.Span(0, 300), hapfmt.Span(310, 315))
         assert (read.metadata, read.attachments) == ({"a": 1}, {"n": ("", b"x")})
         assert {chunk.header.file_id for chunk in chunks(data)} == {5}
@@ -107,8 +107,8 @@ class TestClosedFiles:
             more.writer.cluster([Packet(2, 301, 2, value(-7))])
         intact(path)
         read = hapfmt.read(path)
-        assert [len(channel.values) for channel in read.channels] == [300, 302]
-        assert read.channels[1].values[-3:].tolist() == [3, -7, -7]
+        assert [len(channel.stored) for channel in read.channels] == [300, 302]
+        assert read.channels[1].stored[-3:].tolist() == [3, -7, -7]
 
     def test_nothing_is_written_where_nothing_comes(self, tmp_path: Path):
         path = tmp_path / "a"
@@ -153,8 +153,8 @@ class TestClosedFiles:
         assert hapfmt.verify(path).digests == digests > 0
         after = hapfmt.read(path)
         for old, new in zip(before.channels, after.channels, strict=False):
-            assert (old.values == new.values).all() and old.label == new.label
-        assert after.channels[-1].values.tolist() == [5, 5, 5]
+            assert (old.stored == new.stored).all() and old.label == new.label
+        assert after.channels[-1].stored.tolist() == [5, 5, 5]
         assert after.attachments["notes.txt"] == ("text/plain", b"hello")
 
     def test_a_digest_stays_true_of_the_packets_before_it(self, tmp_path: Path):
@@ -168,7 +168,7 @@ class TestClosedFiles:
             more.writer.cluster([Packet(id_, end + p.start, p.span, p.data) for p in again])
         intact(path)
         assert hapfmt.verify(path).digests >= 1
-        x = hapfmt.read(path).channels[0].values
+        x = hapfmt.read(path).channels[0].stored
         assert (x[: len(x) // 2] == x[len(x) // 2 :]).all()
 
 
@@ -485,7 +485,7 @@ class TestRefusals:
         self.refused(tmp_path / "a", WHOLE + other, ParameterError, "another file")
 
     def test_more_rubbish_than_a_writer_leaves(self, tmp_path: Path):
-        self.refused(tmp_path / "a", WHOLE + b"x" * (1 << 21), ParameterError, "no chunk stand")
+        self.refused(tmp_path / "a", WHOLE + b"x" * (1 << 21), ParameterError, "belong to no chunk")
         path = tmp_path / "b"
         path.write_bytes(WHOLE + bytes(1 << 21))
         with open_append(path) as more:
@@ -563,8 +563,12 @@ def test_what_was_written_in_parts_reads_as_if_at_once(tmp_path_factory, steps):
     assert (a.metadata, a.attachments) == (b.metadata, b.attachments)
     assert len(a.channels) == len(b.channels)
     for one, other in zip(a.channels, b.channels, strict=True):
-        assert np.array_equal(one.values, other.values)
-        assert (one.coverage, one.label, one.rate) == (other.coverage, other.label, other.rate)
+        assert np.array_equal(one.stored, other.stored)
+        assert (one.coverage, one.label, one.rate_exact) == (
+            other.coverage,
+            other.label,
+            other.rate_exact,
+        )
 
 
 def test_after_an_error_the_file_is_closed(tmp_path: Path):

@@ -76,7 +76,7 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
     [
         ("", "not the name of a file"),
         (".", "not the name of a file"),
-        ("{tmp}", "a directory stands in the place"),
+        ("{tmp}", "the output is a directory"),
         ("{tmp}/missing/a", "the directory it should lie in does not exist"),
         ("/dev/null", "not a regular file"),
     ],

@@ -77,7 +77,7 @@ def test_kept_without_loss(name):
     assert decision.exact
     assert reason in decision.reason
     assert decision.left_out == NOTHING
-    assert back.physical().tobytes() == channel.physical().tobytes()
+    assert back.samples().tobytes() == channel.samples().tobytes()
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_a_felt_zero_has_a_deadband(unit, k):
     contract = report.contracts[0].contract
     assert contract is not None
     assert contract.kn / contract.kd == pytest.approx(k, rel=1e-3)
-    x, y = channel.physical(), back.physical()
+    x, y = channel.samples(), back.samples()
     assert (np.abs(x - y) <= np.maximum(k * np.abs(x), 0.002 * np.ptp(x)) + 1e-9).all()
     assert np.abs(x - y).max() > 0.002 * np.ptp(x)
 
@@ -106,7 +106,7 @@ def test_elsewhere_only_the_floor_stays(unit):
     contract = report.contracts[0].contract
     assert contract is not None
     assert contract.kn == 0
-    x, y = channel.physical(), back.physical()
+    x, y = channel.samples(), back.samples()
     assert 0 < np.abs(x - y).max() <= 0.002 * np.ptp(x) + 1e-9
 
 
@@ -145,7 +145,7 @@ def test_silence_is_told_and_held():
     assert "silent: nothing above 0.01 N" in decision.reason
     assert decision.left_out == "all but its level"
     assert decision.size < 20
-    assert np.abs(channel.physical() - back.physical()).max() <= 0.01
+    assert np.abs(channel.samples() - back.samples()).max() <= 0.01
     assert report.contracts[0].contract.guaranteed
 
 
@@ -161,8 +161,8 @@ def test_true_doubles_go_on_a_lattice_below_the_floor():
     channel = doubles(PUSH + 0.2 * NOISE, "N")
     decision, back, report = decided(channel)
     assert "rounded within the tolerance" in decision.lattice
-    assert decision.size < channel.values.nbytes / 20
-    x, y = channel.physical(), back.physical()
+    assert decision.size < channel.stored.nbytes / 20
+    x, y = channel.samples(), back.samples()
     assert (np.abs(x - y) <= np.maximum(0.1 * np.abs(x), 0.002 * np.ptp(x))).all()
     assert 0 < report.contracts[0].moved <= 0.002 * np.ptp(x) / 32
 
@@ -170,7 +170,7 @@ def test_true_doubles_go_on_a_lattice_below_the_floor():
 def test_nothing_left_out_where_the_floor_is_below_a_count():
     decision, back, _ = decided(counted(NOISE, "V"), Settings.of("auto", floor="0.3lsb"))
     assert decision.left_out == NOTHING
-    assert np.array_equal(back.values, np.rint(NOISE * 1000))
+    assert np.array_equal(back.stored, np.rint(NOISE * 1000))
 
 
 def test_a_tolerance_of_the_caller_is_told():
@@ -178,7 +178,7 @@ def test_a_tolerance_of_the_caller_is_told():
     decision, back, _ = decided(clock, settings)
     assert decision.exact
     assert decision.left_out == "less than 1e-06 s"
-    assert 0 < np.abs(back.physical() - clock.physical()).max() <= 1e-6
+    assert 0 < np.abs(back.samples() - clock.samples()).max() <= 1e-6
 
 
 def test_a_weber_fraction_of_nothing_leaves_the_floor():

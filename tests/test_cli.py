@@ -136,8 +136,8 @@ def test_several_rates_and_gaps_come_back(room: Path, tmp_path: Path) -> None:
     run("decode", "o.hapf", "o.npz", cwd=tmp_path)
     before, after = hapfmt.load(room / "two.npz"), hapfmt.load(tmp_path / "o.npz")
     for a, b in zip(before.channels, after.channels, strict=True):
-        assert a.coverage == b.coverage and a.rate == b.rate and a.label == b.label
-        assert a.physical().tobytes() == b.physical().tobytes()
+        assert a.coverage == b.coverage and a.rate_exact == b.rate_exact and a.label == b.label
+        assert a.samples().tobytes() == b.samples().tobytes()
 
 
 def test_parts(room: Path, tmp_path: Path) -> None:
@@ -149,8 +149,8 @@ def test_parts(room: Path, tmp_path: Path) -> None:
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
     part = hapfmt.load(tmp_path / "full.npz").channels[0]
-    assert part.start_tick == 250 and part.values.size == 250
-    assert (part.physical() == whole.physical()[250:500]).all()
+    assert part.start_tick == 250 and part.stored.size == 250
+    assert (part.samples() == whole.samples()[250:500]).all()
     assert (
         run("decode", room / "one.hapf", "x.npz", "--channels", "no", cwd=tmp_path).returncode == 1
     )
@@ -254,11 +254,11 @@ def test_dump_is_canonical_json(room: Path) -> None:
 
 def test_convert_to_every_format_and_back(room: Path, tmp_path: Path) -> None:
     pytest.importorskip("soundfile")
-    before = hapfmt.load(room / "one.npz").channels[0].physical()
+    before = hapfmt.load(room / "one.npz").channels[0].samples()
     for suffix in ("csv", "wav", "npy", "npz"):
         assert run("convert", room / "one.npz", f"o.{suffix}", cwd=tmp_path).returncode == 0
         rate = 1000 if suffix == "npy" else None
-        after = hapfmt.load(tmp_path / f"o.{suffix}", rate=rate).channels[0].physical()
+        after = hapfmt.load(tmp_path / f"o.{suffix}", rate=rate).channels[0].samples()
         assert (before == after).all()
     assert run("convert", "o.csv", "o.hapf", cwd=tmp_path).returncode == 0
     assert run("convert", "o.hapf", "p.hapf", cwd=tmp_path).returncode == 1

@@ -69,7 +69,9 @@ def judge(data: bytes, folder: Path) -> dict[str, int]:
     codes["decode"] = said.code
     profile = folder / "any.toml"
     profile.write_text(ANY)
-    said = called("replay", path, "--device", profile, "--dry-run", "--stop", 1, "--json")
+    said = called(
+        "replay", path, "--device", profile, "--dry-run", "--map", "0=1", "--stop", 1, "--json"
+    )
     # 1: nothing that the device takes.
     assert said.code in CODES | {1}, said
     told = [json.loads(line) for line in said.out.splitlines()]

@@ -6,6 +6,7 @@ import io
 import json
 import sys
 from contextlib import ExitStack
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -18,10 +19,13 @@ from hapfmt.cli.parts import open_parts
 from hapfmt.errors import MissingExtraError, ParameterError
 from hapfmt.limits import Limits
 from hapfmt.plotting import style
+from hapfmt.plotting.pages import grid_shape, placed
 from hapfmt.recording import Calibration, Channel, Recording
 from hapfmt.survey.compare import compare, pair_up
 
 pytest.importorskip("matplotlib")
+from matplotlib.colors import to_hex
+
 MAGIC = {"png": b"\x89PNG\r\n\x1a\n", "svg": b"<?xml", "pdf": b"%PDF-"}
 
 
@@ -60,6 +64,7 @@ def pages(monkeypatch):
 
     def save(figures, file, kind, *, force=False):  # noqa: ARG001
         seen.append((list(figures), kind))
+        return [str(file)]
 
     monkeypatch.setattr(style, "save", save)
     return seen
@@ -70,18 +75,49 @@ def run(*words):
 
 
 def check_labels(figure, least):
-    """All axes that hold data say what they show; those that share one time line below each other
-    say it once."""
+    """Every panel tells its unit: at its axis, in its title, or once for the page. Panels that
+    share one time line below each other name it once."""
     shown = [axes for axes in figure.axes if axes.lines or axes.patches or axes.texts]
     assert len(shown) >= least
     for axes in shown:
-        assert axes.get_ylabel()
+        assert axes.get_ylabel() or figure.get_supylabel() or " in " in axes.get_title("left")
         below = [
             other for other in figure.axes
             if other.get_position().x0 == pytest.approx(axes.get_position().x0, abs=0.02)
         ]  # fmt: skip
         assert any(other.get_xlabel() for other in below)
     return shown
+
+
+def check_palette(figure):
+    """One colour for one word of the legend, in every panel, and the legend has every word."""
+    found = {}
+    for axes in figure.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            colour = getattr(handle, "get_color", None)
+            if colour is None:
+                patch = handle.patches[0] if hasattr(handle, "patches") else handle
+                faces = np.atleast_2d(patch.get_facecolor())
+                colour = lambda faces=faces: tuple(faces[0, :3])  # noqa: E731
+            found.setdefault(label, set()).add(to_hex(colour()))
+    assert {label: {style.PALETTE[label]} for label in found} == found
+    ((legend,)) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == list(found)
+    return set(found)
+
+
+def check_nothing_lies_on_the_data(figure):
+    """Neither the legend nor a line of the header or the footnotes."""
+    figure.savefig(io.BytesIO(), format="png", dpi=figure.dpi)
+    words = [figure.legends[0].get_window_extent(), *(t.get_window_extent() for t in figure.texts)]
+    panels = [axes.get_window_extent() for axes in figure.axes]
+    assert not any(word.overlaps(panel) for word in words for panel in panels)
+    width = figure.get_window_extent().width
+    assert all(word.x0 >= 0 and word.x1 <= width for word in words)
+
+
+def words_of(figure):
+    return "\n".join(text.get_text() for text in figure.texts)
 
 
 def test_one_channel(room, pages):
@@ -92,25 +128,64 @@ def test_one_channel(room, pages):
     assert kind == "png"
     shown = check_labels(figure, 6)
     assert [axes.get_title("left").split(" ")[0] for axes in shown] == [
-        "f0:", "0.4", "texture", "error:", "spectrum", "errors", "the",
+        "f0:", "Residual", "Error:", "The", "Spectrum", "How", "The",
     ]  # fmt: skip
     whole = shown[0].get_legend_handles_labels()[1]
     assert whole == ["deadband", "original", "decoded", "slow part (LF)", "knots"]
+    assert check_palette(figure) == {*whole, "residual (HF)", "error", "error bound"}
+    check_nothing_lies_on_the_data(figure)
     assert [axes.get_xlabel() for axes in shown[-3:]] == [
-        "frequency in Hz", "error in N", "error / half width",
+        "frequency in Hz", "error in mN", "error / half the deadband",
     ]  # fmt: skip
     assert shown[0].get_ylabel() == "force in N" and shown[0].get_xlim() == (0, 2)
 
 
-def test_any_format_and_a_stretch(room, pages):
+def test_the_facts_are_in_the_picture(room, pages):
     assert (
-        run("plot", room / "a.npz", "--output", room / "x.svg", "--start", "0.5", "--stop", "1")
-        == 0
+        run("plot", room / "a.hapf", "--output", room / "x.png", "--against", room / "a.npz") == 0
     )
+    assert run("plot", room / "three.hapf", "--output", room / "x.png") == 0
+    assert run("plot", room / "a.npz", "--output", room / "x.png", "--stop", "1") == 0
+    assert run("plot", room / "many.hapf", "--output", room / "x.pdf") == 0
+    size = (room / "a.hapf").stat().st_size
+    said = words_of(pages[0][0][0])
+    for fact in (
+        "a.hapf, against its original", "1 channel ", "1000 Hz", "2 s", "2 000 samples",
+        f"{16000 / size:.3g} times smaller than float64", "preset ", "largest error 0.",
+        "% of range",
+    ):  # fmt: skip
+        assert fact in said
+    assert "largest error " in pages[0][0][0].axes[0].get_title("left")
+    assert "3 channels" in words_of(pages[1][0][0])
+    assert "from 0 s to 1 s" in words_of(pages[2][0][0])
+    assert "smaller" not in words_of(pages[2][0][0])  # the file holds more than is shown
+    assert all("every sample lossless" in words_of(figure) for figure in pages[3][0])
+
+
+def test_the_signal_sets_the_limits_and_not_the_deadband(tmp_path, pages):
+    """A voltage far from zero, of which a tenth is eight times its range."""
+    x = 8.6 + 0.1 * np.sin(np.arange(4000) / 100)
+    wide = Recording((Channel.from_physical(x, 1000, label="u", unit="V", lsb=0.001),))
+    hapfmt.save(wide, tmp_path / "u.npz")
+    hapfmt.write(wide, tmp_path / "u.hapf", hapfmt.Settings.of("paper", k="0.1", floor=0.01))
+    many = Recording(wide.channels * 9)
+    hapfmt.write(many, tmp_path / "many.hapf", hapfmt.Settings.of("paper", k="0.1", floor=0.01))
+    run("plot", tmp_path / "u.hapf", "-o", tmp_path / "u.png", "--against", tmp_path / "u.npz")
+    run("plot", tmp_path / "many.hapf", "-o", tmp_path / "u.png")
+    (one,), (small,) = (figures for figures, _ in pages)
+    for axes in (one.axes[0], *small.axes):
+        assert "deadband" in axes.get_legend_handles_labels()[1]
+        low, high = axes.get_ylim()
+        assert 8.2 < low < 8.51 and 8.69 < high < 9.0
+
+
+def test_any_format_and_a_stretch(room, pages):
+    words = ["plot", room / "a.npz", "--output", room / "x.svg", "--start", "0.5", "--stop", "1"]
+    assert run(*words) == 0
     figure = pages[0][0][0]
     assert figure.axes[0].get_xlim() == (0.5, 1)
     assert [axes.get_title("left").split(" ")[0] for axes in check_labels(figure, 2)] == [
-        "f0:", "spectrum",
+        "f0", "Spectrum",
     ]  # fmt: skip
 
 
@@ -119,28 +194,98 @@ def test_a_few_channels_have_rows(room, pages):
     figures = pages[0][0]
     assert len(figures) == 4  # a page for all, and one for each
     check_labels(figures[0], 6)
-    figures[0].savefig(io.BytesIO(), format="png", dpi=20)  # texts of strangers are no formulas
+    for figure in figures:
+        assert "event" in check_palette(figure)
+        check_nothing_lies_on_the_data(figure)  # texts of strangers are no formulas
     texts = [text.get_text() for axes in figures[0].axes for text in axes.texts]
     assert any(r"half of \$it" in text for text in texts)
     assert not any("\x1b" in text for text in texts)
+    assert figures[0].get_supylabel() == "force in N"
 
 
-def test_many_channels_are_small_multiples(room, pages, capsys):
+def test_many_channels_are_small_multiples(room, pages):
     assert run("plot", room / "many.hapf", "--output", room / "x.png") == 0
-    assert run("plot", room / "many.hapf", "--output", room / "x.pdf") == 0
-    assert "first of 2 pages" in capsys.readouterr().err
-    (one, _), (both, _) = pages
-    assert len(one) == 1 and [len(figure.axes) for figure in both] == [35, 35]
+    ((both, _),) = pages
+    assert [len(figure.axes) for figure in both] == [35, 35]
+    titles = [axes.get_title("left") for figure in both for axes in figure.axes]
+    assert titles == [f"f{place}" for place in range(70)]
+    for figure in both:
+        check_labels(figure, 35)
+        check_palette(figure)
+        check_nothing_lies_on_the_data(figure)
+        assert figure.get_supylabel() == "force in N"  # once, and at no panel
+        assert not any(axes.get_ylabel() for axes in figure.axes)
     assert run("plot", room / "many.hapf", "--output", room / "x.png", "--channels", "f3,69") == 0
-    assert [len(figure.axes) for figure in pages[2][0]] == [4]
+    assert [len(figure.axes) for figure in pages[1][0]] == [4]
+
+
+def test_every_page_gets_a_file_of_its_own(room, tmp_path, capsys):
+    path = tmp_path / "x.png"
+    assert run("plot", room / "many.hapf", "--output", path) == 0
+    assert "2 pages" in capsys.readouterr().err
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["x-1.png", "x-2.png"]
+    (tmp_path / "x-1.png").unlink()
+    with pytest.raises(ParameterError, match=r"x-2\.png"):
+        run("plot", room / "many.hapf", "--output", path)
+    assert [each.name for each in tmp_path.iterdir()] == ["x-2.png"]
+    assert run("plot", room / "many.hapf", "--output", path, "--force") == 0
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize("count", [*range(1, 65)])
+def test_grids_are_balanced_and_well_filled(count):
+    columns, rows = grid_shape(count)
+    places = placed(list(range(count)), columns)
+    assert [view for view, *_ in places] == list(range(count))
+    assert len({(row, column) for _, row, column, _ in places}) == count
+    sizes = [sum(place[2] == column for place in places) for column in range(columns)]
+    assert max(sizes) == rows and max(sizes) - min(sizes) <= 1
+    assert columns * rows - count < columns and (count < 7 or 2 <= columns <= 4)
+    assert sum(last for *_, last in places) == columns
 
 
 def test_damage_is_drawn_and_reported(room, pages, capsys):
     assert run("plot", room / "cut.hapf", "--output", room / "x.png") == 3
     figure = pages[0][0][0]
-    told = capsys.readouterr().err
-    assert "cut.hapf" in told
-    assert "findings" in figure.get_supxlabel()
+    assert "cut.hapf" in capsys.readouterr().err
+    assert "findings" in words_of(figure)
+    check_nothing_lies_on_the_data(figure)
+
+
+def test_one_damaged_packet_of_many(tmp_path, pages, capsys):
+    """One cluster, so that its times are known from its packets alone."""
+    data = hapfmt.Settings.of("archive", fast=True)
+    rng = np.random.default_rng(1)
+    noise = [Channel(rng.integers(-999, 999, 3000).astype(np.int32), 1000) for _ in range(27)]
+    hapfmt.write(Recording(tuple(noise)), tmp_path / "a.hapf", data)
+    damaged = bytearray((tmp_path / "a.hapf").read_bytes())
+    damaged[len(damaged) // 2] ^= 1
+    (tmp_path / "a.hapf").write_bytes(damaged)
+    assert run("plot", tmp_path / "a.hapf", "--output", tmp_path / "x.png") == 3
+    assert "lost: channel 13 from 0 s to 3 s" in capsys.readouterr().err
+    (figure,) = pages[0][0]
+    drawn = [np.isfinite(axes.lines[0].get_ydata()).any() for axes in figure.axes]
+    assert drawn == [place != 13 for place in range(27)]
+    assert "lost to damage" in figure.axes[13].get_legend_handles_labels()[1]
+    assert "lost to damage" in check_palette(figure)
+    assert "lost: channel 13" in words_of(figure)
+
+
+def test_gaps_events_and_few_samples(tmp_path, pages):
+    x = np.array([1.0, np.nan, 3.0, 2.0])
+    known = Channel.from_physical(x, 1000, label="x", unit="N", lsb=1.0)
+    hapfmt.save(Recording((known,)), tmp_path / "few.npz")
+    flat = Channel.from_physical(np.full(5000, 0.7), 1000, label="x", unit="N", lsb=0.1)
+    hapfmt.write(Recording((flat,)), tmp_path / "flat.hapf")
+    for name in ("few.npz", "flat.hapf"):
+        assert run("plot", tmp_path / name, "-o", tmp_path / "x.png") == 0
+    (few,), (constant,) = (figures for figures, _ in pages)
+    assert {"signal", "gap"} <= check_palette(few)
+    assert few.axes[0].get_xlabel() == "time in ms"
+    # Nothing moves in a constant: no stretch of it, and its spectrum would be that of rounding.
+    assert len(constant.axes) == 1
+    low, high = constant.axes[0].get_ylim()
+    assert low < 0.7 < high
 
 
 @pytest.mark.parametrize("kind", MAGIC)
@@ -253,9 +398,32 @@ class TestCompare:
         capsys.readouterr()
         (figure,) = pages[0][0]
         shown = check_labels(figure, 3)
-        assert shown[0].get_legend_handles_labels()[1] == ["A", "B", "B has a gap"]
+        assert shown[0].get_legend_handles_labels()[1] == ["A", "B", "gap in B"]
+        assert "difference B − A" in check_palette(figure)
+        check_nothing_lies_on_the_data(figure)
         assert "samples in one only" in shown[0].get_title("left")
-        assert "findings" in figure.get_supxlabel()
+        assert "findings" in words_of(figure)
+
+    def test_pictures_of_many_channels(self, tmp_path, pages):
+        """Those that differ are drawn in one grid; of more than a page every page is kept."""
+        for count, differing, expected in ((13, 9, [18]), (13, 13, [26]), (40, 40, [40, 40])):
+            ours = [channel(place, 300) for place in range(count)]
+            theirs = [
+                replace(each, values=each.values + (place < differing))
+                for place, each in enumerate(ours)
+            ]
+            hapfmt.save(Recording(tuple(ours)), tmp_path / "a.npz", force=True)
+            hapfmt.save(Recording(tuple(theirs)), tmp_path / "b.npz", force=True)
+            words = [tmp_path / "a.npz", tmp_path / "b.npz", "--plot", tmp_path / "x.png"]
+            assert run("compare", *words) == 3
+            figures = pages.pop()[0]
+            assert [len(figure.axes) for figure in figures] == expected
+            for figure in figures:
+                assert check_palette(figure) == {"A", "B", "difference B − A"}
+                check_nothing_lies_on_the_data(figure)
+                said = words_of(figure)
+                assert f"{count} channels" in said and "1000 Hz" in said
+                assert ("identical (not drawn): f9, f10" in said) == (differing < count)
 
     def test_refused(self, room):
         with pytest.raises(ParameterError, match="only one of A and B"):

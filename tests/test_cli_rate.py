@@ -237,7 +237,8 @@ class TestTerminal:
         frames = room / "frames"
         config = {"kind": "loopback", "file": str(frames)}
         first = f"import hapfmt.study.outputs as o; o.find_device = lambda *_: {config}"
-        words = ["rate", "study.toml", "--subject", "S1", "--device", "glove.toml", "--no-watchdog"]
+        words = ["rate", "study.toml", "--subject", "S1", "--device", "glove.toml"]
+        words += ["--map", "0=thumb", "--no-watchdog"]
         with Terminal(room, *words, first=first) as terminal:
             terminal.until("question 1 of 3\n> ")
             terminal.type("p")
@@ -325,12 +326,12 @@ class TestPipes:
             (["study.toml"], "whose answers"),
             (["study.toml", "--subject", "S1"], "say where it is felt"),
             (["study.toml", "--subject", "S1", "--dry-run", "--wav", "w"], "one of them"),
-            (["study.toml", "--subject", "S1", "--dry-run", "--gain", "0.1"], "go with --device"),
+            (["study.toml", "--subject", "S1", "--dry-run", "--gain", "0.1"], "require --device"),
             (["study.toml", "--subject", "../S", "--dry-run"], "cannot be a subject"),
             (["study.toml", "--subject", "S1", "--device", "glove5", "--map", "9=1"], "9"),
             (["study.toml", "--prepare", "--summary"], "choose one of"),
             (["study.toml", "--plot", "a.png"], "go with --summary"),
-            (["--summary", "study.toml"], "line 1 is no JSON"),
+            (["--summary", "study.toml"], "line 1 is not a JSON"),
             (["--summary", "study.toml", "--csv", "--json"], "choose one of --csv and --json"),
             (["--new", "n.toml"], "give the recordings"),
             (["--new", "n.toml", "no.hapf"], "no such file"),

@@ -54,7 +54,7 @@ def test_a_table_then_more_of_it(tmp_path):
     assert told["written"] == 20 and told["channels"] == ["x", "y"] and told["dropped"] == {}
     x, y = hapfmt.read(path).channels
     assert x.coverage == (Span(0, 2510),) and x.unit == "N"
-    assert y.physical()[2500:].tolist() == [n / 8 for n in range(10)]
+    assert y.samples()[2500:].tolist() == [n / 8 for n in range(10)]
     assert run(rows, path, *table, "--force")[0] == 0
     assert hapfmt.read(path).channels[0].coverage == (Span(0, 2500),)
 
@@ -62,10 +62,10 @@ def test_a_table_then_more_of_it(tmp_path):
 def test_a_bad_line_ends_with_1_and_keeps_what_came_before(tmp_path):
     path = str(tmp_path / "a.hapf")
     code, out, err = run(HEAD + b"1\n2\nx\n", path, "--json")
-    assert code == 1 and "line 4: 'x' is no number" in err
+    assert code == 1 and "line 4: 'x' is not a number" in err
     assert json.loads(out)["exit_code"] == 1
     assert hapfmt.verify(path).verdict == "intact"
-    assert hapfmt.read(path).channels[0].values.tolist() == [1, 2]
+    assert hapfmt.read(path).channels[0].stored.tolist() == [1, 2]
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_from_a_file_to_a_pipe_with_an_id(tmp_path):
         outputs.add(done.stdout)
         assert b"3 samples" in done.stderr
     (data,) = outputs
-    assert hapfmt.read(data).channels[0].values.tolist() == [1, 2, 3]
+    assert hapfmt.read(data).channels[0].stored.tolist() == [1, 2, 3]
 
 
 def wait_for_samples(path: Path) -> None:
@@ -120,7 +120,7 @@ def test_a_signal_closes_the_file(tmp_path, number):
     assert (process.returncode, err) == (0, b"")
     assert b"2 samples" in out
     assert hapfmt.verify(path).verdict == "intact"
-    assert hapfmt.read(path).channels[0].values.tolist() == [1, 2]
+    assert hapfmt.read(path).channels[0].stored.tolist() == [1, 2]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
@@ -165,7 +165,7 @@ def test_dropped_samples_end_with_3(tmp_path, monkeypatch):
     back = hapfmt.read(path)
     values = back.channels[0]
     ticks = np.concatenate([np.arange(*span) for span in values.coverage])
-    assert 0 < values.values.size < noise.size and (values.values == noise[ticks]).all()
+    assert 0 < values.stored.size < noise.size and (values.stored == noise[ticks]).all()
     assert "for which the encoder was too slow" in back.metadata["notes"][0]
 
 

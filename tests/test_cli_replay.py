@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -64,6 +65,7 @@ fields = [
 ]
 """
 STEP = Calibration(1, 0, 100)
+SITES = {"a": "left hand", "b": "right hand"}
 
 GOLDEN = """\
 0.000000 output  01 00 32 00 ce ff
@@ -79,10 +81,11 @@ GOLDEN = """\
 
 
 def steady(*values: int, ticks: int = 4, rate: int = 100) -> Recording:
-    """Channels a, b, ... of one value each, in hundredths of a newton."""
+    """Channels a of the left hand, b of the right, c, d ... of one value each, in 0.01 N."""
     return Recording(
         tuple(
-            Channel(np.full(ticks, value, np.int32), Fraction(rate), calibration=STEP, label=label, unit="N")
+            Channel(np.full(ticks, value, np.int32), Fraction(rate), calibration=STEP, label=label,
+                    unit="N", body_site=SITES.get(label, ""))
             for label, value in zip("abcdef", values, strict=False)
         )
     )  # fmt: skip
@@ -123,12 +126,14 @@ class TestDryRun:
     def test_the_plan_and_the_report_stand_on_standard_error(self, dry):
         err = dry().err
         assert "two: gain 0.5, 100 frames a second" in err
-        assert "left <- a: -5 to 5 N, at most 1e+06 N/s" in err
+        site = "by the words of its body site, 'left hand'"
+        assert f"  left <- 0 'a', {site}: -5 to 5 N, at most 1e+06 N/s" in err
+        assert "  at rest: no actuator\n" in err
         assert "6 sent, 0 skipped, 2 neutral" in err
 
     def test_json(self, dry):
         said = dry("--gain", 1, "--json")
-        assert (said.code, said.err) == (0, "")
+        assert said.code == 0 and "  left <- 0 'a', " in said.err
         *packets, report = map(json.loads, said.out.splitlines())
         assert [
             f"{packet['due_ns'] / 1e9:.6f} {packet['path']:<7} {bytes.fromhex(packet['data']).hex(' ')}"
@@ -136,6 +141,8 @@ class TestDryRun:
         ] == GOLDEN.splitlines()
         assert report["profile"] == "two" and report["gain"] == 1
         assert report["channels"] == {"left": "a", "right": "b"}
+        assert report["reasons"]["right"] == "by the words of its body site, 'right hand'"
+        assert report["at_rest"] == []
         assert (report["outcome"], report["exit_code"], report["sent"]) == ("clean", 0, 6)
         assert report["late"] is None and report["record"] is None
 
@@ -148,11 +155,12 @@ class TestDryRun:
         path = tmp_path / "more.hapf"
         volts = Channel(np.zeros(4), Fraction(100), label="battery", unit="V")
         hapfmt.write(Recording((*steady(900, 100, 100).channels, volts)), path)
-        said = dry("--gain", 1, file=path)
+        words = ["--gain", 1, "--ignore", "c,battery"]
+        said = dry(*words, file=path)
         assert max(values_of(said.out))[0] == 500
         assert "4 clamped, 0 slew-limited" in said.err
-        assert "left out: " in said.err and "battery" in said.err
-        report = json.loads(dry("--gain", 1, "--json", file=path).out.splitlines()[-1])
+        assert "left out: channel 3 'battery': ignored" in said.err
+        report = json.loads(dry(*words, "--json", file=path).out.splitlines()[-1])
         assert report["clamped"] == 4 and report["skipped"] == 0 and report["lost"] == []
         assert len(report["left_out"]) == 2
 
@@ -225,10 +233,10 @@ class TestRecord:
         spans = (Span(0, 1000), Span(1200, 3200))
         original = Recording(
             tuple(
-                Channel(row, Fraction(100), spans, calibration=STEP, label=label, unit="N")
+                Channel(row, Fraction(100), spans, calibration=STEP, label=label, unit="N", body_site=SITES[label])
                 for label, row in zip("ab", counts, strict=True)
             )
-        )
+        )  # fmt: skip
         hapfmt.write(original, tmp_path / "in.hapf")
         words = ["--device", profile, "--dry-run", "--gain", 1]
         out = tmp_path / "out.hapf"
@@ -238,10 +246,10 @@ class TestRecord:
         assert [channel.label for channel in sent.channels] == ["left", "right"]
         for there, back in zip(original.channels, sent.channels, strict=True):
             assert back.coverage == (Span(0, 3202),) and back.calibration == STEP
-            dense = np.nan_to_num(there.dense(0, 3202))
-            differs = np.flatnonzero(dense != back.physical())
+            dense = np.nan_to_num(there.filled(0, 3202))
+            differs = np.flatnonzero(dense != back.samples())
             assert set(differs.tolist()) <= {0, 1000, 1200, 3200}
-            assert np.all(back.values[1001:1200] == 0)
+            assert np.all(back.stored[1001:1200] == 0)
         told = sent.metadata["replay"]
         assert told["profile"] == "two" and told["gain"] == 1 and told["kernels"]
         assert told["channels"] == {"left": "a", "right": "b"}
@@ -284,7 +292,7 @@ class TestRecord:
         monkeypatch.setattr("hapfmt.replay.sinks.record.CsvRows.close", full)
         said = dry("--record", tmp_path / "out.csv")
         assert said.code == 1 and "6 sent" in said.out
-        assert "what was sent is not recorded" in said.err and "No space left" in said.err
+        assert "record of what was sent is lost" in said.err and "No space left" in said.err
         assert not (tmp_path / "out.csv").exists()
 
 
@@ -324,12 +332,36 @@ class TestRefusals:
         assert said.code == 1 and "glove99" in said.err and "glove5" in said.err
         assert called("replay", touch, "--dry-run").code == 1
 
-    def test_nothing_to_play(self, dry, tmp_path):
-        path = tmp_path / "volts.hapf"
-        hapfmt.write(Recording((Channel(np.ones(9), Fraction(100), unit="V", label="u"),)), path)
-        said = dry(file=path)
-        assert said.code == 1 and said.out == ""
-        assert "no channel can be played with two:" in said.err and "its unit is V" in said.err
+    def test_channels_without_an_actuator(self, dry, tmp_path):
+        """PLY-013: A player MUST refuse to play while a channel has no actuator and the user has not left it out, and MUST print, before anything moves, which channel drives which actuator, why, and which actuators rest."""
+        path = tmp_path / "more.hapf"
+        volts = Channel(np.ones(4), Fraction(100), unit="V", label="battery, main")
+        hapfmt.write(Recording((*steady(100, 100, 100).channels, volts)), path)
+        for words in ([], ["--map-by-order"], ["--ignore", "c"]):
+            said = dry(*words, "--record", tmp_path / "out.csv", file=path)
+            assert said.code == 1 and said.out == "" and not (tmp_path / "out.csv").exists()
+            assert "replay does not guess: " in said.err and "its unit is V" in said.err
+            assert "actuators of two: 1=left, 2=right" in said.err
+        offered = re.findall(r"^  (hapfmt replay .*)", dry(file=path).err, re.MULTILINE)
+        assert len(offered) == 2 and offered[0].endswith("--map a=left,b=right,c=ACTUATOR")
+        assert offered[1].endswith("--ignore c,3")
+        words = shlex.split(offered[1])[1:]
+        assert called(*words).code == 0
+
+    @pytest.mark.parametrize("more", ["--map-by-order", "--ignore=b"])
+    def test_two_ways_to_choose(self, dry, more):
+        said = dry("--map", "a=left", more)
+        assert said.code == 1 and "--map names every channel to play" in said.err
+
+    def test_a_device_is_not_touched(self, profile, tmp_path, monkeypatch):
+        """The refusal comes before anything is opened or sent."""
+        file = tmp_path / "device.txt"
+        config = {"kind": "loopback", "file": str(file), "faults": {}}
+        monkeypatch.setattr("hapfmt.cli.replay.config_of", lambda *_: config)
+        hapfmt.write(steady(100, 100, 100), tmp_path / "three.hapf")
+        said = called("replay", tmp_path / "three.hapf", "--device", profile)
+        assert said.code == 1 and "1 of 3 channels have no actuator" in said.err
+        assert "--dry-run" not in said.err and not file.exists()
 
     def test_no_device(self, profile, touch, monkeypatch):
         """What to do stands in the error; nothing is replaced by then."""
@@ -359,7 +391,9 @@ class TestDamage:
     def test_what_is_lost_is_a_ramp_to_rest_and_exit_code_3(self, dry, tmp_path):
         path = tmp_path / "long.hapf"
         counts = np.random.default_rng(3).integers(90, 111, 3000).astype(np.int32)
-        channel = Channel(counts, Fraction(100), calibration=STEP, label="a", unit="N")
+        channel = Channel(
+            counts, Fraction(100), calibration=STEP, label="a", unit="N", body_site="left hand"
+        )
         hapfmt.write(Recording((channel,)), path, hapfmt.Settings.of("archive", cluster="5"))
         data = bytearray(path.read_bytes())
         with hapfmt.Reader(path) as reader:
@@ -437,7 +471,7 @@ class TestEnds:
             assert "a frame was later than the 1000 ms that the profile allows" in said.err
         if isinstance(report, ReplayReport):
             assert json.loads(ended(report, "--json").out)["exit_code"] == code
-            assert re.search(rf"ended +{report.outcome} ", said.out)
+            assert re.search(rf"ended +{report.outcome}\n", said.out)
 
     def test_the_table(self, ended):
         times = {"p50": 1.2, "p99": 20, "p999": 300, "max": 4000}
@@ -486,8 +520,8 @@ class TestLoopback:
         ]
         assert told["sent"] == 6 and told["late"]["p50"] <= told["late"]["max"] < 100_000
         left, right = hapfmt.read(tmp_path / "out.hapf").channels
-        assert left.values.tolist() == [50, 100, 100, 100, 50, 0]
-        assert right.values.tolist() == [-50, -100, -100, -100, -50, 0]
+        assert left.stored.tolist() == [50, 100, 100, 100, 50, 0]
+        assert right.stored.tolist() == [-50, -100, -100, -100, -50, 0]
 
     def test_the_table(self, played, touch):
         said, _ = played(source=touch)

@@ -42,7 +42,7 @@ def test_every_format(suffix, tmp_path):
     path = str(tmp_path / name)
     load = hapfmt.read if suffix == "hapf" else hapfmt.load
     back = load(path, rate=1000) if suffix == "npy" else load(path)
-    assert back.channels[0].values.size == 500 and back.sample_count == 500
+    assert back.channels[0].stored.size == 500 and back.sample_count == 500
 
 
 def test_hapf_says_what_was_computed(tmp_path):
@@ -147,7 +147,7 @@ def test_force_and_a_pipe(tmp_path):
     done = run("scene", "taps", "a.npz", "--seconds", 0.2, "--force", cwd=tmp_path)
     assert done.returncode == 0 and len(np.load(tmp_path / "a.npz")["x"][0]) == 200
     done = run("scene", "taps", "-", "--seconds", 0.2, cwd=tmp_path)
-    assert len(hapfmt.Reader(done.stdout).read().channels[0].values) == 200
+    assert len(hapfmt.Reader(done.stdout).read().channels[0].stored) == 200
 
 
 def test_saturation_is_told(tmp_path):

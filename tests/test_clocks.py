@@ -149,7 +149,7 @@ class TestFile:
 
     def test_samples_keep_their_times(self):
         assert samples(FILE) == samples(f.minimal())
-        assert Reader(FILE).read().channels[0].rate == 1000
+        assert Reader(FILE).read().channels[0].rate_exact == 1000
 
     def test_the_last_map_counts(self):
         later = f.clock_map([(0, 0), (5, 7)])

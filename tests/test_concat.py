@@ -76,10 +76,10 @@ def test_strangers_one_after_the_other(name: str, gap: Fraction | None) -> None:
         assert told >= offset + (gap or 0) * (told > 0)
         offset = told + part.duration
     for place, channel in enumerate(back.channels):
-        values = np.concatenate([part.channels[place].values for part in parts])
-        assert channel.values.tobytes() == values.astype(channel.values.dtype).tobytes()
+        values = np.concatenate([part.channels[place].stored for part in parts])
+        assert channel.stored.tobytes() == values.astype(channel.stored.dtype).tobytes()
         ticks = [
-            tick + int(told * channel.rate)
+            tick + int(told * channel.rate_exact)
             for part, told in zip(parts, edited.offsets, strict=True)
             for span in part.channels[place].coverage
             for tick in range(span.start, span.stop)
@@ -137,7 +137,7 @@ def test_a_channel_that_one_file_lacks_is_a_gap_there() -> None:
     assert_intact(joined)
     back = hapfmt.read(joined)
     assert [channel.label for channel in back.channels] == ["a", "b", "c"]
-    assert [channel.values.size for channel in back.channels] == [1500, 3000, 1500]
+    assert [channel.stored.size for channel in back.channels] == [1500, 3000, 1500]
     assert back.channels[2].start_tick == 1520
     assert edited.notes[0] == "channel c is new in the input"
 
@@ -157,7 +157,7 @@ def test_what_does_not_go_together_is_refused_with_what_to_do() -> None:
             words, calibration=hapfmt.Calibration(2, 0, 1000)
         ),
         "a: number format int64, and counts": replace(
-            words, values=np.random.default_rng(1).integers(0, 1 << 63, a.size), calibration=None
+            words, stored=np.random.default_rng(1).integers(0, 1 << 63, a.size), calibration=None
         ),
     }
     for message, channel in fails.items():

@@ -146,7 +146,7 @@ class TestUnknownChunks:
         data = f.minimal((type_, b"anything"))
         report = verify(data)
         assert (report.verdict, report.unknown) == ("intact", [type_])
-        assert Reader(data).read().channels[0].values.tolist() == [5] * 4
+        assert Reader(data).read().channels[0].stored.tolist() == [5] * 4
 
     @pytest.mark.parametrize("type_", ["Xxxx", "XXXX", "Data"])
     def test_critical(self, type_):
@@ -200,7 +200,7 @@ class TestHead:
         """
         data = f.closed(("HEAD", f.head(f.tlv(2, b"new"), **fields)), f.TRACK_0, f.DATA_0)
         assert rule(data) == ("intact", None)
-        assert Reader(data).read().channels[0].values.tolist() == [5] * 4
+        assert Reader(data).read().channels[0].stored.tolist() == [5] * 4
 
     @pytest.mark.parametrize("fields", [{"major": 2}, {"major": 0}, {"incompat": 1 << 31}])
     def test_unknown_versions_are_refused(self, fields):
@@ -327,7 +327,7 @@ class TestMetadata:
         MET-002: A reader MUST NOT need it to decode samples.
         """
         damaged = f.minimal(("mETa", b'{"a":1}', {"crc": 0}))
-        assert Reader(damaged).read().channels[0].values.tolist() == [5] * 4
+        assert Reader(damaged).read().channels[0].stored.tolist() == [5] * 4
 
 
 class TestAttachments:

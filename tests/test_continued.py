@@ -110,7 +110,7 @@ class TestOneChannel:
             ("DATA", f.cluster((0, 0, 1, b"\0" + words[0]), (1, 3, 1, b"\0" + words[1]))),
         )
         (channel,) = Reader(data).read().channels
-        assert channel.values.tolist() == [0.1, np.inf]
+        assert channel.stored.tolist() == [0.1, np.inf]
         assert channel.coverage == (Span(0, 1), Span(3, 4))
 
 
@@ -151,7 +151,7 @@ def two_channels(start, size, seed):
     return Recording(
         tuple(
             Channel(
-                values=row, rate=Fraction(1000), coverage=(Span(start, start + size),),
+                stored=row, rate=Fraction(1000), coverage=(Span(start, start + size),),
                 calibration=calibration, unit="N", label=label,
             )
             for row, label in zip(counts, "ab", strict=True)
@@ -165,7 +165,7 @@ def whole_of(*recordings):
         tuple(
             replace(
                 some[0],
-                values=np.concatenate([part.values for part in some]),
+                stored=np.concatenate([part.stored for part in some]),
                 coverage=tuple(span for part in some for span in part.coverage),
             )
             for some in parts
@@ -198,10 +198,10 @@ class TestContracts:
         DBC-004: A channel without a contract MUST be stored without loss: its full band equals the counts, the words, or with exact values (9.7) the numbers, of the source.
         """
         changed = whole_of(self.A, self.B)
-        values = changed.channels[1].values.copy()
+        values = changed.channels[1].stored.copy()
         values[-1] += 1
         changed = replace(
-            changed, channels=(changed.channels[0], replace(changed.channels[1], values=values))
+            changed, channels=(changed.channels[0], replace(changed.channels[1], stored=values))
         )
         report = verify(file, against=changed)
         assert report.verdict == "damaged"
@@ -218,13 +218,13 @@ class TestContracts:
         exact = rng.integers(-500, 500, 300) * 0.001
         shared = {"rate": Fraction(100), "unit": "N", "calibration": Calibration(1, 0, 1000)}
         counts = np.rint(exact * 1000).astype(np.int64)
-        first = Channel(values=counts, coverage=(Span(0, 300),), exact=exact, **shared)
-        second = Channel(values=counts, coverage=(Span(300, 600),), **shared)
+        first = Channel(stored=counts, coverage=(Span(0, 300),), exact=exact, **shared)
+        second = Channel(stored=counts, coverage=(Span(300, 600),), **shared)
         lossless = hapfmt.Settings(preset="archive")
         data = joined(Recording((first,)), Recording((second,)), settings=(lossless, lossless))
         (channel,) = hapfmt.read(data).channels
         assert channel.exact is not None
-        assert channel.exact.tobytes() == np.concatenate([exact, second.physical()]).tobytes()
+        assert channel.exact.tobytes() == np.concatenate([exact, second.samples()]).tobytes()
         (plain,) = Reader(data).read(exact=False).channels
         assert plain.exact is None
 

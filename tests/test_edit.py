@@ -137,8 +137,8 @@ def test_moving_the_start_to_zero_moves_the_epoch(
     assert 0 <= edited.start < period and shift % period == 0
     one, other = hapfmt.read(moved), hapfmt.read(kept)
     for mine, theirs in zip(one.channels, other.channels, strict=True):
-        ticks = int(shift * mine.rate)
-        assert mine.values.tobytes() == theirs.values.tobytes()
+        ticks = int(shift * mine.rate_exact)
+        assert mine.stored.tobytes() == theirs.stored.tobytes()
         assert [s.start + ticks for s in mine.coverage] == [s.start for s in theirs.coverage]
     assert one.epoch_ns == (EPOCH_NS + int(shift * 10**9) if known else None)
     assert one.uuid != other.uuid == UUID
@@ -181,7 +181,7 @@ def test_every_second_a_part(name: str) -> None:
     for number, part in enumerate(parts):
         recording = hapfmt.read(part)
         assert [c.label for c in recording.channels] == labels and recording.uuid == UUID
-        starts = [c.start_tick / c.rate for c in recording.channels if c.values.size]
+        starts = [c.start_tick / c.rate_exact for c in recording.channels if c.stored.size]
         assert min(starts) >= number
 
 

@@ -311,7 +311,7 @@ class TestTimes:
         assert back.epoch_ns == EPOCH_NS - 5 * 10**8 and back.uuid not in (UUID, None)
         assert [c.start_tick for c in back.channels] == [250] * 3 + [1000] * 3
         assert edited.offsets == [Fraction(1, 2), 2]
-        with pytest.raises(hapfmt.ParameterError, match="the nearest that is: 1/250 s"):
+        with pytest.raises(hapfmt.ParameterError, match="the nearest one: 1/250 s"):
             merge([one, two], offsets={1: Fraction(41, 10000)})
         with pytest.raises(hapfmt.ParameterError, match="an offset is not negative"):
             merge([one, two], offsets={1: -1})

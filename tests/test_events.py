@@ -42,7 +42,7 @@ def written(recording, settings=None):
 
 def channel(label="a", size=100):
     return Channel(
-        values=np.arange(size), rate=Fraction(100), coverage=(Span(0, size),),
+        stored=np.arange(size), rate=Fraction(100), coverage=(Span(0, size),),
         calibration=Calibration(), label=label,
     )  # fmt: skip
 

@@ -82,7 +82,7 @@ class TestLoggers:
         with Reader(data) as reader:
             track = reader.channels[0].track
             (channel,) = reader.read().channels
-        assert bits(channel.physical()) == bits(x)
+        assert bits(channel.samples()) == bits(x)
         assert track.codec == "LPCX"
         assert ExactParameters.parse(track.parameters, 0).rule in rules
         assert 8 * measure(BytesSource(data)).payload / SIZE < cost
@@ -94,7 +94,7 @@ class TestLoggers:
             pytest.skip("an exact lattice of fine decimals is coded within the deadband there")
         for preset in ("default", "deadband"):
             data = written(recorded(x[:900]), preset)
-            assert bits(hapfmt.read(data).channels[0].physical()) == bits(x[:900])
+            assert bits(hapfmt.read(data).channels[0].samples()) == bits(x[:900])
 
     def test_a_tolerance_drops_the_exact_values(self):
         x, _, _ = LOGGERS["multiplied in another order"]
@@ -113,7 +113,7 @@ class TestLoggers:
         x, _, _ = LOGGERS["six digits of text"]
         (channel,) = hapfmt.read(written(recorded(x)), exact=False).channels
         assert channel.exact is None
-        assert channel.values.tolist() == WALK.tolist()
+        assert channel.stored.tolist() == WALK.tolist()
         assert channel.calibration.step == Fraction(20, 16384)
 
 
@@ -129,7 +129,7 @@ def test_any_doubles(values, preset):
     x = np.array(values, np.float64)
     (back,) = hapfmt.read(written(recorded(x), preset, k=0)).channels
     if preset == "archive" or back.exact is not None or back.calibration is None:
-        assert bits(back.physical()) == bits(x)
+        assert bits(back.samples()) == bits(x)
 
 
 @given(strategies.recordings())
@@ -137,8 +137,8 @@ def test_archives_of_any_recording(recording):
     data = written(recording)
     for x, y in zip(recording.channels, hapfmt.read(data).channels, strict=True):
         assert x.coverage == y.coverage
-        if x.values.dtype == np.float64:
-            assert bits(x.physical()) == bits(y.physical())
+        if x.stored.dtype == np.float64:
+            assert bits(x.samples()) == bits(y.samples())
     assert rule(data) == ("intact", None)
 
 
@@ -147,15 +147,15 @@ class TestChannel:
                       exact=np.arange(5) * 0.1)  # fmt: skip
 
     def test_physical_values_are_the_exact_ones(self):
-        assert bits(self.CHANNEL.physical()) == bits(np.arange(5) * 0.1)
-        assert bits(self.CHANNEL.dense()[7:9]) == bits(np.array([3, 4]) * 0.1)
+        assert bits(self.CHANNEL.samples()) == bits(np.arange(5) * 0.1)
+        assert bits(self.CHANNEL.filled()[7:9]) == bits(np.array([3, 4]) * 0.1)
 
     @pytest.mark.parametrize(("start", "stop"), [(0, 9), (1, 8), (2, 3), (3, 7), (8, 99)])
     def test_slices_keep_them(self, start, stop):
         ticks = [t for t in (0, 1, 2, 7, 8) if start <= t < stop]
         cut = self.CHANNEL.slice_ticks(start, stop)
-        assert cut.exact.size == cut.values.size == len(ticks)
-        assert bits(cut.exact) == bits(cut.values * 0.1)
+        assert cut.exact.size == cut.stored.size == len(ticks)
+        assert bits(cut.exact) == bits(cut.stored * 0.1)
 
     @pytest.mark.parametrize(
         "exact", [np.zeros(4), np.zeros(5, np.float32), np.zeros((5, 1))], ids=["4", "f4", "2d"]
@@ -170,7 +170,7 @@ class TestChannel:
         data = written(recorded(NOISE[:700]))
         again = hapfmt.read(data)
         assert written(again) == data
-        assert bits(hapfmt.read(written(again, "default")).channels[0].physical()) == bits(
+        assert bits(hapfmt.read(written(again, "default")).channels[0].samples()) == bits(
             NOISE[:700]
         )
 
@@ -185,7 +185,7 @@ class TestFiles:
             (part,) = hapfmt.read(self.DATA, start=start, stop=stop).channels
             cut = whole.slice_ticks(-(-start * 1000 // 1), -(-stop * 1000 // 1))
             assert part.coverage == cut.coverage
-            assert bits(part.physical()) == bits(cut.physical())
+            assert bits(part.samples()) == bits(cut.samples())
 
     def test_du_books_them_apart(self):
         usage = measure(BytesSource(self.DATA))
@@ -220,7 +220,7 @@ class TestFiles:
         stream = io.BytesIO()
         save(Recording((channel,)), stream, format="wav")
         (back,) = hapfmt.load(io.BytesIO(stream.getvalue()), format="wav").channels
-        assert bits(back.physical()) == bits(x)
+        assert bits(back.samples()) == bits(x)
 
     @pytest.mark.parametrize("change", [np.spacing, lambda v: -2 * v])
     def test_verify_sees_one_bit(self, change):
@@ -246,7 +246,7 @@ class TestFiles:
                 (channel,) = reader.read().channels
                 assert reader.findings
             seen = [t for span in channel.coverage for t in range(span.start, span.stop)]
-            assert [place[t] for t in seen] == bits(channel.physical())
+            assert [place[t] for t in seen] == bits(channel.samples())
             lost += len(ticks) - len(seen)
         assert lost > 0
 

@@ -96,5 +96,5 @@ def test_the_slow_part_is_not_drawn_by_them():
     assert [track.kind for track in made.tracks] == ["lf", "hf"]
     out = io.BytesIO()
     hapfmt.write(Recording((channel,)), out, Settings(bits=8), canonical=1)
-    slow = hapfmt.read(out.getvalue(), band="lf").channels[0].values
+    slow = hapfmt.read(out.getvalue(), band="lf").channels[0].stored
     assert np.abs(slow - HUM).max() < 150

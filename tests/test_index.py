@@ -359,10 +359,10 @@ class TestNotClosed:
             a, b = (r.read(start=start, stop=stop) for r in (reader, scanned))
             assert reader.lost == scanned.lost
             for x, y in zip(a.channels, b.channels, strict=True):
-                assert (x.start_tick, x.gaps, x.values.tolist()) == (
+                assert (x.start_tick, x.gaps, x.stored.tolist()) == (
                     y.start_tick,
                     y.gaps,
-                    y.values.tolist(),
+                    y.stored.tolist(),
                 )
 
     @pytest.mark.parametrize("back", range(1, 140, 3))

@@ -88,12 +88,12 @@ class TestArchive:
         back = assert_intact(recording, Settings.of("archive"))
         for before, after in zip(recording.channels, back.channels, strict=True):
             assert after.coverage == before.coverage
-            assert after.physical().tobytes() == before.physical().tobytes()
+            assert after.samples().tobytes() == before.samples().tobytes()
 
     @given(signals, calibrations)
     def test_counts_come_back(self, x, calibration):
         back = assert_intact(Recording((channel(x, calibration),)), Settings.of("archive"))
-        assert back.channels[0].values.tolist() == x.tolist()
+        assert back.channels[0].stored.tolist() == x.tolist()
 
     def test_everything_is_predicted(self):
         made = encode(
@@ -111,7 +111,7 @@ class TestNearLossless:
     def test_never_beyond_the_error(self, x, calibration, text):
         settings = Settings.of("near-lossless", max_error=text)
         recording = Recording((channel(x, calibration),))
-        y = assert_intact(recording, settings).channels[0].values.astype(np.int64)
+        y = assert_intact(recording, settings).channels[0].stored.astype(np.int64)
         error = Tolerance.parse(text)
         allowed = {
             "lsb": Fraction(error.value),
@@ -146,7 +146,7 @@ class TestDeadband:
         """DBC-002: With flag *guaranteed*, every sample MUST keep the contract: scalar form `|x - y| * kd <= max(kn * |x - zero|, floor * kd)` for each component; vector form the same with Euclidean norms over the components, compared by their squares, and the floor of the first component."""
         settings = Settings("deadband", k=k, floor=floor)
         recording = Recording((channel(x, calibration),))
-        y = assert_intact(recording, settings).channels[0].values.astype(np.int64)
+        y = assert_intact(recording, settings).channels[0].stored.astype(np.int64)
         band = Deadband.from_physical(at_most(k), 1, [calibration])
         whole = {"lsb": floor.value, "range": floor.value * int(np.ptp(x))}.get(
             floor.kind, floor.value / float(abs(calibration.step))
@@ -158,7 +158,7 @@ class TestDeadband:
     def test_every_way_keeps_it_and_can_be_read(self, x, calibration, k, floor):
         """Also the ways that lost by size."""
         one = channel(x, calibration)
-        spans = tuple(cut(one.coverage, one.rate, Fraction(10), 1))
+        spans = tuple(cut(one.coverage, one.rate_exact, Fraction(10), 1))
         source = Source((one,), x[:, None].astype(np.int64), spans)
         bound = bound_of(source, Settings("deadband", k=k, floor=floor))
         base = make_track(source, 0, kind="full", codec="KNOT", count_min=-(2**31),
@@ -193,8 +193,10 @@ class TestDeadband:
     def test_every_way_of_a_vector(self, seed, k, floor, name, width, size):
         calibration = Calibration(1, 5, 1000)
         axes = tuple(channel(shapes(size, seed + i)[name], calibration) for i in range(width))
-        rows = np.column_stack([axis.values for axis in axes]).astype(np.int64)
-        source = Source(axes, rows, tuple(cut(axes[0].coverage, axes[0].rate, Fraction(10), width)))
+        rows = np.column_stack([axis.stored for axis in axes]).astype(np.int64)
+        source = Source(
+            axes, rows, tuple(cut(axes[0].coverage, axes[0].rate_exact, Fraction(10), width))
+        )
         bound = bound_of(source, Settings("deadband", k=k, floor=floor))
         base = make_track(source, 0, kind="full", codec="KNOT", count_min=-(2**31),
                           count_max=2**31 - 1)  # fmt: skip
@@ -214,7 +216,7 @@ class TestDeadband:
         t = np.arange(2000)
         rows = np.column_stack([np.round(9000 * np.sin(t / 150 + turn)) for turn in (0, 1, 2)])
         axes = tuple(channel(row.astype(np.int64), Calibration(1, 0, 1000)) for row in rows.T)
-        spans = tuple(cut(axes[0].coverage, axes[0].rate, Fraction(10), 3))
+        spans = tuple(cut(axes[0].coverage, axes[0].rate_exact, Fraction(10), 3))
         source = Source(axes, rows.astype(np.int64), spans)
         bound = bound_of(source, Settings("deadband", k=Fraction(1, 10), floor="0.5%"))
         base = make_track(source, 0, kind="full", codec="KNOT", count_min=-(2**31),
@@ -262,4 +264,4 @@ def test_near_lossless_counts_the_deviation_of_the_lattice():
     hapfmt.write(recording, stream, settings, canonical=1)
     back = hapfmt.read(stream.getvalue()).channels[0]
     assert back.deviation is not None and back.deviation.largest > 0.001
-    assert np.abs(back.physical() - x).max() <= 0.01
+    assert np.abs(back.samples() - x).max() <= 0.01

@@ -365,7 +365,7 @@ def test_negative_zero_needs_a_tolerance() -> None:
     assert unchanged is channel
     assert "negative zero" in reason
     changed, reason = to_counts(channel, Tolerance(1e-9))
-    assert changed.values.tolist() == [0, 1, 2, 0]
+    assert changed.stored.tolist() == [0, 1, 2, 0]
     assert changed.deviation == Deviation(1e-9, 0.0)
     assert "-0.0 became 0" in reason
 
@@ -376,11 +376,11 @@ def test_negative_zero_needs_a_tolerance() -> None:
 def test_to_counts() -> None:
     channel = Channel(K / 1000, Fraction(1000), label="current", unit="A")
     changed, reason = to_counts(channel, Tolerance(0.1))
-    assert changed.values.dtype == np.int32
+    assert changed.stored.dtype == np.int32
     assert changed.calibration == Calibration(1, 0, 1000)
     assert changed.deviation is None
     assert changed.label == "current"
-    assert same_bits(changed.physical(), channel.values)
+    assert same_bits(changed.samples(), channel.stored)
     assert "0.001" in reason
     again, reason = to_counts(changed, Tolerance(0.1))
     assert again is changed
@@ -416,7 +416,7 @@ def test_other_dtypes(dtype: str) -> None:
     channel = Channel(np.arange(0, 50, 2).astype(dtype), Fraction(1))
     changed, _ = to_counts(channel)
     assert changed.calibration == Calibration(2)
-    assert np.array_equal(changed.physical(), channel.physical())
+    assert np.array_equal(changed.samples(), channel.samples())
 
 
 def test_the_reason_names_the_tolerance_that_helps() -> None:

@@ -31,7 +31,7 @@ def test_sizes(text, size):
 
 @pytest.mark.parametrize("text", ["", "0", "-1", "1.5G", "M", "1e9", "5 PB", "9" * 20, "\u0661M"])
 def test_no_sizes(text):
-    with pytest.raises(ParameterError, match="no size"):
+    with pytest.raises(ParameterError, match="not a size"):
         Limits.of_memory(text)
 
 

@@ -209,7 +209,7 @@ class TestCounts:
         path = tmp_path / "live.hapf"
         path.write_bytes(stream.getvalue())
         (channel,) = hapfmt.read(path).channels
-        assert np.array_equal(channel.values, x)
+        assert np.array_equal(channel.stored, x)
         assert (channel.label, channel.unit) == ("torque", "N.m")
         assert channel.calibration == COUNTS.calibration
 

@@ -137,7 +137,7 @@ class TestCreation:
         ("name", "message"),
         [
             ("", "not the name of a file"),
-            ("{tmp}", "a directory stands in the place"),
+            ("{tmp}", "the output is a directory"),
             ("{tmp}/missing/a", "the directory it should lie in does not exist"),
             ("/dev/null", "not a regular file"),
         ],

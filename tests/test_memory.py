@@ -45,7 +45,7 @@ SETTINGS = {
 def test_writing_holds_no_second_recording(preset):
     for minutes in (6, 18):
         recording = staircase(minutes)
-        own = recording.channels[0].values.nbytes
+        own = recording.channels[0].stored.nbytes
         used = peak_of(
             lambda r=recording: hapfmt.write(r, io.BytesIO(), SETTINGS[preset], canonical=1)
         )
@@ -56,13 +56,13 @@ def test_reading_holds_the_samples_once():
     recording = staircase(60)
     stream = io.BytesIO()
     hapfmt.write(recording, stream, SETTINGS["archive"], canonical=1)
-    own = recording.channels[0].values.nbytes
+    own = recording.channels[0].stored.nbytes
     assert own < peak_of(lambda: hapfmt.read(stream.getvalue())) < 1.25 * own + 2 * MIB
 
 
 def test_reading_holds_exact_values_once():
     """Beside their counts: three times the bytes of these."""
-    x = staircase(20).channels[0].values * 0.1
+    x = staircase(20).channels[0].stored * 0.1
     stream = io.BytesIO()
     hapfmt.write(Recording((Channel(x, Fraction(1000)),)), stream, SETTINGS["archive"], canonical=1)
     assert hapfmt.read(stream.getvalue()).channels[0].exact is not None

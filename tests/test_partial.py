@@ -230,7 +230,7 @@ def test_any_part_of_any_file(recording, settings, band, data):
     start, stop = sorted(Fraction(data.draw(ends), 1000) for _ in range(2))
     assume(start < stop)
     asked = {"channels": channel, "start": start, "stop": stop, "band": band}
-    rate = recording.channels[channel].rate
+    rate = recording.channels[channel].rate_exact
     whole = samples(file, channels=channel, band=band)
     clean = {key: value for key, value in whole.items() if start * rate <= key[1] < stop * rate}
     bad = data.draw(damaged(file))
@@ -359,5 +359,5 @@ def test_events_beside_samples():
     assert reader.catalogue.indexed
     found = reader.read(0, 0, 3)
     assert [event.text for event in found.events] == ["touch"]
-    assert found.channels[0].gaps == () and len(found.channels[0].values) == 30
+    assert found.channels[0].gaps == () and len(found.channels[0].stored) == 30
     assert [event.text for event in reader.events(1, 2)] == ["touch"]

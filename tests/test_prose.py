@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import click
 import pytest
 from pages import PAGES
+from spec import ROOT
 
 BANNED = [
     r"stands?\b(?! for)",
@@ -86,3 +88,34 @@ def test_help_texts() -> None:
 
     found = {name: faults(text) for name, text in helps(cli, "hapfmt")}
     assert {name: each for name, each in found.items() if each} == {}
+
+
+def messages(path: Path) -> Iterator[tuple[int, str]]:
+    """The texts of ``raise XError(...)``: expressions within are {}."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+            for argument in node.exc.args:
+                yield from ((node.lineno, text) for text in texts(argument))
+
+
+def texts(node: ast.AST) -> Iterator[str]:
+    if isinstance(node, ast.JoinedStr):
+        yield "".join(
+            str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values
+        )
+    elif isinstance(node, ast.Constant):
+        if isinstance(node.value, str) and " " in node.value:
+            yield node.value
+    else:
+        for each in ast.iter_child_nodes(node):
+            yield from texts(each)
+
+
+def test_messages() -> None:
+    found = [
+        f"{path.relative_to(ROOT)}:{line}: {text}"
+        for path in sorted((ROOT / "hapfmt").rglob("*.py"))
+        for line, text in messages(path)
+        if PATTERN.search(text)
+    ]
+    assert found == []

@@ -86,7 +86,7 @@ class TestBands:
             HEAD, low, high, ("DATA", f.cluster((0, 0, 4, f.svarint(5)), (1, 0, 4, b"\x18")))
         )
         physical = [
-            Reader(data).read(band=band).channels[0].physical().tolist()
+            Reader(data).read(band=band).channels[0].samples().tolist()
             for band in hapfmt.reading.reader.BANDS
         ]
         assert physical == [[27.5, 28.0, 27.0, 27.5], [27.5] * 4, [0.0, 0.5, -0.5, 0.0]]
@@ -160,11 +160,11 @@ class TestGaps:
     def test_hold_no_values(self):
         (channel,) = Reader(self.DATA).read().channels
         assert channel.coverage == (Span(2, 4), Span(7, 8))
-        assert channel.values.tolist() == [1, 1, 2]
+        assert channel.stored.tolist() == [1, 1, 2]
 
     def test_show_as_nan(self):
         (channel,) = Reader(self.DATA).read().channels
-        assert np.isnan(channel.dense()).tolist() == [
+        assert np.isnan(channel.filled()).tolist() == [
             True,
             True,
             False,
@@ -193,12 +193,16 @@ def test_a_part_is_a_slice_of_the_whole(recording, settings, data):
     for x, y in zip(whole.channels, part.channels, strict=True):
         cut = x.slice_ticks(
             *(
-                -(-t.numerator * x.rate.numerator // (t.denominator * x.rate.denominator))
+                -(
+                    -t.numerator
+                    * x.rate_exact.numerator
+                    // (t.denominator * x.rate_exact.denominator)
+                )
                 for t in (a, b)
             )
         )
         assert cut.coverage == y.coverage
-        assert cut.values.tobytes() == y.values.tobytes() or not cut.values.size
+        assert cut.stored.tobytes() == y.stored.tobytes() or not cut.stored.size
 
 
 class TestTimes:
@@ -300,7 +304,7 @@ class TestDecodedOnly:
         whole = Reader(many_file).read()
         chosen = Reader(many_file).read(["d", 0, "d"])
         assert [channel.label for channel in chosen.channels] == ["d", "a", "d"]
-        assert np.array_equal(chosen.channels[0].values, whole.channels[3].values)
+        assert np.array_equal(chosen.channels[0].stored, whole.channels[3].stored)
         with pytest.raises(ParameterError, match="there are"):
             Reader(many_file).read(["e"])
 
@@ -352,12 +356,12 @@ class TestValues:
     def test_words_are_what_they_are(self):
         x = np.array([0.1, -0.0, np.inf, 5e-324])
         (channel,) = hapfmt.read(encoded(Recording((Channel(x, Fraction(10)),)))).channels
-        assert channel.values.tobytes() == x.tobytes()
+        assert channel.stored.tobytes() == x.tobytes()
 
     def test_words_of_no_samples(self):
         x = np.random.default_rng(0).normal(size=9)
         (channel,) = Reader(encoded(Recording((Channel(x, Fraction(10)),)))).read(start=5).channels
-        assert channel.values.dtype == np.float64
+        assert channel.stored.dtype == np.float64
 
 
 class TestLimits:

@@ -67,17 +67,17 @@ def channel_of(source) -> Channel:
 
 def same_channel(found: Channel, source) -> None:
     expected = channel_of(source)
-    assert (found.label, found.rate, found.coverage) == (
+    assert (found.label, found.rate_exact, found.coverage) == (
         expected.label,
-        expected.rate,
+        expected.rate_exact,
         expected.coverage,
     )
     if source[0].lsb is None:
-        assert found.physical().tobytes() == expected.physical().tobytes()
+        assert found.samples().tobytes() == expected.samples().tobytes()
     else:
         deviation = found.deviation.declared if found.deviation else 0.0
         assert deviation <= 0.00051
-        assert np.allclose(found.physical(), expected.physical(), rtol=0, atol=deviation + 1e-12)
+        assert np.allclose(found.samples(), expected.samples(), rtol=0, atol=deviation + 1e-12)
 
 
 @st.composite
@@ -148,7 +148,7 @@ def test_rows_are_the_channels_one_by_one(size, width, seed, floats):
                 recorder.write_all({i: values[at:stop, i] for i in range(width)})
             at = stop
     for place, channel in enumerate(hapfmt.read(stream.getvalue()).channels):
-        own = channel.physical() if floats else channel.values
+        own = channel.samples() if floats else channel.stored
         assert (own == values[:, place]).all() and channel.coverage == (Span(0, size),)
 
 
@@ -172,7 +172,7 @@ def test_a_recording_written_whole_and_one_written_live_are_equal(tmp_path):
         for at in range(0, 30_000, 17):
             recorder.write("force", counts[at : at + 17])
     a, b = (hapfmt.read(tmp_path / name).channels[0] for name in ("whole.hapf", "live.hapf"))
-    assert (a.values == b.values).all() and a.coverage == b.coverage
+    assert (a.stored == b.stored).all() and a.coverage == b.coverage
     assert a.calibration == b.calibration
     assert (tmp_path / "live.hapf").stat().st_size < 1.2 * (tmp_path / "whole.hapf").stat().st_size
 
@@ -192,7 +192,7 @@ def test_ticks_never_go_back(tmp_path):
         with pytest.raises(ParameterError, match="below 2\\^48"):
             recorder.write("b", [1], tick=1 << 48)
     force, other = hapfmt.read(tmp_path / "a.hapf").channels
-    assert force.coverage == (Span(10, 14), Span(20, 21)) and force.values.tolist() == [
+    assert force.coverage == (Span(10, 14), Span(20, 21)) and force.stored.tolist() == [
         1,
         2,
         3,
@@ -218,7 +218,7 @@ def test_what_does_not_fit_an_input_is_refused_and_nothing_is_taken(values, mess
         with pytest.raises(ParameterError, match=message):
             recorder.write("force", values)
         recorder.write("force", [(1 << 23) - 1, -(1 << 23)])
-    assert hapfmt.read(stream.getvalue()).channels[0].values.tolist() == [8388607, -8388608]
+    assert hapfmt.read(stream.getvalue()).channels[0].stored.tolist() == [8388607, -8388608]
 
 
 def test_refusals():
@@ -244,7 +244,7 @@ def test_refusals():
         for call, message in [
             (lambda: recorder.write("y", [1]), "no channel 'y'; there are: 'force', 'x'"),
             (lambda: recorder.write(2, [1]), "no channel 2"),
-            (lambda: recorder.write_rows([[1, 2]]), "write them apart"),
+            (lambda: recorder.write_rows([[1, 2]]), "write them separately"),
             (lambda: recorder.write_rows([[1, 2]], channels=[0, 0]), "each once"),
             (lambda: recorder.add(counts_input("wide", bits=25)), "needs level 2"),
             (lambda: recorder.write("x", [1 + 2j]), "are floats"),
@@ -297,7 +297,7 @@ def test_a_stalled_channel_does_not_hold_up_the_others(tmp_path):
         recorder.write_rows(np.full((50, 2), 9, np.int32), tick=1000)
     a, b = hapfmt.read(path).channels
     assert a.coverage == (Span(0, 1050),) and b.coverage == (Span(0, 950), Span(1000, 1050))
-    assert b.values.tolist() == [0] * 50 + [7] * 900 + [9] * 50
+    assert b.stored.tolist() == [0] * 50 + [7] * 900 + [9] * 50
     assert hapfmt.verify(path).verdict == "intact"
 
 
@@ -315,7 +315,7 @@ def test_nothing_waits_longer_than_hold(tmp_path):
         recorder.write("force", [1, 2, 3])
         wait_for(lambda: recorder.status().written == 3)
         with hapfmt.Reader(path) as reader:
-            assert reader.read().channels[0].values.tolist() == [1, 2, 3]
+            assert reader.read().channels[0].stored.tolist() == [1, 2, 3]
 
 
 def test_flush_makes_all_durable(tmp_path, monkeypatch):
@@ -330,7 +330,7 @@ def test_flush_makes_all_durable(tmp_path, monkeypatch):
         recorder.flush()
         assert len(synced) == before + 1
         with hapfmt.Reader(path) as reader:
-            assert reader.read().channels[0].values.size == 5500
+            assert reader.read().channels[0].stored.size == 5500
             assert [finding.code for finding in reader.findings] == ["not-closed"]
         assert recorder.status().flushed_s >= 5.5
 
@@ -366,9 +366,9 @@ def test_a_full_queue_drops_only_what_it_counts():
     recorder.close()
     back = hapfmt.read(stream.getvalue())
     channel = back.channels[0]
-    assert channel.values.size == status.taken and channel.values.size < 40_000
+    assert channel.stored.size == status.taken and channel.stored.size < 40_000
     ticks = np.concatenate([np.arange(s.start, s.stop) for s in channel.coverage])
-    assert (channel.values == ticks % 400).all()
+    assert (channel.stored == ticks % 400).all()
     assert back.metadata["notes"] == [
         f"dropped: {status.dropped_count} samples of 'force', for which the encoder was too slow"
     ]
@@ -419,7 +419,7 @@ def test_a_full_queue_blocks_and_the_time_is_counted():
     recorder.write("force", np.arange(200_000))
     recorder.close()
     assert recorder.status().blocked_s > 0.1 and not recorder.status().dropped
-    assert hapfmt.read(stream.getvalue()).channels[0].values.size == 200_000
+    assert hapfmt.read(stream.getvalue()).channels[0].stored.size == 200_000
 
 
 class Broken(io.BytesIO):
@@ -469,7 +469,7 @@ def test_a_full_disk_leaves_a_valid_file(tmp_path, monkeypatch):
     monkeypatch.undo()
     with hapfmt.Reader(path, scan=True) as reader:
         assert {finding.code for finding in reader.findings} <= {"not-closed"}
-        values = reader.read().channels[0].values
+        values = reader.read().channels[0].stored
     assert values.size >= 10_000 and (values == noise[: values.size]).all()
     with Recorder(path, [counts_input()], append=True) as recorder:
         recorder.write("force", [5])
@@ -482,7 +482,7 @@ def test_an_error_in_the_block_still_closes_the_file(tmp_path):
         recorder.write("force", [1, 2])
         1 / 0  # noqa: B018
     assert hapfmt.verify(path).verdict == "intact"
-    assert hapfmt.read(path).channels[0].values.tolist() == [1, 2]
+    assert hapfmt.read(path).channels[0].stored.tolist() == [1, 2]
 
 
 def test_what_the_encoder_refuses_leaves_a_valid_file(tmp_path):
@@ -496,7 +496,7 @@ def test_what_the_encoder_refuses_leaves_a_valid_file(tmp_path):
     with pytest.raises(ParameterError):
         recorder.close()
     assert hapfmt.verify(path).verdict == "intact"
-    assert hapfmt.read(path).channels[0].values.size >= 25
+    assert hapfmt.read(path).channels[0].stored.size >= 25
 
 
 CHILD = """
@@ -519,7 +519,7 @@ def test_the_end_of_the_program_closes_the_file(tmp_path):
     done = run_child(tmp_path / "end.hapf", "")
     assert (done.returncode, done.stderr) == (0, "")
     assert hapfmt.verify(tmp_path / "end.hapf").verdict == "intact"
-    assert hapfmt.read(tmp_path / "end.hapf").channels[0].values.size == 3
+    assert hapfmt.read(tmp_path / "end.hapf").channels[0].stored.size == 3
 
 
 def test_a_recorder_that_nobody_holds_is_closed(tmp_path):
@@ -532,7 +532,7 @@ def test_a_recorder_that_nobody_holds_is_closed(tmp_path):
 def test_a_program_that_stops_at_once_leaves_what_was_flushed(tmp_path):
     run_child(tmp_path / "exit.hapf", "recorder.flush(); os._exit(1)")
     with hapfmt.Reader(tmp_path / "exit.hapf") as reader:
-        assert reader.read().channels[0].values.size == 3
+        assert reader.read().channels[0].stored.size == 3
         assert [finding.code for finding in reader.findings] == ["not-closed"]
 
 
@@ -554,7 +554,7 @@ recorder.close()
     done = run_child(tmp_path / "fork.hapf", body)
     assert done.stdout == "the recording belongs to the process that began it\n", done.stderr
     assert hapfmt.verify(tmp_path / "fork.hapf").verdict == "intact"
-    assert hapfmt.read(tmp_path / "fork.hapf").channels[0].values.tolist() == [1, 2, 3, 4]
+    assert hapfmt.read(tmp_path / "fork.hapf").channels[0].stored.tolist() == [1, 2, 3, 4]
 
 
 def test_two_recorders_on_one_file_are_refused(tmp_path):
@@ -568,7 +568,7 @@ def test_two_recorders_on_one_file_are_refused(tmp_path):
         recorder.write("force", [1])
     with pytest.raises(ParameterError, match="exists already"):
         Recorder(path, [counts_input()])
-    assert hapfmt.read(path).channels[0].values.tolist() == [1]
+    assert hapfmt.read(path).channels[0].stored.tolist() == [1]
 
 
 def test_several_threads_may_write(tmp_path):
@@ -585,7 +585,7 @@ def test_several_threads_may_write(tmp_path):
         for thread in threads:
             thread.join()
     for place, channel in enumerate(hapfmt.read(tmp_path / "threads.hapf").channels):
-        assert (channel.values == np.arange(5000) * (place + 1)).all()
+        assert (channel.stored == np.arange(5000) * (place + 1)).all()
 
 
 @pytest.mark.parametrize("end", ["closed", "open", "torn"])
@@ -619,7 +619,7 @@ def test_append(tmp_path, end):
         # The silent channel had no track yet.
         expected = [*expected[:2], expected[3]]
     assert found == expected
-    assert back.channels[1].physical().tolist() == [0.5, 0.25, 1.0]
+    assert back.channels[1].samples().tolist() == [0.5, 0.25, 1.0]
     assert back.metadata["who"] == "me" and back.epoch_ns == 10**18
     assert back.metadata["notes"][-1].startswith("appended from 3 s on by hapfmt")
     with pytest.raises(ParameterError, match=r"ends at 3.501 s: nothing is appended at 2 s"):
@@ -669,7 +669,7 @@ def test_presets(tmp_path, chosen):
     with Recorder(tmp_path / "a.hapf", [counts_input()], chosen) as recorder:
         recorder.write("force", walk)
     assert hapfmt.verify(tmp_path / "a.hapf").verdict == "intact"
-    found = hapfmt.read(tmp_path / "a.hapf").channels[0].values
+    found = hapfmt.read(tmp_path / "a.hapf").channels[0].stored
     allowed = {"near-lossless": 2, "archive": 0}.get(chosen.preset)
     if allowed is not None:
         assert np.abs(found - walk).max() <= allowed

@@ -202,7 +202,7 @@ class TestLostDescriptions:
             assert [ref.number for ref in reader.channels] == list(range(number + 1))
             assert {ref.label for ref in reader.channels[:-1]} == {"(lost)"}
             found = reader.read(channels=[0, number])
-        assert [channel.values.tolist() for channel in found.channels] == [[], [5] * 4]
+        assert [channel.stored.tolist() for channel in found.channels] == [[], [5] * 4]
 
 
 def test_digests():

@@ -56,7 +56,7 @@ def assert_same(recording, data):
     back = hapfmt.read(data)
     for before, after in zip(recording.channels, back.channels, strict=True):
         assert after.coverage == before.coverage
-        assert after.physical().tobytes() == before.physical().tobytes()
+        assert after.samples().tobytes() == before.samples().tobytes()
 
 
 class TestTracks:
@@ -117,7 +117,7 @@ class TestTracks:
     def test_what_cannot_share_a_track(self, other):
         given = channels(skin(4))
         if other.get("calibration", 0) is None:
-            other = {"calibration": None, "values": given[1].values + np.pi}
+            other = {"calibration": None, "stored": given[1].stored + np.pi}
         recording = Recording((given[0], replace(given[1], **other), *given[2:]))
         made = encode(recording, ARCHIVE)
         assert [len(track.components) for track in made.tracks] == [1, 1, 2]
@@ -170,7 +170,7 @@ class TestTracks:
     def test_one_channel_of_many(self):
         recording = Recording(channels(skin()))
         (back,) = hapfmt.read(written(recording)[0], channels=[4]).channels
-        assert back.values.tolist() == recording.channels[4].values.tolist()
+        assert back.stored.tolist() == recording.channels[4].stored.tolist()
 
     @given(st.integers(0, 2**32), st.sampled_from([1, 2, 5, 300]), st.sampled_from([1, 10**6]))
     def test_any_counts_come_back(self, seed, size, factor):
@@ -198,7 +198,7 @@ class TestNearLossless:
         assert [len(track.components) for track in made.tracks] == [6]
         assert all("track of 0-5" in d.reason and d.within for d in summary.decisions)
         for before, after in zip(recording.channels, hapfmt.read(data).channels, strict=True):
-            away = np.abs(before.values.astype(int) - after.values).max()
+            away = np.abs(before.stored.astype(int) - after.stored).max()
             assert away <= float(error[:-3])
         report = hapfmt.verify(data, against=recording)
         assert report.verdict == "intact" and not any(c.outside for c in report.contracts)

@@ -72,7 +72,7 @@ def size_of(data: bytes, kinds: str) -> int:
 def same(a: hapfmt.Recording, b: hapfmt.Recording) -> bool:
     pairs = zip(a.channels, b.channels, strict=True)
     return all(
-        x.start_tick == y.start_tick and np.array_equal(x.values, y.values) for x, y in pairs
+        x.start_tick == y.start_tick and np.array_equal(x.stored, y.stored) for x, y in pairs
     )
 
 
@@ -97,8 +97,8 @@ class TestBytes:
         bound = table + 1001 + 2 * 2 * remote.BLOCK
         assert len(server.asked) - requests <= 2
         assert server.sent - opened <= bound < 200_000 / 2
-        expected = Reader(wide).read("taxel 77").channels[0].values[60_000:61_000]
-        assert np.array_equal(found.channels[0].values, expected)
+        expected = Reader(wide).read("taxel 77").channels[0].stored[60_000:61_000]
+        assert np.array_equal(found.channels[0].stored, expected)
 
     def test_what_was_read_is_kept(self, server):
         with Reader(server.url("wide.hapf")) as reader:

@@ -104,7 +104,7 @@ def test_a_record_is_what_the_device_took(tmp_path):
         counts = rd.counts_of(w.reports)[: -rd.NEUTRAL]
     kept = hapfmt.read(sent).channels
     assert [x.label for x in kept] == list(rd.FINGERS)
-    steps = [[round(value / 0.001) for value in x.physical().tolist()] for x in kept]
+    steps = [[round(value / 0.001) for value in x.samples().tolist()] for x in kept]
     assert list(zip(*steps, strict=True)) == counts
     assert kept[0].stop_tick - len(counts) == report["skipped"]
 

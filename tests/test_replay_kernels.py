@@ -213,78 +213,19 @@ def assigned(channels, profile, *given_, settings=None):
 
 
 class TestAssignment:
-    """
-    PLY-008: A player MUST say what it did not play: channels that the device cannot render, samples that are lost, frames left out, values that were limited.
-    """
-
-    FINGERS = profile_of(3, names=["thumb", "index", "middle"])
-
-    def test_in_order_of_units(self):
-        channels = [channel("a"), channel("b", "V"), channel("c", "mN"), channel("d"), channel("e")]
-        routes, found = assigned(channels, self.FINGERS)
-        assert routes == {0: 0, 1: 2, 2: 3}
-        assert found.routes[1].factor == Fraction(1, 1000)
-        assert found.left_out == (
-            "channel 1 'b': its unit is V, the actuator takes N",
-            "channel 4 'e': every actuator that it could play on has another channel",
-        )
-
-    def test_names_come_before_sites_and_sites_before_order(self):
-        profile = profile_of(3, names=["thumb", "index", "middle"])
-        actuators = list(profile.actuators)
-        actuators[1] = actuators[1].__class__(**{**vars(actuators[1]), "body_site": "Index finger"})
-        profile = profile.__class__(**{**vars(profile), "actuators": tuple(actuators)})
-        channels = [
-            channel("x"),
-            channel("y", body_site="index finger"),
-            channel("Thumb"),
-            channel("z"),
-        ]
-        routes, _ = assigned(channels, profile)
-        assert routes == {0: 2, 1: 1, 2: 0}
-
-    @pytest.mark.parametrize("text", ["b=2", "1=index", "1=2", "b=index", " b = index "])
-    def test_as_given(self, text):
-        routes, found = assigned([channel("a"), channel("b")], self.FINGERS, text)
-        assert routes == {1: 1}
-        assert "channel 0 'a': not chosen" in found.left_out
-        assert "actuator 'thumb' stays at rest: no channel for it" in found.left_out
-
-    def test_one_channel_on_two_actuators_and_labels_with_a_sign(self):
-        routes, _ = assigned([channel("a=b")], self.FINGERS, "a=b=1", "a=b=middle")
-        assert routes == {0: 0, 2: 0}
-
-    @pytest.mark.parametrize(
-        ("given_", "what"),
-        [
-            (["a"], "no assignment"),
-            (["=1"], "no assignment"),
-            (["a="], "no assignment"),
-            (["q=1"], "no channel 'q'"),
-            (["a=0"], "no actuator '0'"),
-            (["a=4"], "no actuator '4'"),
-            (["a=ring"], "1=thumb, 2=index, 3=middle"),
-            (["v=1"], "its unit is V, the actuator takes N"),
-            (["a=1", "b=thumb"], "two channels for the actuator 'thumb'"),
-        ],
-    )
-    def test_wishes_that_cannot_be(self, given_, what):
-        with pytest.raises(ParameterError, match=what):
-            assigned([channel("a"), channel("b"), channel("v", "V")], self.FINGERS, *given_)
-
     def test_bands(self):
         noise = np.random.default_rng(1).integers(-999, 1000, 500).astype(np.int32)
         split = Settings(k=Fraction(1, 10), bits=8)
         rough = Channel(noise, Fraction(1000), calibration=MILLI, label="rough", unit="N")
         for band, kept, gone in (("lf", "LF", "HF"), ("hf", "HF", "LF")):
-            routes, found = assigned([rough], profile_of(band=band), settings=split)
+            routes, found = assigned([rough], profile_of(band=band), "0=1", settings=split)
             assert routes == {0: 0}
             assert found.notes == (
                 f"channel 0 'rough': its {gone} is left out, since 'a1' renders {kept} only",
             )
-        routes, found = assigned([rough], profile_of(band="hf"))
-        assert routes == {}
-        assert "it has no HF track" in found.left_out[0]
+        for given_ in ([], ["0=1"]):
+            with pytest.raises(ParameterError, match="it has no HF track"):
+                assigned([rough], profile_of(band="hf"), *given_)
 
     def test_calibration_of_the_actuator(self):
         profile = profile_of()
@@ -292,7 +233,9 @@ class TestAssignment:
         tuned = actuator.__class__(**{**vars(actuator), "gain": -2.0, "offset": 0.5})
         profile = profile.__class__(**{**vars(profile), "actuators": (tuned,)})
         with Reader(file_of(Recording((channel(unit="mN"),)))) as reader:
-            values, known = joined(Renderer(reader, profile, assign(reader, profile)).blocks())
+            values, known = joined(
+                Renderer(reader, profile, assign(reader, profile, by_order=True)).blocks()
+            )
         assert known.all()
         assert np.allclose(values[:, 0], -2 * np.arange(100) * 1e-6 + 0.5, rtol=0, atol=1e-15)
 

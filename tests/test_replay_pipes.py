@@ -389,7 +389,7 @@ class TestWatchdog:
             ({"sink": {"kind": "none"}}, "no sink"),
             ({"neutral": []}, "no neutral frame"),
             ({"neutral": [3]}, "no reports"),
-            ({"heartbeat_s": "soon"}, "'heartbeat_s' is no float"),
+            ({"heartbeat_s": "soon"}, "'heartbeat_s' is not of type float"),
         ],
     )
     def test_it_cannot_begin(self, tmp_path, setup, said):

@@ -106,25 +106,25 @@ F = "report[0].fields"
 BAD: list[tuple[str, Any, str, bool]] = [
     # path, value, what the error says after the path, whether the schema refuses it
     ("name", ..., "is missing; add a text", BOTH),
-    ("name", 3, "is no text; put it between quotes", BOTH),
+    ("name", 3, "is not a text; put it between quotes", BOTH),
     ("name", "two words", "cannot be used; write letters", BOTH),
     ("name", "1", "cannot be used", BOTH),
-    ("nmae", "x", "is no known key; did you mean name?", BOTH),
-    ("xyz", "x", "is no known key; known: name", BOTH),
+    ("nmae", "x", "is not a known key; did you mean name?", BOTH),
+    ("xyz", "x", "is not a known key; known: name", BOTH),
     ("source", "x" * 4001, "has 4001 characters", BOTH),
     ("gain", 0, "0 is too small; write a number above 0", BOTH),
     ("gain", 1.5, "1.5 is out of range", BOTH),
     ("gain", float("nan"), "nan is no number", RULE),
-    ("gain", "1", "is no number; write one, without quotes", BOTH),
+    ("gain", "1", "is not a number; write one, without quotes", BOTH),
     ("gain", True, "is no number", BOTH),
-    ("match", {}, "is no list; write it as [[match]]", BOTH),
+    ("match", {}, "is not a list; write it as [[match]]", BOTH),
     ("match[0].vendor_id", ..., "is missing; add a whole number from 0 to 65535", BOTH),
     ("match[0].vendor_id", 65536, "65536 is out of range; write 0 to 65535", BOTH),
-    ("match[0].product_id", "0x1", "is no whole number; write one from", BOTH),
+    ("match[0].product_id", "0x1", "is not a whole number; write one from", BOTH),
     ("match[0].bus", "serial", "is none of usb, bluetooth; choose one", BOTH),
     ("match[0].vid", 1, "is no known key", BOTH),
     ("timing", ..., "is missing; add [timing]", BOTH),
-    ("timing", [], "is no table; write it as [table]", BOTH),
+    ("timing", [], "is not a table; write it as [table]", BOTH),
     ("timing.rate", ..., "is missing; add the samples", BOTH),
     ("timing.rate", 0, "0 is too small", BOTH),
     ("timing.rate", 1e8, "100000000 is out of range".replace("100000000", "1e+08 Hz"), BOTH),
@@ -164,7 +164,7 @@ BAD: list[tuple[str, Any, str, bool]] = [
     ("actuator[0].accepts", {"N": "1"}, "is no number", BOTH),
     ("actuator[0].band", "low", "is none of full, lf, hf", BOTH),
     ("actuator[0].rectify", 1, "is neither true nor false", BOTH),
-    ("actuator[0].max", 1, "is no known key; did you mean maximum?", BOTH),
+    ("actuator[0].max", 1, "is not a known key; did you mean maximum?", BOTH),
     ("report", ..., "is missing; add at least one", BOTH),
     ("report[0].path", "input", "is none of output, feature", BOTH),
     ("report[0].id", 256, "256 is out of range", BOTH),
@@ -180,19 +180,19 @@ BAD: list[tuple[str, Any, str, bool]] = [
     (f"{F}[1].actuator", "c", "there is no actuator 'c'; use one of a, b", RULE),
     (f"{F}[1].type", "u8", "u8 holds 0 to 255, but 'a' has counts from -100 to 100", RULE),
     (f"{F}[1].type", "f32", "is none of u8", BOTH),
-    (f"{F}[1].typ", "i8", "is no known key; did you mean type?", BOTH),
+    (f"{F}[1].typ", "i8", "is not a known key; did you mean type?", BOTH),
     (f"{F}[0].mask", 256, "256 is out of range", RULE),
     (f"{F}[0].shift", 1, "moves bits of the mask out of u8", RULE),
     (f"{F}[0].counter", "i8", "is none of u8", BOTH),
     (f"{F}[3].map", "other", "is none of hd-rumble", BOTH),
     (f"{F}[3].actuators", ["b"], "hd-rumble takes 2: amplitude of the high band, then", RULE),
-    (f"{F}[3].actuators", ["b", 1], "is no text; write the name of an actuator", BOTH),
+    (f"{F}[3].actuators", ["b", 1], "is not a text; write the name of an actuator", BOTH),
     (f"{F}[3].actuators", ["a", "b"], "hd-rumble takes 0 to 1; lower the limits of 'a'", RULE),
     (f"{F}[3].low_hz", 40, "40 is out of range", BOTH),
     (f"{F}[4].crc32", {"to": 9}, "covers the CRC itself, at 8", RULE),
     (f"{F}[4].crc32", {"from": 5, "to": 5}, "must be above from, 5", RULE),
     (f"{F}[4].crc32", {"seed": -1}, "-1 is out of range", BOTH),
-    (f"{F}[4].crc32", {"sed": 1}, "is no known key; did you mean seed?", BOTH),
+    (f"{F}[4].crc32", {"sed": 1}, "is not a known key; did you mean seed?", BOTH),
     (f"{F}[4].crc32", 3, "is no table", BOTH),
     (f"{F}[5]", {"at": 12, "const": []}, "has 0 entries", BOTH),
     (f"{F}[5]", {"at": 12, "const": [256]}, "256 is out of range", BOTH),
@@ -478,7 +478,7 @@ class TestLoad:
     def test_errors_name_the_file(self, tmp_path):
         path = tmp_path / "own.toml"
         path.write_text("name = 3", encoding="utf-8")
-        with pytest.raises(ParameterError, match=f"^{re.escape(str(path))}: name: is no text"):
+        with pytest.raises(ParameterError, match=f"^{re.escape(str(path))}: name: is not a text"):
             load_profile(str(path))
 
     def test_no_such(self):

@@ -31,7 +31,9 @@ def ramp(ticks=5000, rate=1000, **described):
 
 def rendered(data, profile, **asked):
     with Reader(data) as reader:
-        return joined(Renderer(reader, profile, assign(reader, profile), **asked).blocks())
+        return joined(
+            Renderer(reader, profile, assign(reader, profile, by_order=True), **asked).blocks()
+        )
 
 
 WIDEST = 200
@@ -54,12 +56,14 @@ class TestEverySampleIsWhatThePageSays:
         PLY-009: A player MUST send for sample n of a replay what the channel is at `start + n * speed / rate` seconds of the recording, rate being that of the device, computed with exact rational numbers.
         PLY-010: A player MUST treat a channel as known at a time t of the recording exactly where it covers tick `floor(t * rate)`, rate being that of the channel, with a finite value.
         """
-        assume(any(channel.values.size for channel in recording.channels))
-        widest = max(channel.rate for channel in recording.channels) * speed / rate
+        assume(any(channel.stored.size for channel in recording.channels))
+        widest = max(channel.rate_exact for channel in recording.channels) * speed / rate
         assume(widest <= WIDEST)
         file = file_of(recording, settings)
         step = speed / rate
-        edges = [edge / c.rate for c in recording.channels for span in c.coverage for edge in span]
+        edges = [
+            edge / c.rate_exact for c in recording.channels for span in c.coverage for edge in span
+        ]
         start = data.draw(st.sampled_from(edges)) - data.draw(st.integers(0, 40)) * step
         start = max(start, Fraction(0))
         count = data.draw(st.integers(1, 60))
@@ -84,7 +88,7 @@ class TestEverySampleIsWhatThePageSays:
         assert values.tobytes() == again.tobytes()
         assert len(values) <= count
         for i, runs in enumerate(want):
-            own = recording.channels[i].rate
+            own = recording.channels[i].rate_exact
             for n in range(len(values)):
                 found = expected(runs, SHAPES[band], own * step, (start + n * step) * own)
                 assert known[n, i] == (found is not None)
@@ -93,20 +97,20 @@ class TestEverySampleIsWhatThePageSays:
 
     @given(strategies.recordings(), strategies.encoder_settings(), st.sampled_from(["full", "lf"]))
     def test_at_the_same_rate_samples_pass_bit_for_bit(self, recording, settings, band):
-        channels = [c for c in recording.channels if c.values.size]
+        channels = [c for c in recording.channels if c.stored.size]
         assume(channels)
         for place, channel in enumerate(channels):
             first = max(channel.start_tick - 3, 0)
             ticks = min(channel.stop_tick - first, 400)
             with Reader(file_of(Recording(tuple(channels)), settings)) as reader:
-                want = reader.read(place, band=band).channels[0].dense(first, first + ticks)
-                profile = profile_of(rate=channel.rate, band=band)
+                want = reader.read(place, band=band).channels[0].filled(first, first + ticks)
+                profile = profile_of(rate=channel.rate_exact, band=band)
                 renderer = Renderer(
                     reader,
                     profile,
                     Assignment((Route(place, 0, Fraction(1)),)),
-                    first / channel.rate,
-                    (first + ticks) / channel.rate,
+                    first / channel.rate_exact,
+                    (first + ticks) / channel.rate_exact,
                 )
                 values, known = joined(renderer.blocks())
             assert known[:, 0].tolist() == np.isfinite(want).tolist()
@@ -190,7 +194,7 @@ class TestOnlyWhatIsPlayedIsDecoded:
             replace(
                 ramp(3000),
                 label=label,
-                values=generator.integers(-2000, 2000, 3000).astype(np.int32),
+                stored=generator.integers(-2000, 2000, 3000).astype(np.int32),
             )
             for label in "ABC"
         ]
@@ -219,7 +223,7 @@ class TestOnlyWhatIsPlayedIsDecoded:
         assert set(decoded["packets"]) == set(decoded["decoders"]) == played
         assert known.all()
         for i, channel in enumerate(want):
-            assert values[:, i].tobytes() == channel.physical().tobytes()
+            assert values[:, i].tobytes() == channel.samples().tobytes()
 
     def test_a_part_of_an_hour(self, decoded):
         """Neither what lies before nor what lies far behind it."""
@@ -227,7 +231,9 @@ class TestOnlyWhatIsPlayedIsDecoded:
         decoded["packets"].clear()
         with Reader(file) as reader:
             profile = profile_of()
-            blocks = Renderer(reader, profile, assign(reader, profile), start=50).blocks()
+            blocks = Renderer(
+                reader, profile, assign(reader, profile, by_order=True), start=50
+            ).blocks()
             first = next(blocks)
             assert len(decoded["packets"]) <= 2
             assert first.known.all()
@@ -241,7 +247,7 @@ class TestLoops:
         channel = ramp(200)
         with Reader(file_of(Recording((channel,)))) as reader:
             profile = profile_of(ramp_s=0.03)
-            renderer = Renderer(reader, profile, assign(reader, profile), loops=3)
+            renderer = Renderer(reader, profile, assign(reader, profile, by_order=True), loops=3)
             values, known = joined(renderer.blocks())
             assert [(k.any(), k.all()) for k in (known[:200], known[200:260])] == [
                 (True, True),
@@ -250,14 +256,14 @@ class TestLoops:
             assert len(values) == 3 * 200 + 2 * 60
             for loop in range(3):
                 at = loop * 260
-                assert values[at : at + 200, 0].tobytes() == channel.physical().tobytes()
+                assert values[at : at + 200, 0].tobytes() == channel.samples().tobytes()
                 assert renderer.position(at + 7) == Position(loop, Fraction(7, 1000))
                 assert renderer.position(at + 230) == Position(loop, None)
 
     def test_for_ever(self):
         with Reader(file_of(Recording((ramp(20),)))) as reader:
             profile = profile_of()
-            renderer = Renderer(reader, profile, assign(reader, profile), loops=0)
+            renderer = Renderer(reader, profile, assign(reader, profile, by_order=True), loops=0)
             blocks = renderer.blocks()
             some = [next(blocks) for _ in range(200)]
             assert not any(block.last for block in some)
@@ -268,13 +274,13 @@ class TestLoops:
         channel = ramp(1000)
         with Reader(file_of(Recording((channel,)))) as reader:
             profile = profile_of()
-            renderer = Renderer(reader, profile, assign(reader, profile), loops=3)
+            renderer = Renderer(reader, profile, assign(reader, profile, by_order=True), loops=3)
             blocks = list(renderer.blocks(5000, 2, Fraction(9, 10), 1))
             assert {block.generation for block in blocks} == {2}
             values, known = joined(blocks)
             assert blocks[0].first == 5000
             assert len(values) == 100 + 100 + 1000
-            assert values[:100, 0].tobytes() == channel.physical()[900:].tobytes()
+            assert values[:100, 0].tobytes() == channel.samples()[900:].tobytes()
             assert renderer.position(5099) == Position(1, Fraction(999, 1000))
             assert renderer.position(5200) == Position(2, Fraction(0))
             assert not known[100:200].any()
@@ -284,7 +290,9 @@ class TestLoops:
     def test_of_nothing(self, start, stop, loops):
         with Reader(file_of(Recording((ramp(1000),)))) as reader:
             profile = profile_of()
-            renderer = Renderer(reader, profile, assign(reader, profile), start, stop, loops=loops)
+            renderer = Renderer(
+                reader, profile, assign(reader, profile, by_order=True), start, stop, loops=loops
+            )
             (block,) = renderer.blocks()
             assert block.last
             assert block.values.shape == (0, 1)
@@ -294,4 +302,4 @@ class TestLoops:
             profile = profile_of()
             for wish in ({"speed": 0}, {"speed": -1}, {"loops": -1}):
                 with pytest.raises(ParameterError):
-                    Renderer(reader, profile, assign(reader, profile), **wish)
+                    Renderer(reader, profile, assign(reader, profile, by_order=True), **wish)

@@ -74,9 +74,9 @@ class TestRecord:
         thumb, voice = loaded(path).channels
         assert thumb.coverage == voice.coverage == (Span(0, 10), Span(4700, 5000))
         kept = np.array([*self.COUNTS[:10], *self.COUNTS[4700:]])
-        assert np.array_equal(thumb.physical(), kept[:, 0] / 1000)
-        assert np.array_equal(voice.physical(), kept[:, 1] / 255)
-        assert (thumb.label, thumb.unit, thumb.rate) == ("thumb", "N", 1000)
+        assert np.array_equal(thumb.samples(), kept[:, 0] / 1000)
+        assert np.array_equal(voice.samples(), kept[:, 1] / 255)
+        assert (thumb.label, thumb.unit, thumb.rate_exact) == ("thumb", "N", 1000)
 
     def test_many_rows_pass_in_pieces(self, path):
         with RecordSink(path, PROFILE) as sink:
@@ -84,7 +84,7 @@ class TestRecord:
                 sink.send(frame(n, self.COUNTS[n % 5000]), ())
         thumb = loaded(path).channels[0]
         assert thumb.coverage == (Span(0, 9000),)
-        assert thumb.physical()[8999] == self.COUNTS[3999][0] / 1000
+        assert thumb.samples()[8999] == self.COUNTS[3999][0] / 1000
 
     def test_frames_of_several_samples(self, path):
         profile = replace(PROFILE, timing=Timing(Fraction(3000), 32))
@@ -92,7 +92,7 @@ class TestRecord:
             for k in (0, 1, 3):
                 sink.send(frame(k, *self.COUNTS[32 * k : 32 * k + 32], size=32, rate=3000), ())
         thumb = (hapfmt.read if path.endswith(".hapf") else hapfmt.load)(path).channels[0]
-        assert thumb.coverage == (Span(0, 64), Span(96, 128)) and thumb.rate == 3000
+        assert thumb.coverage == (Span(0, 64), Span(96, 128)) and thumb.rate_exact == 3000
 
     def test_it_says_what_was_played(self, tmp_path):
         told = {"gain": 0.5, "kernels": ["linear"]}
@@ -119,7 +119,7 @@ class TestRecord:
         with pytest.raises(RuntimeError), RecordSink(path, PROFILE) as sink:
             sink.send(frame(0, (1, 2)), ())
             raise RuntimeError
-        assert loaded(path).channels[0].physical().tolist() == [0.001]
+        assert loaded(path).channels[0].samples().tolist() == [0.001]
 
     def test_nothing_is_replaced_unless_asked(self, path, tmp_path):
         with RecordSink(path, PROFILE) as sink:
@@ -128,7 +128,7 @@ class TestRecord:
             RecordSink(path, PROFILE)
         with RecordSink(path, PROFILE, force=True) as sink:
             sink.send(frame(0, (3, 2)), ())
-        assert loaded(path).channels[0].physical().tolist() == [0.003]
+        assert loaded(path).channels[0].samples().tolist() == [0.003]
         assert len(list(tmp_path.iterdir())) == 1
 
     def test_names_and_steps_that_cannot_be(self, tmp_path):

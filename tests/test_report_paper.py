@@ -128,11 +128,9 @@ class TestRatio:
         assert len(set(alone)) == 3
 
     def test_error_shrinks_with_bits(self, sand):
-        f = sand.recording.channels[0].physical()
+        f = sand.recording.channels[0].samples()
         found = [measure(sand, settings(10, bits, sand.floor)) for bits in (0, 3, 5, 8)]
-        errors = [
-            float(np.abs(hapfmt.read(p.file).channels[0].physical() - f).max()) for p in found
-        ]
+        errors = [float(np.abs(hapfmt.read(p.file).channels[0].samples() - f).max()) for p in found]
         assert errors == sorted(errors, reverse=True)
         assert errors[-1] < errors[0] / 20
         assert [p.snr_db for p in found] == sorted(p.snr_db for p in found)
@@ -149,7 +147,7 @@ class TestVariants:
         point = measure(sand, settings(10, 5, sand.floor))
         parts = parts_of(point.file)
         assert parts.slow_size + parts.fast_size == point.payload_size
-        f = sand.recording.channels[0].physical()
+        f = sand.recording.channels[0].samples()
         count = 1 / 2000
         assert np.abs(parts.whole - f).max() <= parts.step / 2 + count
         assert parts.knots[0] == 0
@@ -184,7 +182,7 @@ class TestVariants:
 class TestRated:
     def test_torques_are_not_felt(self, sand):
         (channel,) = sand.recording.channels
-        slow = replace(channel, values=channel.values * 0, label="still")
+        slow = replace(channel, stored=channel.stored * 0, label="still")
         torque = replace(channel, unit="N.m", quantity="torque")
         recording = replace(sand.recording, channels=(slow, torque))
         source = Source("lever", recording, sand.floor)
@@ -232,7 +230,7 @@ class TestFelt:
         assert weighted_power(x, RATE, TOOL).max() < 0.01
 
     def test_louder_errors_are_felt_longer(self, sand):
-        f = sand.recording.channels[0].physical()
+        f = sand.recording.channels[0].samples()
         noise = np.random.default_rng(5).normal(0, 1, f.size)
         found = [felt(f, f + rms * noise, RATE, TOOL) for rms in (0.0001, 0.003, 0.03)]
         levels = [each.error_db for each in found]

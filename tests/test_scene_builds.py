@@ -37,7 +37,7 @@ JOINTS = 22
 
 def physical(scene: Scene) -> dict[str, np.ndarray]:
     recording, _ = simulate(scene)
-    return {channel.label: channel.physical() for channel in recording.channels}
+    return {channel.label: channel.samples() for channel in recording.channels}
 
 
 def hf_tracks(recording: hapfmt.Recording, preset: str) -> int:
@@ -53,7 +53,7 @@ def residual(force: np.ndarray) -> np.ndarray:
     stream = BytesIO()
     paper = hapfmt.Settings.of("paper", k=0.1, bits=0, floor=Tolerance.parse("0.01"))
     hapfmt.write(hapfmt.Recording((channel,)), stream, paper, canonical=1)
-    return force - hapfmt.read(stream.getvalue()).channels[0].physical()
+    return force - hapfmt.read(stream.getvalue()).channels[0].samples()
 
 
 def kurtosis(x: np.ndarray) -> float:
@@ -182,11 +182,11 @@ class TestTheSameAgain:
         first, again, other = (simulate(scene.changed(seed=seed))[0] for seed in (1, 1, 2))
         assert first.metadata == again.metadata
         assert all(
-            np.array_equal(a.values, b.values)
+            np.array_equal(a.stored, b.stored)
             for a, b in zip(first.channels, again.channels, strict=True)
         )
         assert any(
-            not np.array_equal(a.values, b.values)
+            not np.array_equal(a.stored, b.stored)
             for a, b in zip(first.channels, other.channels, strict=True)
         )
 
@@ -203,7 +203,7 @@ class TestTheSameAgain:
         hapfmt.write(recording, tmp_path / "a.hapf", hapfmt.Settings.of("archive", fast=True))
         back = hapfmt.read(tmp_path / "a.hapf")
         for mine, theirs in zip(recording.channels, back.channels, strict=True):
-            assert np.array_equal(mine.values, theirs.values)
+            assert np.array_equal(mine.stored, theirs.stored)
             assert (mine.label, mine.unit, mine.axis, mine.group, mine.calibration) == (
                 theirs.label, theirs.unit, theirs.axis, theirs.group, theirs.calibration
             )  # fmt: skip
@@ -366,7 +366,7 @@ class TestChosen:
 
     def test_the_end_of_a_range_is_counted(self):
         recording, work = simulate(load_scene("taps").changed(n_per_m=1e7, seconds=1))
-        force = recording.channels[0].values
+        force = recording.channels[0].stored
         assert work.saturated_count > 0 and force.max() == 32767
 
     def test_progress(self):
@@ -392,4 +392,4 @@ class TestChosen:
     def test_short_and_odd(self, name, seconds, rate):
         scene = load_scene(name).changed(seconds=seconds, rate_hz=rate)
         recording, _ = simulate(scene)
-        assert {len(c.values) for c in recording.channels} == {max(round(seconds * rate), 1)}
+        assert {len(c.stored) for c in recording.channels} == {max(round(seconds * rate), 1)}

@@ -35,13 +35,13 @@ WRONG = [
     ("[", "no TOML: "),
     ("x = " + "[" * 5000, "no TOML: "),
     ("a = 1\na = 2\n" + TOOL, "no TOML: "),
-    ("secnds = 1\n" + TOOL, "secnds: is no known key; did you mean seconds?"),
-    ("q = 1\n" + TOOL, "q: is no known key; known: name, description, seconds, seed,"),
-    ("tool = 3", "tool: is no table; write it as [tool.x]".replace("[tool.x]", "[table]")),
+    ("secnds = 1\n" + TOOL, "secnds: is not a known key; did you mean seconds?"),
+    ("q = 1\n" + TOOL, "q: is not a known key; known: name, description, seconds, seed,"),
+    ("tool = 3", "tool: is not a table; write it as [tool.x]".replace("[tool.x]", "[table]")),
     ("[tool]", "tool: has none of stroke, press, reach; give one of them"),
     (TOOL + "[tool.reach]", "tool: has stroke and reach of stroke, press, reach; give one"),
     ("[tool.press]", "tool.press: press_n is missing: force of the hand in N"),
-    ("seconds = '4'\n" + TOOL, "seconds: is no number; write one, without quotes"),
+    ("seconds = '4'\n" + TOOL, "seconds: is not a number; write one, without quotes"),
     ("seconds = true\n" + TOOL, "seconds: is no number"),
     ("seconds = 0\n" + TOOL, "seconds: 0 is too small; write a number above 0"),
     ("seconds = nan\n" + TOOL, "seconds: nan cannot be used; write a finite number"),
@@ -49,9 +49,9 @@ WRONG = [
     ("seconds = 1e9\n" + TOOL, "seconds: 1000000000.0 is out of range; write 0 to 36000"),
     (f"seconds = {HUGE[:4000]}\n" + TOOL, "seconds: the number is out of range"),
     ("seed = -1\n" + TOOL, "seed: -1 is out of range; write 0 to 9223372036854775807"),
-    ("seed = 1.5\n" + TOOL, "seed: is no whole number; write one from 0 to"),
+    ("seed = 1.5\n" + TOOL, "seed: is not a whole number; write one from 0 to"),
     ("rate_hz = 0\n" + TOOL, "rate_hz: 0 is out of range; write 1 to 1000000"),
-    ("name = 3\n" + TOOL, "name: is no text; put it between quotes"),
+    ("name = 3\n" + TOOL, "name: is not a text; put it between quotes"),
     (f"name = '{'n' * 101}'\n" + TOOL, "name: has 101 characters; at most 100 are taken"),
     (TOOL + "speed_m_per_s = 3", "tool.stroke.speed_m_per_s: is not two numbers; write [smallest,"),
     (TOOL + "speed_m_per_s = [1]", "tool.stroke.speed_m_per_s: is not two numbers"),
@@ -90,12 +90,15 @@ WRONG = [
         "[tool]\nchannels = ['position x']\n[tool.press]\npress_n = 1",
         "tool.channels: 'position x': a press moves along z alone; leave it out",
     ),
-    ("[tool]\nchannels = []\n[tool.stroke]", "tool.channels: is no list; write some of tangential"),
-    ("[tool]\nchannels = [3]\n[tool.stroke]", "tool.channels[0]: is no text; write one of"),
+    (
+        "[tool]\nchannels = []\n[tool.stroke]",
+        "tool.channels: is not a list; write some of tangential",
+    ),
+    ("[tool]\nchannels = [3]\n[tool.stroke]", "tool.channels[0]: is not a text; write one of"),
     ("[tool]\nchannels = ['force']\n[tool.stroke]", "tool.channels[0]: there is no 'force'; "),
     (
         "[tool]\nchannels = ['position x', 'position x']\n[tool.stroke]",
-        "tool.channels[1]: 'position x' stands there twice; write it once",
+        "tool.channels[1]: 'position x' is there twice; write it once",
     ),
     ("[tool.press]\npress_n = 1\nevery_s = 1", "tool.press.every_s: is over before the hand is up"),
     (
@@ -108,13 +111,13 @@ WRONG = [
         "tool.sensor.range_n: takes less than 1 or more than 2^30 steps; mend step_n",
     ),
     ("[hand]\nfingers = ['toe']", "hand.fingers[0]: there is no 'toe'; choose one of thumb, "),
-    ("[hand]\nfingers = []", "hand.fingers: is no list; write some of thumb, index"),
+    ("[hand]\nfingers = []", "hand.fingers: is not a list; write some of thumb, index"),
     ("[hand]\nwrist = 1", "hand.wrist: is neither true nor false; write one of them"),
     ("[hand]\nevery_s = 1", "hand.every_s: is too short to close, hold and open"),
     ("[hand.object]\nwidth_m = 0.05", "hand.object: n_per_m is missing: stiffness in N/m"),
     ("[hand.object]\nn_per_m = 1\nwidth_m = 1", "hand.object.width_m: 1 is out of range"),
     ("[hand.tremor]\nhz = [8]", "hand.tremor.hz: is not two numbers"),
-    ("[hand]\nmiddle = true", "hand.middle: is no known key; "),
+    ("[hand]\nmiddle = true", "hand.middle: is not a known key; "),
 ]
 
 
@@ -206,7 +209,7 @@ class TestInPython:
             (Scene, "a scene of nothing"),
             (lambda: Texture("velvet"), "surface: there is no 'velvet'"),
             (lambda: Sensor(step_n=1e-6, range_n=1e4), "range_n: takes"),
-            (lambda: Hand(fingers=()), "fingers: is no list"),
+            (lambda: Hand(fingers=()), "fingers: is not a list"),
         ):
             with pytest.raises(SceneError) as caught:
                 make()
@@ -221,7 +224,7 @@ class TestInPython:
         scene = load_scene("grasp").changed(n_per_m=50, seed=7, seconds=None)
         assert scene.hand.object.n_per_m == 50 and scene.seed == 7 and scene.seconds == 4
         assert scene.hand.object.grip_n == 6
-        with pytest.raises(SceneError, match="'free' touches nothing, so this is no part of it"):
+        with pytest.raises(SceneError, match="'free' touches nothing, so it has no such part"):
             load_scene("free").changed(n_per_m=1e3)
         with pytest.raises(SceneError, match="seed: -1 is out of range"):
             load_scene("free").changed(seed=-1)
@@ -245,7 +248,7 @@ class TestInPython:
             load_scene("everything").without("tool", "hand")
         with pytest.raises(SceneError, match="no part is called 'toe'; there are: texture"):
             load_scene("everything").without("toe")
-        with pytest.raises(SceneError, match="fingers: is no list"):
+        with pytest.raises(SceneError, match="fingers: is not a list"):
             load_scene("grasp").without(*FINGERS)
 
     def test_recorded(self):

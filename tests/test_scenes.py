@@ -25,8 +25,8 @@ def test_one_channel_of_counts():
     recording = simulate("sand", 1.0, seed=3, rate_hz=500)
     (channel,) = recording.channels
     assert (channel.label, channel.unit, channel.quantity) == ("normal force", "N", "force")
-    assert (channel.axis, channel.group, channel.rate) == ("z", "", Fraction(500))
-    assert channel.values.dtype == np.int16 and channel.values.shape == (500,)
+    assert (channel.axis, channel.group, channel.rate_exact) == ("z", "", Fraction(500))
+    assert channel.stored.dtype == np.int16 and channel.stored.shape == (500,)
     assert channel.calibration.step == Fraction(1, 2000)
     assert recording.metadata["scene"] == {
         "name": "stylus",
@@ -40,7 +40,7 @@ def test_one_channel_of_counts():
 @pytest.mark.parametrize("texture", TEXTURES)
 def test_forces_are_those_of_the_scene(texture):
     """Mean 0.8-1.0 N, texture above 20 Hz 20-60 mN rms; air at both ends, no contact lost."""
-    force = simulate(texture).channels[0].physical()
+    force = simulate(texture).channels[0].samples()
     touching = slice(500, 3700)
     texture_rms = (force - low_pass(force, 1000))[touching].std()
     assert 0.8 < force.mean() < 1.0
@@ -51,19 +51,19 @@ def test_forces_are_those_of_the_scene(texture):
 
 def test_flat_plane_is_silent_and_computes_no_height_field(monkeypatch):
     monkeypatch.setitem(sys.modules, "hapfmt.scenes.heightfields", None)
-    force = simulate(None).channels[0].physical()
+    force = simulate(None).channels[0].samples()
     assert 0.8 < force.mean() < 1.0
     assert (force - low_pass(force, 1000))[500:3700].std() < 0.002
 
 
 def test_reproducible_and_seeded():
-    first, again, other = (simulate("cork", 0.5, seed=s).channels[0].values for s in (1, 1, 2))
+    first, again, other = (simulate("cork", 0.5, seed=s).channels[0].stored for s in (1, 1, 2))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
 
 
 def test_the_texture_does_not_change_the_hand():
-    flat, sand = (simulate(t, seed=4).channels[0].physical() for t in (None, "sand"))
+    flat, sand = (simulate(t, seed=4).channels[0].samples() for t in (None, "sand"))
     slow = slice(500, 3700)
     assert np.abs(low_pass(flat - sand, 1000, 2)[slow]).max() < 0.02
 
@@ -73,15 +73,15 @@ def test_three_axes():
     x, y, z = recording.channels
     assert [channel.axis for channel in recording.channels] == ["x", "y", "z"]
     assert {channel.group for channel in recording.channels} == {"tip"}
-    assert np.array_equal(z.values, simulate("sand", seed=2).channels[0].values)
-    along = np.hypot(x.physical(), y.physical())[500:3700] / z.physical()[500:3700]
+    assert np.array_equal(z.stored, simulate("sand", seed=2).channels[0].stored)
+    along = np.hypot(x.samples(), y.samples())[500:3700] / z.samples()[500:3700]
     assert along.mean() == pytest.approx(FRICTION, rel=0.05)
-    assert np.sign(x.physical()[500:3700]).min() < 0 < np.sign(x.physical()[500:3700]).max()
+    assert np.sign(x.samples()[500:3700]).min() < 0 < np.sign(x.samples()[500:3700]).max()
 
 
 class TestStiffness:
     def at(self, stiffness, **more):
-        return simulate(None, 2.0, contact_n_per_m=stiffness, **more).channels[0].physical()
+        return simulate(None, 2.0, contact_n_per_m=stiffness, **more).channels[0].samples()
 
     @pytest.mark.parametrize("stiffness", [1e3, 1e4, 1e5, 1e6])
     def test_force_at_rest_does_not_depend_on_it(self, stiffness):
@@ -145,7 +145,7 @@ class TestHeightfields:
 @pytest.mark.parametrize("rate", [1, 7, 1000, 44_100])
 def test_short_and_odd(seconds, rate):
     recording = simulate("sand", seconds, rate_hz=rate, axes=3)
-    assert {channel.values.size for channel in recording.channels} == {
+    assert {channel.stored.size for channel in recording.channels} == {
         max(round(seconds * rate), 1)
     }
 

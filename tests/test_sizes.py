@@ -78,7 +78,7 @@ def test_ours_are_checked_too(sand, monkeypatch):
 
     def wrong(data):
         back = read(data)
-        back.channels[0].values[0] += 100
+        back.channels[0].stored[0] += 100
         return back
 
     monkeypatch.setattr(hapfmt, "read", wrong)

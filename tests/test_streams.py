@@ -59,9 +59,9 @@ def test_the_header_and_rows_of_the_page():
     force, position = back.channels
     assert (force.label, force.rate, force.unit) == ("force", 1000, "N")
     assert force.calibration == Calibration(1, 0, 4000)
-    assert force.values.tolist() == [-3, -1, 8, 9]
+    assert force.stored.tolist() == [-3, -1, 8, 9]
     assert force.coverage == (Span(0, 2), Span(1000, 1002))
-    assert position.physical().tolist() == [12.25, 12.251, 12.252, 12.5]
+    assert position.samples().tolist() == [12.25, 12.251, 12.252, 12.5]
     assert position.coverage == (Span(0, 3), Span(1000, 1001))
     assert back.metadata["subject"] == "S7"
 
@@ -70,9 +70,9 @@ def test_the_actions_of_the_page():
     back, error = recorded(examples("lines")[1])
     assert error is None
     force, grip, late = back.channels
-    assert force.values.tolist() == [1, 2, 4, 5]
+    assert force.stored.tolist() == [1, 2, 4, 5]
     assert force.coverage == (Span(0, 2), Span(3, 4), Span(10, 11))
-    assert grip.rate == Fraction(44100, 7) and grip.physical().tolist() == [0.5, 0.25]
+    assert grip.rate_exact == Fraction(44100, 7) and grip.samples().tolist() == [0.5, 0.25]
     assert (late.unit, late.coverage) == ("Cel", (Span(2, 3),))
     assert back.metadata["trial"] == 4
 
@@ -87,7 +87,7 @@ def test_the_table_of_the_page():
     back, error = recorded(examples("table")[0], Table(Fraction(1000)))
     assert error is None
     assert [(c.label, c.unit) for c in back.channels] == [("force", "N"), ("position", "mm")]
-    assert back.channels[1].physical().tolist() == [12.25, 12.251]
+    assert back.channels[1].samples().tolist() == [12.25, 12.251]
 
 
 def test_the_frames_of_the_page():
@@ -95,8 +95,8 @@ def test_the_frames_of_the_page():
     exec(examples("python")[0].decode(), names)
     back, error = recorded(names["stream"])
     assert error is None
-    assert back.channels[0].values.tolist() == [1, 2, 3, 4, 5]
-    assert back.channels[1].physical().tolist() == [0.5, 0.25, 0.125, 0.0625]
+    assert back.channels[0].stored.tolist() == [1, 2, 3, 4, 5]
+    assert back.channels[1].samples().tolist() == [0.5, 0.25, 0.125, 0.0625]
 
 
 @given(st.data())
@@ -107,7 +107,7 @@ def test_pieces_of_any_size_are_the_same_stream(data):
     pieces = data.draw(st.lists(st.integers(1, 60), max_size=30))
     whole, cut = recorded(stream)[0], recorded(stream, pieces=pieces)[0]
     for a, b in zip(whole.channels, cut.channels, strict=True):
-        assert a.coverage == b.coverage and a.physical().tobytes() == b.physical().tobytes()
+        assert a.coverage == b.coverage and a.samples().tobytes() == b.samples().tobytes()
 
 
 @given(
@@ -129,7 +129,7 @@ def test_rows_come_back(width, rows, separator):
     back, error = recorded(json.dumps({"channels": channels}).encode() + b"\n" + text.encode())
     assert error is None
     for place, channel in enumerate(back.channels):
-        dense = channel.dense(0, len(kept))
+        dense = channel.filled(0, len(kept))
         wanted = [np.nan if row[place] is None else row[place] for row in kept]
         assert np.array_equal(dense, np.array(wanted, float), equal_nan=True)
 
@@ -178,7 +178,7 @@ def test_a_bad_line_is_named_and_what_came_before_is_kept(lines, place, message)
         assert error is None
         return
     assert str(error).startswith(f"line {place}: ") and message in str(error)
-    assert back.channels[0].values.tolist() == [1] and back.channels[1].physical().tolist() == [2.0]
+    assert back.channels[0].stored.tolist() == [1] and back.channels[1].samples().tolist() == [2.0]
 
 
 @pytest.mark.parametrize(
@@ -228,7 +228,7 @@ def test_a_bad_frame_is_named_and_what_came_before_is_kept(frame, message):
         frame = build_frame(OBJECT, HEAD)
     back, error = recorded(FRAMES + frame)
     assert str(error).startswith(f"byte {len(FRAMES)}: ") and message in str(error)
-    assert back.channels[0].values.tolist() == [0] and back.channels[1].physical().tolist() == [0.0]
+    assert back.channels[0].stored.tolist() == [0] and back.channels[1].samples().tolist() == [0.0]
 
 
 @given(st.binary(max_size=300), st.sampled_from([b"", b"hFr1", HEAD, FRAMES, HEAD + b"1,2\n"]))

@@ -23,7 +23,7 @@ from hapfmt.study.answers import AnswerFile, load_answers, parse_answers
 from hapfmt.study.beginning import new_study
 from hapfmt.study.description import Study, fifth, load_study, parse_study
 from hapfmt.study.order import Trial, order
-from hapfmt.study.outputs import Device, Felt, Nowhere, WavFiles, refuse_unplayable
+from hapfmt.study.outputs import ChannelMap, Device, Felt, Nowhere, WavFiles, plan
 from hapfmt.study.prepare import MANIFEST, prepare
 from hapfmt.study.rating import NotYetError, Rating, heading
 from hapfmt.study.summary import as_json, mean_of, summarise, table_rows
@@ -85,18 +85,18 @@ def test_a_study(study):
     [
         ('role = "reference"', "bits = 3", r"condition: 0 have role = \"reference\""),
         ("bits = 5", "bits = 1", r"condition\[1\].bits: is neither 0"),
-        ("bits = 5", 'bit = "5"', r"condition\[1\].bit: is no known key; did you mean bits"),
+        ("bits = 5", 'bit = "5"', r"condition\[1\].bit: is not a known key; did you mean bits"),
         ("bits = 5", 'files = { sand = "a.hapf" }', r"condition\[1\].preset: does not go with"),
         ("low_pass_hz = 10", "", r"condition\[2\]: says nothing of how it is made"),
         ("low_pass_hz = 10", 'files = { sand = "a" }', r"condition\[2\].files: names the sessions"),
         ("low_pass_hz = 10", "low_pass_hz = -1", r"condition\[2\].low_pass_hz: -1 is too small"),
-        ("low_pass_hz = 10", "k = true", r"condition\[2\].k: is no amount"),
-        ('name = "slow"', 'name = "b5"', r"condition\[2\].name: 'b5' stands there twice"),
+        ("low_pass_hz = 10", "k = true", r"condition\[2\].k: is not an amount"),
+        ('name = "slow"', 'name = "b5"', r"condition\[2\].name: 'b5' is there twice"),
         ('name = "slow"', 'name = " "', r"condition\[2\].name: is empty"),
         ("to_s = 0.3", "to_s = 0.1", r"session\[1\].to_s: ends before it begins"),
         ('"sand.hapf"', '""', r"session\[0\].recording: is empty"),
         ('["anchor"]', '["anker"]', r"training\[0\]: there is no condition 'anker'"),
-        ('["anchor"]', "[1]", r"training: is no list of different texts"),
+        ('["anchor"]', "[1]", r"training: is not a list of different texts"),
         ('name = "textures"', 'scale = ["a", "b"]', r"scale: has 2 texts; write 5"),
         ('name = "textures"', "session = 1", r"no TOML: "),
         ('name = "textures"', 'name = "\x00', r"no TOML: "),
@@ -139,7 +139,7 @@ def test_a_new_study_can_be_read(name):
 def test_a_name_that_is_no_text(tmp_path):
     file = os.fsdecode(os.fsencode(tmp_path / "a") + b"\xff.hapf")
     Path(file).touch()
-    with pytest.raises(ParameterError, match="no text"):
+    with pytest.raises(ParameterError, match="must be a text"):
         new_study(tmp_path / "s.toml", [file])
 
 
@@ -175,16 +175,16 @@ class TestPreparing:
         assert prepare(study, tmp_path / "a").digest == first.digest
 
     def test_signals(self, study, prepared):
-        original = hapfmt.load(study.path.parent / "cork.npz").channels[0].physical()[100:300]
+        original = hapfmt.load(study.path.parent / "cork.npz").channels[0].samples()[100:300]
         back = {
             name: hapfmt.read(prepared.file("cork", name)).channels[0]
             for name in ("same", "b5", "slow", "anchor")
         }
         assert all(each.start_tick == 0 and each.stop_tick == 200 for each in back.values())
-        assert np.array_equal(back["same"].physical(), original)
-        errors = {name: np.std(each.physical() - original) for name, each in back.items()}
+        assert np.array_equal(back["same"].samples(), original)
+        errors = {name: np.std(each.samples() - original) for name, each in back.items()}
         assert 0 < errors["b5"] < errors["anchor"] and 0 < errors["b5"] < errors["slow"]
-        bends = [np.std(np.diff(x, 2)) for x in (back["slow"].physical(), original)]
+        bends = [np.std(np.diff(x, 2)) for x in (back["slow"].samples(), original)]
         assert bends[0] < bends[1] / 5
 
     def test_files_of_ones_own(self, study, tmp_path):
@@ -276,13 +276,13 @@ class TestAnswers:
     @pytest.mark.parametrize(
         ("line", "fault"),
         [
-            ("?", "line 2 is no JSON object"),
-            ("[]", "line 2 is no JSON object"),
+            ("?", "line 2 is not a JSON object"),
+            ("[]", "line 2 is not a JSON object"),
             ('{"trial": 99, "rating": 1}', "line 2: there is no trial 99"),
             ('{"trial": true, "rating": 1}', "no trial True"),
-            ('{"trial": 0, "rating": 101}', "101 is no rating"),
-            ('{"trial": 0, "rating": NaN}', "nan is no rating"),
-            ('{"trial": 0}', "None is no rating"),
+            ('{"trial": 0, "rating": 101}', "101 is not a rating"),
+            ('{"trial": 0, "rating": NaN}', "nan is not a rating"),
+            ('{"trial": 0}', "None is not a rating"),
             ('{"trial": 0, "rating": 1}', "not what trial 0 asked"),
         ],
     )
@@ -381,30 +381,42 @@ class TestOutputs:
 
         profile = glove()
         frames = tmp_path / "frames"
+        mapping = ChannelMap(("0=1",))
         device = Device(
-            profile, {"kind": "loopback", "file": str(frames)}, 0.25, ("0=1",), watchdog=False
+            profile, {"kind": "loopback", "file": str(frames)}, 0.25, mapping, watchdog=False
         )
         path = prepared.file("cork", "b5")
-        refuse_unplayable(path, profile, ("0=1",))
+        assert plan(path, profile, mapping)[-1] == "at rest: index, middle, ring, little"
         assert device.told == {
             "kind": "device", "profile": profile.name, "gain": 0.25, "channels": ["0=1"],
             "profile_sha256": hashlib.sha256(profile.text.encode()).hexdigest(),
         }  # fmt: skip
         device.play(path, "trial 1")
         sent = {line.number: line.counts[0] for line in lines(frames)}  # some may be skipped
-        force = 250 * hapfmt.read(path).channels[0].physical()  # counts of 1 mN, at this gain
+        force = 250 * hapfmt.read(path).channels[0].samples()  # counts of 1 mN, at this gain
         later = sorted(set(range(80, 190)) & sent.keys())  # the ramp of the start is over
         assert len(later) > 20
         assert max(abs(sent[number] - force[number]) for number in later) < 5
-        assert Nowhere(profile, 0.25, ("0=1",)).play(path, "trial 1") == Felt()
+        assert Nowhere(profile, 0.25, mapping).play(path, "trial 1") == Felt()
 
     def test_what_no_actuator_takes(self, tmp_path):
         from replaying import glove
 
         metres = hapfmt.Channel.from_physical(np.ones(50), 1000, unit="m")
         hapfmt.write(hapfmt.Recording((metres,)), tmp_path / "m.hapf")
-        with pytest.raises(ParameterError, match="no channel can be played with glove5"):
-            refuse_unplayable(tmp_path / "m.hapf", glove(), ())
+        with pytest.raises(ParameterError, match="its unit is m, the actuator takes N"):
+            plan(tmp_path / "m.hapf", glove(), ChannelMap())
+
+    def test_no_channel_is_guessed(self, prepared):
+        """One force and five fingers: the study says which, and its answers keep it."""
+        from replaying import glove
+
+        path, profile = prepared.file("cork", "b5"), glove()
+        with pytest.raises(ParameterError, match="replay does not guess"):
+            plan(path, profile, ChannelMap())
+        assert plan(path, profile, ChannelMap(by_order=True))[0].startswith("thumb <- 0 ")
+        told = Device(profile, {}, None, ChannelMap(("0=1",), ("x",), by_order=True)).told
+        assert told.items() >= {"channels": ["0=1"], "ignored": ["x"], "by_order": True}.items()
 
     def test_wav_is_level(self, study, prepared, tmp_path):
         pytest.importorskip("soundfile")
@@ -413,13 +425,13 @@ class TestOutputs:
         for name in ("same", "anchor"):
             output.play(prepared.file("sand", name), name)
             found[name] = hapfmt.load(tmp_path / "w" / f"{name}.wav").channels[0]
-        y = found["same"].physical()
-        assert found["same"].rate == 48_000 and y.size == 0.4 * 48_000
+        y = found["same"].samples()
+        assert found["same"].rate_exact == 48_000 and y.size == 0.4 * 48_000
         assert 0.4 < np.abs(y).max() < 0.6 and abs(y[0]) < 1e-3 and abs(y[-1]) < 1e-3
-        x = hapfmt.read(prepared.file("sand", "anchor")).channels[0].physical()
+        x = hapfmt.read(prepared.file("sand", "anchor")).channels[0].samples()
         level = output.levels[prepared.file("sand", "same")]
         there = (x - level.offset) * level.scale
-        middle = found["anchor"].physical()[4800:-4800:48]
+        middle = found["anchor"].samples()[4800:-4800:48]
         assert np.abs(middle - there[100:-100]).max() < 0.02
 
     def test_a_card(self, study, prepared, monkeypatch):
@@ -453,7 +465,7 @@ class TestOutputs:
         assert y.shape == (19_200, 1) and y.dtype == np.float32 and rate == 48_000
         assert how["mapping"] == [2] and how["blocking"] and end == "stop"
         for bad in ("0", "x", "1/", "", "-1", "999"):
-            with pytest.raises(ParameterError, match="no output of a sound card"):
+            with pytest.raises(ParameterError, match="not an output of a sound card"):
                 sound.parse_card(bad)
         assert sound.parse_card("1/3") == (1, 3)
 

@@ -35,8 +35,8 @@ def force(n=6000, *, gaps=(), rate=1000, label="force"):
     for a, b in gaps:
         x[a:b] = np.nan
     known = Channel.from_physical(x, rate, label=label, unit="N", quantity="force", lsb=1 / 2000)
-    counts = np.round(known.values * 2000).astype(np.int32)
-    return Channel(counts, known.rate, known.coverage, LSB, label, "N", "force")
+    counts = np.round(known.stored * 2000).astype(np.int32)
+    return Channel(counts, known.rate_exact, known.coverage, LSB, label, "N", "force")
 
 
 def file_of(recording, preset="default", **settings):
@@ -143,7 +143,7 @@ def test_cut_is_a_slice_of_ticks(ticks, a, b):
     channel = Channel.from_physical(x, 10)
     places = RecordingParts(Recording((channel,))).places[0]
     got, expected = cut(channel, places, a, max(a, b)), channel.slice_ticks(a, max(a, b))
-    assert got.coverage == expected.coverage and np.array_equal(got.values, expected.values)
+    assert got.coverage == expected.coverage and np.array_equal(got.stored, expected.stored)
 
 
 class TestViews:
@@ -157,12 +157,12 @@ class TestViews:
             views = survey(FileParts(reader), against=RecordingParts(recording))
             assert size > 1 or len(FileParts(reader).edges(Fraction(0), Fraction(6))) > 10
         for view, y, x in zip(views, whole.channels, recording.channels, strict=True):
-            full = Outline.over(view.full.first, view.full.stop, y.rate)
+            full = Outline.over(view.full.first, view.full.stop, y.rate_exact)
             full.add_channel(y)
             assert np.array_equal(view.full.counts, full.counts)
             assert np.array_equal(view.full.most, full.most, equal_nan=True)
-            error = np.abs(y.physical() - x.physical()).max()
-            assert view.errors.largest == error and view.errors.total == x.values.size
+            error = np.abs(y.samples() - x.samples()).max()
+            assert view.errors.largest == error and view.errors.total == x.stored.size
             assert view.only_original == 0 and view.relative.largest <= 1
             inside = (view.low.least <= view.full.least) & (view.full.most <= view.high.most)
             assert inside[view.full.counts > 0].all()
@@ -185,7 +185,7 @@ class TestViews:
     def test_knots_lie_on_the_slow_part(self):
         with Reader(file_of(Recording((force(),)))) as reader:
             view = survey(FileParts(reader))[0]
-            slow = reader.read(band="lf").channels[0].physical()
+            slow = reader.read(band="lf").channels[0].samples()
         assert view.knots.ticks.size > 10
         assert np.array_equal(view.knots.values, slow[view.knots.ticks])
         assert view.residual.most.max() > 0.01 and set(view.spectra) == {"full", "LF", "HF"}
@@ -245,6 +245,17 @@ class TestViews:
         assert start < 15 < stop and (stop - start) * 1000 == 400
         assert liveliest(view, 10_000) is None
 
+    @pytest.mark.parametrize("n", [3000, 40_000])
+    def test_most_happens_in_the_texture_and_not_in_the_silence_before_it(self, n):
+        """A contact: silence, one large step, a force with texture."""
+        t = np.arange(n) / 1000
+        x = np.where(t > n / 4000, 2 + 0.1 * np.sin(500 * t), 0.0)
+        (view,) = survey(RecordingParts(Recording((Channel.from_physical(x, 1000),))))
+        start, _ = liveliest(view, 400)
+        assert start >= Fraction(n - 2000, 4000)
+        flat = Recording((Channel.from_physical(np.ones(n), 1000),))
+        assert liveliest(survey(RecordingParts(flat))[0], 400) is None
+
     def test_refused(self):
         parts = RecordingParts(Recording((force(),)))
         with pytest.raises(ParameterError, match="ends at 6 s"):
@@ -271,23 +282,23 @@ class TestCompare:
     def test_numbers_whatever_the_parts(self, size, monkeypatch):
         monkeypatch.setattr(parts_of, "PART", size)
         a, b = force(gaps=[(1000, 1100)]), force(gaps=[(1050, 1200)])
-        values = b.values.copy()
+        values = b.stored.copy()
         values[3000] += 7
         values[10] -= 2
-        b = Channel(values, b.rate, b.coverage, b.calibration, b.label, b.unit)
+        b = Channel(values, b.rate_exact, b.coverage, b.calibration, b.label, b.unit)
         (row,) = differences((a,), (b,))
         assert (row.samples, row.only_a, row.only_b, row.differing) == (5800, 100, 50, 2)
         assert row.largest_counts == 7 and row.largest == pytest.approx(7 / 2000)
         assert row.at_s == pytest.approx(3.150)
         assert row.rms == pytest.approx(np.sqrt((49 + 4) / 5800) / 2000)
-        x = a.physical()
+        x = a.samples()
         assert row.snr_db == pytest.approx(20 * np.log10(x.std() / row.rms), abs=1e-6)
         assert row.snr_hf_db is not None and row.snr_hf_db < row.snr_db
         assert not row.within
 
     def test_tolerance(self):
         a = force(500)
-        b = Channel(a.values + 1, a.rate, a.coverage, a.calibration, a.label, a.unit)
+        b = Channel(a.stored + 1, a.rate_exact, a.coverage, a.calibration, a.label, a.unit)
         for text, within in (
             ("1lsb", True),
             ("0.9lsb", False),
@@ -325,7 +336,7 @@ class TestCompare:
 
     def test_a_stretch_of_time(self):
         a, b = force(), force()
-        b.values[5000] += 1
+        b.stored[5000] += 1
         times = {"start": Fraction(1), "stop": Fraction(2)}
         (row,) = differences((a,), (b,), **times)
         assert row.identical and row.samples == 1000

@@ -215,7 +215,7 @@ class TestContracts:
         tlvs = f.HOLD + f.tlv(18, f.deviation(0.5, stated))
         data = f.closed(HEAD, ("TRAK", f.trak(tlvs), {"track": 0}), f.DATA_0)
         channel = hapfmt.Channel(
-            np.array([5.0, 5.25, 5.0, 5.0]), recorded(np.zeros(4, int)).channels[0].rate
+            np.array([5.0, 5.25, 5.0, 5.0]), recorded(np.zeros(4, int)).channels[0].rate_exact
         )
         report = verify(data, against=hapfmt.Recording((channel,)))
         assert report.contracts[0].moved == 0.25
@@ -253,7 +253,7 @@ class TestContracts:
         with pytest.raises(hapfmt.ParameterError):
             verify(f.minimal(), against=Recording())
         other = recorded(np.array([5] * 4))
-        slow = replace(other.channels[0], rate=Fraction(1))
+        slow = replace(other.channels[0], rate_exact=Fraction(1))
         with pytest.raises(hapfmt.ParameterError):
             verify(f.minimal(), against=Recording((slow,)))
 

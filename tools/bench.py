@@ -85,8 +85,8 @@ def load_all(data: Path, only: str, rate: str | None) -> Iterator[tuple[str, hap
 
 def deadband_jobs(name: str, recording: hapfmt.Recording, ks: Sequence[str]) -> Iterator[Job]:
     """The Weber fractions, each with the floor."""
-    kept = [c for c in recording.channels if c.values.size and np.isfinite(c.physical()).all()]
-    arrays = [channel.physical() for channel in kept]
+    kept = [c for c in recording.channels if c.stored.size and np.isfinite(c.samples()).all()]
+    arrays = [channel.samples() for channel in kept]
     if not kept:
         return
     # The peers' bound is each channel's own, so ours is: no vectors.
@@ -114,8 +114,8 @@ def deadband_jobs(name: str, recording: hapfmt.Recording, ks: Sequence[str]) -> 
 def counts_of(channel: hapfmt.Channel, *, search: bool) -> np.ndarray | None:
     """Integer counts of a channel that is on a lattice: its own, or by the file's step."""
     if channel.is_counts:
-        return channel.values.astype(np.int64)
-    x = channel.physical()
+        return channel.stored.astype(np.int64)
+    x = channel.samples()
     if not x.size or not np.isfinite(x).all():
         return None
     if channel.lsb is not None and isfinite(channel.lsb) and channel.lsb > 0:
@@ -133,42 +133,42 @@ def counted(channel: hapfmt.Channel, counts: np.ndarray) -> hapfmt.Channel:
         given = hapfmt.Calibration(step.numerator, 0, step.denominator)
         if not given.covers(int(counts.min()), int(counts.max())):
             given = hapfmt.Calibration()
-    return replace(channel, values=counts, calibration=given, lsb=None)
+    return replace(channel, stored=counts, calibration=given, lsb=None)
 
 
 def lossless_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
     """Integer counts."""
     search = all(channel.lsb is None for channel in recording.channels)
-    found = [(c, counts_of(c, search=search)) for c in recording.channels if c.values.size]
+    found = [(c, counts_of(c, search=search)) for c in recording.channels if c.stored.size]
     known = [(channel, counts) for channel, counts in found if counts is not None]
     if not known:
         return
     arrays = [counts for _, counts in known]
     ours = replace(recording, channels=tuple(counted(*pair) for pair in known))
-    fast = hapfmt.Settings.of("archive", fast=True)
+    fast = hapfmt.Settings.of("lossless", fast=True)
     yield Job(
         name, "lossless",
-        {"archive": (ours, hapfmt.Settings.of("archive")), "archive --fast": (ours, fast)},
+        {"lossless": (ours, hapfmt.Settings.of("lossless")), "archive --fast": (ours, fast)},
         lambda _channel: list(integer_coders()), arrays, lambda found: same(arrays, found),
     )  # fmt: skip
 
 
 def doubles_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
     """The doubles of the file, bit for bit."""
-    kept = [c for c in recording.channels if c.values.dtype == np.float64 and c.values.size]
+    kept = [c for c in recording.channels if c.stored.dtype == np.float64 and c.stored.size]
     if not kept:
         return
     ours = replace(recording, channels=tuple(kept))
-    arrays = [channel.values for channel in kept]
+    arrays = [channel.stored for channel in kept]
     yield Job(
-        name, "doubles", {"archive": (ours, hapfmt.Settings.of("archive"))},
+        name, "doubles", {"lossless": (ours, hapfmt.Settings.of("lossless"))},
         lambda _channel: list(double_coders()), arrays, lambda found: same(arrays, found),
     )  # fmt: skip
 
 
 def presets_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
     """Our presets beside each other, no peers; errors in % of each channel's range."""
-    arrays = [channel.physical() for channel in recording.channels]
+    arrays = [channel.samples() for channel in recording.channels]
     if not recording.sample_count or not all(np.isfinite(x).all() for x in arrays):
         return
 
@@ -210,9 +210,9 @@ def measure_ours(job: Job, coder: str, repeats: int) -> Row:
     (data, payload), encode_s = timed(encode, repeats)
     back, decode_s = timed(lambda: hapfmt.read(data), repeats)
     if job.task == "lossless":
-        found = [channel.values.astype(np.int64) for channel in back.channels]
+        found = [channel.stored.astype(np.int64) for channel in back.channels]
     else:
-        found = [channel.physical() for channel in back.channels]
+        found = [channel.samples() for channel in back.channels]
     report = hapfmt.verify(data, against=recording)
     if report.verdict != "intact":
         raise AssertionError(f"{job.recording}, {coder}: {report.error or report.findings}")
@@ -227,7 +227,7 @@ def measure_ours(job: Job, coder: str, repeats: int) -> Row:
 def measure_peer(job: Job, place: int, repeats: int) -> Row | None:
     """One coder on all channels; None where one of them does not fit its format."""
     recording, _ = next(iter(job.ours.values()))
-    rates = [float(channel.rate) for channel in recording.channels]
+    rates = [channel.rate for channel in recording.channels]
     # A constant channel is its value, which counts as side information.
     flat = [bool((x == x[0]).all()) for x in job.arrays]
     coders: list[Peer | None] = [

@@ -189,16 +189,16 @@ def look(path: Path, flushed: list[Told], tally: Tally) -> None:
             [samples(number, *span) for span in channel.coverage] or [np.empty(0, np.int64)]
         )
         wanted = values(number, recorded)
-        found = channel.values if channel.exact is None else channel.exact
+        found = channel.stored if channel.exact is None else channel.exact
         if number % 5 >= 3:
-            found = channel.physical()
+            found = channel.samples()
         assert (found == wanted).all(), f"channel {number} holds other samples"
         kept = sum(
             max(min(span.stop, told.stop) - max(span.start, told.start), 0)
             for span in channel.coverage
         )
         assert kept == told.count, f"channel {number} kept {kept} of {told}"
-        tally.kept += int(channel.values.size)
+        tally.kept += int(channel.stored.size)
         tally.flushed += kept
 
 

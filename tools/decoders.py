@@ -32,12 +32,12 @@ from hapfmt.scenes.stylus import simulate
 
 BENCH = ROOT / "conformance" / "adapters" / "js" / "bench.js"
 CASES = [
-    ("glove, 22 channels", "archive", {}),
+    ("glove, 22 channels", "lossless", {}),
     ("glove, 22 channels", "archive, Rice", {"fast": True}),
     ("glove, 22 channels", "deadband", {}),
-    ("texture", "archive", {}),
+    ("texture", "lossless", {}),
     ("texture", "default", {}),
-    ("doubles", "archive", {}),
+    ("doubles", "lossless", {}),
 ]
 
 

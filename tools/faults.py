@@ -95,7 +95,7 @@ class Case:
 def built(name: str, channels: list[hapfmt.Channel], preset: str, cluster: Fraction) -> Case:
     stream = io.BytesIO()
     labelled = [
-        hapfmt.Channel(c.values, c.rate, c.coverage, c.calibration, f"force {i}", c.unit)
+        hapfmt.Channel(c.stored, c.rate_exact, c.coverage, c.calibration, f"force {i}", c.unit)
         for i, c in enumerate(channels)
     ]
     settings = hapfmt.Settings.of(preset, cluster=cluster)
@@ -108,7 +108,7 @@ def case(name: str) -> Case:
     if name == "many":
         seeds = range(22)
         channels = [simulate("cork", SECONDS, seed, 1000).channels[0] for seed in seeds]
-        return built(name, channels, "archive", Fraction(1))
+        return built(name, channels, "lossless", Fraction(1))
     pairs = (("sand", 1), ("cork", 2))
     channels = [simulate(t, SECONDS, seed, RATE).channels[0] for t, seed in pairs]
     return built(name, channels, "default", CLUSTER)
@@ -160,7 +160,7 @@ def compare(clean: hapfmt.Recording, back: hapfmt.Recording) -> tuple[int, int]:
     for place, channel in enumerate(back.channels):
         original = by_label.get(channel.label, clean.channels[min(place, len(clean) - 1)])
         for start, values in channel.segments():
-            truth = original.values[start : start + values.size]
+            truth = original.stored[start : start + values.size]
             same = int((values[: truth.size] == truth).sum())
             right += same
             wrong += values.size - same
@@ -174,9 +174,9 @@ def equal(a: hapfmt.Recording, b: hapfmt.Recording) -> bool:
         other = rest.pop(channel.label, None)
         if other is None or other.coverage != channel.coverage:
             return False
-        if not np.array_equal(other.values, channel.values):
+        if not np.array_equal(other.stored, channel.stored):
             return False
-    return not any(channel.values.size for channel in rest.values())
+    return not any(channel.stored.size for channel in rest.values())
 
 
 def run(job: tuple[str, str, int]) -> list[str]:

@@ -113,7 +113,7 @@ def measure(source: Source, chosen: hapfmt.Settings) -> Point:
     back = hapfmt.read(file)
     snr = np.median(
         [
-            snr_hf_db(a.physical(), b.physical(), float(a.rate))
+            snr_hf_db(a.samples(), b.samples(), a.rate)
             for a, b in zip(source.recording.channels, back.channels, strict=True)
         ]
     )

@@ -51,7 +51,7 @@ def make_file(case: Case, seconds: float, path: Path) -> None:
     """Smooth motion at the rate of the device."""
     joints = glove(seconds, case.rate, case.actuators).channels
     channels = tuple(
-        hapfmt.Channel(c.values, c.rate, calibration=FORCE, label=c.label, unit=case.unit)
+        hapfmt.Channel(c.stored, c.rate_exact, calibration=FORCE, label=c.label, unit=case.unit)
         for c in joints
     )
     hapfmt.write(hapfmt.Recording(channels), str(path), force=True)
@@ -59,12 +59,12 @@ def make_file(case: Case, seconds: float, path: Path) -> None:
 
 def make_hours(path: Path, hours: float) -> None:
     """22 forces at 1 kHz, coded as they would be while they are recorded."""
-    block: NDArray[np.int16] = np.column_stack([c.values for c in glove(BLOCK_S).channels])
+    block: NDArray[np.int16] = np.column_stack([c.stored for c in glove(BLOCK_S).channels])
     block = np.concatenate([block, block[::-1]])
     inputs = [
         hapfmt.Input(f"joint {n}", Fraction(1000), "N", calibration=FORCE) for n in range(SENSORS)
     ]
-    settings = hapfmt.Settings.of("archive", fast=True)
+    settings = hapfmt.Settings.of("lossless", fast=True)
     with hapfmt.Recorder(str(path), inputs, settings, force=True) as recorder:
         for second in range(round(hours * 3600)):
             at = second * 1000 % len(block)

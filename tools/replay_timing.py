@@ -133,7 +133,7 @@ def play_file(file: str, profile_name: str, sink: str) -> None:
 
     profile = load_profile(profile_name)
     with Reader(file) as reader:
-        renderer = Renderer(reader, profile, assign(reader, profile, ()))
+        renderer = Renderer(reader, profile, assign(reader, profile, by_order=True))
         report = play(renderer, profile, json.loads(sink), gain=1.0)
     print(json.dumps(report.to_json()))
 

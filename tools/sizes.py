@@ -62,7 +62,7 @@ class WrongError(Exception):
 def arrays_of(recording: hapfmt.Recording) -> list[Array]:
     """As recorded: counts in the fewest bytes, or float64."""
     return [
-        narrow(channel.values.astype(np.int64), 1, 2, 4) if channel.is_counts else channel.values
+        narrow(channel.stored.astype(np.int64), 1, 2, 4) if channel.is_counts else channel.stored
         for channel in recording.channels
     ]
 
@@ -124,10 +124,10 @@ def mcap(recording: hapfmt.Recording) -> int:
     writer_module, stream = module("mcap.writer"), io.BytesIO()
     groups: dict[tuple[object, int, int], list[int]] = {}
     for place, channel in enumerate(recording.channels):
-        key = channel.rate, channel.start_tick, channel.values.size
+        key = channel.rate_exact, channel.start_tick, channel.stored.size
         groups.setdefault(key, []).append(place)
     tables = [
-        np.stack([recording.channels[place].physical() for place in places], axis=1)
+        np.stack([recording.channels[place].samples() for place in places], axis=1)
         for places in groups.values()
     ]
     writer = writer_module.Writer(stream)
@@ -157,8 +157,8 @@ def ours(recording: hapfmt.Recording, preset: str) -> int:
     stream = io.BytesIO()
     hapfmt.write(recording, stream, settings)
     back = hapfmt.read(stream.getvalue())
-    given = [channel.physical() for channel in recording.channels]
-    found = [channel.physical() for channel in back.channels]
+    given = [channel.samples() for channel in recording.channels]
+    found = [channel.samples() for channel in back.channels]
     if name == "lossless":
         check(preset, given, found)
     for channel, x, y in zip(recording.channels, given, found, strict=True):
@@ -246,7 +246,7 @@ def main(data: Path | None, seconds: float, only: str) -> None:
     for name, recording in found:
         if only not in name or not recording.sample_count:
             continue
-        if not all(isfinite(x.sum()) for x in (c.physical() for c in recording.channels)):
+        if not all(isfinite(x.sum()) for x in (c.samples() for c in recording.channels)):
             click.echo(f"left out: {name} has values that are not finite", err=True)
             continue
         click.echo(f"{name} ...", err=True)

@@ -139,7 +139,7 @@ def steepest(values: Values, rate: int) -> float:
 
 def replay_rows(name: str, channel: Channel, start: Fraction) -> Iterator[list[str]]:
     stream = io.BytesIO()
-    hapfmt.write(Recording((channel,)), stream, hapfmt.Settings.of("archive"))
+    hapfmt.write(Recording((channel,)), stream, hapfmt.Settings.of("lossless"))
     limits = DEVICES[channel.unit]
     for rate in (1000, 4000):
         with Reader(stream.getvalue()) as reader:
@@ -167,7 +167,9 @@ def replay_rows(name: str, channel: Channel, start: Fraction) -> Iterator[list[s
 
 def pushing(channel: Channel) -> Fraction:
     """The time of the largest force."""
-    return Fraction(channel.start_tick + int(np.abs(channel.physical()).argmax())) / channel.rate
+    return (
+        Fraction(channel.start_tick + int(np.abs(channel.samples()).argmax())) / channel.rate_exact
+    )
 
 
 def wall(texture: str | None, rate: int) -> Channel:
@@ -183,7 +185,7 @@ def main(places: tuple[str, ...]) -> None:
     rows = [
         row
         for name, texture in scenes.items()
-        for row in kernel_rows(name, wall(texture, FINE_HZ).physical())
+        for row in kernel_rows(name, wall(texture, FINE_HZ).samples())
     ]
     print_table(
         ("scene", "kernel, 1 to 10 kHz", "error rms mN", "images dB", "below lowest mN",

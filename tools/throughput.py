@@ -161,7 +161,7 @@ def starts(path: str) -> list[list[object]]:
 def main() -> None:
     print_origin()
     recording = simulate("sand", SAMPLES / 8000, 1, 8000)
-    counts = recording.channels[0].values.astype(np.int64)[:, None]
+    counts = recording.channels[0].stored.astype(np.int64)[:, None]
     print(f"one channel, {SAMPLES} samples of a simulated texture at 8 kHz; million samples a "
           "second of CPU time\n")  # fmt: skip
     rows = [*codecs(counts, 8000.0), *predictions(counts), *doubles(), flac(counts, 8000)]

@@ -183,8 +183,8 @@ MUTANTS = (
         Edit("conformance.job:channel_of", "return Channel(", FILLED),
         Edit(
             "conformance.job:channel_of",
-            'values=read_numbers(folder / one["numbers"], one["format"])',
-            "values=np.concatenate(parts)",
+            'stored=read_numbers(folder / one["numbers"], one["format"])',
+            "stored=np.concatenate(parts)",
         ),
     ),
     encoder(

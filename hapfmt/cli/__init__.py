@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
+from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 
 import click
 
 from ..errors import HapfmtError
 from ..version import SPEC_VERSION, __version__
+from . import screen
 
 VERBS = {
     "encode": "Encode a recording into a .hapf file.",
@@ -95,32 +97,24 @@ def cli() -> None:
 
 def main() -> None:
     """Entry point: runs one verb and ends with its exit code."""
+    screen.hold_streams()
     try:
         code = cli.main(standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
-        error = renamed(error)
-        error.show()
-        if "--json" in sys.argv:
-            click.echo(json.dumps({"error": error.format_message(), "exit_code": ERROR}))
-        code = ERROR
+        code = usage(renamed(error))
     except (click.Abort, KeyboardInterrupt):
-        click.echo("hapfmt: interrupted", err=True)
-        code = ERROR
+        code = report("interrupted", ERROR)
     except HapfmtError as error:
-        report(str(error), error.exit_code)
-        code = error.exit_code
+        code = report(error.line(), error.exit_code, error.more)
     except BrokenPipeError:
-        # The reader of our output has gone; the interpreter must not find out a second time.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = ERROR
+        code = ERROR  # the reader of our output has gone
     except OSError as error:
         name = f"{error.filename}: " if error.filename else ""
-        report(f"{name}{error.strerror or error}", ERROR)
-        code = ERROR
+        code = report(f"{name}{screen.reason(error)}", ERROR)
     except MemoryError:
-        report("out of memory: read fewer channels or a shorter time range", ERROR)
-        code = ERROR
+        code = report("out of memory: read fewer channels or a shorter time range", ERROR)
+    screen.drop_output()
     sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -136,8 +130,23 @@ def renamed(error: click.ClickException) -> click.ClickException:
     return click.UsageError(f"{error.option_name} was renamed {name}", error.ctx)
 
 
-def report(message: str, code: int) -> None:
+def usage(error: click.ClickException) -> int:
+    """An error of whoever typed the command."""
+    code = report(error.format_message(), ERROR)
+    context = getattr(error, "ctx", None)
+    if context is not None:
+        with suppress(OSError):
+            screen.say(f"Try '{context.command_path} --help'.", err=True)
+    return code
+
+
+def report(message: str, code: int, more: Sequence[str] = ()) -> int:
     """An error for a person, and for a program where --json was given."""
-    click.echo(f"hapfmt: {message}", err=True)
+    with suppress(OSError):
+        screen.complain(message)
+        for line in more:
+            screen.say(line, err=True, whole=line.startswith("  hapfmt "))
     if "--json" in sys.argv:
-        click.echo(json.dumps({"error": message, "exit_code": code}))
+        with suppress(OSError):
+            screen.raw(json.dumps({"error": "\n".join([message, *more]), "exit_code": code}) + "\n")
+    return code

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import sys
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,9 +20,11 @@ from .common import (
     json_option,
     output_of,
     refuse_target,
-    table,
+    standard_input,
 )
 from .editing import copy_option, tell_added
+from .screen import say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..events import Event
@@ -108,7 +109,7 @@ def event_of(row: dict[str, Any], layer: str) -> Event:
 
 def read_table(name: str, layer: str) -> list[Event]:
     """CSV, or JSON lines where the first character is a brace."""
-    raw = sys.stdin.buffer.read() if name == "-" else Path(name).read_bytes()
+    raw = standard_input().read() if name == "-" else Path(name).read_bytes()
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -149,7 +150,7 @@ def json_rows(text: str) -> list[tuple[int, dict[str, Any]]]:
         except (ValueError, RecursionError):
             row = None
         if not isinstance(row, dict):
-            raise ParameterError(f"line {number} is no JSON object")
+            raise ParameterError(f"line {number} is not a JSON object")
         rows.append((number, row))
     return rows
 
@@ -167,14 +168,16 @@ def show(file: str, layer: str, as_json: bool) -> int:
         echo_json({"events": rows, "exit_code": code})
     elif events:
         table(
-            ["time s", "duration s", "channel", "layer", "text"],
+            ["time, s", "text", "duration, s", "channel", "layer"],
             [
                 [
-                    f"{float(e.time):.9g}", f"{float(e.duration):.9g}",
+                    f"{float(e.time):.9g}", e.text, f"{float(e.duration):.9g}",
                     "-" if e.channel is None else labels.get(int(e.channel)) or str(e.channel),
-                    e.layer, e.text,
+                    e.layer,
                 ]
                 for e in events
             ],
         )  # fmt: skip
+    else:
+        say("no events")
     return code

@@ -15,11 +15,11 @@ from .common import (
     json_option,
     output_of,
     output_option,
-    printable,
     refuse_target,
-    table,
 )
 from .editing import tell_added
+from .screen import say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..edit import Original
@@ -70,7 +70,7 @@ def attach(
         if as_json:
             echo_json({"files": [os.fspath(path) for path in written]})
         for path in () if as_json else written:
-            click.echo(printable(os.fspath(path)))
+            say(os.fspath(path))
         return 0
     if not paths:
         raise ParameterError("nothing to attach: give files, --list or --extract")

@@ -14,9 +14,10 @@ from .common import (
     input_of,
     json_option,
     memory_option,
-    table,
     tell_losses,
 )
+from .screen import say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..clocks import Delays
@@ -72,7 +73,7 @@ def clocks(
     elif rows:
         show(rows)
     else:
-        click.echo("no other clock was observed")
+        say("no other clock was observed")
     return code
 
 

@@ -18,13 +18,14 @@ from ..damage import lost_lines
 from ..errors import ParameterError
 from ..limits import Limits
 from ..numbers import exact
+from .screen import closed, complain, note, raw, terminal_text, width_of
 
 if TYPE_CHECKING:
     from ..encoder.tolerance import Tolerance
     from ..reading.reader import Reader
     from ..recording import Recording
 
-HAPF = ".hapf"
+HAPF, CSV = ".hapf", ".csv"
 SHOWN_LINES = 20
 BITS = frozenset(str(bits) for bits in (0, *range(2, 17)))
 LONG_SECONDS = 0.5
@@ -84,7 +85,7 @@ def echo_json(value: Any) -> None:
         text = json.dumps(value, sort_keys=True, allow_nan=False)
     except ValueError:
         text = json.dumps(finite(value), sort_keys=True, allow_nan=False)
-    click.echo(text)
+    raw(text.replace("\x7f", "\\u007f") + "\n")
 
 
 def finite(value: Any) -> Any:
@@ -93,39 +94,6 @@ def finite(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [finite(inner) for inner in value]
     return None if isinstance(value, float) and not isfinite(value) else value
-
-
-def table(
-    headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", *, err: bool = False
-) -> None:
-    """A table on standard output (``err``: error); columns that hold numbers are right-aligned."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    shown = Table(title=title or None, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-    for place, header in enumerate(headers):
-        numeric = bool(rows) and all(is_number(row[place]) for row in rows)
-        shown.add_column(
-            header, justify="right" if numeric else "left", overflow="fold", no_wrap=numeric
-        )
-    for row in rows:
-        shown.add_row(*(Text(printable(cell)) for cell in row))
-    console = Console(highlight=False, soft_wrap=False, stderr=err)
-    if not console.is_terminal:
-        # A pipe has no width: rows stay whole.
-        console = Console(highlight=False, width=200, stderr=err)
-    console.print(shown)
-
-
-def is_number(text: str) -> bool:
-    return text.strip("-+%x .0123456789eE") == "" or text in ("-", "inf", "nan")
-
-
-def printable(text: str) -> str:
-    """Text from a file, without what could steer a terminal."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 @contextmanager
@@ -241,15 +209,26 @@ def parse_channels(texts: Sequence[str], labels: Sequence[str]) -> list[str] | N
 
 
 def input_of(name: str) -> str | BinaryIO:
-    return sys.stdin.buffer if name == "-" else name
+    return standard_input() if name == "-" else name
 
 
-def output_of(name: str) -> str | BinaryIO:
-    if name == "-":
-        if sys.stdout.isatty():
-            raise ParameterError("binary output goes to a file or a pipe, not to a terminal")
-        return sys.stdout.buffer
-    return name
+def standard_input() -> BinaryIO:
+    if 0 in closed:
+        raise ParameterError("standard input is closed")
+    return sys.stdin.buffer
+
+
+def output_of(name: str, *, text: bool = False) -> str | BinaryIO:
+    """``text``: what is written is text, which a terminal may show."""
+    if name != "-":
+        return name
+    if 1 in closed:
+        raise ParameterError("standard output is closed")
+    if width_of() is not None:
+        if text:
+            return terminal_text()
+        raise ParameterError("this format is binary: write it to a file or a pipe")
+    return sys.stdout.buffer
 
 
 def refuse_target(name: str, force: bool) -> None:
@@ -259,7 +238,10 @@ def refuse_target(name: str, force: bool) -> None:
     if name == "-":
         return
     if Path(name).suffix.lower() in FORMATS:
-        raise ParameterError(f"{name} would be a hapf file under the name of another format")
+        raise ParameterError(
+            f"encoded data needs the suffix .hapf; hapfmt convert writes {Path(name).suffix}",
+            path=name,
+        )
     refuse(name, force)
 
 
@@ -296,14 +278,17 @@ def load_recording(
 def save_recording(recording: Recording, name: str, format_: str | None, force: bool) -> None:
     from ..convert import save
 
-    for note in save(recording, output_of(name), format=format_, force=force):
-        click.echo(f"note: {printable(note)}", err=True)
+    target = output_of(name, text=suffix_of(name, format_) == CSV)
+    for each in save(recording, target, format=format_, force=force):
+        note(each)
+    if name == "-":
+        target.flush()  # type: ignore[union-attr]
 
 
 def tell_clocks(reader: Reader) -> None:
     """What a recording does not hold."""
     if reader.clocks or reader.clock_maps:
-        click.echo("note: observations of other clocks are not carried over", err=True)
+        note("observations of other clocks are not carried over")
 
 
 def tell_losses(reader: Reader) -> int:
@@ -316,16 +301,16 @@ def tell_losses(reader: Reader) -> int:
 def tell_some(lines: Sequence[str]) -> None:
     """The first lines on standard error, and how many there are: --json has them all."""
     for line in lines[:SHOWN_LINES]:
-        click.echo(f"hapfmt: {printable(line)}", err=True)
+        complain(line)
     if len(lines) > SHOWN_LINES:
-        click.echo(f"hapfmt: ... and {len(lines) - SHOWN_LINES} more (--json has all)", err=True)
+        complain(f"... and {len(lines) - SHOWN_LINES} more (--json shows all)")
 
 
 def notes_of(recording: Recording) -> list[str]:
     notes = recording.metadata.get("notes", [])
-    return [note for note in notes if isinstance(note, str)] if isinstance(notes, list) else []
+    return [each for each in notes if isinstance(each, str)] if isinstance(notes, list) else []
 
 
 def tell_notes(recording: Recording) -> None:
-    for note in notes_of(recording):
-        click.echo(f"note: {printable(note)}", err=True)
+    for each in notes_of(recording):
+        note(each)

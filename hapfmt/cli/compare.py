@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import ParameterError
+from .bounds import amount
 from .common import (
     AmountType,
     echo_json,
@@ -16,15 +17,15 @@ from .common import (
     json_option,
     memory_option,
     output_of,
-    printable,
     progress,
     refuse_span,
     start_option,
     stop_option,
-    table,
 )
 from .parts import open_parts
 from .plot import finish, told
+from .screen import note, printable, say
+from .tables import Column, table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -133,46 +134,56 @@ def draw(
     force: bool,
 ) -> None:
     from ..plotting.difference import pages
+    from ..plotting.pages import Words
     from ..plotting.style import kind_of, save
+    from ..survey.facts import duration, grouped, rates
 
     if not views:
-        raise ParameterError("there is nothing to draw: no channel is in both at one rate")
-    figures = pages(found, views, title=printable(title), footnotes=footnotes)
-    kind = kind_of(picture)
-    if kind != "pdf" and len(figures) > 1:
-        click.echo(f"note: the first of {len(figures)} pages; a PDF has them all", err=True)
-        figures = figures[:1]
-    save(figures, output_of(picture), kind, force=force)
+        raise ParameterError("Nothing to draw: no channel of both has the same rate")
+    samples = sum(row.samples for row in found)
+    facts = [
+        f"{len(found)} channels" if len(found) != 1 else "1 channel",
+        rates([view.channel.rate for view in views]),
+        duration(views[0].stop - views[0].start),
+        f"{grouped(samples)} samples in both",
+    ]
+    figures = pages(found, views, Words(printable(title), facts, footnotes))
+    names = save(figures, output_of(picture), kind_of(picture), force=force)
+    if len(names) > 1:
+        note(f"{len(names)} pages: {', '.join(names)}")
 
 
 def show(a: str, b: str, found: Sequence[Comparison]) -> None:
     rows = [
         [
+            row.label or f"channel {row.number}",
             str(row.number),
-            row.label,
             row.verdict,
+            amount(row.largest, row.unit, 4) if row.largest else "0",
+            str(row.differing),
             str(row.samples),
             str(row.only_a),
             str(row.only_b),
-            str(row.differing),
-            f"{row.largest:.6g}",
-            "-" if row.largest_counts is None else f"{row.largest_counts:.4g}",
             f"{row.rms:.4g}",
-            row.unit,
+            "-" if row.largest_counts is None else f"{row.largest_counts:.4g}",
             "-" if row.snr_db is None else f"{row.snr_db:.1f}",
             "-" if row.snr_hf_db is None else f"{row.snr_hf_db:.1f}",
         ]
         for row in found
     ]
-    headers = ["channel", "label", "verdict", "samples", "only A", "only B", "differing", "largest",
-               "counts", "rms", "unit", "SNR dB", "HF SNR dB"]  # fmt: skip
+    headers = [
+        Column("label"), Column("#", 7), Column("verdict"), Column("largest difference"),
+        Column("differing", 1), Column("samples", 2), Column("only in A", 5),
+        Column("only in B", 6), Column("rms", 4), Column("in steps", 9), Column("SNR, dB", 3),
+        Column("SNR > 20 Hz, dB", 8),
+    ]  # fmt: skip
     table(headers, rows)
     for row in found:
-        for note in row.notes:
-            click.echo(f"note: {printable(row.label)}: {printable(note)}", err=True)
+        for each in row.notes:
+            note(f"{row.label}: {each}")
     different = sum(not row.within for row in found)
     near = sum(row.within and not row.identical for row in found)
     same = len(found) - different - near
     parts = [(same, "identical"), (near, "within tolerance"), (different, "different")]
     said = ", ".join(f"{count} {word}" for count, word in parts if count) or "no channels"
-    click.echo(f"{printable(a)} and {printable(b)}: {said}")
+    say(f"{a} and {b}: {said}")

@@ -49,7 +49,7 @@ def convert(
     output format cannot hold is said on standard error.
     """
     if suffix_of(source, input_format) == suffix_of(target, output_format) == HAPF:
-        raise ParameterError("both are .hapf: copy the file, or encode it anew with encode")
+        raise ParameterError("both are .hapf: copy the file, or use hapfmt encode")
     if target != "-":
         refuse(target, force)
     recording, code = load_recording(source, input_format, rate, max_memory)

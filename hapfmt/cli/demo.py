@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import BitsType, FractionType, echo_json, force_option, json_option, printable, table
+from .common import BitsType, FractionType, echo_json, force_option, json_option
+from .screen import say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..recording import Recording
@@ -105,7 +107,7 @@ def demo(
     show(recording, texture, simulated, k, outcomes)
     for path, what in ((output, "file"), (plot, "picture")):
         if path is not None:
-            click.echo(f"{what}: {printable(str(path))}")
+            say(f"{what}: {path!s}")
     return 0
 
 
@@ -126,8 +128,8 @@ def run(recording: Recording, k: Fraction, bits: int) -> Outcome:
         back = reader.read()
     decoded = time.perf_counter()
     checks = verify(data, against=recording).contracts
-    f, y = recording.channels[0].physical(), back.channels[0].physical()
-    rate = float(recording.channels[0].rate)
+    f, y = recording.channels[0].samples(), back.channels[0].samples()
+    rate = float(recording.channels[0].rate_exact)
     return Outcome(
         bits,
         data,
@@ -156,8 +158,8 @@ def show(
 ) -> None:
     samples = recording.sample_count
     channel = recording.channels[0]
-    click.echo(
-        f"{channel.label} of a stylus on {texture}: {samples} samples at {channel.rate} Hz, "
+    say(
+        f"{channel.label} of a stylus on {texture}: {samples} samples at {channel.rate_exact} Hz, "
         f"simulated in {simulated:.2f} s; deadband k = {float(k):.3g}, floor 10 mN"
     )
     rows = [
@@ -177,7 +179,7 @@ def show(
     headers = ["bits", "file B", "packets B", "b/sample", "ratio", "HF SNR dB", "max mN",
                "rms mN", "outside %"]  # fmt: skip
     table(headers, rows)
-    click.echo(
+    say(
         "bits: of the residual; ratio: against doubles; HF SNR: texture above 20 Hz against all "
         "error;\noutside: samples beyond the deadband. 'none' is the deadband alone: small, and "
         "without texture."
@@ -203,19 +205,19 @@ def draw(path: Path, recording: Recording, chosen: Outcome, k: Fraction, force: 
         packets: list[Packet] = list(reader.packets({base.track.id: (0, 1 << 62)}))
         ticks = [parse_knots(p.data, 1, p.offset)[0] + p.start for p in packets]
         last = (base.residual or base.track).contract
-    d = slow.physical()
+    d = slow.samples()
     half = np.maximum(float(k) * np.abs(d), float(FORCE_FLOOR_N))
     step = None
     if base.residual is not None and full.calibration is not None and last is not None:
         step = QuanParameters.parse(base.residual.parameters, LEVELS[2], 0).step
     plot_demo(
         path,
-        original=recording.channels[0].physical(),
+        original=recording.channels[0].samples(),
         lf=d,
-        reconstruction=full.physical(),
+        reconstruction=full.samples(),
         lower=d - half,
         upper=d + half,
-        rate_hz=float(full.rate),
+        rate_hz=float(full.rate_exact),
         knots=np.concatenate(ticks),
         error_bound=step * float(abs(full.calibration.step)) / 2
         if step and full.calibration

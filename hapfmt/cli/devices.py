@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import echo_json, json_option, printable, table
+from .common import echo_json, json_option
+from .screen import document, say
+from .tables import Column, table
 
 if TYPE_CHECKING:
     from ..replay.profile.matching import Device
@@ -48,7 +50,7 @@ def devices(own: tuple[str, ...], as_json: bool) -> int:
     elif rows:
         show(rows)
     else:
-        click.echo("no HID device is connected")
+        say("no HID device is connected")
     return 0
 
 
@@ -131,7 +133,10 @@ def udev_rule(device: Device) -> str:
 
 
 def show(rows: list[dict[str, Any]]) -> None:
-    headers = ["path", "ids", "bus", "usage", "name", "profile", "missing"]
+    headers = [
+        Column("path"), Column("ids", 2), Column("bus", 4), Column("usage", 5), Column("name"),
+        Column("profile", 1), Column("missing", 3),
+    ]  # fmt: skip
     cells = [
         [
             row["path"],
@@ -148,17 +153,15 @@ def show(rows: list[dict[str, Any]]) -> None:
     for row in rows:
         for each in row["profiles"]:
             for difference in each["differences"]:
-                click.echo(f"{printable(row['path'])}: {each['name']}: {printable(difference)}")
+                say(f"{row['path']}: {each['name']}: {difference}")
     rules = list(dict.fromkeys(row["udev_rule"] for row in rows if "udev_rule" in row))
     if rules:
-        click.echo(
-            f"To give who sits at this machine the permission, put into {RULES_FILE}\n"
-            + "\n".join(f"  {rule}" for rule in rules)
-            + "\nand run: sudo udevadm control --reload && sudo udevadm trigger"
-            + '\n(over a network, MODE="0660", GROUP="a group of yours" instead of TAG)'
-        )
+        say(f"To let the person at this machine use the device, put into {RULES_FILE}:")
+        document("".join(f"  {rule}\n" for rule in rules))
+        say("and run: sudo udevadm control --reload && sudo udevadm trigger")
+        say('(over a network: MODE="0660", GROUP="your group" instead of TAG)')
     if any("profile" in row["missing"] for row in rows):
-        click.echo("A device without a profile needs one: hapfmt profile show glove5 is a start.")
+        say("A device without a profile needs one: hapfmt profile show glove5 is a start.")
 
 
 def profile_text(judged: dict[str, Any]) -> str:

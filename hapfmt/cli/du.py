@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
 from ..container.source import open_source
 from ..limits import Limits
-from .common import echo_json, input_of, json_option, memory_option, printable, table
+from .common import echo_json, input_of, json_option, memory_option
+from .screen import say
+from .tables import Column, table
+
+if TYPE_CHECKING:
+    from ..usage import TrackUsage
+
+SHOWN_LABELS = 2
+"""Labels of a track in its row."""
 
 
 @click.command(short_help="Where the bytes go, by cause and by track.")
@@ -31,22 +41,29 @@ def du(file: str, as_json: bool, max_memory: Limits) -> int:
         if size
     ]
     table(["cause", "bytes", "%"], [*rows, ["file", str(usage.file), "100.00"]])
-    tracks = [
-        [
-            str(t.id),
-            f"{t.codec} {t.kind}",
-            ", ".join(t.labels),
-            str(t.packet_count),
-            str(t.packets_size),
-            str(t.exact_size) if t.exact_size else "-",
-            str(t.table_size),
-            str(t.parameters_size),
-            f"{8 * t.packets_size / t.sample_count:.4f}" if t.sample_count else "-",
-        ]
-        for t in usage.tracks.values()
-    ]
-    headers = ["track", "coded as", "channels", "packets", "bytes", "exact", "in tables",
-               "parameters", "b/sample"]  # fmt: skip
-    table(headers, tracks)
-    click.echo(printable(file) + f": payload {usage.payload} of {usage.file} bytes")
+    say()
+    headers = [
+        Column("channels"), Column("track", 3), Column("coded as", 2), Column("packets", 4),
+        Column("bytes"), Column("corrections", 6), Column("in tables", 5),
+        Column("parameters", 7), Column("bits/sample", 1),
+    ]  # fmt: skip
+    table(headers, [track_row(track) for track in usage.tracks.values()])
+    say(f"{file}: payload {usage.payload} of {usage.file} bytes")
     return usage.exit_code
+
+
+def track_row(track: TrackUsage) -> list[str]:
+    labels = [label or "?" for label in track.labels]
+    more = len(labels) - SHOWN_LABELS
+    samples = track.sample_count
+    return [
+        ", ".join(labels[:SHOWN_LABELS]) + (f" and {more} more" if more > 0 else ""),
+        str(track.id),
+        f"{track.codec} {track.kind}",
+        str(track.packet_count),
+        str(track.packets_size),
+        str(track.exact_size) if track.exact_size else "-",
+        str(track.table_size),
+        str(track.parameters_size),
+        f"{8 * track.packets_size / samples:.3f}" if samples else "-",
+    ]

@@ -9,6 +9,7 @@ import click
 from ..container.source import open_source
 from ..limits import Limits
 from .common import input_of, memory_option
+from .screen import raw
 
 
 @click.command(short_help="All of a file as canonical JSON.")
@@ -29,10 +30,10 @@ def dump(file: str, counts: bool, max_memory: Limits) -> int:
         for entry in dump_chunks(source, counts=counts, limits=max_memory):
             # Nothing is printed before the file was opened: an error leaves no half of a JSON.
             text = json.dumps(entry, sort_keys=True, separators=(",", ":"), allow_nan=False)
-            click.echo(before + text, nl=False)
+            raw((before + text).replace("\x7f", "\\u007f"))
             before = ",\n"
             code = entry.get("exit_code", code)
-        click.echo("\n]")
+        raw("\n]\n")
     finally:
         source.close()
     return code

@@ -10,7 +10,8 @@ import click
 
 from ..errors import ParameterError
 from ..numbers import exact
-from .common import echo_json, input_of, output_option, printable
+from .common import echo_json, input_of, output_option
+from .screen import note, say
 
 if TYPE_CHECKING:
     from ..edit import Edited, Original
@@ -49,8 +50,8 @@ def originals(names: Sequence[str], limits: Limits) -> Iterator[list[Original]]:
 def tell(edited: Edited, target: str, as_json: bool) -> None:
     """What was written, and what not; nothing on standard output where the file goes there."""
     if target == "-":
-        for note in edited.notes:
-            click.echo(f"note: {printable(note)}", err=True)
+        for each in edited.notes:
+            note(each)
     elif as_json:
         echo_json(edited.as_json())
     else:
@@ -58,9 +59,9 @@ def tell(edited: Edited, target: str, as_json: bool) -> None:
 
 
 def show(edited: Edited) -> None:
-    click.echo(f"{printable(edited.file or '-')}: {line(edited)}")
-    for note in edited.notes:
-        click.echo(f"note: {printable(note)}", err=True)
+    say(f"{edited.file or '-'}: {line(edited)}")
+    for each in edited.notes:
+        note(each)
 
 
 def line(edited: Edited) -> str:
@@ -86,11 +87,11 @@ def named(pairs: tuple[str, ...], files: tuple[str, ...]) -> dict[int, Any]:
 
 def tell_added(file: str, what: str, notes: Sequence[str], as_json: bool) -> None:
     """What was appended to a file; nothing on standard output where the file goes there."""
-    for note in notes:
-        click.echo(f"note: {printable(note)}", err=True)
+    for each in notes:
+        note(each)
     if file == "-":
         return
     if as_json:
         echo_json({"file": file, "notes": list(notes)})
     else:
-        click.echo(f"{printable(file)}: {printable(what)}")
+        say(f"{file}: {what}")

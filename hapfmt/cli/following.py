@@ -6,11 +6,10 @@ import sys
 import time
 from typing import Any
 
-import click
-
 from ..errors import ParameterError
 from ..reading.follow import Follower
-from .common import echo_json, printable, tell_some
+from .common import echo_json, tell_some
+from .screen import clipped, raw, say, width_of
 
 
 def follow_file(file: str, interval: float, as_json: bool) -> int:
@@ -33,7 +32,7 @@ def follow_file(file: str, interval: float, as_json: bool) -> int:
         except KeyboardInterrupt:
             pass
         if sys.stdout.isatty() and not as_json:
-            click.echo()
+            say()
         findings = follower.catalogue.findings
         if not as_json:
             tell_some([f"{file}: {finding}" for finding in findings])
@@ -67,7 +66,10 @@ def show(found: dict[str, Any], as_json: bool) -> None:
         f"{found['duration_s']:.3f} s, {found['cluster_count']} clusters, "
         f"{found['file_size']} bytes, {rate} bytes/s, {state}"
     )
-    # On a terminal one line is written again and again.
-    terminal = sys.stdout.isatty()
-    click.echo(f"\r{printable(text):<78}" if terminal else printable(text), nl=not terminal)
+    width = width_of()
+    if width is None:
+        say(text)
+    else:
+        # On a terminal one line is written again and again.
+        raw("\r\x1b[K" + clipped(text, width))
     sys.stdout.flush()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from fractions import Fraction
 from itertools import groupby
@@ -13,9 +14,12 @@ import click
 from ..container.source import open_source
 from ..container.track import Contract, Track
 from ..limits import Limits
-from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError, Part
+from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError
 from ..reading.opening import open_catalogue
-from .common import echo_json, input_of, json_option, memory_option, printable, table
+from .bounds import bound_text, unit_text
+from .common import echo_json, input_of, json_option, memory_option
+from .screen import complain, say
+from .tables import Column, table
 
 
 @click.command(short_help="What a file holds.")
@@ -197,42 +201,52 @@ def unsupported_of(ref: ChannelRef) -> str | None:
 
 def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
     closed = "closed" if found["closed"] else "NOT CLOSED"
-    click.echo(
-        f"{printable(file)}: hapf {found['version']} level {found['level']}, "
+    say(
+        f"{file}: hapf {found['version']} level {found['level']}, "
         f"{found['file_size']} bytes, {found['duration_s']:.6g} s, "
-        f"{found['cluster_count']} clusters, {found['track_count']} tracks, {closed}"
+        f"{counted(found['cluster_count'], 'cluster')}, "
+        f"{counted(found['track_count'], 'track')}, {closed}"
     )
     for key in ("uuid", "epoch_ns"):
         if found[key] is not None:
-            click.echo(f"{key}: {found[key]}")
+            say(f"{key}: {found[key]}")
     rows = [channel_row(ref) for ref in catalogue.channels]
     if rows:
-        table(["channel", "label", "unit", "rate Hz", "step", "coded as", "contract"], rows)
+        headers = [
+            Column("label"), Column("#", 4), Column("unit", 2), Column("rate, Hz", 1),
+            Column("step", 3), Column("error bound"), Column("codecs", 5),
+        ]  # fmt: skip
+        table(headers, rows)
     for layer in catalogue.layers:
         name = layer.components[0].label or "without a name"
-        click.echo(printable(f"layer of events: {name} (track {layer.id}, {layer.rate} ticks/s)"))
+        say(f"layer of events: {name} (track {layer.id}, {layer.rate} ticks/s)")
     for clock in found["clocks"]:
         ticks = "ns" if clock["track"] is None else f"ticks of track {clock['track']}"
         mapped = f", mapped by {clock['point_count']} points" if clock["point_count"] else ""
         count = clock["observation_count"]
-        click.echo(printable(f"clock: {clock['clock']} ({count} observations by {ticks}{mapped})"))
+        say(f"clock: {clock['clock']} ({count} observations by {ticks}{mapped})")
     if found.get("events"):
         rows = [event_row(event) for event in found["events"]]
-        table(["time s", "duration s", "channel", "layer", "text"], rows)
+        table(["time, s", "text", "duration, s", "channel", "layer"], rows)
     for key, value in catalogue.metadata.items():
-        click.echo(printable(f"{key}: {value}"))
+        text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+        say(f"{key}: {text}")
     for attachment in found["attachments"]:
-        click.echo(printable(f"attachment: {attachment['name']} ({attachment['size']} bytes)"))
+        say(f"attachment: {attachment['name']} ({attachment['size']} bytes)")
     for finding in catalogue.findings:
-        click.echo(f"hapfmt: {printable(str(finding))}", err=True)
+        complain(str(finding))
     if catalogue.unsupported:
-        click.echo(f"hapfmt: {catalogue.unsupported}", err=True)
+        complain(str(catalogue.unsupported))
+
+
+def counted(count: int, what: str) -> str:
+    return f"{count} {what}" + ("" if count == 1 else "s")
 
 
 def event_row(event: dict[str, Any]) -> list[str]:
     channel = "-" if event["channel"] is None else str(event["channel"])
-    times = (f"{float(Fraction(event[name])):.9g}" for name in ("time", "duration"))
-    return [*times, channel, event["layer"], event["text"]]
+    at, duration = (f"{float(Fraction(event[name])):.9g}" for name in ("time", "duration"))
+    return [at, event["text"], duration, channel, event["layer"]]
 
 
 def channel_row(ref: ChannelRef) -> list[str]:
@@ -241,29 +255,22 @@ def channel_row(ref: ChannelRef) -> list[str]:
     a, _, d = component.calibration
     step = f"{a / d:.6g}" if ref.track.number_format == "counts" else ref.track.number_format
     codings = [" + ".join(f"{t.codec} {t.kind}" for t in part.tracks) for part in ref.parts]
-    promises = [promise_of(part, ref.index) for part in ref.parts]
+    bounds = [
+        bound_text(part.contract, part.track.components[ref.index], ref.index)
+        for part in ref.parts
+        if ref.index < len(part.track.components)
+    ]
     return [
+        component.label or f"channel {ref.number}",
         str(ref.number),
-        component.label,
-        component.unit,
+        unit_text(component.unit) or "-",
         str(rate.numerator) if rate.denominator == 1 else f"{float(rate):.6g}",
         step,
+        unsupported_of(ref) or each_once(bounds),
         each_once(codings),
-        unsupported_of(ref) or each_once(promises),
     ]
 
 
 def each_once(texts: list[str]) -> str:
     """Of tracks that continue one another, without repeats."""
     return ", then ".join(text for text, _ in groupby(texts))
-
-
-def promise_of(part: Part, index: int) -> str:
-    contract = part.contract
-    if contract is None:
-        return "exact values" if part.track.codec == "LPCX" else "-"
-    word = "guaranteed" if contract.guaranteed else "aimed at"
-    shape = "vector, " if contract.vector else ""
-    floor = contract.floor[min(index, len(contract.floor) - 1)]
-    width = f"k {contract.kn / contract.kd:.4g}, floor {floor}"
-    return f"{shape}{width}, {word}"

@@ -14,10 +14,10 @@ from .common import (
     input_of,
     json_option,
     output_of,
-    printable,
     refuse_target,
 )
 from .editing import copy_option, tell_added
+from .screen import say
 
 
 @click.command(short_help="Show or set the metadata.")
@@ -46,7 +46,7 @@ def meta(
             echo_json(known)
         for name, value in () if as_json else known.items():
             text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-            click.echo(printable(f"{name}: {text}"))
+            say(f"{name}: {text}")
         return 0
     if output is not None:
         refuse_target(output, force)

@@ -15,7 +15,6 @@ from .common import (
     memory_option,
     output_of,
     output_option,
-    printable,
     progress,
     refuse_span,
     start_option,
@@ -23,6 +22,7 @@ from .common import (
     tell_losses,
 )
 from .parts import matched, open_parts
+from .screen import note, printable
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -35,7 +35,7 @@ LINES = 3
 """Of what is lost, below the picture."""
 
 
-@click.command(short_help="A picture of a recording: signal, texture, knots, spectrum, damage.")
+@click.command(short_help="Draw a recording: signal, slow part, residual, spectrum, gaps, damage.")
 @click.argument("file", metavar="FILE")
 @output_option("PICTURE", "Write the picture here: .png .svg .pdf; - is a pipe.")
 @click.option("--window", is_flag=True, help="Show it in a window instead.")
@@ -43,10 +43,12 @@ LINES = 3
 @start_option
 @stop_option
 @click.option(
-    "--against", metavar="ORIGINAL", help="What FILE was encoded from: shows its errors too."
+    "--against",
+    metavar="ORIGINAL",
+    help="The recording that FILE was encoded from: draws the errors too.",
 )
 @input_format_option
-@click.option("--rate", help="Ticks per second, for a file that does not say.")
+@click.option("--rate", help="Samples per second, for a file without a rate.")
 @click.option(
     "--output-format",
     "kind",
@@ -73,8 +75,9 @@ def plot(
 
     One channel fills a page: the signal, its deadband and the knots of its slow part, a stretch of
     it sample by sample, the texture, the spectrum. A few have a row each; many are small pictures
-    side by side. A PDF has as many pages as are needed, and one for each channel where there are at
-    most 12. Gaps are hatched, damage is crossed, and what it took is said; the exit code is then 3.
+    side by side. A PDF has as many pages as needed, and a page for each channel if there are at
+    most 12. Of a PNG or SVG, each further page is a file of its own: touch-1.png, touch-2.png.
+    Gaps are hatched. Damage is crossed and named; the exit code is then 3.
 
     \b
     hapfmt plot touch.hapf --output touch.png
@@ -86,7 +89,7 @@ def plot(
     from ..plotting.style import kind_of, new_figure, save
 
     if (output is None) != window:
-        raise ParameterError("say where to: --output touch.png (or .svg, .pdf), or --window")
+        raise ParameterError("Give --output touch.png (or .svg, .pdf), or --window.")
     if output is not None and output != "-":
         kind = kind or kind_of(output)
         refuse(output, force)
@@ -112,15 +115,10 @@ def plot(
 
         show(figures, f"hapfmt: {file}")
         return code
-    if len(figures) > 1 and kind != "pdf":
-        click.echo(
-            f"note: the first of {len(figures)} pages; choose with --channels, or write a PDF, "
-            "which has them all",
-            err=True,
-        )
-        figures = figures[:1]
     assert output is not None
-    save(figures, output_of(output), kind or "png", force=force)
+    names = save(figures, output_of(output), kind or "png", force=force)
+    if len(names) > 1:
+        note(f"{len(names)} pages: {', '.join(names)}")
     return code
 
 
@@ -133,7 +131,7 @@ def draw(
     details: bool,
 ) -> list[Any]:
     """Pages."""
-    from ..plotting.pages import ROWS, pages
+    from ..plotting.pages import ROWS, Words, pages
     from ..survey.views import liveliest, survey, within
 
     first, last = within(parts, start, stop)
@@ -142,15 +140,49 @@ def draw(
         views = survey(parts, first, last, against=original, spectra=not many, progress=advance)
     zoom: View | None = None
     near = liveliest(views[0], ZOOM_TICKS) if len(views) == 1 else None
-    if near is not None:
+    while near is not None:
         zoom = survey(parts, *near, against=original, spectra=False)[0]
+        near = None if zoom.full.is_whole else liveliest(zoom, ZOOM_TICKS)
     title = printable(Path(name).name if name != "-" else "standard input")
     if original is not None:
         title += ", against its original"
+    whole = start is None and stop is None
+    words = Words(
+        title,
+        header(parts, views, name, whole, original is not None),
+        footnotes(parts, views, start, stop),
+    )
     return pages(
-        views, zoom=zoom, events=parts.events(first, last), title=title,
-        footnotes=footnotes(parts, views, start, stop), details=details,
+        views, words, zoom=zoom, events=parts.events(first, last), details=details,
     )  # fmt: skip
+
+
+def header(parts: Parts, views: list[View], name: str, whole: bool, compared: bool) -> list[str]:
+    """The facts of the file."""
+    from ..survey.facts import facts
+    from ..survey.parts import FileParts
+
+    size = None
+    if isinstance(parts, FileParts):
+        size = parts.reader.source.size
+        # The ratio is that of the file, so that all its channels have to be there.
+        whole = whole and len(views) == len(parts.reader.channels)
+    elif Path(name).is_file():
+        size = Path(name).stat().st_size
+    found = facts(parts, views, size=size, whole=whole)
+    return found + largest_error(views) if compared else found
+
+
+def largest_error(views: list[View]) -> list[str]:
+    """Of the channel that has the largest, by its range; one channel says it in its own title."""
+    from ..survey.facts import relative_error
+
+    shares = [(relative_error(view), view) for view in views]
+    worst, view = max(shares, key=lambda pair: pair[0])
+    if not worst:
+        return ["no error"]
+    of = f" ({view.channel.name})" if len(views) > 1 else ""
+    return [f"largest error {100 * worst:.2g} % of range{of}"]
 
 
 def footnotes(
@@ -159,12 +191,12 @@ def footnotes(
     lines = told(parts, start, stop)
     missing = sum(view.only_original for view in views)
     if missing:
-        lines.append(f"{missing} samples of the original are not there")
+        lines.append(f"{missing} samples of the original are missing")
     return lines
 
 
 def told(parts: Parts, start: Fraction | None, stop: Fraction | None, name: str = "") -> list[str]:
-    """What is wrong with the file, in a few lines."""
+    """Damage of the file, in a few lines."""
     from ..damage import lost_lines
     from ..survey.parts import FileParts
 
@@ -182,7 +214,7 @@ def told(parts: Parts, start: Fraction | None, stop: Fraction | None, name: str 
 
 
 def finish(parts: Parts, start: Fraction | None, stop: Fraction | None) -> int:
-    """Tells of damage; the exit code that it deserves."""
+    """Reports damage; returns the exit code."""
     from ..survey.parts import FileParts
 
     if not isinstance(parts, FileParts):

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import DeviceError, ParameterError
-from .common import echo_json, json_option, printable, table
+from .common import echo_json, json_option
+from .screen import complain, document, say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..replay.profile.descriptor import Descriptor
@@ -61,7 +63,7 @@ def show_profile(name: str) -> int:
     """Print the TOML of the built-in profile NAME (or of a file), to start one of your own."""
     from ..replay.profile.parse import load_profile
 
-    click.echo(load_profile(name).text, nl=False)
+    document(load_profile(name).text)
     return 0
 
 
@@ -108,9 +110,9 @@ def check_profile(file: str, path: str | None, descriptor: str | None, as_json: 
     else:
         show(file, chosen)
         if against is not None and not found:
-            click.echo(f"each of its reports is one of {printable(path or descriptor or '')}")
+            say(f"each of its reports is one of {path or descriptor or ''}")
         for text in found:
-            click.echo(f"hapfmt: {printable(text)}", err=True)
+            complain(text)
     return code
 
 
@@ -185,21 +187,21 @@ def show(file: str, chosen: Profile) -> None:
     from ..replay.profile.matching import wanted_of
 
     timing = chosen.timing
-    click.echo(f"{printable(file)}: {printable(chosen.name)}, {printable(chosen.description)}")
-    click.echo(f"for {', '.join(devices_of(chosen)) or 'no device in particular: name its path'}")
-    click.echo(
+    say(f"{file}: {chosen.name}, {chosen.description}")
+    say(f"for {', '.join(devices_of(chosen)) or 'no device in particular: name its path'}")
+    say(
         f"{float(1 / timing.period):g} frames/s of {timing.frame_samples} for each actuator; "
         f"gain {chosen.gain:g}; stops when {timing.hold_s * 1e3:g} ms late; "
         f"ramps of {timing.ramp_s * 1e3:g} ms"
     )
     rests = timing.device_timeout_s
-    click.echo(
+    say(
         "not known to go to rest by itself when nothing comes any more"
         if rests is None
         else f"goes to rest by itself {rests * 1e3:g} ms after the last report"
     )
     for each in wanted_of(chosen):
-        click.echo(f"{each.path} report 0x{each.id:02x}, {each.length} bytes")
+        say(f"{each.path} report 0x{each.id:02x}, {each.length} bytes")
     table(
         ["actuator", "unit", "lowest", "highest", "rest", "change/s", "step", "band", "takes"],
         [row_of(each) for each in chosen.actuators],

@@ -5,18 +5,19 @@ from __future__ import annotations
 import csv
 import io
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..errors import ParameterError
-from .common import echo_json, force_option, json_option, printable, progress, table
+from .common import echo_json, force_option, json_option, progress
+from .screen import complain, document, note, say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..study.description import Study
-    from ..study.outputs import Output
+    from ..study.outputs import ChannelMap, Output
     from ..study.prepare import Prepared
     from ..study.summary import Mean, Row, Summary
 
@@ -42,7 +43,13 @@ INTERRUPTED = 130
     "channels",
     multiple=True,
     metavar="A=1,B=2",
-    help="Channels = actuators of the device, as in hapfmt replay.",
+    help="Play these channels alone: CHANNEL=ACTUATOR, as in hapfmt replay.",
+)
+@click.option("--ignore", multiple=True, metavar="A,B", help="Leave these channels out.")
+@click.option(
+    "--map-by-order",
+    is_flag=True,
+    help="Assign channels to actuators by unit and order, whatever their names.",
 )
 @click.option("--no-watchdog", is_flag=True, help="Where the device can be opened only once.")
 @click.option(
@@ -118,7 +125,7 @@ def rate(
     if as_csv and as_json:
         raise ParameterError("choose one of --csv and --json")
     if (chosen or as_json) and (subject or (as_json and not chosen)):
-        raise ParameterError("--subject is asked, which has no --json and no other mode beside it")
+        raise ParameterError("--subject does not go with --json or another mode")
     if summary:
         return summed(files, plot, as_csv, as_json, force)
     if new:
@@ -150,8 +157,8 @@ def begun(files: tuple[str, ...], force: bool, as_json: bool) -> int:
         echo_json({"study": str(path), "sessions": sessions,
                    "conditions": [each.name for each in study.conditions]})  # fmt: skip
     else:
-        click.echo(
-            f"{printable(str(path))}: {len(study.sessions)} sessions of {len(study.conditions)} "
+        say(
+            f"{path!s}: {len(study.sessions)} sessions of {len(study.conditions)} "
             "conditions; edit it, then --prepare"
         )
     return 0
@@ -177,7 +184,7 @@ def tell_prepared(study: Study, prepared: Prepared, as_json: bool) -> int:
     ]  # fmt: skip
     table(["session", "condition", "role", "bytes", "b/sample", "file"], rows_shown)
     if not any(each.role == "anchor" for each in study.conditions):
-        click.echo("note: no condition is an anchor, so nothing holds the low end of the scale")
+        note("no condition is an anchor, so nothing holds the low end of the scale")
     return 0
 
 
@@ -200,8 +207,7 @@ def asked(
     if shutil.disk_usage(path.parent).free < LEAST_FREE:
         raise ParameterError("the disk is full: answers could not be kept", path=str(path))
     head = heading(study, prepared, subject, output.told)
-    told: Callable[[str], None] = lambda text: click.echo(f"hapfmt: {printable(text)}", err=True)  # noqa: E731
-    with AnswerFile(path, head, told) as file:
+    with AnswerFile(path, head, complain) as file:
         rating = Rating(study, prepared, file, output)
         code = 0
         try:
@@ -210,13 +216,11 @@ def asked(
             finished, code = False, INTERRUPTED
             if isinstance(stopped, SignalError):
                 code = 128 + stopped.number
-            click.echo()
+            say()
         finally:
-            click.echo(
-                f"{rating.done} of {len(rating.trials)} answers are in {printable(str(path))}"
-            )
+            say(f"{rating.done} of {len(rating.trials)} answers are in {path!s}")
         if not finished:
-            click.echo("the same command goes on from here")
+            say("the same command goes on from here")
     return code
 
 
@@ -232,8 +236,9 @@ def choose_output(felt: dict[str, Any]) -> None:
             "say where it is felt: --device PROFILE, --sound CHANNEL, --wav FOLDER, or --dry-run"
             + (", one of them" if ways else "")
         )
-    if felt["device"] is None and (felt["path"] or felt["gain"] or felt["channels"]):
-        raise ParameterError("--path, --gain and --map go with --device")
+    played = ("path", "gain", "channels", "ignore", "map_by_order")
+    if felt["device"] is None and any(felt[name] for name in played):
+        raise ParameterError("--path, --gain, --map, --ignore and --map-by-order require --device")
 
 
 def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
@@ -243,13 +248,14 @@ def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
         from ..replay.profile.parse import load_profile
 
         profile = load_profile(felt["device"])
-        parts = parts_of(felt["channels"], prepared)
-        for each in prepared.stimuli:
-            outputs.refuse_unplayable(each.path, profile, parts)
+        mapping = mapping_of(felt, prepared)
+        plans = [outputs.plan(each.path, profile, mapping) for each in prepared.stimuli]
+        for line in dict.fromkeys(line for plan in plans for line in plan):
+            say(line, err=True)
         if felt["dry_run"]:
-            return outputs.Nowhere(profile, felt["gain"], parts)
+            return outputs.Nowhere(profile, felt["gain"], mapping)
         config = outputs.find_device(profile, felt["path"])
-        return outputs.Device(profile, config, felt["gain"], parts, not felt["no_watchdog"])
+        return outputs.Device(profile, config, felt["gain"], mapping, not felt["no_watchdog"])
     if felt["sound"] is not None:
         from ..study.sound import Card, parse_card
 
@@ -259,15 +265,16 @@ def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
     return outputs.Nowhere()
 
 
-def parts_of(given: tuple[str, ...], prepared: Prepared) -> tuple[str, ...]:
-    """As hapfmt replay takes them; a label may have a comma itself."""
+def mapping_of(felt: dict[str, Any], prepared: Prepared) -> ChannelMap:
+    """As hapfmt replay takes it; a label may have a comma itself."""
     from ..reading.reader import Reader
+    from ..study.outputs import ChannelMap
     from .replay import parts
 
-    if not given:
-        return ()
     with Reader(str(prepared.stimuli[0].path)) as reader:
-        return tuple(parts(given, [each.label for each in reader.channels]))
+        labels = [each.label for each in reader.channels]
+    given, ignored = (tuple(parts(felt[name], labels)) for name in ("channels", "ignore"))
+    return ChannelMap(given, ignored, felt["map_by_order"])
 
 
 def summed(
@@ -287,12 +294,12 @@ def summed(
     if as_json:
         echo_json(told(summary))
     elif as_csv:
-        click.echo(csv_of(summary), nl=False)
+        document(csv_of(summary))
     else:
         show(summary)
     if not as_json:
-        for note in (*summary.notes, *unfinished(summary)):
-            click.echo(f"note: {printable(note)}", err=True)
+        for each in (*summary.notes, *unfinished(summary)):
+            note(each)
     return 0
 
 
@@ -325,9 +332,9 @@ def show(summary: Summary) -> None:
     missed = f"rated the hidden reference below {study['screen_below']:g} too often"
     show_rows(f"{study['name']}: {people(len(summary.subjects))}", summary.rows)
     if not out:
-        click.echo(f"nobody {missed}")
+        say(f"nobody {missed}")
         return
-    click.echo(f"{len(out)} {missed}: {printable(', '.join(out))}")
+    say(f"{len(out)} {missed}: {', '.join(out)}")
     if summary.kept:
         show_rows(f"without them: {people(len(summary.subjects) - len(out))}", summary.kept)
 
@@ -353,7 +360,7 @@ def show_rows(title: str, rows: tuple[Row, ...]) -> None:
         ]
         for row in rows
     ]
-    click.echo(printable(title))
+    say(title)
     table([*(["session"] if many else []), *headers], shown)
 
 

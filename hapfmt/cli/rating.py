@@ -11,11 +11,9 @@ import sys
 from contextlib import suppress
 from typing import Any
 
-import click
-
 from ..study.description import HIGHEST, fifth
 from ..study.rating import NotYetError, Rating
-from .common import printable
+from .screen import printable, raw, say
 
 KEYS = {"r": "reference", "p": "this", "a": "again", "b": "back", "q": "quit", "?": "help"}
 WORDS = {"": "help", **{word: word for word in KEYS.values()}, "play": "this", "h": "help"}
@@ -29,9 +27,9 @@ def conduct(rating: Rating, subject: str) -> bool:
     """Until all is answered (True) or the subject stops."""
     head = rating.study.head
     with Lines() as lines:
-        say(f"{head.name}: {head.question}" if head.name else head.question)
+        tell(f"{head.name}: {head.question}" if head.name else head.question)
         if rating.done:
-            say(f"{subject}: {rating.done} of {len(rating.trials)} are answered; on with the rest")
+            tell(f"{subject}: {rating.done} of {len(rating.trials)} are answered; on with the rest")
         tell_scale(head.scale)
         tell_keys()
         shown = None
@@ -45,8 +43,8 @@ def conduct(rating: Rating, subject: str) -> bool:
             try:
                 act(rating, word)
             except NotYetError as error:
-                say(error.message)
-    say("Done. Thank you.")
+                tell(error.message)
+    tell("Done. Thank you.")
     return True
 
 
@@ -71,7 +69,7 @@ def act(rating: Rating, word: str) -> None:
                 raise NotYetError(f"{printable(word.strip()[:LONGEST])!r} is none of r p a b q ?, "
                                   f"nor a number from 0 to {HIGHEST}")  # fmt: skip
             rating.rate(number)
-            say(f"{number:g}: {fifth(number, rating.study.head.scale)}; saved")
+            tell(f"{number:g}: {fifth(number, rating.study.head.scale)}; saved")
 
 
 def number_in(word: str) -> float | None:
@@ -84,25 +82,27 @@ def number_in(word: str) -> float | None:
 
 def tell_play(rating: Rating, fault: str) -> None:
     if fault:
-        say(f"it was not felt whole, and does not count: {printable(fault)}")
+        tell(f"it was not felt whole, and does not count: {fault}")
         return
     what = "the reference" if rating.last == "reference" else "this one"
     where = {"dry-run": " (dry run: nothing was felt)", "wav": " (written to its WAV file)"}
-    say(f"played {what}{where.get(rating.output.told['kind'], '')}")
+    tell(f"played {what}{where.get(rating.output.told['kind'], '')}")
 
 
 def tell_place(rating: Rating) -> None:
     part, parts, question, questions = rating.place
     assert rating.trial is not None
     if question == 1 and part > 1 and not rating.trial.training:
-        say("\nThis session is done. Rest as long as you like.")
+        tell("")
+        tell("This session is done. Rest as long as you like.")
     what = "training, does not count" if rating.trial.training else f"session {part} of {parts}"
-    say(f"\n{what}: question {question} of {questions}")
+    tell("")
+    tell(f"{what}: question {question} of {questions}")
 
 
 def tell_keys() -> None:
-    say("r plays the reference, p this one, a the last once more")
-    say(f"a number from 0 to {HIGHEST} and Enter rates this one; b goes back by one, q stops")
+    tell("r plays the reference, p this one, a the last once more")
+    tell(f"a number from 0 to {HIGHEST} and Enter rates this one; b goes back by one, q stops")
 
 
 def tell_scale(scale: tuple[str, ...]) -> None:
@@ -110,12 +110,12 @@ def tell_scale(scale: tuple[str, ...]) -> None:
     width = max(BAR // len(scale), *(len(each) + 2 for each in scale))
     marks = [f"{round(n * HIGHEST / len(scale))}" for n in range(len(scale) + 1)]
     ruler = "".join(mark.ljust(width, "-") for mark in marks[:-1]) + marks[-1]
-    say("".join(printable(each).center(width) for each in scale).rstrip())
-    say(ruler)
+    tell("".join(printable(each).center(width) for each in scale).rstrip())
+    tell(ruler)
 
 
-def say(text: str) -> None:
-    click.echo("\n".join(printable(line) for line in text.split("\n")))
+def tell(text: str) -> None:
+    say(text)
     sys.stdout.flush()
 
 
@@ -148,12 +148,12 @@ class Lines:
 
     def ask(self, prompt: str) -> str | None:
         """A word, or None where no more can come."""
-        click.echo(prompt, nl=False)
+        raw(prompt)
         sys.stdout.flush()
         if self.descriptor is None:
             line = sys.stdin.readline()
             if not sys.stdin.isatty():
-                click.echo(printable(line.rstrip("\r\n")))
+                say(line.rstrip("\r\n"))
             return line.rstrip("\r\n") if line else None
         keys = self.termios.tcgetattr(self.descriptor)
         keys[3] &= ~(self.termios.ICANON | self.termios.ECHO)
@@ -162,7 +162,7 @@ class Lines:
             return self.typed()
         finally:
             self.restore()
-            click.echo()
+            say()
 
     def typed(self) -> str | None:
         line = ""
@@ -178,10 +178,10 @@ class Lines:
             elif character in ERASE:
                 if line:
                     line = line[:-1]
-                    click.echo("\b \b", nl=False)
+                    raw("\b \b")
             elif character.isprintable() and character.isascii() and len(line) < LONGEST:
                 line += character
-                click.echo(character, nl=False)
+                raw(character)
                 if line.lower() in KEYS:
                     return line
             sys.stdout.flush()

@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 
 from ..errors import ParameterError
-from .common import AmountType, FractionType, echo_json, force_option, json_option, printable
+from . import screen
+from .common import AmountType, FractionType, echo_json, force_option, json_option, standard_input
+from .screen import complain, say
 
 if TYPE_CHECKING:
     from ..live.recorder import Recorder
@@ -144,9 +146,9 @@ def record(
         labels_ = [given.label for given in recorder.inputs]
         echo_json({**status.as_json(), "wall_s": time.monotonic() - began, "channels": labels_})
     else:
-        click.echo(f"{printable(target)}: {summary(status)}", err=target == "-")
+        say(f"{target}: {summary(status)}", err=target == "-")
     if status.dropped:
-        click.echo(f"hapfmt: {dropped(status)}", err=True)
+        complain(dropped(status))
         return LOST
     return 0
 
@@ -166,7 +168,7 @@ def summary(status: Status) -> str:
 
 def dropped(status: Status) -> str:
     """Of the first few channels."""
-    parts = [f"{printable(label)} {count}" for label, count in list(status.dropped.items())[:10]]
+    parts = [f"{label} {count}" for label, count in list(status.dropped.items())[:10]]
     return f"dropped {status.dropped_count} samples: {', '.join(parts)}"
 
 
@@ -203,7 +205,7 @@ class ExitSignals:
 def opened(source: str) -> Iterator[int]:
     """A descriptor to read from."""
     if source == "-":
-        yield sys.stdin.fileno()
+        yield standard_input().fileno()
         return
     descriptor = os.open(source, os.O_RDONLY | getattr(os, "O_BINARY", 0))
     try:
@@ -247,7 +249,7 @@ class StatusLine:
 
     def __exit__(self, *_: object) -> None:
         if self.shown:
-            click.echo("\r\x1b[K", err=True, nl=False)
+            screen.status("")
 
     def tell(self) -> None:
         recorder = self.stream.recorder
@@ -258,4 +260,4 @@ class StatusLine:
         text = f"{summary(status)}, {status.queued_size >> 10} KiB waiting"
         if status.dropped:
             text += f", {status.dropped_count} samples dropped"
-        click.echo(f"\r\x1b[K{text}", err=True, nl=False)
+        screen.status(text)

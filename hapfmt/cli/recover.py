@@ -14,11 +14,11 @@ from .common import (
     json_option,
     memory_option,
     output_of,
-    printable,
     progress,
     refuse_target,
     tell_some,
 )
+from .screen import complain, say
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -88,10 +88,10 @@ def recover(
 
 
 def show(source: str, target: str, done: Recovery) -> None:
-    tell_some([f"{printable(source)}: {finding}" for finding in done.findings])
+    tell_some([f"{source}: {finding}" for finding in done.findings])
     tell_some(done.lost_lines)
     if done.kept_as:
-        click.echo(f"hapfmt: the damaged file is now {printable(done.kept_as)}", err=True)
-    line = f"{printable(target)}: {done.packets} packets, {done.samples} samples"
+        complain(f"the damaged file is now {done.kept_as}")
+    line = f"{target}: {done.packets} packets, {done.samples} samples"
     how = "with loss" if done.exit_code == 3 else "nothing lost"
-    click.echo(f"{line}; {how}", err=target == "-")
+    say(f"{line}; {how}", err=target == "-")

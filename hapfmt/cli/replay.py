@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 import zlib
 from collections.abc import Callable
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import HapfmtError, MissingExtraError, ParameterError
+from . import screen
 from .common import (
     SHOWN_LINES,
     FractionType,
@@ -21,13 +23,13 @@ from .common import (
     input_of,
     json_option,
     memory_option,
-    printable,
     progress,
     start_option,
     stop_option,
-    table,
     tell_some,
 )
+from .screen import complain, printable, say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -90,8 +92,19 @@ ERROR, LOST = 1, 3
     "channels",
     multiple=True,
     metavar="A=1,B=2",
-    help="Channels (label or number) = actuators (name, or number from 1), and no others [by "
-    "label, body site, unit].",
+    help="Play these channels alone: CHANNEL=ACTUATOR, each by its name or number. Without it the "
+    "words of label, body site or axis must name one actuator for each channel.",
+)
+@click.option(
+    "--ignore",
+    multiple=True,
+    metavar="A,B",
+    help="Leave these channels out, by label or number.",
+)
+@click.option(
+    "--map-by-order",
+    is_flag=True,
+    help="Assign channels to actuators by unit and order, whatever their names.",
 )
 @click.option(
     "--record",
@@ -114,6 +127,8 @@ def replay(
     speed: Fraction,
     gain: float | None,
     channels: tuple[str, ...],
+    ignore: tuple[str, ...],
+    map_by_order: bool,
     target: str | None,
     no_watchdog: bool,
     force: bool,
@@ -124,8 +139,12 @@ def replay(
     profile. It moves a machine that touches a person: read docs/safety.md first.
 
     \b
-    hapfmt replay touch.hapf --device glove5 --dry-run
-    hapfmt replay touch.hapf --device glove5 --start 2 --stop 5 --gain 0.2
+    hapfmt replay touch.hapf --device glove5 --map 'normal force=thumb' --dry-run
+    hapfmt replay hand.hapf --device glove5 --start 2 --stop 5 --gain 0.2
+
+    Replay does not guess: the words of a channel's label, body site or axis must name one actuator.
+    Otherwise nothing is played, and the message lists command lines that would play. The assignment
+    and its reasons are printed before anything moves.
 
     In a terminal: space pauses and goes on, left and right seek by five seconds, q ends; Ctrl-C
     ends too, by a ramp to rest. Exit codes beyond those of all verbs: 5 stopped since it was late,
@@ -140,18 +159,27 @@ def replay(
         raise ParameterError("--path is a device's, and --dry-run needs none")
     sink_config = {} if dry_run else config_of(profile, path)
     with Reader(input_of(file), limits=max_memory) as reader:
-        assignment = assign(reader, profile, parts(channels, [c.label for c in reader.channels]))
+        labels = [ref.label for ref in reader.channels]
+        assignment = assign(
+            reader,
+            profile,
+            parts(channels, labels),
+            by_order=map_by_order,
+            ignore=parts(ignore, labels),
+            command=command_line(file, device, dry_run),
+        )
         renderer = Renderer(reader, profile, assignment, start, stop, speed, loops)
-        refuse_nothing(renderer)
+        refuse_empty(renderer)
         given = profile.gain if gain is None else gain
         played = {
             "gain": given,
             "speed": str(speed),
             "channels": assigned(renderer),
+            "reasons": reasons_of(renderer),
+            "at_rest": renderer.resting,
             "kernels": renderer.kernels,
         }
-        if not as_json:
-            tell_plan(renderer, given)
+        tell_plan(renderer, given)
         report, failure = None, None
         try:
             with recording(target, profile, played, reader, force, dry_run) as record:
@@ -166,7 +194,7 @@ def replay(
             failure = error
         findings = [f"{reader.source.path or 'input'}: {each}" for each in reader.findings]
     if report.outcome != "clean":
-        click.echo(f"hapfmt: {printable(report.reason or why(report, profile))}", err=True)
+        complain(report.reason or why(report, profile))
     tell_some([*findings, *report.lost, *report.said])
     code = report.exit_code or (LOST if findings else 0)
     if failure is not None:
@@ -178,7 +206,7 @@ def replay(
         # What a dry run prints on standard output are packets alone.
         tell_report(report, err=dry_run and target is None)
     if failure is not None:
-        click.echo(f"hapfmt: what was sent is not recorded: {printable(str(failure))}", err=True)
+        complain(f"the record of what was sent is lost: {failure}")
     return code
 
 
@@ -187,7 +215,9 @@ def parts(given: tuple[str, ...], labels: list[str]) -> list[str]:
     return [
         part
         for text in given
-        for part in ([text] if text.rpartition("=")[0] in labels else text.split(","))
+        for part in (
+            [text] if text in labels or text.rpartition("=")[0] in labels else text.split(",")
+        )
     ]
 
 
@@ -199,10 +229,7 @@ def why(report: ReplayReport, profile: Profile) -> str:
     return report.outcome
 
 
-def refuse_nothing(renderer: Renderer) -> None:
-    if not renderer.routes:
-        why = "".join(f"\n  {each}" for each in renderer.left_out)
-        raise ParameterError(f"no channel can be played with {renderer.profile.name}:{why}")
+def refuse_empty(renderer: Renderer) -> None:
     if renderer.start >= renderer.stop:
         raise ParameterError(
             f"nothing lies between {float(renderer.start):.6g} s and {float(renderer.stop):.6g} s "
@@ -217,6 +244,18 @@ def assigned(renderer: Renderer) -> dict[str, str]:
         actuators[route.actuator].name: refs[route.channel].label or f"channel {route.channel}"
         for route in renderer.routes
     }
+
+
+def reasons_of(renderer: Renderer) -> dict[str, str]:
+    """Actuator -> why its channel drives it."""
+    actuators = renderer.profile.actuators
+    return {actuators[route.actuator].name: route.reason for route in renderer.routes}
+
+
+def command_line(file: str, device: str, dry_run: bool) -> str:
+    """As typed, for advice that continues it."""
+    words = ["hapfmt", "replay", file, "--device", device, *(["--dry-run"] if dry_run else [])]
+    return shlex.join(map(printable, words))
 
 
 def config_of(profile: Profile, path: str | None) -> dict[str, Any]:
@@ -319,7 +358,7 @@ class StatusLine:
 
     def __exit__(self, *_: object) -> None:
         if self.shown:
-            click.echo("\r\x1b[K", err=True, nl=False)
+            screen.status("")
 
     def tell(self, status: Status) -> None:
         if self.shown:
@@ -327,23 +366,18 @@ class StatusLine:
                 f"{status.state} {status.position_s:.1f} s, {status.sent} frames, "
                 f"{status.skipped} skipped, at most {status.max_late_us:.0f} us late"
             )
-            click.echo(f"\r\x1b[K{text}", err=True, nl=False)
+            screen.status(text)
 
 
 def tell_plan(renderer: Renderer, gain: float) -> None:
     """Before anything moves: what goes where, within which limits, and what is left out."""
-    profile, channels = renderer.profile, assigned(renderer)
+    profile = renderer.profile
     lines = [f"{profile.name}: gain {gain:g}, {float(1 / profile.timing.period):g} frames a second"]
-    lines += [
-        f"  {each.name} <- {channels[each.name]}: {each.minimum:g} to {each.maximum:g} "
-        f"{each.unit}, at most {each.slew:g} {each.unit}/s"
-        for each in profile.actuators
-        if each.name in channels
-    ]
+    lines += [f"  {each}" for each in renderer.plan]
     lines += [f"note: {each}" for each in renderer.notes]
     lines += [f"left out: {each}" for each in renderer.left_out[:SHOWN_LINES]]
     for line in lines:
-        click.echo(printable(line), err=True)
+        say(line, err=True)
 
 
 def tell_report(report: ReplayReport, err: bool) -> None:

@@ -16,12 +16,12 @@ from .common import (
     force_option,
     json_option,
     output_of,
-    printable,
     progress,
     save_recording,
     suffix_of,
-    table,
 )
+from .screen import document, note, say
+from .tables import table
 
 if TYPE_CHECKING:
     from ..recording import Recording
@@ -95,7 +95,7 @@ def scene(
         list_scenes(as_json)
         return 0
     if show:
-        click.echo(scene_text(name), nl=False)
+        document(scene_text(name))
         return 0
     if target is None:
         raise ParameterError("give OUT, where it is written: scene.hapf, scene.npz, scene.csv")
@@ -144,22 +144,20 @@ def write_scene(
     if as_json and target != "-":
         echo_json(told)
     elif target != "-":
-        click.echo(
-            f"{printable(target)}: {printable(asked.name or 'scene')}, "
+        say(
+            f"{target}: {asked.name or 'scene'}, "
             f"{float(recording.duration):g} s, {len(recording)} channels, "
             f"{recording.sample_count} samples; computed {in_words(work)} in {simulated:.2f} s"
         )
     if work.unstable_count:
-        click.echo(
-            "note: the steps are longer than their integrator is stable up to, so the forces may "
-            "be wrong; take a smaller --dt, or --integrator exact",
-            err=True,
+        note(
+            "the integrator is not stable at this step, so the forces may be wrong; "
+            "use a smaller --dt or --integrator exact"
         )
     if work.saturated_count:
-        click.echo(
-            f"note: {work.saturated_count} samples are at the end of their sensor's range "
-            "(range_n of [tool.sensor])",
-            err=True,
+        note(
+            f"{work.saturated_count} samples are at the end of their sensor's range "
+            "(range_n of [tool.sensor])"
         )
     return 0
 
@@ -201,6 +199,6 @@ def list_scenes(as_json: bool) -> None:
         rows = [{"name": each.name, "description": each.description} for each in found]
         echo_json({"scenes": rows})
         return
-    table(["name", "what"], [[each.name, each.description] for each in found])
+    table(["scene", "what it is"], [[each.name, each.description] for each in found])
     if sys.stdout.isatty():
-        click.echo("hapfmt scene NAME OUT.hapf writes one; --show prints its description")
+        say("Write one with: hapfmt scene NAME OUT.hapf")

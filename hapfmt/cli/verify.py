@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .bounds import amount, bound_text
 from .common import (
     echo_json,
     input_format_option,
@@ -13,14 +14,15 @@ from .common import (
     json_option,
     load_recording,
     memory_option,
-    printable,
     progress,
-    table,
     tell_some,
     threads_option,
 )
+from .screen import complain, say
+from .tables import Column, table
 
 if TYPE_CHECKING:
+    from ..contract import ContractCheck
     from ..limits import Limits
     from ..verifier import Report
 
@@ -64,12 +66,12 @@ def verify(
 
 
 def show(file: str, report: Report) -> None:
-    click.echo(
-        f"{printable(file)}: {report.verdict}; {report.packets} packets, {report.samples} samples, "
-        f"{report.digests} digests" + (f", {report.events} events" if report.events else "")
+    say(
+        f"{file}: {report.verdict}; {report.packets} packets, {report.samples} samples, "
+        f"{report.digests} checksums" + (f", {report.events} events" if report.events else "")
     )
     if report.error:
-        click.echo(f"hapfmt: {printable(str(report.error))}", err=True)
+        complain(str(report.error))
     tell_some(
         [
             f"0x{f['offset']:x}+{f['size']}: {f['code']}: {f['message']} [{f['requirement']}]"
@@ -78,32 +80,52 @@ def show(file: str, report: Report) -> None:
     )
     tell_some(report.lost_lines)
     if report.verdict == "damaged" and report.damage:
-        name = printable(file)
-        click.echo(
-            f"hapfmt: to keep these {report.packets} packets, run: hapfmt recover {name} OUT",
-            err=True,
-        )
+        complain(f"keep these {report.packets} packets with: hapfmt recover {file} OUT")
     if report.unknown:
-        click.echo(f"unknown chunks: {' '.join(report.unknown)}")
+        say(f"unknown chunks: {' '.join(report.unknown)}")
     if report.contracts:
-        rows = []
-        for c in report.contracts:
-            promise = "-"
-            if c.contract:
-                word = "guaranteed" if c.contract.guaranteed else "aimed at"
-                promise = f"k {c.contract.kn / c.contract.kd:.4g} {word}"
-            ratio = f"{float(c.worst_ratio):.4f}" if c.contract else "-"
-            rows.append(
-                [str(c.channel), c.label, promise, str(c.samples), str(c.outside), ratio,
-                 f"{c.largest_error:.6g}", str(c.missing), str(c.invented)]
-            )  # fmt: skip
-        headers = ["channel", "label", "contract", "samples", "outside", "worst ratio",
-                   "largest error", "missing", "invented"]  # fmt: skip
-        table(headers, rows)
-        for c in report.contracts:
-            if c.moved > c.stated:
-                click.echo(
-                    f"hapfmt: channel {c.channel}: the original is up to {c.moved:.6g} away from "
-                    f"its lattice, the file states {c.stated:.6g}",
-                    err=True,
+        headers = [
+            Column("label"), Column("#", 5), Column("error bound", 3), Column("outside"),
+            Column("largest error"), Column("worst, % of bound", 1), Column("samples", 4),
+            Column("missing", 6), Column("added", 7),
+        ]  # fmt: skip
+        table(headers, [row_of(check) for check in report.contracts])
+        said = kept(report.contracts)
+        (complain if report.exit_code else say)(said)
+        for check in report.contracts:
+            if check.moved > check.stated:
+                complain(
+                    f"{name_of(check)}: the original is up to {check.moved:.6g} away from its "
+                    f"grid, the file states {check.stated:.6g}"
                 )
+
+
+def name_of(check: ContractCheck) -> str:
+    return check.label or f"channel {check.channel}"
+
+
+def row_of(check: ContractCheck) -> list[str]:
+    return [
+        name_of(check),
+        str(check.channel),
+        bound_text(check.contract, check.component, check.index),
+        str(check.outside),
+        amount(check.largest_error, check.component.unit, 4) if check.largest_error else "0",
+        f"{100 * float(check.worst_ratio):.2f}" if check.contract else "-",
+        str(check.samples),
+        str(check.missing),
+        str(check.invented),
+    ]
+
+
+def kept(checks: list[ContractCheck]) -> str:
+    """The result in one line."""
+    broken = [check for check in checks if check.broken]
+    aims = [check for check in checks if not check.promised and check.outside]
+    if broken:
+        return f"{len(broken)} of {len(checks)} channels break their error bound"
+    if aims:
+        return f"{len(aims)} of {len(checks)} channels miss a bound that is only an aim"
+    if all(not check.largest_error for check in checks):
+        return "every sample equals the original"
+    return "every sample keeps its error bound"

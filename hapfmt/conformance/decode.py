@@ -134,13 +134,13 @@ def channels_json(
             if calibration
             else [1, 0, 1],
             "spans": spans_json(channel.coverage),
-            "numbers": write_numbers(room, f"{name}.raw", channel.values),
+            "numbers": write_numbers(room, f"{name}.raw", channel.stored),
         }
         if calibration:
-            values = calibration.physical(channel.values)
+            values = calibration.physical(channel.stored)
             one["physical"] = write_numbers(room, f"{name}.physical", values)
         if has_exact(ref):
-            one["exact"] = write_numbers(room, f"{name}.exact", channel.physical())
+            one["exact"] = write_numbers(room, f"{name}.exact", channel.samples())
         out.append(one)
     return out
 
@@ -165,7 +165,7 @@ def band_json(
     for ref in supported_channels(catalogue):
         channel: Channel = assembly.channel(ref)
         if channel.coverage:
-            name = write_numbers(room, f"{band}-{ref.number}.raw", channel.values)
+            name = write_numbers(room, f"{band}-{ref.number}.raw", channel.stored)
             spans = spans_json(channel.coverage)
             out.append({"channel": ref.number, "spans": spans, "numbers": name})
     return out

@@ -33,7 +33,7 @@ def channel_of(one: dict[str, Any], folder: Path) -> Channel:
     for start, stop in one["spans"]:
         append_span(spans, Span(start, stop))
     return Channel(
-        values=read_numbers(folder / one["numbers"], one["format"]),
+        stored=read_numbers(folder / one["numbers"], one["format"]),
         rate=Fraction(*one["rate"]),
         coverage=tuple(spans),
         calibration=calibration_of(one),

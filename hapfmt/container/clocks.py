@@ -191,7 +191,9 @@ def parse_map(payload: bytes, track: int | None, offset: int) -> ClockMap:
         step, position = parse_varint(payload, position, offset)
         later, position = parse_varint(payload, position, offset)
         if not (step and later):
-            raise FormatError("a clock that stands", requirement="CLK-004", offset=offset + at)
+            raise FormatError(
+                "a clock that does not advance", requirement="CLK-004", offset=offset + at
+            )
         tick, time_ns = tick + step, time_ns + later
         check_bounds(tick, time_ns, offset + at)
         points.append((tick, time_ns))

@@ -91,7 +91,7 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
         )
     if (raw.entry_count - 1) * HEADER_SIZE >= max(own_offset - raw.covers_from, 1):
         raise FormatError(
-            "more entries than chunks stand before the index",
+            "more entries than there are chunks before the index",
             requirement="IDX-002",
             offset=offset + 16,
         )

@@ -256,5 +256,5 @@ def parse_deviation(cursor: Cursor) -> tuple[float, float] | None:
     at = cursor.place
     raw = DEVIATION.parse(cursor.take(DEVIATION.sizeof()))
     if not (math.isfinite(raw.declared) and 0 <= raw.largest <= raw.declared):
-        raise FormatError("deviation above what was declared", requirement="TLV-005", offset=at)
+        raise FormatError("deviation above the declared one", requirement="TLV-005", offset=at)
     return (raw.declared, raw.largest) if raw.declared else None

@@ -201,7 +201,7 @@ def setups_of(raw: Any, tlvs: Tlvs) -> list[Setup]:
     setups = parse_setups(value, offset, raw.track_count)
     if PARAMETERS in tlvs or setups[0][0] != raw.codec:
         raise FormatError(
-            "setups beside other codec parameters, or another first codec",
+            "setups together with other codec parameters, or another first codec",
             requirement="TRK-013",
             offset=offset,
         )
@@ -296,7 +296,7 @@ def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
             offset=offset,
         )
     if words and track.contract is not None:
-        raise FormatError("a deadband contract on words", requirement="TRK-006", offset=offset)
+        raise FormatError("an error bound on words", requirement="TRK-006", offset=offset)
     if hf and track.base is None:
         raise FormatError(
             "HF track without a base track", requirement="TRK-007", offset=offset + 26

@@ -97,7 +97,7 @@ def save(
 
 
 def _holds_nan(channel: Channel) -> bool:
-    return channel.values.dtype.kind == "f" and bool((channel.values != channel.values).any())
+    return channel.stored.dtype.kind == "f" and bool((channel.stored != channel.stored).any())
 
 
 def _path_of(place: str | os.PathLike[str] | BinaryIO) -> Path | None:

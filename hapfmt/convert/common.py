@@ -34,7 +34,7 @@ def rate_from(value: Fraction | float | str) -> Fraction:
     """Ticks per second, exactly: 35.618 (the shortest decimal of the float) is 17809/500."""
     text = str(value).strip().lower()
     if _RATE.fullmatch(text) is None or re.search("/0+$", text):
-        raise ParameterError(f"{text[:40]!r} is no rate in Hz, such as 1000, 35.618 or 44100/7")
+        raise ParameterError(f"{text[:40]!r} is not a rate in Hz, such as 1000, 35.618 or 44100/7")
     return checked_rate(Fraction(text))
 
 
@@ -137,18 +137,18 @@ def dense_doubles(channels: Sequence[Channel], max_memory: int) -> NDArray[np.fl
     out = np.empty((len(channels), stop - start))
     for row, channel in zip(out, channels, strict=True):
         x = (
-            channel.physical()
+            channel.samples()
             if channel.is_counts
-            else exact_doubles(channel.values, f"channel {channel.label!r}")
+            else exact_doubles(channel.stored, f"channel {channel.label!r}")
         )
-        doubles = replace(channel, values=x, calibration=None, exact=None)
-        row[:] = doubles.dense(start, stop, limit=stop - start)
+        doubles = replace(channel, stored=x, calibration=None, exact=None)
+        row[:] = doubles.filled(start, stop, limit=stop - start)
     return out
 
 
 def one_rate(recording: Recording, suffix: str) -> Fraction:
     """The rate that all channels share, or a ParameterError with the way out."""
-    rates = {checked_rate(channel.rate) for channel in recording.channels}
+    rates = {checked_rate(channel.rate_exact) for channel in recording.channels}
     if not rates:
         raise ParameterError(f"a recording without channels cannot be written as {suffix}")
     if len(rates) > 1:
@@ -193,5 +193,5 @@ def not_carried(recording: Recording, suffix: str, *carried: str) -> list[str]:
 
 
 _RECORDING_FIELDS = [f.name for f in fields(Recording) if f.name not in ("channels", "metadata")]
-_SAMPLES = ("values", "exact", "rate", "coverage")
+_SAMPLES = ("stored", "exact", "rate_exact", "coverage")
 _CHANNEL_FIELDS = [f.name for f in fields(Channel) if f.name not in _SAMPLES]

@@ -119,7 +119,7 @@ class _Table:
         first = 0 if self._stamps is None else 1
         columns = len(self._names) - first
         if not columns:
-            raise ParameterError("a time column and no channel beside it")
+            raise ParameterError("a time column but no channel")
         self._read_rows(first)
         x = np.frombuffer(self._values) if self._values else np.empty(0)
         grid = self._grid(x.size // columns, rate)

@@ -69,7 +69,7 @@ def read_array(stream: IO[bytes], what: str, *, max_memory: int) -> NDArray[Any]
     only with the bytes that are there.
     """
     with (
-        refusing(f"{what} is no NumPy array", *_HEADER_ERRORS),
+        refusing(f"{what} is not a NumPy array", *_HEADER_ERRORS),
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore")  # on headers that Python 2 wrote
@@ -96,7 +96,9 @@ def read_array(stream: IO[bytes], what: str, *, max_memory: int) -> NDArray[Any]
     if dtype.kind == "U" and size:
         points = np.frombuffer(data, np.dtype(np.uint32).newbyteorder(dtype.byteorder))
         if points.max() > sys.maxunicode:
-            raise ParameterError(f"{what} holds {points.max():#x}, which is no Unicode character")
+            raise ParameterError(
+                f"{what} holds {points.max():#x}, which is not a Unicode character"
+            )
     with refusing(f"{what} has the shape {shape}"):
         flat = np.frombuffer(data, dtype) if size else np.empty(0, dtype)
         return flat.reshape(shape, order="F" if by_column else "C")

@@ -267,7 +267,7 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
 def _arrays(recording: Recording, max_memory: int) -> dict[str, NDArray[Any]]:
     by_rate: dict[Fraction, list[tuple[int, Channel]]] = {}
     for position, channel in enumerate(recording.channels):
-        by_rate.setdefault(channel.rate, []).append((position, channel))
+        by_rate.setdefault(channel.rate_exact, []).append((position, channel))
     arrays: dict[str, NDArray[Any]] = {}
     for number, (rate, placed) in enumerate(by_rate.items()):
         positions, channels = zip(*placed, strict=True)

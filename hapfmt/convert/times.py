@@ -68,7 +68,7 @@ class Stamps:
             stamp = Decimal("nan")
         exponent = stamp.as_tuple().exponent
         if not isinstance(exponent, int) or exponent < _FINEST or stamp.adjusted() > _LARGEST:
-            raise ValueError("is no usable time")
+            raise ValueError("is not a usable time")
         if not self._relative:
             self._first = stamp
         elif stamp <= self._last:

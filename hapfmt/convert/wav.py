@@ -164,12 +164,12 @@ def _pcm_frames(channels: Sequence[Channel], subtype: str) -> NDArray[Any]:
             raise ParameterError(
                 f"channel {channel.label!r} has gaps, which PCM cannot hold; use .npz"
             )
-        x = channel.values
+        x = channel.stored
         if x.size and not -(1 << (bits - 1)) <= int(x.min()) <= int(x.max()) < 1 << (bits - 1):
             raise ParameterError(
                 f"channel {channel.label!r} has counts beyond {bits} bits; use .npz"
             )
-    return np.stack([channel.values.astype(dtype) << shift for channel in channels], axis=1)
+    return np.stack([channel.stored.astype(dtype) << shift for channel in channels], axis=1)
 
 
 def _samples(file: Any, dtype: np.dtype[Any], max_memory: int) -> NDArray[Any]:
@@ -209,7 +209,7 @@ def _check_chunks(stream: BinaryIO) -> None:
     position = 12
     start = stream.read(position)
     if start[:4] not in _STARTS or start[8:] != b"WAVE":
-        raise ParameterError("this is no .wav file: it does not begin with RIFF and WAVE")
+        raise ParameterError("this is not a .wav file: it does not begin with RIFF and WAVE")
     for _ in range(_CHUNKS_LIMIT if start[:4] == b"RIFF" else 0):
         stream.seek(position)
         head = stream.read(8)

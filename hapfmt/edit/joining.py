@@ -216,7 +216,7 @@ def check_alike(track: Track, last: Track, original: Original) -> None:
         if mine != theirs:
             raise ParameterError(
                 f"{label}: {name} {mine}, and {theirs} in the files before; leave the channel out "
-                "with subset, or encode one of them anew with the same",
+                "with subset, or encode one of them again with the same",
                 path=original.name,
             )
     if len(track.components) != len(last.components):

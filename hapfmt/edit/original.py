@@ -230,5 +230,5 @@ def ticks_of(seconds: Fraction, rate: Fraction) -> int:
     """Exactly; ParameterError where it is no whole number."""
     ticks = seconds * rate
     if ticks.denominator != 1:
-        raise ParameterError(f"{seconds} s is no whole number of ticks at {rate} Hz")
+        raise ParameterError(f"{seconds} s is not a whole number of ticks at {rate} Hz")
     return ticks.numerator

@@ -103,7 +103,7 @@ def check_offset(original: Original, offset: Fraction) -> None:
         )
     if offset % period:
         raise ParameterError(
-            f"an offset of {offset} s is no whole number of ticks of every track; the nearest that "
-            f"is: {nearest(offset, period)} s",
+            f"an offset of {offset} s is not a whole number of ticks of every track; the nearest "
+            f"one: {nearest(offset, period)} s",
             path=original.name,
         )

@@ -60,7 +60,7 @@ def plan_channel(channel: Channel, settings: Settings) -> Plan:
     """The settings of one channel; those of the caller where the preset is another."""
     if settings.preset != "auto":
         return Plan(settings)
-    x = channel.physical()
+    x = channel.samples()
     kept = exact_kind(channel, x)
     if kept:
         # A tolerance would move what is to be kept; the caller's own still may.

@@ -63,6 +63,10 @@ class Decision:
     within: bool
     size: int
     left_out: str = ""
+    unit: str = ""
+    kept_as: str = ""
+    largest_error: float = 0.0
+    original_bits: int = 64
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -160,7 +164,7 @@ def as_recorded(channel: Channel) -> Channel:
     """With exact values a channel is these doubles: its counts were found in them."""
     if channel.exact is None:
         return channel
-    return replace(channel, values=channel.exact, exact=None, calibration=None)
+    return replace(channel, stored=channel.exact, exact=None, calibration=None)
 
 
 def encode_members(
@@ -189,7 +193,7 @@ def decide(unit: Unit, members: list[Channel], lattices: list[str]) -> Iterator[
         yield Decision(
             channel=unit.base.track.first_channel + place,
             label=channel.label,
-            sample_count=int(channel.values.size),
+            sample_count=int(channel.stored.size),
             axis_count=1 if unit.parts else len(members),
             chosen=unit.chosen,
             reason=reason,
@@ -206,16 +210,16 @@ def encode_unit(
 ) -> Unit:
     """``original``: the first channel before it was put on a lattice."""
     channel, settings = channels[0], plan.settings
-    if channel.rate.numerator >> 32 or channel.rate.denominator >> 32:
+    if channel.rate_exact.numerator >> 32 or channel.rate_exact.denominator >> 32:
         raise ParameterError(
-            f"rate {channel.rate} of channel {channel.label!r} needs more than 32 bits"
+            f"rate {channel.rate_exact} of channel {channel.label!r} needs more than 32 bits"
         )
-    spans = tuple(cut(channel.coverage, channel.rate, cluster, len(channels)))
+    spans = tuple(cut(channel.coverage, channel.rate_exact, cluster, len(channels)))
     if channel.calibration is None:
-        kind = WORDS.get(channel.values.dtype)
+        kind = WORDS.get(channel.stored.dtype)
         if kind is None:
             raise ParameterError(
-                f"channel {channel.label!r} holds {channel.values.dtype}: give it a calibration, "
+                f"channel {channel.label!r} holds {channel.stored.dtype}: give it a calibration, "
                 "or one of int64, uint64, float16, float32, float64"
             )
 
@@ -239,7 +243,7 @@ def encode_unit(
             return encode_auto(source, first_channel, plan)
         return encode_counts(source, first_channel, settings)
 
-    rounded = original.values.dtype == "f8" and channel.deviation is None and sparse(counts)
+    rounded = original.stored.dtype == "f8" and channel.deviation is None and sparse(counts)
     if settings.preset == "archive" and rounded:
         # What a text rounded may lie on a much coarser lattice.
         exact = Lattice(channel.calibration, counts[:, 0], True, 0.0, "")

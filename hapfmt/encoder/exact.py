@@ -86,7 +86,7 @@ def encode_doubles(
     ``otherwise``, which is not asked where a natural lattice misses next to nothing, nor where the
     bytes that it takes at ``least`` are more. ``exact``: the lattice that the doubles do not miss,
     if there is one. ``grid``: whether a binary grid will do."""
-    x = np.ascontiguousarray(channel.values, np.float64)
+    x = np.ascontiguousarray(channel.stored, np.float64)
     if not x.size or not np.isfinite(x).all():
         return otherwise()
 
@@ -117,10 +117,10 @@ def coded_as(
         id=0,
         kind="full",
         codec="LPCX",
-        rate=channel.rate,
+        rate=channel.rate_exact,
         first_channel=first_channel,
         components=(component_of(replace(
-            channel, values=candidate.counts, calibration=candidate.calibration, deviation=None
+            channel, stored=candidate.counts, calibration=candidate.calibration, deviation=None
         )),),
         parameters=candidate.parameters.build(),
         count_min=low,

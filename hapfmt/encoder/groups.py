@@ -68,8 +68,8 @@ def why_apart(members: Sequence[Channel]) -> str | None:
         return "two have the same axis"
     if len(members) > SERIES_SIZE:
         return f"more than {SERIES_SIZE} axes"
-    for name in ("rate", "coverage", "unit"):
-        if any(getattr(channel, name) != getattr(first, name) for channel in members):
+    for name, field in (("rate", "rate_exact"), ("coverage", "coverage"), ("unit", "unit")):
+        if any(getattr(channel, field) != getattr(first, field) for channel in members):
             return f"they differ in {name}"
     if any(channel.calibration is None for channel in members):
         return "one is kept as doubles (a tolerance would put it on a lattice)"
@@ -91,16 +91,16 @@ def share_lattice(members: Sequence[Channel], originals: Sequence[Channel]) -> l
     for channel, source, old, step in zip(members, originals, calibrations, steps, strict=True):
         factor = abs(step) // a
         b = old.b * (d // old.d)
-        reach = (int(np.abs(channel.values.astype(np.int64)).max(initial=0)) + 1) * factor
+        reach = (int(np.abs(channel.stored.astype(np.int64)).max(initial=0)) + 1) * factor
         if reach >= COUNT_LIMIT or max(a, abs(b)) >= AFFINE_LIMIT or d >= EXACT_LIMIT:
             raise no_vector(members, "their steps have no common measure in 32-bit counts")
         calibration = Calibration(a if step > 0 else -a, b, d)
         if not calibration.covers(-reach, reach):
             raise no_vector(members, "their steps have no common measure that stays exact")
-        counts, deviation = channel.values.astype(np.int64) * factor, channel.deviation
+        counts, deviation = channel.stored.astype(np.int64) * factor, channel.deviation
         if deviation is not None:
-            counts = nearest_counts(source.physical(), calibration)
-            away = float(np.abs(source.physical() - calibration.physical(counts)).max(initial=0))
+            counts = nearest_counts(source.samples(), calibration)
+            away = float(np.abs(source.samples() - calibration.physical(counts)).max(initial=0))
             deviation = Deviation(deviation.declared, min(away, deviation.declared))
-        shared.append(replace(channel, values=counts, calibration=calibration, deviation=deviation))
+        shared.append(replace(channel, stored=counts, calibration=calibration, deviation=deviation))
     return shared

@@ -67,7 +67,7 @@ def error_of(channel: Channel, settings: Settings) -> int:
     if settings.max_error is None or calibration is None:
         return 0
     allowed = counts_of(
-        settings.max_error, calibration, int(channel.values.max()) - int(channel.values.min())
+        settings.max_error, calibration, int(channel.stored.max()) - int(channel.stored.min())
     )
     if channel.deviation is not None:
         allowed -= Fraction(channel.deviation.largest) / abs(calibration.step)

@@ -118,9 +118,9 @@ def to_counts(channel: Channel, tolerance: Tolerance | None = None) -> tuple[Cha
     """
     if channel.is_counts:
         return channel, "already in counts"
-    if not _fits_doubles(channel.values):
+    if not _fits_doubles(channel.stored):
         return channel, "kept as it is: float64 does not hold the values"
-    x = _doubles(channel.values)
+    x = _doubles(channel.stored)
     deviation = channel.deviation
     if tolerance is None:
         found = _find(x, COUNT_BITS)
@@ -135,7 +135,7 @@ def to_counts(channel: Channel, tolerance: Tolerance | None = None) -> tuple[Cha
         if not found.exact:
             deviation = Deviation(declared, found.largest_deviation)
     counts = found.counts.astype(np.int32)  # COUNT_BITS
-    changed = replace(channel, values=counts, calibration=found.calibration, deviation=deviation)
+    changed = replace(channel, stored=counts, calibration=found.calibration, deviation=deviation)
     return changed, found.reason
 
 

@@ -160,7 +160,7 @@ def calibration_of(given: Input, lsb: float) -> Calibration:
     step = shortest_fraction(lsb) if isfinite(lsb) else Fraction(0)
     if not 0 < step.numerator < AFFINE_LIMIT or step.denominator >= EXACT_LIMIT:
         raise ParameterError(
-            f"the lsb {lsb:g} of channel {given.label!r} is no fraction of integers below 2^52: "
+            f"the lsb {lsb:g} of channel {given.label!r} is not a fraction of integers below 2^52: "
             "use another unit"
         )
     return Calibration(step.numerator, 0, step.denominator)

@@ -103,7 +103,7 @@ def find_runs(
 
 
 def alike(one: Channel, other: Channel) -> bool:
-    return one.rate == other.rate and one.coverage == other.coverage
+    return one.rate_exact == other.rate_exact and one.coverage == other.coverage
 
 
 def intervals(links: Links) -> list[tuple[int, int]]:
@@ -145,7 +145,7 @@ class View:
 
     def indices(self, channel: Channel, step: int) -> Indices:
         """Put together without jumps, where that keeps them within what an index may be."""
-        counts = channel.values[self.places].astype(np.int64)
+        counts = channel.stored[self.places].astype(np.int64)
         x = nearest_uniform(counts, LpcParameters(step))
         moves = np.diff(x, prepend=x[0])
         moves[self.torn] = 0
@@ -261,12 +261,12 @@ def encode_run(
 ) -> Unit | None:
     """One track of several components, which alone are the units ``apart``; None where they have
     no common range of counts."""
-    counts = np.column_stack([channel.values.astype(np.int64) for channel in channels])
+    counts = np.column_stack([channel.stored.astype(np.int64) for channel in channels])
     low, high = declared_range(counts)
     if not all(c.calibration and c.calibration.covers(low, high) for c in channels):
         return None
     # Half of the components: packets of LPCR take less than five bytes a sample.
-    spans = cut(channels[0].coverage, channels[0].rate, cluster, (len(channels) + 1) // 2)
+    spans = cut(channels[0].coverage, channels[0].rate_exact, cluster, (len(channels) + 1) // 2)
     source = Source(tuple(channels), counts, tuple(spans))
     error = error_of(channels[0], settings)
     grid = LpcParameters(step=2 * error + 1)
@@ -325,9 +325,9 @@ def step_of(members: Sequence[Channel], settings: Settings) -> int | None:
     alone = not settings.references or settings.fast
     if alone or settings.preset not in ("archive", "near-lossless"):
         return None
-    if len(members) > 1 or channel.calibration is None or not channel.values.size:
+    if len(members) > 1 or channel.calibration is None or not channel.stored.size:
         return None
-    counts = channel.values
+    counts = channel.stored
     if not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         return None
     return 2 * error_of(channel, settings) + 1

@@ -131,7 +131,7 @@ class Settings:
         as give the fastest channel enough to learn from; and never few ticks."""
         if self.cluster is not None:
             return self.cluster
-        fastest = max((channel.rate for channel in recording.channels), default=Fraction(1))
+        fastest = max((channel.rate_exact for channel in recording.channels), default=Fraction(1))
         seconds = ARCHIVE_CLUSTER
         if self.fast:
             seconds = min(Fraction(ceil(LONG_PACKET / fastest)), LONGEST_CLUSTER)
@@ -150,7 +150,7 @@ class Settings:
         """The tolerance that the floor itself leaves room for."""
         if channel.is_counts:
             return None
-        finite = channel.physical()
+        finite = channel.samples()
         finite = finite[np.isfinite(finite)]
         finite = without_glitches(finite)
         extent = float(finite.max()) - float(finite.min()) if finite.size else 0.0

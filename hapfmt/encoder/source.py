@@ -38,7 +38,7 @@ class Source:
 
     @property
     def rate(self) -> Fraction:
-        return self.channels[0].rate
+        return self.channels[0].rate_exact
 
     @cached_property
     def calm(self) -> NDArray[Any]:
@@ -73,10 +73,10 @@ class Source:
 
 def side_by_side(channels: Sequence[Channel]) -> NDArray[Any]:
     """Counts [ticks, components]; of one channel a view of its own values."""
-    values = channels[0].values
+    values = channels[0].stored
     if len(channels) == 1 and values.dtype.kind == "i":
         return values[:, None]
-    return np.column_stack([channel.values.astype(np.int64) for channel in channels])
+    return np.column_stack([channel.stored.astype(np.int64) for channel in channels])
 
 
 def cut(coverage: Sequence[Span], rate: Fraction, cluster: Fraction, components: int) -> list[Span]:

@@ -31,18 +31,18 @@ def encode_words(
         id=0,
         kind="full",
         codec="RAWB",
-        rate=channel.rate,
+        rate=channel.rate_exact,
         first_channel=first_channel,
         components=(component_of(channel),),
-        parameters=RawParameters(channel.values.dtype.itemsize).build(),
+        parameters=RawParameters(channel.stored.dtype.itemsize).build(),
         number_format=number_format,
     )
     coded = Coded(track)
     at = 0
     for span in spans:
-        rows = channel.values[at : at + span.ticks, None]
+        rows = channel.stored[at : at + span.ticks, None]
         coded.packets.append(
-            Packet(0, span.start, span.ticks, encode_raw(rows, channel.values.dtype.itemsize))
+            Packet(0, span.start, span.ticks, encode_raw(rows, channel.stored.dtype.itemsize))
         )
         at += span.ticks
     return Unit(coded, None, "raw", reason, exact=True)
@@ -56,7 +56,7 @@ def words_size(channel: Channel, spans: Sequence[Span]) -> float:
         first, span = firsts[place], spans[place]
         ticks = min(span.ticks, PROBED)
         start = first + (span.ticks - ticks) // 2
-        rows = channel.values[start : start + ticks, None]
-        size += len(encode_raw(rows, channel.values.dtype.itemsize))
+        rows = channel.stored[start : start + ticks, None]
+        size += len(encode_raw(rows, channel.stored.dtype.itemsize))
         samples += ticks
-    return size / LARGER * channel.values.size / samples
+    return size / LARGER * channel.stored.size / samples

@@ -85,8 +85,8 @@ class Lanes:
                 raise ParameterError("rows have one channel or more, each once")
             if len({(given.rate, given.takes_counts) for given in inputs}) > 1:
                 raise ParameterError(
-                    f"{named(inputs)} have different rates, or counts beside floats: "
-                    "write them apart"
+                    f"{named(inputs)} have different rates, or integers and floats: "
+                    "write them separately"
                 )
             grid = Grid.of(self.cluster, inputs[0].rate)
             lane = Lane(places, np.array(places, np.intp), inputs, grid)
@@ -102,7 +102,7 @@ class Lanes:
         if tick is None:
             if int(ticks.min()) != ahead:
                 raise ParameterError(
-                    f"{named(lane.inputs)} do not stand at one tick, but from {ticks.min()} "
+                    f"{named(lane.inputs)} are not at one tick, but from {ticks.min()} "
                     f"to {ahead}: give the tick"
                 )
             return ahead

@@ -191,7 +191,7 @@ def parse_rows(lines: Sequence[bytes], columns: int) -> NDArray[np.float64]:
             out[place] = [float(text) if text and not text.isspace() else np.nan for text in found]
         except ValueError:
             odd = next(text for text in found if not is_number(text))
-            raise ValueError(f"{odd.decode('utf-8', 'replace')!r} is no number") from None
+            raise ValueError(f"{odd.decode('utf-8', 'replace')!r} is not a number") from None
     return out
 
 

@@ -190,7 +190,7 @@ def whole(values: NDArray[np.float64]) -> NDArray[np.int64]:
     counts = values.astype(np.int64)
     if (counts != values).any():
         odd = float(values[counts != values].flat[0])
-        raise ParameterError(f"{odd!r} is no integer count, as the calibration says")
+        raise ParameterError(f"{odd!r} is not an integer count, but the calibration requires one")
     return counts
 
 
@@ -236,5 +236,5 @@ def parse_object(text: bytes) -> dict[str, Any]:
     except (ValueError, RecursionError):
         raise ParameterError("this is not JSON") from None
     if not isinstance(found, dict):
-        raise ParameterError("this is no JSON object")
+        raise ParameterError("this is not a JSON object")
     return found

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ParameterError
-from .style import BLUE, GREY, INK, ORANGE, kind_of, new_figure, save, style
+from .style import DAMAGE as ORANGE
+from .style import GREY, INK, kind_of, new_figure, save, style
+from .style import SIGNAL as BLUE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ..errors import ParameterError
-from .style import BLUE, GREY, INK, ORANGE, kind_of, new_figure, plain, save, style
+from .style import GREY, INK, SERIES, kind_of, new_figure, plain, save, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LOOKS = ((BLUE, "o"), (ORANGE, "s"), ("#3a7d44", "^"), ("#7a4fa3", "D"), (INK, "v"), (GREY, "P"))
+LOOKS = tuple(zip(SERIES, "os^Dv", strict=True))
 """Of the lines: colours, and marks that tell them apart without."""
 ASIDE = 0.012
 """From one line to the next, of the width of the picture, so that error bars stay apart."""
@@ -147,7 +147,7 @@ def draw_side_by_side(axes: Axes, rows: Sequence[Opinion]) -> None:
             [n],
             [row.rating.mean],
             [row.rating.half or 0],
-            color=colours.get(row.role, BLUE),
+            color=colours.get(row.role, SERIES[0]),
             marker="s" if row.role in colours else "o",
             **BAR,  # type: ignore[arg-type]
         )

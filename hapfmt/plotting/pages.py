@@ -3,265 +3,361 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import chain
-from math import ceil
+from math import ceil, log2
 from typing import TYPE_CHECKING, Any
 
 from ..events import Event
 from ..survey.views import View
 from . import panels
-from .panels import TimeUnit
-from .style import GREY, INK, new_figure, plain, style
+from .panels import DIM, TimeUnit, named
+from .style import DAMAGE, GREY, INK, Scale, new_figure, plain, printable, style, unformatted
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.gridspec import GridSpec
 
 ROWS = 6
 """Up to this many channels, each has a row of its own with all that is known of it."""
 DETAILED = 12
-LINE = 0.16
-"""Inches of a footnote's line."""
 SMALL = 64
 """Small multiples of one page."""
+ASPECT = 1.5
+"""Width over height that a page of small multiples comes near."""
+CHARACTERS = 14.2
+"""Of a line of facts, for each inch."""
+
+
+@dataclass(frozen=True)
+class Words:
+    """What stands around the panels: ``facts`` below the title, ``footnotes`` for what is wrong."""
+
+    title: str = ""
+    facts: Sequence[str] = ()
+    footnotes: Sequence[str] = ()
+
+
+class Sheet:
+    """A page of which the header (title, facts, legend) and the footnotes take so many inches that
+    no word lies on a panel."""
+
+    LINE = 0.19
+
+    def __init__(self, width: float, body: float, words: Words, *, left: float = 0.8) -> None:
+        self.lines = folded(words.facts, int(CHARACTERS * width))
+        self.words = words
+        self.top = 0.42 + self.LINE * len(self.lines) + 0.58
+        self.bottom = 0.55 + self.LINE * len(words.footnotes)
+        self.width, self.height, self.left = width, self.top + body + self.bottom, left
+        self.figure = new_figure(width, self.height)
+
+    def grid(self, rows: int, columns: int, hspace: float, wspace: float, **more: Any) -> GridSpec:
+        """hspace and wspace in inches."""
+        body = self.height - self.top - self.bottom
+        inner = self.width - self.left - 0.25
+        return self.figure.add_gridspec(
+            rows, columns, left=self.left / self.width, right=1 - 0.25 / self.width,
+            top=1 - self.top / self.height, bottom=self.bottom / self.height,
+            hspace=share(hspace, body, rows), wspace=share(wspace, inner, columns), **more,
+        )  # fmt: skip
+
+    def finish(self, unit: str = "") -> Figure:
+        """With its header; unit: of all panels, at the left."""
+        figure, height = self.figure, self.height
+        y = 0.12
+        if self.words.title:
+            self.say(y, plain(self.words.title), fontsize=13, color=INK, fontweight="bold")
+            y += 0.3
+        for line in self.lines:
+            self.say(y, line, fontsize=9.5, color=DIM)
+            y += self.LINE
+        found = legend_of(figure)
+        if found:
+            figure.legend(
+                list(found.values()), list(found), loc="upper left",
+                bbox_to_anchor=(0.06 / self.width, 1 - (y + 0.02) / height),
+                ncols=len(found), frameon=False, fontsize=9, handlelength=1.6, columnspacing=1.4,
+            )  # fmt: skip
+        if unit:
+            figure.supylabel(unit, fontsize=9.5, color=INK, x=0.12 / self.width, ha="left")
+        y = height - 0.08 - self.LINE * len(self.words.footnotes)
+        for line in self.words.footnotes:
+            self.say(y, plain_line(line, int(CHARACTERS * self.width)), fontsize=9, color=DAMAGE)
+            y += self.LINE
+        return figure
+
+    def say(self, y: float, text: str, **look: Any) -> None:
+        """y: inches from the top."""
+        self.figure.text(0.16 / self.width, 1 - y / self.height, text, va="top", ha="left", **look)
+
+
+def share(inches: float, whole: float, count: int) -> float:
+    """Of a panel's mean size, which is how matplotlib counts the space between panels."""
+    size = (whole - inches * (count - 1)) / count
+    return max(inches / size, 0.0) if size > 0 else 0.2
+
+
+def folded(facts: Sequence[str], room: int) -> list[str]:
+    """Facts in lines, whole ones as far as they fit."""
+    lines: list[str] = []
+    for fact in facts:
+        text = plain_line(fact, room)
+        if lines and len(lines[-1]) + len(text) + 5 <= room:
+            lines[-1] += f"  ·  {text}"
+        else:
+            lines.append(text)
+    return lines
+
+
+def plain_line(text: str, room: int) -> str:
+    shown = printable(text)
+    if len(shown) > room:
+        shown = shown[: room - 1] + "\N{HORIZONTAL ELLIPSIS}"
+    return unformatted(shown)
 
 
 def pages(
     views: Sequence[View],
+    words: Words | None = None,
     *,
     zoom: View | None = None,
     events: Sequence[Event] = (),
-    title: str = "",
-    footnotes: Sequence[str] = (),
     details: bool = False,
 ) -> list[Figure]:
     """One page for one channel (``zoom``: the same, a stretch of it) or a few, else one for each
     ``SMALL`` of them; details: then a page for each channel, if there are at most ``DETAILED``."""
+    words = words or Words()
     if len(views) == 1:
-        return [detail(views[0], zoom, events, title, footnotes)]
+        return [detail(views[0], zoom, events, words)]
     each: list[Figure] = []
     if details and len(views) <= DETAILED:
-        each = [detail(view, None, events, title, footnotes) for view in views]
+        each = [detail(view, None, events, words) for view in views]
     if len(views) <= ROWS:
-        return [rows(views, events, title, footnotes), *each]
-    count = ceil(len(views) / SMALL)
-    share = ceil(len(views) / count)
+        return [rows(views, events, words), *each]
     found = []
-    for first in range(0, len(views), share):
-        part = views[first : first + share]
-        which = f"channels {first + 1} to {first + len(part)} of {len(views)}"
-        name = f"{title}: {which if count > 1 else f'{len(views)} channels'}"
-        found.append(multiples(part, events, name, footnotes))
+    for first, part in parts_of(views, SMALL):
+        title = words.title
+        if len(part) < len(views):
+            title += f": channels {first + 1} to {first + len(part)} of {len(views)}"
+        found.append(multiples(part, events, Words(title, words.facts, words.footnotes)))
     return [*found, *each]
 
 
-def detail(
-    view: View, zoom: View | None, events: Sequence[Event], title: str, footnotes: Sequence[str]
-) -> Figure:
-    """Whole, a stretch of it, and below: texture or error, spectrum, histograms."""
-    compared = view.error is not None
-    strips = [view.residual is not None, compared]
-    heights = [3.0] + ([2.6] if zoom else []) + [1.4 for shown in strips if shown] + [2.3]
-    figure = new_figure(11, 1.6 + 0.92 * sum(heights), layout="constrained")
-    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
-    unit = TimeUnit.of(view.stop - view.start)
-    time = f"time in {unit.name}"
+def parts_of(views: Sequence[View], most: int) -> list[tuple[int, Sequence[View]]]:
+    """Shares of about one size, and the place that each begins at."""
+    size = ceil(len(views) / ceil(len(views) / most))
+    return [(first, views[first : first + size]) for first in range(0, len(views), size)]
 
-    whole = figure.add_subplot(grid[0])
+
+def detail(view: View, zoom: View | None, events: Sequence[Event], words: Words) -> Figure:
+    """Whole, residual and error over one time; a stretch of it; spectrum, histograms."""
+    strips = [view.residual is not None, view.error is not None]
+    upper = [2.7] + [1.15 for shown in strips if shown]
+    between, apart = 0.32, 0.75
+    top = sum(upper) + between * (len(upper) - 1)
+    heights = [top, *([2.3] if zoom else []), *([1.9] if has_lowest(view) else [])]
+    sheet = Sheet(11, sum(heights) + apart * (len(heights) - 1), words)
+    grid = sheet.grid(len(heights), 1, apart, 0, height_ratios=heights)
+    inner = grid[0].subgridspec(
+        len(upper), 1, height_ratios=upper, hspace=share(between, top, len(upper))
+    )
+    figure = sheet.figure
+    unit = TimeUnit.of(view.stop - view.start)
+
+    whole = figure.add_subplot(inner[0])
     panels.signal(whole, view, unit)
     panels.absences(whole, view, unit)
     panels.marks(whole, view, unit, events, named=True)
-    style(whole, span_name(view), time, panels.axis_label(view))
+    style(whole, channel_name(view), "", panels.axis_label(view))
     if zoom:
         whole.axvspan(
             zoom.start / unit.seconds, zoom.stop / unit.seconds, color=GREY, alpha=0.3, lw=0
         )
-    legend(whole)
-    row = 1
-    if zoom:
-        near = figure.add_subplot(grid[row])
-        panels.signal(near, zoom, TimeUnit(1.0, "s"))
-        panels.absences(near, zoom, TimeUnit(1.0, "s"))
-        panels.marks(near, zoom, TimeUnit(1.0, "s"), events, named=False)
-        newly = view.knots is None and zoom.knots is not None and zoom.knots.ticks.size
-        knots = ", with its knots" if newly else ""
-        length = f"{zoom.stop - zoom.start:.3g} s of it, where most happens{knots}"
-        style(near, length, "time in s", panels.axis_label(view))
-        if newly:
-            legend(near)
-        row += 1
+    stack = [whole]
     if view.residual is not None:
-        axes = figure.add_subplot(grid[row], sharex=whole)
+        axes = figure.add_subplot(inner[len(stack)], sharex=whole)
         panels.residual(axes, view, unit)
         panels.absences(axes, view, unit, named=False)
-        style(axes, "texture (HF): decoded minus slow part", time, panels.axis_label(view))
-        row += 1
-    if compared:
-        axes = figure.add_subplot(grid[row], sharex=whole)
+        style(axes, "Residual (HF): decoded minus slow part", "", axes.get_ylabel())
+        stack.append(axes)
+    if view.error is not None:
+        axes = figure.add_subplot(inner[len(stack)], sharex=whole)
         panels.error(axes, view, unit)
-        name = "error: decoded minus original"
-        if view.bound:
-            name += " (dashed: half a step)"
-        style(axes, name, time, panels.error_label(view))
-        row += 1
-    lowest(figure, grid[row], view)
-    head(figure, title, footnotes)
-    return figure
+        style(axes, "Error: decoded minus original", "", axes.get_ylabel())
+        stack.append(axes)
+    for axes in stack[:-1]:
+        axes.tick_params(labelbottom=False)
+    stack[-1].set_xlabel(f"time in {unit.name}")
+    if zoom:
+        near = figure.add_subplot(grid[1])
+        seconds = TimeUnit(1.0, "s")
+        panels.signal(near, zoom, seconds)
+        panels.absences(near, zoom, seconds)
+        panels.marks(near, zoom, seconds, events, named=False)
+        length = f"{zoom.stop - zoom.start:.3g} s"
+        style(near, f"The {length} in which the signal moves most (grey above)", "time in s",
+              panels.axis_label(view))  # fmt: skip
+    if has_lowest(view):
+        lowest(figure, grid[len(heights) - 1], view)
+    figure.align_ylabels()
+    return sheet.finish()
+
+
+def has_lowest(view: View) -> bool:
+    """Whether there is a spectrum, or a histogram."""
+    segments = any(spectrum.segments for spectrum in view.spectra.values())
+    return view.errors is not None or (segments and not panels.is_constant(view))
 
 
 def lowest(figure: Figure, place: object, view: View) -> None:
     """Spectrum, and the histograms that there are, side by side."""
     histograms = [h for h in (view.errors, view.relative) if h is not None]
-    inner = place.subgridspec(1, 1 + len(histograms))  # type: ignore[attr-defined]
+    inner = place.subgridspec(1, 1 + len(histograms), wspace=0.28)  # type: ignore[attr-defined]
     axes = figure.add_subplot(inner[0])
     panels.spectrum(axes, view)
-    style(axes, spectrum_name(view), "frequency in Hz", panels.density_label(view))
+    style(axes, "Spectrum", "frequency in Hz", panels.density_label(view))
     if view.errors is not None:
         axes = figure.add_subplot(inner[1])
-        panels.histogram(axes, view.errors, view.bound, "half a step")
-        style(axes, "errors", panels.error_label(view), "samples")
+        scale = panels.error_scale(view)
+        panels.histogram(axes, view.errors, view.bound, scale)
+        style(axes, "How often each error occurs", named("error", scale.unit), "samples")
     if view.relative is not None:
         axes = figure.add_subplot(inner[2])
-        panels.histogram(axes, view.relative, 1.0, "deadband")
-        style(axes, "the same in deadbands", "error / half width", "samples")
+        panels.histogram(axes, view.relative, 1.0, Scale(1.0, ""))
+        style(axes, "The same, relative to the deadband", "error / half the deadband", "samples")
 
 
-def rows(
-    views: Sequence[View], events: Sequence[Event], title: str, footnotes: Sequence[str]
-) -> Figure:
-    """A row for each channel: signal, its texture below where there is one; spectrum; errors."""
+def rows(views: Sequence[View], events: Sequence[Event], words: Words) -> Figure:
+    """A row for each channel: signal, its residual below where there is one; spectrum; errors."""
     compared = any(view.errors is not None for view in views)
-    height = max(1.9, min(3.0, 12 / len(views)))
+    height = max(1.9, min(2.8, 12 / len(views)))
     ratios = [3.2, 1.3, 1.3] if compared else [3.2, 1.3]
-    lines = LINE * len(footnotes)
-    total = 1.2 + lines + height * len(views)
-    figure = new_figure(13, total)
-    grid = figure.add_gridspec(
-        len(views), len(ratios), width_ratios=ratios, left=0.065, right=0.985,
-        top=1 - 0.65 / total, bottom=(0.5 + lines) / total, hspace=0.3, wspace=0.22,
-    )  # fmt: skip
+    sheet = Sheet(13, height * len(views), words, left=0.95)
+    grid = sheet.grid(len(views), len(ratios), 0.5, 0.75, width_ratios=ratios)
+    figure = sheet.figure
+    shared = one_unit(views)
     first: Axes | None = None
     for place, view in enumerate(views):
         unit = TimeUnit.of(view.stop - view.start)
         last = place == len(views) - 1
         split = [2.4, 1.0] if view.residual is not None else [1.0]
-        inner = grid[place, 0].subgridspec(len(split), 1, height_ratios=split, hspace=0.08)
+        inner = grid[place, 0].subgridspec(len(split), 1, height_ratios=split, hspace=0.1)
         axes = figure.add_subplot(inner[0], sharex=first)
         first = first or axes
         panels.signal(axes, view, unit)
         panels.absences(axes, view, unit)
         panels.marks(axes, view, unit, events, named=place == 0)
         time = f"time in {unit.name}" if last else ""
-        style(axes, plain(view.channel.name), "" if len(split) > 1 else time,
-              panels.axis_label(view, short=True))  # fmt: skip
+        style(axes, channel_name(view), "" if len(split) > 1 else time,
+              "" if shared else panels.unit_of(view))  # fmt: skip
         axes.tick_params(labelbottom=last and len(split) == 1)
         if len(split) > 1:
             below = figure.add_subplot(inner[1], sharex=first)
             panels.residual(below, view, unit)
             panels.absences(below, view, unit, named=False)
-            style(below, "", time, "HF")
+            style(below, "", time, below.get_ylabel().removeprefix("residual in "))
             below.tick_params(labelbottom=last)
-            below.set_ylabel(f"HF in {plain(view.channel.unit.strip('{}'))}", fontsize=8)
         axes = figure.add_subplot(grid[place, 1])
-        panels.spectrum(axes, view, legend=place == 0)
-        style(axes, "spectrum" if place == 0 else "", "frequency in Hz" if last else "",
-              panels.density_label(view))  # fmt: skip
+        panels.spectrum(axes, view)
+        style(axes, "Spectrum" if place == 0 else "", "frequency in Hz" if last else "",
+              panels.density_label(view) if place == 0 or not shared else "")  # fmt: skip
         if view.errors is not None:
             axes = figure.add_subplot(grid[place, 2])
-            in_deadbands = view.bound is None and view.relative is not None
-            if in_deadbands and view.relative is not None:
-                panels.histogram(axes, view.relative, 1.0, "deadband")
+            scale = panels.error_scale(view)
+            if view.bound is None and view.relative is not None:
+                panels.histogram(axes, view.relative, 1.0, Scale(1.0, ""))
+                label = "error / half the deadband"
             else:
-                panels.histogram(axes, view.errors, view.bound, "half a step")
-            label = "error / half width" if in_deadbands else panels.error_label(view)
-            style(axes, "errors" if place == 0 else "", label, "samples")
-    shared_legend(figure)
-    head(figure, title, footnotes)
-    return figure
+                panels.histogram(axes, view.errors, view.bound, scale)
+                label = named("error", scale.unit)
+            style(axes, "How often each error occurs" if place == 0 else "", label,
+                  "samples" if place == 0 else "")  # fmt: skip
+    return sheet.finish(shared)
 
 
-def multiples(
-    views: Sequence[View], events: Sequence[Event], title: str, footnotes: Sequence[str]
-) -> Figure:
+def multiples(views: Sequence[View], events: Sequence[Event], words: Words) -> Figure:
     """Small panels, each with its own scale, one time line for all."""
-    columns = 2 if len(views) <= 16 else 3 if len(views) <= 30 else 4
-    count = ceil(len(views) / columns)
-    height = 1.25 if columns == 2 else 1.1
-    lines = LINE * len(footnotes)
-    total = 1.2 + lines + height * count
-    figure = new_figure(4.2 * columns if columns < 4 else 16, total)
-    grid = figure.add_gridspec(
-        count, columns, left=0.055 if columns > 2 else 0.075, right=0.99,
-        top=1 - 0.65 / total, bottom=(0.5 + lines) / total,
-        hspace=0.42, wspace=0.22 if columns > 2 else 0.16,
-    )  # fmt: skip
+    columns, count = grid_shape(len(views))
+    height = max(1.2, min(2.0, 9 / count))
+    sheet = Sheet(max(4.2 * min(columns, 4), 9), height * count, words)
+    grid = sheet.grid(count, columns, 0.34, 0.55)
+    figure = sheet.figure
     unit = TimeUnit.of(max(view.stop - view.start for view in views))
-    for place, view in enumerate(views):
-        row, column = place % count, place // count
+    shared = one_unit(views)
+    for view, row, column, last in placed(views, columns):
         axes = figure.add_subplot(grid[row, column])
         panels.signal(axes, view, unit, width=0.7)
         panels.absences(axes, view, unit, named=False)
         panels.marks(axes, view, unit, events, named=False)
-        last = row == count - 1 or place == len(views) - 1
-        style(axes, "", f"time in {unit.name}" if last else "", panels.axis_label(view, short=True))
-        name = plain(view.channel.name)
-        if view.errors is not None and view.errors.total:
-            name += f": largest error {view.errors.largest:.2g}"
-        axes.set_title(name, loc="left", fontsize=8, color=INK, pad=2)
-        axes.tick_params(labelsize=7, labelbottom=last)
-        axes.yaxis.label.set_fontsize(7)
+        style(axes, channel_name(view, unit="" if shared else panels.unit_of(view)),
+              f"time in {unit.name}" if last else "", "", size=9)  # fmt: skip
+        axes.tick_params(labelsize=7.5, labelbottom=last)
         axes.locator_params(axis="y", nbins=4)
-    shared_legend(figure)
-    head(figure, title, footnotes)
-    return figure
+    return sheet.finish(shared)
 
 
-def span_name(view: View) -> str:
+def grid_shape(count: int) -> tuple[int, int]:
+    """Columns and rows that leave few places empty, on a page that is neither a strip nor a
+    tower."""
+
+    def cost(columns: int) -> float:
+        rows = ceil(count / columns)
+        aspect = 4.0 * columns / (1.5 * rows)
+        return (rows * columns - count) / (rows * columns) + 0.35 * abs(log2(aspect / ASPECT))
+
+    columns = min(range(1, min(count, 4) + 1), key=cost)
+    return columns, ceil(count / columns)
+
+
+def placed(views: Sequence[View], columns: int) -> list[tuple[View, int, int, bool]]:
+    """Each view with its row and column, and whether it is the last of its column. The views fill
+    one column after the other, and the columns differ by one view at most."""
+    each, more = divmod(len(views), columns)
+    found = []
+    views = list(views)
+    for column in range(columns):
+        size = each + (column < more)
+        own, views = views[:size], views[size:]
+        found += [(view, row, column, row == size - 1) for row, view in enumerate(own)]
+    return found
+
+
+def one_unit(views: Sequence[View]) -> str:
+    """Quantity and unit, where all views have the same; else blank."""
+    units = {panels.unit_of(view) for view in views}
+    if len(units) != 1:
+        return ""
+    quantities = {view.channel.quantity for view in views}
+    quantity = quantities.pop() if len(quantities) == 1 else ""
+    return named(plain(quantity.replace("_", " ")), units.pop())
+
+
+def channel_name(view: View, *, unit: str = "") -> str:
+    """Label, unit where no axis tells it, and the largest error: measured, or else allowed."""
+    name = plain(view.channel.name) + (f" in {unit}" if unit else "")
+    if view.errors is not None and view.errors.total:
+        largest = view.errors.largest
+        return f"{name}: " + (f"largest error {amount(view, largest)}" if largest else "no error")
+    if view.bound:
+        return f"{name}: error at most {amount(view, view.bound)}"
     channel = view.channel
-    rate = f"{float(channel.rate):.6g} Hz"
-    return f"{plain(channel.name)}: {view.full.sample_count} samples at {rate}"
+    if channel.has_deadband:
+        least = f", at least {amount(view, channel.floor)}" if channel.floor else ""
+        return f"{name}: deadband {100 * channel.weber:.3g} %{least}"
+    return name
 
 
-def spectrum_name(view: View) -> str:
-    segments = max((s.segments for s in view.spectra.values()), default=0)
-    size = max((s.size / s.rate_hz for s in view.spectra.values()), default=0.0)
-    return f"spectrum ({segments} segments of {size:.2g} s)" if segments else "spectrum"
+def amount(view: View, value: float) -> str:
+    return Scale.of(view.channel.unit, value).amount(value)
 
 
-def legend(axes: Axes) -> None:
-    """Above the panel, at its right, so that it hides nothing."""
-    handles, labels = axes.get_legend_handles_labels()
-    axes.legend(
-        handles, labels, loc="lower right", bbox_to_anchor=(1, 1), ncols=len(labels),
-        frameon=False, fontsize=8.5, borderpad=0, handlelength=1.6, columnspacing=1.2,
-    )  # fmt: skip
-
-
-def shared_legend(figure: Figure) -> None:
+def legend_of(figure: Figure) -> dict[str, Artist]:
     """What any of the panels shows, once."""
     pairs = [axes.get_legend_handles_labels() for axes in figure.axes]
     known: dict[str, Artist] = {}
     for handle, label in chain.from_iterable(zip(*pair, strict=True) for pair in pairs):
-        if label != "all":
-            known.setdefault(label, handle)
-    if len(known) > 1:
-        top = 1 - 0.02 / figure.get_size_inches()[1]
-        figure.legend(
-            list(known.values()), list(known), loc="upper right", bbox_to_anchor=(0.99, top),
-            ncols=len(known), frameon=False, fontsize=8.5, handlelength=1.6, columnspacing=1.2,
-        )  # fmt: skip
-
-
-def head(figure: Figure, title: str, footnotes: Sequence[str]) -> None:
-    if title:
-        look: dict[str, Any] = {"fontsize": 12, "color": INK, "x": 0.01, "ha": "left"}
-        if figure.get_layout_engine() is None:
-            # Else it is moved out of the way of the rest.
-            look |= {"y": 1 - 0.08 / figure.get_size_inches()[1], "va": "top"}
-        figure.suptitle(plain(title), **look)
-    if footnotes:
-        figure.supxlabel(
-            "\n".join(plain(line) for line in footnotes), fontsize=8.5, color=panels.DAMAGE,
-            x=0.01, ha="left", va="bottom",
-        )  # fmt: skip
+        known.setdefault(label, handle)
+    return known

@@ -12,16 +12,34 @@ from ..survey.histogram import Histogram
 from ..survey.knots import SHOWN
 from ..survey.outline import Outline
 from ..survey.views import View
-from .style import BLUE, GREY, INK, ORANGE, plain
+from .style import (
+    DASHES,
+    DECODED,
+    ERROR,
+    GAP,
+    HF,
+    INK,
+    LF,
+    PALETTE,
+    SIGNAL,
+    Scale,
+    plain,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-DAMAGE, DIM = "#8f1d1d", "#57606a"
+DIM = "#57606a"
 NAME = 24
 """Characters of a label that fit beside an axis."""
 EVENTS_NAMED = 10
 """Above this many events in view their texts would hide the signal, and each other."""
+POINTS = 60
+"""Up to this many samples, each is marked."""
+MARGIN = 0.08
+"""Of the signal's range, above and below it."""
+BESIDE = 0.5
+"""Of the signal's range: so far the slow part may leave it and still be shown."""
 
 
 class TimeUnit(NamedTuple):
@@ -32,68 +50,112 @@ class TimeUnit(NamedTuple):
     def of(cls, seconds: float) -> TimeUnit:
         if seconds >= 3 * 3600:
             return cls(3600.0, "h")
-        return cls(60.0, "min") if seconds >= 600 else cls(1.0, "s")
+        if seconds >= 600:
+            return cls(60.0, "min")
+        return cls(1.0, "s") if seconds >= 0.1 else cls(1e-3, "ms")
 
 
-def axis_label(view: View, *, short: bool = False) -> str:
+def unit_of(view: View) -> str:
+    """As it is drawn; blank where there is none."""
+    unit = view.channel.unit.strip("{}")
+    return "" if unit in ("", "1") else plain(unit)
+
+
+def named(what: str, unit: str) -> str:
+    return f"{what} in {unit}" if what and unit else what or unit
+
+
+def axis_label(view: View) -> str:
     """Quantity and unit of a channel, as far as they are known."""
     channel = view.channel
-    unit = channel.unit.strip("{}")
     quantity = plain(channel.quantity.replace("_", " "))
-    if not quantity and not short:
+    if not quantity:
         quantity = plain(channel.name) if len(channel.name) <= NAME else "value"
-    if unit in ("", "1"):
-        return quantity
-    return f"{quantity} in {plain(unit)}" if quantity else plain(unit)
+    return named(quantity, unit_of(view))
+
+
+def name_of(view: View) -> str:
+    """Of the whole band: what was recorded, or what a lossy file makes of it."""
+    return "decoded" if view.original is not None or view.is_lossy else "signal"
 
 
 def signal(axes: Axes, view: View, unit: TimeUnit, *, width: float = 1.0) -> None:
     """The channel over time with all that belongs to it; ``width``: of lines, below 1 in a
-    small picture."""
+    small picture. The signal alone sets the limits: a wide deadband would crush it."""
     seconds = unit.seconds
     if view.low is not None and view.high is not None:
         axes.fill_between(
             view.low.seconds() / seconds, view.low.least, view.high.most,
-            color=BLUE, alpha=0.16, lw=0, label="deadband",
+            color=PALETTE["deadband"], alpha=0.5, lw=0, label="deadband", zorder=1,
         )  # fmt: skip
     if view.original is not None:
-        curve(axes, view.original, unit, GREY, 3 * width, "original")
-    name = "signal" if view.lf is None else "decoded"
-    colour = ORANGE if view.lf is not None or view.original is not None else BLUE
-    if view.lf is None and view.original is not None:
-        name = "decoded"
-    curve(axes, view.full, unit, colour, 0.9 * width, name)
+        curve(axes, view.original, unit, 3.4 * width, "original")
+    curve(axes, view.full, unit, 0.8 * width, name_of(view))
     if view.lf is not None:
-        curve(axes, view.lf, unit, BLUE, 1.4 * width, "slow part (LF)")
+        curve(axes, view.lf, unit, 1.8 * width, "slow part (LF)")
     most = SHOWN if width >= 1 else SHOWN // 10
     if view.knots is not None and 0 < view.knots.ticks.size <= most:
         axes.plot(
             view.knots.seconds / seconds, view.knots.values, "o",
-            color=BLUE, ms=3.6 * width + 0.6, mec="white", mew=0.6, label="knots",
+            color=PALETTE["knots"], ms=3.6 * width + 1.2, mec=INK, mew=0.6, label="knots",
         )  # fmt: skip
-    axes.margins(y=0.08)
+    axes.set_ylim(*limits(view))
     axes.set_xlim(view.start / seconds, view.stop / seconds)
     if not np.isfinite(view.full.most).any():
-        instead(axes, "no sample here" if not view.full.sample_count else "no finite value here")
+        instead(axes, "no samples here" if not view.full.sample_count else "no finite value here")
+
+
+def limits(view: View) -> tuple[float, float]:
+    """Of the axis: the range of the signal, and of its slow part as far as that is near."""
+    low, high = extremes([view.full, view.original])
+    if low > high:
+        return 0.0, 1.0
+    if is_constant(view):
+        # A constant in the middle of a range in which a small change would be seen.
+        reach = max(0.05 * abs(low), 10 * (view.channel.lsb or 0.0)) or 1.0
+        return low - reach, high + reach
+    reach = high - low
+    slow = extremes([view.lf])
+    low = min(low, max(slow[0], low - BESIDE * reach))
+    high = max(high, min(slow[1], high + BESIDE * reach))
+    return low - MARGIN * reach, high + MARGIN * reach
+
+
+def is_constant(view: View) -> bool:
+    low, high = extremes([view.full, view.original])
+    return high - low <= 1e-12 * max(abs(low), abs(high))
+
+
+def extremes(outlines: Sequence[Outline | None]) -> tuple[float, float]:
+    """Least and greatest value of all; (inf, -inf) where there is none."""
+    low, high = np.inf, -np.inf
+    for outline in outlines:
+        known = None if outline is None else np.isfinite(outline.most)
+        if outline is not None and known is not None and known.any():
+            low = min(low, float(outline.least[known].min()))
+            high = max(high, float(outline.most[known].max()))
+    return low, high
 
 
 def instead(axes: Axes, text: str) -> None:
     """Why there is nothing to see."""
     axes.text(
         0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", fontsize=8.5,
-        color=DIM,
+        color=DIM, zorder=6,
+        bbox={"facecolor": "white", "alpha": 0.9, "edgecolor": "none", "pad": 1.5},
     )  # fmt: skip
     axes.set_yticks([])
 
 
 def curve(
-    axes: Axes, outline: Outline, unit: TimeUnit, colour: str, width: float, name: str
+    axes: Axes, outline: Outline, unit: TimeUnit, width: float, name: str, factor: float = 1.0
 ) -> None:
+    """``name``: of the palette."""
     at, y = outline.line()
     axes.plot(
-        at / unit.seconds, y, color=colour, lw=width, solid_capstyle="round", label=name,
-        # A sample between two gaps has no line.
-        marker="." if lonely(y) else "", ms=2 + width,
+        at / unit.seconds, factor * y, color=PALETTE[name], lw=width, solid_capstyle="round",
+        # A sample between two gaps has no line; few samples are points.
+        label=name, marker="." if lonely(y) or at.size <= POINTS else "", ms=2 + width,
     )  # fmt: skip
 
 
@@ -107,24 +169,28 @@ def lonely(y: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> bool:
 def absences(axes: Axes, view: View, unit: TimeUnit, *, named: bool = True) -> None:
     """Gaps hatched, damage framed and crossed, with what was lost."""
     smallest = (view.stop - view.start) / 600
-    gaps = [wide(a, b, smallest) for a, b in view.gaps]
-    if gaps:
-        axes.broken_barh(
-            [((a) / unit.seconds, (b - a) / unit.seconds) for a, b in gaps], (0, 1),
-            transform=axes.get_xaxis_transform(), facecolor="#eef0f2", edgecolor=GREY,
-            hatch="///", lw=0, zorder=0.5, label="gap",
-        )  # fmt: skip
-    if not view.losses:
-        return
+    spans(axes, [wide(a, b, smallest) for a, b in view.gaps], unit, "gap", "///")
     losses = [(*wide(loss.start, loss.stop, smallest), loss.what) for loss in view.losses]
-    axes.broken_barh(
-        [(a / unit.seconds, (b - a) / unit.seconds) for a, b, _ in losses], (0, 1),
-        transform=axes.get_xaxis_transform(), facecolor="#f7dcdc", edgecolor=DAMAGE,
-        hatch="xxx", lw=0.8, zorder=0.6, label="lost to damage",
-    )  # fmt: skip
+    spans(axes, [loss[:2] for loss in losses], unit, "lost to damage", "xxx")
     if named and len(losses) <= EVENTS_NAMED:
         for a, b, what in losses:
-            note(axes, (a + b) / 2 / unit.seconds, 0.5, f"{what} lost", DAMAGE, rotation=90)
+            # All that was lost needs no word beside the legend.
+            if what != "all":
+                note(axes, (a + b) / 2 / unit.seconds, 0.5, f"{what} lost", rotation=90)
+
+
+def spans(
+    axes: Axes, seconds: Sequence[tuple[float, float]], unit: TimeUnit, name: str, hatch: str
+) -> None:
+    """Hatched over the whole height; ``name``: of the palette."""
+    if not seconds:
+        return
+    colour = PALETTE[name]
+    axes.broken_barh(
+        [(a / unit.seconds, (b - a) / unit.seconds) for a, b in seconds], (0, 1),
+        transform=axes.get_xaxis_transform(), facecolor=f"{colour}40", edgecolor=colour,
+        hatch=hatch, lw=0 if colour == GAP else 0.8, zorder=0.5, label=name,
+    )  # fmt: skip
 
 
 def wide(start: float, stop: float, smallest: float) -> tuple[float, float]:
@@ -133,10 +199,10 @@ def wide(start: float, stop: float, smallest: float) -> tuple[float, float]:
     return start - more, stop + more
 
 
-def note(axes: Axes, x: float, y: float, text: str, colour: str, **more: Any) -> None:
+def note(axes: Axes, x: float, y: float, text: str, **more: Any) -> None:
     """A word on a white ground; y: share of the height."""
     axes.text(
-        x, y, text, transform=axes.get_xaxis_transform(), color=colour, fontsize=8,
+        x, y, text, transform=axes.get_xaxis_transform(), color=INK, fontsize=8,
         ha="center", va="center", clip_on=True, zorder=6,
         bbox={"facecolor": "white", "alpha": 0.9, "edgecolor": "none", "pad": 1.2}, **more,
     )  # fmt: skip
@@ -151,68 +217,93 @@ def marks(axes: Axes, view: View, unit: TimeUnit, events: Sequence[Event], named
         and float(e.time + e.duration) >= view.start
         and float(e.time) < view.stop
     ]
-    for event in own[:200]:
+    for number, event in enumerate(own[:200]):
         start, stop = float(event.time), float(event.time + event.duration)
         if stop > start:
             axes.axvspan(start / unit.seconds, stop / unit.seconds, color=INK, alpha=0.07, lw=0)
-        axes.axvline(max(start, view.start) / unit.seconds, color=INK, lw=0.9, ls=(0, (2, 2)))
+        axes.axvline(
+            max(start, view.start) / unit.seconds, color=PALETTE["event"], lw=0.9, ls=(0, (2, 2)),
+            label="" if number else "event",
+        )  # fmt: skip
         if named and len(own) <= EVENTS_NAMED and event.text:
             axes.annotate(
                 plain(event.text), (max(start, view.start) / unit.seconds, 1.0),
                 xycoords=("data", "axes fraction"), xytext=(3, -3), textcoords="offset points",
                 ha="left", va="top", fontsize=8, color=INK, clip_on=True,
+                bbox={"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1},
             )  # fmt: skip
 
 
 def residual(axes: Axes, view: View, unit: TimeUnit) -> None:
+    """In the scale of the signal's unit that suits it; the label says which."""
     assert view.residual is not None
-    curve(axes, view.residual, unit, ORANGE, 0.9, "texture (HF)")
+    scale = scale_of(view, view.residual)
+    curve(axes, view.residual, unit, 0.9, "residual (HF)", scale.factor)
+    axes.set_ylabel(named("residual", scale.unit))
     axes.set_xlim(view.start / unit.seconds, view.stop / unit.seconds)
 
 
-def error(
-    axes: Axes, view: View, unit: TimeUnit, *, colour: str = DIM, name: str = "error",
-    bound: bool = True,
-) -> None:  # fmt: skip
-    """Decoded minus original over time, and half a step where there is one."""
+def error(axes: Axes, view: View, unit: TimeUnit, *, name: str = "error") -> None:
+    """Decoded minus original over time, and the bound where there is one."""
     assert view.error is not None
-    curve(axes, view.error, unit, colour, 0.6, name)
-    for sign in (-1, 1):
-        if bound and view.bound:
-            axes.axhline(sign * view.bound, color=ORANGE, lw=1.1, ls=(0, (4, 3)))
+    scale = error_scale(view)
+    curve(axes, view.error, unit, 0.7, name, scale.factor)
+    if name == "error":
+        bounds(axes, view.bound, scale, horizontal=True)
+    axes.set_ylabel(named("error" if name == "error" else "B − A", scale.unit))
     axes.set_xlim(view.start / unit.seconds, view.stop / unit.seconds)
+    low, high = extremes([view.error])
+    if low == high == 0:
+        instead(axes, "no difference")
+
+
+def bounds(axes: Axes, bound: float | None, scale: Scale, *, horizontal: bool) -> None:
+    """What no error may pass, on both sides of zero."""
+    draw = axes.axhline if horizontal else axes.axvline
+    for sign in (-1, 1):
+        if bound:
+            draw(
+                sign * bound * scale.factor, color=PALETTE["error bound"], lw=1.1, ls=DASHES,
+                label="error bound" if sign > 0 else "",
+            )  # fmt: skip
+
+
+def scale_of(view: View, outline: Outline) -> Scale:
+    low, high = extremes([outline])
+    return Scale.of(view.channel.unit, max(high, -low, 0.0))
+
+
+def error_scale(view: View) -> Scale:
+    """One for all panels that show the errors of a channel."""
+    largest = view.errors.largest if view.errors is not None else 0.0
+    return Scale.of(view.channel.unit, max(largest, view.bound or 0.0))
 
 
 def missing(axes: Axes, view: View, unit: TimeUnit) -> None:
     """What one of two recordings lacks: of B hatched one way, of A the other."""
     assert view.original is not None
     smallest = (view.stop - view.start) / 600
-    rows = (view.original, view.full, "///", "B has a gap"), (
-        view.full, view.original, "\\\\\\", "A has a gap"
-    )  # fmt: skip
-    for other, own, hatch, name in (rows[1], rows[0]):
+    rows = (
+        (view.full, view.original, "\\\\\\", "gap in A"),
+        (view.original, view.full, "///", "gap in B"),
+    )
+    for other, own, hatch, name in rows:
         lacking = (own.counts < other.counts) if own.counts.size == other.counts.size else None
         runs = [] if lacking is None else [wide(*run, smallest) for run in own.runs(lacking)]
-        if runs:
-            axes.broken_barh(
-                [(a / unit.seconds, (b - a) / unit.seconds) for a, b in runs], (0, 1),
-                transform=axes.get_xaxis_transform(), facecolor="#eef0f2", edgecolor=GREY,
-                hatch=hatch, lw=0, zorder=0.5, label=name,
-            )  # fmt: skip
+        spans(axes, runs, unit, name, hatch)
 
 
-LOOKS = {
-    "full": (GREY, 2.6, "-", "all"),
-    "LF": (BLUE, 1.3, "-", "slow part (LF)"),
-    "HF": (ORANGE, 1.1, (0, (5, 1.5)), "texture (HF)"),
-}
-
-
-def spectrum(axes: Axes, view: View, *, legend: bool = True) -> None:
+def spectrum(axes: Axes, view: View) -> None:
     """Densities over hertz, both logarithmic; where nothing is long enough, it says so."""
     tops = []
-    alone = len(view.spectra) == 1
-    for name, (colour, width, dashes, label) in LOOKS.items():
+    looks: dict[str, tuple[str, str, float, Any]] = {
+        "full": (name_of(view), DECODED if name_of(view) == "decoded" else SIGNAL, 1.0, "-"),
+        "LF": ("slow part (LF)", LF, 1.4, "-"),
+        "HF": ("residual (HF)", HF, 1.4, (0, (5, 1.5))),
+    }
+    for name, (label, colour, width, dashes) in looks.items():
+        if is_constant(view):
+            break  # Its density would be that of rounding.
         density = view.spectra[name].density() if name in view.spectra else None
         if density is None:
             continue
@@ -220,12 +311,9 @@ def spectrum(axes: Axes, view: View, *, legend: bool = True) -> None:
         if (power > 0).any() and np.isfinite(power).all():
             tops.append(power.max())
             drawn = np.where(power > 0, power, np.nan)
-            look: dict[str, Any] = {"color": colour, "lw": width, "ls": dashes}
-            if alone:
-                look = {"color": BLUE, "lw": 1.2}
-            axes.plot(hertz, drawn, label=label, **look)
+            axes.plot(hertz, drawn, label=label, color=colour, lw=width, ls=dashes)
     if not tops:
-        instead(axes, "no spectrum: silent, not finite,\nor no run of samples long enough")
+        instead(axes, "no spectrum: constant, not finite,\nor no run of samples long enough")
         axes.set_xticks([])
         return
     axes.set_xscale("log")
@@ -233,18 +321,18 @@ def spectrum(axes: Axes, view: View, *, legend: bool = True) -> None:
     # What a smooth LF track leaves at high frequencies is rounding; it would flatten the rest.
     bottom, top = axes.get_ylim()
     axes.set_ylim(max(bottom, 1e-9 * max(tops)), top)
-    if legend and len(tops) > 1:
-        axes.legend(frameon=False, fontsize=8, loc="best")
 
 
 def density_label(view: View) -> str:
-    unit = plain(view.channel.unit.strip("{}"))
-    if unit in ("", "1"):
+    unit = unit_of(view)
+    if not unit:
         return "density in 1/Hz"
     return f"density in {unit if unit.isalnum() else f'({unit})'}²/Hz"
 
 
-def histogram(axes: Axes, errors: Histogram, bound: float | None, name: str) -> None:
+def histogram(
+    axes: Axes, errors: Histogram, bound: float | None, scale: Scale, name: str = "error"
+) -> None:
     """Errors as bars, how often on a logarithmic scale, since outliers matter; bound: marked."""
     if not errors.total or (not errors.largest and not bound):
         same = f"no difference in {errors.total} samples"
@@ -258,22 +346,13 @@ def histogram(axes: Axes, errors: Histogram, bound: float | None, name: str) -> 
     elif found.size > 1:
         # Errors that are whole counts, or whole steps, lie apart.
         width = float(np.diff(found).min())
-    axes.bar(centres, counts, width=0.9 * width, color=ORANGE, alpha=0.85)
+    factor = scale.factor
+    axes.bar(
+        factor * centres, counts, width=0.9 * factor * width, color=ERROR, label=name,
+    )  # fmt: skip
     reach = 1.15 * max(float(np.abs(centres).max(initial=0)) + width / 2, bound or 0.0) or 1.0
-    axes.set_xlim(-reach, reach)
+    axes.set_xlim(-factor * reach, factor * reach)
     axes.locator_params(axis="x", nbins=5)
     axes.set_yscale("log")
     axes.set_ylim(0.5, 3 * max(int(counts.max(initial=0)), 1))
-    if bound:
-        for sign in (-1, 1):
-            axes.axvline(sign * bound, color=INK, lw=1.1, ls=(0, (4, 3)))
-        axes.annotate(
-            name, (bound, 0.93), xycoords=("data", "axes fraction"), xytext=(-5, 0),
-            textcoords="offset points", ha="right", fontsize=8.5, color=INK,
-            bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1},
-        )  # fmt: skip
-
-
-def error_label(view: View, name: str = "error") -> str:
-    unit = plain(view.channel.unit.strip("{}"))
-    return name if unit in ("", "1") else f"{name} in {unit}"
+    bounds(axes, bound, scale, horizontal=False)

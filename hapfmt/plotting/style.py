@@ -5,19 +5,51 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
-from ..atomic import target
+from ..atomic import refuse, target
 from ..errors import MissingExtraError, ParameterError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INK, GREY, BLUE, ORANGE = "#22272e", "#8b949e", "#1f5fa8", "#d9570d"
-"""Blue and orange stay apart for colour-blind readers, and in grey print."""
-LINES = "#d0d7de"
+INK, GREY, LINES = "#22272e", "#8b949e", "#d8dee4"
+"""Text and limits; frames; grid lines."""
+
+SIGNAL, DECODED, LF, HF = "#0072b2", "#000000", "#e69f00", "#009e73"
+ERROR, DEADBAND, DAMAGE, GAP = "#cc79a7", "#f0e442", "#d55e00", "#c3c9d0"
+"""One meaning for each colour, in every panel of every picture. The palette stays distinct for
+colour-blind readers: M. Okabe, K. Ito, "Color Universal Design", 2008."""
+
+PALETTE = {
+    "signal": SIGNAL,
+    "original": SIGNAL,
+    "A": SIGNAL,
+    "decoded": DECODED,
+    "B": DECODED,
+    "slow part (LF)": LF,
+    "knots": LF,
+    "residual (HF)": HF,
+    "error": ERROR,
+    "difference B − A": ERROR,
+    "deadband": DEADBAND,
+    "gap": GAP,
+    "gap in A": GAP,
+    "gap in B": GAP,
+    "lost to damage": DAMAGE,
+    "event": INK,
+    "error bound": INK,
+}
+"""Colours by the words of the legend."""
+
+SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
+"""Of lines that are compared with each other, in pictures that show no signal."""
+
+DASHES = (0, (4, 3))
+"""Of bounds."""
 
 KINDS: dict[str, dict[str, Any]] = {
     "png": {"Software": None},
@@ -29,6 +61,30 @@ do)."""
 
 LONGEST = 60
 """Characters of a label; what is longer would run into its neighbour."""
+
+PREFIXED = frozenset({"N", "m", "m/s", "m/s2", "m/s^2", "m/s²", "V", "A", "Pa", "N.m", "N·m", "Nm"})
+"""Units that may get a prefix: of others 'm' could be read as something else."""
+
+
+class Scale(NamedTuple):
+    """Factor from the unit to what is shown, and the name of that."""
+
+    factor: float
+    unit: str
+
+    @classmethod
+    def of(cls, unit: str, largest: float) -> Scale:
+        """A unit in which ``largest`` is no tiny number: 0.002 N is 2 mN."""
+        name = plain(unit.strip("{}"))
+        name = "" if name == "1" else name
+        if name in PREFIXED:
+            for factor, prefix in ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n")):
+                if largest * factor >= 0.1 or not largest:
+                    return cls(factor, prefix + name)
+        return cls(1.0, name)
+
+    def amount(self, value: float) -> str:
+        return f"{value * self.factor:.3g} {self.unit}".rstrip()
 
 
 def kind_of(path: str | os.PathLike[str]) -> str:
@@ -55,33 +111,68 @@ def save(
     kind: str,
     *,
     force: bool = False,
-) -> None:
-    """Write the pages: a PDF takes any number. A path appears whole or not at all."""
-    if len(figures) != 1 and kind != "pdf":
-        raise ParameterError("only a PDF has pages")
-    with target(file, force) as stream, warnings.catch_warnings():
+) -> list[str]:
+    """Write all pages; returns the paths. A PDF takes any number, else each page gets a file of its
+    own: x-1.png, x-2.png. A path appears whole or not at all."""
+    with warnings.catch_warnings():
         # A label in a script that the font has not is drawn as boxes.
         warnings.filterwarnings("ignore", "Glyph .* missing", UserWarning)
-        if kind != "pdf":
-            figures[0].savefig(stream, format=kind, metadata=KINDS[kind])
-            return
-        from matplotlib.backends.backend_pdf import PdfPages
+        if kind == "pdf":
+            from matplotlib.backends.backend_pdf import PdfPages
 
-        with PdfPages(stream, metadata=KINDS[kind]) as pages:
-            for figure in figures:
-                pages.savefig(figure)
+            with (
+                target(file, force) as stream,
+                PdfPages(stream, metadata=KINDS[kind]) as pages,
+            ):
+                for figure in figures:
+                    pages.savefig(figure)
+            return names_of(file)
+        if len(figures) == 1:
+            with target(file, force) as stream:
+                figures[0].savefig(stream, format=kind, metadata=KINDS[kind])
+            return names_of(file)
+        if not isinstance(file, (str, os.PathLike)):
+            raise ParameterError(
+                f"The picture has {len(figures)} pages, and a pipe takes one of {kind}. "
+                "Use --output-format pdf, or select fewer channels with --channels."
+            )
+        path = Path(file)
+        names = [
+            str(path.with_name(f"{path.stem}-{number}{path.suffix}"))
+            for number in range(1, len(figures) + 1)
+        ]
+        for name in names:
+            refuse(name, force)
+        with ExitStack() as stack:
+            for name, figure in zip(names, figures, strict=True):
+                stream = stack.enter_context(target(name, force))
+                figure.savefig(stream, format=kind, metadata=KINDS[kind])
+        return names
+
+
+def names_of(file: str | os.PathLike[str] | BinaryIO) -> list[str]:
+    return [os.fspath(file)] if isinstance(file, (str, os.PathLike)) else []
 
 
 def plain(text: str) -> str:
     """A text from a file as it is drawn: no formulas, nothing that cannot be printed, not long."""
-    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+    shown = printable(text)
     if len(shown) > LONGEST:
         shown = shown[: LONGEST - 1] + "\N{HORIZONTAL ELLIPSIS}"
-    return shown.replace("\\", "\\\\").replace("$", r"\$") if "$" in shown else shown
+    return unformatted(shown)
 
 
-def style(axes: Axes, name: str, x_label: str, y_label: str) -> None:
-    axes.set_title(name, loc="left", fontsize=10, color=INK, fontweight="bold")
+def printable(text: str) -> str:
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
+def unformatted(text: str) -> str:
+    """matplotlib reads what is between two $ as a formula."""
+    return text.replace("\\", "\\\\").replace("$", r"\$") if "$" in text else text
+
+
+def style(axes: Axes, name: str, x_label: str, y_label: str, *, size: float = 10) -> None:
+    axes.set_title(name, loc="left", fontsize=size, color=INK, fontweight="bold", pad=4)
     axes.set_xlabel(x_label, fontsize=9, color=INK)
     axes.set_ylabel(y_label, fontsize=9, color=INK)
     axes.tick_params(labelsize=8.5, colors=INK, length=3)

@@ -103,11 +103,11 @@ def join(parts: Sequence[Channel]) -> Channel:
             append_span(spans, span)
     exact = None
     if any(part.exact is not None for part in parts):
-        exact = np.concatenate([part.physical() for part in parts])
+        exact = np.concatenate([part.samples() for part in parts])
     deviations = [part.deviation for part in parts if part.deviation]
     return replace(
         first,
-        values=np.concatenate([part.values for part in parts]),
+        stored=np.concatenate([part.stored for part in parts]),
         coverage=tuple(spans),
         deviation=Deviation(
             max(each.declared for each in deviations), max(each.largest for each in deviations)

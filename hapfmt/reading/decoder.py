@@ -89,7 +89,7 @@ class TrackDecoder:
         lossy = track.contract or any(c.deviation for c in track.components)
         if track.kind != "full" or len(track.components) != 1 or lossy:
             raise FormatError(
-                "exact values beside what is not one channel without loss",
+                "exact values in a track that is not one lossless channel",
                 requirement="EXA-001",
                 offset=track.offset,
             )

@@ -105,7 +105,7 @@ def build_channel(
     a, b, d = component.calibration
     deviation = Deviation(*component.deviation) if component.deviation else None
     return Channel(
-        values=np.ascontiguousarray(decoded.numbers()[:, index]),
+        stored=np.ascontiguousarray(decoded.numbers()[:, index]),
         rate=decoded.track.rate,
         coverage=tuple(decoded.spans),
         calibration=Calibration(a, 0 if hf_only else b, d) if counts else None,

@@ -280,7 +280,7 @@ class Scene:
         if of_contact and not self.contacts:
             raise SceneError(
                 sorted(of_contact)[0],
-                f"scene {self.name!r} touches nothing, so this is no part of it",
+                f"scene {self.name!r} touches nothing, so it has no such part",
             )
         tool, hand = self.tool, self.hand
         if of_contact and tool and tool.contact:

@@ -60,7 +60,7 @@ def number(
 def whole(what: str, default: Any = NONE, *, low: int, high: int) -> Any:
     def read(value: Any, at: str) -> int:
         if not isinstance(value, int) or isinstance(value, bool):
-            raise SceneError(at, f"is no whole number; write one from {low} to {high}")
+            raise SceneError(at, f"is not a whole number; write one from {low} to {high}")
         if not low <= value <= high:
             raise SceneError(at, f"{shown(value)} is out of range; write {low} to {high}")
         return value
@@ -71,7 +71,7 @@ def whole(what: str, default: Any = NONE, *, low: int, high: int) -> Any:
 def text(what: str, default: Any = "", *, most: int) -> Any:
     def read(value: Any, at: str) -> str:
         if not isinstance(value, str):
-            raise SceneError(at, "is no text; put it between quotes")
+            raise SceneError(at, "is not a text; put it between quotes")
         if len(value) > most:
             raise SceneError(at, f"has {len(value)} characters; at most {most} are taken")
         return value
@@ -104,11 +104,11 @@ def several(what: str, choices: Sequence[str], default: Any = NONE) -> Any:
         if value is None and default is None:
             return None
         if not isinstance(value, (list, tuple)) or not value:
-            raise SceneError(at, f"is no list; write some of {', '.join(choices)} in brackets")
+            raise SceneError(at, f"is not a list; write some of {', '.join(choices)} in brackets")
         found = [chosen(each, f"{at}[{n}]", choices) for n, each in enumerate(value)]
         for n, each in enumerate(found):
             if each in found[:n]:
-                raise SceneError(f"{at}[{n}]", f"{each!r} stands there twice; write it once")
+                raise SceneError(f"{at}[{n}]", f"{each!r} is there twice; write it once")
         return tuple(each for each in choices if each in found)
 
     return key(what, read, default)
@@ -134,7 +134,7 @@ def part(what: str, table: type[Any]) -> Any:
     def read(value: Any, at: str) -> Any:
         if value is None or isinstance(value, table):
             return value
-        raise SceneError(at, f"is no {table.__name__}; give one, or None")
+        raise SceneError(at, f"is not of type {table.__name__}; give one, or None")
 
     return key(what, read, None, table)
 
@@ -149,7 +149,7 @@ def check(made: Any) -> None:
 def read_table(table: type[Made], values: Any, at: str = "") -> Made:
     """A TOML table as the dataclass ``table``."""
     if not isinstance(values, dict):
-        raise SceneError(at, "is no table; write it as [table] or { key = value }")
+        raise SceneError(at, "is not a table; write it as [table] or { key = value }")
     known: dict[str, Field[Any]] = {each.name: each for each in fields(table)}  # type: ignore[arg-type]
     given: dict[str, Any] = {}
     for name, value in values.items():
@@ -157,7 +157,7 @@ def read_table(table: type[Made], values: Any, at: str = "") -> Made:
         if name not in known:
             near = get_close_matches(name, known, 1)
             hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
-            raise SceneError(path[:200], f"is no known key; {hint}")
+            raise SceneError(path[:200], f"is not a known key; {hint}")
         rule: Key = known[name].metadata["key"]
         given[name] = read_table(rule.table, value, path) if rule.table else value
     for name, each in known.items():
@@ -172,7 +172,7 @@ def read_table(table: type[Made], values: Any, at: str = "") -> Made:
 def chosen(value: Any, at: str, choices: Sequence[str]) -> str:
     listed = ", ".join(choices)
     if not isinstance(value, str):
-        raise SceneError(at, f"is no text; write one of {listed}, between quotes")
+        raise SceneError(at, f"is not a text; write one of {listed}, between quotes")
     if value not in choices:
         near = get_close_matches(value, choices, 1)
         hint = f"did you mean {near[0]!r}?" if near else f"choose one of {listed}"
@@ -182,7 +182,7 @@ def chosen(value: Any, at: str, choices: Sequence[str]) -> str:
 
 def real(value: Any, at: str, low: float, high: float, above: float | None) -> float:
     if not isinstance(value, (int, float)) or isinstance(value, bool):
-        raise SceneError(at, "is no number; write one, without quotes")
+        raise SceneError(at, "is not a number; write one, without quotes")
     if isinstance(value, float) and not isfinite(value):
         raise SceneError(at, f"{value} cannot be used; write a finite number")
     if above is not None and value <= above:

@@ -114,7 +114,7 @@ def simulate(
     readings = [reading.counts(traces[name], of_sensor, work) for name in reversed(names)]
     channels = [
         Channel(
-            values=counts,
+            stored=counts,
             rate=Fraction(rate_hz),
             calibration=reading.calibration,
             label=name,

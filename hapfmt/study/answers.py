@@ -91,7 +91,7 @@ def parsed(text: bytes, number: int) -> dict[str, Any]:
     except (ValueError, RecursionError):
         line = None
     if not isinstance(line, dict):
-        raise ParameterError(f"line {number} is no JSON object")
+        raise ParameterError(f"line {number} is not a JSON object")
     return line
 
 
@@ -138,7 +138,7 @@ def refuse_study(study: dict[str, Any]) -> None:
 
 def refuse_condition(condition: Any) -> None:
     if not isinstance(condition, dict):
-        raise ParameterError("line 1: a condition is no JSON object")
+        raise ParameterError("line 1: a condition is not a JSON object")
     by_session, bits = condition.get("bits_per_sample"), condition.get("bits")
     good = (
         isinstance(condition.get("name"), str)
@@ -165,7 +165,7 @@ def refuse_line(line: dict[str, Any], number: int, order: list[list[Any]]) -> No
     if not isinstance(trial, int) or isinstance(trial, bool) or not 0 <= trial < len(order):
         raise ParameterError(f"line {number}: there is no trial {trial!r:.40}")
     if not is_number(rating) or not 0 <= rating <= HIGHEST:  # type: ignore[operator]
-        raise ParameterError(f"line {number}: {rating!r:.40} is no rating from 0 to {HIGHEST}")
+        raise ParameterError(f"line {number}: {rating!r:.40} is not a rating from 0 to {HIGHEST}")
     if [line.get(name) for name in Trial._fields] != order[trial]:
         raise ParameterError(f"line {number}: this is not what trial {trial} asked")
 

@@ -65,7 +65,7 @@ def new_study(path: Path, recordings: Sequence[str]) -> str:
         name = unused(file.stem, names)
         names.append(name)
         if any("\ud800" <= c <= "\udfff" for c in each):
-            raise ParameterError("a name that is no text cannot stand in a study", path=ascii(each))
+            raise ParameterError("a name in a study must be a text", path=ascii(each))
         place = os.path.relpath(file, path.parent or ".")
         parts.append(
             f"\n[[session]]\nname = {quoted(name)}\nrecording = {quoted(Path(place).as_posix())}\n"

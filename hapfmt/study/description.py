@@ -39,7 +39,7 @@ def amount(what: str) -> Any:
             return value
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             return value
-        raise SceneError(at, 'is no amount; write 0.1, or text such as "2lsb" or "0.2%"')
+        raise SceneError(at, 'is not an amount; write 0.1, or text such as "2lsb" or "0.2%"')
 
     return key(what, read, None)
 
@@ -61,7 +61,7 @@ def texts(what: str, default: Any, count: int | None = None) -> Any:
             isinstance(each, str) and 0 < len(each) <= 80 for each in value
         )
         if not good or len(set(value)) != len(value) or len(value) > MOST_CONDITIONS:
-            raise SceneError(at, "is no list of different texts in brackets")
+            raise SceneError(at, "is not a list of different texts in brackets")
         if count is not None and len(value) != count:
             raise SceneError(at, f"has {len(value)} texts; write {count}, the lowest first")
         return tuple(value)
@@ -77,7 +77,7 @@ def paths(what: str) -> Any:
         if not isinstance(pairs, (tuple, type({}.items()))) or not all(
             isinstance(file, str) and file for _, file in pairs
         ):
-            raise SceneError(at, 'is no table of files; write { session = "file.hapf" }')
+            raise SceneError(at, 'is not a table of files; write { session = "file.hapf" }')
         return tuple((str(name), file) for name, file in pairs)
 
     return key(what, read, ())
@@ -216,7 +216,7 @@ def read_all(table: Any, values: Any, name: str, most: int) -> list[Any]:
         if not each.strip():
             raise SceneError(f"{name}[{n}].name", "is empty; write what it is called")
         if each in names[:n]:
-            raise SceneError(f"{name}[{n}].name", f"{each!r} stands there twice")
+            raise SceneError(f"{name}[{n}].name", f"{each!r} is there twice")
     return found
 
 

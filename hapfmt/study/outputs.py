@@ -6,7 +6,7 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from ..errors import DeviceError, ParameterError
+from ..errors import DeviceError
 from .description import Study
 from .prepare import Prepared
 
@@ -33,6 +33,24 @@ class Output(Protocol):
         """Until it has been felt; ``label`` is what a subject may know of it."""
 
 
+class ChannelMap(NamedTuple):
+    """Which channels drive which actuators, as hapfmt replay takes it."""
+
+    given: tuple[str, ...] = ()
+    """Texts "CHANNEL=ACTUATOR"."""
+    ignored: tuple[str, ...] = ()
+    by_order: bool = False
+
+    @property
+    def told(self) -> dict[str, Any]:
+        by_order = self.by_order
+        found = {"channels": list(self.given), "ignored": list(self.ignored), "by_order": by_order}
+        return {name: value for name, value in found.items() if value}
+
+
+NO_MAP = ChannelMap()
+
+
 class SignalError(KeyboardInterrupt):
     """A signal ended a replay, by a ramp to rest."""
 
@@ -49,9 +67,9 @@ class Nowhere:
         self,
         profile: Profile | None = None,
         gain: float | None = None,
-        channels: tuple[str, ...] = (),
+        mapping: ChannelMap = NO_MAP,
     ) -> None:
-        self.profile, self.gain, self.channels = profile, gain, channels
+        self.profile, self.gain, self.mapping = profile, gain, mapping
 
     @property
     def told(self) -> dict[str, Any]:
@@ -64,7 +82,7 @@ class Nowhere:
         from ..replay.process.virtual import rehearse
 
         with Reader(str(path)) as reader:
-            renderer = render(reader, self.profile, self.channels)
+            renderer = render(reader, self.profile, self.mapping)
             return end_of(rehearse(renderer, self.profile, [], gain=self.gain))
 
 
@@ -76,24 +94,24 @@ class Device:
         profile: Profile,
         config: dict[str, Any],
         gain: float | None = None,
-        channels: tuple[str, ...] = (),
+        mapping: ChannelMap = NO_MAP,
         watchdog: bool = True,
     ) -> None:
-        self.profile, self.config, self.channels = profile, config, channels
+        self.profile, self.config, self.mapping = profile, config, mapping
         self.gain = profile.gain if gain is None else gain
         self.watchdog = watchdog
 
     @property
     def told(self) -> dict[str, Any]:
-        more = {"channels": list(self.channels)} if self.channels else {}
-        return {"kind": "device", **told_of(self.profile), "gain": self.gain, **more}
+        profile = told_of(self.profile)
+        return {"kind": "device", **profile, "gain": self.gain, **self.mapping.told}
 
     def play(self, path: Path, label: str) -> Felt:  # noqa: ARG002
         from ..reading.reader import Reader
         from ..replay.process.player import play
 
         with Reader(str(path)) as reader:
-            renderer = render(reader, self.profile, self.channels)
+            renderer = render(reader, self.profile, self.mapping)
             return end_of(
                 play(renderer, self.profile, self.config, gain=self.gain, watchdog=self.watchdog)
             )
@@ -105,22 +123,20 @@ def told_of(profile: Profile) -> dict[str, Any]:
     return {"profile": profile.name, "profile_sha256": digest}
 
 
-def render(reader: Any, profile: Profile, channels: tuple[str, ...]) -> Renderer:
+def render(reader: Any, profile: Profile, mapping: ChannelMap) -> Renderer:
     from ..replay.render import Renderer, assign
 
-    renderer = Renderer(reader, profile, assign(reader, profile, channels))
-    if not renderer.routes:
-        why = "".join(f"\n  {each}" for each in renderer.left_out)
-        raise ParameterError(f"no channel can be played with {profile.name}:{why}")
-    return renderer
+    given, ignored, by_order = mapping
+    assignment = assign(reader, profile, given, by_order=by_order, ignore=ignored)
+    return Renderer(reader, profile, assignment)
 
 
-def refuse_unplayable(path: Path, profile: Profile, channels: tuple[str, ...]) -> None:
-    """Before the first question."""
+def plan(path: Path, profile: Profile, mapping: ChannelMap) -> list[str]:
+    """What drives which actuator, in words. An error where the file cannot be played."""
     from ..reading.reader import Reader
 
     with Reader(str(path)) as reader:
-        render(reader, profile, channels)
+        return render(reader, profile, mapping).plan
 
 
 def find_device(profile: Profile, path: str | None) -> dict[str, Any]:

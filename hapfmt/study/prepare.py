@@ -145,14 +145,14 @@ def load_session(study: Study, session: Session) -> Recording:
     else:
         whole = load_any(str(path))
     channels = [stretch(each, session.from_s, session.to_s) for each in whole.channels]
-    if not any(channel.values.size for channel in channels):
+    if not any(channel.stored.size for channel in channels):
         raise ParameterError(f"session {session.name!r} holds no sample", path=str(path))
     return Recording(tuple(channels))
 
 
 def stretch(channel: Channel, from_s: float | None, to_s: float | None) -> Channel:
-    start = 0 if from_s is None else ceil(Fraction(repr(from_s)) * channel.rate)
-    stop = channel.stop_tick if to_s is None else ceil(Fraction(repr(to_s)) * channel.rate)
+    start = 0 if from_s is None else ceil(Fraction(repr(from_s)) * channel.rate_exact)
+    stop = channel.stop_tick if to_s is None else ceil(Fraction(repr(to_s)) * channel.rate_exact)
     part = channel.slice_ticks(start, stop)
     coverage = tuple(Span(span.start - start, span.stop - start) for span in part.coverage)
     return replace(part, coverage=coverage)
@@ -175,17 +175,17 @@ def low_passed(channel: Channel, cutoff_hz: float) -> Channel:
     """Without delay, each stretch between two gaps by itself; counts stay counts."""
     from ..encoder.split import low_pass
 
-    if not channel.values.size or 2 * cutoff_hz >= channel.rate:
+    if not channel.stored.size or 2 * cutoff_hz >= channel.rate_exact:
         return channel
-    physical = replace(channel, values=channel.physical(), calibration=None, exact=None)
+    physical = replace(channel, stored=channel.samples(), calibration=None, exact=None)
     slow = np.concatenate(
-        [low_pass(x, float(channel.rate), cutoff_hz) for _, x in physical.segments()]
+        [low_pass(x, float(channel.rate_exact), cutoff_hz) for _, x in physical.segments()]
     )
     if channel.calibration is None:
-        return replace(physical, values=slow)
+        return replace(physical, stored=slow)
     a, b, d = channel.calibration.a, channel.calibration.b, channel.calibration.d
-    counts = np.floor((slow * d - b) / a + 0.5).astype(channel.values.dtype)
-    return replace(channel, values=counts, exact=None, deviation=None)
+    counts = np.floor((slow * d - b) / a + 0.5).astype(channel.stored.dtype)
+    return replace(channel, stored=counts, exact=None, deviation=None)
 
 
 def copy(source: Path, reference: Recording, path: Path) -> None:

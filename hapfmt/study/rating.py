@@ -137,7 +137,7 @@ class Rating:
             raise NotYetError("there is no question before this one")
         before = self.trials[self.number - 1]
         if (before.session, before.training) != (self.trial.session, self.trial.training):
-            raise NotYetError("what was before belongs to another session")
+            raise NotYetError("the previous condition belongs to another session")
         self.begin(self.number - 1)
 
     @property

@@ -34,7 +34,7 @@ class Level(NamedTuple):
 
 
 def level_of(reference: Channel) -> Level:
-    x = reference.physical()
+    x = reference.samples()
     if not x.size or not np.isfinite(x).all():
         raise ParameterError(f"channel {reference.label!r} has nothing that can be played")
     offset = float(np.mean(x))
@@ -46,10 +46,10 @@ def signal(channel: Channel, level: Level) -> NDArray[np.float64]:
     """[samples] at RATE_HZ in [-1, 1]; gaps are silent."""
     from scipy.signal import resample_poly
 
-    x = (np.nan_to_num(channel.dense() - level.offset, nan=0.0)) * level.scale
-    ratio = (RATE_HZ / channel.rate).limit_denominator(LONGEST_RATIO)
+    x = (np.nan_to_num(channel.filled() - level.offset, nan=0.0)) * level.scale
+    ratio = (RATE_HZ / channel.rate_exact).limit_denominator(LONGEST_RATIO)
     if not ratio:
-        raise ParameterError(f"a rate of {channel.rate} Hz is none of a sound")
+        raise ParameterError(f"a rate of {channel.rate_exact} Hz is none of a sound")
     y = np.asarray(resample_poly(x, ratio.numerator, ratio.denominator), np.float64)
     count = min(round(RAMP_S * RATE_HZ), y.size // 2)
     if count:
@@ -86,7 +86,7 @@ def parse_card(text: str) -> tuple[int, str | int | None]:
     number, slash, device = text.partition("/")
     if not number.isdecimal() or not 1 <= int(number) <= 256 or (slash and not device):
         raise ParameterError(
-            f"{text!r} is no output of a sound card: CHANNEL or CHANNEL/DEVICE, such as 1 or "
+            f"{text!r} is not an output of a sound card: CHANNEL or CHANNEL/DEVICE, such as 1 or "
             "2/USB Audio"
         )
     return int(number), int(device) if device.isdecimal() else device or None

@@ -156,14 +156,14 @@ class Pair:
         if self.builder is not None:
             # A is the original, B what is drawn against it.
             self.builder.add_pair(b, a)
-        x, y = a.physical(), b.physical()
+        x, y = a.samples(), b.samples()
         self.signal.add(x)
         found = self.found
         found.only_a += x.size
         found.only_b += y.size
         counts = None
         if a.calibration is not None and a.calibration == b.calibration and a.exact is b.exact:
-            counts = a.values, b.values
+            counts = a.stored, b.stored
         for (i, j), span in intersect(a.coverage, b.coverage):
             p, q = x[i : i + span.ticks], y[j : j + span.ticks]
             found.only_a -= span.ticks

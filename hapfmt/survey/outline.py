@@ -53,7 +53,7 @@ class Outline:
 
     def add_channel(self, channel: Channel, values: NDArray[np.float64] | None = None) -> None:
         """All that a channel covers; values [samples]: these instead of its own."""
-        x = channel.physical() if values is None else values
+        x = channel.samples() if values is None else values
         place = 0
         for span in channel.coverage:
             self.add(span.start, x[place : place + span.ticks])

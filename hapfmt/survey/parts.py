@@ -45,6 +45,8 @@ class Described:
     component: int = 0
     step: int | None = None
     has_lf: bool = False
+    deviation: float = 0.0
+    """Largest distance of the source from the grid of counts, in the channel's unit."""
 
     @property
     def name(self) -> str:
@@ -61,6 +63,28 @@ class Described:
     @property
     def weber(self) -> float:
         return self.contract.kn / self.contract.kd if self.contract else 0.0
+
+    @property
+    def is_lossy(self) -> bool:
+        return self.contract is not None or self.step is not None or self.deviation > 0
+
+    @property
+    def error_bound(self) -> float | None:
+        """Largest error that the file allows any sample, in the channel's unit; None: unknown, or
+        it depends on the signal."""
+        if not self.is_lossy:
+            return 0.0
+        if self.step is not None and self.lsb:
+            return self.step * self.lsb / 2 + self.deviation
+        contract = self.contract
+        if contract is not None and contract.guaranteed and not contract.kn:
+            return self.floor + self.deviation
+        return self.deviation if contract is None else None
+
+    @property
+    def has_deadband(self) -> bool:
+        """Whether the allowed error grows with the signal."""
+        return self.contract is not None and self.contract.kn > 0
 
     @property
     def is_vector(self) -> bool:
@@ -119,7 +143,7 @@ class RecordingParts:
         self.lost: list[LostSpan] = []
         self.channels = [
             Described(
-                place, channel.label, channel.unit, channel.quantity, channel.rate,
+                place, channel.label, channel.unit, channel.quantity, channel.rate_exact,
                 step_of(channel),
             )
             for place, channel in zip(chosen, self.own, strict=True)
@@ -127,18 +151,18 @@ class RecordingParts:
         self.places = [list(accumulate((s.ticks for s in c.coverage), initial=0)) for c in self.own]
 
     def extent(self) -> tuple[Fraction, Fraction]:
-        known = [c for c in self.own if c.values.size]
-        start = min((c.start_tick / c.rate for c in known), default=Fraction(0))
+        known = [c for c in self.own if c.stored.size]
+        start = min((c.start_tick / c.rate_exact for c in known), default=Fraction(0))
         return start, max((c.duration for c in known), default=start)
 
     def edges(self, start: Fraction, stop: Fraction) -> list[Fraction]:
-        samples = (stop - start) * sum(channel.rate for channel in self.own)
+        samples = (stop - start) * sum(channel.rate_exact for channel in self.own)
         count = min(max(int(samples) // PART, 1), 10_000)
         return [start + (stop - start) * i / count for i in range(count + 1)]
 
     def part(self, start: Fraction, stop: Fraction) -> list[Block]:
         return [
-            Block(cut(channel, places, *tick_range(channel.rate, start, stop)))
+            Block(cut(channel, places, *tick_range(channel.rate_exact, start, stop)))
             for channel, places in zip(self.own, self.places, strict=True)
         ]
 
@@ -247,11 +271,11 @@ def cut(channel: Channel, places: Sequence[int], first: int, last: int) -> Chann
     b = bisect_left(coverage, last, key=lambda span: span.start)
     spans = [Span(max(s.start, first), min(s.stop, last)) for s in coverage[a:b]]
     if not spans:
-        return replace(channel, values=channel.values[:0], coverage=(), exact=None)
+        return replace(channel, stored=channel.stored[:0], coverage=(), exact=None)
     low = places[a] + spans[0].start - coverage[a].start
     high = places[b - 1] + spans[-1].stop - coverage[b - 1].start
     exact = None if channel.exact is None else channel.exact[low:high]
-    return replace(channel, values=channel.values[low:high], coverage=tuple(spans), exact=exact)
+    return replace(channel, stored=channel.stored[low:high], coverage=tuple(spans), exact=exact)
 
 
 def describe(ref: ChannelRef, reader: Reader) -> Described:
@@ -265,6 +289,7 @@ def describe(ref: ChannelRef, reader: Reader) -> Described:
         abs(a) / d if track.number_format == "counts" else None,
         zero, contract, ref.index, quantiser_step(part.residual or part.track, reader),
         any(each.track.kind == "lf" and each.residual for each in ref.parts),
+        max((track.components[ref.index].deviation or (0, 0))[1] for track in ref.tracks),
     )  # fmt: skip
 
 
@@ -291,7 +316,7 @@ def block_of(assembly: Assembly, ref: ChannelRef) -> Block:
         if part.track.kind == "lf"
     ]
     halves = None
-    if any(part.contract for part in ref.parts):
+    if any(part.contract and part.contract.kn for part in ref.parts):
         pairs = zip(ref.parts, fulls, strict=True)
         halves = np.concatenate([half_width(assembly, ref, *pair) for pair in pairs])
     return Block(join(fulls), join(lfs) if lfs else None, halves)
@@ -304,8 +329,8 @@ def half_width(
     NaN where there is none. Of a vector the norm counts."""
     contract = part.contract
     if contract is None or full.calibration is None:
-        return np.full(full.values.size, np.nan)
-    counts = full.values[:, None]
+        return np.full(full.stored.size, np.nan)
+    counts = full.stored[:, None]
     zero, floor = contract.zero[ref.index : ref.index + 1], contract.floor
     if contract.vector:
         counts, zero = assembly.of_part(part).numbers(), contract.zero

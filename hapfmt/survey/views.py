@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,9 @@ from .knots import knots_within
 from .outline import COLUMNS, Outline
 from .parts import Block, Described, FileParts, Parts
 from .spectrum import Spectrum
+
+FEWEST = 5
+"""Columns of a stretch that is looked at again: one alone may hold a single peak."""
 
 
 @dataclass
@@ -76,10 +78,14 @@ class View:
         return self.full.runs(missing)
 
     @property
+    def is_lossy(self) -> bool:
+        """Whether what is drawn may differ from what was recorded."""
+        return self.channel.is_lossy
+
+    @property
     def bound(self) -> float | None:
-        """Half a step of the quantiser, in the channel's unit: what no error should pass."""
-        step, lsb = self.channel.step, self.channel.lsb
-        return step * lsb / 2 if step and lsb else None
+        """What no error may pass, in the channel's unit, where that is one number."""
+        return self.channel.error_bound or None
 
 
 class Builder:
@@ -96,7 +102,7 @@ class Builder:
 
     def add(self, block: Block, original: Channel | None) -> None:
         view = self.view
-        y = block.full.physical()
+        y = block.full.samples()
         view.full.add_channel(block.full, y)
         self.see("full", block.full, y)
         if block.lf is not None:
@@ -110,12 +116,12 @@ class Builder:
 
     def add_pair(self, full: Channel, original: Channel) -> None:
         """What two recordings have of the same seconds."""
-        y = full.physical()
+        y = full.samples()
         self.view.full.add_channel(full, y)
         self.add_original(full, y, original)
 
     def add_lf(self, full: Channel, y: NDArray[np.float64], lf: Channel) -> None:
-        view, d = self.view, lf.physical()
+        view, d = self.view, lf.samples()
         view.lf = view.lf or self.like()
         view.lf.add_channel(lf, d)
         self.see("LF", lf, d)
@@ -147,16 +153,16 @@ class Builder:
         view.high.add_channel(channel, x + half)
 
     def add_original(self, full: Channel, y: NDArray[np.float64], original: Channel) -> None:
-        view, x = self.view, original.physical()
+        view, x = self.view, original.samples()
         view.original = view.original or self.like()
         view.error = view.error or self.like()
         lattice = self.channel.lsb if original.calibration is not None else None
         view.errors = view.errors or Histogram(lattice or 0.0)
         view.original.add_channel(original, x)
-        if self.channel.contract is not None and not self.channel.is_vector:
+        if self.channel.has_deadband and not self.channel.is_vector:
             self.add_deadband(original, x, self.channel.half_width(x))
             view.relative = view.relative or Histogram()
-        view.only_original += original.values.size
+        view.only_original += original.stored.size
         for (i, j), span in intersect(original.coverage, full.coverage):
             f = x[i : i + span.ticks]
             with np.errstate(invalid="ignore", over="ignore"):
@@ -285,17 +291,26 @@ def losses_of(
 
 
 def liveliest(view: View, ticks: int) -> tuple[Fraction, Fraction] | None:
-    """Seconds of ``ticks`` ticks where most happens; None where that is all of the view."""
+    """Seconds of ``ticks`` ticks in which the signal moves most; None where that is all of the
+    view, or the signal is constant.
+
+    The sum of the signal's steps counts, so that silence before an impact adds nothing. Where a
+    column holds more ticks than wanted, the stretch is longer: look at it again."""
     full = view.full
     if full.stop - full.first < 4 * ticks:
         return None
-    span = (
-        full.most - full.least if not full.is_whole else np.abs(np.diff(full.most, append=np.nan))
-    )
-    known = np.isfinite(span)
-    if not known.any():
+    low, high = full.least, full.most
+    steps = np.abs(np.diff(high, prepend=np.nan)) if full.is_whole else high - low
+    steps = np.where(np.isfinite(steps), steps, 0.0)
+    if not steps.any():
         return None
-    column = int(np.argmax(np.where(known, span, -inf)))
-    middle = full.first + full.size * column + full.size // 2
-    first = int(np.clip(middle - ticks // 2, full.first, full.stop - ticks))
-    return first / full.rate, (first + ticks) / full.rate
+    width = max(-(-ticks // full.size), 1 if full.is_whole else FEWEST)
+    width = min(width, steps.size)
+    # The scale keeps sums of huge values finite.
+    sums = np.cumsum(np.append(0.0, steps / steps.max()))
+    sums = sums[width:] - sums[:-width]
+    most = np.flatnonzero(sums >= sums.max() * (1 - 1e-9))
+    column = int(most[most.size // 2])
+    length = width * full.size
+    first = min(full.first + column * full.size, full.stop - length)
+    return first / full.rate, (first + length) / full.rate

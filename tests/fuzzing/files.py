@@ -44,7 +44,7 @@ def samples(data: bytes, *, scan: bool) -> Samples:
             continue
         for ref, channel in zip(reader.channels, recording.channels, strict=True):
             exact = b"" if channel.exact is None else channel.exact.tobytes()
-            found[band, ref.number] = (channel.values.tobytes(), exact, channel.coverage)
+            found[band, ref.number] = (channel.stored.tobytes(), exact, channel.coverage)
         found[band, -1] = recording.events
         json.dumps([finding.as_json() for finding in reader.findings])
     return found

@@ -29,8 +29,8 @@ SETTINGS = (
     ("paper", {"floor": Tolerance(0.002, "range")}),
     ("deadband", {}),
     ("near-lossless", {"max_error": Tolerance(1e-3, "range")}),
-    ("archive", {}),
-    ("archive", {"fast": True}),
+    ("lossless", {}),
+    ("lossless", {"fast": True}),
 )
 SECONDS, QUICK_SECONDS = 4.0, 0.5
 
@@ -54,7 +54,7 @@ def read_all(paths: Sequence[str], repeats: int) -> list[Read]:
         recording, spread = timed(lambda path=path: hapfmt.read(path), repeats)
         digest = hashlib.sha256()
         for channel in recording.channels:
-            digest.update(channel.physical().tobytes())
+            digest.update(channel.samples().tobytes())
         found.append(Read(*spread, digest.hexdigest()))
     return found
 

@@ -196,10 +196,10 @@ def calm_sources(seconds: float) -> list[Source]:
 
 def residual_of(source: Source, points: list[Point]) -> NDArray[np.float64]:
     """What the decoded deadband leaves of the most textured channel."""
-    f = most_textured(source).recording.channels[0].physical()
+    f = most_textured(source).recording.channels[0].samples()
     alone = at(points, PERCENT, 0)
     label = most_textured(source).recording.channels[0].label
-    return np.asarray(f - hapfmt.read(alone.file).channel(label).physical())
+    return np.asarray(f - hapfmt.read(alone.file).channel(label).samples())
 
 
 def readings(sources: list[Source], points: dict[str, list[Point]]) -> list[Reading]:
@@ -234,8 +234,8 @@ def readings(sources: list[Source], points: dict[str, list[Point]]) -> list[Read
 def similarity_of_point(source: Source, point: Point) -> float | None:
     channel = most_textured(source).recording.channels[0]
     try:
-        y = hapfmt.read(point.file).channel(channel.label).physical()
-        return st_sim(channel.physical(), y, channel.rate)
+        y = hapfmt.read(point.file).channel(channel.label).samples()
+        return st_sim(channel.samples(), y, channel.rate_exact)
     except hapfmt.HapfmtError:
         return None
 
@@ -306,9 +306,15 @@ PEAK_HEADERS = (
 
 
 def peak_of(source: Source, points: list[Point]) -> Peak:
+<<<<<<< HEAD
     """At k = PERCENT; the points are those of all channels."""
     e = residual_of(source, points)
     e = e - e.mean()
+=======
+    """At k = PERCENT, of the recording's first channel the peak, of all channels the points."""
+    f = source.recording.channels[0].samples()
+    e = f - parts_of(at(points, PERCENT, 0).file).slow
+>>>>>>> main
     peak, more = float(np.max(np.abs(e)) / np.std(e)), added(points, PERCENT, 5)
     kurtosis = float(np.mean(e**4) / np.var(e) ** 2)
     normal = math.log2((2**4 - 1) / peak) + NORMAL_BITS

@@ -44,8 +44,8 @@ def most_textured(source: Source) -> Source:
     """Of the channels the one with the strongest part above 20 Hz."""
 
     def rms(channel: Any) -> float:
-        f = channel.physical()
-        return float(np.std(f - low_pass(f, float(channel.rate))))
+        f = channel.samples()
+        return float(np.std(f - low_pass(f, channel.rate)))
 
     channel = max(source.recording.channels, key=rms)
     return source._replace(recording=replace(source.recording, channels=(channel,)))
@@ -56,7 +56,7 @@ def picture2(source: Source) -> Figure:
     source = most_textured(source)
     point = measure(source, settings(PERCENT, FIG2_BITS, source.floor))
     (channel,) = source.recording.channels
-    parts, f, rate = parts_of(point.file), channel.physical(), float(channel.rate)
+    parts, f, rate = parts_of(point.file), channel.samples(), channel.rate
     half = np.maximum(PERCENT / 100 * np.abs(f), float(source.floor))
     largest = float(np.max(np.abs(parts.whole - f) / half))
 

@@ -36,13 +36,13 @@ def rate(source: Source, options: Options) -> list[Rated]:
     tool = load_scene(source.name if source.name in builtin_names() else "sand").tool
     source = most_textured(source)
     (channel,) = source.recording.channels
-    f = channel.physical()
+    f = channel.samples()
     found = []
     for bits in BITS if options.quick else FIG5_BITS:
         point = measure(source, settings(PERCENT, bits, source.floor))
-        y = hapfmt.read(point.file).channels[0].physical()
-        alike = st_sim(f, y, channel.rate) if find_spec("vibromaf") and bits in BITS else None
-        of_error = felt(f, y, float(channel.rate), tool) if tool and channel.unit == "N" else None
+        y = hapfmt.read(point.file).channels[0].samples()
+        alike = st_sim(f, y, channel.rate_exact) if find_spec("vibromaf") and bits in BITS else None
+        of_error = felt(f, y, channel.rate, tool) if tool and channel.unit == "N" else None
         found.append(Rated(source.name, bits, point.payload_percent, point.snr_db, of_error, alike))
     return found
 

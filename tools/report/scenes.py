@@ -72,9 +72,9 @@ def signals(axes: Any) -> None:
     for panel, (name, label, start, stop) in zip(axes.flat, SHOWN, strict=True):
         recording, _ = simulate(load_scene(name))
         channel = recording.channel(label)
-        rows = slice(round(start * channel.rate), round(stop * channel.rate))
-        t = np.arange(rows.start, rows.stop) / float(channel.rate)
-        panel.plot(t, channel.physical()[rows], linewidth=0.9, marker="")
+        rows = slice(round(start * channel.rate_exact), round(stop * channel.rate_exact))
+        t = np.arange(rows.start, rows.stop) / channel.rate
+        panel.plot(t, channel.samples()[rows], linewidth=0.9, marker="")
         panel.set_title(f"{name}: {label}, {channel.unit}")
     for panel in axes[-1]:
         panel.set_xlabel("seconds")

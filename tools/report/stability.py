@@ -77,7 +77,7 @@ def touch(panel: Any) -> None:
     x = contact(2000, at)
     ms = np.arange(-150, 60)
     shown = slice(at + ms[0], at + ms[-1] + 1)
-    slow = back(force(x), bits=8, band="lf").physical()
+    slow = back(force(x), bits=8, band="lf").samples()
     lines(panel, ms, x[shown], butterworth(x, 8)[shown], slow[shown])
     panel.set_ylim(-0.5, 1.2)
     panel.set_title("LF before a contact of 3.3 N: it pulls")
@@ -89,7 +89,7 @@ def glitch(panel: Any) -> None:
     x = 1 + texture(8000, 0.03)
     x[4000] = 1000
     shown = slice(2000, 2080)
-    y = back(force(x)).physical()
+    y = back(force(x)).samples()
     lines(panel, np.arange(80), x[shown], range_derived(x)[shown], y[shown])
     panel.set_title("2 s before a glitch of 1 kN: the texture")
     panel.set_xlabel("ms")

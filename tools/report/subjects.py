@@ -39,7 +39,7 @@ class Subject(NamedTuple):
 
     @property
     def truth(self) -> list[NDArray[np.float64]]:
-        return [channel.physical() for channel in self.recording.channels]
+        return [channel.samples() for channel in self.recording.channels]
 
 
 class Listed(NamedTuple):
@@ -91,12 +91,18 @@ def shortened(recording: hapfmt.Recording, samples: int) -> hapfmt.Recording:
     """The middle of a recording, all channels between the same times."""
     if recording.sample_count <= samples:
         return recording
+<<<<<<< HEAD
     first, last = extent_of(recording)
     half = (last - first) * Fraction(samples, recording.sample_count) / 2
     start, stop = (first + last) / 2 - half, (first + last) / 2 + half
     cut = tuple(
-        channel.slice_ticks(int(start * channel.rate), int(stop * channel.rate))
+        channel.slice_ticks(int(start * channel.rate_exact), int(stop * channel.rate_exact))
         for channel in recording.channels
+=======
+    ends = recording.duration * Fraction(samples, recording.sample_count)
+    cut = tuple(
+        channel.slice_ticks(0, int(ends * channel.rate_exact)) for channel in recording.channels
+>>>>>>> main
     )
     return replace(recording, channels=cut, events=())
 
@@ -104,7 +110,7 @@ def shortened(recording: hapfmt.Recording, samples: int) -> hapfmt.Recording:
 def extent_of(recording: hapfmt.Recording) -> tuple[Fraction, Fraction]:
     """Seconds of the first sample and after the last."""
     spans = [
-        (Fraction(span.start) / channel.rate, Fraction(span.stop) / channel.rate)
+        (span.start / channel.rate_exact, span.stop / channel.rate_exact)
         for channel in recording.channels
         for span in channel.coverage
     ]
@@ -144,7 +150,7 @@ def prepared(name: str, simulated: bool, recording: hapfmt.Recording) -> Iterato
     kept = [
         channel
         for channel in recording.channels
-        if channel.values.size and np.isfinite(channel.physical()).all()
+        if channel.stored.size and np.isfinite(channel.samples()).all()
     ]
     search = all(channel.lsb is None for channel in kept)
     found = [(channel, counts_of(channel, search=search)) for channel in kept]
@@ -154,6 +160,6 @@ def prepared(name: str, simulated: bool, recording: hapfmt.Recording) -> Iterato
         channels = tuple(counted(channel, counts) for channel, counts in whole)
         integers = [counts for _, counts in whole]
         yield Subject(name, simulated, replace(recording, channels=channels), integers)
-    if any(np.ptp(channel.values) for channel in doubles):
+    if any(np.ptp(channel.stored) for channel in doubles):
         apart = f"{name}, doubles"
         yield Subject(apart, simulated, replace(recording, channels=doubles), None)

@@ -142,7 +142,7 @@ def errors(subject: Subject, found: Sequence[NDArray[np.float64]]) -> dict[str, 
     rms, largest, snr, band = [], [0.0], [], []
     similar: list[float | None] = []
     for channel, x, y in zip(subject.recording.channels, subject.truth, found, strict=True):
-        extent, rate = float(np.ptp(x)), float(channel.rate)
+        extent, rate = float(np.ptp(x)), channel.rate
         if not extent:
             continue
         rms.append(100 * rmse(x, y) / extent)
@@ -151,7 +151,7 @@ def errors(subject: Subject, found: Sequence[NDArray[np.float64]]) -> dict[str, 
         band.append(band_energy_error_db(x, y, rate))
         if rate >= SIMILAR_HZ and len(similar) < SIMILAR_CHANNELS:
             first = slice(0, round(SIMILAR_S * rate))
-            similar.append(similarity(x[first], y[first], channel.rate))
+            similar.append(similarity(x[first], y[first], channel.rate_exact))
     return {
         "rms_percent": middle(rms) or 0.0,
         "largest_percent": 100 * max(largest),
@@ -216,7 +216,7 @@ def try_ours(subject: Subject, setting: Setting, repeats: int) -> Trial:
         back, decoding = timed(lambda: hapfmt.read(data), repeats)
     except hapfmt.HapfmtError as error:
         return empty._replace(failed=str(error))
-    found = [channel.physical() for channel in back.channels]
+    found = [channel.samples() for channel in back.channels]
     return empty._replace(
         coded_bits=8 * payload / empty.samples, file_bits=8 * len(data) / empty.samples,
         outside=beyond(setting.task, subject.truth, found), encode=encoding, decode=decoding,
@@ -229,7 +229,7 @@ def try_peer(
 ) -> Trial | None:
     """One peer on all channels, constant ones as their value; None where they do not fit it."""
     empty = about(subject, "peer", coders[0].name, task)
-    truth, rates = subject.truth, [float(c.rate) for c in subject.recording.channels]
+    truth, rates = subject.truth, [c.rate for c in subject.recording.channels]
     counts = subject.integers if task == "lossless" else None
     given = counts or truth
     flat = [bool((x == x[0]).all()) for x in given]

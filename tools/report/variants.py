@@ -65,7 +65,7 @@ def parts_of(file: bytes) -> Parts:
             step = given.step * float(abs(whole.calibration.step))
             packets = reader.packets({base.residual.id: (0, 1 << 62)})
             sizes[1] = sum(len(packet.data) for packet in packets)
-        return Parts(slow.physical(), whole.physical(), np.concatenate(knots), step, *sizes)
+        return Parts(slow.samples(), whole.samples(), np.concatenate(knots), step, *sizes)
 
 
 def plain_huffman_bits(levels: NDArray[np.int64]) -> int:
@@ -96,7 +96,7 @@ def with_tap(source: Source) -> Source:
     (tap,) = simulate(load_scene("taps").changed(seconds=0.5))[0].channels
     if tap.calibration != channel.calibration:
         raise ValueError("the tap and the session are read by different sensors")
-    longer = replace(channel, values=np.concatenate([tap.values, channel.values]), coverage=())
+    longer = replace(channel, stored=np.concatenate([tap.stored, channel.stored]), coverage=())
     recording = replace(source.recording, channels=(longer,))
     return source._replace(name=f"{source.name}, after a tap", recording=recording)
 
@@ -105,7 +105,7 @@ def variants(source: Source, percent: float, bits: int) -> list[Changed]:
     """The first is the paper's own way. source: of one channel, in newtons; bits: 2 or more."""
     k, floor = percent / 100, float(source.floor)
     (channel,) = source.recording.channels
-    f, rate = channel.physical(), float(channel.rate)
+    f, rate = channel.samples(), channel.rate
     found: list[Changed] = []
 
     def add(
@@ -159,6 +159,6 @@ def variants(source: Source, percent: float, bits: int) -> list[Changed]:
          "prediction in place of split and knots"),
     ):  # fmt: skip
         point = measure(source, chosen)
-        y = hapfmt.read(point.file).channels[0].physical()
+        y = hapfmt.read(point.file).channels[0].samples()
         add(name, point.payload_size, None, y, note)
     return found

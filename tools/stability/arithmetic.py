@@ -40,7 +40,7 @@ def huge() -> Iterator[Row]:
     full = generator(1).integers(-(2**31), 2**31, x.size)
     found = autocorrelations(full, 0, 0)
     reflections, energies = levinson(found, full.size)
-    decoded = back(Channel(x, RATE), "archive").physical()  # type: ignore[arg-type]
+    decoded = back(Channel(x, RATE), "lossless").samples()
     yield compared(
         3, "values of 1e300, autocorrelation", (100 * np.mean(~np.isfinite(sums)), exactly(100)),
         (100 * np.mean(~np.isfinite(energies)), exactly(0)), "% not finite",
@@ -62,9 +62,9 @@ def offset() -> Iterator[Row]:
         slow = signal.sosfilt(sections, stored, zi=start)[0]
         exact = signal.sosfilt(sections.astype(float), x, zi=start.astype(float))[0]
         wrong = (stored - slow).astype(np.float64) - (x - exact)
-        channel = back(Channel.from_physical(x, RATE), "archive")
+        channel = back(Channel.from_physical(x, RATE), "lossless")
         assert channel.calibration is not None
-        own = channel.values - low_pass(channel.values, RATE)
+        own = channel.stored - low_pass(channel.stored, RATE)
         error = own * float(abs(channel.calibration.step)) - truth
         ours = min(snr_db(truth, error), 200)
         yield compared(
@@ -81,12 +81,12 @@ def short() -> Row:
     naive = sum(not naively(x) for x in cases)
     wrong = 0
     for x in cases:
-        for preset in ("default", "auto", "deadband", "paper", "archive"):
+        for preset in ("default", "auto", "deadband", "paper", "lossless"):
             for channel in (
                 Channel.from_physical(x, RATE),
-                Channel(counts(x), RATE, calibration=Calibration(1, 0, 1000)),  # type: ignore[arg-type]
+                Channel(counts(x), RATE, calibration=Calibration(1, 0, 1000)),
             ):
-                y = back(channel, preset).physical()
+                y = back(channel, preset).samples()
                 wrong += not (y.shape == x.shape and (np.abs(y - x) <= 0.1 * x + 1e-12).all())
     e = np.zeros(100, np.int64)
     lengths = choose_codebook([e], 1).lengths
@@ -127,7 +127,7 @@ def hours() -> Iterator[Row]:
     yield compared(
         13, "10 kHz, float32 seconds added up, 100 s from 2047 s", (100 - shown, at_least(50)),
         (ours, exactly(0)), "s behind", "ticks are integers: a sample found after 10 h by its time",
-        held=span.ticks == 1 and found.channels[0].values.tolist() == [2],
+        held=span.ticks == 1 and found.channels[0].stored.tolist() == [2],
     )  # fmt: skip
     total, hour = 0.0, 36_000_000
     step = np.full(1 << 20, 1e-4)
@@ -165,7 +165,7 @@ def float32_lossless() -> Row:
     single = x.astype(np.float32)
     errors = np.diff(single, prepend=np.float32(0))
     decoded = np.add.accumulate(errors, dtype=np.float32).astype(np.int64)
-    ours = back(Channel(x, RATE, calibration=Calibration()), "archive").values  # type: ignore[arg-type]
+    ours = back(Channel(x, RATE, calibration=Calibration()), "lossless").stored
     first = int(np.flatnonzero(decoded != x)[0])
     return compared(
         16, "lossless predictor in float32, 31-bit counts",

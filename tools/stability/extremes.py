@@ -36,8 +36,8 @@ def full_scale() -> Iterator[Row]:
         x[[7, 8]] = low, high
         with np.errstate(over="ignore", invalid="ignore"):
             narrow = x.astype(kind).astype(np.float64)
-        wrong = np.mean(back(raw(x.astype(np.int32)), "archive").values != x)
-        near = back(raw(x.astype(np.int32)), "near-lossless", max_error="100lsb").values
+        wrong = np.mean(back(raw(x.astype(np.int32)), "lossless").stored != x)
+        near = back(raw(x.astype(np.int32)), "near-lossless", max_error="100lsb").stored
         yield compared(
             22, f"counts of {bits} bits, full scale, as {np.dtype(kind).name}",
             (100 * np.mean(narrow != x), at_least(90)), (100 * wrong, exactly(0)),
@@ -54,14 +54,14 @@ def alternating() -> Iterator[Row]:
     yield compared(
         23, "+-max of 32 bits in turn, range of its counts in 32 bits", (naive, at_most(-1)),
         (ours, exactly(2**32 - 1)), "counts",
-        held=np.array_equal(back(raw(x), "archive").values, x),
+        held=np.array_equal(back(raw(x), "lossless").stored, x),
     )  # fmt: skip
     with np.errstate(over="ignore"):
         residual = np.diff(x, prepend=np.int32(0))
         step = np.int32(1000)
         levels = (2 * residual + step) // (2 * step)
         decoded = np.add.accumulate(levels.astype(np.int64) * 1000)
-    near = back(raw(x), "near-lossless", max_error="1000lsb").values.astype(np.int64)
+    near = back(raw(x), "near-lossless", max_error="1000lsb").stored.astype(np.int64)
     yield compared(
         23, "+-max of 32 bits in turn, quantised prediction in 32 bits",
         (float(np.abs(decoded - x).max()), at_least(2**31)),
@@ -80,7 +80,7 @@ def impulses() -> Row:
     step = np.abs(x - d).max() / 3
     naive += np.floor((x - d) / step + 0.5) * step
     rest = x == 0
-    y = back(force(x)).physical()
+    y = back(force(x)).samples()
     return compared(
         24, "impulse train, 3 bits against preset default",
         (1000 * np.abs(naive[rest]).max(), at_least(100)),
@@ -93,7 +93,7 @@ def impulses() -> Row:
 def denormals() -> Row:
     x = generator(5).integers(1, 2**40, 800).astype(np.uint64).view(np.float64)
     single = x.astype(np.float32).astype(np.float64)
-    ours = [back(Channel(x, Fraction(RATE)), preset).physical() for preset in ("archive", "auto")]
+    ours = [back(Channel(x, Fraction(RATE)), preset).samples() for preset in ("lossless", "auto")]
     return compared(
         25, "denormal doubles, stored as float32", (100 * np.mean(single != x), exactly(100)),
         (100 * max(np.mean(~same_bits(y, x)) for y in ours), exactly(0)), "% of samples lost",
@@ -103,7 +103,7 @@ def denormals() -> Row:
 def negative_zero() -> Row:
     x = np.where(np.arange(3000) % 3 == 0, -0.0, np.arange(3000) % 7 * 0.25)
     naive = np.rint(x / 0.25).astype(np.int32) * 0.25
-    ours = back(Channel(x, Fraction(RATE)), "archive").physical()
+    ours = back(Channel(x, Fraction(RATE)), "lossless").samples()
     return compared(
         25, "-0.0 among steps of 0.25, stored as counts",
         (100 * np.mean(~same_bits(naive, x)), at_least(33)),
@@ -120,13 +120,13 @@ def one_sample_each() -> Row:
         for i in range(count)
     ]
     out = io.BytesIO()
-    np.savez(out, **{channel.label: channel.values for channel in channels})
+    np.savez(out, **{channel.label: channel.stored for channel in channels})
     data = file_of(*channels)
     found = hapfmt.read(data).channels
     return compared(
         26, f"{count} tracks of one sample, as npz", (out.tell() / count, at_least(100)),
         (len(data) / count, at_most(40)), "bytes a track",
-        held=[int(channel.values[0]) for channel in found] == list(range(count)),
+        held=[int(channel.stored[0]) for channel in found] == list(range(count)),
     )  # fmt: skip
 
 
@@ -148,7 +148,7 @@ def all_tracks() -> Row:
         27, f"{count} tracks, numbered in 16 bits with a sign", (lost, at_least(32_000)),
         (count - len(found), exactly(0)), "tracks lost",
         f"{out.tell() / count:.1f} bytes a track of one sample",
-        held=all(channel.values.tolist() == [7] for channel in found.channels),
+        held=all(channel.stored.tolist() == [7] for channel in found.channels),
     )  # fmt: skip
 
 
@@ -159,9 +159,9 @@ def long_span() -> Row:
     for i, tick in enumerate(steps.tolist()):
         x[tick:] = i + 1
     naive = steps.astype(np.float32).astype(np.int64)
-    data = file_of(raw(x), settings=hapfmt.Settings.of("archive"))
+    data = file_of(raw(x), settings=hapfmt.Settings.of("lossless"))
     found = hapfmt.read(data, start=Fraction(n - 20, RATE)).channels[0]
-    places = found.start_tick + 1 + np.flatnonzero(np.diff(found.values))
+    places = found.start_tick + 1 + np.flatnonzero(np.diff(found.stored))
     wrong = 5 if places.size != 5 else int((places != steps).sum())
     return compared(
         28, "steps at ticks around 2^24, ticks in float32",
@@ -175,14 +175,14 @@ def hold() -> Row:
     """One position, held for ten hours."""
     n = 36_000_000
     x = np.broadcast_to(np.int16(1234), n)
-    data = file_of(raw(x), settings=hapfmt.Settings.of("archive"))
+    data = file_of(raw(x), settings=hapfmt.Settings.of("lossless"))
     huffman = (n + 7) // 8
     with Reader(data) as reader:
         end = reader.read(start=Fraction(35_999)).channels[0]
     return compared(
         32, "ten hours of one value, a bit a sample", (huffman, at_least(4_000_000)),
         (len(data), at_most(20_000)), "bytes", "Huffman codes have at least a bit each",
-        held=end.values.size == 1000 and bool((end.values == 1234).all()),
+        held=end.stored.size == 1000 and bool((end.stored == 1234).all()),
     )  # fmt: skip
 
 

@@ -31,12 +31,12 @@ def not_a_number() -> Row:
     lost = float(np.mean(np.isnan(butterworth(x))))
     channel = force(np.nan_to_num(x))
     gap = Channel.from_physical(x, RATE, unit="N")
-    decoded = back(gap, tolerance="1e-3").dense()
+    decoded = back(gap, tolerance="1e-3").filled()
     wrong = ~(np.abs(decoded - x) <= 0.02)
     return compared(
         4, "one NaN in 4 s", (100 * lost, exactly(100)), (100 * wrong.mean(), at_most(0.025)),
         "% of samples lost", "ours: a gap of one tick, filtered on each side alone",
-        held=bool(np.isnan(decoded[2000])) and channel.values.size == x.size,
+        held=bool(np.isnan(decoded[2000])) and channel.stored.size == x.size,
     )  # fmt: skip
 
 
@@ -48,8 +48,8 @@ def infinite() -> Iterator[Row]:
         np.float64
     )
     channel = Channel(x, RATE, unit="N")  # type: ignore[arg-type]
-    for preset in ("default", "archive"):
-        wrong = ~same_bits(back(channel, preset).physical(), x)
+    for preset in ("default", "lossless"):
+        wrong = ~same_bits(back(channel, preset).samples(), x)
         yield compared(
             4, f"an infinity and two words of NaN, preset {preset}",
             (100 * lost, exactly(100)), (100 * wrong.mean(), exactly(0)), "% of samples lost",
@@ -60,7 +60,7 @@ def infinite() -> Iterator[Row]:
 def stiff_contact() -> Iterator[Row]:
     at = 1000
     x = contact(2000, at)
-    slow, whole = (back(force(x), bits=8, band=band).physical() for band in ("lf", "full"))
+    slow, whole = (back(force(x), bits=8, band=band).samples() for band in ("lf", "full"))
     for order, least in ((2, 3), (4, 6), (8, 8)):
         undershoot = -100 * butterworth(x, order).min() / x.max()
         yield compared(
@@ -133,9 +133,9 @@ def saturation() -> Row:
     step = np.abs(e).max() / 3
     naive = d + np.floor(e / step + 0.5) * step
     channel = force(x)
-    decoded = {band: back(channel, "paper", band, bits=3).physical() for band in ("full", "lf")}
-    exact = back(channel, "archive")
-    runs = int((np.abs(exact.values) == 5000).sum())
+    decoded = {band: back(channel, "paper", band, bits=3).samples() for band in ("full", "lf")}
+    exact = back(channel, "lossless")
+    runs = int((np.abs(exact.stored) == 5000).sum())
     return compared(
         14, "sensor at its end, 5 N, 3 bits of HF",
         (1000 * (np.abs(naive).max() - limit), at_least(50)),

@@ -67,7 +67,7 @@ def denormal_decay() -> Row:
     channel, _ = to_counts(Channel.from_physical(x, RATE, unit="N"), tolerance)
     assert channel.calibration is not None
     band = Deadband.from_physical("0.1", FLOOR_N, [channel.calibration])
-    ours = select_knots(channel.values, band, keep_last=True)
+    ours = select_knots(channel.stored, band, keep_last=True)
     return compared(
         1, "decay that ends in 4 s of denormal noise",
         (int((weber_knots(x) >= 8000).sum()), at_least(3000)),

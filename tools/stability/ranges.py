@@ -44,9 +44,9 @@ def tap() -> Iterator[Row]:
 
     step = f"{2 * np.abs(calm - butterworth(calm)).max() / 30:.3f}"
     naive = snr(range_derived(calm), calm), snr(range_derived(hit), hit)
-    paper = [snr(back(force(x), "paper").physical(), x) for x in (calm, hit)]
-    ours = [snr(back(force(x), step=step).physical(), x) for x in (calm, hit)]
-    usual = [snr(back(force(x)).physical(), x) for x in (calm, hit)]
+    paper = [snr(back(force(x), "paper").samples(), x) for x in (calm, hit)]
+    ours = [snr(back(force(x), step=step).samples(), x) for x in (calm, hit)]
+    usual = [snr(back(force(x)).samples(), x) for x in (calm, hit)]
     yield compared(
         7, f"one tap in 8 s of texture, b = {BITS}", (naive[0] - naive[1], at_least(10)),
         (ours[0] - ours[1], at_most(1)), "dB lost everywhere",
@@ -66,22 +66,22 @@ def glitch() -> Iterator[Row]:
     fine = calm - low_pass(calm, RATE)
     step = "0.01"
     naive = snr_db(fine[quiet], (range_derived(hit) - hit)[quiet])
-    paper = snr_db(fine[quiet], (back(force(hit), "paper").physical() - hit)[quiet])
-    explicit = back(force(hit), step=step).physical()
+    paper = snr_db(fine[quiet], (back(force(hit), "paper").samples() - hit)[quiet])
+    explicit = back(force(hit), step=step).samples()
     yield compared(
         8, "one sample of 1 kN in 8 s of texture", (naive, at_most(1)),
         (snr_db(fine[quiet], (explicit - hit)[quiet]), at_least(18)), "dB away from it",
         f"explicit step of {step} N, the glitch itself by an escape; preset paper {paper:.1f} dB",
         held=abs(explicit[at] - 1000) <= 0.01,
     )  # fmt: skip
-    usual, before = (back(force(x)).physical() for x in (hit, calm))
+    usual, before = (back(force(x)).samples() for x in (hit, calm))
     default, calmer = (snr_db(fine[quiet], (y - calm)[quiet]) for y in (usual, before))
     yield compared(
         8, "one sample of 1 kN, nothing chosen", (naive, at_most(1)), (default, at_least(18)),
         "dB away from it", "preset default: its floor is a share of the range without glitches; "
         f"{calmer:.1f} dB in a texture that has none", held=abs(usual[at] - 1000) < 1,
     )  # fmt: skip
-    slow = back(force(hit), step=step, band="lf").physical()
+    slow = back(force(hit), step=step, band="lf").samples()
     plain = np.abs(butterworth(hit) - butterworth(calm)).max()
     yield compared(
         8, "one sample of 1 kN, LF alone", (plain, at_least(30)),

@@ -31,7 +31,7 @@ def odd_rates() -> Row:
         Channel(slow, HOUR, calibration=Calibration(), label="slow"),
         Channel(fast, Fraction(200_000), calibration=Calibration(), label="fast"),
     )
-    data = file_of(*channels, settings=hapfmt.Settings.of("archive"))
+    data = file_of(*channels, settings=hapfmt.Settings.of("lossless"))
     back = hapfmt.read(data).channels
     naive = sum(floor((epoch + k / 200_000 - epoch) * 200_000) != k for k in range(fast.size))
     naive += sum(floor((epoch + k * 3600 - epoch) / 3600) != k for k in range(hours))
@@ -43,8 +43,8 @@ def odd_rates() -> Row:
         29, "1/3600 Hz beside 200 kHz, times in float64", (naive, at_least(100)),
         (ours, exactly(0)), f"of {hours + fast.size} ticks wrong",
         f"seconds since 1970; ours: both rates as fractions, {len(data)} bytes for both",
-        held=all(np.array_equal(a.values, b.values) for a, b in zip(channels, back, strict=True))
-        and [channel.values.tolist() for channel in some] == [[3], [777]],
+        held=all(np.array_equal(a.stored, b.stored) for a, b in zip(channels, back, strict=True))
+        and [channel.stored.tolist() for channel in some] == [[3], [777]],
     )  # fmt: skip
 
 
@@ -53,7 +53,7 @@ def slow_logger() -> Row:
     walk = np.cumsum(generator(1).integers(-3, 4, 1000)).astype(np.int32)
     channel = Channel(walk, HOUR, calibration=Calibration(1, 0, 10), unit="Cel")
     sizes = [
-        len(file_of(channel, settings=hapfmt.Settings.of("archive", cluster=cluster)))
+        len(file_of(channel, settings=hapfmt.Settings.of("lossless", cluster=cluster)))
         for cluster in (Fraction(10), None)
     ]
     return compared(
@@ -71,12 +71,12 @@ def late_start() -> Row:
     channel = Channel(x, Fraction(RATE), (Span(first, first + x.size),), Calibration())
     head = io.BytesIO()
     np.save(head, np.zeros(0))
-    data = file_of(channel, settings=hapfmt.Settings.of("archive"))
+    data = file_of(channel, settings=hapfmt.Settings.of("lossless"))
     back = hapfmt.read(data).channels[0]
     return compared(
         30, "a second that begins after ten hours, as npy of doubles",
         (head.tell() + 8 * (first + x.size), at_least(10**8)), (len(data), at_most(3000)), "bytes",
-        held=back.coverage == channel.coverage and np.array_equal(back.values, x),
+        held=back.coverage == channel.coverage and np.array_equal(back.stored, x),
     )  # fmt: skip
 
 

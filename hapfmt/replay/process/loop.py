@@ -210,7 +210,7 @@ class Loop:
             case Kind.ALIVE:
                 pass
             case other:
-                raise MessageError(f"{other.name} is no message of a player")
+                raise MessageError(f"{other.name} is not a message of a player")
 
     def interrupted(self, number: int) -> None:
         self.signal = self.signal or number

@@ -68,7 +68,7 @@ class Message(NamedTuple):
         if kind is float and type(value) is int:
             value = float(value)
         if type(value) is not kind:
-            raise MessageError(f"{self.kind.name}: {name!r} is no {kind.__name__}")
+            raise MessageError(f"{self.kind.name}: {name!r} is not of type {kind.__name__}")
         return value
 
 

@@ -185,7 +185,7 @@ class Player:
             case Kind.END:
                 self.end = message.fields()
             case other:
-                raise MessageError(f"{other.name} is no message of a writer")
+                raise MessageError(f"{other.name} is not a message of a writer")
 
     def keep(self, message: Message) -> None:
         if self.record is None or self.error is not None:

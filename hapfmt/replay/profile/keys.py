@@ -26,7 +26,7 @@ class Table:
 
     def __init__(self, values: Any, at: str = "") -> None:
         if not isinstance(values, dict):
-            raise ProfileError(at, "is no table; write it as [table] or { key = value }")
+            raise ProfileError(at, "is not a table; write it as [table] or { key = value }")
         self.values = values
         self.at = at
         self.known: list[str] = []
@@ -53,14 +53,14 @@ class Table:
             if key not in self.known:
                 near = get_close_matches(key, self.known, 1)
                 hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(self.known)}"
-                self.fail(key, f"is no known key; {hint}")
+                self.fail(key, f"is not a known key; {hint}")
 
     def text(
         self, key: str, default: Any = REQUIRED, most: int = 4000, pattern: str | None = None
     ) -> str:
         value = self.take(key, default, "a text")
         if not isinstance(value, str):
-            self.fail(key, "is no text; put it between quotes")
+            self.fail(key, "is not a text; put it between quotes")
         if len(value) > most:
             self.fail(key, f"has {len(value)} characters; at most {most} are taken")
         if pattern is not None and key in self.values and re.fullmatch(pattern, value) is None:
@@ -106,7 +106,7 @@ class Table:
         """A list of tables or values."""
         value = self.take(key, REQUIRED if low else [], "at least one")
         if not isinstance(value, list):
-            self.fail(key, f"is no list; write it as [[{key}]], or between brackets")
+            self.fail(key, f"is not a list; write it as [[{key}]], or between brackets")
         if not low <= len(value) <= high:
             wanted = f"at least {low}" if len(value) < low else f"at most {high}"
             self.fail(key, f"has {len(value)} entries; there must be {wanted}")
@@ -121,13 +121,13 @@ class Table:
         values = self.rows(key, 1, most)
         for n, value in enumerate(values):
             if not isinstance(value, str):
-                self.fail(f"{key}[{n}]", "is no text; write the name of an actuator")
+                self.fail(f"{key}[{n}]", "is not a text; write the name of an actuator")
         return tuple(values)
 
 
 def whole(value: Any, low: int, high: int, at: str) -> int:
     if not isinstance(value, int) or isinstance(value, bool):
-        raise ProfileError(at, f"is no whole number; write one from {low} to {high}")
+        raise ProfileError(at, f"is not a whole number; write one from {low} to {high}")
     if not low <= value <= high:
         raise ProfileError(at, f"{shown(value)} is out of range; write {low} to {high}")
     return value
@@ -135,9 +135,9 @@ def whole(value: Any, low: int, high: int, at: str) -> int:
 
 def real(value: Any, at: str, low: float, above: float | None, high: float) -> float:
     if not isinstance(value, int | float) or isinstance(value, bool):
-        raise ProfileError(at, "is no number; write one, without quotes")
+        raise ProfileError(at, "is not a number; write one, without quotes")
     if isinstance(value, float) and not isfinite(value):
-        raise ProfileError(at, f"{value} is no number that can be kept; write a finite one")
+        raise ProfileError(at, f"{value} is not a finite number")
     if above is not None and value <= above:
         raise ProfileError(at, f"{shown(value)} is too small; write a number above {above:g}")
     if not low <= value <= high:

@@ -1,10 +1,16 @@
-"""Which channel plays on which actuator, and in words what is left out (SPEC PLY-008)."""
+"""Which channel drives which actuator, and why (SPEC PLY-012, PLY-013)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+import re
+import shlex
+import unicodedata
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
 from fractions import Fraction
+from functools import lru_cache
 
 from ...errors import ParameterError
 from ...reading.catalogue import ChannelRef
@@ -12,37 +18,84 @@ from ...reading.reader import Reader
 from ..profile.model import Actuator, Profile
 from .units import factor_for
 
+APART = (
+    {"left", "right"},
+    {"thumb", "index", "middle", "ring", "little", "palm", "wrist"},
+    {"x", "y", "z"},
+)
+"""Words of one group name different things: a channel of the left hand never drives the right."""
+SHOWN = 12
+"""Channels that a refusal lists."""
+ALIKE = 0.75
+"""How alike two spellings must be (difflib) for a hint."""
+PLACEHOLDER = "ACTUATOR"
+
 
 @dataclass(frozen=True)
 class Route:
-    """A channel, by its number, plays on an actuator, by its place in the profile."""
+    """A channel, by its number, drives an actuator, by its place in the profile."""
 
     channel: int
     actuator: int
     factor: Fraction
     """The actuator's unit in one of the channel's."""
+    reason: str = ""
+    """Why this channel drives this actuator, for the user."""
 
 
 @dataclass(frozen=True)
 class Assignment:
     routes: tuple[Route, ...]
     left_out: tuple[str, ...] = ()
-    """Channels and actuators that nothing is assigned to, and why."""
+    """Channels that the user left out."""
     notes: tuple[str, ...] = ()
-    """What is played otherwise than the file has it."""
+    """Parts of channels that their actuators do not render."""
 
 
-def assign(reader: Reader, profile: Profile, given: Sequence[str] = ()) -> Assignment:
-    """By ``given`` texts "A=1": channel, by label or number, = actuator, by name or number from 1.
+@dataclass
+class Found:
+    """What the words of the channels say."""
 
-    Without them: the same label or body site first, then by unit in order. What was asked for and
-    cannot be is a ParameterError; what nobody asked for is left out.
+    routes: list[Route] = field(default_factory=list)
+    faults: dict[int, str] = field(default_factory=dict)
+    """Channel without an actuator -> why."""
+    near: dict[int, list[str]] = field(default_factory=dict)
+    """Channel without an actuator -> actuators that the user may have meant."""
+
+
+def assign(
+    reader: Reader,
+    profile: Profile,
+    given: Sequence[str] = (),
+    *,
+    by_order: bool = False,
+    ignore: Sequence[str] = (),
+    command: str = "",
+) -> Assignment:
+    """The actuator of each channel.
+
+    ``given``: texts "A=1" (channel, by label or number, = actuator, by name or number from 1);
+    other channels are left out. ``by_order``: by unit and order. Otherwise the words of label, body
+    site and axis decide, and nothing is guessed. ``ignore``: channels to leave out. ParameterError
+    if a channel remains without an actuator; ``command`` is the command line that its advice
+    continues.
     """
+    if given and (by_order or ignore):
+        option = "--map-by-order" if by_order else "--ignore"
+        raise ParameterError(f"--map names every channel to play; do not add {option}")
+    ignored = {channel_called(text, reader).number for text in ignore}
+    channels = [ref for ref in reader.channels if ref.number not in ignored]
     if given:
         routes = [route_of(text, reader, profile) for text in given]
         refuse_twice(routes, profile)
     else:
-        routes = defaults(reader.channels, profile)
+        found = in_order(channels, profile) if by_order else by_words(channels, profile)
+        if found.faults or not found.routes:
+            first, *more = refusal(
+                found, reader.channels, profile, ignored, command, by_order=by_order
+            )
+            raise ParameterError(first, more=more)
+        routes = found.routes
     routes.sort(key=lambda route: route.actuator)
     by_number = {ref.number: ref for ref in reader.channels}
     notes = [
@@ -50,39 +103,201 @@ def assign(reader: Reader, profile: Profile, given: Sequence[str] = ()) -> Assig
         for route in routes
         for what in parts_left(by_number[route.channel], profile.actuators[route.actuator])
     ]
-    return Assignment(
-        tuple(routes),
-        tuple(left_out(reader.channels, routes, profile, chosen=bool(given))),
-        tuple(notes),
+    played = {route.channel for route in routes}
+    left_out = [
+        f"channel {name_of(ref)}: {'ignored' if ref.number in ignored else 'not chosen'}"
+        for ref in reader.channels
+        if ref.number not in played
+    ]
+    return Assignment(tuple(routes), tuple(left_out), tuple(notes))
+
+
+# -- by words
+
+
+@lru_cache(maxsize=4096)
+def words_of(text: str) -> tuple[str, ...]:
+    """Words in lower case; they end at anything but letters and digits, and at capitals.
+
+    >>> words_of("thumbTip_force 2")
+    ('thumb', 'tip', 'force', '2')
+    """
+    found = []
+    for part in re.findall(r"[^\W\d_]+|\d+", unicodedata.normalize("NFKC", text)):
+        start = 0
+        for at in range(1, len(part)):
+            before, here, after = part[at - 1], part[at], part[at + 1 : at + 2]
+            if here.isupper() and (before.islower() or after.islower()):
+                found.append(part[start:at].casefold())
+                start = at
+        found.append(part[start:].casefold())
+    return tuple(found)
+
+
+def within(few: Sequence[str], many: Sequence[str]) -> bool:
+    """True if each of the words is among the others; numbers alone do not count."""
+    return any(not word.isdigit() for word in few) and not Counter(few) - Counter(many)
+
+
+def similar(one: Sequence[str], other: Sequence[str]) -> bool:
+    return within(one, other) or within(other, one)
+
+
+def apart(one: Sequence[str], other: Sequence[str]) -> bool:
+    """True if the words name different hands, fingers or axes."""
+    return any(
+        group.intersection(one) and group.intersection(other) and not group.intersection(one, other)
+        for group in APART
     )
+
+
+def evidence(ref: ChannelRef, actuator: Actuator) -> str:
+    """Why the words of a channel name an actuator; empty where they do not."""
+    part = ref.track.components[ref.index]
+    own = {"label": part.label, "body site": part.body_site, "axis": part.axis}
+    theirs = [words for text in (actuator.name, actuator.body_site) if (words := words_of(text))]
+    spoken = {what: words for what, text in own.items() if (words := words_of(text))}
+    if any(apart(words, others) for words in spoken.values() for others in theirs):
+        return ""
+    if spoken.get("label") == words_of(actuator.name) and "label" in spoken:
+        return SAME
+    for what, words in spoken.items():
+        if any(similar(words, others) for others in theirs):
+            return f"by the words of its {what}, {own[what]!r}"
+    return ""
+
+
+SAME = "by its label"
+"""The same words in the same order: this comes before all other evidence."""
+
+
+def by_words(channels: Sequence[ChannelRef], profile: Profile) -> Found:
+    """Routes where a channel names one actuator and no other channel names it."""
+    found = Found()
+    named: dict[int, dict[int, str]] = {}
+    for ref in channels:
+        reasons = {
+            place: reason
+            for place, actuator in enumerate(profile.actuators)
+            if fit(ref, actuator)[0] is not None and (reason := evidence(ref, actuator))
+        }
+        same = {place: reason for place, reason in reasons.items() if reason == SAME}
+        named[ref.number] = same or reasons
+    by_actuator: dict[int, list[ChannelRef]] = {}
+    for ref in channels:
+        for place in named[ref.number]:
+            by_actuator.setdefault(place, []).append(ref)
+    for ref in channels:
+        reasons = named[ref.number]
+        names_found = [profile.actuators[place].name for place in reasons]
+        if len(reasons) != 1:
+            found.near[ref.number] = names_found or nearest(ref, profile)
+            found.faults[ref.number] = (
+                f"its words name {len(reasons)} actuators: {listed(names_found)}"
+                if reasons
+                else why_not(ref, profile)
+            )
+            continue
+        ((place, reason),) = reasons.items()
+        rivals = by_actuator[place]
+        exact = [each for each in rivals if named[each.number][place] == SAME]
+        if (exact or rivals) == [ref]:
+            factor, _ = fit(ref, profile.actuators[place])
+            assert factor is not None
+            found.routes.append(Route(ref.number, place, factor, reason))
+            continue
+        others = [name_of(each) for each in (exact or rivals) if each is not ref]
+        found.near[ref.number] = names_found
+        found.faults[ref.number] = (
+            f"actuator {names_found[0]!r} is named by another channel too: {listed(others)}"
+        )
+    return found
+
+
+def nearest(ref: ChannelRef, profile: Profile) -> list[str]:
+    """Actuators whose names are spelt almost as the label, or as a word of it."""
+    able = {
+        " ".join(words_of(actuator.name)): actuator.name
+        for actuator in profile.actuators
+        if fit(ref, actuator)[0] is not None
+    }
+    words = words_of(ref.label)
+    near = [
+        name
+        for text in (" ".join(words), *words)
+        for name in get_close_matches(text, able, 1, ALIKE)
+    ]
+    return [able[name] for name in dict.fromkeys(near)]
+
+
+def why_not(ref: ChannelRef, profile: Profile) -> str:
+    faults = {fit(ref, actuator) for actuator in profile.actuators}
+    if any(factor is not None for factor, _ in faults):
+        return "its words name no actuator"
+    return sorted(fault for _, fault in faults)[0] if faults else "the profile has no actuators"
+
+
+# -- by order
+
+
+def in_order(channels: Sequence[ChannelRef], profile: Profile) -> Found:
+    """Each channel drives the first free actuator that takes its unit."""
+    found = Found()
+    free = dict(enumerate(profile.actuators))
+    for ref in channels:
+        for place, actuator in free.items():
+            factor, _ = fit(ref, actuator)
+            if factor is not None:
+                found.routes.append(Route(ref.number, place, factor, "by unit and order"))
+                del free[place]
+                break
+        else:
+            fault = why_not(ref, profile)
+            able = any(fit(ref, actuator)[0] is not None for actuator in profile.actuators)
+            found.faults[ref.number] = "no actuator is free" if able else fault
+    return found
+
+
+# -- as the user says
+
+
+def channel_called(name: str, reader: Reader) -> ChannelRef:
+    """By label or number; refused where several channels have this label."""
+    same = [ref for ref in reader.channels if ref.label == name]
+    if len(same) > 1:
+        numbers = listed([str(ref.number) for ref in same])
+        raise ParameterError(
+            f"{len(same)} channels have the label {name!r}; use their numbers: {numbers}"
+        )
+    return reader.select(name)[0]
 
 
 def route_of(text: str, reader: Reader, profile: Profile) -> Route:
     channel, equals, actuator = text.rpartition("=")
     if not equals or not channel.strip() or not actuator.strip():
         raise ParameterError(
-            f"{text!r} is no assignment: CHANNEL=ACTUATOR, such as 0={names(profile)}"
+            f"expected CHANNEL=ACTUATOR, got {text!r}; actuators: {names(profile)}"
         )
-    ref = reader.select(channel.strip())[0]
+    ref = channel_called(channel.strip(), reader)
     place = actuator_called(actuator.strip(), profile)
     factor, fault = fit(ref, profile.actuators[place])
     if factor is None:
         raise ParameterError(
-            f"channel {name_of(ref)} cannot play on actuator {profile.actuators[place].name!r}: "
+            f"channel {name_of(ref)} cannot drive actuator {profile.actuators[place].name!r}: "
             f"{fault}"
         )
-    return Route(ref.number, place, factor)
+    return Route(ref.number, place, factor, "as --map says")
 
 
 def actuator_called(name: str, profile: Profile) -> int:
-    for place, actuator in enumerate(profile.actuators):
-        if actuator.name == name:
-            return place
-    if name.isascii() and name.isdecimal() and 1 <= int(name) <= len(profile.actuators):
+    known = [actuator.name for actuator in profile.actuators]
+    if name in known:
+        return known.index(name)
+    if name.isascii() and name.isdecimal() and 1 <= int(name[:9]) <= len(known):
         return int(name) - 1
-    raise ParameterError(
-        f"profile {profile.name} has no actuator {name!r}; it has {names(profile)}"
-    )
+    near = get_close_matches(name, known, 1)
+    hint = f"did you mean {near[0]!r}? All: " if near else "its actuators: "
+    raise ParameterError(f"profile {profile.name} has no actuator {name!r}; {hint}{names(profile)}")
 
 
 def names(profile: Profile) -> str:
@@ -99,30 +314,98 @@ def refuse_twice(routes: Iterable[Route], profile: Profile) -> None:
         seen.add(route.actuator)
 
 
-def defaults(channels: Sequence[ChannelRef], profile: Profile) -> list[Route]:
-    """Each channel once: where the names say so, then where the body sites do, then in order."""
-    routes: list[Route] = []
-    free = dict(enumerate(profile.actuators))
-    waiting = list(channels)
-    for same in (same_name, same_site, lambda *_: True):
-        for place, actuator in list(free.items()):
-            for ref in waiting:
-                factor, _ = fit(ref, actuator)
-                if factor is not None and same(ref, actuator):
-                    routes.append(Route(ref.number, place, factor))
-                    waiting.remove(ref)
-                    del free[place]
-                    break
-    return routes
+# -- refusals
 
 
-def same_name(ref: ChannelRef, actuator: Actuator) -> bool:
-    return ref.label.strip().casefold() == actuator.name.strip().casefold()
+def refusal(
+    found: Found,
+    channels: Sequence[ChannelRef],
+    profile: Profile,
+    ignored: set[int],
+    command: str,
+    *,
+    by_order: bool,
+) -> list[str]:
+    """What is missing, and the command lines that would play: a line each."""
+    refs = {ref.number: ref for ref in channels}
+    if not found.faults:
+        return ["nothing to play: no channel is left"]
+    count = len(found.routes) + len(found.faults)
+    lines = [f"replay does not guess: {len(found.faults)} of {count} channels have no actuator"]
+    lines += [
+        f"  {name_of(refs[number])} ({unit_of(refs[number])}): {fault}"
+        for number, fault in list(found.faults.items())[:SHOWN]
+    ]
+    if len(found.faults) > SHOWN:
+        lines.append(f"  and {len(found.faults) - SHOWN} more")
+    lines += [
+        f"  {name_of(refs[route.channel])} drives {profile.actuators[route.actuator].name!r} "
+        f"({route.reason})"
+        for route in found.routes[:SHOWN]
+    ]
+    lines.append(f"actuators of {profile.name}: {names(profile)}")
+    called = {number: short_name(ref, channels) for number, ref in refs.items()}
+    asked = [ref for ref in channels if ref.number not in ignored]
+    for what, options in advice(found, asked, profile, ignored, called, by_order=by_order):
+        lines += [f"{what}:", "  " + " ".join(filter(None, [command, options]))]
+    return lines
 
 
-def same_site(ref: ChannelRef, actuator: Actuator) -> bool:
-    site = ref.track.components[ref.index].body_site.strip().casefold()
-    return bool(site) and site == actuator.body_site.strip().casefold()
+def advice(
+    found: Found,
+    asked: Sequence[ChannelRef],
+    profile: Profile,
+    ignored: set[int],
+    called: Mapping[int, str],
+    *,
+    by_order: bool,
+) -> Iterator[tuple[str, str]]:
+    """What the user can do, and the options for it."""
+    if len(found.faults) > SHOWN:
+        return
+    able = [ref.number for ref in asked if ref.number in found.faults and fits_any(ref, profile)]
+    chosen = {route.channel: profile.actuators[route.actuator].name for route in found.routes}
+    used = set(chosen.values())
+    for number in able:
+        free = [name for name in found.near.get(number, ()) if name not in used]
+        chosen[number] = free[0] if free else PLACEHOLDER
+        used |= set(free[:1])
+    if able:
+        yield "to choose actuators", f"--map {pairs(chosen, called)}"
+    if found.routes:
+        gone = [called[number] for number in sorted({*ignored, *found.faults})]
+        order = "--map-by-order " if by_order else ""
+        yield "to leave channels out", f"{order}--ignore {shlex.quote(','.join(gone))}"
+    ordered = in_order(asked, profile)
+    if not ordered.faults:
+        effect = ", ".join(
+            f"{called[route.channel]} to {profile.actuators[route.actuator].name}"
+            for route in ordered.routes
+        )
+        left = ",".join(called[number] for number in sorted(ignored))
+        more = f" --ignore {shlex.quote(left)}" if ignored else ""
+        yield f"by unit and order, {effect}", f"--map-by-order{more}"
+
+
+def pairs(chosen: Mapping[int, str], called: Mapping[int, str]) -> str:
+    return shlex.quote(",".join(f"{called[n]}={name}" for n, name in sorted(chosen.items())))
+
+
+def short_name(ref: ChannelRef, channels: Sequence[ChannelRef]) -> str:
+    """The label where it names this channel alone on a command line, else the number."""
+    label = ref.label
+    plain = label == label.strip() and label.isprintable() and not set(label) & set(",=")
+    alone = sum(each.label == label for each in channels) == 1 and not label.isdecimal()
+    return label if label and plain and alone else str(ref.number)
+
+
+def fits_any(ref: ChannelRef, profile: Profile) -> bool:
+    return any(fit(ref, actuator)[0] is not None for actuator in profile.actuators)
+
+
+def listed(texts: Sequence[str]) -> str:
+    more = f" and {len(texts) - SHOWN} more" if len(texts) > SHOWN else ""
+    return ", ".join(texts[:SHOWN]) + more
 
 
 def fit(ref: ChannelRef, actuator: Actuator) -> tuple[Fraction | None, str]:
@@ -130,7 +413,7 @@ def fit(ref: ChannelRef, actuator: Actuator) -> tuple[Fraction | None, str]:
     unsupported = [track.unsupported for track in ref.tracks if track.unsupported]
     if unsupported:
         return None, f"it cannot be decoded ({unsupported[0]})"
-    unit = ref.track.components[ref.index].unit
+    unit = unit_of(ref)
     factor = factor_for(unit, actuator.accepts)
     if factor is None:
         accepted = ", ".join(actuator.accepts) or "no unit"
@@ -138,6 +421,10 @@ def fit(ref: ChannelRef, actuator: Actuator) -> tuple[Fraction | None, str]:
     if actuator.band == "hf" and not any(part.residual for part in ref.parts):
         return None, "it has no HF track, and the actuator renders nothing else"
     return factor, ""
+
+
+def unit_of(ref: ChannelRef) -> str:
+    return ref.track.components[ref.index].unit
 
 
 def parts_left(ref: ChannelRef, actuator: Actuator) -> Iterable[str]:
@@ -148,26 +435,6 @@ def parts_left(ref: ChannelRef, actuator: Actuator) -> Iterable[str]:
         yield f"its LF is left out, since {actuator.name!r} renders HF only"
         if not all(part.residual for part in ref.parts):
             yield "a part of it has no HF track, and is left out"
-
-
-def left_out(
-    channels: Sequence[ChannelRef], routes: Sequence[Route], profile: Profile, *, chosen: bool
-) -> Iterable[str]:
-    played = {route.channel for route in routes}
-    served = {route.actuator for route in routes}
-    for ref in channels:
-        if ref.number not in played:
-            yield f"channel {name_of(ref)}: {'not chosen' if chosen else why_not(ref, profile)}"
-    for place, actuator in enumerate(profile.actuators):
-        if place not in served:
-            yield f"actuator {actuator.name!r} stays at rest: no channel for it"
-
-
-def why_not(ref: ChannelRef, profile: Profile) -> str:
-    faults = {fit(ref, actuator) for actuator in profile.actuators}
-    if any(factor is not None for factor, _ in faults):
-        return "every actuator that it could play on has another channel"
-    return sorted(fault for _, fault in faults)[0] if faults else "the profile has no actuators"
 
 
 def name_of(ref: ChannelRef) -> str:

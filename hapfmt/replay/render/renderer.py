@@ -34,7 +34,7 @@ BLOCK_TICKS = 1 << 18
 SHAPES: dict[Band, Shape] = {"full": "bounded", "lf": "linear", "hf": "band-limited"}
 WIDEST_SINC, WIDEST = 1 << 14, 1 << 20
 """Ticks of a channel for one sample of the device: above the first a sinc would take 2^19 ticks,
-and the mean under a triangle is sent instead; above the second the channel is left out."""
+and the mean under a triangle is sent instead; above the second the channel is refused."""
 LATE_S = 1
 """Seconds without anything at the start that are told."""
 SIDE_BY_SIDE_S = 2
@@ -88,7 +88,8 @@ class Renderer:
         """Seconds of the recording from one sample of the device to the next."""
         self.left_out = list(assignment.left_out)
         self.notes = list(assignment.notes)
-        self.routes = [route for route in assignment.routes if self.renders(route)]
+        self.routes = list(assignment.routes)
+        self.refuse_too_fast()
         self.start = Fraction(0) if start is None else max(exact(start), Fraction(0))
         self.stop = self.end if stop is None else min(exact(stop), self.end)
         self.join = 2 * ceil(exact(profile.timing.ramp_s) * self.rate)
@@ -112,14 +113,34 @@ class Renderer:
     def refs(self) -> dict[int, ChannelRef]:
         return {ref.number: ref for ref in self.reader.channels}
 
-    def renders(self, route: Route) -> bool:
-        ref = self.refs[route.channel]
-        if self.ratio(ref) <= WIDEST:
-            return True
-        self.left_out.append(
-            f"channel {name_of(ref)}: more than {WIDEST} of its ticks for one sample of the device"
-        )
-        return False
+    @property
+    def resting(self) -> list[str]:
+        """Names of the actuators that no channel drives."""
+        driven = {route.actuator for route in self.routes}
+        return [each.name for i, each in enumerate(self.profile.actuators) if i not in driven]
+
+    @property
+    def plan(self) -> list[str]:
+        """For the user: what drives each actuator and why, the limits, and what rests."""
+        actuators, refs = self.profile.actuators, self.refs
+        lines = []
+        for route in self.routes:
+            each = actuators[route.actuator]
+            lines.append(
+                f"{each.name} <- {name_of(refs[route.channel])}, {route.reason}: "
+                f"{each.minimum:g} to {each.maximum:g} {each.unit}, "
+                f"at most {each.slew:g} {each.unit}/s"
+            )
+        return [*lines, f"at rest: {', '.join(self.resting) or 'no actuator'}"]
+
+    def refuse_too_fast(self) -> None:
+        for route in self.routes:
+            ref = self.refs[route.channel]
+            if self.ratio(ref) > WIDEST:
+                raise ParameterError(
+                    f"channel {name_of(ref)} cannot be played: more than {WIDEST} of its samples "
+                    "fall on one sample of the device"
+                )
 
     def ratio(self, ref: ChannelRef) -> Fraction:
         """Ticks of the channel from one sample of the device to the next."""
