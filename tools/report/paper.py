@@ -306,15 +306,9 @@ PEAK_HEADERS = (
 
 
 def peak_of(source: Source, points: list[Point]) -> Peak:
-<<<<<<< HEAD
     """At k = PERCENT; the points are those of all channels."""
     e = residual_of(source, points)
     e = e - e.mean()
-=======
-    """At k = PERCENT, of the recording's first channel the peak, of all channels the points."""
-    f = source.recording.channels[0].samples()
-    e = f - parts_of(at(points, PERCENT, 0).file).slow
->>>>>>> main
     peak, more = float(np.max(np.abs(e)) / np.std(e)), added(points, PERCENT, 5)
     kurtosis = float(np.mean(e**4) / np.var(e) ** 2)
     normal = math.log2((2**4 - 1) / peak) + NORMAL_BITS

@@ -91,18 +91,12 @@ def shortened(recording: hapfmt.Recording, samples: int) -> hapfmt.Recording:
     """The middle of a recording, all channels between the same times."""
     if recording.sample_count <= samples:
         return recording
-<<<<<<< HEAD
     first, last = extent_of(recording)
     half = (last - first) * Fraction(samples, recording.sample_count) / 2
     start, stop = (first + last) / 2 - half, (first + last) / 2 + half
     cut = tuple(
         channel.slice_ticks(int(start * channel.rate_exact), int(stop * channel.rate_exact))
         for channel in recording.channels
-=======
-    ends = recording.duration * Fraction(samples, recording.sample_count)
-    cut = tuple(
-        channel.slice_ticks(0, int(ends * channel.rate_exact)) for channel in recording.channels
->>>>>>> main
     )
     return replace(recording, channels=cut, events=())
 
