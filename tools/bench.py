@@ -41,9 +41,6 @@ TASKS = ("deadband", "lossless", "doubles", "presets")
 FLOOR = 0.002
 """Of each channel's range."""
 
-DOUBLES_TOLERANCE = Tolerance(1e-5, "range")
-"""For our deadband preset on true doubles, taken off the bound."""
-
 ALWAYS = "flac -8"
 COUNT_LIMIT = 1 << 31
 SEEN_RATIOS = 1 << 20
@@ -94,7 +91,7 @@ def deadband_jobs(name: str, recording: hapfmt.Recording, ks: Sequence[str]) -> 
     floors = [FLOOR * float(np.ptp(x)) for x in arrays]
     for k in ks:
         settings = hapfmt.Settings.of(
-            "deadband", k=k, floor=Tolerance(FLOOR, "range"), tolerance=DOUBLES_TOLERANCE
+            "perceptual", texture=False, felt="all", k=k, floor=Tolerance(FLOOR, "range")
         )
         value = float(Fraction(k))
 
@@ -148,7 +145,7 @@ def lossless_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
     fast = hapfmt.Settings.of("lossless", fast=True)
     yield Job(
         name, "lossless",
-        {"lossless": (ours, hapfmt.Settings.of("lossless")), "archive --fast": (ours, fast)},
+        {"lossless": (ours, hapfmt.Settings.of("lossless")), "lossless --fast": (ours, fast)},
         lambda _channel: list(integer_coders()), arrays, lambda found: same(arrays, found),
     )  # fmt: skip
 
@@ -181,10 +178,10 @@ def presets_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
         return 0, max(errors, default=0.0)
 
     asked: dict[str, dict[str, Any]] = {
-        "default": {},
-        "default, 0.01%": {"tolerance": Tolerance(1e-4, "range")},
-        "default, 1lsb": {"step": Tolerance(1.0, "lsb")},
-        "auto": {"preset": "auto"},
+        "lossless": {"preset": "lossless"},
+        "near-lossless": {"preset": "near-lossless"},
+        "perceptual": {"preset": "perceptual"},
+        "no texture": {"preset": "perceptual", "texture": False},
     }
     ours = {how: (recording, hapfmt.Settings.of(**given)) for how, given in asked.items()}
     yield Job(name, "presets", ours, lambda _channel: [], arrays, check)

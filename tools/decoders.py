@@ -33,10 +33,10 @@ from hapfmt.scenes.stylus import simulate
 BENCH = ROOT / "conformance" / "adapters" / "js" / "bench.js"
 CASES = [
     ("glove, 22 channels", "lossless", {}),
-    ("glove, 22 channels", "archive, Rice", {"fast": True}),
-    ("glove, 22 channels", "deadband", {}),
+    ("glove, 22 channels", "lossless, fast", {"fast": True}),
+    ("glove, 22 channels", "perceptual, no texture", {"texture": False, "felt": "all"}),
     ("texture", "lossless", {}),
-    ("texture", "default", {}),
+    ("texture", "perceptual", {}),
     ("doubles", "lossless", {}),
 ]
 
@@ -98,7 +98,7 @@ def main(seconds: float, as_json: bool) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.hapf"
         for name, preset, given in CASES:
-            settings = hapfmt.Settings(preset.split(",")[0], **given)
+            settings = hapfmt.Settings.of(preset.split(",")[0], **given)
             hapfmt.write(known[name], path, settings, canonical=1, force=True)
             with hapfmt.Reader(path) as reader:
                 codecs = sorted({track.codec for track in reader.catalogue.tracks.values()})

@@ -111,7 +111,7 @@ def case(name: str) -> Case:
         return built(name, channels, "lossless", Fraction(1))
     pairs = (("sand", 1), ("cork", 2))
     channels = [simulate(t, SECONDS, seed, RATE).channels[0] for t, seed in pairs]
-    return built(name, channels, "default", CLUSTER)
+    return built(name, channels, "perceptual", CLUSTER)
 
 
 @dataclass

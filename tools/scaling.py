@@ -102,7 +102,7 @@ def child(step: str, path: str, preset: str, minutes: float, sensors: int) -> No
 
 @click.command(help=__doc__)
 @click.option("--minutes", default="1,10,100", help="Lengths.")
-@click.option("--preset", default="lossless", help="archive, deadband or default.")
+@click.option("--preset", default="lossless", help="lossless, near-lossless, perceptual or paper.")
 @click.option("--sensors", default=SENSORS, help="Channels.")
 @click.option("--step", help="One step only, in this process, for --file.", hidden=True)
 @click.option("--file", "path", default="", hidden=True)

@@ -24,14 +24,15 @@ from hapfmt.kernels import compiled
 from hapfmt.scenes import load_scene, simulate
 from report.section import COLOURS, PALE, CannotRunError, Options, Section, Table, drawn, timed
 
-SETTINGS = (
-    ("default", {}),
-    ("paper", {"floor": Tolerance(0.002, "range")}),
-    ("deadband", {}),
-    ("near-lossless", {"max_error": Tolerance(1e-3, "range")}),
-    ("lossless", {}),
-    ("lossless", {"fast": True}),
-)
+SETTINGS: dict[str, dict[str, Any]] = {
+    "perceptual": {"preset": "perceptual"},
+    "paper": {"preset": "paper", "floor": Tolerance(0.002, "range")},
+    "perceptual, no texture": {"preset": "perceptual", "texture": False, "felt": "all"},
+    "near-lossless": {"preset": "near-lossless"},
+    "lossless": {"preset": "lossless"},
+    "lossless fast": {"preset": "lossless", "fast": True},
+}
+QUICK = ("near-lossless", "lossless", "lossless fast")
 SECONDS, QUICK_SECONDS = 4.0, 0.5
 
 
@@ -109,12 +110,11 @@ class Case(NamedTuple):
 def measure(options: Options, folder: Path) -> list[Case]:
     files: list[tuple[str, str, str, int, float, Path]] = []
     for name, recording in recordings(options.quick).items():
-        for preset, given in SETTINGS[-3:] if options.quick else SETTINGS:
-            setting = f"{preset}{' fast' if 'fast' in given else ''}"
+        for setting in QUICK if options.quick else SETTINGS:
             options.progress(f"{name}, {setting}")
             path = folder / f"{len(files)}.hapf"
             try:
-                asked = hapfmt.Settings.of(preset, tolerance=Tolerance(1e-5, "range"), **given)
+                asked = hapfmt.Settings.of(**SETTINGS[setting])
                 hapfmt.write(recording, path, asked, canonical=1)
             except hapfmt.HapfmtError as error:
                 options.progress(f"left out: {error}")

@@ -149,11 +149,10 @@ def variants(source: Source, percent: float, bits: int) -> list[Changed]:
     by("one tap ahead of the session", usual,
        "one large residual sets the step for all", with_tap(source))  # fmt: skip
 
-    same = Tolerance(paper.step)
     for name, chosen, note in (
-        ("this format's preset `default`, same step",
-         hapfmt.Settings.of("default", k=usual.k, floor=usual.floor, step=same),
-         "the same knots and residual, coded for size"),
+        ("this format's preset `perceptual`, same deadband",
+         hapfmt.Settings.of("perceptual", k=usual.k, floor=usual.floor),
+         "the texture to 20 dB, coded for size"),
         ("this format's preset `near-lossless`, half that step",
          hapfmt.Settings.of("near-lossless", max_error=Tolerance(paper.step / 2)),
          "prediction in place of split and knots"),
