@@ -48,7 +48,7 @@ class TestSection:
             "What each choice costs", "How peaky the residuals are, and what b = 5 adds",
         ]  # fmt: skip
         assert [figure.title.partition(":")[0] for figure in short.figures] == [
-            "Fig. 2", "Fig. 4", "In place of Fig. 5",
+            "Fig. 2", "Fig. 4", "Fig. 5, measured",
         ]  # fmt: skip
         for table in short.tables:
             assert table.rows

@@ -1,9 +1,9 @@
-"""Sizes, errors and speeds beside what other packages offer: same recordings, same bound, same run.
+"""Sizes, errors and speeds compared with other packages: same recordings, same bound, same run.
 
-python tools/bench.py [DATA]          a folder of recordings, or one; without: ../shared/data
+python tools/bench.py [DATA]          a folder of recordings, or one; default: ../shared/data
 python tools/bench.py --simulated     no data needed
 
-Bits a sample (b/s) of packets, and of whole files. A peer's are the bytes of its own format and 4
+Bits per sample (b/s) of packets, and of whole files. A peer's are the bytes of its own format and 4
 for each channel; its whole file is a zip of them with names, rates and units. Every sample of every
 coder is checked against the bound. A peer whose package is missing is named, and left out.
 """
@@ -164,7 +164,7 @@ def doubles_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
 
 
 def presets_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
-    """Our presets beside each other, no peers; errors in % of each channel's range."""
+    """Our presets without peers; errors in % of each channel's range."""
     arrays = [channel.samples() for channel in recording.channels]
     if not recording.sample_count or not all(np.isfinite(x).all() for x in arrays):
         return
@@ -319,9 +319,9 @@ def tell(rows: Sequence[Row]) -> None:
     for cell in shown:
         groups.setdefault(cell.what, []).append(cell)
     if shown:
-        print("sizes in bits a sample; outside and largest error: in counts / in float64\n")
+        print("sizes in bits per sample; outside and largest error: in counts / in float64\n")
         print_sizes(shown)
-        print("million samples a second of CPU time, best of n\n")
+        print("million samples per second of CPU time, best of n\n")
         print_speeds(shown, ALWAYS)
     print_presets([row for row in rows if row.task == "presets"])
     print_broken(rows)
@@ -330,7 +330,7 @@ def tell(rows: Sequence[Row]) -> None:
 
 
 def print_presets(rows: Sequence[Row]) -> None:
-    """One line a recording, the presets beside each other."""
+    """One line for each recording, one column for each preset."""
     from measured import print_table
 
     by_name: dict[str, list[Row]] = {}
@@ -338,7 +338,7 @@ def print_presets(rows: Sequence[Row]) -> None:
         by_name.setdefault(row.recording, []).append(row)
     if not by_name:
         return
-    print("whole files in bits a sample; largest error in % of the channel's range\n")
+    print("whole files in bits per sample; largest error in % of the channel's range\n")
     coders = [row.coder for row in next(iter(by_name.values()))]
     table = [
         [name[:40], found[0].channels,
@@ -351,13 +351,13 @@ def print_presets(rows: Sequence[Row]) -> None:
 
 @click.command(help=__doc__)
 @click.argument("data", required=False, type=click.Path(exists=True, path_type=Path))
-@click.option("--simulated", is_flag=True, help="Simulated recordings in place of DATA.")
+@click.option("--simulated", is_flag=True, help="Simulated recordings instead of DATA.")
 @click.option("--seconds", default=10.0, help="Length of the simulated ones.")
 @click.option("--task", default="deadband,lossless,doubles", help=f"Of {', '.join(TASKS)}.")
 @click.option("--k", "ks", default="0.02,0.1,0.3", help="Weber fractions of the deadband.")
 @click.option("--only", default="", help="Recordings whose name contains this.")
-@click.option("--rate", help="Of files that do not hold one.")
-@click.option("--repeats", default=3, type=click.IntRange(1), help="Runs, the best counts.")
+@click.option("--rate", help="For files without a rate.")
+@click.option("--repeats", default=3, type=click.IntRange(1), help="Runs; the best one counts.")
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="A row for each coder.")
 def main(
     data: Path | None, simulated: bool, seconds: float, task: str, ks: str, only: str,

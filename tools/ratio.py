@@ -1,6 +1,6 @@
 """The paper's Fig. 4: compression ratio against the Weber fraction k, for residuals of b bits.
 
-python tools/ratio.py [RECORDING.npz CHANNEL]     without: the simulated textures, and recordings
+python tools/ratio.py [RECORDING.npz CHANNEL]     default: the simulated textures, and recordings
 
 F. Brandi, R. Chaudhari, E. Steinbach, "Texture compensation for haptic feedback signal
 compression", VECIMS 2011, https://doi.org/10.1109/VECIMS.2011.6053837.

@@ -134,7 +134,7 @@ def main(minutes: str, preset: str, sensors: int, step: str | None, path: str) -
             row.insert(2, f"{Path(path).stat().st_size / 1e6:.2f}")
             rows.append(row)
     print_origin()
-    print(f"preset {preset}: CPU seconds for each minute of recording, peak MiB beside it\n")
+    print(f"preset {preset}: CPU seconds for each minute of recording, then peak MiB\n")
     print_table(["minutes", "M samples", "file MB", *STEPS], rows)
 
 

@@ -1,4 +1,4 @@
-"""Pictures of the codecs: error against size and against time, and sizes beside peers."""
+"""Pictures of the codecs: error against size and time, and sizes compared with peers."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def pictures(found: Sequence[Trial]) -> list[Figure]:
                 "The same points, with the CPU time of decoding."),
     ]  # fmt: skip
     for task, (family, words) in TASKS.items():
-        figure = beside(found, task, family, words)
+        figure = compared(found, task, family, words)
         if figure:
             figures.append(figure)
     for simulated, words in ((False, "recordings"), (True, "scenes")):
@@ -100,7 +100,9 @@ def summary(
         scales(axes)
         axes.set_xlabel(label)
         axes.set_ylabel("rms error, % of range")
-        axes.legend(loc="upper right", ncols=2, handletextpad=0.1, columnspacing=0.8)
+        axes.figure.legend(
+            loc="outside upper center", ncols=7, handletextpad=0.1, columnspacing=0.8
+        )
 
     return drawn(title, caption, draw)
 
@@ -143,7 +145,7 @@ def scales(axes: Any) -> None:
     axes.set_xticks([], minor=True)
 
 
-def beside(found: Sequence[Trial], task: str, family: str, words: str) -> Figure | None:
+def compared(found: Sequence[Trial], task: str, family: str, words: str) -> Figure | None:
     """Sizes of peers divided by ours, one line for each recording."""
     ours = {
         t.subject: t for t in found

@@ -1,4 +1,4 @@
-"""Codecs: size against error, and time against error, of every preset and setting, beside peers."""
+"""Codecs: size against error, and time against error, of every preset, setting and peer."""
 
 from __future__ import annotations
 

@@ -62,9 +62,10 @@ def section(options: Options) -> Section:
         [
             drawn(
                 "Error against step",
-                "Error of the contact force (rms, of the rms force) against the step; both axes "
-                "logarithmic. Dotted lines: largest stable step, in the colour of its integrator; "
-                "none: unconditionally stable, or beyond 16 ms. Above 1 the result is useless.",
+                "Error of the contact force (rms error divided by rms force) against the step. "
+                "A dotted line is the largest stable step of the integrator in its colour. An "
+                "integrator without one is stable at any step, or up to more than 16 ms. Above 1 "
+                "the result is useless.",
                 lambda axes: error_figure(axes, points),
                 width=10,
                 height=7.5,
@@ -72,9 +73,8 @@ def section(options: Options) -> Section:
             ),
             drawn(
                 "Error against run time",
-                "The same runs against CPU time per simulated second (median of the repeats; bars "
-                "are quartiles). Further left and lower is better; the grey line is the "
-                "Pareto front.",
+                "The same runs against CPU time per simulated second. Points are medians, bars "
+                "are quartiles. Lower left is better. The grey line is the Pareto front.",
                 lambda axes: pareto_figure(axes, points),
                 width=10,
                 height=7.5,
@@ -82,8 +82,8 @@ def section(options: Options) -> Section:
             ),
             drawn(
                 "Energy without damping",
-                f"A mass bounces for {seconds} s on a spring, nothing damps. Left: how far its "
-                "energy is off, at 100 kN/m. Right: the worst of each run, at every stiffness.",
+                f"A mass bounces for {seconds} s on a spring without damping. Left: the error of "
+                "its energy at 100 kN/m. Right: the largest error of each run, at every stiffness.",
                 lambda axes: energy_figure(axes, bounces),
                 width=10,
                 height=4.2,

@@ -1,4 +1,4 @@
-"""In place of Fig. 5: each reconstruction measured, where the paper let people rate it."""
+"""Fig. 5, measured: the paper let people rate each reconstruction."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Rated(NamedTuple):
 def rate(source: Source, options: Options) -> list[Rated]:
     """Every b. A recorded force is felt as if it were that of the scenes' stylus. ST-SIM for the
     paper's own b, since it takes a second each."""
-    options.progress(f"what is felt of {source.name}")
+    options.progress(f"felt errors of {source.name}")
     tool = load_scene(source.name if source.name in builtin_names() else "sand").tool
     source = most_textured(source)
     (channel,) = source.recording.channels
@@ -93,10 +93,10 @@ def picture5(rated: list[Rated], what: str) -> Figure:
         names,
         bits,
         curves,
-        f"In place of Fig. 5: measures against b, {what}, k = {PERCENT} %",
-        "No ratings: nobody was asked. An error is felt where it is over the vibrotactile "
-        "threshold and changes the vibration by a fifth (the least Weber fraction known). Forces "
-        "only: what a torque moves depends on its lever.",
+        f"Fig. 5, measured: {what}, k = {PERCENT} %",
+        "These are no ratings: no people took part. An error counts as felt if it exceeds the "
+        "vibrotactile threshold and changes the vibration by a fifth (the smallest Weber fraction "
+        "known). Only forces are judged: the motion by a torque depends on its lever.",
     )
 
 
@@ -115,8 +115,8 @@ def similarity_of(rated: list[Rated], textures: Sequence[str]) -> str:
     of_textures = min(each.similarity or 0 for each in best if each.name in textures)
     worst = min(best, key=lambda each: each.similarity or 0)
     return (
-        "* **ST-SIM** (package vibromaf) divides by the energy of the original alone: a "
-        "reconstruction that is a little louder passes 1. And every block counts the same, however "
-        f"still it is: with b = {max(BITS)} the textures reach {of_textures:.3f}, {worst.name} "
+        "* **ST-SIM** (package vibromaf) divides by the energy of the original alone, so a "
+        "slightly louder reconstruction exceeds 1. Quiet blocks weigh as much as loud ones. "
+        f"With b = {max(BITS)} the textures reach {of_textures:.3f}, {worst.name} "
         f"{worst.similarity:.2f} at an HF SNR of {worst.snr_db:.1f} dB.\n"
     )

@@ -61,9 +61,9 @@ def text_of(by_name: dict[str, Found], seconds: float) -> str:
         f"is {whole.file_size / flat.file_size:.1f} times smaller; without contact it is "
         f"simulated {contact:.0f} times as fast.** "
         f"Scene `everything`, {seconds:g} s: a stylus on sand with nine channels, and a hand with "
-        "27. Counters show what was computed: no heights without a texture, no contact steps without "
-        "a contact, and no steps for fingers that touch nothing. The verb is a whole process, so "
-        "its time includes imports. The encoder loads SciPy's filters only if it splits a signal."
+        "27. Counters show what was computed: no heights without a texture, no contact steps "
+        "without a contact, no steps for fingers that touch nothing. The verb is a process of its "
+        "own, so its time includes imports. SciPy's filters are loaded only to split a signal."
     )
 
 
@@ -89,5 +89,5 @@ def bars(axes: Any, found: list[tuple[Row, Found]]) -> None:
         axes.barh(places + shift, [of(each) for _, each in found], height=0.38, label=label)
     axes.set_yticks(places, [row.name for row, _ in found])
     axes.invert_yaxis()
-    axes.legend(loc="lower right")
+    axes.figure.legend(loc="outside lower center", ncols=2)
     axes.set_xlabel("relative to the first row")

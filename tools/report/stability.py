@@ -1,4 +1,4 @@
-"""Stability: each stiff or extreme case, the naive way beside ours; and four of them drawn."""
+"""Stability: each stiff or extreme case, the naive way and ours; four of them drawn."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def section(options: Options) -> Section:
         [Table("Stiff and extreme cases", HEADERS, [cells(row) for row in found])],
         [
             drawn(
-                "Four of them",
-                "What a naive way gives (dotted) and what hapfmt gives (line), from the same "
-                "samples (grey). Rows 5, 8, 19 and 20 of the table.",
+                "Four of the cases",
+                "Results of a naive way (dotted) and of hapfmt (solid) from the same samples "
+                "(grey). These are rows 5, 8, 19 and 20 of the table.",
                 draw,
                 width=8.5,
                 height=6.0,
@@ -48,20 +48,21 @@ def cells(row: Row) -> list[str | int | float | bool]:
 def text_of(found: Sequence[Row]) -> str:
     failed = [f"row {row.number} ({row.case})" for row in found if not row.ok]
     held = f"{len(found) - len(failed)} of {len(found)}"
-    loops = "the compiled loops" if compiled else "the readable loops, no extension"
+    loops = "the compiled loops" if compiled else "the readable Python loops"
     return (
         f"**{held} stiff and extreme cases hold{', all of them' if not failed else ''}.** "
         + (f"**Not: {', '.join(failed)}.** " if failed else "")
-        + f"Both results of each row are computed here, with {loops}: the naive one must be as bad "
-        "as the row says, or there would be nothing to show, and ours as good. The same rows are "
-        "tests (`tests/test_stability.py`), run with and without the extension."
+        + f"Both results of each row are computed here, with {loops}. The naive result must be as "
+        "bad as the row says, and ours as good. They are tests too (`tests/test_stability.py`), "
+        "which run with and without the compiled loops."
     )
 
 
 def draw(axes: Any) -> None:
     for panel, picture in zip(axes.flat, (touch, glitch, jumps, stiff), strict=True):
         picture(panel)
-    axes.flat[0].legend(loc="upper left")
+    handles, labels = axes.flat[0].get_legend_handles_labels()
+    axes.flat[0].figure.legend(handles, labels, loc="outside upper center", ncols=3)
 
 
 def lines(panel: Any, x: Any, recorded: Any, naive: Any, ours: Any) -> None:

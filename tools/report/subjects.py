@@ -111,6 +111,13 @@ def extent_of(recording: hapfmt.Recording) -> tuple[Fraction, Fraction]:
     return min(start for start, _ in spans), max(stop for _, stop in spans)
 
 
+def why_not(channel: hapfmt.Channel) -> str:
+    x = channel.samples()
+    if not x.size:
+        return "no samples"
+    return "constant" if np.isfinite(x).all() else "values that are not finite"
+
+
 def measured_of(
     name: str, simulated: bool, whole: hapfmt.Recording, part: hapfmt.Recording,
     listed: list[Listed],
@@ -120,14 +127,13 @@ def measured_of(
         listed.append(Listed(name, len(whole), skipped="no samples"))
         return
     found = list(prepared(name, simulated, part))
-    kept = sum(len(subject.recording) for subject in found)
+    kept = {channel.label for subject in found for channel in subject.recording.channels}
     start, stop = extent_of(part)
-    reasons = []
-    if kept < len(whole):
-        count = len(whole) - kept
-        reasons.append(
-            f"{count} channel{'s' * (count > 1)} constant as a group, empty, or not finite"
-        )
+    reasons = [
+        f"channel {channel.label!r}: {why_not(channel)}"
+        for channel in part.channels
+        if channel.label not in kept
+    ]
     if part.sample_count < whole.sample_count:
         reasons.append(f"samples outside the middle {float(stop - start):.3g} s")
     size = sum(subject.recording.sample_count for subject in found)
