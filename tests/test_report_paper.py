@@ -15,10 +15,10 @@ from spec import ROOT
 
 sys.path.insert(0, str(ROOT / "tools"))
 
-from ratio import Source, grid, measure, recorded, settings, simulated
 from report import paper, rated
 from report.felt import THRESHOLD_M, displacement_m_per_n, felt, threshold_m, weighted_power
 from report.paper_figures import LINE_GAP, most_textured, name_lines
+from report.ratio import Source, grid, measure, recorded, settings, simulated
 from report.section import Options
 from report.texts import plain
 from report.variants import leaves, parts_of, plain_huffman_bits, variants

@@ -83,7 +83,7 @@ class TestAfterAnInstallationThatIsNotInPlace:
         for path in (site / "hapfmt" / "kernels").glob("_kernels*"):
             if path.suffix in (".so", ".pyd"):
                 path.unlink()
-        done = run("tools/ratio.py", cwd=clone, PYTHONPATH=str(site))
+        done = run("tools/bench.py", cwd=clone, PYTHONPATH=str(site))
         assert done.returncode == 1 and not done.stdout
         assert "no compiled loops" in done.stderr
         assert "python -m pip install --force-reinstall --no-deps -e ." in done.stderr

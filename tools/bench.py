@@ -16,7 +16,7 @@ from dataclasses import replace
 from fractions import Fraction
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import installed  # noqa: F401
 
@@ -37,7 +37,7 @@ from hapfmt.convert import FORMATS
 from hapfmt.encoder.lattice import find_lattice
 from hapfmt.encoder.tolerance import Tolerance
 
-TASKS = ("deadband", "lossless", "doubles", "presets")
+TASKS = ("deadband", "lossless", "doubles")
 FLOOR = 0.002
 """Of each channel's range."""
 
@@ -163,30 +163,6 @@ def doubles_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
     )  # fmt: skip
 
 
-def presets_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
-    """Our presets without peers; errors in % of each channel's range."""
-    arrays = [channel.samples() for channel in recording.channels]
-    if not recording.sample_count or not all(np.isfinite(x).all() for x in arrays):
-        return
-
-    def check(found: Sequence[np.ndarray]) -> tuple[int, float]:
-        errors = [
-            100 * float(np.abs(x - y).max()) / float(np.ptp(x))
-            for x, y in zip(arrays, found, strict=True)
-            if x.size and np.ptp(x)
-        ]
-        return 0, max(errors, default=0.0)
-
-    asked: dict[str, dict[str, Any]] = {
-        "lossless": {"preset": "lossless"},
-        "near-lossless": {"preset": "near-lossless"},
-        "perceptual": {"preset": "perceptual"},
-        "no texture": {"preset": "perceptual", "texture": False},
-    }
-    ours = {how: (recording, hapfmt.Settings.of(**given)) for how, given in asked.items()}
-    yield Job(name, "presets", ours, lambda _channel: [], arrays, check)
-
-
 def same(arrays: Sequence[np.ndarray], found: Sequence[np.ndarray]) -> tuple[int, float]:
     """Samples that differ in any bit."""
     return sum(
@@ -306,10 +282,8 @@ def jobs_of(
                 yield from deadband_jobs(name, recording, ks)
             elif task == "lossless":
                 yield from lossless_jobs(name, recording)
-            elif task == "doubles":
-                yield from doubles_jobs(name, recording)
             else:
-                yield from presets_jobs(name, recording)
+                yield from doubles_jobs(name, recording)
 
 
 def tell(rows: Sequence[Row]) -> None:
@@ -323,30 +297,9 @@ def tell(rows: Sequence[Row]) -> None:
         print_sizes(shown)
         print("million samples per second of CPU time, best of n\n")
         print_speeds(shown, ALWAYS)
-    print_presets([row for row in rows if row.task == "presets"])
     print_broken(rows)
     together = [cell for cell in shown if cell.ours.task.startswith("deadband")]
     print_summary({**groups, "deadband, all k": together})
-
-
-def print_presets(rows: Sequence[Row]) -> None:
-    """One line for each recording, one column for each preset."""
-    from measured import print_table
-
-    by_name: dict[str, list[Row]] = {}
-    for row in rows:
-        by_name.setdefault(row.recording, []).append(row)
-    if not by_name:
-        return
-    print("whole files in bits per sample; largest error in % of the channel's range\n")
-    coders = [row.coder for row in next(iter(by_name.values()))]
-    table = [
-        [name[:40], found[0].channels,
-         *(text for row in found for text in (f"{row.file:.3f}", f"{row.worst:.3f}"))]
-        for name, found in by_name.items()
-    ]  # fmt: skip
-    headers = [text for coder in coders for text in (coder, "largest %")]
-    print_table(["recording", "channels", *headers], table)
 
 
 @click.command(help=__doc__)

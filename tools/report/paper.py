@@ -14,7 +14,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from ratio import (
+
+import hapfmt
+from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.metrics import st_sim
+from hapfmt.scenes import load_scene, simulate
+from report.felt import GRASPED_DB
+from report.paper_figures import PERCENT, fig4, most_textured, picture2
+from report.rated import Rated, least_unfelt, picture5, rate, ratings, similarity_of
+from report.ratio import (
     BITS,
     RECORDED,
     SECONDS,
@@ -28,14 +36,6 @@ from ratio import (
     settings,
     simulated,
 )
-
-import hapfmt
-from hapfmt.encoder.tolerance import Tolerance
-from hapfmt.metrics import st_sim
-from hapfmt.scenes import load_scene, simulate
-from report.felt import GRASPED_DB
-from report.paper_figures import PERCENT, fig4, most_textured, picture2
-from report.rated import Rated, least_unfelt, picture5, rate, ratings, similarity_of
 from report.section import Figure, Options, Section, Table
 from report.variants import HEADERS, Changed, variants
 

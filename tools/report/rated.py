@@ -6,13 +6,12 @@ from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
-from ratio import BITS, Source, measure, settings
-
 import hapfmt
 from hapfmt.metrics import st_sim
 from hapfmt.scenes import builtin_names, load_scene
 from report.felt import GRASPED_DB, Felt, felt
 from report.paper_figures import PERCENT, Curve, fig5, most_textured
+from report.ratio import BITS, Source, measure, settings
 from report.section import Figure, Options
 
 FIG5_BITS = (0, 2, 3, 4, 5, 6, 7, 8)

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from ratio import SAMPLE_SIZE, Source, measure, settings
 
 import hapfmt
 from hapfmt.codecs.knots import parse_knots
@@ -20,6 +19,7 @@ from hapfmt.limits import LEVELS
 from hapfmt.metrics import snr_hf_db
 from hapfmt.reading.reader import Reader
 from hapfmt.scenes import load_scene, simulate
+from report.ratio import SAMPLE_SIZE, Source, measure, settings
 
 HEADERS = (
     "change", "payload, % of doubles", "residual, bits per sample", "HF SNR, dB",
