@@ -185,8 +185,8 @@ def compared(found: Sequence[Trial], task: str, family: str, words: str) -> Figu
         axes.set_yticks(range(len(rows)), [short(name) for name, _ in rows])
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.set_xlabel(f"size of the peer divided by that of {family}")
-        axes.legend(loc="upper center", bbox_to_anchor=(0.4, 1.12), ncols=6, handletextpad=0.1,
-                    columnspacing=0.8)  # fmt: skip
+        axes.figure.legend(loc="outside upper center", ncols=6, handletextpad=0.1,
+                           columnspacing=0.8)  # fmt: skip
 
     return drawn(
         f"{words}: peers compared with {family}",
@@ -198,11 +198,11 @@ def compared(found: Sequence[Trial], task: str, family: str, words: str) -> Figu
 
 
 def short(name: str) -> str:
-    """The last folder of a path, and the text after a comma."""
+    """The last folder and the file of a path, and the text after a comma."""
     stem, comma, rest = name.partition(",")
-    last = stem.rsplit("/", 1)
-    text = last[0] if len(last) == 2 else stem
-    return f"{text[:22]}{comma}{rest}"
+    *folders, last = stem.split("/")
+    text = f"{folders[-1][:12]}/{last[-14:]}" if folders else last
+    return f"{text}{comma}{rest}"
 
 
 def multiples(found: Sequence[Trial], words: str) -> Figure:
