@@ -22,9 +22,9 @@ def atomic_write(path: str | os.PathLike[str], *, force: bool = False) -> Iterat
     name in one step; on any exception the temporary file is removed and ``path`` is as before.
     Permissions are those of any new file (umask); a symbolic link stays, its target is replaced.
 
-    Raises ParameterError where ``path`` exists (unless ``force``), is being recorded, is a
-    directory or a device, or lies in no directory; OSError, with ``path`` as its file name, where
-    the system refuses.
+    Raises ParameterError where ``path`` exists or is a symbolic link to nothing (unless ``force``),
+    is being recorded, is a directory or a device, or lies in no directory; OSError, with ``path``
+    as its file name, where the system refuses.
     """
     name = os.fspath(path)
     refuse(name, force)
@@ -70,20 +70,28 @@ def refuse(name: str, force: bool) -> None:
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
+        if path.is_symlink() and not force:
+            # Somebody else chose the place that it leads to.
+            raise refusal(
+                f"{name} is a symbolic link to a file that does not exist; use --force to write it"
+            ) from None
         parent = Path(os.path.realpath(name)).parent
         if not parent.is_dir():
-            raise ParameterError(
-                "the directory it should lie in does not exist", path=name
-            ) from None
+            raise refusal(f"{name}: the directory {parent} does not exist") from None
         return
     if stat.S_ISDIR(mode):
-        raise ParameterError("the output is a directory", path=name)
+        raise refusal(f"{name} is a directory")
     if not stat.S_ISREG(mode):
-        raise ParameterError("not a regular file, so it cannot be replaced", path=name)
+        raise refusal(f"{name} is not a regular file and cannot be replaced")
     if not force:
-        raise ParameterError("exists already; it is replaced only with force", path=name)
+        raise refusal(f"{name} already exists; use --force to overwrite it")
     if in_use(path):
-        raise ParameterError("is being written by another program", path=name)
+        raise refusal(f"Another program is writing {name}")
+
+
+def refusal(message: str) -> ParameterError:
+    """Of a message that names the file itself."""
+    return ParameterError(message, path="")
 
 
 def sync_directory(directory: Path) -> None:

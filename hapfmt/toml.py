@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import dataclass
 from importlib import resources
@@ -12,13 +13,72 @@ from typing import Any
 from .errors import ParameterError
 
 MOST_BYTES = 1 << 20
+MOST_PARTS = 16
+"""Names joined by dots in one key. The time that tomllib takes grows with their square."""
+MOST_WORDS = 1 << 16
+"""Names and values in all."""
+MOST_NESTED = 32
+"""Brackets and braces within one another."""
+MOST_DIGITS = 1000
+"""Characters of a number."""
+
+TOKEN = re.compile(
+    r"""
+    (?P<string> \"{3} (?: [^"\\] | \\[\s\S] | "{1,2}(?!") )* "{3,5}
+              | '{3} (?: [^'] | '{1,2}(?!') )* '{3,5}
+              | " (?: [^"\\\n] | \\. )* "
+              | ' [^'\n]* ' )
+  | (?P<word> [A-Za-z0-9_+-]+ )
+  | (?P<comment> \#[^\n]* )
+  | (?P<other> [^\ \t] )
+    """,
+    re.VERBOSE,
+)
 
 
 def parse_toml(text: str) -> dict[str, Any]:
+    """Raise ParameterError where the text is no TOML, or more than a description needs."""
+    check_size(text)
     try:
         return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # a number of 5000 digits is a plain ValueError
-        raise ParameterError(f"no TOML: {str(error) or 'nested too deeply'}") from None
+    except (ValueError, RecursionError) as error:
+        raise ParameterError(f"Invalid TOML: {str(error) or 'nested too deeply'}") from None
+
+
+def check_size(text: str) -> None:
+    """Refuse text that would take much more time or memory than its length; one pass."""
+    if len(text) > MOST_BYTES:
+        raise ParameterError(f"Invalid TOML: more than {MOST_BYTES} characters")
+    words = parts = nested = 0
+    joined = False
+    for token in TOKEN.finditer(text):
+        kind, found = token.lastgroup, token[0]
+        if kind in ("string", "word"):
+            words += 1
+            parts = parts + 1 if joined else 1
+            joined = False
+            if parts > MOST_PARTS:
+                raise too_much(text, token, f"a key of more than {MOST_PARTS} parts")
+            if words > MOST_WORDS:
+                raise too_much(text, token, f"more than {MOST_WORDS} names and values")
+            if len(found) > MOST_DIGITS and found[0] in "0123456789+-":
+                raise too_much(text, token, f"a number of more than {MOST_DIGITS} digits")
+        elif found == ".":
+            joined = True
+        else:
+            joined, parts = False, 0
+            nested += (found in "[{") - (found in "]}")
+            if nested > MOST_NESTED:
+                raise too_much(text, token, f"nested more than {MOST_NESTED} deep")
+            if found in "\"'":
+                # The string does not end: tomllib stops here too.
+                return
+
+
+def too_much(text: str, token: re.Match[str], what: str) -> ParameterError:
+    line = text.count("\n", 0, token.start()) + 1
+    column = token.start() - text.rfind("\n", 0, token.start())
+    return ParameterError(f"Invalid TOML: {what} (at line {line}, column {column})")
 
 
 @dataclass(frozen=True)

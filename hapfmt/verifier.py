@@ -24,7 +24,7 @@ from .contract import ContractCheck, check_contracts
 from .damage import damage_report, lost_lines
 from .errors import FormatError, HapfmtError, LimitError, UnsupportedError
 from .limits import Limits
-from .reading.catalogue import Catalogue
+from .reading.catalogue import HARMLESS, Catalogue
 from .reading.decoder import TrackDigest
 from .reading.opening import lose_chunk
 from .reading.reader import Reader
@@ -230,12 +230,15 @@ def check_packets(
 def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:
     """The last digest of each track and its offset (SPEC 6.9)."""
     found: dict[int, tuple[int, bytes]] = {}
+    # In a damaged file the description of a track may be lost; a recoverer of an undamaged one
+    # reports a digest of no track, since it leaves it out.
+    harmed = any(finding.code not in HARMLESS for finding in catalogue.findings)
     for ref in catalogue.chunks:
         chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "dGST" else None
         if chunk is None or not chunk.intact or not chunk.header.known:
             continue
         try:
-            ids = digested_tracks(catalogue, chunk)
+            ids = digested_tracks(catalogue, chunk, harmed=harmed)
         except FormatError as error:
             if not catalogue.damaged:
                 raise
@@ -249,15 +252,19 @@ def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:
     return found
 
 
-def digested_tracks(catalogue: Catalogue, chunk: Chunk) -> range:
-    """The tracks that a dGST chunk speaks of; in a damaged file some may not be known."""
+def digested_tracks(catalogue: Catalogue, chunk: Chunk, *, harmed: bool) -> range:
+    """The tracks that a dGST chunk has checksums of; in a damaged file some may not be known."""
     tracks, at, size = catalogue.tracks, chunk.payload_offset, len(chunk.payload)
     ids = range(chunk.header.track, chunk.header.track + size // 32)
-    unknown = [i for i in ids if i not in tracks or tracks[i].offset > at]
-    if not size or size % 32 or (unknown and not catalogue.damaged):
+    unknown = [
+        i for i in ids if i not in tracks or (tracks[i].offset > at and not catalogue.damaged)
+    ]
+    if not size or size % 32 or (unknown and not harmed):
         raise FormatError(
-            "digests of no whole number of known tracks", requirement="DGS-001", offset=at
+            "The chunk does not hold a whole number of checksums of known tracks",
+            requirement="DGS-001",
+            offset=at,
         )
     if any(i in tracks and tracks[i].kind == "events" for i in ids):
-        raise FormatError("a digest of events", requirement="DGS-004", offset=at)
+        raise FormatError("Tracks of events have no checksum", requirement="DGS-004", offset=at)
     return ids

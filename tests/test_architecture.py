@@ -162,6 +162,19 @@ def test_info_loads_no_numbers():
     assert not loaded_by(code) & {"numpy", "scipy", "matplotlib"}
 
 
+@pytest.mark.parametrize("record", ["", "sent.csv", "sent.hapf"])
+def test_a_dry_run_loads_the_encoder_for_a_hapf_record_alone(record, tmp_path):
+    file = ROOT / "conformance" / "examples" / "hold.hapf"
+    words = ["replay", str(file), "--device", "glove5", "--map", "0=thumb", "--dry-run"]
+    words += ["--record", str(tmp_path / record)] if record else []
+    code = f"from hapfmt.cli import cli; assert not cli.main({words!r}, standalone_mode=False)"
+    found = modules_after(code)
+    assert "hapfmt.replay.render.renderer" in found
+    encoders = {name for name in found if name.startswith(("hapfmt.encoder", "hapfmt.live"))}
+    assert bool(encoders) is (record == "sent.hapf")
+    assert not record or (tmp_path / record).stat().st_size
+
+
 def test_the_watchdog_starts_light():
     assert not loaded_by("import hapfmt.replay.process.watchdog") & HEAVY
 

@@ -45,7 +45,7 @@ def test_a_failure_leaves_everything_as_it_was(
 def test_an_existing_file_needs_force(tmp_path: Path) -> None:
     path = tmp_path / "a"
     path.write_bytes(b"old")
-    with pytest.raises(ParameterError, match=f"{path}: exists already"), atomic_write(path):
+    with pytest.raises(ParameterError, match=f"{path} already exists"), atomic_write(path):
         pytest.fail("entered")
     with atomic_write(path, force=True) as stream:
         stream.write(b"new")
@@ -54,7 +54,7 @@ def test_an_existing_file_needs_force(tmp_path: Path) -> None:
 
 def test_a_file_that_appeared_meanwhile_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "a"
-    with pytest.raises(ParameterError, match="exists already"), atomic_write(path) as stream:
+    with pytest.raises(ParameterError, match="already exists"), atomic_write(path) as stream:
         stream.write(b"new")
         path.write_bytes(b"of someone else")
     assert path.read_bytes() == b"of someone else"
@@ -76,8 +76,8 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
     [
         ("", "not the name of a file"),
         (".", "not the name of a file"),
-        ("{tmp}", "the output is a directory"),
-        ("{tmp}/missing/a", "the directory it should lie in does not exist"),
+        ("{tmp}", "is a directory"),
+        ("{tmp}/missing/a", "does not exist"),
         ("/dev/null", "not a regular file"),
     ],
 )
@@ -95,3 +95,21 @@ def test_an_error_of_the_system_names_the_file(tmp_path: Path) -> None:
     path.parent.write_bytes(b"")
     with pytest.raises(OSError, match=re.escape(str(path))), atomic_write(path):
         pytest.fail("entered")
+
+
+@pytest.mark.parametrize("appears_late", [False, True])
+def test_a_link_to_nothing_needs_force(tmp_path: Path, appears_late: bool) -> None:
+    """Who may put a link into a folder would else choose which file is made, and where."""
+    aim, link = tmp_path / "elsewhere", tmp_path / "link"
+    if not appears_late:
+        link.symlink_to(aim)
+    with (
+        pytest.raises(ParameterError, match=f"{link} is a symbolic link"),
+        atomic_write(link) as stream,
+    ):
+        stream.write(b"new")
+        link.symlink_to(aim)
+    assert [p.name for p in tmp_path.iterdir()] == ["link"]
+    with atomic_write(link, force=True) as stream:
+        stream.write(b"new")
+    assert aim.read_bytes() == b"new" and link.is_symlink()

@@ -82,7 +82,7 @@ def test_a_file_that_was_not_closed_is_gone_on_with(file: Path) -> None:
 def test_two_writers(file: Path) -> None:
     with (
         open_append(file),
-        pytest.raises(hapfmt.ParameterError, match="is being written by another program"),
+        pytest.raises(hapfmt.ParameterError, match="Another program is writing"),
     ):
         edit.attach(file, [Attachment("a", "", b"a")])
 
@@ -122,7 +122,7 @@ class TestExtract:
         data = made("default")
         (path,) = edit.extract(data, ["sheet.txt"], tmp_path)
         assert path.read_bytes() == b"as it was"
-        with pytest.raises(hapfmt.ParameterError, match="exists already"):
+        with pytest.raises(hapfmt.ParameterError, match="already exists"):
             edit.extract(data, None, tmp_path)
         assert edit.extract(data, None, tmp_path, force=True) == [path]
 
@@ -141,3 +141,14 @@ def test_a_file_is_read_under_its_own_name(tmp_path: Path) -> None:
     assert edit.attachment_of(path) == Attachment("notes.txt", "text/plain", b"hello")
     given_ = edit.attachment_of(path, name="x", media_type="a/b")
     assert given_ == Attachment("x", "a/b", b"hello")
+
+
+def test_a_link_to_nothing_is_not_followed(file: Path) -> None:
+    folder, aim = file.parent / "out", file.parent / "aim"
+    folder.mkdir()
+    (folder / "sheet.txt").symlink_to(aim)
+    with pytest.raises(hapfmt.ParameterError, match="is a symbolic link"):
+        edit.extract(file, None, folder)
+    assert not aim.exists()
+    edit.extract(file, None, folder, force=True)
+    assert aim.read_bytes() == b"as it was"

@@ -62,7 +62,7 @@ def test_split_and_concat(room: Path) -> None:
     names = ["p00.hapf", "p01.hapf", "p02.hapf"]
     assert [line.split(":")[0] for line in done.stdout.decode().splitlines()] == names
     again = run("split", "a.hapf", "--at", "0.9,2", "--output", "p{:02d}.hapf", cwd=room)
-    assert again.returncode == 1 and b"exists already" in again.stderr
+    assert again.returncode == 1 and b"already exists" in again.stderr
     code, told = run_json("concat", *names, "whole.hapf", cwd=room)
     assert code == 0 and told["offsets"] == [0.0, 0.0, 0.0]
     assert_same(hapfmt.read(room / "whole.hapf"), hapfmt.read(room / "a.hapf"))

@@ -343,3 +343,85 @@ class TestPipes:
         done = run("rate", *words, cwd=room)
         assert done.returncode == 1 and told in done.stderr.decode()
         assert not (room / "study-answers").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="devices and pipes of POSIX")
+class TestFilesWithoutEnd:
+    """Device files and pipes, in any place that a study or a command line names."""
+
+    @pytest.fixture(params=["/dev/zero", "pipe", "/dev/tty", "folder", "huge"])
+    def endless(self, request, tmp_path) -> str:
+        place = tmp_path / request.param.strip("/").replace("/", "-")
+        if request.param == "pipe":
+            os.mkfifo(place)
+        elif request.param == "folder":
+            place.mkdir()
+        elif request.param == "huge":
+            with place.open("wb") as stream:
+                stream.truncate(1 << 40)
+        else:
+            return request.param
+        return str(place)
+
+    @pytest.fixture(autouse=True)
+    def here(self, room, monkeypatch):
+        """In the study's folder, and not for ever."""
+        monkeypatch.chdir(room)
+        signal.alarm(30)
+        yield
+        signal.alarm(0)
+
+    @staticmethod
+    def refused(*words) -> str:
+        said = called("rate", *words)
+        assert said.code == 1 and "Traceback" not in said.err, said
+        return said.err
+
+    def test_a_recording(self, room, endless):
+        text = STUDY.replace('"sand.hapf"', f'"{endless}"')
+        (room / "study.toml").write_text(text)
+        for words in (["--prepare"], ["--subject", "S1", "--dry-run"]):
+            assert endless in self.refused("study.toml", *words)
+
+    def test_a_file_of_a_condition(self, room, endless):
+        text = STUDY.replace(
+            'preset = "paper"\nk = 0.1\nbits = 5\n', f'files = {{ sand = "{endless}" }}\n'
+        )
+        assert text != STUDY
+        (room / "study.toml").write_text(text)
+        assert endless in self.refused("study.toml", "--prepare")
+
+    def test_a_study(self, endless):
+        assert endless in self.refused(endless, "--prepare")
+
+    def test_answers(self, endless):
+        assert endless in self.refused("--summary", endless)
+        said = self.refused("study.toml", "--subject", "S1", "--dry-run", "--answers", endless)
+        assert endless in said or "--answers" in said
+
+    def test_what_was_prepared(self, room, endless):
+        """A list of files that cannot be read is made anew."""
+        manifest = room / "study-conditions" / "prepared.json"
+        told = json.loads(manifest.read_text())
+        told["stimuli"][0]["path"] = endless
+        manifest.write_text(json.dumps(told))
+        assert called("rate", "study.toml", "--prepare").code == 0
+        assert endless not in manifest.read_text()
+
+
+ESCAPES = "\\u001b]0;title\\u0007\\u009b31m\\u202e"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
+def test_texts_of_a_study_cannot_steer_the_terminal(room):
+    text = STUDY.replace('name = "textures"', f'name = "t{ESCAPES}"\nquestion = "q{ESCAPES}"\n'
+                         f'scale = ["a{ESCAPES}", "b", "c", "d", "e"]')  # fmt: skip
+    text = text.replace('name = "sand"', f'name = "sand{ESCAPES}"')
+    (room / "study.toml").write_text(text)
+    with Terminal(room, "rate", "study.toml", "--subject", "S1", "--dry-run") as terminal:
+        for word in ("p", "50\r", "?", "q"):
+            terminal.until("> ")
+            terminal.type(word)
+        assert terminal.end() == 0
+        asked_for = terminal.text[terminal.text.index("\ufffd]0;title") - 1 :]
+    assert not {"\x1b", "\x07", "\x9b", "\u202e"} & set(asked_for)

@@ -47,7 +47,7 @@ def test_a_table_then_more_of_it(tmp_path):
     assert out.startswith(f"{path}: 2.5 s, 5000 samples, 3 clusters, ")
     assert hapfmt.verify(path).verdict == "intact"
     code, out, err = run(rows, path, *table)
-    assert code == 1 and "exists already" in err
+    assert code == 1 and "already exists" in err
     code, out, _ = run(rows[: rows.index(b"\n10,") + 1], path, *table, "--append", "--json")
     assert code == 0
     told = json.loads(out)
@@ -108,7 +108,7 @@ def wait_for_samples(path: Path) -> None:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_closes_the_file(tmp_path, number):
     path = tmp_path / "a.hapf"
     process = started(str(path))
@@ -121,6 +121,15 @@ def test_a_signal_closes_the_file(tmp_path, number):
     assert b"2 samples" in out
     assert hapfmt.verify(path).verdict == "intact"
     assert hapfmt.read(path).channels[0].stored.tolist() == [1, 2]
+
+
+def test_under_nohup_the_end_of_the_connection_ends_nothing(monkeypatch):
+    from hapfmt.cli.record import exit_signals
+
+    monkeypatch.setattr(signal, "getsignal", lambda _: signal.SIG_IGN)
+    assert exit_signals() == [signal.SIGINT, signal.SIGTERM]
+    monkeypatch.setattr(signal, "getsignal", lambda _: signal.SIG_DFL)
+    assert signal.SIGHUP in exit_signals()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")

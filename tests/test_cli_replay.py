@@ -277,7 +277,7 @@ class TestRecord:
         path = tmp_path / "out.csv"
         path.write_text("mine")
         said = dry("--record", path)
-        assert said.code == 1 and "exists already" in said.err and path.read_text() == "mine"
+        assert said.code == 1 and "already exists" in said.err and path.read_text() == "mine"
         assert dry("--record", path, "--force").code == 0
         assert path.read_text().startswith("# replay: ")
 

@@ -171,7 +171,7 @@ REFUSED: dict[str, Callable[[], Recording]] = {
     r"line 2, column 1 .*'1_0' is not a time": lambda: table(["1_0"]),
     r"line 2, column 1 .*'nan' is not a usable time": lambda: table(["nan"]),
     r"line 2, column 1 .*'inf' is not a usable time": lambda: table(["inf"]),
-    r"'1e99999999999999999999' is no usable": lambda: table(["1e99999999999999999999"]),
+    r"'1e99999999999999999999' is not a usable": lambda: table(["1e99999999999999999999"]),
     r"'0e-9999' is not a usable time": lambda: table(["0e-9999"]),
     r"a rate is a fraction of two integers": lambda: table(["0", "1e-30"]),
 }

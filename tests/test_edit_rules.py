@@ -150,11 +150,11 @@ class TestRefusals:
     def test_an_output_that_exists(self, tmp_path: Any) -> None:
         path = tmp_path / "a.hapf"
         path.write_bytes(made("archive"))
-        with pytest.raises(hapfmt.ParameterError, match="exists already"):
+        with pytest.raises(hapfmt.ParameterError, match="already exists"):
             edit.subset(path, path)
         edit.subset(path, path, ["a"], force=True)
         assert [c.label for c in hapfmt.read(path).channels] == ["a"]
-        with pytest.raises(hapfmt.ParameterError, match="exists already"):
+        with pytest.raises(hapfmt.ParameterError, match="already exists"):
             edit.attach(path, [edit.attachment_of(__file__)], path)
 
 

@@ -66,7 +66,7 @@ def test_files(tmp_path):
     for kind in ("png", "svg", "pdf"):
         plot_opinions(tmp_path / f"a.{kind}", GRID, scale=SCALE)
         assert (tmp_path / f"a.{kind}").stat().st_size > 1000
-    with pytest.raises(ParameterError, match="exists already"):
+    with pytest.raises(ParameterError, match="already exists"):
         plot_opinions(tmp_path / "a.png", GRID, scale=SCALE)
     with pytest.raises(ParameterError, match=r"\.png, \.svg, \.pdf"):
         plot_opinions(tmp_path / "a.txt", GRID, scale=SCALE)

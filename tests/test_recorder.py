@@ -561,12 +561,12 @@ def test_two_recorders_on_one_file_are_refused(tmp_path):
     path = tmp_path / "locked.hapf"
     with Recorder(path, [counts_input()]) as recorder:
         recorder.flush()
-        with pytest.raises(ParameterError, match="being written by another"):
+        with pytest.raises(ParameterError, match="Another program is writing"):
             Recorder(path, [counts_input()], append=True)
         with pytest.raises(ParameterError):
             Recorder(path, [counts_input()], force=True)
         recorder.write("force", [1])
-    with pytest.raises(ParameterError, match="exists already"):
+    with pytest.raises(ParameterError, match="already exists"):
         Recorder(path, [counts_input()])
     assert hapfmt.read(path).channels[0].stored.tolist() == [1]
 

@@ -73,7 +73,7 @@ def test_other_damage_is_mended_beside(path, place):
 def test_the_damaged_one_is_never_written_over(path):
     path.write_bytes(flipped(WHOLE, 100))
     (path.parent / "a.hapf.damaged").write_bytes(b"older")
-    with pytest.raises(ParameterError, match="exists already"):
+    with pytest.raises(ParameterError, match="already exists"):
         hapfmt.recover_in_place(path)
     assert path.read_bytes() == flipped(WHOLE, 100)
     assert (path.parent / "a.hapf.damaged").read_bytes() == b"older"
@@ -81,7 +81,7 @@ def test_the_damaged_one_is_never_written_over(path):
 
 def test_a_file_that_is_being_written_is_refused(path):
     path.write_bytes(WHOLE)
-    with open_append(path), pytest.raises(ParameterError, match="another program"):
+    with open_append(path), pytest.raises(ParameterError, match="Another program"):
         hapfmt.recover_in_place(path)
 
 
@@ -113,3 +113,28 @@ def test_verb(path):
     assert run("--in-place", str(path)).returncode == 0
     assert run("--in-place", str(path), "other.hapf").returncode == 1
     assert run(str(path)).returncode == 1
+
+
+BAD_INDEX = f.closed(
+    ("HEAD", f.head()), f.TRACK_0, *[("DATA", f.cluster(row)) for row in ROWS],
+    duration_ns=17_000_000,
+)  # fmt: skip
+"""The footer states another duration."""
+
+
+def test_a_file_that_breaks_a_rule_is_not_left_alone(path):
+    path.write_bytes(BAD_INDEX)
+    assert verify(BAD_INDEX).verdict == "nonconforming"
+    done = hapfmt.recover_in_place(path)
+    assert (done.exit_code, done.mended) == (0, "file")
+    assert verify(path.read_bytes()).verdict == "intact"
+    assert packets(path.read_bytes()) == ROWS
+
+
+def test_a_packet_that_breaks_a_rule_does_not_stay_at_the_end(path):
+    """Appending would keep it: its checksum holds."""
+    bad = f.file(("HEAD", f.head()), f.TRACK_0, ("DATA", f.cluster((0, 0, 4, b""))))
+    path.write_bytes(bad)
+    done = hapfmt.recover_in_place(path)
+    assert (done.exit_code, done.mended) == (3, "file")
+    assert verify(path.read_bytes()).verdict == "intact"

@@ -124,7 +124,7 @@ class TestRecord:
     def test_nothing_is_replaced_unless_asked(self, path, tmp_path):
         with RecordSink(path, PROFILE) as sink:
             sink.send(frame(0, (1, 2)), ())
-        with pytest.raises(ParameterError, match="exists already"):
+        with pytest.raises(ParameterError, match="already exists"):
             RecordSink(path, PROFILE)
         with RecordSink(path, PROFILE, force=True) as sink:
             sink.send(frame(0, (3, 2)), ())

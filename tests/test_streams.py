@@ -142,8 +142,8 @@ HEAD = b'{"channels": [{"label": "a", "rate": 10, "calibration": [1,0,1]}, {"lab
     [
         (b"1,2\n3\n", 3, "1 values for 2 channels"),
         (b"1,2\n3,4,5\n6,7\n", 3, "3 values for 2"),
-        (b"1,2\nx,3\n", 3, "'x' is no number"),
-        (b"1,2\n\n# c\n1.5,3\n", 5, "1.5 is no integer count"),
+        (b"1,2\nx,3\n", 3, "'x' is not a number"),
+        (b"1,2\n\n# c\n1.5,3\n", 5, "1.5 is not an integer count"),
         (b"1,2\n8388608,3\n", 3, "need more than its 24 bits"),
         (b"1,2\n1e300,3\n", 3, "beyond 2^53"),
         (b"1,2\n@0 3,4\n", 3, "ticks never go back"),
@@ -253,3 +253,35 @@ def test_an_input_of_a_table_may_have_a_lattice():
     assert back.channels[0].calibration == Calibration(1, 0, 10)
     assert (back.channels[0].label, back.channels[0].unit) == ("1", "V")
     assert Input("1", 10, "V", lsb=0.1).lsb == 0.1
+
+
+HUGE = {
+    "row": (b"1,2\n3,1e999\n4,5\n", "line 2: '1e999' is beyond the range of a double", 1),
+    "negative": (b"1,2\n-1E400,3\n", "line 2: '-1E400' is beyond the range of a double", 1),
+    "first": (b"1e999,2\n", "line 1: '1e999' is beyond the range of a double", None),
+    "value": (
+        b'{"channels": [{"label": "a", "rate": 10}]}\n1\n{"channel": "a", "values": [2, 1e999]}\n',
+        "line 3: '1e999' is beyond the range of a double",
+        1,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HUGE)
+def test_numbers_beyond_a_double_are_refused(name):
+    """As encode does; what was recorded before stays."""
+    data, message, kept = HUGE[name]
+    back, error = recorded(data, Table(Fraction(10)))
+    assert str(error) == message
+    assert (back is None) == (kept is None)
+    if back is not None:
+        assert {channel.stored.size for channel in back.channels} == {kept}
+
+
+def test_infinity_is_a_value():
+    back, error = recorded(b"1,inf\n-Infinity,3\n", Table(Fraction(10)))
+    assert error is None
+    assert [channel.samples().tolist() for channel in back.channels] == [
+        [1, -np.inf],
+        [np.inf, 3],
+    ]

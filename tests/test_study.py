@@ -98,9 +98,9 @@ def test_a_study(study):
         ('["anchor"]', '["anker"]', r"training\[0\]: there is no condition 'anker'"),
         ('["anchor"]', "[1]", r"training: is not a list of different texts"),
         ('name = "textures"', 'scale = ["a", "b"]', r"scale: has 2 texts; write 5"),
-        ('name = "textures"', "session = 1", r"no TOML: "),
-        ('name = "textures"', 'name = "\x00', r"no TOML: "),
-        ('name = "textures"', "seed = " + "9" * 5000, r"no TOML: "),
+        ('name = "textures"', "session = 1", r"Invalid TOML: "),
+        ('name = "textures"', 'name = "\x00', r"Invalid TOML: "),
+        ('name = "textures"', "seed = " + "9" * 5000, r"Invalid TOML: "),
     ],
 )
 def test_errors_name_the_key(old, new, told):

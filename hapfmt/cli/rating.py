@@ -148,9 +148,9 @@ class Lines:
 
     def ask(self, prompt: str) -> str | None:
         """A word, or None where no more can come."""
-        raw(prompt)
-        sys.stdout.flush()
         if self.descriptor is None:
+            raw(prompt)
+            sys.stdout.flush()
             line = sys.stdin.readline()
             if not sys.stdin.isatty():
                 say(line.rstrip("\r\n"))
@@ -159,6 +159,9 @@ class Lines:
         keys[3] &= ~(self.termios.ICANON | self.termios.ECHO)
         try:
             self.termios.tcsetattr(self.descriptor, self.termios.TCSADRAIN, keys)
+            # Only now: a key that is typed at the prompt must not meet the terminal's own editing.
+            raw(prompt)
+            sys.stdout.flush()
             return self.typed()
         finally:
             self.restore()

@@ -8,8 +8,9 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from ..container.track import Track
-from ..errors import ParameterError
+from ..errors import ParameterError, UnsupportedError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
+from ..names import unknown
 from .original import has_channels, labels_of, ticks_of
 
 LAST_CHANNEL = 65_534
@@ -56,6 +57,12 @@ def lay_out(
         if track.kind != "events":
             changes["first_channel"] = numbers[track.first_channel]
         if track.base is not None:
+            if track.base not in ids:
+                # Only a track that is not understood refers to one that does not belong to it.
+                raise UnsupportedError(
+                    f"Track {old} refers to track {track.base}, which is not copied",
+                    offset=track.offset,
+                )
             changes["base"] = ids[track.base]
         if has_channels(track):
             # Tracks that share their channel numbers continue one another, in order of their ids.
@@ -76,8 +83,7 @@ def numbers_of(tracks: Mapping[int, Track], names: Sequence[str | int] | str | i
         if number is None and str(name).isascii() and str(name).isdecimal():
             number = int(name)
         if number is None or number not in known:
-            listed = ", ".join(f"{n}={known[n]!r}" for n in sorted(known))
-            raise ParameterError(f"no channel {name!r}; there are: {listed}")
+            raise ParameterError(unknown("channel", name, {n: known[n] for n in sorted(known)}))
         found.add(number)
     return found
 

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 
-from ..atomic import refuse, sync_directory
+from ..atomic import refusal, refuse, sync_directory
 from ..closing import Closing
 from ..container.source import FILE_GAP
 from ..container.wire import SIGNATURE
@@ -250,13 +250,13 @@ def open_live(path: str | os.PathLike[str], *, sync: SyncPolicy | None = None) -
         for _ in range(TRIES):
             mode = Path(name).stat().st_mode
             if not stat.S_ISREG(mode):
-                raise ParameterError("not a regular file, so nothing is appended", path=name)
+                raise refusal(f"{name} is not a regular file, so nothing can be appended")
             descriptor = os.open(name, OPENED)
             take(descriptor, name)
             if os.path.samestat(os.fstat(descriptor), Path(name).stat()):
                 return LiveFile(descriptor, name, sync or SyncPolicy())
             os.close(descriptor)
-    raise ParameterError("another program replaces it again and again", path=name)
+    raise refusal(f"Another program replaces {name} again and again")
 
 
 def take(descriptor: int, name: str) -> None:
@@ -268,4 +268,4 @@ def take(descriptor: int, name: str) -> None:
         if not taken:
             os.close(descriptor)
     if not taken:
-        raise ParameterError("is being written by another program", path=name)
+        raise refusal(f"Another program is writing {name}")

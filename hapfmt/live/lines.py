@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from math import isinf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,10 @@ TICK_DIGITS = 19
 
 NAMED = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\]\s*)?")
 """A name, and a unit in brackets."""
+
+
+class RangeError(ValueError):
+    """A number, and no name, but too large for a double."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +132,8 @@ class Lines:
         names = [name.decode("utf-8", "replace").strip() for name in fields_of(line)]
         try:
             parse_rows([line.partition(b" ")[2] if line.startswith(b"@") else line], len(names))
+        except RangeError as error:
+            raise ParameterError(str(error)) from None
         except ValueError:
             self.session.start(self.table.header(names))
             return True
@@ -192,7 +199,18 @@ def parse_rows(lines: Sequence[bytes], columns: int) -> NDArray[np.float64]:
         except ValueError:
             odd = next(text for text in found if not is_number(text))
             raise ValueError(f"{odd.decode('utf-8', 'replace')!r} is not a number") from None
+    if np.isinf(out).any():
+        # "inf" is a value; a number too large would become one without a word.
+        for line in lines:
+            for text in fields_of(line):
+                if overflows(text):
+                    shown = text.decode("utf-8", "replace").strip()
+                    raise RangeError(f"{shown[:40]!r} is beyond the range of a double")
     return out
+
+
+def overflows(text: bytes) -> bool:
+    return b"inf" not in text.lower() and bool(text.strip()) and isinf(float(text))
 
 
 def is_number(text: bytes) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
+from math import isinf
 from typing import Any
 
 import numpy as np
@@ -230,9 +231,17 @@ def input_of(given: Any) -> Input:
         ) from None
 
 
+def double(text: str) -> float:
+    """A number of JSON; one too large would become infinite without a word."""
+    value = float(text)
+    if isinf(value):
+        raise ParameterError(f"{text[:40]!r} is beyond the range of a double")
+    return value
+
+
 def parse_object(text: bytes) -> dict[str, Any]:
     try:
-        found = json.loads(text.decode("utf-8"))
+        found = json.loads(text.decode("utf-8"), parse_float=double)
     except (ValueError, RecursionError):
         raise ParameterError("this is not JSON") from None
     if not isinstance(found, dict):

@@ -16,7 +16,6 @@ from ..reading.catalogue import HARMLESS, Catalogue, ChunkRef
 from ..reading.opening import lose_chunk
 
 WRITTEN_ANEW = frozenset({"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "dGST"})
-DIGEST_SIZE = 32
 CLOCKS: dict[str, Callable[[bytes, int | None, int], object]] = {
     "cLOk": parse_clock,
     "cMAp": parse_map,
@@ -72,23 +71,6 @@ class Extras:
         safe = chunk.header.type[3].islower()
         whole = all(finding.code in HARMLESS for finding in self.catalogue.findings)
         return chunk.header.critical or safe or whole
-
-
-def stored_digests(catalogue: Catalogue) -> dict[int, tuple[bytes, int]]:
-    """The last digest of each track that has one, and its offset."""
-    found: dict[int, tuple[bytes, int]] = {}
-    for ref in catalogue.chunks:
-        chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "dGST" else None
-        if chunk is None or not chunk.intact or not chunk.header.known:
-            continue
-        if not chunk.payload or len(chunk.payload) % DIGEST_SIZE:
-            error = FormatError("no whole number of digests", requirement="DGS-001")
-            lose_chunk(catalogue, chunk, error)
-        for place in range(len(chunk.payload) // DIGEST_SIZE):
-            at = DIGEST_SIZE * place
-            digest = chunk.payload[at : at + DIGEST_SIZE]
-            found[chunk.header.track + place] = digest, chunk.payload_offset + at
-    return found
 
 
 def write_note(catalogue: Catalogue, writer: FileWriter, note: str) -> None:

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from ..appending import check_tail, open_append
-from ..atomic import atomic_write, sync_directory
+from ..atomic import atomic_write, refusal, sync_directory
 from ..container.source import open_source
-from ..errors import HapfmtError, ParameterError
+from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Limits
 from ..live.file import open_live
 from ..reading.catalogue import HARMLESS, Catalogue
 from ..reading.opening import from_walk
-from .recover import Copy, Recovery
+from .recover import Copy, Recovery, check_layout, write_checked
 
 Progress = Callable[[int, int], None]
 DAMAGED = ".damaged"
@@ -49,15 +49,28 @@ def recover_in_place(
     with open_live(name):
         # A file that grows would seem to be damaged.
         catalogue, done, tail = survey(name, limits or Limits(), progress)
-    if not done.findings and done.exit_code in (0, 4):
+    if not done.findings and done.exit_code in (0, 4) and keeps_rules(name, limits or Limits()):
         return done
-    if tail and not catalogue.unsupported:
+    # Appending copies the packets of a cut chunk without decoding them.
+    if tail and not catalogue.unsupported and not done.undecodable:
         with open_append(name):
             pass
-        done.file_size = Path(name).stat().st_size
-        done.mended = "end"
-        return done
+        if keeps_rules(name, limits or Limits()):
+            done.file_size = Path(name).stat().st_size
+            done.mended = "end"
+            return done
     return rewrite(name, canonical, limits or Limits(), progress)
+
+
+def keeps_rules(name: str, limits: Limits) -> bool:
+    source = open_source(name)
+    try:
+        check_layout(source, limits)
+    except FormatError:
+        return False
+    finally:
+        source.close()
+    return True
 
 
 def survey(
@@ -89,7 +102,7 @@ def rewrite(
     target = Path(os.path.realpath(name))
     kept = target.with_name(target.name + DAMAGED)
     if kept.exists():
-        raise ParameterError("exists already: the damaged file would be kept there", path=str(kept))
+        raise refusal(f"{kept} already exists; it is the name for the damaged file")
     beside = target.with_name(f".{secrets.token_hex(8)}.tmp")
     linked = False
     locked = open_live(target)
@@ -98,7 +111,7 @@ def rewrite(
             source = open_source(target)
             try:
                 catalogue = from_walk(source, limits, tolerant=True)
-                done = Copy(catalogue, stream, canonical, limits, progress).run()
+                done = write_checked(catalogue, stream, canonical, limits, progress)
             finally:
                 source.close()
         os.link(target, kept)

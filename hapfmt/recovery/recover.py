@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import os
+import shutil
+import tempfile
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 from uuid import UUID
 
 from ..atomic import refuse, target
 from ..container.cluster import Packet, entry_size
 from ..container.filewriter import FileWriter
-from ..container.source import open_source
+from ..container.source import SPOOL_SIZE, Source, StreamSource, open_source
 from ..container.walk import Finding, read_chunk
 from ..container.wire import SIGNATURE
 from ..damage import damage_report, lost_lines
@@ -27,10 +29,13 @@ from ..reading.losses import LostSpan
 from ..reading.opening import from_walk
 from ..reading.packets import PacketPass
 from ..reading.pieces import PieceDecoder
+from ..verifier import check_structure, stored_digests
 from .descriptions import EVERYTHING, describe
-from .extras import Extras, stored_digests, write_note
+from .extras import Extras, write_note
 
 REMADE = frozenset({"iNDX", "fOOT"})
+OF_CHUNKS = frozenset({"bad-chunk", "bad-payload", "truncated", "duplicate-chunk"})
+"""Findings with the offset of a chunk."""
 
 
 @dataclass
@@ -48,6 +53,8 @@ class Recovery:
     digests: int = 0
     file_size: int = 0
     empty_tracks: int = 0
+    undecodable: int = 0
+    """Packets whose checksum holds and that break a rule."""
     mended: str = ""
     """In place: "end", "file", or nothing where nothing was to be done."""
     kept_as: str | None = None
@@ -99,7 +106,13 @@ def recover(
     try:
         catalogue = from_walk(source, limits, tolerant=True)
         with target(into, force) as stream:
-            return Copy(catalogue, stream, canonical, limits or Limits(), progress).run()
+            if isinstance(into, (str, os.PathLike)):
+                return write_checked(catalogue, stream, canonical, limits or Limits(), progress)
+            with cast(BinaryIO, tempfile.SpooledTemporaryFile(max_size=SPOOL_SIZE)) as spool:
+                done = write_checked(catalogue, spool, canonical, limits or Limits(), progress)
+                spool.seek(0)
+                shutil.copyfileobj(spool, stream)
+            return done
     except HapfmtError as error:
         raise error.at(path=source.path) from None
     finally:
@@ -109,6 +122,43 @@ def recover(
 def refuse_same(file: str | os.PathLike[str], into: str | os.PathLike[str]) -> None:
     if Path(file).exists() and Path(file).samefile(into):
         raise ParameterError("the recovered file would replace the damaged one", path=str(into))
+
+
+def write_checked(
+    catalogue: Catalogue,
+    stream: BinaryIO,
+    file_id: int | None,
+    limits: Limits,
+    progress: Callable[[int, int], None] | None,
+) -> Recovery:
+    """The recovered file, written to ``stream`` and read back, so that no output breaks a rule.
+
+    Packets were decoded when they were copied: here only the structure around them is checked, in
+    a time that grows with the size of the file. Raises FormatError or LimitError instead of leaving
+    a file that ``verify`` would refuse.
+    """
+    done = Copy(catalogue, stream, file_id, limits, progress).run()
+    stream.flush()
+    try:
+        check_layout(StreamSource(stream), limits)
+    except FormatError as error:
+        raise FormatError(
+            f"The recovered file would break a rule: {error.message}", requirement=error.requirement
+        ) from None
+    return done
+
+
+def check_layout(source: Source, limits: Limits) -> None:
+    """Raise FormatError where a closed file breaks a rule, but for what its packets hold."""
+    found = from_walk(source, limits)
+    check_structure(found)
+    everything = dict.fromkeys(found.tracks, EVERYTHING)
+    for packet in PacketPass(found, lambda: None).packets(everything):
+        limits.check_packet(found.tracks[packet.track].weight(packet.span, len(packet.data)))
+    stored_digests(found)
+    if found.findings:
+        first = found.findings[0]
+        raise FormatError(first.message, requirement=first.requirement, offset=first.offset)
 
 
 class Copy:
@@ -165,7 +215,7 @@ class Copy:
                 self.extras.copy(others.popleft())
             kept = [packet for packet in packets if self.check(packet)]
             if kept:
-                self.writer.data(sorted(kept, key=lambda p: (p.track, p.start)))
+                self.writer.cluster(kept)
         for ref in others:
             self.extras.copy(ref)
         self.copy_digests()
@@ -175,7 +225,7 @@ class Copy:
         lossy = any(self.costs(finding) for finding in done.findings)
         if lossy or done.lost or self.places or self.extras.dropped:
             done.exit_code = 3
-        elif catalogue.exit_code == 4 or catalogue.unsupported:
+        elif catalogue.not_understood:
             done.exit_code = 4
         if done.findings or done.exit_code == 3:
             write_note(catalogue, self.writer, self.note())
@@ -206,7 +256,7 @@ class Copy:
             self.writer.level.check("payload_size", size, "CHK-008", packet.offset)
             if decoder is not None:
                 piece = self.pieces.decode(packet)
-                if packet.offset < self.stored.get(packet.track, (b"", 0))[1]:
+                if packet.offset < self.stored.get(packet.track, (0, b""))[0]:
                     self.digests[packet.track].update(packet.start, piece.digested)
                 else:
                     self.outrun.add(packet.track)
@@ -214,6 +264,7 @@ class Copy:
             rule = error.requirement or "COD-001"
             self.catalogue.lose("bad-packet", packet.offset, len(packet.data), error.message, rule)
             self.done.lost.append(LostSpan(packet.track, packet.start, packet.stop))
+            self.done.undecodable += 1
             return False
         self.done.packets += 1
         if self.tracks[packet.track].kind != "events":
@@ -225,7 +276,7 @@ class Copy:
         catalogue = self.catalogue
         touched = {span.track for span in self.done.lost}
         kept: dict[int, bytes] = {}
-        for track, (digest, offset) in self.stored.items():
+        for track, (offset, digest) in self.stored.items():
             if track not in self.tracks:
                 continue
             if track not in self.decoders:
@@ -249,7 +300,8 @@ class Copy:
         if finding.offset + finding.size <= len(SIGNATURE):
             # What is left of the signature, which is written anew.
             return False
-        type_ = self.types.get(finding.offset)
+        # Packets without bytes have the offset of whatever follows them.
+        type_ = self.types.get(finding.offset) if finding.code in OF_CHUNKS else None
         if type_ == "TRAK":
             chunk = read_chunk(self.catalogue.source, finding.offset)
             return chunk is None or chunk.header.track not in self.tracks

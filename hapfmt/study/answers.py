@@ -21,6 +21,7 @@ from ..atomic import sync_directory
 from ..errors import ParameterError
 from ..lock import lock
 from .description import HIGHEST, ROLES
+from .files import open_regular, refuse_special
 from .order import Trial
 
 VERSION = 1
@@ -55,7 +56,7 @@ class Answers:
 
 
 def load_answers(path: str | Path) -> Answers:
-    with Path(path).open("rb") as stream:
+    with open_regular(path, LARGEST) as stream:
         data = stream.read(LARGEST + 1)
     try:
         found = parse_answers(data)
@@ -176,8 +177,10 @@ class AnswerFile:
     def __init__(self, path: Path, head: dict[str, Any], tell: Callable[[str], None]) -> None:
         """New, or gone on with; refused where what is there belongs to something else."""
         self.path = path
-        self.descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
+        flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
+        self.descriptor = os.open(path, flags, 0o666)
         try:
+            refuse_special(self.descriptor, path, LARGEST)
             if lock(self.descriptor) is False:
                 raise ParameterError("is being written by another program", path=str(path))
             data = b""

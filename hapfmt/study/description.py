@@ -11,6 +11,7 @@ from typing import Any, Literal
 from ..errors import ParameterError
 from ..scenes.keys import SceneError, check, choice, key, number, read_table, text, whole
 from ..toml import parse_toml
+from .files import open_regular
 
 Role = Literal["test", "reference", "anchor"]
 ROLES = ("test", "reference", "anchor")
@@ -180,7 +181,7 @@ class Study:
 
 def load_study(path: str | Path) -> Study:
     path = Path(path)
-    with path.open("rb") as stream:
+    with open_regular(path, LARGEST) as stream:
         data = stream.read(LARGEST + 1)
     try:
         return parse_study(data, path)

@@ -22,8 +22,11 @@ from ..errors import HapfmtError, ParameterError
 from ..recording import Channel, Recording, Span
 from ..version import __version__
 from .description import Condition, Session, Study
+from .files import open_regular
 
 MANIFEST = "prepared.json"
+LARGEST_MANIFEST = 64 << 20
+"""Bytes."""
 SHORTER_S = 0.05
 """A file of one's own may differ so much in length from the reference."""
 LOSSLESS = {"preset": "archive"}
@@ -89,20 +92,21 @@ def sources_of(study: Study) -> list[Path]:
 
 
 def digest_of(path: Path) -> str:
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def load(folder: Path, wanted: dict[str, Any]) -> list[Stimulus] | None:
     """What was made, where every byte of it is still there."""
     try:
-        told = json.loads((folder / MANIFEST).read_bytes())
+        with open_regular(folder / MANIFEST, LARGEST_MANIFEST) as stream:
+            told = json.loads(stream.read())
         rows = told.pop("stimuli")
         if told != wanted:
             return None
         stimuli = [Stimulus(**{**row, "path": folder / row["path"]}) for row in rows]
         whole = all(digest_of(each.path) == each.sha256 for each in stimuli)
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+    except (HapfmtError, OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
     return stimuli if whole else None
 

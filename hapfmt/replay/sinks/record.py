@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from ...atomic import atomic_write, refuse
 from ...convert.csv import column_name, tick_times
 from ...errors import ParameterError
-from ...live.recorder import Input, Recorder
 from ...recording import Calibration
 from ..frames import Frame
 from ..profile.model import Actuator, Profile, Report
@@ -129,6 +128,8 @@ class HapfRows:
         told: dict[str, Any],
         canonical: int | None,
     ) -> None:
+        from ...live.recorder import Input, Recorder
+
         inputs = [
             Input(
                 actuator.name,

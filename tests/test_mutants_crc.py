@@ -1,0 +1,83 @@
+"""Files that break rules although their checksums hold, through every verb (tools/mutants_crc.py)."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from pathlib import Path
+
+import forge as f
+import pytest
+from fuzzing.mutants import (
+    FIRST,
+    PER_FILE,
+    VERBS,
+    Row,
+    check,
+    check_recovered,
+    cluster_of,
+    limits_of,
+    mutant,
+    rows_of,
+    seeds,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapfmt.limits import Limits
+from hapfmt.verifier import verify
+
+COUNTS = {"brief": 60, "dev": 120, "steady": 120, "ci": 1500, "nightly": 12_000}
+COUNT = COUNTS[os.environ.get("HYPOTHESIS_PROFILE", "dev")]
+PARTS = 4
+
+
+@pytest.mark.parametrize("part", range(PARTS))
+def test_mutants(part: int, tmp_path: Path) -> None:
+    """
+    VRD-001: A program that reads hapf files MUST end with the code of this table.
+    """
+    told: Counter[str] = Counter()
+    for seed in range(part * COUNT // PARTS, (part + 1) * COUNT // PARTS):
+        told.update(check(seed, tmp_path))
+    # Else the mutants are too wild, or too tame.
+    assert told["law: recovered, 3"] > COUNT // PARTS // 4
+    assert sum(count for line, count in told.items() if line.endswith(": 2")) > 0
+
+
+@given(st.integers(0, 1 << 62))
+def test_any_mutant(seed: int) -> None:
+    check_recovered(mutant(seed), limits_of(seed))
+
+
+def test_every_verb_has_its_turn() -> None:
+    assert COUNTS["brief"] * PER_FILE >= 4 * len(VERBS)
+    assert len(seeds()) > 500
+    assert {len(seed) > 300 for seed in seeds()[:FIRST]} == {True}
+
+
+def two_events(first: int, second: int, *more: Row) -> bytes:
+    """A layer with two packets of an event each, which begin at these ticks."""
+    rows = [Row(0, 0, 4, f.KNOT_DATA), Row(1, first, 4, f.event(0, "a")), *more]
+    return f.closed(
+        ("HEAD", f.head()),
+        f.TRACK_0,
+        ("TRAK", f.layer(f.tlv(2, f.strings("by hand"))), {"track": 1}),
+        ("DATA", f.cluster(*rows, (1, second, 4, f.event(1, "b")))),
+        duration_ns=8_000_000,
+    )
+
+
+def test_packets_of_events_that_start_together() -> None:
+    """
+    DAT-002: Entries MUST stand in increasing order of (track, start).
+    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, with the same track id, start, span and bytes, and no other.
+    """
+    data = two_events(0, 0)
+    assert verify(data).exit_code == 2
+    assert check_recovered(data, Limits()) == "recovered, 0"
+
+
+def test_rows_come_back() -> None:
+    rows = [Row(0, 3, 4, b"abc"), Row(700, 1 << 40, 1, b"")]
+    assert rows_of(cluster_of(rows)) == rows
