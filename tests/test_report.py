@@ -214,7 +214,7 @@ def test_st_sim_is_bounded(monkeypatch):
 
 def command(out: Path, *arguments: str) -> str:
     done = subprocess.run(
-        [sys.executable, "tools/report", "--quick", "--no-data", "--out", str(out), *arguments],
+        [sys.executable, "tools/report", "--quick", "--no-data", "-o", str(out), *arguments],
         cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
         check=False,
     )  # fmt: skip

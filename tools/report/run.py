@@ -1,7 +1,7 @@
 """Error, size and run time of everything, in one page: scenes and recordings, integrators, codecs,
 stability, and the paper's figures.
 
-python tools/report [--quick] [--only SECTION] [--data DIR] [--out DIR]
+python tools/report [--quick] [--only SECTION] [--data DIR] [-o DIR]
 
 Writes index.html, which needs no other file, report.md, report.json, and a CSV file for each table.
 Without a folder of recordings only simulated scenes are measured. All of it takes at most 15
@@ -99,7 +99,7 @@ def write(out: Path, about: dict[str, str], parts: Sequence[Part]) -> None:
 @click.option("--data", type=click.Path(exists=True, file_okay=False, path_type=Path),
               help="A folder of recordings.  [../shared/data, where there is one]")  # fmt: skip
 @click.option("--no-data", is_flag=True, help="Simulated scenes alone.")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path),
+@click.option("-o", "--output", "out", type=click.Path(file_okay=False, path_type=Path),
               default=ROOT / "build" / "report", help="A folder for what is written.")  # fmt: skip
 def main(
     quick: bool, only: tuple[str, ...], data: Path | None, no_data: bool, out: Path
