@@ -98,7 +98,7 @@ def test_options_reach_the_scene(tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["velvet", "a.hapf"], "no scene 'velvet': neither a file nor one of cork"),
+        (["velvet", "a.hapf"], "no scene 'velvet'; there are: cork"),
         (["sand"], "give OUT, where it is written"),
         (["sand", "a.xyz"], "the suffix '.xyz' is not one of: .hapf .npz"),
         (["sand", "none/a.npz"], "does not exist"),

@@ -482,7 +482,7 @@ class TestLoad:
             load_profile(str(path))
 
     def test_no_such(self):
-        with pytest.raises(ParameterError, match=r"neither a file nor one of .*glove5"):
+        with pytest.raises(ParameterError, match=r"no file and no profile .*glove5"):
             load_profile("glove6")
 
     @pytest.mark.parametrize(

@@ -142,7 +142,9 @@ def explained(error: click.ClickException) -> click.ClickException:
     name = names.get(error.ctx.command.name or "", names.get("", ""))
     known = [each for param in error.ctx.command.params for each in param.opts]
     if name.split(" ")[0] not in known:
-        return error
+        meant = similar(error.option_name, known)
+        text = f"; did you mean {meant!r}?" if meant else ""
+        return click.UsageError(f"no option {error.option_name!r}{text}", error.ctx)
     return click.UsageError(f"{error.option_name} was renamed {name}", error.ctx)
 
 

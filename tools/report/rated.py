@@ -93,9 +93,10 @@ def picture5(rated: list[Rated], what: str) -> Figure:
         bits,
         curves,
         f"Fig. 5, measured: {what}, k = {PERCENT} %",
-        "These are no ratings: no people took part. An error counts as felt if it exceeds the "
-        "vibrotactile threshold and changes the vibration by a fifth (the smallest Weber fraction "
-        "known). Only forces are judged: the motion by a torque depends on its lever.",
+        "These are measures, no ratings: no people took part. An error counts as felt where it is "
+        "above the vibrotactile threshold and changes the vibration by at least a fifth (the "
+        "smallest Weber fraction reported). Only forces are judged: the motion that a torque "
+        "causes depends on its lever.",
     )
 
 
