@@ -27,6 +27,7 @@ from .common import (
     tell_notes,
     threads_option,
 )
+from .help import Verb
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
-@click.command(short_help="Encode a recording into a .hapf file.")
+@click.command(cls=Verb)
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="OUT")
 @click.option(

@@ -19,6 +19,7 @@ import click
 from ..errors import ParameterError
 from . import screen
 from .common import AmountType, FractionType, echo_json, force_option, json_option, standard_input
+from .help import Verb
 from .screen import complain, say
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ LOST = 3
 """Exit code: done with loss (SPEC clause 14)."""
 
 
-@click.command(short_help="Record samples as they come from another program.")
+@click.command(cls=Verb)
 @click.argument("target", metavar="OUT")
 @click.option(
     "-i",
