@@ -62,7 +62,7 @@ def write(
     if isinstance(file, (str, os.PathLike)):
         refuse(os.fspath(file), force)
     encoded = encode(recording, settings, progress=progress, threads=threads)
-    made_by = f"hapfmt {__version__}: {settings.describe()}"
+    made_by = f"hapfmt {__version__}: {encoded.settings.describe()}"
     if not isinstance(recording.metadata, dict):
         raise ParameterError("metadata is a JSON object, a dict in Python")
     metadata = {**recording.metadata, "encoder": made_by}

@@ -149,6 +149,37 @@ def fraction(text: str) -> Fraction:
         raise click.BadParameter(error.message) from None
 
 
+class PresetType(click.Choice[str]):
+    """A preset; old names are taken with a note."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from ..encoder.settings import alias_note
+
+        note = alias_note(str(value))
+        if not note:
+            return super().convert(value, param, ctx)
+        from .screen import say
+
+        say(f"note: {note}", err=True)
+        return str(value)
+
+
+class ShareType(click.ParamType[Fraction]):
+    """0.1 or 10%."""
+
+    name = "share"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Fraction:
+        from ..encoder.settings import share
+
+        try:
+            return share(value)
+        except ParameterError as error:
+            self.fail(error.message, param, ctx)
+
+
 class FractionType(click.ParamType[Fraction]):
     name = "number"
 
@@ -173,7 +204,7 @@ class BitsType(click.ParamType[int]):
 
 
 class AmountType(click.ParamType["Tolerance"]):
-    """1e-6 in the channel's unit, 0.5lsb, 0.01% of its range."""
+    """1e-6 in the channel's unit, 10mN, 0.5lsb, 0.01% of its range."""
 
     name = "amount"
 

@@ -63,7 +63,7 @@ def convert(
         from ..encoder.settings import Settings
         from ..writer import write
 
-        write(recording, output_of(target), Settings.of(step="1lsb"), force=force)
+        write(recording, output_of(target), Settings(), force=force)
     else:
         save_recording(recording, target, output_format, force)
     if as_json and target != "-":

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from ..recording import Recording
 
 PRESETS: dict[str, tuple[str, dict[str, Any], str]] = {
-    "lossless": ("archive", {}, "every bit"),
+    "lossless": ("lossless", {}, "every bit"),
     "near-lossless": ("near-lossless", {"max_error": "0.1%"}, "0.1 % of range"),
-    "perceptual": ("default", {}, "what is felt"),
-    "perceptual --no-texture": ("deadband", {}, "slow part only"),
-    "paper": ("paper", {}, "as in the paper"),
+    "perceptual": ("perceptual", {}, "what is felt"),
+    "perceptual --no-texture": ("perceptual", {"texture": False}, "slow part only"),
+    "paper": ("paper", {"smallest": False}, "as in the paper"),
 }
 """Name, preset, options, and what is kept; guarantees first, the paper's method last."""
 

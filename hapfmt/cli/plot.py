@@ -54,7 +54,8 @@ LINES = 3
     "--output-format",
     "kind",
     type=click.Choice(["png", "svg", "pdf"]),
-    help="Format of the picture, for a pipe [png].",
+    metavar="FORMAT",
+    help="Format of the picture, for a pipe: png, svg, pdf [png].",
 )
 @memory_option
 @force_option

@@ -11,6 +11,7 @@ import click
 from ..errors import ParameterError
 from .common import (
     HAPF,
+    PresetType,
     echo_json,
     force_option,
     json_option,
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from ..scenes.work import Work
 
 INTEGRATORS = ("explicit-euler", "semi-implicit", "implicit", "trapezoid", "rk4", "exact")
-PRESETS = ("default", "auto", "paper", "deadband", "archive")
 
 
 @click.command(cls=Verb)
@@ -64,9 +64,8 @@ PRESETS = ("default", "auto", "paper", "deadband", "archive")
 )
 @click.option(
     "--preset",
-    type=click.Choice(PRESETS),
-    help="Of a .hapf file, as in encode [default where there is a texture, else auto, which "
-    "writes no HF track].",
+    type=PresetType(["lossless", "near-lossless", "perceptual", "paper"]),
+    help="Of a .hapf file, as in encode [lossless].",
 )
 @click.option("--list", "as_list", is_flag=True, help="List the scenes.")
 @click.option("--show", is_flag=True, help="Print the TOML of NAME, as a start for your own.")
@@ -143,8 +142,7 @@ def write_scene(
         "simulate_s": simulated,
     }
     if kind == HAPF:
-        textured = asked.tool is not None and asked.tool.texture is not None
-        told |= encode_to(recording, target, preset or ("default" if textured else "auto"), force)
+        told |= encode_to(recording, target, preset or "lossless", force)
     else:
         save_recording(recording, target, kind, force)
     if as_json and target != "-":

@@ -49,8 +49,9 @@ def verify(
     """Check FILE against every rule: checksums, structure, packets, index, limits.
 
     With --against, each sample is compared with the original. The output counts the samples outside
-    the error bound that the file states, and gives the largest error in percent of it. The exit code is 3 if a bound does not hold, or if samples are missing or invented. A
-    channel without an error bound must be identical.
+    the error bound that the file states, and gives the largest error in percent of it. The exit
+    code is 3 if a bound does not hold, or if samples are missing or invented. A channel without
+    an error bound must be identical.
 
     \b
     hapfmt verify touch.hapf

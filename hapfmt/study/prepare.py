@@ -29,7 +29,7 @@ LARGEST_MANIFEST = 64 << 20
 """Bytes."""
 SHORTER_S = 0.05
 """A file of one's own may differ so much in length from the reference."""
-LOSSLESS = {"preset": "archive"}
+LOSSLESS = {"preset": "lossless"}
 
 
 class Stimulus(NamedTuple):
@@ -171,7 +171,10 @@ def encode(reference: Recording, condition: Condition, path: Path) -> None:
     if condition.low_pass_hz is not None:
         cutoff = condition.low_pass_hz
         recording = Recording(tuple(low_passed(each, cutoff) for each in reference.channels))
-    settings = Settings.of(given.pop("preset", "default"), **given)
+    of_paper = {"bits", "step", "interpolation"} & given.keys()
+    settings = Settings.of(
+        given.pop("preset", "paper" if of_paper else "perceptual"), **given, smallest=False
+    )
     write(recording, path, settings, canonical=0, force=True)
 
 
