@@ -84,7 +84,7 @@ SHOWN: dict[str, tuple[list[str], list[str], int]] = {
     "profile list": (["profile", "list"], ["name", "dualsense-bluetooth-haptics"], 0),
     "profile check": (["profile", "check", "glove22"], ["actuator", "lowest"], 0),
     "scene": (["scene"], ["everything", "grasp"], 0),
-    "demo": (["demo", "--seconds", "1"], ["bits", "outside"], 0),
+    "demo": (["demo", "--seconds", "1"], ["preset", "bytes"], 0),
     "replay": (
         ["replay", "a.hapf", "--device", "glove5", "--dry-run", "--map", "fx=thumb", "--stop",
          "0.05", "--record", "x.csv", "-f"],

@@ -175,7 +175,7 @@ def encode(
     \b
     hapfmt encode touch.npz touch.hapf
     hapfmt encode touch.csv touch.hapf --preset paper --k 0.1 --bits 5
-    hapfmt encode force.npy force.hapf --rate 1000 --preset near-lossless --max-error 0.1%
+    hapfmt encode f.npy f.hapf --rate 1000 --preset near-lossless --max-error 1%
     cat touch.npz | hapfmt encode - - --input-format npz > touch.hapf
     """
     from ..encoder.settings import Settings
