@@ -114,7 +114,7 @@ def read_table(name: str, layer: str) -> list[Event]:
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise ParameterError("events are UTF-8 text", path=name) from None
+        raise ParameterError("the events are not UTF-8 text", path=name) from None
     rows = json_rows(text) if text.lstrip().startswith("{") else csv_rows(text)
     events = []
     for number, row in rows:

@@ -28,6 +28,7 @@ from .common import (
     refuse_target,
     tell_notes,
     threads_option,
+    transpose_option,
 )
 from .help import Verb
 
@@ -143,6 +144,7 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 )
 @click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track.")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
+@transpose_option
 @input_format_option
 @click.option(
     "--canonical",
@@ -160,6 +162,7 @@ def encode(
     target: str,
     preset: str,
     rate: str | None,
+    transpose: bool | None,
     input_format: str | None,
     canonical: int | None,
     force: bool,
@@ -185,7 +188,7 @@ def encode(
     given["vectors"] = "required" if vectors else None
     given["felt"] = given["felt"] or None
     settings = Settings.of(preset, **given)
-    recording, code = load_recording(source, input_format, rate, max_memory)
+    recording, code = load_recording(source, input_format, rate, max_memory, transpose=transpose)
     tell_notes(recording)
     for place, names in enumerate(vectors):
         recording = with_vector(recording, names.split(","), f"vector {place + 1}")

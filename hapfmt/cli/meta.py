@@ -61,7 +61,7 @@ def meta(
 def member(text: str) -> tuple[str, Any]:
     name, equals, value = text.partition("=")
     if not (name and equals):
-        raise ParameterError(f"metadata is KEY=VALUE, unlike {text!r}")
+        raise ParameterError(f"Expected KEY=VALUE, got {text!r}")
     try:
         return name, json.loads(value, parse_constant=refuse)
     except ValueError:
