@@ -89,7 +89,7 @@ def recorded(folder: Path | None, count: int = len(RECORDED)) -> list[Source]:
     for each in RECORDED[:count]:
         path = (folder or Path()) / each.path
         if folder and path.exists():
-            recording = hapfmt.load(path)
+            recording = hapfmt.read(path)
             channels = tuple(recording.channel(label) for label in each.channels)
             found.append(Source(each.name, replace(recording, channels=channels), each.floor))
     return found

@@ -73,7 +73,7 @@ def subjects(options: Options, listed: list[Listed]) -> Iterator[Subject]:
             listed.append(Listed(name, skipped="--quick measures two recordings"))
             continue
         try:
-            loaded = hapfmt.read(path) if path.suffix == ".hapf" else hapfmt.load(path)
+            loaded = hapfmt.read(path)
         except hapfmt.HapfmtError as error:
             listed.append(Listed(name, skipped=str(error).removeprefix(f"{path}: ")))
             continue
