@@ -72,10 +72,8 @@ def load_all(data: Path, only: str, rate: str | None) -> Iterator[tuple[str, hap
         if path.suffix.lower() not in (*FORMATS, ".hapf") or only not in name:
             continue
         try:
-            yield (
-                name,
-                hapfmt.read(path) if path.suffix == ".hapf" else hapfmt.read(path, rate=rate),
-            )
+            given = {} if path.suffix == ".hapf" else {"rate": rate}
+            yield name, hapfmt.read(path, **given)
         except hapfmt.HapfmtError as error:
             click.echo(f"left out: {error}", err=True)
 

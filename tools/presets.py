@@ -60,7 +60,7 @@ class Result(NamedTuple):
 def load_all(data: Path) -> Iterator[tuple[str, hapfmt.Recording]]:
     for path in files_in(data):
         if path.suffix.lower() in FORMATS:
-            yield str(path.relative_to(data).with_suffix("")), hapfmt.load(path)
+            yield str(path.relative_to(data).with_suffix("")), hapfmt.read(path)
 
 
 def written(
