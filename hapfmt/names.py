@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
-SHOWN = 12
+SHOWN = 30
 """Names that a message lists."""
 
 
@@ -13,20 +13,19 @@ def similar(name: str, known: Iterable[str]) -> str | None:
     from difflib import get_close_matches
 
     names = {each.lower(): each for each in known if each}
-    found = get_close_matches(name.lower(), names, n=1, cutoff=0.6)
+    found = get_close_matches(name.lower(), names, n=1, cutoff=0.6 if len(name) > 3 else 0.5)
     return names[found[0]] if found else None
 
 
-def unknown(kind: str, name: object, known: Iterable[str]) -> str:
-    """The message for a name that is not known: the one that was meant, or those that there are."""
-    names = list(known)
+def unknown(kind: str, name: object, known: Iterable[str] | Mapping[int, str]) -> str:
+    """The message for a name that is not known: the one that was meant, or those that there are,
+    with their numbers where it has them."""
+    names = list(known.values()) if isinstance(known, Mapping) else list(known)
     meant = similar(name, names) if isinstance(name, str) else None
     if meant is not None:
         return f"no {kind} {name!r}; did you mean {meant!r}?"
-    return f"no {kind} {name!r}; there are: {listed(names)}"
-
-
-def listed(names: Iterable[str]) -> str:
-    every = list(names)
-    more = f" and {len(every) - SHOWN} more" if len(every) > SHOWN else ""
-    return (", ".join(map(repr, every[:SHOWN])) or "none") + more
+    listed = list(map(repr, names))
+    if isinstance(known, Mapping):
+        listed = [f"{number}={text}" for number, text in zip(known, listed, strict=True)]
+    more = f" and {len(listed) - SHOWN} more" if len(listed) > SHOWN else ""
+    return f"no {kind} {name!r}; there are: {', '.join(listed[:SHOWN]) or 'none'}{more}"

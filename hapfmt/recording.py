@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from .errors import LimitError, ParameterError
 from .limits import AFFINE_LIMIT, EXACT_LIMIT, TICK_LIMIT
+from .names import unknown
 from .numbers import exact as to_fraction
 
 if TYPE_CHECKING:
@@ -365,8 +366,7 @@ class Recording:
         for channel in self.channels:
             if channel.label == label:
                 return channel
-        known = ", ".join(repr(channel.label) for channel in self.channels)
-        raise ParameterError(f"no channel is called {label!r}; there are: {known}")
+        raise ParameterError(unknown("channel", label, [each.label for each in self.channels]))
 
 
 def _deprecated(old: str, new: str) -> None:

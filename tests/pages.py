@@ -44,7 +44,7 @@ def commands_of(block: Block) -> list[Command]:
     return [Command(*pair) for pair in zip(parts[1::2], parts[2::2], strict=True)]
 
 
-def walk(page: Path, room: Path, run: Callable[[Command, Path], None]) -> None:
+def walk(page: Path, room: Path, run: Callable[[Command, Path], None], python: bool = True) -> None:
     """Runs the commands and the Python of a page, in its order, in the folder ``room``."""
     names: dict[str, object] = {"__name__": page.stem}
     before = Path.cwd()
@@ -52,7 +52,7 @@ def walk(page: Path, room: Path, run: Callable[[Command, Path], None]) -> None:
         if block.kind == "console":
             for command in commands_of(block):
                 run(command, room)
-        elif block.kind == "python":
+        elif block.kind == "python" and python:
             os.chdir(room)
             try:
                 exec(compile(block.body, str(page), "exec"), names)

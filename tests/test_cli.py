@@ -300,11 +300,17 @@ def test_demo(tmp_path: Path) -> None:
         cwd=tmp_path,
     )  # fmt: skip
     assert code == 0
-    assert [row["bits"] for row in told["settings"]] == [0, 2, 5, 8]
-    sizes = [row["file_size"] for row in told["settings"]]
-    assert sizes == sorted(sizes)
+    rows = {row["name"]: row for row in told["settings"]}
+    assert list(rows) == [
+        "lossless", "near-lossless", "perceptual", "perceptual --no-texture", "paper",
+    ]  # fmt: skip
+    errors = {name: row["largest_error"] for name, row in rows.items()}
+    assert errors["lossless"] == 0 < errors["near-lossless"] < errors["perceptual --no-texture"]
+    sizes = {name: row["file_size"] for name, row in rows.items()}
+    assert sizes["perceptual --no-texture"] < sizes["near-lossless"] < sizes["lossless"]
     assert (tmp_path / "d.png").read_bytes().startswith(b"\x89PNG")
     assert hapfmt.verify(tmp_path / "d.hapf").verdict == "intact"
+    assert (tmp_path / "d.hapf").stat().st_size == sizes["lossless"]
 
 
 def test_text_from_a_file_cannot_steer_the_terminal(tmp_path: Path) -> None:

@@ -409,7 +409,7 @@ class TestCompare:
         for count, differing, expected in ((13, 9, [18]), (13, 13, [26]), (40, 40, [40, 40])):
             ours = [channel(place, 300) for place in range(count)]
             theirs = [
-                replace(each, values=each.values + (place < differing))
+                replace(each, stored=each.stored + (place < differing))
                 for place, each in enumerate(ours)
             ]
             hapfmt.save(Recording(tuple(ours)), tmp_path / "a.npz", force=True)

@@ -113,7 +113,7 @@ def test_options_reach_the_scene(tmp_path):
         (["free", "a.npz", "--stiffness", "10"], "'free' touches nothing"),
         (["sand", "a.npz", "--without", "toe"], "no part is called 'toe'"),
         (["sand", "a.npz", "--without", "tool"], "a scene of nothing"),
-        (["wrong.toml", "a.npz"], "wrong.toml: tool.mass_kg: is no number"),
+        (["wrong.toml", "a.npz"], "wrong.toml: tool.mass_kg: is not a number"),
         (["sand", "a.npz", "--list"], "--list takes no other argument"),
         (["--show"], "--show the name of a scene"),
         (

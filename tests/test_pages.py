@@ -21,7 +21,7 @@ def test_page_runs(page: Path, tmp_path: Path) -> None:
 
 
 def test_readme_runs_in_a_terminal(tmp_path: Path) -> None:
-    walk(README, tmp_path, run_in_terminal)
+    walk(README, tmp_path, run_in_terminal, python=False)
 
 
 def test_every_verb_is_shown() -> None:

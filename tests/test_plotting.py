@@ -2,104 +2,148 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from spec import ROOT
 
 from hapfmt import plotting
 from hapfmt.errors import MissingExtraError, ParameterError
-from hapfmt.plotting import demo
+from hapfmt.plotting import Demonstrated, demo, style
 
 pytest.importorskip("matplotlib")
+sys.path.insert(0, str(ROOT / "tools"))
+import picture
 
 
-def parts(n, *, knots=None):
+def parts(n, *, knots=None, **changes):
     t = np.arange(n) / 1000
     d = 1 + 0.2 * np.sin(3 * t)
     f = d + 0.03 * np.sin(500 * t)
-    y = d + np.round((f - d) / 0.005) * 0.005
-    half = np.maximum(0.1 * d, 0.01)
-    return {
+    values = {
         "original": f,
         "lf": d,
-        "reconstruction": y,
-        "lower": d - half,
-        "upper": d + half,
+        "decoded": d + np.round((f - d) / 0.005) * 0.005,
+        "half": np.maximum(0.1 * d, 0.01),
         "rate_hz": 1000,
         "knots": np.arange(0, n, 50) if knots is None else knots,
-        "error_bound": 0.0025,
+        "sizes": [("float64", 8 * n), ("lossless", n), ("perceptual --no-texture", 9)],
+        "title": "a title",
     }
+    return Demonstrated(**(values | changes))
 
 
 MAGIC = {".png": b"\x89PNG\r\n\x1a\n", ".svg": b"<?xml", ".pdf": b"%PDF-"}
 
 
+@pytest.fixture
+def figures(monkeypatch):
+    """What would be saved."""
+    seen = []
+    monkeypatch.setattr(demo, "save", lambda made, *_args, **_kind: seen.extend(made))
+    return seen
+
+
 @pytest.mark.parametrize("suffix", MAGIC)
 def test_kinds(tmp_path, suffix):
     path = tmp_path / f"demo{suffix}"
-    plotting.plot_demo(path, **parts(500), title="a title")
+    plotting.plot_demo(path, parts(500))
     assert path.read_bytes().startswith(MAGIC[suffix])
 
 
 def test_same_data_same_picture(tmp_path):
     for name in ("a.png", "b.png"):
-        plotting.plot_demo(tmp_path / name, **parts(300))
+        plotting.plot_demo(tmp_path / name, parts(300))
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
 @pytest.mark.parametrize("n", [1, 2, 50, 30_000])
 def test_any_length(tmp_path, n):
-    plotting.plot_demo(tmp_path / "n.png", **parts(n), start_s=5.0)
+    plotting.plot_demo(tmp_path / "n.png", parts(n))
+
+
+def test_what_it_says(figures):
+    """Numbers of the stretch, the largest error of all, the sizes, one colour for one meaning."""
+    plotting.plot_demo("x.png", parts(3000), start_s=1.5)
+    (figure,) = figures
+    whole, residual, error, sizes = figure.axes
+    assert "20 knots instead of 1000 samples" in whole.get_title("left")
+    assert "at most 2.5 mN" in error.get_title("left")
+    assert whole.get_xlim() == residual.get_xlim() == error.get_xlim() == (1.5, 2.5)
+    assert residual.get_ylim() == error.get_ylim()  # the error is small on this scale
+    said = [text.get_text() for text in sizes.texts]
+    assert said[:4] == ["24 kB", "float64", "3 kB · 8.0 times smaller", "lossless"]
+    for axes in (whole, residual, error):
+        for line in axes.lines:
+            assert line.get_color() == style.PALETTE[line.get_label()]
+    low, high = whole.get_ylim()
+    known = parts(3000).original[1500:2500]
+    assert high - low < 1.5 * np.ptp(known)
+
+
+def test_no_word_lies_on_a_panel(figures):
+    plotting.plot_demo("x.png", parts(3000))
+    (figure,) = figures
+    figure.savefig(io.BytesIO(), format="png", dpi=figure.dpi)
+    panels = [axes.get_window_extent() for axes in figure.axes]
+    words = [figure.legends[0].get_window_extent(), *(t.get_window_extent() for t in figure.texts)]
+    assert not any(word.overlaps(panel) for word in words for panel in panels)
+    page = figure.get_window_extent()
+    for text in figure.axes[-1].texts:
+        assert text.get_window_extent().x1 <= page.x1
+
+
+def test_it_begins_where_the_signal_first_moves(figures):
+    late = parts(5000)
+    late.original[:3000] = 0
+    plotting.plot_demo("x.png", late)
+    start, stop = figures[0].axes[0].get_xlim()
+    assert start < 3 < stop and stop - start == pytest.approx(1)
 
 
 def test_awkward(tmp_path):
-    """Gaps, no knots, lossless, a deadband of no width, no bound."""
+    """Gaps, no knots, lossless, no residual, silence."""
     with_gap = parts(400, knots=np.zeros(0, int))
-    with_gap["original"][100:200] = np.nan
-    plotting.plot_demo(tmp_path / "gap.png", **with_gap)
-    lossless = parts(400) | {"error_bound": None}
-    lossless |= {"reconstruction": lossless["original"]}
-    lossless |= {"lower": lossless["lf"], "upper": lossless["lf"]}
-    plotting.plot_demo(tmp_path / "lossless.png", **lossless, zoom_start_s=0.0)
-    silent = {key: np.zeros(400) for key in ("original", "lf", "reconstruction", "lower", "upper")}
-    plotting.plot_demo(tmp_path / "silent.png", **(parts(400) | silent))
-
-
-def test_outline_keeps_peaks():
-    x = np.zeros(100_000)
-    x[77_777] = 5
-    x[33_333] = -3
-    at, least, most = demo._outline(np.arange(x.size) / 1e3, x)
-    assert at.size <= demo.OUTLINE_POINTS / 2
-    assert most.max() == 5 and least.min() == -3
-    time, line = demo._line(np.arange(x.size) / 1e3, x)
-    assert time.size == line.size <= demo.OUTLINE_POINTS
-    assert np.all(np.diff(time) >= 0)
-    short = np.arange(10.0)
-    assert demo._line(short, short)[1] is short
+    with_gap.original[100:200] = np.nan
+    plotting.plot_demo(tmp_path / "gap.png", with_gap)
+    good = parts(400)
+    lossless = parts(400, decoded=good.original, half=np.zeros(400))
+    plotting.plot_demo(tmp_path / "lossless.png", lossless, start_s=0.0)
+    plotting.plot_demo(tmp_path / "slow.png", parts(400, decoded=good.lf))
+    names = ("original", "lf", "decoded", "half")
+    silent = parts(400, **{name: np.zeros(400) for name in names})
+    plotting.plot_demo(tmp_path / "silent.png", silent)
 
 
 def test_refused(tmp_path):
-    good = parts(100)
+    empty = {name: np.zeros(0) for name in ("original", "lf", "decoded", "half")}
     for changes, message in (
-        ({"lf": good["lf"][:50]}, "one length"),
+        ({"lf": np.zeros(50)}, "one length"),
         ({"rate_hz": 0}, "rate"),
-        ({"zoom_start_s": 99.0}, "outside"),
-        ({key: np.zeros(0) for key in good if key not in ("rate_hz", "error_bound")}, "not empty"),
+        (empty, "not empty"),
     ):
         with pytest.raises(ParameterError, match=message):
-            plotting.plot_demo(tmp_path / "x.png", **(good | changes))
+            plotting.plot_demo(tmp_path / "x.png", parts(100, **changes))
+    with pytest.raises(ParameterError, match="outside"):
+        plotting.plot_demo(tmp_path / "x.png", parts(100), start_s=-1)
     with pytest.raises(ParameterError, match=r"\.svg"):
-        plotting.plot_demo(tmp_path / "x.gif", **good)
+        plotting.plot_demo(tmp_path / "x.gif", parts(100))
     assert not list(tmp_path.iterdir())
+
+
+def test_the_picture_of_the_readme():
+    """A page shows it at 800 pixels, and loads it at once; the tool makes it anew."""
+    size, width, height = picture.measured(picture.PICTURE)
+    assert size < picture.LARGEST and 800 <= width <= 1200 and height < width
 
 
 def test_missing_matplotlib(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(MissingExtraError, match=r"hapfmt\[plot\]"):
-        plotting.plot_demo(tmp_path / "x.png", **parts(100))
+        plotting.plot_demo(tmp_path / "x.png", parts(100))
 
 
 def test_imports_nothing_heavy_and_never_pyplot(tmp_path):
@@ -107,8 +151,8 @@ def test_imports_nothing_heavy_and_never_pyplot(tmp_path):
         "import sys, numpy as np, hapfmt.plotting as p\n"
         "assert 'matplotlib' not in sys.modules\n"
         "x = np.ones(30)\n"
-        f"p.plot_demo({str(tmp_path / 'x.png')!r}, original=x, lf=x, reconstruction=x,"
-        " lower=x - 1, upper=x + 1, rate_hz=10, knots=np.array([0, 29]))\n"
+        f"p.plot_demo({str(tmp_path / 'x.png')!r}, p.Demonstrated(x, x, x, x,"
+        " np.array([0, 29]), 10, [('float64', 240)]))\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)

@@ -46,7 +46,7 @@ def mapping(channels, profile, given_=(), **asked):
 def refused(channels, profile, given_=(), **asked):
     with pytest.raises(ParameterError) as error:
         found_for(channels, profile, given_, **asked)
-    return error.value.message
+    return str(error.value)
 
 
 def with_sites(names, sites):
@@ -306,7 +306,7 @@ class TestAdvice:
         try:
             mapping(channels, profile, by_order=by_order, ignore=ignore, command="play it")
         except ParameterError as error:
-            lines = options_in(error.message)
+            lines = options_in(str(error))
             for given_, more in map(asked_by, lines):
                 if not any(text.endswith("=ACTUATOR") for text in given_):
                     assert mapping(channels, profile, given_, **more)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -11,6 +12,7 @@ from importlib import import_module
 import click
 
 from ..errors import HapfmtError
+from ..names import similar, unknown
 from ..version import SPEC_VERSION, __version__
 from . import screen
 
@@ -72,6 +74,13 @@ class Verbs(click.Group):
         command: click.Command = getattr(import_module(f"{__name__}.{cmd_name}"), cmd_name)
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and not args[0].startswith("-") and args[0] not in VERBS:
+            ctx.fail(unknown("verb", args[0], list(VERBS)))
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         with formatter.section("Verbs"):
             formatter.write_dl(list(VERBS.items()))
@@ -102,7 +111,7 @@ def main() -> None:
         code = cli.main(standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
-        code = usage(renamed(error))
+        code = usage(explained(error))
     except (click.Abort, KeyboardInterrupt):
         code = report("interrupted", ERROR)
     except HapfmtError as error:
@@ -118,8 +127,15 @@ def main() -> None:
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def renamed(error: click.ClickException) -> click.ClickException:
-    """For an option by a name of an earlier version: an error that says the name of today."""
+def explained(error: click.ClickException) -> click.ClickException:
+    """An error that says what was meant: an option by its name of today, a choice by its like."""
+    if isinstance(error, click.BadParameter) and isinstance(error.param, click.Option):
+        value = re.match("'(.*?)' is not one of", error.message)
+        choices = error.param.type.choices if isinstance(error.param.type, click.Choice) else ()
+        meant = value and similar(value[1], map(str, choices))
+        if meant:
+            message = f"{error.format_message()} Did you mean {meant!r}?"
+            return click.UsageError(message, error.ctx)
     if not isinstance(error, click.NoSuchOption) or error.ctx is None:
         return error
     names = RENAMED.get(error.option_name, {})

@@ -36,18 +36,18 @@ TIMES, TEXTS = ("time", "onset"), ("text", "trial_type")
 @click.command(short_help="Markers and annotations: add, list.")
 @click.argument("file", metavar="FILE")
 @click.argument("text", metavar="[TEXT]", required=False)
-@click.option("--at", type=FractionType(), metavar="S", help="When, in seconds.")
-@click.option("--duration", type=FractionType(), metavar="S", help="For how long. [a moment]")
-@click.option("--channel", help="Label or number of the channel it speaks of. [all]")
-@click.option("--layer", default="", help="Events that belong together, such as an observer's.")
+@click.option("--at", type=FractionType(), metavar="S", help="Time in seconds.")
+@click.option("--duration", type=FractionType(), metavar="S", help="Duration in seconds. [0]")
+@click.option("--channel", help="Label or number of the channel it is about. [all]")
+@click.option("--layer", default="", help="Name of a group of events, such as the observer.")
 @click.option(
     "--table",
     "table_",
     metavar="TABLE",
-    help="Many at once: CSV with the columns time (or onset), duration, channel, layer, text (or "
-    "trial_type), or JSON lines with such members.",
+    help="Add all events of a table. CSV or JSON lines; columns: time (or onset), duration, "
+    "channel, layer, text (or trial_type).",
 )
-@click.option("--list", "list_", is_flag=True, help="What is annotated, of --layer if given.")
+@click.option("--list", "list_", is_flag=True, help="List the events (of --layer, if given).")
 @copy_option
 @force_option
 @json_option
@@ -64,7 +64,7 @@ def annotate(
     force: bool,
     as_json: bool,
 ) -> int:
-    """Add an event to the .hapf file FILE, in place. Nothing that stands in it changes.
+    """Add an event to the .hapf file FILE, in place. Its other contents do not change.
 
     \b
     hapfmt annotate touch.hapf --at 1.25 "first contact"

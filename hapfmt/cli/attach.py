@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 @click.argument("file", metavar="FILE")
 @click.argument("paths", metavar="[PATH]...", nargs=-1)
 @click.option("--name", help="Name of the attachment, for one PATH. [its own]")
-@click.option("--media-type", help="Such as text/plain or image/png. [guessed from the name]")
-@click.option("--list", "list_", is_flag=True, help="What is attached.")
+@click.option("--media-type", help="Media type, such as text/plain or image/png. [by name]")
+@click.option("--list", "list_", is_flag=True, help="List the attachments.")
 @click.option(
-    "--extract", is_flag=True, help="Write attachments into a folder: PATH are names. [all]"
+    "--extract", is_flag=True, help="Write the attachments named PATH into a folder. [all]"
 )
 @output_option(
     "PATH", "Leave FILE as it is and write a copy; with --extract: the folder to extract into [.]."
@@ -50,7 +50,7 @@ def attach(
     force: bool,
     as_json: bool,
 ) -> int:
-    """Attach the files PATH to the .hapf file FILE, in place. Nothing that stands in it changes.
+    """Attach the files PATH to the .hapf file FILE, in place. Its other contents do not change.
 
     \b
     hapfmt attach touch.hapf photo.png calibration.pdf

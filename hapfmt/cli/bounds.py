@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..container.track import Component, Contract
+from .screen import JOINED
 
 LOSSLESS = "lossless"
 
@@ -14,7 +15,7 @@ def unit_text(unit: str) -> str:
 
 def amount(value: float, unit: str, digits: int = 3) -> str:
     """A number with its unit, if it has one."""
-    return f"{value:.{digits}g} {unit_text(unit)}".rstrip()
+    return f"{value:.{digits}g}{JOINED}{unit_text(unit)}".rstrip()
 
 
 def bound_text(contract: Contract | None, component: Component, index: int) -> str:
@@ -29,4 +30,4 @@ def bound_text(contract: Contract | None, component: Component, index: int) -> s
     vector = " of the vector" if contract.vector else ""
     if not contract.kn:
         return f"within {least}{vector}{aim}"
-    return f"{100 * contract.kn / contract.kd:.3g} %{vector}, at least {least}{aim}"
+    return f"{100 * contract.kn / contract.kd:.3g}{JOINED}%{vector}, at least {least}{aim}"

@@ -31,19 +31,19 @@ NS = Fraction(10**9)
 
 @click.command(short_help="Other clocks: what was observed, offset, drift, jitter.")
 @click.argument("file", metavar="FILE")
-@click.option("--fit", is_flag=True, help="Fit a map of straight lines to each clock, and show it.")
+@click.option("--fit", is_flag=True, help="Fit straight lines to each clock and print them.")
 @click.option(
     "--delays",
     type=click.Choice(["both", "late"]),
     default="both",
     show_default=True,
-    help="Whether time stamps are early and late, or late only.",
+    help="Whether time stamps can be early and late, or late only.",
 )
 @click.option(
     "--segment",
     type=FractionType(),
     metavar="S",
-    help="Seconds of one line. [what tells best of the rest]",
+    help="Length of one line in seconds. [chosen from the data]",
 )
 @memory_option
 @json_option
@@ -55,11 +55,11 @@ def clocks(
     as_json: bool,
     max_memory: Limits,
 ) -> int:
-    """The observations of other clocks in FILE, against the ticks of its tracks.
+    """Print the observations of other clocks in FILE, and how these clocks run.
 
-    Offset is what a clock told beyond the time of the recording at its first observation, drift
-    how much faster it runs, and half of the observations lie within the jitter of one straight
-    line. Maps are those of FILE, or with --fit new ones, which are shown and not stored.
+    Offset: how far a clock was ahead of the recording at its first observation. Drift: how much
+    faster it runs. Jitter: half of the observations are within it of one straight line. The maps
+    are those stored in FILE; with --fit they are new, and are not stored.
     """
     from ..reading.reader import Reader
 

@@ -26,18 +26,24 @@ if TYPE_CHECKING:
     from ..recording import Recording
 
 HAPF, CSV = ".hapf", ".csv"
+OTHER_SUFFIXES = (
+    *(".h5", ".hdf5", ".mat", ".parquet", ".feather", ".arrow", ".json", ".jsonl", ".tsv", ".txt"),
+    *(".xlsx", ".mcap", ".bag", ".edf", ".bdf", ".c3d", ".tdms", ".pkl", ".nc", ".toml"),
+    *(".flac", ".mp3", ".ogg", ".zst", ".gz", ".zip", ".png", ".svg", ".pdf"),
+)
+"""No name of a hapf file ends like this unless by mistake."""
 SHOWN_LINES = 20
 BITS = frozenset(str(bits) for bits in (0, *range(2, 17)))
 LONG_SECONDS = 0.5
 """Work shorter than this shows no progress."""
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for a program.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 threads_option = click.option(
     "--threads",
     type=click.IntRange(1),
     metavar="N",
-    help="Threads that work together; the output does not depend on them "
-    "[HAPFMT_THREADS, else the CPUs there are].",
+    help="Number of threads; the output does not depend on it "
+    "[HAPFMT_THREADS, else the number of CPUs].",
 )
 
 
@@ -62,19 +68,19 @@ memory_option = click.option(
     type=MemoryType(),
     default=Limits(),
     metavar="SIZE",
-    help="Memory that hapf files may take beside the program, such as 256M; what takes more is "
+    help="Memory that files may take, on top of the program, such as 256M; what takes more is "
     "refused, with exit code 4. [no bound but those of the format]",
 )
 """Gives the verb ``max_memory``, the Limits for whatever it reads."""
 input_format_option = click.option(
     "--input-format",
     metavar="FORMAT",
-    help="Format of what is read, where a name does not say: npz, npy, csv, wav, hapf.",
+    help="Format of the input, if its name does not say: npz, npy, csv, wav, hapf.",
 )
 output_format_option = click.option(
     "--output-format",
     metavar="FORMAT",
-    help="Format of the output, where its name does not say: npz, npy, csv, wav, hapf.",
+    help="Format of the output, if its name does not say: npz, npy, csv, wav, hapf.",
 )
 force_option = click.option("-f", "--force", is_flag=True, help="Replace an existing output file.")
 
@@ -185,10 +191,16 @@ class AmountType(click.ParamType["Tolerance"]):
 
 
 start_option = click.option(
-    "--start", type=FractionType(), metavar="S", help="First second of the part. [the beginning]"
+    "--start",
+    type=FractionType(),
+    metavar="S",
+    help="Start of the part in seconds, included. [the beginning]",
 )
 stop_option = click.option(
-    "--stop", type=FractionType(), metavar="S", help="Second before which it ends. [the end]"
+    "--stop",
+    type=FractionType(),
+    metavar="S",
+    help="End of the part in seconds, not included. [the end]",
 )
 
 
@@ -206,6 +218,10 @@ def parse_channels(texts: Sequence[str], labels: Sequence[str]) -> list[str] | N
     if not texts:
         return None
     return [part for text in texts for part in ([text] if text in labels else text.split(","))]
+
+
+def counted(count: int, what: str) -> str:
+    return f"{count} {what}" + ("" if count == 1 else "s")
 
 
 def input_of(name: str) -> str | BinaryIO:
@@ -237,11 +253,11 @@ def refuse_target(name: str, force: bool) -> None:
 
     if name == "-":
         return
-    if Path(name).suffix.lower() in FORMATS:
-        raise ParameterError(
-            f"encoded data needs the suffix .hapf; hapfmt convert writes {Path(name).suffix}",
-            path=name,
-        )
+    suffix = Path(name).suffix.lower()
+    if suffix in FORMATS:
+        raise ParameterError(f"hapf files end in .hapf; hapfmt convert writes {suffix}", path=name)
+    if suffix in OTHER_SUFFIXES:
+        raise ParameterError(f"hapf files end in .hapf; {suffix} is another format's", path=name)
     refuse(name, force)
 
 

@@ -72,12 +72,11 @@ def compare(
     force: bool,
     as_json: bool,
 ) -> int:
-    """Compare the samples of A and B, of any format, tick by tick. Channels of one label belong
-    together, else those of one place; metadata, events and attachments are not compared.
+    """Compare the samples of A and B, of any format, tick by tick. Channels are matched by label,
+    or by place if labels are missing. Metadata, events and attachments are not compared.
 
-    The exit code is 0 where all is identical, or no difference is larger than --tolerance and no
-    sample is missing on either side; 3 where recordings differ, or damage took samples. (1 is an
-    error, unlike that of diff.)
+    The exit code is 0 if no difference is larger than --tolerance and no sample is missing on
+    either side. It is 3 if the recordings differ, or if samples were lost to damage. An error is 1.
 
     \b
     hapfmt compare original.npz touch.hapf

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     "--gap",
     type=FractionType(),
     metavar="S",
-    help="Seconds between the end of a file and the zero of the next.",
+    help="Seconds between the end of a file and the start of the next.",
 )
 @by_epoch_option
 @same_times_option
@@ -50,10 +50,10 @@ def concat(
     as_json: bool,
     max_memory: Limits,
 ) -> int:
-    """Put the .hapf files IN one after the other into OUT. Packets are copied bit for bit.
+    """Join the .hapf files IN, one after the other, into OUT. Packets are copied bit for bit.
 
-    Channels are matched by label, or by number where labels are missing. Parts of one recording, as
-    split makes them, keep their times; else each file begins where the one before ends.
+    Channels are matched by label, or by number if labels are missing. Parts of one recording, as
+    split makes them, keep their times. Otherwise each file begins where the previous one ends.
 
     \b
     hapfmt concat part-*.hapf whole.hapf

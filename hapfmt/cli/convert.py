@@ -45,8 +45,8 @@ def convert(
 ) -> int:
     """Convert IN to OUT by their suffixes: .npz .npy .csv .wav .hapf.
 
-    Nothing is lost on the way to .hapf (encode makes it smaller, within a deadband). What the
-    output format cannot hold is said on standard error.
+    A .hapf output is lossless (hapfmt encode has presets). If the output format cannot hold
+    something, a note on standard error names it.
     """
     if suffix_of(source, input_format) == suffix_of(target, output_format) == HAPF:
         raise ParameterError("both are .hapf: copy the file, or use hapfmt encode")

@@ -69,7 +69,8 @@ def decode(
 ) -> int:
     """Decode the .hapf file IN into OUT (.npz .npy .csv .wav). Gaps become NaN.
 
-    Damage is reported, what it took becomes gaps, and the exit code is 3.
+    If the file is damaged, lost samples become gaps, the losses are printed, and the exit code
+    is 3.
 
     \b
     hapfmt decode touch.hapf touch.npz

@@ -6,6 +6,7 @@ import io
 import time
 from dataclasses import dataclass
 from fractions import Fraction
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,24 +14,31 @@ import click
 
 from .common import BitsType, FractionType, echo_json, force_option, json_option
 from .screen import say
-from .tables import table
+from .tables import Column, table
 
 if TYPE_CHECKING:
     from ..recording import Recording
 
-BITS = (0, 2, 5, 8)
-"""The paper's Fig. 4: deadband alone, and residuals of 2, 5 and 8 bits."""
+PRESETS: dict[str, tuple[str, dict[str, Any], str]] = {
+    "lossless": ("archive", {}, "every bit"),
+    "near-lossless": ("near-lossless", {"max_error": "0.1%"}, "0.1 % of range"),
+    "perceptual": ("default", {}, "what is felt"),
+    "perceptual --no-texture": ("deadband", {}, "slow part only"),
+    "paper": ("paper", {}, "as in the paper"),
+}
+"""Name, preset, options, and what is kept; guarantees first, the paper's method last."""
 
 
 @dataclass(frozen=True)
 class Outcome:
     """One setting: the file, and how far what comes back is from the original (in newtons)."""
 
-    bits: int
+    name: str
+    kept: str
     data: bytes
     payload_size: int
     ratio: float
-    snr_db: float
+    snr_hf_db: float
     largest_error: float
     rms_error: float
     outside_share: float
@@ -38,7 +46,7 @@ class Outcome:
     decode_s: float
 
 
-@click.command(short_help="Simulate a stylus on a texture, encode it, show what it costs.")
+@click.command(short_help="Simulate a stylus on a texture, and write it with every preset.")
 @click.option(
     "--texture",
     type=click.Choice(["stone", "sand", "cork", "none"]),
@@ -47,14 +55,27 @@ class Outcome:
 )
 @click.option("--seconds", type=click.FloatRange(0.1, 600), default=4.0, show_default=True)
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
-@click.option("--k", "k", type=FractionType(), default="0.1", show_default=True)
-@click.option("--bits", type=BitsType(), default=5, show_default=True)
+@click.option(
+    "--k",
+    "k",
+    type=FractionType(),
+    default="0.1",
+    show_default=True,
+    help="Weber fraction of perceptual and paper.",
+)
+@click.option(
+    "--bits",
+    type=BitsType(),
+    default=5,
+    show_default=True,
+    help="Bits of the residual of paper.",
+)
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
     metavar="OUT",
-    help="Keep the .hapf file of --bits here.",
+    help="Write the lossless .hapf file here.",
 )
 @click.option("--plot", type=click.Path(path_type=Path), help="Write a picture: .png .svg .pdf.")
 @force_option
@@ -70,12 +91,14 @@ def demo(
     force: bool,
     as_json: bool,
 ) -> int:
-    """A simulated stylus (60 g, held by a hand) crosses a texture for a few seconds; the force is
-    encoded with the paper's method and comes back. Needs no file and no device.
+    """Simulate a stylus that crosses a texture, and write its force with every preset.
+
+    The table shows the size of each file, and how close the decoded force is to the original. No
+    file and no device is needed. The stylus has 60 g and is held by a hand.
 
     \b
     hapfmt demo
-    hapfmt demo --texture cork --bits 8 --plot demo.png --output demo.hapf
+    hapfmt demo --texture cork --plot demo.png --output demo.hapf
     """
     from ..atomic import atomic_write, refuse
     from ..scenes.stylus import simulate
@@ -86,13 +109,17 @@ def demo(
     began = time.perf_counter()
     recording = simulate(None if texture == "none" else texture, seconds, seed)
     simulated = time.perf_counter() - began
-    outcomes = [run(recording, k, each) for each in sorted({*BITS, bits})]
-    chosen = next(outcome for outcome in outcomes if outcome.bits == bits)
+    own: dict[str, dict[str, Any]] = {
+        "perceptual": {"k": k},
+        "perceptual --no-texture": {"k": k},
+        "paper": {"k": k, "bits": bits},
+    }
+    outcomes = [run(recording, name, own.get(name, {})) for name in PRESETS]
     if output is not None:
         with atomic_write(output, force=force) as stream:
-            stream.write(chosen.data)
+            stream.write(outcomes[0].data)
     if plot is not None:
-        draw(plot, recording, chosen, k, force)
+        draw(plot, recording, texture, outcomes, k, force)
     if as_json:
         echo_json(
             {
@@ -100,28 +127,31 @@ def demo(
                 "sample_count": recording.sample_count,
                 "simulate_s": simulated,
                 "k": float(k),
+                "bits": bits,
                 "settings": [as_row(outcome) for outcome in outcomes],
             }
         )
         return 0
-    show(recording, texture, simulated, k, outcomes)
-    for path, what in ((output, "file"), (plot, "picture")):
+    show(recording, texture, simulated, outcomes)
+    for path, what in ((output, "lossless file"), (plot, "picture")):
         if path is not None:
             say(f"{what}: {path!s}")
     return 0
 
 
-def run(recording: Recording, k: Fraction, bits: int) -> Outcome:
-    """Encode with the paper's method, decode, compare."""
+def run(recording: Recording, name: str, options: dict[str, Any]) -> Outcome:
+    """Encode with one of PRESETS, decode, compare."""
     from ..encoder.settings import Settings
     from ..metrics import max_error, rmse, snr_hf_db
     from ..reading.reader import Reader
     from ..verifier import verify
     from ..writer import write
 
+    preset, given, kept = PRESETS[name]
     stream = io.BytesIO()
     began = time.perf_counter()
-    summary = write(recording, stream, Settings.of("paper", k=k, bits=bits), canonical=0)
+    settings = Settings.of(preset, **given, **options)
+    summary = write(recording, stream, settings, canonical=0)
     encoded = time.perf_counter()
     data = stream.getvalue()
     with Reader(data) as reader:
@@ -131,7 +161,8 @@ def run(recording: Recording, k: Fraction, bits: int) -> Outcome:
     f, y = recording.channels[0].samples(), back.channels[0].samples()
     rate = float(recording.channels[0].rate_exact)
     return Outcome(
-        bits,
+        name,
+        kept,
         data,
         summary.payload_size,
         8 * recording.sample_count / len(data),
@@ -149,81 +180,74 @@ def as_row(outcome: Outcome) -> dict[str, Any]:
     return {**row, "file_size": len(outcome.data)}
 
 
-def show(
-    recording: Recording,
-    texture: str,
-    simulated: float,
-    k: Fraction,
-    outcomes: list[Outcome],
-) -> None:
+def show(recording: Recording, texture: str, simulated: float, outcomes: list[Outcome]) -> None:
     samples = recording.sample_count
     channel = recording.channels[0]
     say(
-        f"{channel.label} of a stylus on {texture}: {samples} samples at {channel.rate_exact} Hz, "
-        f"simulated in {simulated:.2f} s; deadband k = {float(k):.3g}, floor 10 mN"
+        f"{channel.label} of a stylus on {texture}: {samples} samples at {channel.rate:g} Hz, "
+        f"{8 * samples} bytes"
     )
+    say(f"as float64, simulated in {simulated:.2f} s")
+    say()
     rows = [
         [
-            str(o.bits) if o.bits else "none",
+            o.name,
             str(len(o.data)),
-            str(o.payload_size),
-            f"{8 * len(o.data) / samples:.3f}",
-            f"{o.ratio:.1f}",
-            f"{o.snr_db:.1f}",
-            f"{1000 * o.largest_error:.1f}",
-            f"{1000 * o.rms_error:.2f}",
-            f"{100 * o.outside_share:.2f}",
+            f"{o.ratio:.1f} x" if o.ratio >= 1 else f"{1 / o.ratio:.1f} x larger",
+            f"{1000 * o.largest_error:.3g} mN" if o.largest_error else "none",
+            f"{o.snr_hf_db:.0f} dB" if isfinite(o.snr_hf_db) else "exact",
+            o.kept,
         ]
         for o in outcomes
     ]
-    headers = ["bits", "file B", "packets B", "b/sample", "ratio", "HF SNR dB", "max mN",
-               "rms mN", "outside %"]  # fmt: skip
+    headers = [
+        Column("preset"), Column("bytes"), Column("smaller"), Column("largest error"),
+        Column("texture", 1), Column("kept", 2),
+    ]  # fmt: skip
     table(headers, rows)
-    say(
-        "bits: of the residual; ratio: against doubles; HF SNR: texture above 20 Hz against all "
-        "error;\noutside: samples beyond the deadband. 'none' is the deadband alone: small, and "
-        "without texture."
-    )
+    say()
+    say("Each row is the same force, written with another preset of 'hapfmt encode'.")
+    say("'texture' is how far the errors lie below the vibration above 20 Hz.")
+    say("Next: write the file with 'hapfmt demo -o touch.hapf', and encode your own.")
 
 
-def draw(path: Path, recording: Recording, chosen: Outcome, k: Fraction, force: bool) -> None:
-    """Original, d with its deadband, reconstruction, errors."""
+def draw(
+    path: Path,
+    recording: Recording,
+    texture: str,
+    outcomes: list[Outcome],
+    k: Fraction,
+    force: bool,
+) -> None:
+    """The two bands of the paper's method, and the size of every preset."""
     import numpy as np
 
     from ..codecs.knots import parse_knots
-    from ..codecs.quantised import QuanParameters
     from ..container.cluster import Packet
     from ..encoder.perception import FORCE_FLOOR_N
-    from ..limits import LEVELS
-    from ..plotting import plot_demo
+    from ..plotting import Demonstrated, plot_demo
     from ..reading.reader import Reader
 
-    with Reader(chosen.data) as reader:
+    with Reader(outcomes[-1].data) as reader:
         full = reader.read().channels[0]
         slow = reader.read(band="lf").channels[0]
         base = reader.channels[0]
         packets: list[Packet] = list(reader.packets({base.track.id: (0, 1 << 62)}))
         ticks = [parse_knots(p.data, 1, p.offset)[0] + p.start for p in packets]
-        last = (base.residual or base.track).contract
     d = slow.samples()
-    half = np.maximum(float(k) * np.abs(d), float(FORCE_FLOOR_N))
-    step = None
-    if base.residual is not None and full.calibration is not None and last is not None:
-        step = QuanParameters.parse(base.residual.parameters, LEVELS[2], 0).step
-    plot_demo(
-        path,
+    shown = Demonstrated(
         original=recording.channels[0].samples(),
         lf=d,
-        reconstruction=full.samples(),
-        lower=d - half,
-        upper=d + half,
-        rate_hz=float(full.rate_exact),
+        decoded=full.samples(),
+        half=np.maximum(float(k) * np.abs(d), float(FORCE_FLOOR_N)),
         knots=np.concatenate(ticks),
-        error_bound=step * float(abs(full.calibration.step)) / 2
-        if step and full.calibration
-        else None,
+        rate_hz=full.rate,
+        sizes=[
+            ("float64", 8 * recording.sample_count),
+            *((f"{o.name}: {o.kept}", len(o.data)) for o in outcomes[:-1]),
+        ],
         unit=full.unit,
         quantity=full.quantity,
-        title=f"{full.label}: {len(chosen.data)} bytes, {chosen.ratio:.1f} times smaller",
-        force=force,
+        title=f"{full.label.capitalize()} of a stylus on {texture}, {full.rate:g} Hz",
     )
+    plot_demo(path, shown, force=force)

@@ -26,14 +26,14 @@ RULES_FILE = "/etc/udev/rules.d/70-hapfmt.rules"
     "own",
     multiple=True,
     metavar="FILE.toml",
-    help="Try this profile too, beside those that are built in; may be given again.",
+    help="Try this profile as well as the built-in ones; repeatable.",
 )
 @json_option
 def devices(own: tuple[str, ...], as_json: bool) -> int:
-    """The HID devices that are connected: where, what, which profiles fit, and what is missing.
+    """List the connected HID devices: paths, names, matching profiles, and missing permissions.
 
-    A device whose ids a profile names is opened, its report descriptor read, and closed again;
-    nothing is sent to it.
+    hapfmt opens a device only to read its report descriptor, and only if a profile has its ids.
+    Nothing is sent to it.
     """
     from ..replay.profile.matching import by_path
     from ..replay.profile.parse import builtin_names, load_profile

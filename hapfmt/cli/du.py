@@ -24,7 +24,7 @@ SHOWN_LABELS = 2
 @memory_option
 @json_option
 def du(file: str, as_json: bool, max_memory: Limits) -> int:
-    """Where the bytes of FILE go; the causes add up to its size."""
+    """Print where the bytes of FILE go. The causes add up to its size."""
     from ..usage import measure
 
     source = open_source(input_of(file))

@@ -17,9 +17,9 @@ from .screen import raw
 @click.option("--counts", is_flag=True, help="Decode the packets and print their counts too.")
 @memory_option
 def dump(file: str, counts: bool, max_memory: Limits) -> int:
-    """FILE as one JSON array, an object a chunk in the order of the bytes, the findings last.
+    """Print FILE as one JSON array: one object for each chunk, in order, then the findings.
 
-    Keys are sorted, nothing depends on the machine: two dumps can be compared as text.
+    Keys are sorted, and nothing depends on the machine. So two dumps can be compared as text.
     """
     from ..dump import dump as dump_chunks
 

@@ -10,7 +10,7 @@ import click
 
 from ..errors import ParameterError
 from ..numbers import exact
-from .common import echo_json, input_of, output_option
+from .common import counted, echo_json, input_of, output_option
 from .screen import note, say
 
 if TYPE_CHECKING:
@@ -21,16 +21,16 @@ canonical_option = click.option(
     "--canonical",
     type=click.IntRange(0, (1 << 32) - 1),
     metavar="FILE_ID",
-    help="The same input gives the same bytes; FILE_ID stands for the random file id.",
+    help="The same input gives the same bytes; FILE_ID replaces the random file id.",
 )
 to_zero_option = click.option(
     "--to-zero",
     is_flag=True,
-    help="Move the first packet to tick 0, as nearly as whole ticks of every track allow, and the "
-    "epoch with it.",
+    help="Move the first packet to tick 0, or as near as whole ticks of every track allow. The "
+    "epoch moves too.",
 )
 by_epoch_option = click.option(
-    "--by-epoch", is_flag=True, help="Place each file as its epoch says, to the nearest whole tick."
+    "--by-epoch", is_flag=True, help="Place each file by its epoch, to the nearest tick."
 )
 same_times_option = click.option(
     "--same-times", is_flag=True, help="Tick 0 of all files is the same moment."
@@ -69,8 +69,8 @@ def line(edited: Edited) -> str:
     if edited.start is not None and edited.stop is not None:
         span = f"{float(edited.start):.6g} s to {float(edited.stop):.6g} s"
     return (
-        f"{edited.file_size} bytes, {len(edited.channels)} channels, {span}, "
-        f"{edited.packet_count} packets"
+        f"{edited.file_size} bytes, {counted(len(edited.channels), 'channel')}, {span}, "
+        f"{counted(edited.packet_count, 'packet')}"
     )
 
 

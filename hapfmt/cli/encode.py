@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ParameterError
+from ..names import unknown
 from .common import (
     AmountType,
     BitsType,
@@ -189,7 +190,7 @@ def with_vector(recording: Recording, names: list[str], group: str) -> Recording
     for name in names:
         place = labels.index(name) if name in labels else int(name) if name.isdecimal() else -1
         if not 0 <= place < len(channels):
-            raise ParameterError(f"no channel {name!r}; there are: {', '.join(labels)}")
+            raise ParameterError(unknown("channel", name, dict(enumerate(labels))))
         places.append(place)
     if places != list(range(places[0], places[0] + len(places))):
         raise ParameterError(

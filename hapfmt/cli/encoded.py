@@ -9,7 +9,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 from .bounds import amount
-from .screen import say
+from .screen import JOINED, say
 from .tables import Column, table
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def show(
         for each in summary.decisions:
             axes = f", {each.axis_count} axes" if each.axis_count > 1 else ""
             say(f"{name_of(each)}: {each.chosen}{axes}: {each.reason}; {each.lattice}")
-    say(f"{target}: {summary.file_size} bytes, {compared(summary)}, in {seconds:.2f} s")
+    say(f"{target}: {summary.file_size} bytes, {compared(summary)}, in {seconds:.2f}{JOINED}s")
     hint = advice(summary, recording)
     if hint:
         say(hint)
@@ -101,7 +101,7 @@ def compared(summary: Summary) -> str:
     came = "float64" if all(d.original_bits == 64 for d in summary.decisions) else "the input"
     ratio = original / (8 * summary.file_size)
     words = f"{ratio:.1f} times smaller" if ratio >= 1 else f"{1 / ratio:.1f} times LARGER"
-    return f"{words} than {came} ({bits:.2f} bits/sample)"
+    return f"{words} than {came} ({bits:.2f}{JOINED}bits/sample)"
 
 
 def advice(summary: Summary, recording: Recording) -> str:
@@ -133,4 +133,4 @@ def near_lossless_ratio(recording: Recording) -> float:
     settings = Settings.of("near-lossless", max_error=MAX_ERROR)
     tried = encode(changed(recording, channels=tuple(parts)), settings, threads=1)
     size = sum(len(packet.data) for packet in tried.packets)
-    return 8 * sum(part.values.size for part in parts) / max(size, 1)
+    return 8 * sum(part.stored.size for part in parts) / max(size, 1)

@@ -17,7 +17,7 @@ from ..limits import Limits
 from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError
 from ..reading.opening import open_catalogue
 from .bounds import bound_text, unit_text
-from .common import echo_json, input_of, json_option, memory_option
+from .common import counted, echo_json, input_of, json_option, memory_option
 from .screen import complain, say
 from .tables import Column, table
 
@@ -25,13 +25,13 @@ from .tables import Column, table
 @click.command(short_help="What a file holds.")
 @click.argument("file", metavar="FILE")
 @click.option("--events", "with_events", is_flag=True, help="List the events too.")
-@click.option("--follow", is_flag=True, help="A line a second while FILE grows.")
+@click.option("--follow", is_flag=True, help="Print a line each second while FILE grows.")
 @click.option(
     "--interval",
     type=click.FloatRange(0.01),
     default=1.0,
     show_default=True,
-    help="Seconds between two lines of --follow.",
+    help="Seconds between the lines of --follow.",
 )
 @memory_option
 @json_option
@@ -43,9 +43,9 @@ def info(
     as_json: bool,
     max_memory: Limits,
 ) -> int:
-    """What FILE holds: channels, rates, units, codecs, times, and whether it was closed.
+    """Print what FILE contains: channels, rates, units, codecs, times, and whether it was closed.
 
-    Reads the index and the descriptions only; nothing is decoded, but for --events. FILE may be a
+    Only the index and the descriptions are read; only --events decodes anything. FILE may be a
     URL. --follow ends when the file is closed, or with Ctrl-C.
     """
     if follow:
@@ -237,10 +237,6 @@ def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
         complain(str(finding))
     if catalogue.unsupported:
         complain(str(catalogue.unsupported))
-
-
-def counted(count: int, what: str) -> str:
-    return f"{count} {what}" + ("" if count == 1 else "s")
 
 
 def event_row(event: dict[str, Any]) -> list[str]:

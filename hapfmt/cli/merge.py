@@ -32,15 +32,14 @@ if TYPE_CHECKING:
     "offsets",
     multiple=True,
     metavar="IN=S",
-    help="Where the zero of IN lies, in seconds: whole ticks of its tracks. May be given several "
-    "times; the others lie at 0.",
+    help="Start of IN in seconds, a whole number of its ticks; repeatable. [0]",
 )
 @click.option(
     "--prefix",
     "prefixes",
     multiple=True,
     metavar="TEXT",
-    help="Stands before the labels of a file's channels: one for each file, in their order.",
+    help="Prefix of the labels of a file's channels; give one for each file, in order.",
 )
 @canonical_option
 @memory_option
@@ -58,10 +57,10 @@ def merge(
     as_json: bool,
     max_memory: Limits,
 ) -> int:
-    """Put the channels of the .hapf files IN side by side into OUT. Packets are copied bit for bit.
+    """Put the channels of the .hapf files IN into one file OUT. Packets are copied bit for bit.
 
-    Files of one recording, and such with the same epoch, share their time line; others need an
-    option that says how their times belong together.
+    Files of one recording, or with the same epoch, share their time line. Other files need an
+    option that relates their times.
 
     \b
     hapfmt merge force.hapf skin.hapf both.hapf --by-epoch

@@ -29,9 +29,9 @@ from .screen import say
 def meta(
     file: str, members: tuple[str, ...], output: str | None, force: bool, as_json: bool
 ) -> int:
-    """Set members of the metadata of the .hapf file FILE, in place; without any, show them all.
+    """Set metadata of the .hapf file FILE, in place. Without KEY=VALUE, print all metadata.
 
-    VALUE is JSON, or else a text.
+    VALUE is JSON; anything else is taken as text.
 
     \b
     hapfmt meta touch.hapf

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..errors import ParameterError
+from ..names import unknown
 from .common import HAPF, input_of, load_recording, parse_channels, suffix_of
 
 if TYPE_CHECKING:
@@ -53,8 +54,7 @@ def places(recording: Recording, names: Sequence[str | int]) -> list[int]:
         elif str(name).isascii() and str(name).isdecimal() and int(name) < len(labels):
             found.append(int(name))
         else:
-            known = ", ".join(f"{place}={label!r}" for place, label in enumerate(labels))
-            raise ParameterError(f"no channel {name!r}; there are: {known}")
+            raise ParameterError(unknown("channel", name, dict(enumerate(labels))))
     return found
 
 

@@ -44,12 +44,12 @@ LOST = 3
     "source",
     default="-",
     metavar="FILE",
-    help="What to read [-, standard input].",
+    help="File to read [-, standard input].",
 )
 @click.option("--rate", type=FractionType(), help="Ticks per second of a bare table.")
 @click.option("--labels", help="Channels of a bare table: a,b,c [1,2,3, or as its first line].")
 @click.option("--unit", help="Unit of a bare table, in UCUM [1].")
-@click.option("--lsb", type=float, help="Put a bare table on multiples of this step.")
+@click.option("--lsb", type=float, help="Round a bare table to multiples of this step.")
 @click.option(
     "--preset",
     type=click.Choice(["archive", "auto", "deadband", "near-lossless"]),
@@ -62,29 +62,34 @@ LOST = 3
 @click.option("--k", "k", type=FractionType(), help="Weber fraction of the deadband [0.1].")
 @click.option("--floor", type=AmountType(), help="Absolute floor of the deadband: 0.01, 2lsb.")
 @click.option(
-    "--cluster", type=FractionType(), help="Seconds of a cluster: what a crash may take [1]."
+    "--cluster",
+    type=FractionType(),
+    help="Seconds in a cluster; a crash loses at most one cluster [1].",
 )
 @click.option(
     "--fsync",
     default="cluster",
     show_default=True,
-    help="When the disk is waited for: cluster, close, never, or seconds.",
+    help="When to wait for the disk: cluster, close, never, or a number of seconds.",
 )
 @click.option(
     "--on-full",
     type=click.Choice(["block", "drop", "raise"]),
     default="block",
     show_default=True,
-    help="Where the encoder is too slow: make the stream wait, leave samples out, or stop.",
+    help="If the encoder is too slow: block the stream, drop samples, or stop.",
 )
-@click.option("--append", is_flag=True, help="Go on with OUT, where it ends.")
-@click.option("--at", help="With --append: at so many seconds, or now, by the file's epoch.")
+@click.option("--append", is_flag=True, help="Append to OUT.")
+@click.option(
+    "--at",
+    help="With --append: time of the first sample, in seconds, or now (by the epoch of OUT).",
+)
 @click.option("--clock-maps", is_flag=True, help="Fit a map to each clock at the end.")
 @click.option(
     "--canonical",
     type=click.IntRange(0, (1 << 32) - 1),
     metavar="FILE_ID",
-    help="No time of day and no random number in the file.",
+    help="The same input gives the same bytes; FILE_ID replaces the random file id.",
 )
 @force_option
 @json_option

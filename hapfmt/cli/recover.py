@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="[OUT]", required=False)
 @click.option(
-    "--in-place", is_flag=True, help="Mend IN itself; keep IN.damaged unless only its end changes."
+    "--in-place", is_flag=True, help="Mend IN itself. Keep IN.damaged unless only its end changes."
 )
 @click.option(
     "--canonical",
@@ -49,10 +49,10 @@ def recover(
     as_json: bool,
     max_memory: Limits,
 ) -> int:
-    """Write all that can be read of IN to OUT, an intact file.
+    """Write everything readable in IN to OUT, an intact file.
 
-    Packets are copied bit for bit, nothing is decoded and encoded again; what is missing stays a
-    gap. What was lost is told, and noted in OUT's metadata. Exit code 0 where nothing was lost.
+    Packets are copied bit for bit. Lost samples stay gaps. The losses are printed, and noted in the
+    metadata of OUT. The exit code is 0 if nothing was lost.
 
     \b
     hapfmt recover broken.hapf whole.hapf

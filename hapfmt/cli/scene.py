@@ -35,26 +35,32 @@ PRESETS = ("default", "auto", "paper", "deadband", "archive")
 @click.command(short_help="Simulate a scene: textures, a wall, taps, a grasp; needs no device.")
 @click.argument("name", metavar="NAME|FILE.toml", required=False)
 @click.argument("target", metavar="OUT", required=False)
-@click.option("--seconds", type=float, metavar="S", help="How long it lasts [4].")
+@click.option("--seconds", type=float, metavar="S", help="Duration in seconds [4].")
 @click.option(
-    "--stiffness", "n_per_m", type=float, metavar="N/M", help="Of whatever is touched, up to 1e7."
+    "--stiffness", "n_per_m", type=float, metavar="N/M", help="Stiffness of contacts, up to 1e7."
 )
-@click.option("--seed", type=int, metavar="N", help="Another number, another scene [1].")
-@click.option("--rate", "rate_hz", type=int, metavar="HZ", help="Of every sensor [1000].")
+@click.option("--seed", type=int, metavar="N", help="Seed of the random numbers [1].")
+@click.option(
+    "--rate", "rate_hz", type=int, metavar="HZ", help="Samples per second of every sensor [1000]."
+)
 @click.option(
     "--integrator",
     type=click.Choice(INTEGRATORS),
-    help="How steps of a contact are taken [exact].",
+    help="Integrator of contacts [exact].",
 )
 @click.option(
-    "--dt", "dt_s", type=float, metavar="S", help="Step of a contact [as its stiffness needs]."
+    "--dt",
+    "dt_s",
+    type=float,
+    metavar="S",
+    help="Time step of a contact in seconds [from its stiffness].",
 )
 @click.option(
     "--without",
     multiple=True,
     metavar="PART",
     help="Leave out texture, touches, contact, tool, hand, tremor, abduction, palm, wrist, or a "
-    "finger; may be given several times.",
+    "finger; repeatable.",
 )
 @click.option(
     "--preset",
@@ -62,8 +68,8 @@ PRESETS = ("default", "auto", "paper", "deadband", "archive")
     help="Of a .hapf file, as in encode [default where there is a texture, else auto, which "
     "writes no HF track].",
 )
-@click.option("--list", "as_list", is_flag=True, help="The scenes that there are.")
-@click.option("--show", is_flag=True, help="The TOML of NAME, to start one of your own.")
+@click.option("--list", "as_list", is_flag=True, help="List the scenes.")
+@click.option("--show", is_flag=True, help="Print the TOML of NAME, as a start for your own.")
 @force_option
 @json_option
 def scene(

@@ -4,6 +4,7 @@ the terminal, and lines break between words."""
 from __future__ import annotations
 
 import errno
+import io
 import os
 import sys
 import unicodedata
@@ -12,6 +13,8 @@ from typing import Any, BinaryIO
 import click
 
 REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
+JOINED = "\N{NO-BREAK SPACE}"
+"""Between a number and its unit: lines do not break here. Shown as a space."""
 LEAST_WIDTH = 20
 """Columns of a terminal that says it has fewer, or none."""
 closed: set[int] = set()
@@ -24,7 +27,11 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(
-        c if c.isprintable() else " " if unicodedata.category(c) == "Zs" else REPLACEMENT
+        c
+        if c.isprintable() or c == JOINED
+        else " "
+        if unicodedata.category(c) == "Zs"
+        else REPLACEMENT
         for c in text
     )
 
@@ -67,6 +74,7 @@ def raw(text: str) -> None:
 
 def put(text: str, *, err: bool = False) -> None:
     stream = sys.stderr if err else sys.stdout
+    text = text.replace(JOINED, " ")
     encoding = getattr(stream, "encoding", None) or "utf-8"
     if "utf" not in encoding.lower():
         text = text.encode(encoding, "replace").decode(encoding)
@@ -117,12 +125,12 @@ def width_of(*, err: bool = False) -> int | None:
     try:
         if not stream.isatty():
             return None
-        columns = os.environ.get("COLUMNS", "")
-        width = int(columns) if columns.isdecimal() else 0
-        width = width or os.get_terminal_size(stream.fileno()).columns
+        width = os.get_terminal_size(stream.fileno()).columns
     except (OSError, ValueError, AttributeError):
         return None
-    return max(width or 80, LEAST_WIDTH)
+    columns = os.environ.get("COLUMNS", "")
+    width = width or (int(columns) if columns.isdecimal() else 80)
+    return max(width, LEAST_WIDTH)
 
 
 def cells(text: str) -> int:
@@ -142,7 +150,7 @@ def wrapped(text: str, width: int, indent: str | None = None) -> list[str]:
     lead = text[: len(text) - len(text.lstrip(" "))]
     further = lead + "  " if indent is None else indent
     lines, line, empty = [], lead, True
-    for word in text.split():
+    for word in filter(None, text.split(" ")):
         if not empty and cells(line) + 1 + cells(word) > width:
             lines.append(line)
             line, empty = further, True
@@ -173,11 +181,15 @@ def shortened(text: str, width: int) -> str:
     return "".join(head) + "…" + "".join(tail)
 
 
-class TerminalText:
+class TerminalText(io.RawIOBase):
     """A binary stream for a terminal: text that is written to it as UTF-8 is shown printable."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.rest = b""
+
+    def writable(self) -> bool:
+        return True
 
     def write(self, data: Any) -> int:
         self.rest += bytes(data)

@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Parts of some length, or at some times.")
 @click.argument("source", metavar="IN")
-@click.option("--every", type=FractionType(), metavar="S", help="A part for each S seconds.")
-@click.option("--at", metavar="T1,T2,...", help="Seconds at which a new part begins.")
+@click.option("--every", type=FractionType(), metavar="S", help="Length of each part, in seconds.")
+@click.option("--at", metavar="T1,T2,...", help="Times in seconds at which a new part begins.")
 @click.option(
     "-o",
     "--output",
     metavar="NAME",
     default="part-{:03d}.hapf",
     show_default=True,
-    help="Name of a part, with a place for its number.",
+    help="Name of the parts; {} is replaced by the number.",
 )
 @to_zero_option
 @canonical_option
@@ -54,8 +54,8 @@ def split(
 ) -> int:
     """Cut the .hapf file IN into parts. Packets are copied bit for bit.
 
-    Each packet is kept whole, in the part in which it begins. Every part has all channels, metadata
-    and attachments, and keeps its times, so that concat puts the parts together again.
+    A packet is kept whole, in the part in which it begins. Every part has all channels, metadata
+    and attachments. Parts keep their times, so concat joins them again.
 
     \b
     hapfmt split long.hapf --every 600 --output 'part-{:03d}.hapf'

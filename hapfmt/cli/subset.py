@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 @click.option(
     "--channels",
     multiple=True,
-    help="Labels or numbers: force_x,force_y or 0,3; may be given several times. [all]",
+    help="Labels or numbers: force_x,force_y or 0,3; repeatable. [all]",
 )
 @start_option
 @stop_option
@@ -42,10 +42,10 @@ if TYPE_CHECKING:
     type=click.Choice(["full", "lf", "hf"]),
     default="full",
     show_default=True,
-    help="Both parts, or channels of the slow part, or of the texture alone.",
+    help="Keep all, the slow part, or the texture of each channel.",
 )
 @to_zero_option
-@click.option("--level", type=click.Choice(["1", "2"]), help="At least this level. [that of IN]")
+@click.option("--level", type=click.Choice(["1", "2"]), help="Lowest level of OUT. [level of IN]")
 @canonical_option
 @memory_option
 @force_option
@@ -66,8 +66,8 @@ def subset(
 ) -> int:
     """Write a part of the .hapf file IN into the .hapf file OUT. Packets are copied bit for bit.
 
-    Packets that overlap the time are kept whole, so a little more may come along; the output says
-    from when to when. The samples keep their times.
+    A packet that overlaps the time range is kept whole. So OUT may begin earlier and end later than
+    you asked; the output prints its times. The samples keep their times.
 
     \b
     hapfmt subset long.hapf part.hapf --channels force_z --start 10 --stop 20

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from .screen import cells, printable, say, shortened, width_of, wrapped
+from .screen import JOINED, cells, printable, say, shortened, width_of, wrapped
 
 GAP = "  "
 NARROW = 16
@@ -38,8 +38,8 @@ def table(
         say(line, err=err)
     if left_out:
         names = ", ".join(column.header for column in left_out)
-        also = f", {elsewhere}" if elsewhere else ""
-        say(f"(not shown: {names}; see them in {needed} columns{also})", err=err)
+        also = f" or {elsewhere}" if elsewhere else ""
+        say(f"(not shown: {names}; a terminal of {needed} columns{also} shows them)", err=err)
 
 
 def laid_out(
@@ -132,5 +132,5 @@ def longest_word(text: str) -> int:
 
 def is_number(text: str) -> bool:
     """A number, a number with its unit, or what stands for none."""
-    first, _, unit = text.partition(" ")
+    first, _, unit = text.replace(JOINED, " ").partition(" ")
     return first.strip("-+%x.0123456789eE") in ("", "inf", "nan") and " " not in unit

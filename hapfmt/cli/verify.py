@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import TYPE_CHECKING
 
 import click
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 @click.argument("file", metavar="FILE")
 @click.option("--against", metavar="ORIGINAL", help="The recording that FILE was encoded from.")
 @input_format_option
-@click.option("--rate", help="Ticks per second of ORIGINAL, if it does not say.")
+@click.option("--rate", help="Samples per second of ORIGINAL, if the file does not say.")
 @threads_option
 @memory_option
 @json_option
@@ -44,12 +45,12 @@ def verify(
     threads: int | None,
     max_memory: Limits,
 ) -> int:
-    """Check FILE: checksums, structure, every packet decoded, digests, index, limits.
+    """Check FILE against every rule: checksums, structure, packets, index, limits.
 
-    With --against, each sample of the original is compared in integers: how many lie outside the
-    deadband that the file states, and the worst ratio (1 is the edge). Exit code 3 where a
-    guarantee does not hold, where a channel without a contract differs at all, where samples are
-    missing or invented, or where the original is further from its lattice than the file states.
+    With --against, each sample is compared with the original. The output counts the samples outside
+    the error bound that the file states, and gives the largest error relative to it (1 is the
+    bound). The exit code is 3 if a bound does not hold, or if samples are missing or invented. A
+    channel without an error bound must be identical.
     """
     from ..verifier import verify as check
 
@@ -68,7 +69,8 @@ def verify(
 def show(file: str, report: Report) -> None:
     say(
         f"{file}: {report.verdict}; {report.packets} packets, {report.samples} samples, "
-        f"{report.digests} checksums" + (f", {report.events} events" if report.events else "")
+        f"{report.digests} SHA-256 checksums"
+        + (f", {report.events} events" if report.events else "")
     )
     if report.error:
         complain(str(report.error))
@@ -80,13 +82,14 @@ def show(file: str, report: Report) -> None:
     )
     tell_some(report.lost_lines)
     if report.verdict == "damaged" and report.damage:
-        complain(f"keep these {report.packets} packets with: hapfmt recover {file} OUT")
+        command = f"hapfmt recover {shlex.quote(file)} OUT"
+        complain(f"to keep these {report.packets} packets, run: {command}")
     if report.unknown:
         say(f"unknown chunks: {' '.join(report.unknown)}")
     if report.contracts:
         headers = [
             Column("label"), Column("#", 5), Column("error bound", 3), Column("outside"),
-            Column("largest error"), Column("worst, % of bound", 1), Column("samples", 4),
+            Column("largest error"), Column("% of bound", 1), Column("samples", 4),
             Column("missing", 6), Column("added", 7),
         ]  # fmt: skip
         table(headers, [row_of(check) for check in report.contracts])

@@ -10,6 +10,7 @@ from pathlib import Path
 from ..atomic import atomic_write, refuse
 from ..container.extras import Attachment, build_attachment
 from ..errors import ParameterError
+from ..names import unknown
 from .appended import appended
 from .making import Output
 from .original import Input, Original, open_original
@@ -69,8 +70,7 @@ def extract(
         known = original.catalogue.attachments
         for name in names or ():
             if name not in known:
-                listed = ", ".join(map(repr, known)) or "none"
-                raise ParameterError(f"no attachment {name!r}; there are: {listed}")
+                raise ParameterError(unknown("attachment", name, known.keys()))
         chosen = [known[name] for name in (known if names is None else dict.fromkeys(names))]
     taken: set[str] = set()
     paths = []

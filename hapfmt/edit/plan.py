@@ -10,6 +10,7 @@ from typing import NamedTuple
 from ..container.track import Track
 from ..errors import ParameterError, UnsupportedError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
+from ..names import unknown
 from .original import has_channels, labels_of, ticks_of
 
 LAST_CHANNEL = 65_534
@@ -82,8 +83,7 @@ def numbers_of(tracks: Mapping[int, Track], names: Sequence[str | int] | str | i
         if number is None and str(name).isascii() and str(name).isdecimal():
             number = int(name)
         if number is None or number not in known:
-            listed = ", ".join(f"{n}={known[n]!r}" for n in sorted(known))
-            raise ParameterError(f"no channel {name!r}; there are: {listed}")
+            raise ParameterError(unknown("channel", name, {n: known[n] for n in sorted(known)}))
         found.add(number)
     return found
 

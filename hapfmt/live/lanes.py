@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ParameterError
+from ..names import unknown
 from .clusters import Grid
 from .inputs import Input
 from .samples import named
@@ -66,8 +67,8 @@ class Lanes:
         place = self.by_label.get(channel, -1) if isinstance(channel, str) else channel
         if isinstance(place, (int, np.integer)) and 0 <= place < len(self.members):
             return int(place)
-        labels = ", ".join(repr(member.input.label) for member in self.members)
-        raise ParameterError(f"no channel {channel!r}; there are: {labels}")
+        labels = [member.input.label for member in self.members]
+        raise ParameterError(unknown("channel", channel, labels))
 
     def one(self, channel: str | int) -> Lane:
         """The lane of a single channel."""

@@ -1,12 +1,12 @@
-"""One recording, its slow part and what comes back, on one page (PNG, SVG or PDF).
+"""What the format does with one recording, at one look: slow part, residual, error, sizes.
 
-Takes plain arrays, so that it depends on no reader and no writer. matplotlib is imported when a
-picture is drawn, through its object interface only: no window, no global state.
+Takes plain arrays, so that it depends on no reader and no writer.
 """
 
 from __future__ import annotations
 
-from math import ceil
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,177 +14,175 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ParameterError
-from .style import DAMAGE as ORANGE
-from .style import GREY, INK, kind_of, new_figure, save, style
-from .style import SIGNAL as BLUE
+from .panels import DIM, instead, named
+from .style import (
+    GREY,
+    INK,
+    LINES,
+    PALETTE,
+    SIGNAL,
+    Scale,
+    kind_of,
+    new_figure,
+    plain,
+    save,
+    style,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-OUTLINE_POINTS = 4000
-"""Points a line is thinned to, in pairs of least and greatest: one pair for half a pixel."""
+SHOWN_S = 1.0
+"""Of the stretch that is drawn: longer, and the texture would be a smear."""
 
-KNOT_MARKS = 600
-"""Above this many knots in view dots would hide the line, and only their number is shown."""
 
-ZOOM_S = 0.2
-BIN_COUNT = 81
-"""Bins of a histogram, or fewer: one for each count where the errors are whole counts."""
+@dataclass(frozen=True)
+class Demonstrated:
+    """A recording and what comes back, [ticks] each, in ``unit``; NaN where there is a gap.
+
+    lf: the decoded slow part; half: half the width of the deadband around it; knots: ticks of its
+    support points; sizes: name and bytes of files that hold the same recording, and of the
+    recording itself, which comes first.
+    """
+
+    original: NDArray[Any]
+    lf: NDArray[Any]
+    decoded: NDArray[Any]
+    half: NDArray[Any]
+    knots: NDArray[Any]
+    rate_hz: float
+    sizes: Sequence[tuple[str, int]]
+    unit: str = "N"
+    quantity: str = "force"
+    title: str = ""
+
+    def check(self) -> None:
+        parts = (self.original, self.lf, self.decoded, self.half)
+        size = self.original.size
+        if not size or any(part.shape != (size,) for part in parts):
+            raise ParameterError("a picture needs arrays [ticks] of one length, not empty")
+        if not self.rate_hz > 0:
+            raise ParameterError("a picture needs a positive rate")
 
 
 def plot_demo(
-    path: str | Path,
-    *,
-    original: NDArray[Any],
-    lf: NDArray[Any],
-    reconstruction: NDArray[Any],
-    lower: NDArray[Any],
-    upper: NDArray[Any],
-    rate_hz: float,
-    knots: NDArray[Any],
-    error_bound: float | None = None,
-    zoom_start_s: float | None = None,
-    start_s: float = 0.0,
-    unit: str = "N",
-    quantity: str = "force",
-    title: str = "",
-    force: bool = False,
+    path: str | Path, shown: Demonstrated, *, start_s: float | None = None, force: bool = False
 ) -> None:
-    """Draw the page into ``path``; its suffix (.png, .svg, .pdf) says the kind.
-
-    original, lf, reconstruction
-        [ticks] each, in ``unit``: f, the decoded slow part d, and what comes back. NaN where there
-        is a gap.
-    lower, upper
-        [ticks], in ``unit``: the deadband around d. Half its width is the unit of one histogram.
-    knots
-        ticks of the knots, integers, counted from the first sample.
-    error_bound
-        in ``unit``, what no error may pass: half a step of the residual's quantiser. None: no mark.
-    zoom_start_s
-        where the 0.2 s of the second panel begin; None: around the knot nearest to the middle.
-    start_s
-        time of the first sample.
-    """
+    """Draw the page into ``path`` (.png, .svg, .pdf). start_s: where the stretch of SHOWN_S begins;
+    None: shortly before the signal first moves."""
     kind = kind_of(path)
-    parts = (original, lf, reconstruction, lower, upper)
-    f, d, y, low, high = (np.asarray(part, dtype=np.float64) for part in parts)
-    if f.ndim != 1 or not f.size or any(part.shape != f.shape for part in (d, y, low, high)):
-        raise ParameterError("a picture needs five arrays [ticks] of one length, not empty")
-    if not rate_hz > 0:
-        raise ParameterError("a picture needs a positive rate")
-    time = start_s + np.arange(f.size, dtype=np.float64) / rate_hz
-    ticks = np.asarray(knots, dtype=np.int64)
-    figure = new_figure(11, 8.5, layout="constrained")
-    grid = figure.add_gridspec(3, 2, height_ratios=(3, 3, 2.2))
-    whole = figure.add_subplot(grid[0, :])
-    zoom = figure.add_subplot(grid[1, :])
-    error_axes = figure.add_subplot(grid[2, 0]), figure.add_subplot(grid[2, 1])
-
-    end = time[-1] + 1 / rate_hz
-    width = min(ZOOM_S, end - start_s)
-    if zoom_start_s is None:
-        middle = ticks[np.argmin(np.abs(ticks - f.size // 2))] if ticks.size else f.size // 2
-        begin = float(np.clip(time[middle] - width / 2, start_s, end - width))
+    shown.check()
+    ticks = shown.original.size
+    length = min(ticks, max(round(SHOWN_S * shown.rate_hz), 2))
+    if start_s is None:
+        start = max(first_move(shown.original) - length // 8, 0)
     else:
-        begin = zoom_start_s
-    view = slice(*np.searchsorted(time, [begin, begin + width]).tolist())
-    if view.stop - view.start < 1:
-        raise ParameterError("the zoomed part lies outside of the recording")
+        start = round(start_s * shown.rate_hz)
+    start = min(start, ticks - length)
+    if start < 0:
+        raise ParameterError("the stretch lies outside of the recording")
+    view = slice(start, start + length)
 
-    _signals(whole, (time, f, d, y, low, high), ticks)
-    whole.set_xlim(start_s, end)
-    whole.axvspan(begin, begin + width, color=GREY, alpha=0.25, lw=0, zorder=0)
-    near = ticks[(ticks >= view.start) & (ticks < view.stop)] - view.start
-    _signals(zoom, tuple(part[view] for part in (time, f, d, y, low, high)), near)
-    zoom.set_xlim(begin, begin + width)
-    for axes, name in ((whole, "recording"), (zoom, f"{1000 * width:.0f} ms of it")):
-        style(axes, name, "time in s", f"{quantity} in {unit}")
-    whole.legend(
-        loc="lower right", bbox_to_anchor=(1, 1), ncols=5, frameon=False, fontsize=9, borderpad=0
-    )
-
-    known = np.isfinite(y - f)
-    missed, half = (y - f)[known], (high - low)[known] / 2
-    relative = np.divide(missed, half, out=np.zeros(half.size), where=half > 0)
-    _histogram(error_axes[0], missed, error_bound, "half a step", unit)
-    style(error_axes[0], "error of the reconstruction", error_axes[0].get_xlabel(), "samples")
-    _histogram(error_axes[1], relative, 1.0, "deadband", "")
-    style(error_axes[1], "the same in deadbands", "error / half width", "samples")
-
-    if title:
-        figure.suptitle(title, fontsize=13, color=INK, x=0.01, ha="left")
+    figure = new_figure(8.6, 4.9)
+    grid = figure.add_gridspec(
+        3, 2, height_ratios=(3.2, 1.3, 1.3), width_ratios=(1.8, 1), left=0.075, right=0.985,
+        top=0.815, bottom=0.105, hspace=0.42, wspace=0.12,
+    )  # fmt: skip
+    whole, below, lowest = (figure.add_subplot(grid[row, 0]) for row in range(3))
+    signals(whole, shown, view)
+    residual, error = shown.decoded - shown.lf, shown.decoded - shown.original
+    reach = 1.1 * max(largest(residual[view]), largest(error[view])) or 1.0
+    seconds = np.arange(view.start, view.stop) / shown.rate_hz
+    for axes, values, label in ((below, residual, "residual (HF)"), (lowest, error, "error")):
+        axes.plot(seconds, values[view], color=PALETTE[label], lw=1.1, label=label)
+        axes.set_ylim(-reach, reach)
+    unit = plain(shown.unit)
+    scale = Scale.of(shown.unit, largest(error))
+    if not residual.any():
+        instead(below, "no residual")
+    style(below, "2  Residual: the texture, quantised", "", unit, size=9.5)
+    worst = scale.amount(largest(error))
+    style(lowest, f"3  Error of what comes back, same scale: at most {worst}", "time in s", unit,
+          size=9.5)  # fmt: skip
+    for axes in (whole, below, lowest):
+        axes.set_xlim(seconds[0], seconds[-1] + 1 / shown.rate_hz)
+        axes.tick_params(labelbottom=axes is lowest, labelsize=8.5)
+        axes.locator_params(axis="y", nbins=5 if axes is whole else 3)
+    figure.align_ylabels((whole, below, lowest))
+    bars(figure.add_subplot(grid[:, 1]), shown.sizes)
+    handles, labels = whole.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="upper left", bbox_to_anchor=(0.01, 0.935), ncols=len(labels),
+        frameon=False, fontsize=9, handlelength=1.6, columnspacing=1.3,
+    )  # fmt: skip
+    if shown.title:
+        figure.text(
+            0.02, 0.985, plain(shown.title), va="top", fontsize=12, color=INK, fontweight="bold"
+        )
     save([figure], path, kind, force=force)
 
 
-def _signals(axes: Axes, parts: tuple[NDArray[np.float64], ...], ticks: NDArray[np.int64]) -> None:
-    time, f, d, y, low, high = parts
-    at, bottom, _ = _outline(time, low)
-    _, _, top = _outline(time, high)
-    axes.fill_between(at, bottom, top, color=BLUE, alpha=0.16, lw=0, label="deadband")
-    axes.plot(*_line(time, f), color=GREY, lw=3, solid_capstyle="round", label="original")
-    axes.plot(*_line(time, y), color=ORANGE, lw=0.9, label="reconstruction")
-    axes.plot(*_line(time, d), color=BLUE, lw=1.5, label="slow part, decoded")
-    if ticks.size <= KNOT_MARKS:
-        axes.plot(
-            time[ticks], d[ticks], "o", color=BLUE, ms=4.5, mec="white", mew=0.7, label="knots"
-        )
-    else:
-        axes.plot([], [], "o", color=BLUE, ms=4.5, label=f"{ticks.size} knots")
-    axes.margins(y=0.08)
-
-
-def _histogram(
-    axes: Axes, error: NDArray[np.float64], bound: float | None, name: str, unit: str
-) -> None:
-    largest = max(float(np.max(np.abs(error), initial=0.0)), bound or 0.0)
-    milli = bool(unit) and 0 < largest < 0.1
-    factor = 1000 if milli else 1
-    reach = 1.15 * factor * largest or 1.0
-    values = np.unique(np.round(factor * error / reach, 9)) * reach
-    width = 2 * reach / BIN_COUNT
-    if 2 <= values.size <= BIN_COUNT:
-        width = max(width, float(np.diff(values).min()))
-    side = ceil(reach / width)
-    edges = (np.arange(2 * side + 2) - side - 0.5) * width
-    heights, _, _ = axes.hist(
-        factor * error, bins=edges.tolist(), color=ORANGE, alpha=0.85, rwidth=0.9
+def signals(axes: Axes, shown: Demonstrated, view: slice) -> None:
+    seconds = np.arange(view.start, view.stop) / shown.rate_hz
+    f, d, half = shown.original[view], shown.lf[view], shown.half[view]
+    axes.fill_between(
+        seconds, d - half, d + half, color=PALETTE["deadband"], alpha=0.6, lw=0, label="deadband"
     )
-    if bound:
-        for sign in (-1, 1):
-            axes.axvline(sign * factor * bound, color=INK, lw=1.1, ls=(0, (4, 3)))
+    axes.plot(seconds, f, color=SIGNAL, lw=1.3, label="signal")
+    axes.plot(seconds, d, color=PALETTE["slow part (LF)"], lw=1.8, label="slow part (LF)")
+    knots = np.asarray(shown.knots, dtype=np.int64)
+    near = knots[(knots >= view.start) & (knots < view.stop)]
+    axes.plot(
+        near / shown.rate_hz, shown.lf[near], "o", color=PALETTE["knots"], ms=4.5, mec=INK,
+        mew=0.7, label="knots",
+    )  # fmt: skip
+    known = np.concatenate([f[np.isfinite(f)], d[np.isfinite(d)]])
+    if known.size:
+        low, high = float(known.min()), float(known.max())
+        margin = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
+        axes.set_ylim(low - margin, high + margin)
+    style(axes, f"1  Slow part: {near.size} knots instead of {f.size} samples", "",
+          named(plain(shown.quantity), plain(shown.unit)), size=9.5)  # fmt: skip
+
+
+def bars(axes: Axes, sizes: Sequence[tuple[str, int]]) -> None:
+    """Bytes of files, the name above each bar, and how much smaller than the first."""
+    most = max((size for _, size in sizes), default=1)
+    for place, (name, size) in enumerate(sizes):
+        axes.barh(place, size, height=0.42, color=GREY if place == 0 else DIM)
+        text = f"{size / 1000:.3g} kB"
+        if place:
+            text += f" · {most / size:.1f} times smaller"
+        inside = size > 0.5 * most
         axes.annotate(
-            name,
-            (factor * bound, 0.93),
-            xycoords=("data", "axes fraction"),
-            xytext=(-5, 0),
-            textcoords="offset points",
-            ha="right",
-            fontsize=8.5,
-            color=INK,
-            bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1},
-        )
-    axes.set_xlim(-reach, reach)
-    axes.set_ylim(0, 1.2 * float(np.max(heights)) or 1)
-    axes.set_xlabel(f"error in {'m' if milli else ''}{unit}")
+            text, (size, place), xytext=(-5 if inside else 5, 0), textcoords="offset points",
+            ha="right" if inside else "left", va="center", fontsize=8.5,
+            color="white" if inside else INK,
+        )  # fmt: skip
+        axes.annotate(
+            plain(name), (0, place - 0.25), xytext=(0, 2), textcoords="offset points", ha="left",
+            va="bottom", fontsize=9, color=INK,
+        )  # fmt: skip
+    axes.set_ylim(len(sizes) - 0.5, -0.75)
+    axes.set_xlim(0, most)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    for side in ("top", "right", "bottom"):
+        axes.spines[side].set_visible(False)
+    axes.spines["left"].set_color(LINES)
+    axes.set_title("4  Size of the file", loc="left", fontsize=9.5, color=INK, fontweight="bold")
 
 
-def _outline(
-    time: NDArray[np.float64], x: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Time, least and greatest of x in at most OUTLINE_POINTS / 2 equal pieces of [ticks]."""
-    size = -(-2 * x.size // OUTLINE_POINTS)
-    if size < 3:
-        return time, x, x
-    starts = np.arange(0, x.size, size)
-    return time[starts], np.minimum.reduceat(x, starts), np.maximum.reduceat(x, starts)
+def first_move(x: NDArray[Any]) -> int:
+    """Tick at which the signal first leaves its beginning by a twentieth of its range."""
+    known = x[np.isfinite(x)]
+    if not known.size:
+        return 0
+    reach = float(known.max() - known.min())
+    moved = np.abs(x - known[0]) > 0.05 * reach
+    return int(np.argmax(moved)) if moved.any() else 0
 
 
-def _line(
-    time: NDArray[np.float64], x: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """x as a line that looks the same in print, with at most OUTLINE_POINTS points."""
-    at, least, most = _outline(time, x)
-    if at.size == x.size:
-        return at, x
-    return np.repeat(at, 2), np.stack([least, most], axis=1).ravel()
+def largest(x: NDArray[Any]) -> float:
+    known = x[np.isfinite(x)]
+    return float(np.max(np.abs(known), initial=0.0))

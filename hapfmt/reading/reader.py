@@ -18,6 +18,7 @@ from ..container.walk import Finding
 from ..errors import ChecksumError, FormatError, ParameterError, TruncatedError
 from ..events import Event
 from ..limits import Limits
+from ..names import unknown
 from ..recording import Recording
 from ..threads import in_order, thread_count
 from .assembly import BANDS, Assembly, Band, wanted_tracks
@@ -151,8 +152,8 @@ class Reader(Closing):
             found = by_label.get(name) if isinstance(name, str) else None
             found = found or by_number.get(str(name))
             if found is None:
-                labels = ", ".join(f"{ref.number}={ref.label!r}" for ref in known)
-                raise ParameterError(f"no channel {name!r}; there are: {labels}")
+                labels = {ref.number: ref.label for ref in known}
+                raise ParameterError(unknown("channel", name, labels))
             chosen.append(found)
         return chosen
 
