@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ParameterError
+from .names import similar
 
 MOST_BYTES = 1 << 20
 MOST_PARTS = 16
@@ -104,10 +105,9 @@ class Library:
             return (self.folder / f"{name_or_path}.toml").read_text(encoding="utf-8")
         path = Path(name_or_path)
         if not path.is_file():
-            raise ParameterError(
-                f"no {self.kind} {name_or_path[:200]!r}: neither a file nor one of "
-                f"{', '.join(known)}"
-            )
+            meant = similar(name_or_path[:200], known)
+            advice = f"did you mean {meant!r}?" if meant else f"there are: {', '.join(known)}"
+            raise ParameterError(f"no file and no {self.kind} {name_or_path[:200]!r}; {advice}")
         with path.open("rb") as stream:
             data = stream.read(MOST_BYTES + 1)
         if len(data) > MOST_BYTES:

@@ -8,6 +8,7 @@ the acceleration is asked for as ``[g]`` (spelled gn, g0, g-force or [g]).
 from __future__ import annotations
 
 import re
+from fractions import Fraction
 
 MAX_SIZE = 255
 """Bytes of the longest code: a unit is stored behind one length byte."""
@@ -19,6 +20,14 @@ _METRIC = (
 )
 """Atoms that take a prefix. Left out, since people mean something else by them: G (gauss), a
 (year), b (barn), u, P, R."""
+_SCALES = dict(
+    zip(
+        _PREFIXES.split(),
+        (24, 21, 18, 15, 12, 9, 6, 3, 2, 1, -1, -2, -3, -6, -9, -12, -15, -18, -21, -24),
+        strict=True,
+    )
+)
+"""Powers of ten."""
 _FIXED = (
     "% deg ' '' min h d [degF] [psi] [lbf_av] [lb_av] [in_i] [ft_i] [mi_i] "
     "[ppth] [ppb] [arb'U] [pi]"
@@ -35,6 +44,8 @@ _ANNOTATION = r"\{[!-z|~]+\}"
 _ATOM = rf"(?:(?:{_any_of(_PREFIXES)})?(?:{_any_of(_METRIC)})|{_any_of(_FIXED)})"
 _COMPONENT = rf"(?:{_ATOM}(?:[+-]?[1-9][0-9]?)?{_NOTE}?|1|{_NOTE}|{_GROUP})"
 _TERM = re.compile(rf"/?{_COMPONENT}(?:[./]{_COMPONENT})*")
+_FACTOR = re.compile(r"([./]?)([^./0-9+-]+|1)([+-]?[0-9]*)")
+_PREFIXED = re.compile(rf"({_any_of(_PREFIXES)})({_any_of(_METRIC)})")
 _TORQUE = re.compile(rf"((?:{_any_of(_PREFIXES)})?N)((?:{_any_of(_PREFIXES)})?m|s)")
 
 _SPELLINGS = {
@@ -113,6 +124,31 @@ def to_ucum(text: str) -> str:
     text = text.translate(_ASCII)
     respelled = _respell(text)
     return respelled if _is_code(respelled) else _annotation(text)
+
+
+def conversion(given: str, wanted: str) -> Fraction | None:
+    """The factor from one UCUM code to another that differs from it in metric prefixes alone; None
+    where they differ in more.
+
+    >>> conversion("mN", "N"), conversion("mm/s2", "m/s2"), conversion("N", "m")
+    (Fraction(1, 1000), Fraction(1, 1000), None)
+    """
+    if given == wanted:
+        return Fraction(1)
+    (power, one), (other_power, other) = _reduced(given), _reduced(wanted)
+    return Fraction(10) ** (power - other_power) if one == other else None
+
+
+def _reduced(code: str) -> tuple[int, list[tuple[str, int]]]:
+    """The power of ten of a code's prefixes, and its atoms without them, with their exponents."""
+    power, atoms = 0, []
+    for slash, body, exponent in _FACTOR.findall(code):
+        times = int(exponent or 1) * (-1 if slash == "/" else 1)
+        prefixed = _PREFIXED.fullmatch(body)
+        if prefixed:
+            power += times * _SCALES[prefixed[1]]
+        atoms.append((prefixed[2] if prefixed else body, times))
+    return power, sorted(atoms)
 
 
 def _unwrapped(text: str) -> str:

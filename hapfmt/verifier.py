@@ -189,7 +189,7 @@ def check_packets(
         for event in piece.events if catalogue.closed and not catalogue.damaged else ():
             if event.channel is not None and event.channel not in numbers:
                 raise FormatError(
-                    f"an event speaks of channel {event.channel}, and there is none",
+                    f"an event refers to channel {event.channel}, and there is none",
                     requirement="EVT-003",
                     offset=piece.offset,
                 )

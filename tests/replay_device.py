@@ -62,7 +62,7 @@ def recording(
         Channel(np.array(each, np.int64), Fraction(rate), calibration=held, label=label, unit=unit)
         for each, label in zip(counts, labels, strict=True)
     )
-    write(Recording(channels), path, Settings("archive", cluster=cluster), force=True)
+    write(Recording(channels), path, Settings("lossless", cluster=cluster), force=True)
     return path
 
 

@@ -618,18 +618,28 @@ def encoder_settings(draw):
     """Presets, bits or step, hold or linear, clusters short and long, with and without digests."""
     quantiser = draw(
         st.sampled_from(
-            [{}, {"bits": 0}, {"bits": 5}, {"step": Tolerance(1, "lsb")}, {"preset": "archive"},
-             {"preset": "deadband"}, {"preset": "auto"}, {"preset": "near-lossless", "max_error": Tolerance(7, "lsb")}]
+            [{"bits": 0}, {"bits": 5}, {"step": Tolerance(1, "lsb")}, {"preset": "lossless"},
+             {"preset": "perceptual"}, {"preset": "perceptual", "texture": False},
+             {"preset": "perceptual", "texture": False, "felt": "all"},
+             {"preset": "near-lossless", "max_error": Tolerance(7, "lsb")},
+             {"preset": "near-lossless"}]
         )
     )  # fmt: skip
+    preset = quantiser.setdefault("preset", "paper")
     floors = st.sampled_from(
         [Tolerance(0.5, "lsb"), Tolerance(10, "lsb"), Tolerance(0.01, "range")]
     )
-    return Settings(
-        k=draw(st.sampled_from([Fraction(0), Fraction(1, 10), Fraction(3, 2)])),
-        floor=draw(floors),
+    given = {}
+    if preset in ("perceptual", "paper"):
+        given["k"] = draw(st.sampled_from([Fraction(0), Fraction(1, 10), Fraction(3, 2)]))
+        given["floor"] = draw(floors)
+    if preset == "paper":
+        given["interpolation"] = draw(st.sampled_from(["hold", "linear"]))
+    if preset != "lossless":
+        given["smallest"] = draw(st.booleans())
+    return Settings.of(
         cluster=draw(st.sampled_from([Fraction(1, 10), Fraction(10)])),
-        interpolation=draw(st.sampled_from(["hold", "linear"])),
         digest=draw(st.booleans()),
         **quantiser,
+        **given,
     )

@@ -147,10 +147,9 @@ def test_only_a_split_loads_scipy():
 import io, sys, hapfmt
 from hapfmt.scenes import load_scene, simulate
 recording, _ = simulate(load_scene("everything").changed(seconds=0.05))
-for preset in ("archive", "deadband", "near-lossless", "auto", "default"):
-    allowed = {"max_error": "2lsb"} if preset == "near-lossless" else {}
-    hapfmt.write(recording, io.BytesIO(), hapfmt.Settings.of(preset, **allowed))
-    assert ("scipy" in sys.modules) is (preset == "default"), preset
+for preset in ("lossless", "near-lossless", "perceptual", "paper"):
+    hapfmt.write(recording, io.BytesIO(), hapfmt.Settings.of(preset))
+    assert ("scipy" in sys.modules) is (preset == "paper"), preset
 """
     assert "scipy" in loaded_by(code)
 

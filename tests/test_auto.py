@@ -10,6 +10,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from hapfmt.encoder.auto import NOTHING, few_values, is_clock, plan_channel, quantity_of
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import recordings
@@ -18,7 +19,6 @@ import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.cli.encode import encode as encode_command
 from hapfmt.encoder import auto
-from hapfmt.encoder.auto import NOTHING, few_values, is_clock, plan_channel, quantity_of
 from hapfmt.encoder.encode import Decision
 from hapfmt.encoder.source import Source
 from hapfmt.encoder.unit import bound_of, slow_part

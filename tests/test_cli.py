@@ -70,8 +70,8 @@ def test_help_names_every_verb(room: Path) -> None:
         ("replay a --device b --channels 0=1", "--channels was renamed --map"),
         ("clocks a --window 3", "--window was renamed --segment"),
         ("profile check a --device b", "--device was renamed --path"),
-        ("encode a b --presett lossless", "Did you mean '--preset'"),
-        ("info a --from npz", "No such option '--from'"),
+        ("encode a b --presett lossless", "did you mean '--preset'"),
+        ("info a --from npz", "no option '--from'"),
     ],
 )
 def test_options_of_an_earlier_version_name_those_of_today(words: str, name: str) -> None:
@@ -94,7 +94,10 @@ def test_an_option_name_has_one_kind_of_value() -> None:
 
 
 def test_encode_verify_decode(room: Path, tmp_path: Path) -> None:
-    code, told = run_json("encode", room / "one.npz", "o.hapf", cwd=tmp_path)
+    code, told = run_json(
+        "encode", room / "one.npz", "o.hapf", "--preset", "near-lossless", "--max-error", "0.2%",
+        cwd=tmp_path,
+    )  # fmt: skip
     assert code == 0 and told["file_size"] == (tmp_path / "o.hapf").stat().st_size
     assert told["channels"][0]["within"]
     code, report = run_json("verify", "o.hapf", "--against", room / "one.npz", cwd=tmp_path)
@@ -107,8 +110,8 @@ def test_encode_verify_decode(room: Path, tmp_path: Path) -> None:
     assert 0 < np.abs(x - y).max() <= 0.002 * (x.max() - x.min())
 
 
-def test_a_step_of_one_count_gives_back_the_identical_array(room: Path, tmp_path: Path) -> None:
-    run("encode", room / "one.npz", "o.hapf", "--step", "1lsb", cwd=tmp_path)
+def test_without_a_preset_the_identical_array_comes_back(room: Path, tmp_path: Path) -> None:
+    run("encode", room / "one.npz", "o.hapf", cwd=tmp_path)
     run("decode", "o.hapf", "o.npz", cwd=tmp_path)
     x, y = np.load(room / "one.npz")["x"], np.load(tmp_path / "o.npz")["x"]
     assert x.tobytes() == y.tobytes()
@@ -132,9 +135,9 @@ def test_pipe_without_a_format_is_refused(room: Path) -> None:
 
 
 def test_several_rates_and_gaps_come_back(room: Path, tmp_path: Path) -> None:
-    run("encode", room / "two.npz", "o.hapf", "--step", "1lsb", cwd=tmp_path)
+    run("encode", room / "two.npz", "o.hapf", cwd=tmp_path)
     run("decode", "o.hapf", "o.npz", cwd=tmp_path)
-    before, after = hapfmt.load(room / "two.npz"), hapfmt.load(tmp_path / "o.npz")
+    before, after = hapfmt.read(room / "two.npz"), hapfmt.read(tmp_path / "o.npz")
     for a, b in zip(before.channels, after.channels, strict=True):
         assert a.coverage == b.coverage and a.rate_exact == b.rate_exact and a.label == b.label
         assert a.samples().tobytes() == b.samples().tobytes()
@@ -148,7 +151,7 @@ def test_parts(room: Path, tmp_path: Path) -> None:
             "--channels", "0", cwd=tmp_path,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
-    part = hapfmt.load(tmp_path / "full.npz").channels[0]
+    part = hapfmt.read(tmp_path / "full.npz").channels[0]
     assert part.start_tick == 250 and part.stored.size == 250
     assert (part.samples() == whole.samples()[250:500]).all()
     assert (
@@ -222,7 +225,7 @@ class TestExitCodes:
 
 def test_damage_is_told_and_the_rest_delivered(room: Path, tmp_path: Path) -> None:
     done = run("decode", room / "flipped.hapf", "o.csv", cwd=tmp_path)
-    assert done.returncode == 3 and b"bad-packet" in done.stderr and b"lost" in done.stderr
+    assert done.returncode == 3 and b"bad-" in done.stderr and b"lost" in done.stderr
     assert (tmp_path / "o.csv").exists()
     code, report = run_json("verify", room / "flipped.hapf", cwd=tmp_path)
     damages = report["damage"]["damages"]
@@ -254,11 +257,11 @@ def test_dump_is_canonical_json(room: Path) -> None:
 
 def test_convert_to_every_format_and_back(room: Path, tmp_path: Path) -> None:
     pytest.importorskip("soundfile")
-    before = hapfmt.load(room / "one.npz").channels[0].samples()
+    before = hapfmt.read(room / "one.npz").channels[0].samples()
     for suffix in ("csv", "wav", "npy", "npz"):
         assert run("convert", room / "one.npz", f"o.{suffix}", cwd=tmp_path).returncode == 0
         rate = 1000 if suffix == "npy" else None
-        after = hapfmt.load(tmp_path / f"o.{suffix}", rate=rate).channels[0].samples()
+        after = hapfmt.read(tmp_path / f"o.{suffix}", rate=rate).channels[0].samples()
         assert (before == after).all()
     assert run("convert", "o.csv", "o.hapf", cwd=tmp_path).returncode == 0
     assert run("convert", "o.hapf", "p.hapf", cwd=tmp_path).returncode == 1
@@ -267,25 +270,29 @@ def test_convert_to_every_format_and_back(room: Path, tmp_path: Path) -> None:
 def test_channels_become_the_axes_of_a_vector(tmp_path: Path) -> None:
     x = np.random.default_rng(1).integers(-900, 900, (4, 500)) / 1000
     np.savez(tmp_path / "v.npz", x=x, rate_hz=1000.0, channel_names=list("abcd"), unit="N")
-    done = run("encode", "v.npz", "v.hapf", "--vector", "b,c,3", cwd=tmp_path)
+    felt = ("--preset", "perceptual", "--no-texture")
+    done = run("encode", "v.npz", "v.hapf", *felt, "--vector", "b,c,3", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     _, found = run_json("info", "v.hapf", cwd=tmp_path)
     assert [c["axis"] for c in found["channels"]] == ["", "x", "y", "z"]
     assert [c["contract"]["vector"] for c in found["channels"]] == [False, True, True, True]
-    assert run("encode", "v.npz", "w.hapf", "--vector", "b,nobody", cwd=tmp_path).returncode == 1
+    assert (
+        run("encode", "v.npz", "w.hapf", *felt, "--vector", "b,nobody", cwd=tmp_path).returncode
+        == 1
+    )
 
 
 def test_channels_that_resemble_each_other(tmp_path: Path) -> None:
     load = np.random.default_rng(1).integers(-40, 41, 900).cumsum()
     x = np.stack([load, load // 2, load // 3]).astype(float)
     np.savez(tmp_path / "s.npz", x=x, rate_hz=1000.0, channel_names=list("abc"))
-    _, both = run_json("encode", "s.npz", "s.hapf", "--preset", "archive", cwd=tmp_path)
+    _, both = run_json("encode", "s.npz", "s.hapf", "--preset", "lossless", cwd=tmp_path)
     assert [c["reason"] for c in both["channels"]] == [
         "lossless, track of 0-2",
         "lossless, track of 0-2, from 0",
         "lossless, track of 0-2, from 0",
     ]
-    options = ("--preset", "archive", "--no-references")
+    options = ("--preset", "lossless", "--no-references")
     _, alone = run_json("encode", "s.npz", "t.hapf", *options, cwd=tmp_path)
     assert {c["reason"] for c in alone["channels"]} == {"lossless"}
     assert both["file_size"] < alone["file_size"]

@@ -40,8 +40,7 @@ def test_every_format(suffix, tmp_path):
     assert got["work"]["height_count"] == got["work"]["contact_step_count"] == 10_000
     assert got["work"]["finger_count"] == 0
     path = str(tmp_path / name)
-    load = hapfmt.read if suffix == "hapf" else hapfmt.load
-    back = load(path, rate=1000) if suffix == "npy" else load(path)
+    back = hapfmt.read(path, rate=1000) if suffix == "npy" else hapfmt.read(path)
     assert back.channels[0].stored.size == 500 and back.sample_count == 500
 
 
@@ -98,7 +97,7 @@ def test_options_reach_the_scene(tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["velvet", "a.hapf"], "no scene 'velvet': neither a file nor one of cork"),
+        (["velvet", "a.hapf"], "no scene 'velvet'; there are: cork"),
         (["sand"], "give OUT, where it is written"),
         (["sand", "a.xyz"], "the suffix '.xyz' is not one of: .hapf .npz"),
         (["sand", "none/a.npz"], "does not exist"),

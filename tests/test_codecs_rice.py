@@ -198,14 +198,14 @@ class TestPreset:
 
     def test_lossless(self, tmp_path):
         path, recording = tmp_path / "fast.hapf", self.recording()
-        summary = hapfmt.write(recording, path, hapfmt.Settings.of("archive", fast=True))
+        summary = hapfmt.write(recording, path, hapfmt.Settings.of("lossless", fast=True))
         assert summary.decisions[0].reason == "lossless, fast"
         back = hapfmt.read(path)
         assert (back.channels[0].stored == recording.channels[0].stored).all()
-        assert back.metadata["encoder"].endswith(": archive --fast")
+        assert back.metadata["encoder"].endswith(": lossless --fast")
         assert hapfmt.verify(path, against=recording).verdict == "intact"
 
-    @pytest.mark.parametrize("preset", ["default", "auto", "deadband", "paper"])
-    def test_of_archive_only(self, preset):
-        with pytest.raises(ParameterError, match="archive"):
+    @pytest.mark.parametrize("preset", ["near-lossless", "perceptual", "paper"])
+    def test_of_lossless_only(self, preset):
+        with pytest.raises(ParameterError, match="lossless"):
             hapfmt.Settings.of(preset, fast=True)

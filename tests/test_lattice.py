@@ -401,7 +401,7 @@ def test_empty_channel_becomes_counts() -> None:
         (np.array([1e300]), "larger unit"),
         (np.array([1, 2**53 + 1]), "float64"),
         (np.array([2**64 - 1], dtype=np.uint64), "float64"),
-        (NOISE.normal(size=50), "no step and offset"),
+        (NOISE.normal(size=50), "no common step"),
     ],
 )
 def test_channels_that_stay(values: NDArray[np.generic], word: str) -> None:

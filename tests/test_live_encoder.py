@@ -24,7 +24,7 @@ from hapfmt.limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT
 from hapfmt.live.inputs import Input
 from hapfmt.reading.decoder import TrackDecoder
 
-ARCHIVE, FAST = Settings("archive"), Settings.of("archive", fast=True)
+ARCHIVE, FAST = Settings("lossless"), Settings(fast=True)
 COUNTS = Input("torque", 1000, unit="N.m", calibration=Calibration(1, 0, 1000))
 FLOATS = Input("force", 1000, unit="N")
 
@@ -291,16 +291,16 @@ class TestLoss:
     def test_auto_goes_by_the_quantity(self, given, kind):
         x = signal("walk", 2000, 4)
         x = x if given.takes_counts else x / 7.0
-        (track, *_), _ = LiveEncoder(Settings("auto")).encode([Block(0, given, 0, x)])
+        (track, *_), _ = LiveEncoder(Settings.of("auto")).encode([Block(0, given, 0, x)])
         assert (track.contract is not None) == (kind == "felt")
 
     def test_auto_with_a_floor_of_the_caller(self):
-        settings = Settings.of("auto", floor="3lsb")
+        settings = Settings.of("auto", floor="3lsb", max_error="3lsb")
         x = signal("walk", 2000, 4)
         (track,), _ = LiveEncoder(settings).encode([Block(0, replace(COUNTS, unit="mm"), 0, x)])
         assert (track.contract.kn, track.contract.floor) == (0, (3,))
         force = replace(COUNTS, unit="N")
-        (track,), _ = LiveEncoder(Settings("auto")).encode([Block(0, force, 0, x)])
+        (track,), _ = LiveEncoder(Settings.of("auto")).encode([Block(0, force, 0, x)])
         assert (track.contract.kn, track.contract.kd) == (1, 10)
         assert track.contract.floor == (10,)
 
@@ -457,7 +457,7 @@ class TestKnown:
         y, exact = after.read()
         if exact is not None:
             assert exact.tobytes() == x.tobytes()
-        elif settings.preset == "archive":
+        elif settings.preset == "lossless":
             assert np.array_equal(y, np.round(x / scale))
 
     def test_while_its_range_holds_the_counts(self):
@@ -555,7 +555,7 @@ class TestKnown:
 
 
 class TestRefused:
-    @pytest.mark.parametrize("preset", ["default", "paper"])
+    @pytest.mark.parametrize("preset", ["perceptual", "paper"])
     def test_presets_that_need_the_whole_recording(self, preset):
         with pytest.raises(ParameterError, match=f"preset {preset} needs the whole recording"):
             LiveEncoder(Settings.of(preset))
@@ -565,7 +565,7 @@ class TestRefused:
         [
             (Settings.of("deadband"), "the floor is relative"),
             (Settings.of("near-lossless", max_error="1%"), "the largest error is relative"),
-            (Settings.of("archive", tolerance="1e-3"), "states its lsb"),
+            (Settings.of("near-lossless", max_error="1", tolerance="1e-3"), "states its lsb"),
         ],
     )
     def test_amounts(self, settings, why):

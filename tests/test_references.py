@@ -17,6 +17,7 @@ from hapfmt.codecs.components import encode_component, split_components
 from hapfmt.codecs.predicted import Predictor, encode_indices, parse_header
 from hapfmt.encoder import references
 from hapfmt.encoder.encode import encode
+from hapfmt.encoder.plan import bound_promise
 from hapfmt.encoder.predict import encode_best
 from hapfmt.encoder.references import (
     View,
@@ -27,7 +28,7 @@ from hapfmt.encoder.references import (
 from hapfmt.encoder.weights import choose_sources, fit, moments, quick_predictor
 from hapfmt.recording import Span
 
-ARCHIVE = Settings.of("archive")
+ARCHIVE = Settings()
 STEP = Calibration(1, 0, 100)
 
 
@@ -81,12 +82,12 @@ class TestTracks:
     def test_the_settings_say_no(self):
         settings = replace(ARCHIVE, references=False)
         assert len(encode(Recording(channels(skin())), settings).tracks) == 6
-        assert settings.describe() == "archive --no-references"
-        assert ARCHIVE.describe() == "archive"
+        assert settings.describe() == "lossless --no-references"
+        assert ARCHIVE.describe() == "lossless"
 
-    @pytest.mark.parametrize("preset", ["default", "deadband"])
-    def test_other_presets_do_not(self, preset):
-        made = encode(Recording(channels(skin(2, 300))), Settings(preset))
+    def test_a_deadband_does_not(self):
+        settings = Settings.of("perceptual", texture=False, felt="all", smallest=False)
+        made = encode(Recording(channels(skin(2, 300))), settings)
         assert {len(track.components) for track in made.tracks} == {1}
 
     def test_noise_stays_apart(self):
@@ -210,7 +211,7 @@ class TestNearLossless:
         rows = skin(4)
         rows[1] = rows[1] * 3
         settings = Settings.of("near-lossless", max_error="1%")
-        steps = [references.step_of([c], settings) for c in channels(rows)]
+        steps = [references.step_of([c], bound_promise(settings), settings) for c in channels(rows)]
         made = encode(Recording(channels(rows)), settings)
         assert all(a != b for a, b in zip(steps, steps[1:], strict=False))
         assert len(made.tracks) == 4

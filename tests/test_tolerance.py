@@ -21,6 +21,9 @@ from hapfmt.errors import ParameterError
         ("0.01%", Tolerance(0.0001, "range")),
         ("0.07 %", Tolerance(0.0007, "range")),
         ("1e-3%", Tolerance(1e-5, "range")),
+        ("10mN", Tolerance(10.0, unit="mN")),
+        ("1e-6 N", Tolerance(1e-6, unit="N")),
+        ("2 Nmm", Tolerance(2.0, unit="N.mm")),
     ],
 )
 def test_parse(text: str, tolerance: Tolerance) -> None:
@@ -40,8 +43,8 @@ def test_parse(text: str, tolerance: Tolerance) -> None:
         "1,5",
         "lsb",
         "%",
-        "1 mm",
-        "1e-6 N",
+        "1 sheep",
+        "1 N 2",
         "1_0",
         "0x10",
         "1%lsb",
@@ -53,6 +56,20 @@ def test_parse(text: str, tolerance: Tolerance) -> None:
 def test_parse_refuses_with_an_example(text: str) -> None:
     with pytest.raises(ParameterError, match=r"0\.5lsb"):
         Tolerance.parse(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [("10mN", "N", 0.01), ("0.5 mN", "kN", 5e-7), ("3N", "N", 3.0), ("2mm/s2", "m/s2", 0.002)],
+)
+def test_an_amount_in_the_unit_of_a_channel(text: str, unit: str, value: float) -> None:
+    assert Tolerance.parse(text).in_unit(unit) == value
+
+
+@pytest.mark.parametrize("unit", ["m", "N.m", "1", "gf"])
+def test_an_amount_in_another_unit_is_refused(unit: str) -> None:
+    with pytest.raises(ParameterError, match="does not fit a channel in"):
+        Tolerance.parse("10mN").in_unit(unit)
 
 
 @pytest.mark.parametrize("text", ["0", "0.0lsb", "0%", "1e-400", "1e999", "1e400%"])

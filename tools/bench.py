@@ -77,7 +77,7 @@ def load_all(data: Path, only: str, rate: str | None) -> Iterator[tuple[str, hap
         try:
             yield (
                 name,
-                hapfmt.read(path) if path.suffix == ".hapf" else hapfmt.load(path, rate=rate),
+                hapfmt.read(path) if path.suffix == ".hapf" else hapfmt.read(path, rate=rate),
             )
         except hapfmt.HapfmtError as error:
             click.echo(f"left out: {error}", err=True)

@@ -95,7 +95,7 @@ def recorded(folder: Path | None, count: int = len(RECORDED)) -> list[Source]:
     for each in RECORDED[:count]:
         path = (folder or Path()) / each.path
         if folder and path.exists():
-            recording = hapfmt.load(path)
+            recording = hapfmt.read(path)
             channels = tuple(recording.channel(label) for label in each.channels)
             found.append(Source(each.name, replace(recording, channels=channels), each.floor))
     return found
@@ -158,7 +158,7 @@ def show(source: Source) -> None:
 def main() -> None:
     print_origin()
     if len(sys.argv) > 1:
-        recording = hapfmt.load(sys.argv[1])
+        recording = hapfmt.read(sys.argv[1])
         if len(sys.argv) > 2:
             recording = replace(recording, channels=(recording.channel(sys.argv[2]),))
         show(Source(sys.argv[1], recording, "0.2%"))

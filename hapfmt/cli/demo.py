@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import BitsType, FractionType, echo_json, force_option, json_option
+from .help import Verb
 from .screen import say
 from .tables import Column, table
 
@@ -20,11 +21,11 @@ if TYPE_CHECKING:
     from ..recording import Recording
 
 PRESETS: dict[str, tuple[str, dict[str, Any], str]] = {
-    "lossless": ("archive", {}, "every bit"),
+    "lossless": ("lossless", {}, "every bit"),
     "near-lossless": ("near-lossless", {"max_error": "0.1%"}, "0.1 % of range"),
-    "perceptual": ("default", {}, "what is felt"),
-    "perceptual --no-texture": ("deadband", {}, "slow part only"),
-    "paper": ("paper", {}, "as in the paper"),
+    "perceptual": ("perceptual", {}, "what is felt"),
+    "perceptual --no-texture": ("perceptual", {"texture": False}, "slow part only"),
+    "paper": ("paper", {"smallest": False}, "as in the paper"),
 }
 """Name, preset, options, and what is kept; guarantees first, the paper's method last."""
 
@@ -46,7 +47,7 @@ class Outcome:
     decode_s: float
 
 
-@click.command(short_help="Simulate a stylus on a texture, and write it with every preset.")
+@click.command(cls=Verb)
 @click.option(
     "--texture",
     type=click.Choice(["stone", "sand", "cork", "none"]),

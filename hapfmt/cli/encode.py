@@ -15,6 +15,8 @@ from .common import (
     AmountType,
     BitsType,
     FractionType,
+    PresetType,
+    ShareType,
     echo_json,
     force_option,
     input_format_option,
@@ -26,7 +28,9 @@ from .common import (
     refuse_target,
     tell_notes,
     threads_option,
+    transpose_option,
 )
+from .help import Verb
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -36,84 +40,111 @@ if TYPE_CHECKING:
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
-@click.command(short_help="Encode a recording into a .hapf file.")
+@click.command(cls=Verb)
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="OUT")
 @click.option(
     "--preset",
-    type=click.Choice(["default", "auto", "paper", "deadband", "archive", "near-lossless"]),
-    default="default",
+    type=PresetType(["lossless", "near-lossless", "perceptual", "paper"]),
+    default="lossless",
     show_default=True,
-    help="default: every sample within its deadband, texture kept with an explicit step. "
-    "auto: for each channel by its quantity and values: a deadband where zero is nothing felt "
-    "(force, torque, pressure, acceleration, velocity), the floor alone for positions, volts and "
-    "raw counts, lossless for clocks, counters and states; says what was left out. "
+    help="lossless: every bit as it was recorded. "
+    "near-lossless: no sample is further off than --max-error. "
+    "perceptual: leaves out what nobody can feel. Forces, torques, pressures, accelerations and "
+    "velocities keep Weber's deadband in the slow part, and their texture to --snr; all other "
+    "channels are near-lossless; clocks, counters and states are lossless. "
     "paper: Brandi, Chaudhari and Steinbach to the letter (their online deadband of the whole "
-    "signal: --bits 0 --interpolation hold, and a --cutoff above half the rate). "
-    "deadband: every sample within it, as small as can be, texture beyond it not kept. "
-    "archive: lossless. near-lossless: every sample within --max-error.",
+    "signal: --bits 0 --interpolation hold, and a --cutoff above half the rate).",
 )
 @click.option(
     "--max-error",
     type=AmountType(),
-    help="Preset near-lossless: largest error, 0.01 (in the unit), 2lsb, 0.1%.",
+    metavar="AMOUNT",
+    help="near-lossless, perceptual: largest error in all: 0.1% of the channel's range, 0.01 in "
+    "its unit, 10mN, 2lsb [0.1%].",
 )
 @click.option(
     "--fast",
     is_flag=True,
     default=None,
-    help="Preset archive: three to five times as fast, 7 % larger.",
+    help="lossless: three to five times as fast, 7 % larger.",
 )
-@click.option("--k", "k", type=FractionType(), help="Weber fraction of the deadband [0.1].")
+@click.option(
+    "--k", "k", type=ShareType(), help="perceptual, paper: Weber fraction of the deadband [10%]."
+)
 @click.option(
     "--floor",
     type=AmountType(),
-    help="Absolute floor of the deadband: 0.01 (in the unit), 2lsb, or 0.2% of the range "
-    "[0.2%; paper: 0.01].",
+    metavar="AMOUNT",
+    help="perceptual, paper: absolute threshold of the deadband [0.2% of the range; paper: 10mN "
+    "for forces].",
+)
+@click.option(
+    "--felt",
+    multiple=True,
+    metavar="CHANNEL|all",
+    help="perceptual: a channel that is felt too, by label or number; or all. May be repeated.",
+)
+@click.option(
+    "--no-texture",
+    "texture",
+    flag_value=False,
+    default=None,
+    help="perceptual: keep the deadband alone.",
+)
+@click.option(
+    "--snr",
+    type=float,
+    metavar="DB",
+    help="perceptual: quality of the texture, its power over that of the error [20].",
 )
 @click.option(
     "--bits",
     type=BitsType(),
-    help="Presets default and paper: bits of the residual's quantiser, 2 to 16, step from its "
-    "range; 0: no residual [paper: 5].",
+    help="paper: bits of the residual's quantiser, 2 to 16, step from its range; 0: no residual "
+    "[5].",
 )
+@click.option("--step", type=AmountType(), metavar="AMOUNT", help="paper: step of the residual.")
 @click.option(
-    "--step",
-    type=AmountType(),
-    help="Presets default and paper: step of the residual, 0.005, 1lsb, 0.1% [2 x floor].",
+    "--cutoff",
+    "cutoff_hz",
+    type=float,
+    help="perceptual, paper: split between slow part and texture, Hz [20].",
 )
-@click.option("--cutoff", "cutoff_hz", type=float, help="Split between slow and fast, Hz [20].")
 @click.option(
     "--cluster",
     type=FractionType(),
-    help="Length of a cluster in seconds [10; presets that predict: up to 120 at slow rates].",
+    help="Length of a cluster in seconds [10; up to 120 at slow rates].",
 )
 @click.option(
     "--tolerance",
     type=AmountType(),
-    help="Put true doubles on a lattice this close: 1e-6, 0.5lsb, 0.01%. Without it they are kept "
-    "bit for bit, which costs 35 to 55 bits a sample; presets paper and auto take a 32nd of the "
-    "floor.",
+    metavar="AMOUNT",
+    help="For experts: how far the grid of floating point channels may be from the values, within "
+    "the error that the preset allows.",
 )
 @click.option(
-    "--interpolation", type=click.Choice(["linear", "hold"]), help="How knots are joined [linear]."
+    "--interpolation",
+    type=click.Choice(["linear", "hold"]),
+    help="paper: how knots are joined [linear].",
 )
 @click.option(
     "--vector",
     "vectors",
     multiple=True,
     metavar="X,Y[,Z]",
-    help="Channels that are the axes of one vector, by label or number: one deadband on their "
-    "norm, one knot clock. May be given several times.",
+    help="perceptual --no-texture, paper: channels that are the axes of one vector, by label or "
+    "number: one deadband on their norm. May be given several times.",
 )
 @click.option(
     "--references/--no-references",
     default=None,
-    help="Presets archive and near-lossless: channels that resemble each other may share a track "
-    "and be predicted from each other; a lost packet then takes all of them along [on].",
+    help="All but paper: channels that resemble each other may share a track and be predicted "
+    "from each other; a lost packet then takes all of them along [on].",
 )
 @click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track.")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
+@transpose_option
 @input_format_option
 @click.option(
     "--canonical",
@@ -131,6 +162,7 @@ def encode(
     target: str,
     preset: str,
     rate: str | None,
+    transpose: bool | None,
     input_format: str | None,
     canonical: int | None,
     force: bool,
@@ -146,7 +178,7 @@ def encode(
     \b
     hapfmt encode touch.npz touch.hapf
     hapfmt encode touch.csv touch.hapf --preset paper --k 0.1 --bits 5
-    hapfmt encode force.npy force.hapf --rate 1000 --tolerance 0.01%
+    hapfmt encode f.npy f.hapf --rate 1000 --preset near-lossless --max-error 1%
     cat touch.npz | hapfmt encode - - --input-format npz > touch.hapf
     """
     from ..encoder.settings import Settings
@@ -154,8 +186,9 @@ def encode(
 
     refuse_target(target, force)
     given["vectors"] = "required" if vectors else None
+    given["felt"] = given["felt"] or None
     settings = Settings.of(preset, **given)
-    recording, code = load_recording(source, input_format, rate, max_memory)
+    recording, code = load_recording(source, input_format, rate, max_memory, transpose=transpose)
     tell_notes(recording)
     for place, names in enumerate(vectors):
         recording = with_vector(recording, names.split(","), f"vector {place + 1}")

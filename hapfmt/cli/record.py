@@ -18,7 +18,17 @@ import click
 
 from ..errors import ParameterError
 from . import screen
-from .common import AmountType, FractionType, echo_json, force_option, json_option, standard_input
+from .common import (
+    AmountType,
+    FractionType,
+    PresetType,
+    ShareType,
+    echo_json,
+    force_option,
+    json_option,
+    standard_input,
+)
+from .help import Verb
 from .screen import complain, say
 
 if TYPE_CHECKING:
@@ -36,7 +46,7 @@ LOST = 3
 """Exit code: done with loss (SPEC clause 14)."""
 
 
-@click.command(short_help="Record samples as they come from another program.")
+@click.command(cls=Verb)
 @click.argument("target", metavar="OUT")
 @click.option(
     "-i",
@@ -52,15 +62,21 @@ LOST = 3
 @click.option("--lsb", type=float, help="Round a bare table to multiples of this step.")
 @click.option(
     "--preset",
-    type=click.Choice(["archive", "auto", "deadband", "near-lossless"]),
-    default="archive",
+    type=PresetType(["lossless", "near-lossless", "perceptual"]),
+    default="lossless",
     show_default=True,
-    help="As of encode; those that need the whole recording are left out.",
+    help="As of encode; texture needs the whole recording, so perceptual needs --no-texture.",
 )
-@click.option("--fast", is_flag=True, default=None, help="Preset archive: faster, 7 % larger.")
-@click.option("--max-error", type=AmountType(), help="Preset near-lossless: 0.01, 2lsb.")
-@click.option("--k", "k", type=FractionType(), help="Weber fraction of the deadband [0.1].")
-@click.option("--floor", type=AmountType(), help="Absolute floor of the deadband: 0.01, 2lsb.")
+@click.option("--fast", is_flag=True, default=None, help="lossless: faster, 7 % larger.")
+@click.option("--max-error", type=AmountType(), help="near-lossless: 0.01, 2lsb.")
+@click.option("--k", "k", type=ShareType(), help="perceptual: Weber fraction [10%].")
+@click.option("--floor", type=AmountType(), help="perceptual: absolute threshold: 10mN, 2lsb.")
+@click.option(
+    "--felt", multiple=True, metavar="CHANNEL|all", help="perceptual: a channel that is felt too."
+)
+@click.option(
+    "--no-texture", "texture", flag_value=False, default=None, help="perceptual: no texture."
+)
 @click.option(
     "--cluster",
     type=FractionType(),
@@ -120,7 +136,8 @@ def record(
     from ..live.recorder import Recorder
     from ..live.streams import Stream
 
-    chosen = ("fast", "max_error", "k", "floor")
+    given["felt"] = given["felt"] or None
+    chosen = ("fast", "max_error", "k", "floor", "felt", "texture")
     settings = Settings.of(preset, **{name: given.pop(name) for name in chosen})
     options = {**given, "append": append, "force": force, "fsync": fsync_of(fsync)}
 

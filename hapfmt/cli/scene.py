@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections import Counter
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ import click
 from ..errors import ParameterError
 from .common import (
     HAPF,
+    PresetType,
     echo_json,
     force_option,
     json_option,
@@ -20,6 +20,7 @@ from .common import (
     save_recording,
     suffix_of,
 )
+from .help import Verb
 from .screen import document, note, say
 from .tables import table
 
@@ -29,10 +30,9 @@ if TYPE_CHECKING:
     from ..scenes.work import Work
 
 INTEGRATORS = ("explicit-euler", "semi-implicit", "implicit", "trapezoid", "rk4", "exact")
-PRESETS = ("default", "auto", "paper", "deadband", "archive")
 
 
-@click.command(short_help="Simulate a scene: textures, a wall, taps, a grasp; needs no device.")
+@click.command(cls=Verb)
 @click.argument("name", metavar="NAME|FILE.toml", required=False)
 @click.argument("target", metavar="OUT", required=False)
 @click.option("--seconds", type=float, metavar="S", help="Duration in seconds [4].")
@@ -64,9 +64,8 @@ PRESETS = ("default", "auto", "paper", "deadband", "archive")
 )
 @click.option(
     "--preset",
-    type=click.Choice(PRESETS),
-    help="Of a .hapf file, as in encode [default where there is a texture, else auto, which "
-    "writes no HF track].",
+    type=PresetType(["lossless", "near-lossless", "perceptual", "paper"]),
+    help="Of a .hapf file, as in encode [lossless].",
 )
 @click.option("--list", "as_list", is_flag=True, help="List the scenes.")
 @click.option("--show", is_flag=True, help="Print the TOML of NAME, as a start for your own.")
@@ -143,8 +142,7 @@ def write_scene(
         "simulate_s": simulated,
     }
     if kind == HAPF:
-        textured = asked.tool is not None and asked.tool.texture is not None
-        told |= encode_to(recording, target, preset or ("default" if textured else "auto"), force)
+        told |= encode_to(recording, target, preset or "lossless", force)
     else:
         save_recording(recording, target, kind, force)
     if as_json and target != "-":
@@ -206,5 +204,4 @@ def list_scenes(as_json: bool) -> None:
         echo_json({"scenes": rows})
         return
     table(["scene", "what it is"], [[each.name, each.description] for each in found])
-    if sys.stdout.isatty():
-        say("Write one with: hapfmt scene NAME OUT.hapf")
+    say("Write one with: hapfmt scene NAME OUT.hapf")

@@ -14,7 +14,11 @@ from ..recording import Calibration, Channel, Recording, Span, append_span
 from .decode import TEXTS
 from .raw import read_numbers
 
-PRESETS = {"lossless": "archive", "deadband": "deadband", "split": "default"}
+PRESETS: dict[str, dict[str, Any]] = {
+    "lossless": {"preset": "lossless"},
+    "deadband": {"preset": "perceptual", "texture": False, "felt": "all"},
+    "split": {"preset": "paper", "smallest": False},
+}
 UNSUPPORTED = 4
 
 
@@ -65,7 +69,7 @@ def encode_job(path: str, target: str) -> int:
     if preset is None:
         print(f"encode: no mode is called {job['mode']!r}", file=sys.stderr)
         return UNSUPPORTED
-    given: dict[str, Any] = {}
+    given = dict(preset)
     if job["mode"] != "lossless":
         if "k" in job:
             given["k"] = Fraction(*job["k"])
@@ -73,6 +77,6 @@ def encode_job(path: str, target: str) -> int:
             given["floor"] = Tolerance(job["floor"], "lsb")
     if "cluster_s" in job:
         given["cluster"] = Fraction(*job["cluster_s"])
-    settings = Settings.of(preset, **given)
+    settings = Settings.of(**given)
     write(recording, target, settings, canonical=job.get("file_id"), force=True)
     return 0

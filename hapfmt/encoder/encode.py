@@ -1,4 +1,8 @@
-"""Recording -> tracks and packets: lattice, units, choice of codec, and what was chosen and why."""
+"""Recording -> tracks and packets.
+
+plan: a promise for each channel. grid: doubles to counts. group: channels that share a track.
+choose: the smallest way to keep the promise, lossless among them. Each decision is reported.
+"""
 
 from __future__ import annotations
 
@@ -17,17 +21,21 @@ from ..container.track import Track
 from ..errors import FormatError, ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..reading.decoder import TrackDecoder
-from ..recording import Channel, Recording
+from ..recording import Channel, Recording, Span
 from ..threads import in_order, thread_count
-from .auto import NOTHING, Plan, encode_auto, plan_channel, plan_unit
+from .bounded import encode_bounded, encode_lossless, error_of, lossless_bits
+from .check import largest_errors
 from .exact import encode_doubles
+from .gridded import Gridded, fine_grid, on_grid, without_odd_values
 from .groups import group_units
-from .lattice import Lattice, sparse, to_counts
+from .lattice import Lattice, sparse
 from .packed import Coded
+from .plan import Promise, promises_of, vector_promise
 from .references import SAVED, Links, encode_run, find_runs, step_of
-from .settings import Settings
+from .settings import ALL, Settings
 from .source import Source, cut, side_by_side
-from .unit import ENCODE_LEVEL, Unit, encode_counts
+from .texture import encode_textured
+from .unit import ENCODE_LEVEL, Unit, encode_constant, encode_paper, is_constant, whole_range
 from .words import WORDS_REASON, encode_words, words_size
 
 WORDS = {
@@ -43,13 +51,24 @@ JOINED_TICKS = 1 << 19
 """Of a constant packet with one component, at most: eight of them fill a cluster of level 1."""
 
 
+ROW, CONTRACT, DEVIATION, DESCRIPTION = 12, 96, 96, 128
+"""Bytes that a packet, a contract, the deviation of a grid, and a track of its own take in a file
+beside the packets; a lossy form that saves less is not worth the loss."""
+
+SMALL = 1 << 16
+"""Samples of a recording whose lossless form is always tried beside a lossy one; of longer ones
+where it may win."""
+
+
 @dataclass(frozen=True)
 class Decision:
     """What became of one channel.
 
-    ``exact``: stored without loss (on its lattice, see ``lattice``); ``within``: every sample was
-    found within its deadband. ``axis_count`` channels share a vector. ``size`` in bytes, of packets
-    and codebooks. ``left_out``: told by preset auto.
+    ``kept_as`` says what is kept in plain words, ``reason`` how. ``unit``: the channel's.
+    ``largest_error``: of all samples, decoded against recorded, in that unit. ``original_bits`` of
+    one sample as it came. ``exact``: the track is stored without loss (on its grid, see
+    ``lattice``); ``within``: every sample was found within the bound of the track.
+    ``axis_count`` channels share a vector. ``size`` in bytes, of packets and codebooks.
     """
 
     channel: int
@@ -62,11 +81,10 @@ class Decision:
     exact: bool
     within: bool
     size: int
-    left_out: str = ""
-    unit: str = ""
-    kept_as: str = ""
-    largest_error: float = 0.0
-    original_bits: int = 64
+    unit: str
+    kept_as: str
+    largest_error: float
+    original_bits: int
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -80,6 +98,40 @@ class Encoded:
     packets: list[Packet]
     decisions: list[Decision]
     level: Level
+    settings: Settings
+    """As asked for; of preset lossless where nothing was lost after all."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A unit, its first channel, and of each of its channels how it was put on a grid."""
+
+    unit: Unit
+    first: int
+    members: list[Gridded]
+
+    @property
+    def stop(self) -> int:
+        return self.first + len(self.members)
+
+
+@dataclass(frozen=True)
+class Job:
+    """What was asked, and the channels as they were recorded."""
+
+    settings: Settings
+    originals: list[Channel]
+    promises: list[Promise]
+    cluster: Fraction
+    threads: int
+
+    @property
+    def lossless(self) -> Settings:
+        """The settings of the same file without loss."""
+        given = self.settings
+        if given.preset == "lossless":
+            return given
+        return Settings(references=given.references, cluster=given.cluster, digest=given.digest)
 
 
 def encode(
@@ -97,50 +149,64 @@ def encode(
     threads = min(thread_count(threads, recording.sample_count), len(recording))
     if len(recording) > LAST_TRACK_ID // 2:
         raise ParameterError(f"a recording has at most {LAST_TRACK_ID // 2} channels")
-    originals = [as_recorded(channel) for channel in recording.channels]
-    planned = list(in_order(lambda channel: prepare(channel, settings), originals, threads))
-    plans = [plan for plan, _, _ in planned]
-    prepared = [(channel, lattice) for _, channel, lattice in planned]
+    recorded = [as_recorded(channel) for channel in recording.channels]
+    promises = promises_of(replace(recording, channels=tuple(recorded)), settings)
+    calm = [without_odd_values(*pair) for pair in zip(recorded, promises, strict=True)]
+    originals = [channel for channel, _ in calm]
     cluster = settings.cluster_of(recording)
-    units: list[Unit] = []
+    job = Job(settings, originals, promises, cluster, threads)
+    count = len(recording)
+    done = progress or (lambda _done, _all: None)
+    parts = list(encode_parts(job, 0, count, lambda done_now: done(done_now, count)))
+    if settings.preset != "lossless" and settings.smallest:
+        parts = with_lossless(parts, job, recorded)
     decisions: list[Decision] = []
+    for part in parts:
+        notes = [note for _, note in calm[part.first : part.stop]]
+        decisions += decide(part, originals, notes, recording)
+    tracks, packets = number_tracks([part.unit for part in parts])
+    if not any(decision.largest_error for decision in decisions):
+        settings = job.lossless
+    return Encoded(tracks, packets, decisions, choose_level(tracks), settings)
+
+
+def encode_parts(
+    job: Job, first: int, stop: int, done: Callable[[int], None] = lambda _done: None
+) -> Iterator[Part]:
+    """The channels first ... stop - 1, in their order."""
+    settings = job.settings
+    numbers = range(first, stop)
+
+    def gridded(number: int) -> Gridded:
+        return on_grid(job.originals[number], job.promises[number], settings)
+
+    prepared = list(in_order(gridded, numbers, job.threads))
+    whole = settings.preset == "perceptual" and settings.felt == ALL and not settings.texture
     groups = list(
         group_units(
-            [channel for channel, _ in prepared],
-            originals,
+            [each.channel for each in prepared],
+            job.originals[first:stop],
             required=settings.vectors == "required",
-            apart=settings.preset in ("archive", "near-lossless")
-            or (settings.preset == "auto" and settings.vectors != "required"),
+            apart=not (whole or settings.preset == "paper" or settings.vectors == "required"),
         )
     )
-    job = Job(settings, originals, plans, cluster)
+    steps, at = [], 0
+    for members in groups:
+        steps.append(step_of(members, prepared[at].promise, settings))
+        at += len(members)
 
-    def code(run: Run) -> list[tuple[Unit, list[Channel]]]:
-        return list(encode_members(*run, job))
+    def code(run: Run) -> list[Part]:
+        members, links, at = run
+        rows = [
+            replace(each, channel=channel)
+            for each, channel in zip(prepared[at : at + len(members)], members, strict=True)
+        ]
+        return list(encode_members(rows, links, first + at, job))
 
-    runs = find_runs(groups, [step_of(members, settings) for members in groups])
-    for coded in in_order(code, numbered(runs), threads):
-        for unit, members in coded:
-            units.append(unit)
-            decisions += decide(unit, members, [why for _, why in prepared[len(decisions) :]])
-            if progress:
-                progress(len(decisions), len(prepared))
-    tracks, packets = number_tracks(units)
-    return Encoded(tracks, packets, decisions, choose_level(tracks))
-
-
-@dataclass(frozen=True)
-class Job:
-    """What was asked, the channels as they were recorded, and the plan of each."""
-
-    settings: Settings
-    originals: list[Channel]
-    plans: list[Plan]
-    cluster: Fraction
-
-    def unit(self, members: list[Channel], first: int) -> Unit:
-        plan = plan_unit(self.plans[first : first + len(members)], self.settings)
-        return encode_unit(members, self.originals[first], first, plan, self.cluster)
+    for coded in in_order(code, numbered(find_runs(groups, steps)), job.threads):
+        for part in coded:
+            yield part
+            done(part.stop)
 
 
 Run = tuple[list[Channel], Links, int]
@@ -154,12 +220,6 @@ def numbered(runs: Iterable[tuple[list[Channel], Links]]) -> Iterator[Run]:
         first += len(members)
 
 
-def prepare(channel: Channel, settings: Settings) -> tuple[Plan, Channel, str]:
-    """What one channel is coded with, the channel in counts, and a line on its lattice."""
-    plan = plan_channel(channel, settings)
-    return plan, *to_counts(channel, plan.settings.tolerance_for(channel))
-
-
 def as_recorded(channel: Channel) -> Channel:
     """With exact values a channel is these doubles: its counts were found in them."""
     if channel.exact is None:
@@ -167,88 +227,237 @@ def as_recorded(channel: Channel) -> Channel:
     return replace(channel, stored=channel.exact, exact=None, calibration=None)
 
 
-def encode_members(
-    members: list[Channel], links: Links, first: int, job: Job
-) -> Iterator[tuple[Unit, list[Channel]]]:
+def encode_members(members: list[Gridded], links: Links, first: int, job: Job) -> Iterator[Part]:
     """Units and their channels: together, or apart where links do not make them smaller."""
     if not links:
-        yield job.unit(members, first), members
+        yield Part(encode_unit(members, first, job), first, members)
         return
-    apart = [job.unit([channel], first + place) for place, channel in enumerate(members)]
-    joint = encode_run(members, first, job.settings, job.cluster, links, apart)
-    if joint and joint.size < (1 - SAVED) * sum(unit.size for unit in apart):
-        yield joint, members
+    apart = [
+        Part(encode_unit([each], first + place, job), first + place, [each])
+        for place, each in enumerate(members)
+    ]
+    units = [part.unit for part in apart]
+    channels = [each.channel for each in members]
+    error = error_of(channels[0], members[0].promise)
+    joint = encode_run(channels, first, error, job.cluster, links, units)
+    if joint and joint.size < (1 - SAVED) * sum(unit.size for unit in units):
+        joint.channels = tuple(channels)
+        joint.least = sum(unit.least for unit in units)
+        yield Part(joint, first, members)
     else:
-        yield from ((unit, [channel]) for unit, channel in zip(apart, members, strict=True))
+        yield from apart
 
 
-def decide(unit: Unit, members: list[Channel], lattices: list[str]) -> Iterator[Decision]:
-    """What is told of each channel of a unit; the bytes of a vector in equal parts."""
-    last = (unit.residual or unit.base).track
-    contract = last.contract
+def with_lossless(parts: list[Part], job: Job, recorded: list[Channel]) -> list[Part]:
+    """The parts, where they are larger than the same channels without loss these in their place."""
+    small = sum(channel.stored.size for channel in recorded) <= SMALL
+    lossless = replace(
+        job,
+        settings=job.lossless,
+        originals=recorded,
+        promises=[Promise()] * len(recorded),
+    )
+    rivals: list[Part] = []
+    doubtful = [small or may_lose(part) for part in parts]
+    at = 0
+    while at < len(parts):
+        stop = at
+        while stop < len(parts) and doubtful[stop]:
+            stop += 1
+        if stop > at:
+            rivals += encode_parts(lossless, parts[at].first, parts[stop - 1].stop)
+        at = stop + 1
+    return list(smaller(parts, rivals))
+
+
+def may_lose(part: Part) -> bool:
+    """Whether a lossless form may be smaller: what is lossless already is the smallest found."""
+    if all(each.promise.lossless for each in part.members):
+        return False
+    return 8 * cost(part.unit) > part.unit.least
+
+
+def cost(unit: Unit) -> int:
+    """Bytes of a unit in a file, about: with the rows of its packets, and its contract."""
+    packets = len(unit.base.packets) + (len(unit.residual.packets) if unit.residual else 0)
+    described = CONTRACT * (not unit.exact) + DEVIATION * any(c.deviation for c in unit.channels)
+    return unit.size + ROW * packets + described + DESCRIPTION * (unit.residual is not None)
+
+
+def smaller(parts: list[Part], rivals: list[Part]) -> Iterator[Part]:
+    """Stretch by stretch of channels that both cut alike, the smaller; of equal ones the rival."""
+    at = place = 0
+    while at < len(parts):
+        if place == len(rivals) or parts[at].stop <= rivals[place].first:
+            yield parts[at]
+            at += 1
+            continue
+        ours, theirs = [parts[at]], [rivals[place]]
+        at, place = at + 1, place + 1
+        while ours[-1].stop != theirs[-1].stop:
+            if ours[-1].stop < theirs[-1].stop:
+                ours.append(parts[at])
+                at += 1
+            else:
+                theirs.append(rivals[place])
+                place += 1
+        if sum(cost(part.unit) for part in theirs) > sum(cost(part.unit) for part in ours):
+            yield from ours
+            continue
+        for part in theirs:
+            yield replace(part, unit=replace(part.unit, instead=True))
+
+
+def decide(
+    part: Part, originals: list[Channel], notes: list[str], recording: Recording
+) -> Iterator[Decision]:
+    """What is reported of each channel of a unit; the bytes of a vector in equal parts."""
+    unit, count = part.unit, len(part.members)
+    contract = (unit.residual or unit.base).track.contract
     within = unit.exact or bool(contract and contract.guaranteed)
-    shares = unit.parts or [(unit.reason, unit.size // len(members))] * len(members)
-    for place, (channel, lattice) in enumerate(zip(members, lattices, strict=False)):
+    shares = unit.parts or ((unit.reason, unit.size // count),) * count
+    sources = recording.channels if unit.instead else originals
+    errors = largest_errors(
+        unit,
+        unit.channels or [each.channel for each in part.members],
+        [as_recorded(channel) for channel in sources[part.first : part.stop]],
+    )
+    for place, each in enumerate(part.members):
+        number = part.first + place
         reason, size = shares[place]
+        given = recording.channels[number]
+        kept_as = unit.kept_as or each.promise.kept_as
+        whys = [
+            "smaller than a lossy form" if unit.instead else each.promise.why,
+            "" if unit.instead else notes[place],
+        ]
+        why = ", ".join(why for why in whys if why and why != reason)
         yield Decision(
-            channel=unit.base.track.first_channel + place,
-            label=channel.label,
-            sample_count=int(channel.stored.size),
-            axis_count=1 if unit.parts else len(members),
+            channel=number,
+            label=given.label,
+            sample_count=int(given.stored.size),
+            axis_count=1 if unit.parts else count,
             chosen=unit.chosen,
-            reason=reason,
-            lattice=lattice,
+            reason=f"{reason} ({why})" if why else reason,
+            lattice=unit.grid or each.text,
             exact=unit.exact,
             within=within,
             size=size,
-            left_out=unit.left_out,
+            unit=given.unit,
+            kept_as=kept_as,
+            largest_error=errors[place],
+            original_bits=8 * (given.stored if given.exact is None else given.exact).itemsize,
         )
 
 
-def encode_unit(
-    channels: list[Channel], original: Channel, first_channel: int, plan: Plan, cluster: Fraction
-) -> Unit:
-    """``original``: the first channel before it was put on a lattice."""
-    channel, settings = channels[0], plan.settings
+def encode_unit(members: list[Gridded], first_channel: int, job: Job) -> Unit:
+    """A channel, or the axes of a vector: the smallest way to keep the promise."""
+    channels = [each.channel for each in members]
+    channel = channels[0]
+    original = job.originals[first_channel]
     if channel.rate_exact.numerator >> 32 or channel.rate_exact.denominator >> 32:
         raise ParameterError(
             f"rate {channel.rate_exact} of channel {channel.label!r} needs more than 32 bits"
         )
-    spans = tuple(cut(channel.coverage, channel.rate_exact, cluster, len(channels)))
+    spans = tuple(cut(channel.coverage, channel.rate_exact, job.cluster, len(channels)))
     if channel.calibration is None:
-        kind = WORDS.get(channel.stored.dtype)
-        if kind is None:
-            raise ParameterError(
-                f"channel {channel.label!r} holds {channel.stored.dtype}: give it a calibration, "
-                "or one of int64, uint64, float16, float32, float64"
-            )
-
-        def words() -> Unit:
-            return encode_words(channel, spans, first_channel, kind, WORDS_REASON)
-
-        if kind == "binary64":
-            unit = encode_doubles(
-                channel, spans, first_channel, words, least=lambda: words_size(channel, spans)
-            )
-        else:
-            unit = words()
-        return replace(unit, left_out=NOTHING) if plan.why else unit
+        return encode_floating(channel, spans, first_channel)
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
+    source = Source(tuple(channels), counts, spans)
+    unit = encode_source(source, members, original, first_channel, job)
+    unit.channels = unit.channels or source.channels
+    return unit
 
-    def as_counts() -> Unit:
-        source = Source(tuple(channels), counts, spans)
-        if plan.why:
-            return encode_auto(source, first_channel, plan)
-        return encode_counts(source, first_channel, settings)
 
-    rounded = original.stored.dtype == "f8" and channel.deviation is None and sparse(counts)
-    if settings.preset == "archive" and rounded:
-        # What a text rounded may lie on a much coarser lattice.
-        exact = Lattice(channel.calibration, counts[:, 0], True, 0.0, "")
-        return encode_doubles(original, spans, first_channel, as_counts, exact=exact, grid=False)
-    return as_counts()
+def encode_source(
+    source: Source, members: list[Gridded], original: Channel, first_channel: int, job: Job
+) -> Unit:
+    """Channels of counts: the smallest way to keep the promise."""
+    base = whole_range(source, first_channel)
+    promise, settings, spans = members[0].promise, job.settings, source.spans
+    channel, counts = source.channels[0], source.counts
+    if is_constant(source):
+        return encode_constant(source, base)
+    if promise.lossless:
+
+        def as_counts() -> Unit:
+            return encode_lossless(source, base, fast=settings.fast)
+
+        rounded = original.stored.dtype == "f8" and channel.deviation is None and sparse(counts)
+        if rounded:
+            # What a text rounded may lie on a much coarser lattice.
+            assert channel.calibration is not None
+            exact = Lattice(channel.calibration, counts[:, 0], True, 0.0, "")
+            return encode_doubles(
+                original, spans, first_channel, as_counts, exact=exact, grid=False
+            )
+        return as_counts()
+    if promise.paper:
+        unit = encode_paper(source, first_channel, promise, settings)
+    elif len(members) > 1:
+        joint = encode_bounded(source, base, vector_promise(settings))
+        assert joint
+        unit = replace(joint, kept_as=vector_promise(settings).kept_as)
+    elif promise.snr is not None:
+        unit, kept_as = encode_textured(
+            source, original, first_channel, promise, settings.cutoff_hz
+        )
+        unit.kept_as = kept_as
+    else:
+        unit = encode_within(members[0], source, base, original, first_channel, promise)
+    unit.least = unit.least or sum(
+        lossless_bits(replace(source, channels=(each,), counts=counts[:, place : place + 1]))
+        for place, each in enumerate(source.channels)
+    )
+    return unit
+
+
+def encode_within(
+    member: Gridded,
+    source: Source,
+    base: Track,
+    original: Channel,
+    first_channel: int,
+    promise: Promise,
+) -> Unit:
+    """A bound on each sample. Where the grid is the quantiser, knots are tried on a finer one."""
+    if member.fine:
+        unit = encode_bounded(source, base, promise)
+        assert unit
+        return unit
+    unit = encode_lossless(source, base)
+    unit.reason = "prediction on a uniform grid"
+    fine = fine_grid(original, promise)
+    if not fine.fine or fine.channel.calibration is None:
+        return unit
+    finer = Source((fine.channel,), fine.channel.stored[:, None], source.spans)
+    unit.least = lossless_bits(finer)
+    base = whole_range(finer, first_channel)
+    knots = encode_bounded(finer, base, promise, unit.size, knots_alone=True)
+    if knots is None:
+        return unit
+    return replace(knots, channels=finer.channels, grid=fine.text, least=unit.least)
+
+
+def encode_floating(channel: Channel, spans: tuple[Span, ...], first_channel: int) -> Unit:
+    """Numbers without a common step, bit for bit."""
+    kind = WORDS.get(channel.stored.dtype)
+    if kind is None:
+        raise ParameterError(
+            f"channel {channel.label!r} holds {channel.stored.dtype}: give it a calibration, "
+            "or one of int64, uint64, float16, float32, float64"
+        )
+
+    def words() -> Unit:
+        return encode_words(channel, spans, first_channel, kind, WORDS_REASON)
+
+    if kind == "binary64":
+        return encode_doubles(
+            channel, spans, first_channel, words, least=lambda: words_size(channel, spans)
+        )
+    return words()
 
 
 def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:
@@ -274,7 +483,7 @@ def join_constant(coded: Coded) -> Iterator[Packet]:
     decoder = TrackDecoder(coded.track, ENCODE_LEVEL)
     for run in alike(coded.packets, JOINED_TICKS // len(coded.track.components)):
         joint = replace(run[0], span=run[-1].stop - run[0].start)
-        if len(run) > 1 and is_constant(decoder, joint, run[0]):
+        if len(run) > 1 and is_same_constant(decoder, joint, run[0]):
             yield joint
         else:
             yield from run
@@ -296,7 +505,7 @@ def alike(packets: Sequence[Packet], limit: int) -> Iterator[list[Packet]]:
         yield run
 
 
-def is_constant(decoder: TrackDecoder, joint: Packet, part: Packet) -> bool:
+def is_same_constant(decoder: TrackDecoder, joint: Packet, part: Packet) -> bool:
     """Whether the joint packet, of the bytes of a part, is the constant that the part is."""
     first = words_of(decoder, part)
     if (first != first[0]).any():

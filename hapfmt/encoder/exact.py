@@ -29,7 +29,7 @@ from ..codecs.values import (
 from ..container.cluster import Packet
 from ..container.track import Affine, Track
 from ..integers import build_varint
-from ..limits import EXACT_LIMIT, LEVELS
+from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..recording import Calibration, Channel, Span
 from .lattice import Lattice, find_lattice, natural_lattices
 from .packed import Coded
@@ -218,6 +218,8 @@ def binary_grid(x: Doubles) -> Candidate | None:
         middle = 0
     counts = scaled - middle
     a, d = (1, 1 << power) if power >= 0 else (1 << -power, 1)
+    if abs(middle * a) >= AFFINE_LIMIT:
+        return None
     calibration = Calibration(a, middle * a, d)
     if not calibration.covers(int(counts.min()), int(counts.max())):
         return None

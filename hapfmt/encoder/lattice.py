@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from decimal import ROUND_CEILING, Context
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from fractions import Fraction
 from itertools import chain
 from math import inf
@@ -62,6 +62,7 @@ SHARES = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
 """Of the noise, which is rounded up to a power of two: one of them leaves the simplest step."""
 
 _ONE_DIGIT_UP = Context(prec=1, rounding=ROUND_CEILING)
+_FOUR_DIGITS_DOWN = Context(prec=4, rounding=ROUND_FLOOR)
 
 
 @dataclass(frozen=True)
@@ -119,24 +120,49 @@ def to_counts(channel: Channel, tolerance: Tolerance | None = None) -> tuple[Cha
     if channel.is_counts:
         return channel, "already in counts"
     if not _fits_doubles(channel.stored):
-        return channel, "kept as it is: float64 does not hold the values"
+        return channel, f"stored as {channel.stored.dtype}: float64 does not hold the values"
     x = _doubles(channel.stored)
     deviation = channel.deviation
     if tolerance is None:
         found = _find(x, COUNT_BITS)
         if isinstance(found, str):
-            return channel, f"kept as doubles: {found}{_hint(x, found)}"
+            return channel, f"stored as {channel.stored.dtype}: {found}{_hint(x, found)}"
         found = replace(found, reason=found.reason + _hint(x, found))
     else:
-        snapped = _snap(x, tolerance, channel.lsb, COUNT_BITS)
+        snapped = _snap(x, tolerance, channel.lsb, COUNT_BITS, channel.unit)
         if isinstance(snapped, str):
-            return channel, f"kept as doubles: {snapped}"
+            return channel, f"stored as {channel.stored.dtype}: {snapped}"
         found, declared = snapped
         if not found.exact:
             deviation = Deviation(declared, found.largest_deviation)
     counts = found.counts.astype(np.int32)  # COUNT_BITS
     changed = replace(channel, stored=counts, calibration=found.calibration, deviation=deviation)
     return changed, found.reason
+
+
+def on_uniform_grid(channel: Channel, error: float) -> tuple[Channel, str] | None:
+    """The channel in counts of the widest grid that has a value within ``error`` of each sample;
+    None where no calibration holds it. The grid is the quantiser: counts cost what they are."""
+    x = _doubles(channel.stored) + 0.0
+    if not x.size or _out_of_reach(x):
+        return None
+    u = np.unique(x)
+    room = error - float(np.spacing(max(-u[0], u[-1])))
+    if room <= 0:
+        return None
+    step = Fraction(_FOUR_DIGITS_DOWN.create_decimal_from_float(2 * room))
+    found = first_near(u, iter([on_grid(u, step, "a uniform grid")]), error, COUNT_BITS)
+    if found is None:
+        return None
+    calibration, counts, largest, how = found
+    placed = Placed(calibration, counts, how)
+    lattice = _lattice(x, u, placed, f"rounded by {largest:.3g} at most to {how}")
+    deviation = Deviation(error, largest)
+    changed = replace(
+        channel, stored=lattice.counts.astype(np.int32), calibration=calibration,
+        deviation=deviation,
+    )  # fmt: skip
+    return changed, lattice.reason
 
 
 def natural_lattices(
@@ -181,7 +207,7 @@ def _find(x: NDArray[np.float64], bits: int) -> Lattice | str:
         return "a value nearer to 0 than 2^-53"
     placed = _simplest(u, bits)
     if placed is None:
-        return f"no step and offset with {bits}-bit counts give every value back exactly"
+        return "no common step"
     lattice = _lattice(x, u, placed, f"exact: {placed.how}", exact=True)
     given = placed.calibration.physical(lattice.counts)
     # Every sample, whatever the search promises.
@@ -211,7 +237,7 @@ def _simplest(u: NDArray[np.float64], bits: int) -> Placed | None:
 
 
 def _snap(
-    x: NDArray[np.float64], tolerance: Tolerance, lsb: float | None, bits: int
+    x: NDArray[np.float64], tolerance: Tolerance, lsb: float | None, bits: int, unit: str = ""
 ) -> tuple[Lattice, float] | str:
     """The lattice within the tolerance and the tolerance in the unit of x, or why there is none."""
     refusal = _out_of_reach(x)
@@ -232,7 +258,7 @@ def _snap(
     elif step is None and isinstance(exact, Lattice):
         step = float(exact.calibration.step)
     calm = without_glitches(x)
-    allowed = tolerance.absolute(float(calm.max() - calm.min()), step)
+    allowed = tolerance.absolute(float(calm.max() - calm.min()), step, unit)
     if allowed is None:
         return "no step was found to measure the tolerance with; declare it in the channel's unit"
     if allowed == inf:

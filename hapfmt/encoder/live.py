@@ -79,7 +79,7 @@ class LiveEncoder:
     def __init__(
         self, settings: Settings | None = None, *, first_track: int = 0, threads: int = 1
     ) -> None:
-        self.settings = settings or Settings("archive")
+        self.settings = settings or Settings()
         check_settings(self.settings)
         self.next_track, self.threads = first_track, thread_count(threads, 0)
         self.lanes: dict[int, Lane] = {}
@@ -225,7 +225,7 @@ class LiveEncoder:
         lane: Lane
         if plan.channel.calibration is None:
             lane = choose_exact(plan, number, first, adopted)
-        elif plan.settings.preset == "deadband" and plan.bound is not None:
+        elif plan.settings.preset == "perceptual" and plan.bound is not None:
             lane = DeadbandLane(plan, plan.bound, number, self.shelf)
         else:
             lane = GridLane(plan, number, self.shelf)

@@ -6,7 +6,7 @@ samples but the grid of doubles (live_exact.py).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite
 from typing import Any
@@ -19,19 +19,19 @@ from ..errors import ParameterError
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS, Level
 from ..live.inputs import Input
 from ..recording import Calibration, Channel, Deviation, Span
-from .auto import CLOCK_LABEL, absolute_threshold, quantity_of
 from .grids import grid_within
 from .perception import WEBER_LIMITS
+from .plan import CLOCK_LABEL, Promise, absolute_threshold, bound_promise, quantity_of
 from .rational import shortest_fraction
-from .settings import Settings
+from .settings import ALL, Settings
 from .source import Source, component_of
 from .tolerance import Tolerance
 from .unit import Bound, bound_of
 
-WHOLE_ONLY = {
-    "default": "its low-pass filter reaches into the future, and its code words follow from all of",
-    "paper": "its low-pass filter, step and code words follow from all of",
-}
+NEEDS_WHOLE = (
+    "{} needs the whole recording: its low-pass filter reaches into the future. Record with preset "
+    "lossless, near-lossless, or perceptual with --no-texture"
+)
 
 ROUNDING = Fraction(1, 1 << 17)
 """A value's count is found in binary64: 32-bit counts may be off their middle by that part."""
@@ -44,8 +44,7 @@ class Plan:
     """How one input is coded.
 
     ``channel``: its description, without samples; ``low`` ... ``high``: the counts it may have;
-    ``settings``: of preset archive, near-lossless or deadband; ``bound``: what these allow, None
-    where every bit is kept.
+    ``bound``: what the promise allows, None where every bit is kept.
     """
 
     input: Input
@@ -53,6 +52,7 @@ class Plan:
     low: int
     high: int
     settings: Settings
+    promise: Promise
     bound: Bound | None
 
     @property
@@ -100,16 +100,15 @@ class Plan:
 
 def check_settings(settings: Settings) -> None:
     """ParameterError where a recording cannot be coded so while it grows."""
-    if settings.preset in WHOLE_ONLY:
-        raise ParameterError(
-            f"preset {settings.preset} needs the whole recording, {WHOLE_ONLY[settings.preset]} "
-            "it: record with archive, near-lossless, deadband or auto"
-        )
+    if settings.preset == "paper":
+        raise ParameterError(NEEDS_WHOLE.format("preset paper"))
+    if settings.preset == "perceptual" and settings.texture:
+        raise ParameterError(NEEDS_WHOLE.format("texture in preset perceptual"))
     if settings.tolerance is not None:
         raise ParameterError("while recording, an input states its lsb in place of a tolerance")
-    if settings.max_error is not None and settings.max_error.kind == "range":
+    if settings.preset == "near-lossless" and settings.max_error.kind == "range":
         raise ParameterError(relative("the largest error", "1lsb"))
-    if settings.preset == "deadband" and settings.floor.kind == "range":
+    if settings.felt == ALL and settings.deadband_floor.kind == "range":
         raise ParameterError(relative("the floor", "0.01 (N) or 2lsb"))
 
 
@@ -149,10 +148,9 @@ def plan_input(given: Input, settings: Settings) -> Plan:
         deviation=deviation,
         lsb=given.lsb,
     )
-    if settings.preset == "auto":
-        settings = settings_by_quantity(channel, settings)
-    bound = None if calibration is None else bound_for(channel, settings)
-    return Plan(given, channel, low, high, settings, bound)
+    promise = live_promise(channel, settings)
+    bound = None if calibration is None else bound_for(channel, promise, settings)
+    return Plan(given, channel, low, high, settings, promise, bound)
 
 
 def calibration_of(given: Input, lsb: float) -> Calibration:
@@ -166,32 +164,34 @@ def calibration_of(given: Input, lsb: float) -> Calibration:
     return Calibration(step.numerator, 0, step.denominator)
 
 
-def settings_by_quantity(channel: Channel, settings: Settings) -> Settings:
-    """Preset auto, by what is known beforehand: quantities that are felt in proportion get their
-    deadband, with a floor of one count where none is given; all else is kept without loss, but for
-    an absolute floor that the caller gave."""
-    quantity = quantity_of(channel)
-    felt = quantity in WEBER_LIMITS
-    clock = quantity == "time" or (not quantity and CLOCK_LABEL.search(channel.label))
-    exact = replace(settings, preset="archive")
-    if clock or (not felt and settings.floor.kind == "range"):
-        return exact
-    limit = WEBER_LIMITS.get(quantity, Fraction(0))
-    k = settings.k if limit is None else min(settings.k, limit)
-    floor = absolute_threshold(channel, settings) or settings.floor
-    if floor.kind == "range":
-        floor = ONE_COUNT
-    return replace(settings, preset="deadband", k=k, floor=floor)
-
-
-def bound_for(channel: Channel, settings: Settings) -> Bound | None:
-    """None where nothing may be lost."""
-    if settings.preset == "archive":
-        return None
-    if settings.max_error is not None:
-        settings = replace(settings, k=Fraction(0), floor=settings.max_error)
-    nothing = np.zeros((1, 1), np.int64)
-    bound = bound_of(Source((channel,), nothing, (Span(0, 1),)), settings)
+def live_promise(channel: Channel, settings: Settings) -> Promise:
+    """Preset perceptual, by what is known beforehand: felt quantities get their deadband, with a
+    floor of one count where none is given; all else is kept without loss, but for an absolute
+    error that the caller gave."""
+    if settings.preset == "lossless":
+        return Promise()
     if settings.preset == "near-lossless":
-        return bound if bound.slack else None
-    return bound
+        return bound_promise(settings)
+    floor = settings.deadband_floor
+    if settings.felt == ALL:
+        return Promise(floor, settings.k)
+    quantity = quantity_of(channel)
+    named = channel.label in (settings.felt or ())
+    if quantity not in WEBER_LIMITS and not named:
+        clock = quantity == "time" or (not quantity and CLOCK_LABEL.search(channel.label))
+        if clock or settings.max_error.kind == "range":
+            return Promise()
+        return bound_promise(settings)
+    limit = WEBER_LIMITS.get(quantity)
+    k = settings.k if limit is None else min(settings.k, limit)
+    floor = absolute_threshold(channel, settings) or floor
+    return Promise(ONE_COUNT if floor.kind == "range" else floor, k)
+
+
+def bound_for(channel: Channel, promise: Promise, settings: Settings) -> Bound | None:
+    """None where nothing may be lost."""
+    if promise.floor is None:
+        return None
+    nothing = np.zeros((1, 1), np.int64)
+    bound = bound_of(Source((channel,), nothing, (Span(0, 1),)), promise)
+    return None if settings.preset == "near-lossless" and not bound.slack else bound

@@ -23,9 +23,10 @@ from ..deadband import Deadband
 from ..integers import clamp, rdiv
 from ..limits import ZERO_LIMIT
 from ..recording import Channel, Span
+from .bounded import contract_for, error_of
 from .grids import nearest_uniform
-from .indexed import error_of, kept
 from .packed import Coded
+from .plan import Promise
 from .predict import encode_best, linear_predictor
 from .settings import Settings
 from .source import Source, cut, declared_range, make_track
@@ -254,7 +255,7 @@ def refit(
 def encode_run(
     channels: Sequence[Channel],
     first_channel: int,
-    settings: Settings,
+    error: int,
     cluster: Fraction,
     links: Links,
     apart: Sequence[Unit],
@@ -268,7 +269,6 @@ def encode_run(
     # Half of the components: packets of LPCR take less than five bytes a sample.
     spans = cut(channels[0].coverage, channels[0].rate_exact, cluster, (len(channels) + 1) // 2)
     source = Source(tuple(channels), counts, tuple(spans))
-    error = error_of(channels[0], settings)
     grid = LpcParameters(step=2 * error + 1)
     base = make_track(
         source, first_channel, kind="full", codec="LPCR", count_min=low, count_max=high
@@ -281,7 +281,9 @@ def encode_run(
             for place in range(len(channels))
         ]
         packets = [
-            encode_referring(indices, packet_alone(unit, span, indices), columns[:place], sources)
+            encode_referring(
+                indices, packet_alone(unit, grid, span, indices), columns[:place], sources
+            )
             for place, (indices, unit, sources) in enumerate(
                 zip(columns, apart, links, strict=True)
             )
@@ -295,9 +297,9 @@ def encode_run(
             if c.calibration
         )
         band = Deadband(0, 1, (error,) * len(zeros), zeros)
-        coded.track = replace(coded.track, contract=kept(source, coded, band))
+        coded.track = replace(coded.track, contract=contract_for(band))
     last = first_channel + len(channels) - 1
-    kind = f"within {error} counts" if error else "lossless"
+    kind = "prediction on a uniform grid" if error else "lossless"
     parts = tuple(
         (f"{kind}, track of {first_channel}-{last}" + told(sources, first_channel), size)
         for sources, size in zip(links, sizes, strict=True)
@@ -310,24 +312,26 @@ def told(sources: tuple[int, ...], first_channel: int) -> str:
     return f", from {numbers}" if numbers else ""
 
 
-def packet_alone(unit: Unit, span: Span, indices: Indices) -> bytes:
-    """Without references: as the unit has it, where that is cut in the same way."""
-    if unit.base.track.codec == "LPCR":
+def packet_alone(unit: Unit, grid: LpcParameters, span: Span, indices: Indices) -> bytes:
+    """Without references: as the unit has it, where that has this grid and is cut in this way."""
+    track = unit.base.track
+    if track.codec == "LPCR" and track.parameters == grid.build() and not unit.grid:
         for packet in unit.base.packets:
             if (packet.start, packet.span) == (span.start, span.ticks):
                 return packet.data
     return encode_best(indices, thorough=False)
 
 
-def step_of(members: Sequence[Channel], settings: Settings) -> int | None:
+def step_of(members: Sequence[Channel], promise: Promise, settings: Settings) -> int | None:
     """The step of the grid that a channel alone is put on; None where it is to stay alone."""
     channel = members[0]
-    alone = not settings.references or settings.fast
-    if alone or settings.preset not in ("archive", "near-lossless"):
+    if not settings.references or settings.fast:
+        return None
+    if promise.k or promise.snr is not None or promise.paper:
         return None
     if len(members) > 1 or channel.calibration is None or not channel.stored.size:
         return None
     counts = channel.stored
     if not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         return None
-    return 2 * error_of(channel, settings) + 1
+    return 2 * error_of(channel, promise) + 1

@@ -2,36 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, inf
 from numbers import Real
 from typing import Any, Literal
 
-import numpy as np
-
 from ..codecs.knots import INTERPOLATIONS, Interpolation
 from ..errors import ParameterError
 from ..numbers import exact
-from ..recording import Calibration, Channel, Recording
-from .glitches import without_glitches
-from .perception import FORCE_FLOOR_N, FORCE_WEBER, LF_CUTOFF_HZ
+from ..recording import Calibration, Recording
+from .perception import FORCE_WEBER, LF_CUTOFF_HZ, TEXTURE_DB
 from .tolerance import Tolerance
 
-Preset = Literal["default", "auto", "paper", "deadband", "archive", "near-lossless"]
-PRESETS: tuple[Preset, ...] = (
-    "default", "auto", "paper", "deadband", "archive", "near-lossless"
-)  # fmt: skip
+Preset = Literal["lossless", "near-lossless", "perceptual", "paper"]
+PRESETS: tuple[Preset, ...] = ("lossless", "near-lossless", "perceptual", "paper")
 
-WITHIN = frozenset({"auto", "deadband", "archive", "near-lossless"})
-"""Presets that keep every sample within a bound by construction."""
+ALL = ("all",)
+"""``felt``: Weber's law for every channel."""
+
+ALIASES: dict[str, tuple[Preset, dict[str, Any]]] = {
+    "archive": ("lossless", {}),
+    "deadband": ("perceptual", {"texture": False, "felt": ALL}),
+    "auto": ("perceptual", {"texture": False}),
+    "default": ("perceptual", {}),
+}
+"""Old names of presets, for one version."""
 
 BITS = range(2, 17)
 """Quantiser of the paper: 2**b - 1 levels; one bit would leave level 0 only."""
-
-PAPER_TOLERANCE = Fraction(1, 32)
-"""Presets paper and auto put true doubles on a lattice this fine against their floor: the error
-that the lattice adds is a 32nd of what the floor already allows."""
 
 ARCHIVE_CLUSTER = Fraction(10)
 """Seconds (SPEC clause 13)."""
@@ -51,26 +50,39 @@ LONG_PACKET = 1 << 15
 RANGE_FLOOR = Tolerance(0.002, "range")
 """0.2 % of the channel's own range: a floor for any quantity, not only for forces."""
 
+RANGE_ERROR = Tolerance(0.001, "range")
+"""The largest error of preset near-lossless, where none is given."""
+
+PAPER_BITS = 5
+
 
 @dataclass(frozen=True)
 class Settings:
     """Choices of the encoder; none of them is needed to decode.
 
-    k: the Weber fraction. floor: absolute floor of the deadband. bits: the paper's
-    range-derived quantiser (0: no HF track, None: use ``step``). step: explicit step of the
-    residual. cutoff_hz of the split. cluster: seconds (None: as the preset needs). tolerance:
-    allows true doubles to be put on a lattice. interpolation of the knots. digest: write SHA-256
-    of the decoded tracks. max_error: of preset near-lossless. vectors: "required" raises where
-    channels of one group cannot be coded as one vector, "possible" codes them apart. references:
-    presets archive and near-lossless may put channels that resemble each other in one track, each
-    predicted from those before it; one lost packet then takes all of them along, and to read one
-    all are decoded. fast: of preset archive, a fraction of the time for a few percent of size.
-    Amounts may be given as their texts ("0.2%", "1lsb"), numbers as any number.
+    An option that the preset does not use is refused. Amounts may be given as their texts
+    ("0.2%", "1lsb", "10mN"), numbers as any number.
+
+    preset: "lossless", "near-lossless", "perceptual" or "paper". max_error: the largest error of
+    near-lossless channels [0.1 % of the range]. k: the Weber fraction. floor: the absolute
+    threshold of the deadband; of preset paper None means 10 mN for forces, a share of the range
+    for other units. felt: labels or numbers of the channels that Weber's law is for, ("all",) for
+    every channel; None: by quantity. texture: keep what lies above the split frequency. snr:
+    its quality in dB. bits: the paper's range-derived quantiser (0: no HF track). step: explicit
+    step of the paper's residual. cutoff_hz: the split frequency. cluster: seconds (None: as the
+    preset needs). tolerance: for experts, how far the grid of floating point channels may be from
+    the values. interpolation of the paper's knots. digest: write SHA-256 of the decoded tracks.
+    vectors: "required" raises where channels of one group cannot be coded as one vector,
+    "possible" codes them apart. references: channels that resemble each other may share a track,
+    each predicted from those before it; one lost packet then takes all of them along, and to read
+    one all are decoded. fast: lossless in a fraction of the time, for a few percent of size.
+    smallest: channels whose lossless form is smaller are lossless; False, where a method is to be
+    measured or heard: the lossy form whatever its size.
     """
 
-    preset: Preset = "default"
+    preset: Preset = "lossless"
     k: Fraction = FORCE_WEBER
-    floor: Tolerance = RANGE_FLOOR
+    floor: Tolerance | None = None
     bits: int | None = None
     step: Tolerance | None = None
     cutoff_hz: float = LF_CUTOFF_HZ
@@ -78,27 +90,28 @@ class Settings:
     tolerance: Tolerance | None = None
     interpolation: Interpolation = "linear"
     digest: bool = False
-    max_error: Tolerance | None = None
+    max_error: Tolerance = RANGE_ERROR
     vectors: Literal["possible", "required"] = "possible"
     references: bool = True
     fast: bool = False
+    felt: tuple[str, ...] | None = None
+    texture: bool = True
+    smallest: bool = True
+    snr: float = TEXTURE_DB
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "k", exact(self.k))
+        object.__setattr__(self, "k", share(self.k))
         if self.cluster is not None:
             object.__setattr__(self, "cluster", exact(self.cluster))
         for name in ("floor", "step", "tolerance", "max_error"):
             object.__setattr__(self, name, amount(getattr(self, name)))
+        if isinstance(self.felt, str):
+            object.__setattr__(self, "felt", (self.felt,))
+        if self.preset not in PRESETS:
+            raise ParameterError(f"a preset is one of {', '.join(PRESETS)}, not {self.preset!r}")
+        self._refuse_unused()
         if self.interpolation not in INTERPOLATIONS:
             raise ParameterError(f"knots are joined by one of {', '.join(INTERPOLATIONS)}")
-        if self.preset not in PRESETS:
-            raise ParameterError(f"a preset is one of {', '.join(PRESETS)}")
-        if (self.preset == "near-lossless") != (self.max_error is not None):
-            raise ParameterError("the largest error goes with preset near-lossless: 2lsb, 0.1%")
-        if self.preset in WITHIN and (self.bits is not None or self.step is not None):
-            raise ParameterError(f"preset {self.preset} has no bits and no step to choose")
-        if self.fast and self.preset != "archive":
-            raise ParameterError("fast goes with preset archive")
         if not 0 <= self.k <= 65535:
             raise ParameterError("the Weber fraction k lies between 0 and 65535")
         if self.bits is not None and self.bits and self.bits not in BITS:
@@ -107,24 +120,35 @@ class Settings:
             raise ParameterError("give the bits or the step of the residual, not both")
         if not (isinstance(self.cutoff_hz, Real) and 0 < self.cutoff_hz < inf):
             raise ParameterError("the cutoff is a positive frequency")
+        if not (isinstance(self.snr, Real) and 0 < self.snr < inf):
+            raise ParameterError("the quality of the texture is a positive number of dB")
         if self.cluster is not None and self.cluster <= 0:
             raise ParameterError("clusters have a positive length")
 
+    def _refuse_unused(self) -> None:
+        for name in USED_BY:
+            if getattr(self, name) != _DEFAULTS[name]:
+                refuse_unused(self.preset, name)
+        if self.preset == "perceptual" and self.texture and self.vectors == "required":
+            raise ParameterError("--vector requires --no-texture: texture is coded axis by axis")
+
     @classmethod
-    def of(cls, preset: str = "default", **given: Any) -> Settings:
-        """The preset's settings with those that are given and not None in their place."""
+    def of(cls, preset: str = "lossless", **given: Any) -> Settings:
+        """The preset's settings with those that are given and not None in their place.
+
+        Old names of presets still work: see ALIASES.
+        """
         chosen = {name: value for name, value in given.items() if value is not None}
-        if preset == "near-lossless":
-            # It cannot be without the error that is allowed.
-            return cls("near-lossless", **chosen)
-        if preset == "paper":
-            # The paper's floor is that of a force in newtons, its step comes from the range.
-            base = cls("paper", floor=Tolerance(float(FORCE_FLOOR_N)))
-            if "step" not in chosen and "bits" not in chosen:
-                chosen["bits"] = 5
-        else:
-            base = cls(preset)  # type: ignore[arg-type]
-        return replace(base, **chosen)
+        name, implied = ALIASES.get(preset, (preset, {}))
+        for option, value in chosen.items():
+            if value != _DEFAULTS.get(option) or not isinstance(value, (bool, str)):
+                refuse_unused(name, option)
+        return cls(name, **{**implied, **chosen})  # type: ignore[arg-type]
+
+    @property
+    def deadband_floor(self) -> Tolerance:
+        """The absolute threshold of preset perceptual."""
+        return self.floor or RANGE_FLOOR
 
     def cluster_of(self, recording: Recording) -> Fraction:
         """Seconds of a cluster: as asked for; else ten, and where packets learn as they go, as many
@@ -135,47 +159,33 @@ class Settings:
         seconds = ARCHIVE_CLUSTER
         if self.fast:
             seconds = min(Fraction(ceil(LONG_PACKET / fastest)), LONGEST_CLUSTER)
-        elif self.preset in WITHIN:
+        else:
             learning = Fraction(ceil(LEARNING / fastest))
             seconds = min(max(ARCHIVE_CLUSTER, learning), LONGEST_CLUSTER)
         return max(seconds, Fraction(ceil(LEAST_TICKS / fastest)))
 
-    def tolerance_for(self, channel: Channel) -> Tolerance | None:
-        """What may be lost by putting true doubles on a lattice; None: nothing."""
-        if self.tolerance is not None or self.preset != "paper":
-            return self.tolerance
-        return self.share_of_floor(channel)
-
-    def share_of_floor(self, channel: Channel) -> Tolerance | None:
-        """The tolerance that the floor itself leaves room for."""
-        if channel.is_counts:
-            return None
-        finite = channel.samples()
-        finite = finite[np.isfinite(finite)]
-        finite = without_glitches(finite)
-        extent = float(finite.max()) - float(finite.min()) if finite.size else 0.0
-        allowed = (self.floor.absolute(extent, channel.lsb) or 0.0) * float(PAPER_TOLERANCE)
-        # Nothing is left of a floor below the denormals, and values of 1e308 have no lattice.
-        return Tolerance(allowed) if 0.0 < allowed < inf else None
-
     def describe(self) -> str:
         """For the file's metadata: the preset and what departs from it, as the command line says
         it."""
-        usual = Settings.of(self.preset, max_error=self.max_error)
         departs = [
             f"--{option} {written(getattr(self, name))}"
             for name, option in OPTIONS.items()
-            if getattr(self, name) != getattr(usual, name)
-            or (name == "max_error" and self.max_error)
+            if getattr(self, name) != _DEFAULTS[name]
+            or (name == "max_error" and self.preset == "near-lossless")
         ]
-        if not self.references:
-            departs.append("--no-references")
-        return " ".join([self.preset, *departs, *(["--fast"] if self.fast else [])])
+        departs += [f"--felt {name}" for name in self.felt or ()]
+        flags = {
+            "--no-texture": not self.texture,
+            "--no-references": not self.references,
+            "--fast": self.fast,
+        }
+        return " ".join([self.preset, *departs, *(flag for flag, on in flags.items() if on)])
 
 
 OPTIONS = {
     "k": "k",
     "floor": "floor",
+    "snr": "snr",
     "bits": "bits",
     "step": "step",
     "max_error": "max-error",
@@ -184,6 +194,52 @@ OPTIONS = {
     "tolerance": "tolerance",
     "interpolation": "interpolation",
 }
+
+USED_BY: dict[str, tuple[str, tuple[Preset, ...]]] = {
+    "max_error": ("--max-error", ("near-lossless", "perceptual")),
+    "k": ("--k", ("perceptual", "paper")),
+    "floor": ("--floor", ("perceptual", "paper")),
+    "felt": ("--felt", ("perceptual",)),
+    "texture": ("--no-texture", ("perceptual",)),
+    "snr": ("--snr", ("perceptual",)),
+    "bits": ("--bits", ("paper",)),
+    "step": ("--step", ("paper",)),
+    "cutoff_hz": ("--cutoff", ("perceptual", "paper")),
+    "interpolation": ("--interpolation", ("paper",)),
+    "tolerance": ("--tolerance", ("near-lossless", "perceptual", "paper")),
+    "vectors": ("--vector", ("perceptual", "paper")),
+    "references": ("--no-references", ("lossless", "near-lossless", "perceptual")),
+    "fast": ("--fast", ("lossless",)),
+}
+"""Fields that not every preset uses: the option and those presets."""
+
+_DEFAULTS: dict[str, Any] = {
+    name: given.default for name, given in Settings.__dataclass_fields__.items()
+}
+
+
+def refuse_unused(preset: str, name: str) -> None:
+    option, presets = USED_BY.get(name, ("", ()))
+    if presets and preset in PRESETS and preset not in presets:
+        raise ParameterError(f"{option} requires preset {' or '.join(presets)}, not {preset}")
+
+
+def alias_note(preset: str) -> str:
+    """One line on an old name of a preset; empty where the name is not old."""
+    if preset not in ALIASES:
+        return ""
+    name, implied = ALIASES[preset]
+    options = "".join(
+        [" --no-texture" * (not implied.get("texture", True)), " --felt all" * ("felt" in implied)]
+    )
+    return f"preset {preset} is now called {name}{options}"
+
+
+def share(value: Any) -> Fraction:
+    """A Weber fraction: a number, or a text such as "10%" or "0.1"."""
+    if isinstance(value, str) and value.strip().endswith("%"):
+        return exact(value.strip()[:-1].strip()) / 100
+    return exact(value)
 
 
 def written(value: object) -> str:
@@ -203,18 +259,17 @@ def text_of(amount: Tolerance | None) -> str | None:
         return None
     if amount.kind == "range":
         return f"{float(Fraction(repr(amount.value)) * 100)!r}%"
-    return f"{amount.value!r}{'lsb' if amount.kind == 'lsb' else ''}"
+    return f"{amount.value!r}{'lsb' if amount.kind == 'lsb' else amount.unit}"
 
 
-def counts_of(amount: Tolerance, calibration: Calibration, extent: int) -> Fraction:
+def counts_of(amount: Tolerance, calibration: Calibration, extent: int, unit: str = "") -> Fraction:
     """An amount in counts; ``extent`` is the largest count minus the smallest, glitches left
-    out."""
-    value = Fraction(amount.value)
+    out; ``unit`` is the channel's."""
     if amount.kind == "lsb":
-        return value
+        return Fraction(amount.value)
     if amount.kind == "range":
-        return value * extent
-    return value / abs(calibration.step)
+        return Fraction(amount.value) * extent
+    return Fraction(amount.in_unit(unit)) / abs(calibration.step)
 
 
 def whole_counts(amount: Fraction, limit: int) -> int:

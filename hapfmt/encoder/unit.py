@@ -24,11 +24,12 @@ from ..errors import ParameterError
 from ..integers import clamp
 from ..limits import EXACT_LIMIT, FRACTION_LIMIT, LEVELS, ZERO_LIMIT
 from ..reading.decoder import TrackDecoder
-from ..recording import Channel
+from ..recording import Calibration, Channel
 from .codebook import choose_codebook
 from .knots import knot_values, select_knots
 from .packed import Coded, Packing, plain_knots, smaller_knots
-from .settings import WITHIN, Settings, counts_of, whole_counts
+from .plan import Promise
+from .settings import PAPER_BITS, Settings, counts_of, whole_counts
 from .source import Source, declared_range, held_range, make_track
 from .split import low_pass
 
@@ -38,15 +39,16 @@ ENCODE_LEVEL = LEVELS[2]
 QUANTUM_SHARE = 4
 """Knot values are multiples of a quarter of the floor: an eighth of the floor away at most."""
 
-COARSER = (4, 16)
-"""Floors of the knots that are tried in place of the deadband's own: noise near zero, which no
-knot should follow, costs up to 8 bits a sample there."""
+FINER_BITS, FINER = 8, 32
+"""From so many bits on, the paper's step is made of so many counts at least: a step of 1.5 counts
+would be rounded up to 2, and lose 2.5 dB."""
 
 STEP_LIMIT = LEVELS[1].step
 """Steps that every level allows; larger tolerances are seldom asked for, and held steps keep
 them."""
 
 FLOOR_LIMIT = (1 << 31) - 1
+COUNT_LIMIT = 1 << 31
 
 SHORT, SHORTER = 1 << 14, 10_000
 """Terms of a Weber fraction that a varint of two bytes holds; and what that may cost."""
@@ -67,11 +69,23 @@ class Unit:
     exact: bool = False
     """Whether it was stored without loss, and needs no contract (SPEC DBC-004)."""
 
-    left_out: str = ""
-    """What of the channel is not in the file, where a preset decides that by itself."""
-
     parts: tuple[tuple[str, int], ...] = ()
     """Reason and bytes of each channel, where they are no vector."""
+
+    channels: tuple[Channel, ...] = ()
+    """As they were coded, where that is not as they were prepared."""
+
+    kept_as: str = ""
+    """What is kept, where that is not what was promised."""
+
+    grid: str = ""
+    """One line on the grid of ``channels``."""
+
+    least: float = 0.0
+    """Bits that the channels hardly stay below without loss; 0: not known."""
+
+    instead: bool = False
+    """Whether it takes the place of a lossy form that is larger."""
 
     @property
     def size(self) -> int:
@@ -89,40 +103,30 @@ class Bound:
     band: Deadband
     slack: int
 
-    def holds(self, x: NDArray[np.int64], y: NDArray[np.int64]) -> bool:
-        """Whether all of y [ticks, components] is within the slack; vectors by their norm."""
-        if not self.slack:
-            return bool((x == y).all())
-        return not self.flat(1).outside(x, y).any()
-
-    def flat(self, times: int) -> Deadband:
-        """A deadband of so many slacks everywhere, without Weber's part."""
-        width = min(self.slack * times, FLOOR_LIMIT)
-        return replace(self.band, kn=0, kd=1, floor=(width,) * len(self.band.zero))
-
-    def wider(self, times: int) -> Deadband:
-        """The band with a floor so many times as wide."""
-        floor = tuple(min(floor * times, FLOOR_LIMIT) for floor in self.band.floor)
-        return replace(self.band, floor=floor)
-
     @property
     def step(self) -> int:
         """Counts per level, so that half a step is the slack: for a vector of n axes, whose errors
         add up in squares, over the root of n."""
         return min(max(isqrt(4 * self.slack**2 // len(self.band.zero)), 1), STEP_LIMIT)
 
+    def flat(self, times: int) -> Deadband:
+        """A deadband of so many slacks everywhere, without Weber's part."""
+        width = min(self.slack * times, FLOOR_LIMIT)
+        return replace(self.band, kn=0, kd=1, floor=(width,) * len(self.band.zero))
 
-def bound_of(source: Source, settings: Settings) -> Bound:
-    """The deadband that the settings ask for, in counts of this source."""
+
+def bound_of(source: Source, promise: Promise) -> Bound:
+    """The deadband of the promise, in counts of this source."""
+    assert promise.floor is not None
     calibrations = [c.calibration for c in source.channels if c.calibration]
     extents = source.extents
     floors = [
-        counts_of(settings.floor, calibration, extent)
-        for calibration, extent in zip(calibrations, extents, strict=True)
+        counts_of(promise.floor, calibration, extent, channel.unit)
+        for channel, calibration, extent in zip(source.channels, calibrations, extents, strict=True)
     ]
     # The axes of a vector share one floor: relative to a range, that of the longest axis.
-    floor, k = max(floors), settings.k
-    if settings.preset in WITHIN:
+    floor, k = max(floors), promise.k
+    if not promise.paper:
         floor, k = for_the_source(source.channels, floor, k)
     whole = min(int(floor), FLOOR_LIMIT)
     ratio = at_most(k)
@@ -200,8 +204,7 @@ def code_knots(
     for span, rows in source.pieces(slow):
         ticks = select_knots(rows, band, keep_last=not hold)
         pieces.append((span, ticks, knot_values(rows, ticks, quantum)))
-    pack = plain_knots if settings.preset == "paper" else smaller_knots
-    return pack(track, settings.interpolation, quantum, pieces)
+    return plain_knots(track, settings.interpolation, quantum, pieces)
 
 
 def code_steps(source: Source, bound: Bound, track: Track, pack: Packing = smaller_knots) -> Coded:
@@ -228,103 +231,105 @@ def code_residual(source: Source, residual: NDArray[np.int64], step: int, track:
     return coded
 
 
-def residual_step(
-    source: Source, residual: NDArray[np.int64], bound: Bound, settings: Settings
-) -> int | None:
+def residual_step(source: Source, residual: NDArray[np.int64], settings: Settings) -> int | None:
     """Counts per level; None: no HF track.
 
-    Explicit, or from the residual's range (the paper: 2**b - 1 levels), or as the floor allows.
+    Explicit, or from the residual's range (the paper: 2**b - 1 levels).
     """
     if settings.step is not None:
-        calibration = source.channels[0].calibration
-        assert calibration is not None
+        channel = source.channels[0]
+        assert channel.calibration is not None
         extent = max(source.extents)
-        return whole_counts(counts_of(settings.step, calibration, extent), STEP_LIMIT)
-    if settings.bits is not None:
-        if settings.bits == 0:
-            return None
-        largest = int(np.abs(residual).max(initial=0))
-        return min(max(-(-largest // ((1 << (settings.bits - 1)) - 1)), 1), STEP_LIMIT)
-    return bound.step
+        given = counts_of(settings.step, channel.calibration, extent, channel.unit)
+        return whole_counts(given, STEP_LIMIT)
+    bits = PAPER_BITS if settings.bits is None else settings.bits
+    if not bits:
+        return None
+    largest = int(np.abs(residual).max(initial=0))
+    return min(max(-(-largest // ((1 << (bits - 1)) - 1)), 1), STEP_LIMIT)
 
 
 def slow_part(source: Source, settings: Settings) -> NDArray[np.int64]:
-    """The low-passed counts, segment by segment: a gap is no signal, nor is a glitch; the paper
-    knows of none."""
-    counts = source.counts if settings.preset == "paper" else source.calm
+    """The low-passed counts, segment by segment: a gap is no signal."""
     out = np.zeros(source.counts.shape, np.int64)
     for rows in source.segments():
-        x = counts[rows].astype(np.float64)
+        x = source.counts[rows].astype(np.float64)
         slow = low_pass(x, float(source.rate), settings.cutoff_hz)
         out[rows] = np.floor(slow + 0.5).astype(np.int64)
     return out
 
 
-def encode_counts(source: Source, first_channel: int, settings: Settings) -> Unit:
-    """Slow part as knots, fast part as quantised residual; or what is smaller at the same bound."""
+def whole_range(source: Source, first_channel: int) -> Track:
+    """The description of a track that holds the counts of the source."""
     x = source.counts
     low, high = declared_range(x)
-    if not all(c.calibration.covers(low, high) for c in source.channels if c.calibration):
+    if not covered(source, low, high):
         low, high = int(x.min(initial=0)), int(x.max(initial=0))
-        if not all(c.calibration.covers(low, high) for c in source.channels if c.calibration):
+        if not covered(source, low, high):
             raise ParameterError("count * A or count * A + B is above 2^53: use a smaller A and D")
-    base = make_track(
+    return make_track(
         source, first_channel, kind="full", codec="KNOT", count_min=low, count_max=high
     )
-    if not len(x) or (x == x[0]).all():
-        return encode_constant(source, base)
-    if settings.preset in WITHIN:
-        from .indexed import encode_within
 
-        return encode_within(source, base, settings)
-    bound = bound_of(source, settings)
-    chosen_by_size = settings.preset == "default" and settings.step is None and not settings.bits
-    if chosen_by_size and (unit := encode_level(source, bound, base)):
-        return unit
+
+def covered(source: Source, low: int, high: int) -> bool:
+    return all(c.calibration.covers(low, high) for c in source.channels if c.calibration)
+
+
+def is_constant(source: Source) -> bool:
+    x = source.counts
+    return not len(x) or bool((x == x[0]).all())
+
+
+def encode_paper(source: Source, first_channel: int, promise: Promise, settings: Settings) -> Unit:
+    """Slow part as knots, fast part as quantised residual."""
+    source = finer(source, settings)
+    x = source.counts
+    base = whole_range(source, first_channel)
+    bound = bound_of(source, promise)
     low, high = held_range(x)
     base = replace(base, count_min=low, count_max=high)
-    slow = slow_part(source, settings)
-    lf = code_knots(source, slow, bound.band, settings, base)
+    lf = code_knots(source, slow_part(source, settings), bound.band, settings, base)
     d = decode_all(lf, x.shape[1])
-    step = residual_step(source, x - d, bound, settings)
-    if step is None or (chosen_by_size and bound.holds(x, d)):
-        reason = "no residual asked for" if step is None else "no texture above the floor"
+    step = residual_step(source, x - d, settings)
+    if step is None:
         lf.track = replace(lf.track, contract=contract_of(bound.band, x, d))
-        return Unit(lf, None, "knots", reason)
+        return Unit(lf, None, "knots", "no residual asked for", channels=source.channels)
     unit = with_residual(source, lf, x - d, step, bound)
     if unit is None:
-        return encode_raw_counts(source, base, "the residual is too wide for a track of its own")
-    if chosen_by_size:
-        return smallest(source, slow, unit, step, bound, settings, base)
+        unit = encode_raw_counts(source, base, "the residual is too wide for a track of its own")
+    unit.channels = source.channels
     return unit
 
 
-def smallest(
-    source: Source,
-    slow: NDArray[np.int64],
-    unit: Unit,
-    step: int,
-    bound: Bound,
-    settings: Settings,
-    base: Track,
-) -> Unit:
-    """The smallest of what keeps every sample within the slack."""
-    x = source.counts
-    for times in COARSER:
-        # With the residual at hand the knots may be coarser: the sum stays where it is.
-        lf = code_knots(source, slow, bound.wider(times), settings, base)
-        coarse = with_residual(source, lf, x - decode_all(lf, x.shape[1]), step, bound)
-        if coarse is None or coarse.size >= unit.size:
-            break
-        unit = coarse
-    # Compared as varints: a slow part and a texture of their own are worth the bytes that coded
-    # steps would save (1 to 37 %, measured); who wants those has preset deadband.
-    if code_steps(source, bound, base, plain_knots).size < unit.size:
-        held = code_steps(source, bound, base)
-        contract = contract_of(bound.band, x, decode_all(held, x.shape[1]))
-        held.track = replace(held.track, contract=contract)
-        return Unit(held, None, "knots", "held steps within the floor are smaller")
-    return unit
+def finer(source: Source, settings: Settings) -> Source:
+    """The same values in finer counts, where the paper's step would be few of them."""
+    bits = PAPER_BITS if settings.bits is None else settings.bits
+    if settings.step is not None or bits < FINER_BITS:
+        return source
+    largest = int(np.abs(source.counts - slow_part(source, settings)).max(initial=0))
+    times = -(-FINER * ((1 << (bits - 1)) - 1) // max(largest, 1))
+    while times > 1:
+        reach = int(np.abs(source.counts.astype(np.int64)).max(initial=0)) * times
+        try:
+            channels = tuple(in_finer_counts(channel, times) for channel in source.channels)
+        except ParameterError:
+            times //= 2
+            continue
+        low, high = declared_range(np.array([-reach, reach]))
+        if reach < COUNT_LIMIT and all(
+            c.calibration.covers(low, high) for c in channels if c.calibration
+        ):
+            return Source(channels, source.counts.astype(np.int64) * times, source.spans)
+        times //= 2
+    return source
+
+
+def in_finer_counts(channel: Channel, times: int) -> Channel:
+    calibration = channel.calibration
+    assert calibration is not None
+    finer = Calibration(calibration.a, calibration.b * times, calibration.d * times)
+    return replace(channel, stored=channel.stored.astype(np.int64) * times, calibration=finer)
 
 
 def with_residual(
@@ -363,19 +368,6 @@ def encode_constant(source: Source, base: Track) -> Unit:
         data = build_knots(np.zeros(1, np.int64), rows[:1])
         coded.packets.append(Packet(0, span.start, span.ticks, data))
     return Unit(coded, None, "knots", "constant" if source.spans else "no samples", exact=True)
-
-
-def encode_level(source: Source, bound: Bound, base: Track) -> Unit | None:
-    """One value for all samples, where the floor allows it."""
-    x = source.counts
-    level = (x.min(axis=0).astype(np.int64) + x.max(axis=0)) // 2
-    y = np.broadcast_to(level, x.shape)
-    if not bound.slack or not bound.holds(x, y):
-        return None
-    pieces = [(span, np.zeros(1, np.int64), level[None]) for span, _ in source.pieces(x)]
-    coded = plain_knots(base, "hold", 1, pieces)
-    coded.track = replace(coded.track, contract=contract_of(bound.band, x, y))
-    return Unit(coded, None, "knots", "silent: one value is within the floor of all")
 
 
 def encode_raw_counts(source: Source, base: Track, reason: str) -> Unit:

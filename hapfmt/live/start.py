@@ -59,7 +59,7 @@ class Options:
     canonical: int | None = None
 
     def __post_init__(self) -> None:
-        settings = self.settings or Settings("archive")
+        settings = self.settings or Settings()
         asked = settings.cluster if self.cluster is None else self.cluster
         self.cluster = CLUSTER_S if asked is None else exact(asked)
         self.patience = exact(self.patience)

@@ -15,7 +15,11 @@ from .files import open_regular
 
 Role = Literal["test", "reference", "anchor"]
 ROLES = ("test", "reference", "anchor")
-PRESETS = ("default", "auto", "paper", "deadband", "archive", "near-lossless")
+PRESETS = (
+    "lossless", "near-lossless", "perceptual", "paper",
+    # Old names.
+    "archive", "deadband", "auto", "default",
+)  # fmt: skip
 AMOUNTS = ("k", "floor", "step", "max_error")
 """Numbers, or text with a unit: 0.01, "2lsb", "0.2%"."""
 CODING = ("preset", *AMOUNTS, "bits", "cutoff_hz", "interpolation")
@@ -132,7 +136,7 @@ class Condition:
     floor: Any = amount("absolute floor of the deadband")
     bits: int | None = bits("bits of the residual, 0 or 2 to 16")
     step: Any = amount("step of the residual")
-    max_error: Any = amount("largest error of preset near-lossless")
+    max_error: Any = amount("largest error of a near-lossless channel")
     cutoff_hz: float | None = number("split between slow and fast", None, above=0, high=1e6)
     interpolation: str | None = choice("how knots are joined", ("linear", "hold"), None)
     low_pass_hz: float | None = number("what is faster is taken away", None, above=0, high=1e6)

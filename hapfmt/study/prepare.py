@@ -29,7 +29,7 @@ LARGEST_MANIFEST = 64 << 20
 """Bytes."""
 SHORTER_S = 0.05
 """A file of one's own may differ so much in length from the reference."""
-LOSSLESS = {"preset": "archive"}
+LOSSLESS = {"preset": "lossless"}
 
 
 class Stimulus(NamedTuple):
@@ -137,7 +137,7 @@ def make(study: Study, folder: Path, progress: Callable[[int, int], None]) -> li
 
 def load_session(study: Study, session: Session) -> Recording:
     """Its stretch of its recording, from zero; without what is no signal."""
-    from ..convert import load as load_any
+    from ..convert import read as read_any
     from ..reading.reader import Reader
 
     path = study.beside(session.recording)
@@ -147,7 +147,7 @@ def load_session(study: Study, session: Session) -> Recording:
             if reader.findings or reader.lost:
                 raise ParameterError("is damaged; hapfmt recover it first", path=str(path))
     else:
-        whole = load_any(str(path))
+        whole = read_any(str(path))
     channels = [stretch(each, session.from_s, session.to_s) for each in whole.channels]
     if not any(channel.stored.size for channel in channels):
         raise ParameterError(f"session {session.name!r} holds no sample", path=str(path))
@@ -171,7 +171,10 @@ def encode(reference: Recording, condition: Condition, path: Path) -> None:
     if condition.low_pass_hz is not None:
         cutoff = condition.low_pass_hz
         recording = Recording(tuple(low_passed(each, cutoff) for each in reference.channels))
-    settings = Settings.of(given.pop("preset", "default"), **given)
+    of_paper = {"bits", "step", "interpolation"} & given.keys()
+    settings = Settings.of(
+        given.pop("preset", "paper" if of_paper else "perceptual"), **given, smallest=False
+    )
     write(recording, path, settings, canonical=0, force=True)
 
 

@@ -8,6 +8,7 @@ the session: what is weaker in the file is weaker at the skin.
 from __future__ import annotations
 
 from fractions import Fraction
+from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,14 +44,23 @@ def level_of(reference: Channel) -> Level:
 
 
 def signal(channel: Channel, level: Level) -> NDArray[np.float64]:
-    """[samples] at RATE_HZ in [-1, 1]; gaps are silent."""
+    """[samples] at RATE_HZ in [-1, 1]. Gaps are silent; each stretch between two gaps is resampled
+    by itself."""
     from scipy.signal import resample_poly
 
-    x = (np.nan_to_num(channel.filled() - level.offset, nan=0.0)) * level.scale
     ratio = (RATE_HZ / channel.rate_exact).limit_denominator(LONGEST_RATIO)
     if not ratio:
-        raise ParameterError(f"a rate of {channel.rate_exact} Hz is none of a sound")
-    y = np.asarray(resample_poly(x, ratio.numerator, ratio.denominator), np.float64)
+        raise ParameterError(f"{channel.rate_exact} Hz is too slow for a sound")
+    x = (channel.filled() - level.offset) * level.scale
+    y = np.zeros(ceil(x.size * ratio))
+    for span in channel.coverage:
+        # From a tick that falls on a sample of the sound, so that all stretches keep their times.
+        origin = span.start // ratio.denominator * ratio.denominator
+        part = np.zeros(span.stop - origin)
+        part[span.start - origin :] = np.nan_to_num(x[span.start : span.stop])
+        first, stop = ceil(span.start * ratio), ceil(span.stop * ratio)
+        made = resample_poly(part, ratio.numerator, ratio.denominator)
+        y[first:stop] = made[first - int(origin * ratio) :][: stop - first]
     count = min(round(RAMP_S * RATE_HZ), y.size // 2)
     if count:
         ramp = (1 - np.cos(np.pi * (np.arange(count) + 0.5) / count)) / 2

@@ -26,16 +26,18 @@ COLUMNS = 4
 
 def pictures(found: Sequence[Trial]) -> list[Figure]:
     figures = [
-        summary(found, "Error against size", "bits a sample, beside archive", size_of(found),
-                "Each setting: geometric means of size and error over all recordings and scenes, "
-                f"errors below {LEAST} % as that. Lower left is better; the line is the Pareto "
-                "front, bars are the middle half."),
-        summary(found, "Error against encoding time", "CPU µs a sample",
+        summary(found, "Error against size", "size relative to archive", size_of(found),
+                "Each mark is one setting: the geometric mean over all recordings and scenes. "
+                "Lower left is better. The thin line joins the settings that no other one beats in "
+                "both size and error. A bar spans the middle half of the recordings. Errors below "
+                f"{LEAST} % of the range are drawn at 'none'."),
+        summary(found, "Error against encoding time", "CPU µs per sample",
                 lambda t: t.microseconds(t.encode),
-                "The same against time."),
-        summary(found, "Error against decoding time", "CPU µs a sample",
+                "The same settings. Further left is faster to write."),
+        summary(found, "Error against decoding time", "CPU µs per sample",
                 lambda t: t.microseconds(t.decode),
-                "Of peers the settings with the promises that are in the table."),
+                "The same settings. Further left is faster to read. Of other coders, only the "
+                "settings that the tables list were timed."),
     ]  # fmt: skip
     for task, (family, words) in TASKS.items():
         figure = beside(found, task, family, words)
@@ -85,7 +87,7 @@ def summary(
     def draw(axes: Any) -> None:
         named: set[str] = set()
         for x, y, known, trial in points:
-            name = trial.family if trial.ours else "peers"
+            name = trial.family if trial.ours else "other coders"
             axes.plot(x, y, marker(trial), color=colour(trial), linestyle="none",
                       label="_" if name in named else name, zorder=3 if trial.ours else 2,
                       markersize=6 if trial.ours else 4)  # fmt: skip
@@ -99,9 +101,10 @@ def summary(
         scales(axes)
         axes.set_xlabel(label)
         axes.set_ylabel("rms error, % of range")
-        axes.legend(loc="upper right", ncols=2, handletextpad=0.1, columnspacing=0.8)
+        axes.figure.legend(loc="outside upper center", ncols=8, handletextpad=0.1,
+                           columnspacing=0.8)  # fmt: skip
 
-    return drawn(title, caption, draw)
+    return drawn(title, caption, draw, height=4.6)
 
 
 def label_points(axes: Any, points: Sequence[tuple[float, float, str]]) -> None:
@@ -181,14 +184,15 @@ def beside(found: Sequence[Trial], task: str, family: str, words: str) -> Figure
         axes.set_xticks([], minor=True)
         axes.set_yticks(range(len(rows)), [short(name) for name, _ in rows])
         axes.set_ylim(len(rows) - 0.4, -0.6)
-        axes.set_xlabel(f"size of the peer over that of {family}")
-        axes.legend(loc="upper center", bbox_to_anchor=(0.4, 1.12), ncols=6, handletextpad=0.1,
-                    columnspacing=0.8)  # fmt: skip
+        axes.set_xlabel(f"size relative to {family}")
+        axes.figure.legend(loc="outside upper center", ncols=6, handletextpad=0.1,
+                           columnspacing=0.8)  # fmt: skip
 
     return drawn(
-        f"{words}: peers beside {family}",
-        "Right of the line the peer is larger, in the shade smaller. Of several recipes of a peer "
-        "the smallest; those that broke the promise are left out.",
+        f"{words}: other coders against {family}",
+        f"Each mark is one recording, written by another coder. Right of the line its file is "
+        f"larger than that of {family}; in the shaded part it is smaller. Of a coder with several "
+        "settings, the smallest file counts. Settings that broke the error bound are left out.",
         draw,
         height=1.2 + 0.24 * len(rows),
     )
@@ -227,12 +231,13 @@ def multiples(found: Sequence[Trial], words: str) -> Figure:
             axes.tick_params(labelsize=7)
         handles, labels = flat[0].get_legend_handles_labels()
         flat[0].figure.legend(handles, labels, loc="outside upper center", ncols=8)
-        flat[0].figure.supxlabel("bits a sample", fontsize=9)
+        flat[0].figure.supxlabel("bits per sample", fontsize=9)
         flat[0].figure.supylabel("rms error, % of range", fontsize=9)
 
     return drawn(
         f"Error against size: {words}",
-        "Each panel one of them; every mark a setting, those of a preset joined. The thin line is "
-        "the Pareto front of all coders.",
+        "One panel for each. Each mark is one setting; a line joins the settings of a preset. "
+        "Lower left is better. The thin line joins the settings that no other one beats in both "
+        "size and error.",
         draw, width=11.5, height=0.6 + 2.1 * lines, panels=(lines, COLUMNS), squeeze=False,
     )  # fmt: skip

@@ -225,5 +225,5 @@ def picture(cases: Sequence[Case]) -> Any:
         axes.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
         axes.figure.legend(loc="outside upper center", ncols=3)
 
-    return drawn("Speed of reading", "Further right is faster. Each line is one file.", draw,
+    return drawn("Speed of reading", "Each row is one file. Further right is faster.", draw,
                  height=1.2 + 0.21 * len(cases))  # fmt: skip

@@ -62,9 +62,10 @@ def section(options: Options) -> Section:
         [
             drawn(
                 "Error against step",
-                "Error of the contact force (rms, of the rms force) against the step; both axes "
-                "logarithmic. Dotted lines: largest stable step, in the colour of its integrator; "
-                "none: unconditionally stable, or beyond 16 ms. Above 1 the result is useless.",
+                "The error is the rms error of the contact force, relative to the rms force. A "
+                "dotted line marks the largest stable step of the integrator of its colour. An "
+                "integrator without one is stable at every step up to 16 ms. In the red part, the "
+                "error is as large as the force.",
                 lambda axes: error_figure(axes, points),
                 width=10,
                 height=7.5,
@@ -72,9 +73,9 @@ def section(options: Options) -> Section:
             ),
             drawn(
                 "Error against run time",
-                "The same runs against CPU time per simulated second (median of the repeats; bars "
-                "are quartiles). Further left and lower is better; the grey line is the "
-                "Pareto front.",
+                "The same runs. Lower left is better. The grey line joins the runs that no other "
+                "one beats in both error and time. Marks are medians of the repeats; bars are "
+                "their quartiles.",
                 lambda axes: pareto_figure(axes, points),
                 width=10,
                 height=7.5,
@@ -82,8 +83,9 @@ def section(options: Options) -> Section:
             ),
             drawn(
                 "Energy without damping",
-                f"A mass bounces for {seconds} s on a spring, nothing damps. Left: how far its "
-                "energy is off, at 100 kN/m. Right: the worst of each run, at every stiffness.",
+                f"A mass bounces on a spring for {seconds} s without damping, so its energy should "
+                "stay constant. Left: relative error of the energy over time, at 100 kN/m. Right: "
+                "the largest error of each run, at every stiffness.",
                 lambda axes: energy_figure(axes, bounces),
                 width=10,
                 height=4.2,
@@ -300,7 +302,7 @@ def line_of(points: list[Point], name: str, stiffness: float) -> list[Point]:
 def error_axes(axes: Any, xlabel: str) -> None:
     for one, stiffness in zip(axes.flat, runs.STIFFNESSES, strict=True):
         one.set(xscale="log", yscale="log", ylim=(1e-10, 5), xlabel=xlabel)
-        one.set_ylabel("error of the force")
+        one.set_ylabel("relative error of the force")
         one.set_title(newtons_per_metre(stiffness), fontweight="bold")
         one.xaxis.set_major_formatter("{x:g}")
         one.axhspan(USELESS, 5, color=RED, alpha=0.12, linewidth=0, zorder=0)
@@ -364,8 +366,8 @@ def energy_figure(axes: Any, bounces: list[Long]) -> None:
                 left.plot(t, trace, color=colour, marker="", linewidth=wide, label=name)
         worst = [max(1e-16, b.gain, *map(abs, b.trace)) for b in mine]
         right.plot([b.stiffness for b in mine], worst, color=colour, marker=mark, label=name)
-    left.set(yscale="log", xlabel="seconds", ylabel="|energy / first - 1|", ylim=(1e-16, 5))
+    left.set(yscale="log", xlabel="seconds", ylabel="relative error of the energy", ylim=(1e-16, 5))
     right.set(xscale="log", yscale="log", xlabel="stiffness in N/m", ylim=(1e-16, 5))
-    left.set_title("over time, 100 kN/m", fontweight="bold")
-    right.set_title("the worst of a run", fontweight="bold")
+    left.set_title("Over time, at 100 kN/m", fontweight="bold")
+    right.set_title("Largest error of each run", fontweight="bold")
     legend(left)

@@ -1,4 +1,4 @@
-"""The paper's figures 2, 4 and 5, drawn: lines carry their names, so that no legend is read."""
+"""The paper's figures 2, 4 and 5, drawn: names stand beside the lines, or above the panels."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ PERCENT = 10
 FIG2_BITS, FIG2_LONG_S, FIG2_ZOOM_S = 5, 1.5, 0.2
 
 BITS_COLOUR = {0: COLOURS[7], 2: COLOURS[4], 5: COLOURS[0], 8: COLOURS[2]}
-ORIGINAL, SLOW, WHOLE = PALE, COLOURS[0], COLOURS[1]
+ORIGINAL, SLOW, WHOLE = COLOURS[0], COLOURS[4], INK
+"""As in the pictures of hapfmt plot."""
 LINE_COLOURS = (COLOURS[1], COLOURS[0], COLOURS[2])
 
 LINE_GAP = 0.085
@@ -75,9 +76,9 @@ def picture2(source: Source) -> Figure:
         stretch(knot, FIG2_ZOOM_S),
         quantity,
         f"Fig. 2: {source.name}, k = {PERCENT} %, b = {FIG2_BITS}",
-        "Original f (wide grey line), the slow part d as decoded from its knots, and the "
-        "reconstruction d + e. d alone has lost the texture; with the residual it is back. The "
-        f"largest error of the session is {largest:.2f} deadbands.",
+        "The slow part d joins its knots by lines, and follows the original f without its texture. "
+        "With the residual e the texture is back. The largest error of the session is "
+        f"{largest:.2f} deadbands.",
     )
 
 
@@ -97,7 +98,7 @@ def fig2(long: Stretch, zoom: Stretch, quantity: str, title: str, caption: str) 
         name_lines(
             axes[1],
             [
-                (zoom.f[-1], "original f", INK),
+                (zoom.f[-1], "original f", ORIGINAL),
                 (zoom.d[-1], "d: knots (dots)\njoined by lines", SLOW),
                 (zoom.y[-1], "reconstruction\nd + e", WHOLE),
                 (zoom.f[-1] - zoom.half[-1], "deadband of f\n(shaded)", PALE),
@@ -164,8 +165,10 @@ def fig5(
 
     def draw(axes: Any) -> None:
         for panel, curve in zip(np.atleast_1d(axes), curves, strict=True):
-            for line, colour, mark in zip(curve.lines, LINE_COLOURS, "os^", strict=False):
-                panel.plot(*known(places, line), color=colour, marker=mark)
+            for name, line, colour, mark in zip(
+                textures, curve.lines, LINE_COLOURS, "os^", strict=False
+            ):
+                panel.plot(*known(places, line), color=colour, marker=mark, label=name)
             for other, colour in zip(curve.others, LINE_COLOURS, strict=False):
                 panel.plot(*known(places, other), color=colour, marker="", linestyle=(0, (4, 3)))
             panel.annotate(curve.other, (0.98, 0.94), xycoords="axes fraction", ha="right",
@@ -180,11 +183,9 @@ def fig5(
             panel.set_ylabel(curve.unit)
             panel.set_title(curve.title)
         first = np.atleast_1d(axes)[0]
-        low, high = first.get_ylim()
-        first.set_ylim(low - 0.3 * (high - low), high)  # room for the names
-        for i, (name, colour) in enumerate(zip(textures, LINE_COLOURS, strict=False)):
-            first.annotate(f"{name} {'●■▲'[i]}", (0.98, 0.19 - 0.08 * i), color=colour,
-                           xycoords="axes fraction", ha="right", fontsize=9)  # fmt: skip
+        first.figure.legend(
+            *first.get_legend_handles_labels(), loc="outside upper center", ncols=len(textures)
+        )
 
     return drawn(title, caption, draw, width=9.0, height=3.6, panels=(1, len(curves)))
 

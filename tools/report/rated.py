@@ -94,9 +94,10 @@ def picture5(rated: list[Rated], what: str) -> Figure:
         bits,
         curves,
         f"In place of Fig. 5: measures against b, {what}, k = {PERCENT} %",
-        "No ratings: nobody was asked. An error is felt where it is over the vibrotactile "
-        "threshold and changes the vibration by a fifth (the least Weber fraction known). Forces "
-        "only: what a torque moves depends on its lever.",
+        "These are measures, no ratings: nobody was asked. An error counts as felt where it is "
+        "above the vibrotactile threshold and changes the vibration by at least a fifth (the "
+        "smallest Weber fraction reported). Only forces are judged: the motion that a torque "
+        "causes depends on its lever.",
     )
 
 

@@ -37,14 +37,15 @@ def section(options: Options) -> Section:
         [
             drawn(
                 "Simulated recordings",
-                "A stretch of one channel of each scene, as its sensor reads it.",
+                "A part of one channel of each scene, as its sensor measures it.",
                 signals,
                 height=7.0,
                 panels=(4, 2),
             ),
             drawn(
                 "What each part costs",
-                "CPU time of simulating, and bytes of the file, as shares of the first row.",
+                "CPU time of the simulation and size of the file, relative to the first "
+                "row, which has everything.",
                 lambda axes: bars(axes, found),
                 height=0.35 * len(found) + 1.2,
             ),
@@ -90,5 +91,5 @@ def bars(axes: Any, found: list[tuple[Row, Found]]) -> None:
         axes.barh(places + shift, [of(each) for _, each in found], height=0.38, label=label)
     axes.set_yticks(places, [row.name for row, _ in found])
     axes.invert_yaxis()
-    axes.legend(loc="lower right")
-    axes.set_xlabel("of the first")
+    axes.figure.legend(loc="outside upper center", ncols=2)
+    axes.set_xlabel("share of the first row")

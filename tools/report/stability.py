@@ -29,8 +29,8 @@ def section(options: Options) -> Section:
         [
             drawn(
                 "Four of them",
-                "What a naive way gives (dotted) and what hapfmt gives (line), from the same "
-                "samples (grey). Rows 5, 8, 19 and 20 of the table.",
+                "Grey: the recorded samples. Dotted: the result of a naive method. Line: the "
+                "result of hapfmt. The panels are rows 5, 8, 19 and 20 of the table.",
                 draw,
                 width=8.5,
                 height=6.0,
@@ -61,7 +61,9 @@ def text_of(found: Sequence[Row]) -> str:
 def draw(axes: Any) -> None:
     for panel, picture in zip(axes.flat, (touch, glitch, jumps, stiff), strict=True):
         picture(panel)
-    axes.flat[0].legend(loc="upper left")
+    axes.flat[0].figure.legend(
+        *axes.flat[0].get_legend_handles_labels(), loc="outside upper center", ncols=3
+    )
 
 
 def lines(panel: Any, x: Any, recorded: Any, naive: Any, ours: Any) -> None:
@@ -80,7 +82,7 @@ def touch(panel: Any) -> None:
     slow = back(force(x), bits=8, band="lf").samples()
     lines(panel, ms, x[shown], butterworth(x, 8)[shown], slow[shown])
     panel.set_ylim(-0.5, 1.2)
-    panel.set_title("LF before a contact of 3.3 N: it pulls")
+    panel.set_title("Slow part before a contact of 3.3 N")
     panel.set_xlabel("ms")
     panel.set_ylabel("N")
 
@@ -91,7 +93,7 @@ def glitch(panel: Any) -> None:
     shown = slice(2000, 2080)
     y = back(force(x)).samples()
     lines(panel, np.arange(80), x[shown], range_derived(x)[shown], y[shown])
-    panel.set_title("2 s before a glitch of 1 kN: the texture")
+    panel.set_title("Texture, 2 s before a glitch of 1 kN")
     panel.set_xlabel("ms")
     panel.set_ylabel("N")
 
@@ -114,6 +116,6 @@ def stiff(panel: Any) -> None:
     naive = run(system, 1e-3, "explicit-euler")[0].force
     shown = slice(0, 500)
     lines(panel, np.arange(500), None, naive[shown], ours[shown])
-    panel.set_title("60 g against 10 kN/m, steps of 1 ms and of 50 us")
+    panel.set_title("60 g on 10 kN/m: steps 1 ms, 50 µs (hapfmt)")
     panel.set_xlabel("ms")
     panel.set_ylabel("N")

@@ -49,7 +49,7 @@ def subjects(options: Options) -> Iterator[Subject]:
         return
     for path in first_of_each(options.data)[: 2 if options.quick else None]:
         try:
-            loaded = hapfmt.load(path)
+            loaded = hapfmt.read(path)
         except hapfmt.HapfmtError as error:
             options.progress(f"left out: {error}")
             continue

@@ -113,7 +113,7 @@ def _rate(table: Table) -> Fraction:
     value = table.take("rate", REQUIRED, what, "PLY-001")
     if isinstance(value, str):
         if re.fullmatch(r"[1-9][0-9]{0,8}/[1-9][0-9]{0,8}", value) is None:
-            table.fail("rate", f"{value!r} is no rate; write {what}, as 1000 or '3000/32'")
+            table.fail("rate", f"{value!r} is not a rate; write {what}, such as 1000 or '3000/32'")
         rate = Fraction(value)
     else:
         rate = Fraction(str(real(value, table.path("rate"), -1e9, 0, 1e9)))
@@ -157,7 +157,7 @@ def _actuator(table: Table) -> Actuator:
 def _unit(table: Table, key: str, text: str) -> str:
     code = to_ucum(text)
     if code != text:
-        table.fail(key, f"{text!r} is no UCUM code; write {code!r}")
+        table.fail(key, f"{text!r} is not a UCUM code; write {code!r}")
     return text
 
 
@@ -264,7 +264,7 @@ def _payload(table: Table) -> Report:
     try:
         data = bytes.fromhex(text)
     except ValueError:
-        table.fail("data", "is no text of hexadecimal bytes; write it as '01 00 FF'")
+        table.fail("data", "is not a text of hexadecimal bytes; write it as '01 00 FF'")
     if not 2 <= len(data) <= LONGEST_REPORT:
         table.fail("data", f"has {len(data)} bytes; write the report id and 1 to 4095 bytes more")
     return Report(path, data)

@@ -1,7 +1,7 @@
-"""Presets archive, near-lossless and deadband: every sample within its bound, by construction.
+"""Channels that keep a bound on every sample, by construction; lossless is the bound 0.
 
-A guarantee, not an aim: grids, and knots inside the tube, leave no sample outside. Which
-of them a track gets is a matter of size alone.
+Grids, and knots inside the tube, leave no sample outside. Which of them a track gets is a matter of
+size alone.
 """
 
 from __future__ import annotations
@@ -14,15 +14,14 @@ from functools import partial
 from ..codecs.grids import LpcParameters
 from ..container.track import Contract, Track
 from ..deadband import Deadband
-from ..integers import clamp
-from ..limits import ZERO_LIMIT
 from ..recording import Channel, Span
-from .check import decoded_pieces
+from .glitches import without_glitches
 from .grids import Indices, grid_within, nearest_level, nearest_uniform
 from .packed import Coded, fill_below
+from .plan import Promise
 from .predict import encode_best, quick_estimate
 from .quick import encode_quick
-from .settings import Settings, counts_of
+from .settings import counts_of
 from .source import Source
 from .tubed import Way, code_held, code_held_levels, code_lines, vector_ways
 from .unit import STEP_LIMIT, Bound, Unit, bound_of
@@ -32,67 +31,58 @@ HOPE = 0.5
 and more (measured; from 0 to 0.7 no recording changed by a byte)."""
 
 
-def encode_within(source: Source, base: Track, settings: Settings) -> Unit:
-    """One unit by the preset of the settings, smallest first."""
-    if settings.preset == "archive":
-        code = encode_quick if settings.fast else partial(encode_best, thorough=False)
-        coded = code_grid(source, base, LpcParameters(), nearest_uniform, code=code)
-        assert coded
-        reason = "lossless, fast" if settings.fast else "lossless"
-        return Unit(coded, None, "predicted", reason, exact=True)
-    if settings.preset == "near-lossless":
-        return encode_near(source, base, settings)
-    return encode_deadband(source, base, settings)
+KNOT_WAYS = 3
+"""The first of :func:`scalar_ways`."""
 
 
-def encode_near(source: Source, base: Track, settings: Settings) -> Unit:
-    """No sample of the source further than ``max_error`` away, its lattice's deviation included."""
-    channel = source.channels[0]
-    calibration = channel.calibration
-    assert calibration is not None
-    error = error_of(channel, settings)
-    grid = LpcParameters(step=2 * error + 1)
-    coded = code_grid(source, base, grid, nearest_uniform)
+def encode_lossless(source: Source, base: Track, *, fast: bool = False) -> Unit:
+    code = encode_quick if fast else partial(encode_best, thorough=False)
+    coded = code_grid(source, base, LpcParameters(), nearest_uniform, code=code)
     assert coded
-    if not error:
-        return Unit(coded, None, "predicted", "the error is below one count: lossless", exact=True)
-    band = Deadband(0, 1, (error,), (clamp(calibration.zero, -ZERO_LIMIT, ZERO_LIMIT - 1),))
-    coded.track = replace(coded.track, contract=kept(source, coded, band))
-    return Unit(coded, None, "predicted", f"within {error} counts")
+    return Unit(coded, None, "predicted", "lossless, fast" if fast else "lossless", exact=True)
 
 
-def error_of(channel: Channel, settings: Settings) -> int:
-    """Counts that a sample of it may be off, 0 where preset archive allows none."""
+def error_of(channel: Channel, promise: Promise) -> int:
+    """Counts that each sample may be off, whatever its value; 0 where every count is kept."""
     calibration = channel.calibration
-    if settings.max_error is None or calibration is None:
+    if promise.floor is None or calibration is None or not channel.stored.size:
         return 0
-    allowed = counts_of(
-        settings.max_error, calibration, int(channel.stored.max()) - int(channel.stored.min())
-    )
+    calm = without_glitches(channel.stored)
+    extent = int(calm.max()) - int(calm.min())
+    allowed = counts_of(promise.floor, calibration, extent, channel.unit)
     if channel.deviation is not None:
         allowed -= Fraction(channel.deviation.largest) / abs(calibration.step)
     return min(max(int(allowed), 0), STEP_LIMIT // 2 - 1)
 
 
-def encode_deadband(source: Source, base: Track, settings: Settings) -> Unit:
-    """Each sample within max(k * |x|, floor): the smallest of grids and knots."""
-    bound = bound_of(source, settings)
+def encode_bounded(
+    source: Source,
+    base: Track,
+    promise: Promise,
+    smallest: int | None = None,
+    *,
+    knots_alone: bool = False,
+) -> Unit | None:
+    """Each sample within max(k * |x|, floor): the smallest of grids and knots, or of ``knots
+    alone``; None where none of them is below ``smallest`` bytes."""
+    bound = bound_of(source, promise)
+    if len(source.channels) == 1 and not bound.slack and not promise.k:
+        return encode_lossless(source, base)
     ways = vector_ways(source, bound) if len(source.channels) > 1 else scalar_ways(source, bound)
-    tried: list[tuple[Coded, str]] = []
-    for why, code in ways:
-        smallest = min((coded.size for coded, _ in tried), default=None)
-        if coded := code(base, smallest):
-            tried.append((coded, why))
-    coded, why = min(tried, key=lambda pair: pair[0].size)
-    coded.track = replace(coded.track, contract=kept(source, coded, bound.band))
+    best: tuple[Coded, str] | None = None
+    for why, code in ways[:KNOT_WAYS] if knots_alone else ways:
+        if (coded := code(base, smallest)) and (smallest is None or coded.size < smallest):
+            best, smallest = (coded, why), coded.size
+    if best is None:
+        return None
+    coded, why = best
+    coded.track = replace(coded.track, contract=contract_for(bound.band))
     chosen = "predicted" if coded.track.codec == "LPCR" else "knots"
     return Unit(coded, None, chosen, why)
 
 
-def kept(source: Source, coded: Coded, band: Deadband) -> Contract:
-    """The contract, guaranteed: checked against what the decoder makes of it."""
-    if any(band.outside(x, y).any() for x, y in decoded_pieces(source, coded)):
-        raise AssertionError("an encoder that guarantees a deadband left it")
+def contract_for(band: Deadband) -> Contract:
+    """Kept by construction, and checked once more before the file is written."""
     return Contract(band.kn, band.kd, band.vector, True, band.floor, band.zero)
 
 
@@ -111,7 +101,7 @@ def scalar_ways(source: Source, bound: Bound) -> list[Way]:
     if grid.kn:
         ways.append(("prediction on the deadband's grid", lambda base, smallest: code_grid(
             source, base, grid, nearest_level, smallest)))  # fmt: skip
-    ways.append((f"prediction within {step} counts", lambda base, smallest: code_grid(
+    ways.append(("prediction on a uniform grid", lambda base, smallest: code_grid(
         source, base, even, nearest_uniform, smallest)))  # fmt: skip
     return ways
 
@@ -150,3 +140,8 @@ def hopeless(pieces: Iterable[Indices], size: int) -> bool:
         if HOPE * estimate > 8 * size:
             return True
     return False
+
+
+def lossless_bits(source: Source) -> float:
+    """Bits that the counts of one channel hardly stay below without loss."""
+    return HOPE * sum(quick_estimate(rows[:, 0]) for _, rows in source.pieces(source.counts))

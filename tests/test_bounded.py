@@ -1,4 +1,4 @@
-"""Presets archive, near-lossless and deadband: what they promise holds for any signal."""
+"""Lossless, an absolute bound, a deadband: what is promised holds for any signal."""
 
 from __future__ import annotations
 
@@ -16,8 +16,11 @@ import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.deadband import Deadband
+from hapfmt.encoder.bounded import scalar_ways
 from hapfmt.encoder.encode import choose_level, encode
-from hapfmt.encoder.indexed import nearest_level, scalar_ways
+from hapfmt.encoder.grids import nearest_level
+from hapfmt.encoder.plan import Promise
+from hapfmt.encoder.settings import amount
 from hapfmt.encoder.source import Source, cut, make_track
 from hapfmt.encoder.tolerance import Tolerance
 from hapfmt.encoder.tubed import vector_ways
@@ -85,23 +88,27 @@ def assert_intact(recording, settings):
 class TestArchive:
     @given(recordings())
     def test_any_recording_comes_back(self, recording):
-        back = assert_intact(recording, Settings.of("archive"))
+        back = assert_intact(recording, Settings.of("lossless"))
         for before, after in zip(recording.channels, back.channels, strict=True):
             assert after.coverage == before.coverage
             assert after.samples().tobytes() == before.samples().tobytes()
 
     @given(signals, calibrations)
     def test_counts_come_back(self, x, calibration):
-        back = assert_intact(Recording((channel(x, calibration),)), Settings.of("archive"))
+        back = assert_intact(Recording((channel(x, calibration),)), Settings.of("lossless"))
         assert back.channels[0].stored.tolist() == x.tolist()
 
     def test_everything_is_predicted(self):
         made = encode(
-            Recording((channel(shapes(99, 1)["noise"], Calibration()),)), Settings.of("archive")
+            Recording((channel(shapes(99, 1)["noise"], Calibration()),)), Settings.of("lossless")
         )
         assert [(t.codec, d.exact) for t, d in zip(made.tracks, made.decisions, strict=True)] == [
             ("LPCR", True)
         ]
+
+
+def deadband(k, floor):
+    return Settings.of("perceptual", texture=False, felt="all", smallest=False, k=k, floor=floor)
 
 
 class TestNearLossless:
@@ -109,7 +116,7 @@ class TestNearLossless:
         signals, calibrations, st.sampled_from(["0.5lsb", "1lsb", "7lsb", "10%", "1e12", "0.003"])
     )
     def test_never_beyond_the_error(self, x, calibration, text):
-        settings = Settings.of("near-lossless", max_error=text)
+        settings = Settings.of("near-lossless", max_error=text, smallest=False)
         recording = Recording((channel(x, calibration),))
         y = assert_intact(recording, settings).channels[0].stored.astype(np.int64)
         error = Tolerance.parse(text)
@@ -120,12 +127,10 @@ class TestNearLossless:
         }.get(error.kind, Fraction(error.value) / abs(calibration.step))
         assert int(np.abs(x - y).max()) <= allowed
 
-    def test_the_error_goes_with_the_preset(self):
-        with pytest.raises(hapfmt.ParameterError, match="near-lossless"):
-            Settings.of("near-lossless")
-        for preset in ("default", "archive", "deadband"):
-            with pytest.raises(hapfmt.ParameterError, match="near-lossless"):
-                Settings.of(preset, max_error="1lsb")
+    def test_a_thousandth_of_the_range_unless_told(self):
+        assert Settings.of("near-lossless").max_error == Tolerance(0.001, "range")
+        with pytest.raises(hapfmt.ParameterError, match="requires preset near-lossless or percep"):
+            Settings.of("lossless", max_error="1lsb")
 
     def test_below_one_count_is_lossless(self):
         recording = Recording((channel([1, 5, 2], Calibration()),))
@@ -144,7 +149,7 @@ class TestDeadband:
     @given(signals, calibrations, webers, floors)
     def test_no_sample_outside(self, x, calibration, k, floor):
         """DBC-002: With flag *guaranteed*, every sample MUST keep the contract: scalar form `|x - y| * kd <= max(kn * |x - zero|, floor * kd)` for each component; vector form the same with Euclidean norms over the components, compared by their squares, and the floor of the first component."""
-        settings = Settings("deadband", k=k, floor=floor)
+        settings = deadband(k, floor)
         recording = Recording((channel(x, calibration),))
         y = assert_intact(recording, settings).channels[0].stored.astype(np.int64)
         band = Deadband.from_physical(at_most(k), 1, [calibration])
@@ -158,9 +163,9 @@ class TestDeadband:
     def test_every_way_keeps_it_and_can_be_read(self, x, calibration, k, floor):
         """Also the ways that lost by size."""
         one = channel(x, calibration)
-        spans = tuple(cut(one.coverage, one.rate_exact, Fraction(10), 1))
+        spans = tuple(cut(one.coverage, one.rate, Fraction(10), 1))
         source = Source((one,), x[:, None].astype(np.int64), spans)
-        bound = bound_of(source, Settings("deadband", k=k, floor=floor))
+        bound = bound_of(source, Promise(amount(floor), k))
         base = make_track(source, 0, kind="full", codec="KNOT", count_min=-(2**31),
                           count_max=2**31 - 1)  # fmt: skip
         for why, way in scalar_ways(source, bound):
@@ -180,7 +185,7 @@ class TestDeadband:
             channel(shapes(200, seed + i)[name], Calibration(1, 0, 1000), axis=a, group="tip")
             for i, a in enumerate("xyz")
         )
-        assert_intact(Recording(axes), Settings("deadband", k=k, floor=floor))
+        assert_intact(Recording(axes), deadband(k, floor))
 
     @given(
         st.integers(0, 2**32),
@@ -194,10 +199,8 @@ class TestDeadband:
         calibration = Calibration(1, 5, 1000)
         axes = tuple(channel(shapes(size, seed + i)[name], calibration) for i in range(width))
         rows = np.column_stack([axis.stored for axis in axes]).astype(np.int64)
-        source = Source(
-            axes, rows, tuple(cut(axes[0].coverage, axes[0].rate_exact, Fraction(10), width))
-        )
-        bound = bound_of(source, Settings("deadband", k=k, floor=floor))
+        source = Source(axes, rows, tuple(cut(axes[0].coverage, axes[0].rate, Fraction(10), width)))
+        bound = bound_of(source, Promise(amount(floor), k))
         base = make_track(source, 0, kind="full", codec="KNOT", count_min=-(2**31),
                           count_max=2**31 - 1)  # fmt: skip
         for _, way in vector_ways(source, bound):
@@ -209,16 +212,16 @@ class TestDeadband:
         x = np.random.default_rng(1).integers(2**31 - 2**28, 2**31, 300)
         one = channel(x.astype(np.int32), Calibration(1, 2**31, 1000))
         for floor in ("2500lsb", "2800lsb", "3100lsb"):
-            assert_intact(Recording((one,)), Settings("deadband", k=Fraction(19, 10), floor=floor))
+            assert_intact(Recording((one,)), deadband(Fraction(19, 10), floor))
 
     def test_vectors_need_few_knots(self):
         """A turning force: one clock for its axes, lines where it moves evenly."""
         t = np.arange(2000)
         rows = np.column_stack([np.round(9000 * np.sin(t / 150 + turn)) for turn in (0, 1, 2)])
         axes = tuple(channel(row.astype(np.int64), Calibration(1, 0, 1000)) for row in rows.T)
-        spans = tuple(cut(axes[0].coverage, axes[0].rate_exact, Fraction(10), 3))
+        spans = tuple(cut(axes[0].coverage, axes[0].rate, Fraction(10), 3))
         source = Source(axes, rows.astype(np.int64), spans)
-        bound = bound_of(source, Settings("deadband", k=Fraction(1, 10), floor="0.5%"))
+        bound = bound_of(source, Promise(amount("0.5%"), Fraction(1, 10)))
         base = make_track(source, 0, kind="full", codec="KNOT", count_min=-(2**31),
                           count_max=2**31 - 1)  # fmt: skip
         plain, held, lines = [way(base, None).size for _, way in vector_ways(source, bound)]
@@ -227,7 +230,7 @@ class TestDeadband:
 
     @given(recordings(), webers, floors)
     def test_any_recording(self, recording, k, floor):
-        assert_intact(recording, Settings("deadband", k=k, floor=floor))
+        assert_intact(recording, deadband(k, floor))
 
     @pytest.mark.parametrize(("offset", "level"), [(2**24 - 400, 1), (2**25, 2)])
     def test_a_grid_far_from_zero_needs_level_2(self, offset, level):
@@ -240,20 +243,6 @@ class TestDeadband:
         assert chosen.number == level
         farthest = nearest_level(np.array([300]), grid)
         assert (farthest <= grid.index_limit(LEVELS[1].count_bound)) == (level == 1)
-
-    @pytest.mark.parametrize("preset", ["archive", "deadband"])
-    @pytest.mark.parametrize("wrong", [{"bits": 5}, {"step": "1lsb"}])
-    def test_no_residual_to_choose(self, preset, wrong):
-        with pytest.raises(hapfmt.ParameterError, match="no bits and no step"):
-            Settings.of(preset, **wrong)
-
-    def test_smaller_than_default(self):
-        recording = Recording((channel(shapes(400, 2)["walk"], Calibration(1, 0, 1000)),))
-        sizes = [
-            encode(recording, Settings(preset)).decisions[0].size
-            for preset in ("default", "deadband")
-        ]
-        assert sizes[1] <= sizes[0]
 
 
 def test_near_lossless_counts_the_deviation_of_the_lattice():

@@ -1,0 +1,155 @@
+"""Floating point channels to counts, as their promise allows: which grid, and what it costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import inf
+
+import numpy as np
+
+from ..recording import Channel, Span, append_span
+from .glitches import without_glitches
+from .lattice import on_uniform_grid, to_counts
+from .plan import Promise
+from .settings import Settings
+from .tolerance import Tolerance
+
+FINE = (1 / 200, 1 / 20, 1 / 2)
+"""Shares of the allowed error that a fine grid may take, the first whose counts fit."""
+
+PAPER_SHARE = 1 / 32
+"""Preset paper puts floating point channels on a grid this fine against its threshold."""
+
+WIDER = 1.03
+"""A grid of its own is worth its description from so many times the step on."""
+
+ODD_SHARE = 1000
+"""One sample in so many may be infinite before the channel is stored without loss."""
+
+
+@dataclass(frozen=True)
+class Gridded:
+    """A channel as it is coded, one line on its grid, and what it promises there: of a floating
+    point channel the amounts are absolute."""
+
+    channel: Channel
+    text: str
+    promise: Promise
+    fine: bool = True
+    """Whether the grid is far finer than the promise; otherwise the grid is the quantiser."""
+
+
+def without_odd_values(channel: Channel, promise: Promise) -> tuple[Channel, str]:
+    """A channel whose few infinite samples are gaps, and a note; no value is near an infinity."""
+    values = channel.stored
+    if promise.lossless or values.dtype.kind != "f":
+        return channel, ""
+    odd = ~np.isfinite(values)
+    count = int(np.count_nonzero(odd))
+    if not count or count > values.size // ODD_SHARE:
+        return channel, ""
+    spans: list[Span] = []
+    at = 0
+    for span in channel.coverage:
+        edges = np.flatnonzero(odd[at : at + span.ticks]) + span.start
+        start = span.start
+        for edge in edges.tolist():
+            if edge > start:
+                append_span(spans, Span(start, edge))
+            start = edge + 1
+        if start < span.stop:
+            append_span(spans, Span(start, span.stop))
+        at += span.ticks
+    exact = None if channel.exact is None else channel.exact[~odd]
+    changed = replace(channel, stored=values[~odd], coverage=tuple(spans), exact=exact)
+    return changed, f"{count} infinite samples became gaps"
+
+
+def on_grid(channel: Channel, promise: Promise, settings: Settings) -> Gridded:
+    """The channel in counts, or as it is where every bit is kept and there is no common step."""
+    if promise.lossless or channel.is_counts:
+        changed, text = to_counts(channel)
+        return Gridded(changed, text, promise)
+    absolute, why = in_unit(channel, promise)
+    if absolute is None:
+        changed, text = to_counts(channel)
+        return Gridded(changed, text, Promise(why=why))
+    if settings.tolerance is not None or absolute.paper:
+        given = settings.tolerance or share_of(absolute, PAPER_SHARE)
+        changed, text = to_counts(channel, given)
+        kept = absolute if changed.is_counts else Promise(why=text)
+        return Gridded(changed, text, kept)
+    found = fine_grid(channel, absolute)
+    if absolute.k or absolute.snr is not None:
+        return found
+    assert absolute.floor is not None
+    own = on_uniform_grid(channel, absolute.floor.value)
+    if own and wider(own[0], found):
+        return Gridded(*own, absolute, fine=False)
+    return found
+
+
+def in_unit(channel: Channel, promise: Promise) -> tuple[Promise | None, str]:
+    """The promise with an absolute amount; None and the reason where there is none."""
+    floor = promise.floor
+    assert floor is not None
+    if channel.stored.dtype.kind not in "fiu" or not np.isfinite(x := channel.samples()).all():
+        return None, "infinite samples"
+    if not x.size:
+        return None, "no samples"
+    if floor.kind == "lsb":
+        step = channel.lsb or step_found(channel)
+        if step is None:
+            return None, "no step is known, so an amount in lsb does not apply"
+        value: float | None = floor.absolute(0.0, step)
+    else:
+        calm = without_glitches(x)
+        with np.errstate(over="ignore"):
+            value = floor.absolute(float(calm.max()) - float(calm.min()), None, channel.unit)
+    if value is None or not 0.0 < value < inf:
+        return None, "constant" if (x == x[0]).all() else "the range leaves no room for an error"
+    return replace(promise, floor=Tolerance(value)), ""
+
+
+def step_found(channel: Channel) -> float | None:
+    counted, _ = to_counts(channel)
+    return float(abs(counted.calibration.step)) if counted.calibration else None
+
+
+def fine_grid(channel: Channel, promise: Promise) -> Gridded:
+    """A grid that takes a small share of the error; without one the channel is stored as it is."""
+    text = ""
+    for part in FINE:
+        changed, text = to_counts(channel, share_of(promise, part))
+        if changed.is_counts:
+            return Gridded(changed, text, promise)
+    assert promise.floor is not None
+    own = on_uniform_grid(channel, promise.floor.value)
+    if own and not promise.k and promise.snr is None:
+        return Gridded(*own, promise, fine=False)
+    return Gridded(channel, text, Promise(why=text))
+
+
+def share_of(promise: Promise, part: float) -> Tolerance | None:
+    assert promise.floor is not None
+    value = promise.floor.value * part
+    return Tolerance(value) if value > 0 else None
+
+
+def wider(own: Channel, found: Gridded) -> bool:
+    """Whether the quantiser's own grid is wider than what whole counts of the other one allow."""
+    if found.channel.calibration is None or own.calibration is None:
+        return True
+    step = abs(found.channel.calibration.step)
+    error = allowed_counts(found.channel, found.promise)
+    return float(own.calibration.step) > WIDER * float((2 * error + 1) * step)
+
+
+def allowed_counts(channel: Channel, promise: Promise) -> int:
+    """Whole counts that a sample may be off, where the amount is absolute."""
+    assert channel.calibration is not None and promise.floor is not None
+    room = Fraction(promise.floor.value)
+    if channel.deviation is not None:
+        room -= Fraction(channel.deviation.largest)
+    return max(int(room / abs(channel.calibration.step)), 0)

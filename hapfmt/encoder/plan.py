@@ -1,0 +1,228 @@
+"""What each channel keeps: a preset is a function from a channel to a promise, and nothing else."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ParameterError
+from ..recording import Channel, Recording
+from .perception import FORCE_FLOORS, QUANTITY_OF_UNIT, WEBER_LIMITS
+from .settings import ALL, RANGE_FLOOR, Settings
+from .tolerance import Tolerance
+
+STATES = 4
+"""Up to so many distinct values are states (a button, a phase), not a signal."""
+
+CLOCK_SAMPLES = 16
+"""Fewer samples that only rise say nothing about what follows."""
+
+CLOCK_SHARE = 0.5
+"""A counter or clock moves on at least this share of its samples; a position that is only pushed
+forward rests in between."""
+
+CLOCK_LABEL = re.compile(
+    r"(^|[\W_])(time(stamps?)?|clock|counter|seq(uence)?|frame|index)($|[\W_])", re.IGNORECASE
+)
+
+KNOWN_QUANTITIES = frozenset(QUANTITY_OF_UNIT.values())
+
+LOSSLESS = "lossless"
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a channel keeps.
+
+    floor: every sample is within max(k * |x|, floor) of what was recorded; None: every bit is kept.
+    snr: the texture is kept to so many dB, and max(k * |x|, floor) holds for the slow part; None:
+    for every sample. paper: the method of the paper, which promises nothing. kept_as and why: for
+    the user.
+    """
+
+    floor: Tolerance | None = None
+    k: Fraction = Fraction(0)
+    snr: float | None = None
+    paper: bool = False
+    kept_as: str = LOSSLESS
+    why: str = ""
+
+    @property
+    def lossless(self) -> bool:
+        return self.floor is None
+
+
+def promises_of(recording: Recording, settings: Settings) -> list[Promise]:
+    """One promise for each channel."""
+    felt = named_felt(recording, settings)
+    return [
+        promise_of(channel, settings, felt=felt[number] if felt else None)
+        for number, channel in enumerate(recording.channels)
+    ]
+
+
+def named_felt(recording: Recording, settings: Settings) -> list[bool]:
+    """Which channels the caller calls felt; empty where the quantities decide."""
+    if settings.felt is None:
+        return []
+    labels = [channel.label for channel in recording.channels]
+    if settings.felt == ALL:
+        return [True] * len(labels)
+    named = [False] * len(labels)
+    for name in settings.felt:
+        if name in labels:
+            for number, label in enumerate(labels):
+                named[number] |= label == name
+        elif name.isdecimal() and int(name) < len(labels):
+            named[int(name)] = True
+        else:
+            known = ", ".join(labels)
+            raise ParameterError(f"no channel is called {name!r}; there are: {known}")
+    quantities = [quantity_of(channel) in WEBER_LIMITS for channel in recording.channels]
+    return [a or b for a, b in zip(named, quantities, strict=True)]
+
+
+def promise_of(channel: Channel, settings: Settings, *, felt: bool | None = None) -> Promise:
+    """What the preset promises for a channel. felt: as the caller says; None: by the quantity."""
+    if settings.preset == "lossless":
+        return Promise()
+    if settings.preset == "paper":
+        return paper_promise(channel, settings)
+    if settings.preset == "near-lossless":
+        return bound_promise(settings)
+    x = channel.samples()
+    kept = "" if settings.felt == ALL else exact_kind(channel, x)
+    if kept:
+        return Promise(why=kept)
+    quantity = quantity_of(channel)
+    by_nature = quantity in WEBER_LIMITS
+    if not (by_nature if felt is None else felt):
+        return replace(bound_promise(settings), why=f"{called(channel)}: absolute error bound only")
+    threshold = absolute_threshold(channel, settings)
+    if threshold is not None and x.size and float(np.abs(x).max()) <= threshold.value:
+        text = f"{threshold.value:g} {channel.unit}"
+        return Promise(threshold, kept_as=f"within {text}", why=f"silent: nothing above {text}")
+    return felt_promise(channel, settings)
+
+
+def bound_promise(settings: Settings) -> Promise:
+    text = amount_text(settings.max_error)
+    return Promise(settings.max_error, kept_as=f"within {text}")
+
+
+def felt_promise(channel: Channel, settings: Settings) -> Promise:
+    quantity = quantity_of(channel)
+    limit = WEBER_LIMITS.get(quantity) if settings.felt is None else None
+    k = settings.k if limit is None else min(settings.k, limit)
+    floor = settings.deadband_floor
+    kept_as = f"deadband {percent(k)}" if k else f"within {amount_text(floor)}"
+    snr = settings.snr if settings.texture and channel.rate_exact > 2 * settings.cutoff_hz else None
+    if snr is not None:
+        kept_as += f", texture {snr:g} dB"
+    why = f"{quantity}: " if quantity else ""
+    return Promise(floor, k, snr, kept_as=kept_as, why=f"{why}threshold {amount_text(floor)}")
+
+
+def vector_promise(settings: Settings) -> Promise:
+    """One deadband on the norm, for axes that the caller asked for as one vector."""
+    floor = settings.deadband_floor
+    return Promise(
+        floor,
+        settings.k,
+        kept_as=f"deadband {percent(settings.k)} of the vector",
+        why=f"vector: threshold {amount_text(floor)}",
+    )
+
+
+def paper_promise(channel: Channel, settings: Settings) -> Promise:
+    """The paper's absolute threshold is 10 mN, of a force; other units have none."""
+    floor, why = settings.floor, ""
+    if floor is None:
+        newtons = FORCE_FLOORS.get(channel.unit)
+        floor = RANGE_FLOOR if newtons is None else Tolerance(float(newtons))
+        if newtons is None:
+            why = f"threshold {amount_text(floor)}: the paper's 10 mN is for forces only"
+    return Promise(floor, settings.k, paper=True, kept_as="paper", why=why)
+
+
+def called(channel: Channel) -> str:
+    """What a channel without a felt zero is, for the user."""
+    quantity = quantity_of(channel)
+    if quantity:
+        return quantity
+    return "raw counts" if channel.unit in ("1", "{count}", "{lsb}") else f"unit {channel.unit}"
+
+
+def exact_kind(channel: Channel, x: NDArray[np.float64]) -> str:
+    """Why a channel is kept without loss; empty where it need not be."""
+    if not x.size:
+        return "no samples"
+    if (x == x[0]).all():
+        return "constant"
+    quantity = quantity_of(channel)
+    if quantity == "time":
+        return "a clock"
+    if quantity in WEBER_LIMITS:
+        return ""
+    if quantity == "" and CLOCK_LABEL.search(channel.label):
+        return "a clock or counter by its name"
+    if is_clock(x):
+        return "only rises or only falls: a clock or counter"
+    if few_values(x):
+        return f"at most {STATES} distinct values: states"
+    return ""
+
+
+def is_clock(x: NDArray[np.float64]) -> bool:
+    """Whether values only rise, or only fall, and seldom rest."""
+    if x.size < CLOCK_SAMPLES:
+        return False
+    before, after = x[:-1], x[1:]
+    one_way = bool((after >= before).all() or (after <= before).all())
+    return one_way and int(np.count_nonzero(after != before)) >= CLOCK_SHARE * before.size
+
+
+def few_values(x: NDArray[np.float64]) -> bool:
+    left = x
+    for _ in range(STATES):
+        left = left[left != left[0]]
+        if not left.size:
+            return True
+    return False
+
+
+def quantity_of(channel: Channel) -> str:
+    """The quantity as the channel names it, else by its unit; empty where neither tells.
+
+    A name that is not known here ("normal force") gives way to a unit that is.
+    """
+    named = channel.quantity.strip().lower()
+    by_unit = QUANTITY_OF_UNIT.get(channel.unit, "")
+    return named if named in KNOWN_QUANTITIES else by_unit or named
+
+
+def absolute_threshold(channel: Channel, settings: Settings) -> Tolerance | None:
+    """Below it nothing is felt: the caller's floor where it is absolute, else that of a force; in
+    the channel's unit."""
+    quantity = quantity_of(channel)
+    if quantity not in WEBER_LIMITS:
+        return None
+    if settings.floor is not None:
+        absolute = settings.floor.kind == "absolute"
+        return Tolerance(settings.floor.in_unit(channel.unit)) if absolute else None
+    newtons = FORCE_FLOORS.get(channel.unit) if quantity == "force" else None
+    return None if newtons is None else Tolerance(float(newtons))
+
+
+def percent(k: Fraction) -> str:
+    return f"{float(100 * k):g} %"
+
+
+def amount_text(amount: Tolerance) -> str:
+    if amount.kind == "range":
+        return f"{100 * amount.value:g} % of range"
+    return f"{amount.value:g} {'steps' if amount.kind == 'lsb' else amount.unit}".rstrip()

@@ -1,0 +1,401 @@
+"""What a person sees: tables on terminals of 80, 100 and 120 columns, closed streams, hostile text,
+names that were mistyped."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import run, run_in_terminal
+from terminal import called
+
+import hapfmt
+from hapfmt.cli import SECTIONS, VERBS, screen, tables
+from hapfmt.errors import ParameterError
+
+LABELS = ("thumb_proximal_flexion_torque", "fx", "BioTac electrode 17", "Δ slip velocity")
+UNITS = ("N.m", "N", "1", "mm/s")
+HOSTILE = "a\x1b[2J\x07b\nhapfmt: forged\x9b31m\x7f\u202etxet\u2066\r"
+CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u202a-\u202e\u2066-\u2069]")
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="terminals and streams of POSIX")
+
+
+def recording(labels: tuple[str, ...] = LABELS, count: int = 4000) -> hapfmt.Recording:
+    walk = np.cumsum(np.random.default_rng(1).integers(-40, 41, (len(labels), count)), axis=1)
+    return hapfmt.Recording(
+        tuple(
+            hapfmt.Channel(
+                row.astype(np.int32), 1000, calibration=hapfmt.Calibration(1, 0, 1000),
+                label=label, unit=unit,
+            )
+            for row, label, unit in zip(walk, labels, UNITS, strict=False)
+        )
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("terminal")
+    hapfmt.save(recording(), folder / "touch.npz")
+    for words in (
+        ["encode", "touch.npz", "a.hapf", "--preset", "near-lossless", "--max-error", "5lsb"],
+        ["encode", "touch.npz", "l.hapf"],
+        ["annotate", "a.hapf", "--at", "1", "first contact with a surface, seen on video by Anna"],
+        ["meta", "a.hapf", "subject=S07"],
+    ):
+        assert run(*words, cwd=folder).returncode == 0, words
+    (folder / "note.txt").write_text("hello")
+    assert run("attach", "a.hapf", "note.txt", cwd=folder).returncode == 0
+    raw = bytearray((folder / "l.hapf").read_bytes())
+    raw[len(raw) // 2] ^= 1
+    (folder / "flipped.hapf").write_bytes(raw)
+    return folder
+
+
+SHOWN: dict[str, tuple[list[str], list[str], int]] = {
+    "encode": (["encode", "touch.npz", "-v", "-f", "x.hapf"], ["label", "bits/sample", *LABELS], 0),
+    "info": (["info", "a.hapf"], ["label", "error bound", *LABELS], 0),
+    "info --events": (["info", "a.hapf", "--events"], ["time, s", "Anna"], 0),
+    "verify": (["verify", "flipped.hapf"], ["damaged", "hapfmt recover flipped.hapf OUT"], 3),
+    "verify --against": (
+        ["verify", "a.hapf", "--against", "touch.npz"],
+        ["label", "outside", "keeps its error bound", *LABELS],
+        0,
+    ),
+    "compare": (
+        ["compare", "touch.npz", "a.hapf"], ["label", "verdict", "differs", "4 different", *LABELS], 3,
+    ),
+    "du": (["du", "a.hapf"], ["cause", "channels", "bytes", *LABELS], 0),
+    "decode": (["decode", "flipped.hapf", "x.npz", "-f"], ["lost:"], 3),
+    "recover": (["recover", "flipped.hapf", "x.hapf", "-f"], ["with loss"], 3),
+    "subset": (["subset", "a.hapf", "x.hapf", "-f", "--channels", "fx"], ["1 channel,"], 0),
+    "attach": (["attach", "a.hapf", "--list"], ["media type", "note.txt"], 0),
+    "annotate": (["annotate", "a.hapf", "--list"], ["time, s", "text", "Anna"], 0),
+    "clocks": (["clocks", "a.hapf"], ["no other clock"], 0),
+    "profile list": (["profile", "list"], ["name", "dualsense-bluetooth-haptics"], 0),
+    "profile check": (["profile", "check", "glove22"], ["actuator", "lowest"], 0),
+    "scene": (["scene"], ["everything", "grasp"], 0),
+    "demo": (["demo", "--seconds", "1"], ["preset", "bytes"], 0),
+    "replay": (
+        ["replay", "a.hapf", "--device", "glove5", "--dry-run", "--map", "fx=thumb", "--stop",
+         "0.05", "--record", "x.csv", "-f"],
+        ["thumb", "frames"],
+        0,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("columns", [80, 100, 120])
+@pytest.mark.parametrize("name", SHOWN)
+def test_output_fits_the_terminal(name: str, columns: int, room: Path, tmp_path: Path) -> None:
+    words, wanted, code = SHOWN[name]
+    folder = tmp_path / "room"
+    shutil.copytree(room, folder)
+    if name == "demo":
+        pytest.importorskip("scipy")
+    done = run_in_terminal(*words, cwd=folder, columns=columns)
+    text = done.stdout.decode()
+    assert done.returncode == code, text
+    lines = text.replace("\r\n", "\n").split("\n")
+    assert max(screen.cells(line) for line in lines) <= columns, text
+    flat = " ".join(text.split())
+    for each in wanted:
+        assert each in flat, each
+    for label in LABELS:
+        # A label is in one line or not at all.
+        assert (label in flat) == any(label in line for line in lines)
+    piped = run(*words, cwd=folder)
+    known = set((piped.stdout + piped.stderr).decode().split())
+    for word in set(flat.split()):
+        if "not shown" in flat or re.search(r"\d", word) or set(word) <= set("─"):
+            continue
+        assert word in known, word
+
+
+@pytest.mark.parametrize("columns", [80, 100])
+def test_columns_left_out_are_named(columns: int, room: Path) -> None:
+    text = run_in_terminal("compare", "touch.npz", "a.hapf", cwd=room, columns=columns).stdout
+    piped = run("compare", "touch.npz", "a.hapf", cwd=room).stdout.decode()
+    header = piped.split("\n")[0]
+    assert "SNR > 20 Hz, dB" in header and "only in B" in header
+    flat = " ".join(text.decode().split())
+    named = re.search(
+        r"\(not shown: (.*?); a terminal of (\d+) columns or --json shows them\)", flat
+    )
+    assert named is not None and int(named[2]) > columns
+    wide = run_in_terminal("compare", "touch.npz", "a.hapf", cwd=room, columns=int(named[2]))
+    assert b"not shown" not in wide.stdout
+
+
+class TestTables:
+    def laid(self, width: int | None, headers: list[Any], rows: list[list[str]]) -> list[str]:
+        columns = [
+            each if isinstance(each, tables.Column) else tables.Column(each) for each in headers
+        ]
+        return tables.laid_out(columns, rows, width)[0]
+
+    def test_a_long_label_is_shortened_only_where_nothing_else_is_left(self) -> None:
+        label = "index_finger_distal_interphalangeal_joint_torque"
+        headers = ["label", tables.Column("number", 1), tables.Column("what", 2)]
+        rows = [[label, "12", "words that wrap"]]
+        for width in range(len(label), 100):
+            lines = self.laid(width, headers, rows)
+            assert any(label in line for line in lines) and max(map(len, lines)) <= width
+        lines = self.laid(40, headers, rows)
+        assert max(map(len, lines)) <= 40
+        cell = lines[2].split()[0]
+        assert (
+            "…" in cell
+            and label.startswith(cell.split("…")[0])
+            and label.endswith(cell.split("…")[1])
+        )
+
+    def test_numbers_are_right_aligned_and_words_whole(self) -> None:
+        rows = [["a", "1.5 N", "some words here to wrap"], ["b", "22.25 N", "more"]]
+        lines = self.laid(34, ["label", "error", "text"], rows)
+        assert lines[2].index("1.5 N") == lines[4].index("22.25") + 2 if len(lines) > 4 else True
+        assert set(" ".join(lines).split()) >= {"words", "here", "wrap", "22.25"}
+
+    def test_wide_characters_count_twice(self) -> None:
+        lines = self.laid(None, ["label", "n"], [["力", "1"], ["abcd", "2"]])
+        assert {screen.cells(line) for line in lines[2:]} == {screen.cells(lines[3])}
+
+    def test_a_pipe_keeps_all_columns_in_one_line(self) -> None:
+        lines = self.laid(None, ["label", "text"], [["a", "words " * 60]])
+        assert len(lines) == 3
+
+
+class TestStreams:
+    """Standard streams that are closed or full: our error, exit code 1, no traceback."""
+
+    VERBS = (
+        ("encode", "touch.npz", "x.hapf", "-f"), ("decode", "a.hapf", "x.npz", "-f", "--json"),
+        ("info", "a.hapf"), ("verify", "a.hapf"), ("recover", "a.hapf", "x.hapf", "-f"),
+        ("du", "a.hapf"), ("dump", "a.hapf"), ("subset", "a.hapf", "x.hapf", "-f"),
+        ("split", "a.hapf", "--every", "9", "-f"), ("concat", "a.hapf", "x.hapf", "-f"),
+        ("merge", "a.hapf", "x.hapf", "-f"), ("attach", "a.hapf", "--list"),
+        ("annotate", "a.hapf", "--list"), ("meta", "a.hapf"), ("clocks", "a.hapf"),
+        ("convert", "a.hapf", "x.npz", "-f", "--json"), ("compare", "a.hapf", "a.hapf"),
+        ("devices",), ("profile", "list"), ("scene",), ("demo", "--seconds", "0.2"),
+        ("replay", "a.hapf", "--device", "glove5", "--dry-run", "--map", "fx=thumb", "--stop", "0.01"),
+        ("--help",), ("--version",), ("decode", "a.hapf", "-", "--output-format", "csv"),
+        ("encode", "touch.npz", "-"),
+    )  # fmt: skip
+
+    def outcome(self, words: tuple[str, ...], how: str, cwd: Path) -> tuple[int, str]:
+        command = f'exec "$0" -m hapfmt "$@" {how}'
+        done = subprocess.run(
+            ["sh", "-c", command, sys.executable, *words], cwd=cwd, capture_output=True,
+            check=False, stdin=subprocess.DEVNULL, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        )  # fmt: skip
+        return done.returncode, done.stderr.decode()
+
+    @pytest.mark.parametrize("words", VERBS, ids=lambda words: " ".join(words[:2]))
+    def test_of_output(self, words: tuple[str, ...], room: Path, tmp_path: Path) -> None:
+        folder = tmp_path / "room"
+        shutil.copytree(room, folder)
+        hows = [">&-"] + ([">/dev/full"] if Path("/dev/full").exists() else [])
+        hows += [">&- 2>&- <&-"] if words[0] in ("encode", "info", "replay") else []
+        for how in hows:
+            code, err = self.outcome(words, how, folder)
+            assert code == 1 and "Traceback" not in err, (how, err)
+            lines = [line for line in err.splitlines() if line.startswith("hapfmt: ")]
+            assert how.count("2>") or len(lines) == 1, err
+
+    @pytest.mark.parametrize(
+        "words",
+        [
+            ("encode", "-", "x.hapf", "--input-format", "npz"), ("info", "-"), ("verify", "-"),
+            ("decode", "-", "x.npz"), ("record", "x.hapf", "--rate", "10"),
+            ("annotate", "a.hapf", "--table", "-"), ("convert", "-", "x.npz", "--input-format", "csv"),
+        ],
+    )  # fmt: skip
+    def test_of_input(self, words: tuple[str, ...], room: Path) -> None:
+        code, err = self.outcome(words, "<&-", room)
+        assert (code, err) == (1, "hapfmt: standard input is closed\n")
+
+    def test_lost_messages_change_no_exit_code(self, room: Path) -> None:
+        for words, code in ((("info", "a.hapf"), 0), (("verify", "flipped.hapf"), 3), (("no",), 1)):
+            assert self.outcome(words, "2>&-", room)[0] == code
+
+    def test_a_file_never_gets_a_standard_stream(self, room: Path, tmp_path: Path) -> None:
+        code, _ = self.outcome(("encode", "touch.npz", str(tmp_path / "x.hapf")), ">&- 2>&-", room)
+        assert code == 1 and hapfmt.verify(tmp_path / "x.hapf").verdict == "intact"
+
+
+class TestHostileText:
+    @pytest.fixture
+    def evil(self, tmp_path: Path) -> Path:
+        labels = (HOSTILE, HOSTILE + "2", "\x1b]0;title\x07", "c")
+        found = hapfmt.Recording(
+            recording(labels, 300).channels,
+            metadata={HOSTILE: HOSTILE, "notes": [HOSTILE]},
+            attachments={"evil\u202e.txt": ("text/plain", b"x")},
+            events=(hapfmt.Event(0, HOSTILE, layer=HOSTILE),),
+        )
+        hapfmt.write(found, tmp_path / "e.hapf")
+        hapfmt.save(found, tmp_path / "e.npz")
+        raw = bytearray((tmp_path / "e.hapf").read_bytes())
+        raw[len(raw) * 3 // 5] ^= 1
+        (tmp_path / "f.hapf").write_bytes(raw)
+        (tmp_path / "bad.csv").write_text("time,text\nx," + HOSTILE.replace("\n", ""))
+        (tmp_path / "bad.toml").write_bytes(b"a = '" + HOSTILE.encode() + b"'")
+        return tmp_path
+
+    NAME = HOSTILE.replace("/", "")
+    PATHS: tuple[tuple[str, ...], ...] = (
+        ("info", "e.hapf", "--events"), ("info", "f.hapf"), ("verify", "e.hapf"), ("verify", "f.hapf"),
+        ("verify", "e.hapf", "--against", "e.npz"), ("du", "e.hapf"), ("compare", "e.npz", "e.hapf"),
+        ("compare", "e.npz", "f.hapf"), ("encode", "e.npz", "x.hapf", "-v"), ("encode", "e.hapf", "y.hapf"),
+        ("decode", "e.hapf", "x.npz"), ("decode", "f.hapf", "y.npz"), ("recover", "f.hapf", "r.hapf"),
+        ("decode", "e.hapf", "x.csv", "--channels", NAME + "?"), ("subset", "e.hapf", "s.hapf", "--channels", NAME + "?"),
+        ("attach", "e.hapf", "--list"), ("annotate", "e.hapf", "--list"), ("meta", "e.hapf"),
+        ("meta", "e.hapf", NAME), ("clocks", "e.hapf"), ("plot", NAME), ("convert", "e.hapf", "c.npz"),
+        ("info", NAME), ("encode", NAME, "x2.hapf"), ("encode", "e.npz", NAME + "/x.hapf"), ("decode", NAME, "q.npz"),
+        ("encode", "e.npz", "x3.hapf", "--preset", NAME), ("encode", "e.npz", "x3.hapf", NAME), (NAME,),
+        ("encode", "e.npz", "x3.hapf", "--" + NAME), ("encode", "e.npz", "x3.hapf", "--k", NAME),
+        ("decode", "e.hapf", "q.npz", "--start", NAME), ("split", "e.hapf", "--every", NAME),
+        ("split", "e.hapf", "--every", "9", "--output", NAME + "{}.hapf"), ("concat", "e.hapf", NAME, "w.hapf"),
+        ("merge", "e.hapf", "w.hapf", "--offset", NAME), ("attach", "e.hapf", NAME),
+        ("attach", "e.hapf", "--extract", NAME), ("attach", "e.hapf", "--extract", "--output", "out"),
+        ("annotate", "e.hapf", "--table", "bad.csv"), ("annotate", "e.hapf", "--at", "0", "--channel", NAME, "x"),
+        ("replay", "e.hapf", "--device", "glove5", "--dry-run", "--stop", "0.01"),
+        ("replay", "e.hapf", "--device", NAME, "--dry-run"), ("replay", "e.hapf", "--device", "bad.toml", "--dry-run"),
+        ("replay", "e.hapf", "--device", "glove5", "--dry-run", "--map", NAME + "=1"),
+        ("profile", "show", NAME), ("profile", "check", "bad.toml"), ("profile", "check", "glove5", "--descriptor", NAME),
+        ("scene", NAME, "x4.hapf"), ("scene", "bad.toml", "x4.hapf"), ("scene", "sand", "x4.hapf", "--without", NAME),
+        ("rate", NAME, "--prepare"), ("rate", "bad.toml", "--prepare"), ("rate", "--summary", NAME),
+        ("record", "z.hapf", "--input", NAME), ("dump", "e.hapf"), ("encode", "e.npz", "-", "--input-format", NAME),
+    )  # fmt: skip
+
+    @pytest.mark.parametrize("words", PATHS, ids=lambda words: ascii(" ".join(words))[1:60])
+    def test_no_control_character_reaches_the_terminal(
+        self, words: tuple[str, ...], evil: Path
+    ) -> None:
+        done = run_in_terminal(*words, cwd=evil)
+        text = done.stdout.decode().replace("\r\n", "\n")
+        assert text and not CONTROLS.search(text), ascii(text)
+        # Nor a line that something else than this program began.
+        assert "\nhapfmt: forged" not in text
+        for name in ("out", "err"):
+            piped = getattr(run(*words, "-f", cwd=evil), f"std{name}", b"").decode()
+            assert words[0] == "dump" or not CONTROLS.search(piped)
+
+    def test_csv_on_a_terminal(self, evil: Path) -> None:
+        label = HOSTILE.replace("\n", "").replace("\r", "")
+        hapfmt.write(recording((label,), 400), evil / "e.hapf", force=True)
+        done = run_in_terminal("decode", "e.hapf", "-", "--output-format", "csv", cwd=evil)
+        text = done.stdout.decode().replace("\r\n", "\n")
+        assert done.returncode == 0 and not CONTROLS.search(text) and text.count("\n") > 300
+        # A pipe gets the labels as they are.
+        piped = run("decode", "e.hapf", "-", "--output-format", "csv", cwd=evil)
+        assert HOSTILE[:3].encode() in piped.stdout
+        done = run_in_terminal("decode", "e.hapf", "-", "--output-format", "npz", cwd=evil)
+        assert done.returncode == 1 and b"this format is binary" in done.stdout
+
+    def test_printable(self) -> None:
+        assert screen.printable("Δ 1 mm/s, été, 力") == "Δ 1 mm/s, été, 力"
+        for code in (*range(32), *range(127, 160), 0x2028, 0x202E, 0x2066, 0xFEFF, 0xDC80):
+            assert screen.printable(f"a{chr(code)}b") in ("a\ufffdb", "a\xa0b"), hex(code)
+        assert screen.printable("a\u2003b") == "a b"
+
+
+def test_text_goes_out_in_one_place() -> None:
+    """What calls print or click.echo itself would not be printable, nor wrapped."""
+    for path in Path(screen.__file__).parent.glob("*.py"):
+        if path.name == "screen.py":
+            continue
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Call):
+                name = ast.unparse(node.func)
+                assert name not in ("print", "click.echo", "click.secho", "sys.stderr.write"), (
+                    path.name
+                )
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["enkode", "a", "b"], "encode"), (["verfy"], "verify"), (["profile", "chek", "x"], "check"),
+        (["encode", "touch.npz", "z.hapf", "--preset", "near-losless"], "near-lossless"),
+        (["encode", "touch.npz", "z.hapf", "--max-eror", "1"], "--max-error"),
+        (["decode", "a.hapf", "z.npz", "--channels", "fz"], "fx"),
+        (["subset", "a.hapf", "z.hapf", "--channels", "BioTac electrode 71"], "BioTac electrode 17"),
+        (["compare", "touch.npz", "a.hapf", "--channels", "thumb_flexion_torque"], LABELS[0]),
+        (["attach", "a.hapf", "--extract", "nota.txt"], "note.txt"),
+        (["replay", "a.hapf", "--device", "glov5", "--dry-run"], "glove5"),
+        (["profile", "show", "joycon-lft"], "joycon-left"), (["scene", "grsp", "x.npz"], "grasp"),
+        (["demo", "--texture", "corc"], "cork"),
+    ],
+)  # fmt: skip
+def test_did_you_mean(words: list[str], meant: str, room: Path) -> None:
+    done = run(*words, cwd=room)
+    err = done.stderr.decode()
+    assert done.returncode == 1 and re.search(rf"[Dd]id you mean '{re.escape(meant)}'\?", err), err
+
+
+def test_suffixes_of_other_formats_are_refused(room: Path) -> None:
+    for name in ("o.h5", "o.csv", "o.npz", "o.json", "o.PNG"):
+        done = run("encode", "touch.npz", name, cwd=room)
+        assert done.returncode == 1 and b"hapf files end in .hapf" in done.stderr
+        assert not (room / name).exists()
+
+
+def test_errors_of_several_lines_keep_them() -> None:
+    error = ParameterError("first", more=["  hapfmt info x", "last"])
+    assert str(error) == "first\n  hapfmt info x\nlast" and error.line() == "first"
+
+
+def test_errors_are_json_too(room: Path) -> None:
+    said = called("info", room / "none.hapf", "--json")
+    assert json.loads(said.out)["exit_code"] == 1 and "No such file" in said.err
+
+
+def test_help_has_sections() -> None:
+    text = called("--help").out
+    places = [text.index(f"{name}:\n") for name in SECTIONS]
+    assert places == sorted(places) and len(VERBS) == 25
+    for verb, what in VERBS.items():
+        assert re.search(rf"^  {verb} +{re.escape(what)}$", text, re.M), verb
+
+
+def test_help_of_every_verb_has_examples_and_groups_within_80_columns(tmp_path: Path) -> None:
+    for verb in VERBS:
+        done = run_in_terminal(verb, "--help", cwd=tmp_path)
+        text = done.stdout.decode().replace("\r\n", "\n")
+        assert done.returncode == 0 and max(map(len, text.split("\n"))) <= 80, verb
+        if verb != "profile":  # a group, whose help lists its own verbs
+            assert re.search(rf"\n\nExamples:\n(?:  .*hapfmt .*\n)*  .*hapfmt {verb}", text), verb
+        assert "\nOptions:\n" in text
+    text = called("encode", "--help").out
+    assert text.index("Quality:") < text.index("--preset") < text.index("For experts:")
+    assert text.index("For experts:") < text.index("--canonical") < text.index("Output:")
+
+
+def test_no_verb_at_all_prints_the_help() -> None:
+    said = called()
+    assert said.code == 1 and "Record and replay:" in said.out and not said.err
+
+
+def test_version_says_whether_the_loops_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    from hapfmt import kernels
+
+    monkeypatch.delenv("HAPFMT_PURE", raising=False)
+    built = kernels.load() is not None
+    assert (", compiled loops\n" in called("--version").out) == built
+    monkeypatch.setenv("HAPFMT_PURE", "1")
+    assert (", compiled loops\n" in called("--version").out) is False
+    code = "import sys; from hapfmt.cli import main\ntry: main()\nfinally: print('numpy' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.endswith("False\n")
