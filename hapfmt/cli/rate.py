@@ -12,6 +12,7 @@ import click
 
 from ..errors import ParameterError
 from .common import echo_json, force_option, json_option, progress
+from .help import Verb
 from .screen import complain, document, note, say
 from .tables import table
 
@@ -28,7 +29,7 @@ INTERRUPTED = 130
 """128 + SIGINT, as in hapfmt replay."""
 
 
-@click.command(short_help="Subjective tests: feel, compare, rate from 0 to 100; and their summary.")
+@click.command(cls=Verb)
 @click.argument("files", metavar="STUDY.toml|ANSWERS...", nargs=-1, required=True)
 @click.option("--subject", metavar="S07", help="Whose answers: a code, not a name.")
 @click.option("--device", metavar="PROFILE", help="Feel it on a haptic device: see hapfmt profile.")

@@ -28,6 +28,7 @@ from .common import (
     stop_option,
     tell_some,
 )
+from .help import Verb
 from .screen import complain, printable, say
 from .tables import table
 
@@ -51,7 +52,7 @@ ERROR, LOST = 1, 3
 """Exit codes: an error, done with loss (SPEC clause 14)."""
 
 
-@click.command(short_help="Play a recording on a haptic device, or show what it would be sent.")
+@click.command(cls=Verb)
 @click.argument("file", metavar="FILE")
 @click.option(
     "--device",
