@@ -335,7 +335,7 @@ class TestOtherFiles:
         path = tmp_path / "a.npz"
         notes = hapfmt.save(self.RECORDING, path)
         assert not any("events" in note for note in notes)
-        back = hapfmt.load(path)
+        back = hapfmt.read(path)
         assert back.events == self.EVENTS
         assert "notes" not in back.metadata
         with np.load(path) as archive:
@@ -349,7 +349,7 @@ class TestOtherFiles:
         path = tmp_path / "a.npz"
         np.savez(path, x=np.zeros((1, 3)), rate="10", events=np.array(text))
         with pytest.raises(ParameterError):
-            hapfmt.load(path)
+            hapfmt.read(path)
 
     @pytest.mark.parametrize("suffix", [".npy", ".csv", ".wav"])
     def test_others_say_that_they_do_not(self, tmp_path, suffix):
