@@ -81,7 +81,7 @@ def glitch() -> Iterator[Row]:
         "dB away from it", "preset perceptual: its floor is a share of the range without glitches; "
         f"{calmer:.1f} dB in a texture that has none", held=abs(usual[at] - 1000) < 1,
     )  # fmt: skip
-    slow = back(force(hit), "paper", step=step, band="lf").samples()
+    slow = back(force(hit), "paper", band="lf").samples()
     plain = np.abs(butterworth(hit) - butterworth(calm)).max()
     yield compared(
         8, "one sample of 1 kN, LF alone", (plain, at_least(30)),
