@@ -24,9 +24,10 @@ from .common import (
     tell_notes,
     transpose_option,
 )
+from .help import Verb
 
 
-@click.command(short_help="From any format to any other.")
+@click.command(cls=Verb)
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="OUT")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
@@ -51,6 +52,10 @@ def convert(
 
     A .hapf output is lossless (hapfmt encode has presets). If the output format cannot hold
     something, a note on standard error names it.
+
+    \b
+    hapfmt convert touch.csv touch.npz
+    hapfmt convert touch.hapf touch.wav
     """
     if suffix_of(source, input_format) == suffix_of(target, output_format) == HAPF:
         raise ParameterError("both are .hapf: copy the file, or use hapfmt encode")

@@ -27,13 +27,14 @@ from .common import (
     tell_losses,
     threads_option,
 )
+from .help import Verb
 
 if TYPE_CHECKING:
     from ..limits import Limits
     from ..reading.reader import Band
 
 
-@click.command(short_help="Decode a .hapf file, or a part of it.")
+@click.command(cls=Verb)
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="OUT")
 @click.option(

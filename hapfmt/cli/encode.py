@@ -30,6 +30,7 @@ from .common import (
     threads_option,
     transpose_option,
 )
+from .help import Verb
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
-@click.command(short_help="Encode a recording into a .hapf file.")
+@click.command(cls=Verb)
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="OUT")
 @click.option(
@@ -177,7 +178,7 @@ def encode(
     \b
     hapfmt encode touch.npz touch.hapf
     hapfmt encode touch.csv touch.hapf --preset paper --k 0.1 --bits 5
-    hapfmt encode force.npy force.hapf --rate 1000 --preset near-lossless --max-error 0.1%
+    hapfmt encode f.npy f.hapf --rate 1000 --preset near-lossless --max-error 1%
     cat touch.npz | hapfmt encode - - --input-format npz > touch.hapf
     """
     from ..encoder.settings import Settings

@@ -17,10 +17,11 @@ from .common import (
     refuse_target,
 )
 from .editing import copy_option, tell_added
+from .help import Verb
 from .screen import say
 
 
-@click.command(short_help="Show or set the metadata.")
+@click.command(cls=Verb)
 @click.argument("file", metavar="FILE")
 @click.argument("members", metavar="[KEY=VALUE]...", nargs=-1)
 @copy_option

@@ -28,6 +28,7 @@ from .common import (
     stop_option,
     tell_some,
 )
+from .help import Verb
 from .screen import complain, printable, say
 from .tables import table
 
@@ -51,7 +52,7 @@ ERROR, LOST = 1, 3
 """Exit codes: an error, done with loss (SPEC clause 14)."""
 
 
-@click.command(short_help="Play a recording on a haptic device, or show what it would be sent.")
+@click.command(cls=Verb)
 @click.argument("file", metavar="FILE")
 @click.option(
     "--device",
@@ -80,7 +81,7 @@ ERROR, LOST = 1, 3
     help="Play it N times, or with --loop at the end of the line until Ctrl-C.",
 )
 @click.option(
-    "--speed", type=FractionType(), default="1", metavar="X", help="So many times as fast."
+    "--speed", type=FractionType(), default="1", metavar="X", help="Factor on the speed [1]."
 )
 @click.option(
     "--gain",
@@ -110,7 +111,7 @@ ERROR, LOST = 1, 3
     "--record",
     "target",
     metavar="OUT",
-    help="What was sent, as .hapf or .csv, gaps where nothing was.",
+    help="Write the values that are sent to OUT, .hapf or .csv.",
 )
 @click.option("--no-watchdog", is_flag=True, help="Where the device can be opened only once.")
 @force_option

@@ -19,12 +19,13 @@ from .common import (
     refuse_target,
 )
 from .editing import canonical_option, originals, show, to_zero_option
+from .help import Verb
 
 if TYPE_CHECKING:
     from ..limits import Limits
 
 
-@click.command(short_help="Parts of some length, or at some times.")
+@click.command(cls=Verb)
 @click.argument("source", metavar="IN")
 @click.option("--every", type=FractionType(), metavar="S", help="Length of each part, in seconds.")
 @click.option("--at", metavar="T1,T2,...", help="Times in seconds at which a new part begins.")
