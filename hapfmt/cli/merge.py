@@ -71,7 +71,7 @@ def merge(
 
     refuse_target(target, force)
     if prefixes and len(prefixes) != len(sources):
-        raise ParameterError("one --prefix for each file; it may be empty")
+        raise ParameterError("Give one --prefix for each file (it may be empty)")
     times, given = times_of(by_epoch, same_times), named(offsets, sources)
     with originals(sources, max_memory) as opened, progress("copying") as advance:
         edited = edit.merge(
