@@ -96,9 +96,7 @@ def channel_of(event: Event, labels: Sequence[str]) -> int | None:
             raise ParameterError(f"an event names channel {event.channel!r}, which does not exist")
         return labels.index(event.channel)
     if event.channel is not None and not 0 <= event.channel < len(labels):
-        raise ParameterError(
-            f"an event names channel {event.channel}, but there are only {len(labels)}"
-        )
+        raise ParameterError(f"an event names channel {event.channel} of {len(labels)}")
     return event.channel
 
 

@@ -65,7 +65,7 @@ def merge(
 
     \b
     hapfmt merge force.hapf skin.hapf both.hapf --by-epoch
-    hapfmt merge left.hapf right.hapf hands.hapf --same-times --prefix left/ --prefix right/
+    hapfmt merge l.hapf r.hapf both.hapf --same-times --prefix l/ --prefix r/
     """
     from .. import edit
 
