@@ -17,8 +17,9 @@ from .container.walk import Finding, find_header, read_chunk
 from .container.wire import HEADER_SIZE
 from .errors import HapfmtError, ParameterError
 from .live.file import LiveFile, SyncPolicy, open_live
-from .reading.catalogue import HARMLESS, Catalogue, ChunkRef
+from .reading.catalogue import Catalogue, ChunkRef
 from .reading.opening import open_catalogue
+from .verdict import HARMLESS
 
 TAIL = frozenset({"truncated", "bad-payload", "garbage"})
 """What is found where the writing stopped."""

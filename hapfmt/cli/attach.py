@@ -88,7 +88,7 @@ def attach(
 
 
 def show(original: Original, as_json: bool) -> None:
-    known = original.catalogue.attachments
+    known = original.attachments
     if as_json:
         echo_json(
             {

@@ -350,10 +350,10 @@ def tell_clocks(reader: Reader) -> None:
 
 
 def tell_losses(reader: Reader) -> int:
-    """What is wrong with a file that was read, on standard error; 3 if anything is (SPEC 14)."""
+    """What is wrong with a file that was read, on standard error; the exit code (SPEC 14)."""
     tell_some([f"{reader.source.path or 'input'}: {finding}" for finding in reader.findings])
     tell_some(lost_lines(reader.catalogue, reader.lost))
-    return 3 if reader.findings or reader.lost else 0
+    return reader.exit_code
 
 
 def tell_some(lines: Sequence[str]) -> None:
