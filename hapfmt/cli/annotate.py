@@ -69,7 +69,7 @@ def annotate(
 
     \b
     hapfmt annotate touch.hapf --at 1.25 "first contact"
-    hapfmt annotate touch.hapf --at 2 --duration 0.5 --channel fx --layer anna slip
+    hapfmt annotate touch.hapf --at 2 --duration 0.5 --channel fx --layer eva slip
     hapfmt annotate touch.hapf --table events.csv
     hapfmt annotate touch.hapf --list
     """
