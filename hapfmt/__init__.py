@@ -1,8 +1,10 @@
 """hapfmt: the open file format for recorded touch.
 
-    recording = hapfmt.load("touch.npz")
-    hapfmt.write(recording, "touch.hapf")
-    back = hapfmt.read("touch.hapf", channels=["force_z"], start=1.0, stop=2.0)
+    rec = hapfmt.read("touch.hapf")                  # any format, by suffix or content
+    newtons, seconds = rec["fx"].to_numpy(), rec["fx"].times()
+    part = rec.sel(["fx", "fy"], start=1.0, stop=3.0)
+    frame = rec.to_pandas()
+    hapfmt.write(array, "out.hapf", rate=1000, labels=["fx", "fy"], units="N")
 
 Nothing heavy is imported until it is used.
 """
@@ -17,7 +19,7 @@ from .version import SPEC_VERSION, __version__
 if TYPE_CHECKING:
     from .clocks import fit_clock
     from .container.clocks import ClockMap, ClockObservation
-    from .convert import load, save
+    from .convert import load, read, save
     from .encoder.settings import Settings
     from .errors import (
         ChecksumError,
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
         MissingExtraError,
         ParameterError,
         TruncatedError,
+        UnknownChannelError,
         UnsupportedError,
     )
     from .events import Event
@@ -35,7 +38,7 @@ if TYPE_CHECKING:
     from .live.recorder import Recorder
     from .live.status import Status
     from .reading.follow import Follower
-    from .reading.reader import Reader, read
+    from .reading.reader import Reader
     from .recording import Calibration, Channel, Recording, Span
     from .recovery.inplace import recover_in_place
     from .recovery.recover import recover
@@ -44,7 +47,7 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "Reader": "reading.reader",
-    "read": "reading.reader",
+    "read": "convert",
     "Follower": "reading.follow",
     "write": "writer",
     "verify": "verifier",
@@ -72,6 +75,7 @@ _PLACES = {
     "UnsupportedError": "errors",
     "LimitError": "errors",
     "ParameterError": "errors",
+    "UnknownChannelError": "errors",
     "MissingExtraError": "errors",
 }
 
@@ -98,6 +102,7 @@ __all__ = [
     "Span",
     "Status",
     "TruncatedError",
+    "UnknownChannelError",
     "UnsupportedError",
     "__version__",
     "fit_clock",

@@ -17,8 +17,9 @@ from .container.walk import Finding, find_header, read_chunk
 from .container.wire import HEADER_SIZE
 from .errors import HapfmtError, ParameterError
 from .live.file import LiveFile, SyncPolicy, open_live
-from .reading.catalogue import HARMLESS, Catalogue, ChunkRef
+from .reading.catalogue import Catalogue, ChunkRef
 from .reading.opening import open_catalogue
+from .verdict import HARMLESS
 
 TAIL = frozenset({"truncated", "bad-payload", "garbage"})
 """What is found where the writing stopped."""
@@ -106,7 +107,7 @@ def open_append(
             raise catalogue.unsupported
         findings = [found for found in catalogue.findings if found.code not in HARMLESS]
         if catalogue.head is None:
-            raise ParameterError("its HEAD is not whole: there is nothing to append to")
+            raise ParameterError("its HEAD is incomplete, so nothing can be appended")
         end = min((found.offset for found in findings), default=file.size)
         if findings:
             check_tail(catalogue, findings, end)
@@ -116,7 +117,7 @@ def open_append(
             message = "descriptions without those that belong to them"
             findings.insert(0, Finding("truncated", kept, end - kept, message, "TRK-012"))
         if findings and not repair:
-            raise ParameterError("its end is damaged, and not to be mended", offset=kept)
+            raise ParameterError("its end is damaged and cannot be mended", offset=kept)
         note = note_of(catalogue, findings, rescued)
         file.size = kept
         catalogue.findings = [found for found in catalogue.findings if found.code in HARMLESS]
@@ -187,7 +188,7 @@ def drop_incomplete(catalogue: Catalogue, end: int) -> int:
         end = refs.pop().offset
         catalogue.table = described(catalogue, refs)
     if not paired(list(catalogue.tracks.values())):
-        raise ParameterError(f"tracks lack those that belong to them; {RECOVER}")
+        raise ParameterError(f"some tracks lack the tracks they depend on; {RECOVER}")
     return end
 
 

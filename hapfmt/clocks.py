@@ -106,7 +106,7 @@ def fit_clock(
     if delays not in ("both", "late"):
         raise ParameterError("delays are both or late")
     if window is not None and not window > 0:
-        raise ParameterError("a window is longer than 0 s")
+        raise ParameterError("the segment must be longer than 0 s")
     ordered, rate, late = unique(observations), Fraction(rate), delays == "late"
     points: dict[int, int] = {}
     for a, b in stretches(residuals(ordered, rate)[1], late=late):

@@ -89,6 +89,10 @@ class ParameterError(HapfmtError):
     """The caller asked for something that cannot be done; nothing was read or written."""
 
 
+class UnknownChannelError(ParameterError, KeyError):
+    """A recording has no such channel; also a KeyError, for code that expects one."""
+
+
 class LateError(HapfmtError):
     """A replay stopped itself, since it or the device could not keep up."""
 

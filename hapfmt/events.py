@@ -93,10 +93,10 @@ def channel_of(event: Event, labels: Sequence[str]) -> int | None:
     """The number of the channel that an event speaks of."""
     if isinstance(event.channel, str):
         if event.channel not in labels:
-            raise ParameterError(f"an event speaks of channel {event.channel!r}, which is none")
+            raise ParameterError(f"an event refers to channel {event.channel!r}, which is none")
         return labels.index(event.channel)
     if event.channel is not None and not 0 <= event.channel < len(labels):
-        raise ParameterError(f"an event speaks of channel {event.channel} of {len(labels)}")
+        raise ParameterError(f"an event refers to channel {event.channel} of {len(labels)}")
     return event.channel
 
 

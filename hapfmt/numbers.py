@@ -29,3 +29,18 @@ def exact(value: Any) -> Fraction:
         except (ValueError, ZeroDivisionError):
             pass
     raise ParameterError(f"{value!r} is not a number")
+
+
+def tick_range(
+    rate: Fraction, start: Fraction | float | None, stop: Fraction | float | None
+) -> tuple[int, int]:
+    """Ticks from ceil(start * rate) to ceil(stop * rate), exactly (SPEC clause 7)."""
+
+    def tick(seconds: Fraction | float) -> int:
+        product = exact(seconds) * rate
+        return -(-product.numerator // product.denominator)
+
+    return (
+        0 if start is None else max(tick(start), 0),
+        1 << 62 if stop is None else tick(stop),
+    )

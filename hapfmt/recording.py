@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import uuid as _uuid
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
@@ -18,16 +18,24 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import LimitError, ParameterError
+from .errors import LimitError, ParameterError, UnknownChannelError
 from .limits import AFFINE_LIMIT, EXACT_LIMIT, TICK_LIMIT
 from .names import unknown
 from .numbers import exact as to_fraction
+from .numbers import tick_range
 
 if TYPE_CHECKING:
     from .events import Event
 
 
 Rate = Fraction | float | str
+Seconds = Fraction | float
+
+GAPPY_TICKS = 1 << 28
+"""Values of one channel with its gaps, 2 GiB, unless the caller says otherwise."""
+
+_SHOWN_CHANNELS = 6
+_SHOWN_ROWS = 100
 
 
 class Span(NamedTuple):
@@ -99,7 +107,7 @@ class Calibration:
         return numerator.astype(np.float64) / float(self.d)
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Channel:
     """One physical signal on a regular grid of ticks; tick 0 is the zero of the recording.
 
@@ -289,6 +297,60 @@ class Channel:
         _deprecated("channel.dense()", "channel.filled() or channel.to_numpy()")
         return self.filled(start, stop, limit=limit)
 
+    def ticks_between(self, start: Seconds | None, stop: Seconds | None) -> tuple[int, int]:
+        """The ticks of the seconds [start, stop), no further than from the first sample to the
+        last."""
+        first, last = tick_range(self.rate_exact, start, stop)
+        first = max(first, self.start_tick)
+        return first, max(min(last, self.stop_tick), first)
+
+    def to_numpy(
+        self,
+        start: Seconds | None = None,
+        stop: Seconds | None = None,
+        *,
+        limit: int = GAPPY_TICKS,
+    ) -> NDArray[np.float64]:
+        """float64 [ticks]: values in ``unit`` from the first sample to the last, NaN in gaps.
+
+        ``start`` and ``stop`` are seconds; samples with start <= time < stop are kept. The result
+        has the length of :meth:`times` with the same arguments. Raises LimitError where it has
+        more than ``limit`` values; ``samples()`` leaves the gaps out.
+        """
+        first, last = self.ticks_between(start, stop)
+        return self.filled(first, last, limit=limit)
+
+    def times(
+        self,
+        start: Seconds | None = None,
+        stop: Seconds | None = None,
+        *,
+        limit: int = GAPPY_TICKS,
+    ) -> NDArray[np.float64]:
+        """float64 [ticks]: seconds from the zero of the recording, one for each value of
+        :meth:`to_numpy` with the same arguments."""
+        first, last = self.ticks_between(start, stop)
+        _check_ticks(last - first, limit)
+        return seconds_of(first, last, self.rate_exact)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """``np.asarray(channel)`` is ``channel.to_numpy()``."""
+        if copy is False:
+            raise ValueError("an array of a channel is always a copy")
+        x = self.to_numpy()
+        return x if dtype is None else x.astype(dtype)
+
+    def __repr__(self) -> str:
+        kind = str(self.stored.dtype)
+        if self.calibration is not None:
+            kind = f"counts of {float(self.calibration.step):.6g} {self.unit}"
+            kind += " and float64 corrections" if self.exact is not None else ""
+        gaps = f", {len(self.gaps)} gaps" if self.gaps else ""
+        return (
+            f"Channel {self.label!r}: {self.stored.size} samples at {self.rate:.6g} Hz, "
+            f"{_span_text(self)}{gaps}, unit {self.unit}, {kind}"
+        )
+
     def segments(self) -> Iterator[tuple[int, NDArray[Any]]]:
         """Each covered span as (start tick, its stored samples)."""
         position = 0
@@ -302,8 +364,7 @@ class Channel:
         """[stop - start] physical values, NaN in the gaps; by default from tick 0 to the end."""
         first = 0 if start is None else start
         last = self.stop_tick if stop is None else stop
-        if last - first > limit:
-            raise LimitError(f"{last - first} ticks with their gaps are above the limit of {limit}")
+        _check_ticks(last - first, limit)
         out = np.full(max(last - first, 0), np.nan)
         position = 0
         x = self.samples()
@@ -330,9 +391,12 @@ class Channel:
         return replace(self, stored=self.stored[kept], coverage=tuple(spans), exact=exact)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """Channels that share one zero of time.
+
+    ``rec["fx"]`` and ``rec[0]`` are channels, ``list(rec)`` is all of them, ``len(rec)`` their
+    number, ``"fx" in rec`` whether there is one of that label.
 
     epoch_ns is the UTC time of tick 0 in nanoseconds since 1970-01-01 (None: not known),
     metadata any JSON object, attachments {name: (media type, bytes)}, events markers and
@@ -351,11 +415,69 @@ class Recording:
         object.__setattr__(self, "channels", tuple(self.channels))
         object.__setattr__(self, "events", tuple(self.events))
 
+    @classmethod
+    def from_array(
+        cls,
+        x: Any,
+        rate: Rate | None = None,
+        *,
+        labels: str | Sequence[str] | None = None,
+        units: str | Sequence[str] | None = None,
+        transpose: bool | None = None,
+    ) -> Recording:
+        """A recording of an array; the arguments are those of :func:`hapfmt.write`."""
+        from .arrays import recording_of
+
+        return recording_of(x, rate, labels=labels, units=units, transpose=transpose)
+
     def __len__(self) -> int:
         return len(self.channels)
 
+    def __iter__(self) -> Iterator[Channel]:
+        return iter(self.channels)
+
+    def __contains__(self, label: object) -> bool:
+        return any(channel.label == label or channel is label for channel in self.channels)
+
+    def __getitem__(self, label: str | int) -> Channel:
+        """The channel of a label or a number; negative numbers count from the end.
+
+        Raises UnknownChannelError (a ParameterError and a KeyError) where there is none, and where
+        several channels have the label.
+        """
+        return self.channels[self.place_of(label)]
+
+    def place_of(self, label: str | int) -> int:
+        """The number of a channel, by its label or number."""
+        if isinstance(label, str):
+            places = [i for i, channel in enumerate(self.channels) if channel.label == label]
+            if len(places) == 1:
+                return places[0]
+            if places:
+                numbers = ", ".join(map(str, places[:_SHOWN_CHANNELS]))
+                raise UnknownChannelError(
+                    f"{len(places)} channels are called {label!r}; use their numbers: {numbers}"
+                )
+            raise UnknownChannelError(unknown("channel", label, self.labels))
+        try:
+            number = index(label)
+        except TypeError:
+            raise ParameterError(
+                f"a channel is named by its label or number, not by {type(label).__name__}; "
+                "rec.sel([...]) takes several"
+            ) from None
+        if not -len(self) <= number < len(self):
+            raise UnknownChannelError(f"no channel {number}; there are {len(self)}, from 0")
+        return number % len(self)
+
+    @property
+    def labels(self) -> list[str]:
+        """The labels of all channels, in order."""
+        return [channel.label for channel in self.channels]
+
     @property
     def duration(self) -> Fraction:
+        """Seconds from the zero of the recording to the end of its last sample."""
         return max((channel.duration for channel in self.channels), default=Fraction(0))
 
     @property
@@ -363,10 +485,189 @@ class Recording:
         return sum(int(channel.stored.size) for channel in self.channels)
 
     def channel(self, label: str) -> Channel:
+        """The channel of a label; the same as ``rec[label]``."""
+        return self[label]
+
+    def sel(
+        self,
+        labels: str | int | Sequence[str | int] | None = None,
+        start: Seconds | None = None,
+        stop: Seconds | None = None,
+    ) -> Recording:
+        """Some channels (labels or numbers, in that order; None: all) and the seconds
+        start <= time < stop. Samples keep their times; events of other channels and times are
+        left out.
+
+        Raises UnknownChannelError.
+        """
+        wanted = [labels] if isinstance(labels, (str, int)) else labels
+        places = [*map(self.place_of, range(len(self)) if wanted is None else wanted)]
+        channels = [self.channels[place] for place in places]
+        if start is not None or stop is not None:
+            channels = [
+                channel.slice_ticks(*tick_range(channel.rate_exact, start, stop))
+                for channel in channels
+            ]
+        return replace(
+            self, channels=tuple(channels), events=tuple(self._events_of(places, start, stop))
+        )
+
+    def _events_of(
+        self, places: Sequence[int], start: Seconds | None, stop: Seconds | None
+    ) -> Iterator[Event]:
+        low = None if start is None else to_fraction(start)
+        high = None if stop is None else to_fraction(stop)
+        now = {old: new for new, old in reversed([*enumerate(places)])}
+        by_label = {c.label: place for place, c in reversed([*enumerate(self.channels)])}
+        for event in self.events:
+            if (low is not None and event.time < low) or (high is not None and event.time >= high):
+                continue
+            channel = event.channel
+            if channel is None:
+                yield event
+                continue
+            place = by_label.get(channel) if isinstance(channel, str) else channel
+            if place in now:
+                yield replace(event, channel=now[place])
+
+    def to_numpy(
+        self,
+        start: Seconds | None = None,
+        stop: Seconds | None = None,
+        *,
+        limit: int = GAPPY_TICKS,
+    ) -> NDArray[np.float64]:
+        """float64 [channels, ticks]: values in each channel's unit, NaN where nothing was measured.
+
+        All channels cover the ticks from the first sample of any to the last of any, or the
+        seconds start <= time < stop of them; :meth:`times` gives their seconds. Raises
+        ParameterError where channels differ in rate, LimitError above ``limit`` values.
+        """
+        first, last = self._common_ticks(start, stop)
+        _check_ticks((last - first) * len(self), limit)
+        rows = [channel.filled(first, last, limit=limit) for channel in self.channels]
+        return np.stack(rows) if rows else np.empty((0, 0))
+
+    def times(
+        self,
+        start: Seconds | None = None,
+        stop: Seconds | None = None,
+        *,
+        limit: int = GAPPY_TICKS,
+    ) -> NDArray[np.float64]:
+        """float64 [ticks]: seconds of the columns of :meth:`to_numpy`."""
+        first, last = self._common_ticks(start, stop)
+        _check_ticks(last - first, limit)
+        rate = self.channels[0].rate_exact if self.channels else Fraction(1)
+        return seconds_of(first, last, rate)
+
+    def _common_ticks(self, start: Seconds | None, stop: Seconds | None) -> tuple[int, int]:
+        by_rate: dict[Fraction, list[str]] = {}
         for channel in self.channels:
-            if channel.label == label:
-                return channel
-        raise ParameterError(unknown("channel", label, [each.label for each in self.channels]))
+            by_rate.setdefault(channel.rate_exact, []).append(channel.label)
+        if len(by_rate) > 1:
+            rates = ", ".join(f"{float(rate):.6g} Hz" for rate in [*by_rate][:_SHOWN_CHANNELS])
+            some = next(iter(by_rate.values()))[:2]
+            raise ParameterError(
+                f"the channels have {len(by_rate)} rates ({rates}); select those of one rate, "
+                f"such as rec.sel({some!r})"
+            )
+        return extent(self.channels, start, stop)
+
+    def to_pandas(self) -> Any:
+        """A pandas.DataFrame: one column for each channel, NaN in gaps, seconds as index.
+
+        ``frame.attrs["units"]`` lists the units, ``frame.attrs["epoch_ns"]`` is the UTC time of
+        second 0. All channels need one rate; ``to_xarray()`` takes several. Needs the extra
+        "pandas". Raises ParameterError, LimitError, MissingExtraError.
+        """
+        from .arrays import to_pandas
+
+        return to_pandas(self)
+
+    def to_xarray(self) -> Any:
+        """An xarray.Dataset: one variable for each channel, NaN in gaps.
+
+        The coordinate is "time" in seconds; channels of several rates have "time_0", "time_1" ...
+        Labels, units and rates are in the attributes of the variables. Needs the extra "xarray".
+        Raises LimitError, MissingExtraError.
+        """
+        from .arrays import to_xarray
+
+        return to_xarray(self)
+
+    def __repr__(self) -> str:
+        lines = [f"Recording: {len(self)} channels, {self.sample_count} samples, {_seconds(self)}"]
+        lines[0] += f", {len(self.events)} events" if self.events else ""
+        shown = self.channels if len(self) <= _SHOWN_CHANNELS else self.channels[:5]
+        lines += [
+            f"  {number}  {_short(c.label)!r}  {c.stored.size} samples at {c.rate:.6g} Hz  "
+            f"{_short(c.unit)}"
+            for number, c in enumerate(shown)
+        ]
+        if len(shown) < len(self):
+            lines.append(f"  ... and {len(self) - len(shown)} more (rec.labels lists all)")
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """A table for notebooks; every text of the file is escaped."""
+        from html import escape
+
+        rows = [
+            (str(number), c.label, c.unit, f"{c.rate:.6g} Hz", str(c.stored.size), _span_text(c),
+             str(len(c.gaps)))
+            for number, c in enumerate(self.channels[:_SHOWN_ROWS])
+        ]  # fmt: skip
+        head = ("", "label", "unit", "rate", "samples", "seconds", "gaps")
+        lines = ["".join(f"<th>{text}</th>" for text in head)]
+        lines += ["".join(f"<td>{escape(_short(text, 80))}</td>" for text in row) for row in rows]
+        more = len(self) - len(rows)
+        body = "".join(f"<tr>{line}</tr>" for line in lines)
+        first = escape(repr(self).split("\n", 1)[0])
+        return f"<p>{first}</p><table>{body}</table>" + (f"<p>and {more} more</p>" if more else "")
+
+
+def extent(
+    channels: Sequence[Channel], start: Seconds | None = None, stop: Seconds | None = None
+) -> tuple[int, int]:
+    """The ticks [first, last) from the first sample of any channel to the last; channels without
+    samples do not count."""
+    ends = [c.ticks_between(start, stop) for c in channels if c.coverage]
+    ends = [(first, last) for first, last in ends if first < last]
+    first = min((first for first, _ in ends), default=0)
+    return first, max((last for _, last in ends), default=first)
+
+
+def seconds_of(first: int, last: int, rate: Fraction) -> NDArray[np.float64]:
+    """float64 [last - first]: seconds of ticks, each the nearest double while the products are
+    below 2**53."""
+    ticks = np.arange(first, last).astype(np.float64)
+    seconds: NDArray[np.float64] = ticks * float(rate.denominator) / float(rate.numerator)
+    return seconds
+
+
+def _check_ticks(values: int, limit: int) -> None:
+    if values > limit:
+        raise LimitError(
+            f"{values} values with their gaps are above the limit of {limit}; take a part of the "
+            "time, or samples(), which leaves the gaps out"
+        )
+
+
+def _span_text(channel: Channel) -> str:
+    if not channel.coverage:
+        return "empty"
+    first, last = channel.start_tick / channel.rate_exact, channel.duration
+    return f"{float(first):.6g} to {float(last):.6g} s"
+
+
+def _seconds(recording: Recording) -> str:
+    return f"{float(recording.duration):.6g} s"
+
+
+def _short(text: str, size: int = 40) -> str:
+    text = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+    return text if len(text) <= size else text[: size - 3] + "..."
 
 
 def _deprecated(old: str, new: str) -> None:

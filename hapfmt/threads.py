@@ -53,7 +53,7 @@ def thread_count(asked: int | None, samples: int) -> int:
     if asked is None:
         return 1 if samples < SMALL or compiled is None else cpu_count()
     if asked < 1:
-        raise ParameterError("there is at least one thread")
+        raise ParameterError("the number of threads must be at least 1")
     return asked
 
 

@@ -18,25 +18,17 @@ from .container.index import (
     parse_index,
 )
 from .container.track import lone_lf, unsupported_track
-from .container.walk import Chunk, read_chunk
+from .container.walk import read_chunk
 from .container.wire import HEADER_SIZE
 from .contract import ContractCheck, check_contracts
 from .damage import damage_report, lost_lines
 from .errors import FormatError, HapfmtError, LimitError, UnsupportedError
 from .limits import Limits
-from .reading.catalogue import HARMLESS, Catalogue
-from .reading.decoder import TrackDigest
-from .reading.opening import lose_chunk
+from .reading.catalogue import Catalogue
+from .reading.digests import DigestCheck
 from .reading.reader import Reader
 from .recording import Recording
-
-INTACT, NONCONFORMING, DAMAGED, UNSUPPORTED = 0, 2, 3, 4
-VERDICTS = {
-    INTACT: "intact",
-    NONCONFORMING: "nonconforming",
-    DAMAGED: "damaged",
-    UNSUPPORTED: "unsupported",
-}
+from .verdict import INTACT, VERDICTS, verdict_of
 
 
 @dataclass
@@ -60,11 +52,6 @@ class Report:
     @property
     def verdict(self) -> str:
         return VERDICTS[self.exit_code]
-
-    def worsen(self, code: int) -> None:
-        """Damage before unknown parts before broken rules (SPEC clause 14)."""
-        order = (INTACT, NONCONFORMING, UNSUPPORTED, DAMAGED)
-        self.exit_code = max(self.exit_code, code, key=order.index)
 
     def as_json(self) -> dict[str, Any]:
         return {
@@ -99,7 +86,7 @@ def verify(
         reader = Reader(file, limits=limits, threads=threads)
     except (FormatError, UnsupportedError, LimitError) as error:
         report.error = error
-        report.worsen(error.exit_code)
+        report.exit_code = verdict_of(error=error)
         return report
     with reader:
         try:
@@ -110,20 +97,18 @@ def verify(
                 report.contracts = check_contracts(reader, against)
         except (FormatError, UnsupportedError, LimitError) as error:
             report.error = error.at(path=reader.source.path)
-            report.worsen(error.exit_code)
         catalogue = reader.catalogue
         report.findings = [finding.as_json() for finding in catalogue.findings]
         report.lost = [span._asdict() for span in reader.lost]
         report.lost_lines = lost_lines(catalogue, reader.lost)
         report.damage = damage_report(catalogue, reader.lost)
         report.unknown = [header.type for header in catalogue.unknown]
-        if catalogue.damaged or report.exit_code != NONCONFORMING:
-            # That a file was not closed counts less than a rule that it breaks (clause 14).
-            report.worsen(catalogue.exit_code)
-        elif catalogue.not_understood:
-            report.worsen(UNSUPPORTED)
-        if any(check.broken for check in report.contracts):
-            report.worsen(DAMAGED)
+        report.exit_code = verdict_of(
+            (finding.code for finding in catalogue.findings),
+            error=report.error,
+            unknown=catalogue.not_understood,
+            lost=bool(report.lost) or any(check.broken for check in report.contracts),
+        )
         return report
 
 
@@ -195,8 +180,7 @@ def check_packets(
     """Decode all that is supported, and compare digests with the packets before them."""
     catalogue = reader.catalogue
     known = [track for track in catalogue.tracks.values() if not track.unsupported]
-    wanted = stored_digests(catalogue)
-    digests = {id_: TrackDigest() for id_ in wanted}
+    digests = DigestCheck(catalogue)
     numbers = {channel.number for channel in catalogue.channels}
     for piece in reader.pieces(known, exact=True, progress=progress):
         report.packets += 1
@@ -205,66 +189,16 @@ def check_packets(
         for event in piece.events if catalogue.closed and not catalogue.damaged else ():
             if event.channel is not None and event.channel not in numbers:
                 raise FormatError(
-                    f"an event speaks of channel {event.channel}, and there is none",
+                    f"an event refers to channel {event.channel}, and there is none",
                     requirement="EVT-003",
                     offset=piece.offset,
                 )
-        if piece.track.id in digests and piece.offset < wanted[piece.track.id][0]:
-            digests[piece.track.id].update(piece.start, piece.digested)
+        digests.add(piece)
     parts = reader.lost_parts(catalogue.channels, "full")
     # Of a track that is not described the packets themselves were named.
     reader.lost.extend(span for span in parts if span.track in catalogue.tracks)
-    report.digests = len(wanted)
-    lossy = {span.track for span in reader.lost}
-    for id_, (offset, digest) in wanted.items():
-        if id_ in lossy or catalogue.tracks[id_].unsupported:
-            continue
-        if digests[id_].digest() != digest:
-            message = f"track {id_} decodes to other numbers than were written"
-            catalogue.lose("bad-digest", offset, 32, message, "DGS-002")
+    report.digests = len(digests.stored)
+    digests.compare({span.track for span in reader.lost})
     for track in catalogue.tracks.values():
         if track.unsupported:
             raise unsupported_track(track)
-
-
-def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:
-    """The last digest of each track and its offset (SPEC 6.9)."""
-    found: dict[int, tuple[int, bytes]] = {}
-    # In a damaged file the description of a track may be lost; a recoverer of an undamaged one
-    # reports a digest of no track, since it leaves it out.
-    harmed = any(finding.code not in HARMLESS for finding in catalogue.findings)
-    for ref in catalogue.chunks:
-        chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "dGST" else None
-        if chunk is None or not chunk.intact or not chunk.header.known:
-            continue
-        try:
-            ids = digested_tracks(catalogue, chunk, harmed=harmed)
-        except FormatError as error:
-            if not catalogue.damaged:
-                raise
-            lose_chunk(catalogue, chunk, error)
-            continue
-        for id_ in ids:
-            place = 32 * (id_ - chunk.header.track)
-            if id_ in catalogue.tracks:
-                digest = chunk.payload[place : place + 32]
-                found[id_] = chunk.payload_offset + place, digest
-    return found
-
-
-def digested_tracks(catalogue: Catalogue, chunk: Chunk, *, harmed: bool) -> range:
-    """The tracks that a dGST chunk has checksums of; in a damaged file some may not be known."""
-    tracks, at, size = catalogue.tracks, chunk.payload_offset, len(chunk.payload)
-    ids = range(chunk.header.track, chunk.header.track + size // 32)
-    unknown = [
-        i for i in ids if i not in tracks or (tracks[i].offset > at and not catalogue.damaged)
-    ]
-    if not size or size % 32 or (unknown and not harmed):
-        raise FormatError(
-            "The chunk does not hold a whole number of checksums of known tracks",
-            requirement="DGS-001",
-            offset=at,
-        )
-    if any(i in tracks and tracks[i].kind == "events" for i in ids):
-        raise FormatError("Tracks of events have no checksum", requirement="DGS-004", offset=at)
-    return ids

@@ -5,23 +5,25 @@ from __future__ import annotations
 import os
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from fractions import Fraction
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
+from .arrays import recording_of
 from .atomic import refuse, target
 from .container.cluster import Packet
 from .container.extras import Attachment, build_attachment, build_metadata
 from .container.filewriter import FileWriter
 from .container.track import Track
 from .container.wire import UNKNOWN_EPOCH
+from .convert import refuse_foreign
 from .encoder.encode import Decision, Encoded, encode
 from .encoder.settings import Settings
 from .errors import ParameterError
 from .events import by_layer, coded, event_packets, layer_track, rate_of
 from .limits import LEVELS
 from .reading.decoder import TrackDecoder, TrackDigest
-from .recording import Recording
+from .recording import Rate, Recording
 from .version import __version__
 
 
@@ -36,16 +38,33 @@ class Summary:
 
 
 def write(
-    recording: Recording,
+    recording: Any,
     file: str | os.PathLike[str] | BinaryIO,
     settings: Settings | None = None,
     *,
+    rate: Rate | None = None,
+    labels: str | Sequence[str] | None = None,
+    units: str | Sequence[str] | None = None,
+    transpose: bool | None = None,
+    preset: str | None = None,
     canonical: int | None = None,
     force: bool = False,
     progress: Callable[[int, int], None] | None = None,
     threads: int | None = None,
+    **options: Any,
 ) -> Summary:
-    """Encode a recording into a path or a binary stream.
+    """Encode a recording or an array into a path or a binary stream.
+
+    ``recording`` is a Recording, Channels, or numbers: an array [samples] or [channels, samples],
+    {label: array [samples]}, or a pandas.DataFrame with a column for each channel. NaN and masked
+    values are gaps. Integers of up to 32 bits are kept as counts. Arrays need ``rate``, samples
+    per second (1000, 35.618 or "44100/7"); a DataFrame may have times as its index. ``labels``:
+    one text for each channel. ``units``: one text for all channels or one for each, such as "N".
+    An array of more rows than columns is refused, unless there is a label for each row: pass
+    ``array.T``, or say ``transpose=True`` or ``False``.
+
+    ``preset`` and any field of :class:`hapfmt.Settings` choose the encoding, such as
+    ``preset="near-lossless", max_error="0.1%"``; or give whole ``settings``.
 
     ``canonical`` is the file id of canonical mode: the same input gives the same bytes; otherwise
     the id, and the UUID of a recording that has none, are random. An existing path is refused
@@ -55,7 +74,20 @@ def write(
 
     Raises ParameterError where the recording does not fit the format.
     """
-    settings = settings or Settings()
+    if settings is not None and (preset is not None or options):
+        raise ParameterError("give settings, or a preset with options, not both")
+    if settings is None:
+        given = options if preset is None else {"preset": preset, **options}
+        try:
+            settings = Settings.of(**given) if given else Settings()
+        except TypeError:
+            known = ", ".join(field.name for field in fields(Settings))
+            raise ParameterError(
+                f"{', '.join(options)}: not all of these are settings; there are {known}"
+            ) from None
+    if isinstance(file, (str, os.PathLike)):
+        refuse_foreign(file)
+    recording = recording_of(recording, rate, labels=labels, units=units, transpose=transpose)
     if canonical is not None and not 0 <= canonical < 1 << 32:
         raise ParameterError("a file id lies between 0 and 2^32 - 1")
     check_epoch(recording)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,13 +19,15 @@ from spec import ROOT
 
 README = ROOT / "README.md"
 PAGES = [README, *sorted((ROOT / "docs").glob("*.md"))]
-BLOCK = re.compile(r"^ *```(\w*)[^\n]*\n(.*?)^ *```$", re.S | re.M)
+BLOCK = re.compile(r"^ *```(\w*) *(\w*)[^\n]*\n(.*?)^ *```$", re.S | re.M)
 SHELL = re.compile(r"[|<>;&$*`\\]")
 WIDTH = 80
 
 
 class Block(NamedTuple):
     kind: str
+    needs: str
+    """A module: without it, the block is not run."""
     body: str
 
 
@@ -52,12 +55,16 @@ def walk(page: Path, room: Path, run: Callable[[Command, Path], None], python: b
         if block.kind == "console":
             for command in commands_of(block):
                 run(command, room)
-        elif block.kind == "python" and python:
+        elif block.kind == "python" and python and installed(block.needs):
             os.chdir(room)
             try:
                 exec(compile(block.body, str(page), "exec"), names)
             finally:
                 os.chdir(before)
+
+
+def installed(module: str) -> bool:
+    return not module or find_spec(module) is not None
 
 
 def run_piped(command: Command, room: Path) -> None:

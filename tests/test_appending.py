@@ -414,7 +414,7 @@ class TestCutFiles:
     def test_nothing_is_mended_where_it_must_not(self, tmp_path: Path):
         path = tmp_path / "a"
         path.write_bytes(WHOLE[:-1])
-        with pytest.raises(ParameterError, match="not to be mended"):
+        with pytest.raises(ParameterError, match="cannot be mended"):
             open_append(path, repair=False)
         assert path.read_bytes() == WHOLE[:-1]
         path.write_bytes(WHOLE)
@@ -500,7 +500,7 @@ class TestRefusals:
     def test_tracks_that_lack_others(self, tmp_path: Path):
         lone = ("TRAK", f.trak(kind=1), {"track": 0})
         data = f.file(("HEAD", f.head()), lone, f.DATA_0)
-        self.refused(tmp_path / "a", data, ParameterError, "lack those")
+        self.refused(tmp_path / "a", data, ParameterError, "tracks they depend on")
         path = tmp_path / "b"
         path.write_bytes(f.file(("HEAD", f.head()), lone))
         assert go_on(path) == ["truncated"]

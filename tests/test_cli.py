@@ -11,7 +11,7 @@ from typing import Any
 import click
 import numpy as np
 import pytest
-from commands import run
+from commands import run, run_in_terminal
 from terminal import called
 
 import hapfmt
@@ -137,7 +137,7 @@ def test_pipe_without_a_format_is_refused(room: Path) -> None:
 def test_several_rates_and_gaps_come_back(room: Path, tmp_path: Path) -> None:
     run("encode", room / "two.npz", "o.hapf", cwd=tmp_path)
     run("decode", "o.hapf", "o.npz", cwd=tmp_path)
-    before, after = hapfmt.load(room / "two.npz"), hapfmt.load(tmp_path / "o.npz")
+    before, after = hapfmt.read(room / "two.npz"), hapfmt.read(tmp_path / "o.npz")
     for a, b in zip(before.channels, after.channels, strict=True):
         assert a.coverage == b.coverage and a.rate_exact == b.rate_exact and a.label == b.label
         assert a.samples().tobytes() == b.samples().tobytes()
@@ -151,7 +151,7 @@ def test_parts(room: Path, tmp_path: Path) -> None:
             "--channels", "0", cwd=tmp_path,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
-    part = hapfmt.load(tmp_path / "full.npz").channels[0]
+    part = hapfmt.read(tmp_path / "full.npz").channels[0]
     assert part.start_tick == 250 and part.stored.size == 250
     assert (part.samples() == whole.samples()[250:500]).all()
     assert (
@@ -257,11 +257,11 @@ def test_dump_is_canonical_json(room: Path) -> None:
 
 def test_convert_to_every_format_and_back(room: Path, tmp_path: Path) -> None:
     pytest.importorskip("soundfile")
-    before = hapfmt.load(room / "one.npz").channels[0].samples()
+    before = hapfmt.read(room / "one.npz").channels[0].samples()
     for suffix in ("csv", "wav", "npy", "npz"):
         assert run("convert", room / "one.npz", f"o.{suffix}", cwd=tmp_path).returncode == 0
         rate = 1000 if suffix == "npy" else None
-        after = hapfmt.load(tmp_path / f"o.{suffix}", rate=rate).channels[0].samples()
+        after = hapfmt.read(tmp_path / f"o.{suffix}", rate=rate).channels[0].samples()
         assert (before == after).all()
     assert run("convert", "o.csv", "o.hapf", cwd=tmp_path).returncode == 0
     assert run("convert", "o.hapf", "p.hapf", cwd=tmp_path).returncode == 1
@@ -318,6 +318,16 @@ def test_demo(tmp_path: Path) -> None:
     assert (tmp_path / "d.png").read_bytes().startswith(b"\x89PNG")
     assert hapfmt.verify(tmp_path / "d.hapf").verdict == "intact"
     assert (tmp_path / "d.hapf").stat().st_size == sizes["lossless"]
+
+
+def test_demo_shows_every_column_on_a_terminal_of_80(tmp_path: Path) -> None:
+    lines = run_in_terminal("demo", "--seconds", "1", cwd=tmp_path).stdout.decode().splitlines()
+    assert not any("not shown" in line for line in lines)
+    (header,) = (line for line in lines if line.startswith("preset "))
+    assert header.split() == ["preset", "bytes", "smaller", "largest", "error", "texture", "kept"]
+    starts = [line.split("  ")[0] for line in lines[lines.index(header) + 2 :]]
+    names = ["lossless", "near-lossless", "perceptual", "perceptual --no-texture", "paper", ""]
+    assert starts[:6] == names
 
 
 def test_text_from_a_file_cannot_steer_the_terminal(tmp_path: Path) -> None:

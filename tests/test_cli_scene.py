@@ -40,8 +40,7 @@ def test_every_format(suffix, tmp_path):
     assert got["work"]["height_count"] == got["work"]["contact_step_count"] == 10_000
     assert got["work"]["finger_count"] == 0
     path = str(tmp_path / name)
-    load = hapfmt.read if suffix == "hapf" else hapfmt.load
-    back = load(path, rate=1000) if suffix == "npy" else load(path)
+    back = hapfmt.read(path, rate=1000) if suffix == "npy" else hapfmt.read(path)
     assert back.channels[0].stored.size == 500 and back.sample_count == 500
 
 

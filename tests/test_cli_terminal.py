@@ -19,7 +19,7 @@ from commands import run, run_in_terminal
 from terminal import called
 
 import hapfmt
-from hapfmt.cli import VERBS, screen, tables
+from hapfmt.cli import SECTIONS, VERBS, screen, tables
 from hapfmt.errors import ParameterError
 
 LABELS = ("thumb_proximal_flexion_torque", "fx", "BioTac electrode 17", "Δ slip velocity")
@@ -84,7 +84,7 @@ SHOWN: dict[str, tuple[list[str], list[str], int]] = {
     "profile list": (["profile", "list"], ["name", "dualsense-bluetooth-haptics"], 0),
     "profile check": (["profile", "check", "glove22"], ["actuator", "lowest"], 0),
     "scene": (["scene"], ["everything", "grasp"], 0),
-    "demo": (["demo", "--seconds", "1"], ["bits", "outside"], 0),
+    "demo": (["demo", "--seconds", "1"], ["preset", "bytes"], 0),
     "replay": (
         ["replay", "a.hapf", "--device", "glove5", "--dry-run", "--map", "fx=thumb", "--stop",
          "0.05", "--record", "x.csv", "-f"],
@@ -360,6 +360,42 @@ def test_errors_are_json_too(room: Path) -> None:
     assert json.loads(said.out)["exit_code"] == 1 and "No such file" in said.err
 
 
-def test_help_has_sections_and_every_verb_has_examples() -> None:
+def test_help_has_sections() -> None:
     text = called("--help").out
-    assert all(f" {verb} " in text for verb in VERBS)
+    places = [text.index(f"{name}:\n") for name in SECTIONS]
+    assert places == sorted(places) and len(VERBS) == 25
+    for verb, what in VERBS.items():
+        assert re.search(rf"^  {verb} +{re.escape(what)}$", text, re.M), verb
+
+
+def test_help_of_every_verb_has_examples_and_groups_within_80_columns(tmp_path: Path) -> None:
+    for verb in VERBS:
+        done = run_in_terminal(verb, "--help", cwd=tmp_path)
+        text = done.stdout.decode().replace("\r\n", "\n")
+        assert done.returncode == 0 and max(map(len, text.split("\n"))) <= 80, verb
+        if verb != "profile":  # a group, whose help lists its own verbs
+            assert re.search(rf"\n\nExamples:\n(?:  .*hapfmt .*\n)*  .*hapfmt {verb}", text), verb
+        assert "\nOptions:\n" in text
+    text = called("encode", "--help").out
+    assert text.index("Quality:") < text.index("--preset") < text.index("For experts:")
+    assert text.index("For experts:") < text.index("--canonical") < text.index("Output:")
+
+
+def test_no_verb_at_all_prints_the_help() -> None:
+    said = called()
+    assert said.code == 1 and "Record and replay:" in said.out and not said.err
+
+
+def test_version_says_whether_the_loops_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    from hapfmt import kernels
+
+    monkeypatch.delenv("HAPFMT_PURE", raising=False)
+    built = kernels.load() is not None
+    assert (", compiled loops\n" in called("--version").out) == built
+    monkeypatch.setenv("HAPFMT_PURE", "1")
+    assert (", compiled loops\n" in called("--version").out) is False
+    code = "import sys; from hapfmt.cli import main\ntry: main()\nfinally: print('numpy' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.endswith("False\n")

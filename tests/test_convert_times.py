@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapfmt.convert import load
+from hapfmt.convert import read
 from hapfmt.errors import ParameterError
 from hapfmt.recording import Recording, Span
 
 
 def table(times: Iterable[str], *, head: str = "t [s]", rate: float | None = None) -> Recording:
     rows = "".join(f"{time},{row}\n" for row, time in enumerate(times))
-    return load(io.BytesIO(f"{head},x [N]\n{rows}".encode()), format="csv", rate=rate)
+    return read(io.BytesIO(f"{head},x [N]\n{rows}".encode()), format="csv", rate=rate)
 
 
 def stamps(
@@ -152,19 +152,21 @@ def test_sums_of_a_period_are_regular() -> None:
     [
         (5, 5000, None),
         (-5, 0, "begin at -5.0 s, which became tick 0"),
-        (1_700_000_000, 0, "begin at 1700000000.0 s, which became tick 0"),
+        (1_700_000_000, 0, "the first time, 2023-11-14T22:13:20Z, became the epoch"),
+        (1e12, 0, "begin at 1000000000000.0 s, which became tick 0"),
         (0.0004, 0, "lie 0.0004 s beside the ticks"),
     ],
 )
 def test_where_the_times_begin(offset: float, start: int, note: str | None) -> None:
     recording = table(stamps(1000, range(20), 4, offset))
     assert recording.channels[0].coverage == (Span(start, start + 20),)
+    assert recording.epoch_ns == (1_700_000_000 * 10**9 if offset == 1_700_000_000 else None)
     assert note is None or note in recording.metadata["notes"][0]
     assert (note is None) == (not recording.metadata)
 
 
 REFUSED: dict[str, Callable[[], Recording]] = {
-    r"fewer than two times tell no rate": lambda: table(["0"]),
+    r"fewer than two times give no rate": lambda: table(["0"]),
     r"line 3, column 1 \('t \[s\]'\): '0' is not later than the time before": lambda: table("00"),
     r"line 2, column 1 .*'12:30' is not a time": lambda: table(["12:30"]),
     r"line 2, column 1 .*'' is not a time": lambda: table([""]),

@@ -195,7 +195,7 @@ class TestWriting:
 
     @pytest.mark.parametrize("place", ["c", 2, -1])
     def test_channels_that_there_are_not(self, place):
-        with pytest.raises(ParameterError, match="speaks of channel"):
+        with pytest.raises(ParameterError, match="refers to channel"):
             written(self.recording(Event(0, channel=place)))
 
     @pytest.mark.parametrize(
@@ -335,7 +335,7 @@ class TestOtherFiles:
         path = tmp_path / "a.npz"
         notes = hapfmt.save(self.RECORDING, path)
         assert not any("events" in note for note in notes)
-        back = hapfmt.load(path)
+        back = hapfmt.read(path)
         assert back.events == self.EVENTS
         assert "notes" not in back.metadata
         with np.load(path) as archive:
@@ -349,7 +349,7 @@ class TestOtherFiles:
         path = tmp_path / "a.npz"
         np.savez(path, x=np.zeros((1, 3)), rate="10", events=np.array(text))
         with pytest.raises(ParameterError):
-            hapfmt.load(path)
+            hapfmt.read(path)
 
     @pytest.mark.parametrize("suffix", [".npy", ".csv", ".wav"])
     def test_others_say_that_they_do_not(self, tmp_path, suffix):
@@ -380,11 +380,8 @@ class TestTold:
 
     def test_events_of_info(self, path):
         told_lines = self.run("info", path, "--events").splitlines()
-        assert [line.split()[:1] for line in told_lines if "touch  " in line] == [
-            ["0.002"],
-            ["0.005"],
-            ["0.005"],
-        ]
+        rows = [line.split()[0] for line in told_lines if line.lstrip().startswith("0.")]
+        assert rows == ["0.002", "0.005", "0.005"]
         rows = json.loads(self.run("info", path, "--events", "--json"))["events"]
         assert rows[1] == {
             "time": "1/200", "duration": "1/200", "channel": 0, "text": "out", "layer": "touch",

@@ -209,7 +209,7 @@ class TestFiles:
                           calibration=Calibration(1, 0, 2**15), exact=x)  # fmt: skip
         stream = io.BytesIO()
         save(Recording((channel,)), stream, format="wav")
-        (back,) = hapfmt.load(io.BytesIO(stream.getvalue()), format="wav").channels
+        (back,) = hapfmt.read(io.BytesIO(stream.getvalue()), format="wav").channels
         assert bits(back.samples()) == bits(x)
 
     @pytest.mark.parametrize("change", [np.spacing, lambda v: -2 * v])

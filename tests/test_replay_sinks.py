@@ -28,7 +28,7 @@ def frame(number: int, *counts: tuple[int, ...], size: int = 1, rate: int = 1000
 
 
 def loaded(path: str) -> hapfmt.Recording:
-    return hapfmt.read(path) if path.endswith(".hapf") else hapfmt.load(path, rate=1000)
+    return hapfmt.read(path) if path.endswith(".hapf") else hapfmt.read(path, rate=1000)
 
 
 class TestDryRun:
@@ -91,7 +91,7 @@ class TestRecord:
         with RecordSink(path, profile) as sink:
             for k in (0, 1, 3):
                 sink.send(frame(k, *self.COUNTS[32 * k : 32 * k + 32], size=32, rate=3000), ())
-        thumb = (hapfmt.read if path.endswith(".hapf") else hapfmt.load)(path).channels[0]
+        thumb = hapfmt.read(path).channels[0]
         assert thumb.coverage == (Span(0, 64), Span(96, 128)) and thumb.rate_exact == 3000
 
     def test_it_says_what_was_played(self, tmp_path):

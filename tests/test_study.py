@@ -175,7 +175,7 @@ class TestPreparing:
         assert prepare(study, tmp_path / "a").digest == first.digest
 
     def test_signals(self, study, prepared):
-        original = hapfmt.load(study.path.parent / "cork.npz").channels[0].samples()[100:300]
+        original = hapfmt.read(study.path.parent / "cork.npz").channels[0].samples()[100:300]
         back = {
             name: hapfmt.read(prepared.file("cork", name)).channels[0]
             for name in ("same", "b5", "slow", "anchor")
@@ -190,7 +190,7 @@ class TestPreparing:
     def test_files_of_ones_own(self, study, tmp_path):
         for name in ("sand.hapf", "cork.npz"):
             (tmp_path / name).write_bytes(study.beside(name).read_bytes())
-        hapfmt.write(hapfmt.load(tmp_path / "cork.npz"), tmp_path / "c.hapf")
+        hapfmt.write(hapfmt.read(tmp_path / "cork.npz"), tmp_path / "c.hapf")
         files = 'files = { sand = "sand.hapf", cork = "c.hapf" }'
         path = tmp_path / "own.toml"
         path.write_text(TEXT.replace("low_pass_hz = 10", files))
@@ -424,7 +424,7 @@ class TestOutputs:
         found = {}
         for name in ("same", "anchor"):
             output.play(prepared.file("sand", name), name)
-            found[name] = hapfmt.load(tmp_path / "w" / f"{name}.wav").channels[0]
+            found[name] = hapfmt.read(tmp_path / "w" / f"{name}.wav").channels[0]
         y = found["same"].samples()
         assert found["same"].rate_exact == 48_000 and y.size == 0.4 * 48_000
         assert 0.4 < np.abs(y).max() < 0.6 and abs(y[0]) < 1e-3 and abs(y[-1]) < 1e-3

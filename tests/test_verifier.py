@@ -22,7 +22,8 @@ from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDecoder, TrackDigest
 from hapfmt.recording import Calibration, Channel, Recording
 from hapfmt.usage import measure
-from hapfmt.verifier import VERDICTS, verify
+from hapfmt.verdict import VERDICTS
+from hapfmt.verifier import verify
 
 pytestmark = pytest.mark.capped
 

@@ -322,7 +322,7 @@ def child(words: tuple[str, ...]) -> None:
 
 @click.command(help=__doc__)
 @click.option("--seconds", default=60.0, help="Of each run.")
-@click.option("--load", default=0, help="Busy processes of ordinary priority beside it.")
+@click.option("--load", default=0, help="Busy processes of ordinary priority at the same time.")
 @click.option("--ways", default="sleep,loopback,hid")
 @click.option("--kills", "kill_count", default=0, help="Times that the writer is killed.")
 @click.option("--hour", "with_hour", is_flag=True, help="An hour-long file of 22 channels.")
@@ -358,7 +358,7 @@ def main(
                     ends["failed"][f"an hour of 22 channels, {way}"] = happened(error)
     about = (
         f"{origin()}, kernel {platform.release()} ({platform.version()}); {seconds:g} s a run, "
-        f"{load} busy processes beside it"
+        f"{load} busy processes at the same time"
     )
     print(
         f"{about}\nreal-time settings: {next((r.realtime for r in rows if r.realtime), 'none')}\n"

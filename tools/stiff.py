@@ -2,7 +2,7 @@
 
 python tools/stiff.py [FILE.npz:CHANNEL ...]
 
-A simulated wall of 1e5 N/m, and channels of files as ``hapfmt.load`` reads them. The wall is known
+A simulated wall of 1e5 N/m, and channels of files as ``hapfmt.read`` reads them. The wall is known
 at 10 kHz, recorded at 1 kHz as a sensor averages it, and rendered for 10 kHz again: error, images
 above 500 Hz against what is below, how far lowest and highest force go beyond those recorded, and
 the force before the touch. Then the largest change per millisecond that devices would be sent: as
@@ -139,7 +139,7 @@ def steepest(values: Values, rate: int) -> float:
 
 def replay_rows(name: str, channel: Channel, start: Fraction) -> Iterator[list[str]]:
     stream = io.BytesIO()
-    hapfmt.write(Recording((channel,)), stream, hapfmt.Settings.of("archive"))
+    hapfmt.write(Recording((channel,)), stream, hapfmt.Settings.of("lossless"))
     limits = DEVICES[channel.unit]
     for rate in (1000, 4000):
         with Reader(stream.getvalue()) as reader:
@@ -195,7 +195,7 @@ def main(places: tuple[str, ...]) -> None:
     cases = {name: wall(texture, COARSE_HZ) for name, texture in scenes.items()}
     for place in places:
         file, _, label = place.rpartition(":")
-        cases[f"{label}"] = hapfmt.load(file).channel(label)
+        cases[f"{label}"] = hapfmt.read(file).channel(label)
     rows = [
         row
         for name, channel in cases.items()

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
+from pathlib import Path
 
 import click
 
@@ -16,33 +18,44 @@ from ..names import similar, unknown
 from ..version import SPEC_VERSION, __version__
 from . import screen
 
-VERBS = {
-    "encode": "Encode a recording into a .hapf file.",
-    "decode": "Decode a .hapf file, or a part of it.",
-    "info": "What a file holds.",
-    "verify": "Check every rule of a file, and its deadband contract.",
-    "recover": "All that a damaged file still holds, in a file that is intact.",
-    "du": "Where the bytes go, by cause and by track.",
-    "dump": "All of a file as canonical JSON.",
-    "subset": "Some channels, a stretch of time, one band; nothing is encoded anew.",
-    "split": "Parts of some length, or at some times.",
-    "concat": "Files one after the other.",
-    "merge": "Channels that were recorded apart, on one time line.",
-    "attach": "Files inside the file: add, list, extract.",
-    "annotate": "Markers and annotations: add, list.",
-    "meta": "Show or set the metadata.",
-    "clocks": "Other clocks: what was observed, offset, drift, jitter.",
-    "convert": "From any format to any other.",
-    "plot": "A picture of a recording: signal, texture, knots, spectrum, damage.",
-    "compare": "How two recordings differ, channel by channel.",
-    "record": "Record samples as they come from another program.",
-    "replay": "Play a recording on a haptic device, or show what it would be sent.",
-    "devices": "HID devices that are connected, and which profile fits which.",
-    "profile": "Device profiles: list them, show one, check one.",
-    "rate": "Subjective tests: feel, compare, rate from 0 to 100; and their summary.",
-    "scene": "Simulate a scene: textures, a wall, taps, a grasp; needs no device.",
-    "demo": "Simulate a stylus on a texture, encode it, show what it costs.",
+SECTIONS = {
+    "Files": {
+        "encode": "Encode a recording into a .hapf file",
+        "decode": "Decode a .hapf file, or a part of it",
+        "convert": "Convert between formats",
+    },
+    "Inspect": {
+        "info": "Show what a file contains",
+        "verify": "Check a file, and its error bounds against the original",
+        "compare": "Compare two recordings, channel by channel",
+        "plot": "Draw a recording",
+        "du": "Show where the bytes of a file go",
+        "dump": "Print a whole file as JSON",
+        "clocks": "Show offset, drift and jitter of other clocks",
+    },
+    "Edit": {
+        "subset": "Copy some channels or a stretch of time",
+        "split": "Cut a file into parts",
+        "concat": "Join files one after the other",
+        "merge": "Join channels that were recorded separately",
+        "attach": "Add, list or extract attached files",
+        "annotate": "Add or list markers and annotations",
+        "meta": "Show or set metadata",
+        "recover": "Save what a damaged file still contains",
+    },
+    "Record and replay": {
+        "record": "Record samples from another program",
+        "replay": "Play a recording on a haptic device",
+        "devices": "List connected haptic devices",
+        "profile": "List, show or check device profiles",
+    },
+    "Research": {
+        "demo": "Simulate a stylus, encode it, show the sizes",
+        "scene": "Simulate textures, a wall, taps or a grasp",
+        "rate": "Run a study in which people rate what they feel",
+    },
 }
+VERBS = {verb: text for verbs in SECTIONS.values() for verb, text in verbs.items()}
 RENAMED = {
     "--from": {
         "annotate": "--table",
@@ -82,25 +95,50 @@ class Verbs(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        with formatter.section("Verbs"):
-            formatter.write_dl(list(VERBS.items()))
+        for name, verbs in SECTIONS.items():
+            with formatter.section(name):
+                formatter.write_dl([(f"{verb:<8}", text) for verb, text in verbs.items()])
+
+
+def print_version(ctx: click.Context, _param: click.Parameter, asked: bool) -> None:
+    if not asked or ctx.resilient_parsing:
+        return
+    kernels = Path(__file__).parent.parent / "kernels"
+    built = any(path.suffix in (".so", ".pyd") for path in kernels.glob("_kernels.*"))
+    loops = "compiled loops" if built else "no compiled loops, so everything is slow"
+    if built and os.environ.get("HAPFMT_PURE"):
+        loops = "compiled loops switched off by HAPFMT_PURE"
+    screen.say(f"hapfmt {__version__}, format {SPEC_VERSION}, {loops}")
+    ctx.exit()
 
 
 @click.group(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, message=f"hapfmt %(version)s, format {SPEC_VERSION}")
+@click.option(
+    "--version",
+    is_flag=True,
+    expose_value=False,
+    is_eager=True,
+    callback=print_version,
+    help="Show the version, and whether the compiled loops are there.",
+)
 def cli() -> None:
-    """Recorded touch in files that are small, exact, and survive.
+    """Store recorded touch in small files that lose nothing unless you ask for it.
 
     \b
-    hapfmt demo                          try it: needs no file and no device
-    hapfmt encode touch.npz touch.hapf   a recording becomes a .hapf file
-    hapfmt info touch.hapf               what is in it
-    hapfmt decode touch.hapf back.npz    and it comes back
+    hapfmt demo                          try it; needs no file and no device
+    hapfmt encode touch.npz touch.hapf   encode a recording
+    hapfmt info touch.hapf               show what the file contains
+    hapfmt decode touch.hapf back.npz    decode it again
 
-    A name of - is standard input or output. Exit codes: 0 done, nothing lost; 1 usage, input or
-    output; 2 not a conforming file; 3 done with loss, losses reported; 4 needs an unknown feature,
-    or more than the limits; of a replay 5 stopped since it was late, 6 device lost, 128 + n ended
-    by signal n.
+    A file name of - is standard input or output. 'hapfmt VERB --help' shows the options and
+    examples of a verb.
+
+    \b
+    Exit codes:
+      0  done, nothing lost          4  unknown feature, or over a limit
+      1  wrong use, input, output    5  replay stopped because it was late
+      2  not a conforming file       6  device lost
+      3  done with loss, reported    128 + n  ended by signal n
     """
 
 
@@ -150,6 +188,9 @@ def explained(error: click.ClickException) -> click.ClickException:
 
 def usage(error: click.ClickException) -> int:
     """An error of whoever typed the command."""
+    if isinstance(error, click.exceptions.NoArgsIsHelpError):
+        screen.document(error.format_message() + "\n")
+        return ERROR
     code = report(error.format_message(), ERROR)
     context = getattr(error, "ctx", None)
     if context is not None:

@@ -23,6 +23,7 @@ from .common import (
     standard_input,
 )
 from .editing import copy_option, tell_added
+from .help import Verb
 from .screen import say
 from .tables import table
 
@@ -33,7 +34,7 @@ TIMES, TEXTS = ("time", "onset"), ("text", "trial_type")
 """Names of columns; the second ones are those of BIDS."""
 
 
-@click.command(short_help="Markers and annotations: add, list.")
+@click.command(cls=Verb)
 @click.argument("file", metavar="FILE")
 @click.argument("text", metavar="[TEXT]", required=False)
 @click.option("--at", type=FractionType(), metavar="S", help="Time in seconds.")
@@ -113,7 +114,7 @@ def read_table(name: str, layer: str) -> list[Event]:
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise ParameterError("events are UTF-8 text", path=name) from None
+        raise ParameterError("the events are not UTF-8 text", path=name) from None
     rows = json_rows(text) if text.lstrip().startswith("{") else csv_rows(text)
     events = []
     for number, row in rows:

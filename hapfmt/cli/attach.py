@@ -18,6 +18,7 @@ from .common import (
     refuse_target,
 )
 from .editing import tell_added
+from .help import Verb
 from .screen import say
 from .tables import table
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from ..edit import Original
 
 
-@click.command(short_help="Files inside the file: add, list, extract.")
+@click.command(cls=Verb)
 @click.argument("file", metavar="FILE")
 @click.argument("paths", metavar="[PATH]...", nargs=-1)
 @click.option("--name", help="Name of the attachment, for one PATH. [its own]")
@@ -87,7 +88,7 @@ def attach(
 
 
 def show(original: Original, as_json: bool) -> None:
-    known = original.catalogue.attachments
+    known = original.attachments
     if as_json:
         echo_json(
             {

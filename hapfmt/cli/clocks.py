@@ -16,6 +16,7 @@ from .common import (
     memory_option,
     tell_losses,
 )
+from .help import Verb
 from .screen import say
 from .tables import table
 
@@ -29,7 +30,7 @@ NS = Fraction(10**9)
 """Ticks per second where a clock was observed by nanoseconds of the recording."""
 
 
-@click.command(short_help="Other clocks: what was observed, offset, drift, jitter.")
+@click.command(cls=Verb)
 @click.argument("file", metavar="FILE")
 @click.option("--fit", is_flag=True, help="Fit straight lines to each clock and print them.")
 @click.option(
@@ -60,6 +61,10 @@ def clocks(
     Offset: how far a clock was ahead of the recording at its first observation. Drift: how much
     faster it runs. Jitter: half of the observations are within it of one straight line. The maps
     are those stored in FILE; with --fit they are new, and are not stored.
+
+    \b
+    hapfmt clocks touch.hapf
+    hapfmt clocks touch.hapf --fit --delays late
     """
     from ..reading.reader import Reader
 

@@ -26,12 +26,6 @@ if TYPE_CHECKING:
     from ..recording import Recording
 
 HAPF, CSV = ".hapf", ".csv"
-OTHER_SUFFIXES = (
-    *(".h5", ".hdf5", ".mat", ".parquet", ".feather", ".arrow", ".json", ".jsonl", ".tsv", ".txt"),
-    *(".xlsx", ".mcap", ".bag", ".edf", ".bdf", ".c3d", ".tdms", ".pkl", ".nc", ".toml"),
-    *(".flac", ".mp3", ".ogg", ".zst", ".gz", ".zip", ".png", ".svg", ".pdf"),
-)
-"""No name of a hapf file ends like this unless by mistake."""
 SHOWN_LINES = 20
 BITS = frozenset(str(bits) for bits in (0, *range(2, 17)))
 LONG_SECONDS = 0.5
@@ -68,8 +62,9 @@ memory_option = click.option(
     type=MemoryType(),
     default=Limits(),
     metavar="SIZE",
-    help="Memory that files may take, on top of the program, such as 256M; what takes more is "
-    "refused, with exit code 4. [no bound but those of the format]",
+    help="Memory that a file may take, on top of the program, such as 256M, and gaps in an output "
+    "that writes them out; what takes more is refused, with exit code 4. [1G for gaps, 4G for "
+    "formats other than hapf]",
 )
 """Gives the verb ``max_memory``, the Limits for whatever it reads."""
 input_format_option = click.option(
@@ -221,6 +216,12 @@ class AmountType(click.ParamType["Tolerance"]):
             self.fail(error.message, param, ctx)
 
 
+transpose_option = click.option(
+    "--transpose/--no-transpose",
+    default=None,
+    help="Arrays in .npy and .npz are [samples, channels] / are [channels, samples]. "
+    "[refuse an array of more rows than columns]",
+)
 start_option = click.option(
     "--start",
     type=FractionType(),
@@ -280,15 +281,11 @@ def output_of(name: str, *, text: bool = False) -> str | BinaryIO:
 
 def refuse_target(name: str, force: bool) -> None:
     """Before any work: whether a .hapf file may be written there."""
-    from ..convert import FORMATS
+    from ..convert import refuse_foreign
 
     if name == "-":
         return
-    suffix = Path(name).suffix.lower()
-    if suffix in FORMATS:
-        raise ParameterError(f"hapf files end in .hapf; hapfmt convert writes {suffix}", path=name)
-    if suffix in OTHER_SUFFIXES:
-        raise ParameterError(f"hapf files end in .hapf; {suffix} is another format's", path=name)
+    refuse_foreign(name)
     refuse(name, force)
 
 
@@ -305,15 +302,22 @@ def suffix_of(name: str, format_: str | None, default: str | None = None) -> str
 
 
 def load_recording(
-    name: str, format_: str | None, rate: str | None, limits: Limits | None = None
+    name: str,
+    format_: str | None,
+    rate: str | None,
+    limits: Limits | None = None,
+    *,
+    transpose: bool | None = None,
 ) -> tuple[Recording, int]:
     """The recording in a file of any format, and the exit code that reading it deserves."""
-    from ..convert import MAX_MEMORY, load
+    from ..convert import read
 
     limits = limits or Limits()
-    if suffix_of(name, format_) != HAPF:
-        room = min(MAX_MEMORY, limits.memory or MAX_MEMORY)
-        return load(input_of(name), format=format_, rate=rate, max_memory=room), 0
+    suffix = suffix_of(name, format_)
+    if suffix != HAPF:
+        return read(input_of(name), format=suffix, rate=rate, limits=limits, transpose=transpose), 0
+    if transpose is not None:
+        raise ParameterError("--transpose is for .npy and .npz", path=name)
     from ..reading.reader import Reader
 
     with Reader(input_of(name), limits=limits) as reader, progress("decoding") as advance:
@@ -322,11 +326,18 @@ def load_recording(
         return recording, tell_losses(reader)
 
 
-def save_recording(recording: Recording, name: str, format_: str | None, force: bool) -> None:
+def save_recording(
+    recording: Recording,
+    name: str,
+    format_: str | None,
+    force: bool,
+    limits: Limits | None = None,
+) -> None:
     from ..convert import save
 
     target = output_of(name, text=suffix_of(name, format_) == CSV)
-    for each in save(recording, target, format=format_, force=force):
+    room = limits.memory if limits else None
+    for each in save(recording, target, format=format_, force=force, max_memory=room):
         note(each)
     if name == "-":
         target.flush()  # type: ignore[union-attr]
@@ -339,10 +350,10 @@ def tell_clocks(reader: Reader) -> None:
 
 
 def tell_losses(reader: Reader) -> int:
-    """What is wrong with a file that was read, on standard error; 3 if anything is (SPEC 14)."""
+    """What is wrong with a file that was read, on standard error; the exit code (SPEC 14)."""
     tell_some([f"{reader.source.path or 'input'}: {finding}" for finding in reader.findings])
     tell_some(lost_lines(reader.catalogue, reader.lost))
-    return 3 if reader.findings or reader.lost else 0
+    return reader.exit_code
 
 
 def tell_some(lines: Sequence[str]) -> None:

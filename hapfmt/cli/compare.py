@@ -22,6 +22,7 @@ from .common import (
     start_option,
     stop_option,
 )
+from .help import Verb
 from .parts import open_parts
 from .plot import finish, told
 from .screen import note, printable, say
@@ -40,7 +41,7 @@ DIFFERENT = 3
 """As ``verify --against`` says that a promise does not hold (SPEC clause 14)."""
 
 
-@click.command(short_help="How two recordings differ, channel by channel.")
+@click.command(cls=Verb)
 @click.argument("a", metavar="A")
 @click.argument("b", metavar="B")
 @click.option("--channels", multiple=True, help="Labels or numbers, of both: fx,fy or 0,3. [all]")
@@ -87,7 +88,7 @@ def compare(
     from ..survey.compare import pair_up
 
     if a == "-" and b == "-":
-        raise ParameterError("only one of A and B comes from standard input")
+        raise ParameterError("Only one of A and B can come from standard input")
     if picture is not None:
         from ..plotting.style import kind_of, new_figure
 

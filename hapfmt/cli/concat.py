@@ -18,13 +18,14 @@ from .common import (
     refuse_target,
 )
 from .editing import by_epoch_option, canonical_option, originals, same_times_option, tell
+from .help import Verb
 
 if TYPE_CHECKING:
     from ..edit import Times
     from ..limits import Limits
 
 
-@click.command(short_help="Files one after the other.")
+@click.command(cls=Verb)
 @click.argument("sources", metavar="IN...", nargs=-1, required=True)
 @click.argument("target", metavar="OUT")
 @click.option(

@@ -18,16 +18,20 @@ from .common import (
     notes_of,
     output_format_option,
     output_of,
+    refuse_target,
     save_recording,
     suffix_of,
     tell_notes,
+    transpose_option,
 )
+from .help import Verb
 
 
-@click.command(short_help="From any format to any other.")
+@click.command(cls=Verb)
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="OUT")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
+@transpose_option
 @input_format_option
 @output_format_option
 @memory_option
@@ -37,6 +41,7 @@ def convert(
     source: str,
     target: str,
     rate: str | None,
+    transpose: bool | None,
     input_format: str | None,
     output_format: str | None,
     force: bool,
@@ -47,12 +52,18 @@ def convert(
 
     A .hapf output is lossless (hapfmt encode has presets). If the output format cannot hold
     something, a note on standard error names it.
+
+    \b
+    hapfmt convert touch.csv touch.npz
+    hapfmt convert touch.hapf touch.wav
     """
     if suffix_of(source, input_format) == suffix_of(target, output_format) == HAPF:
         raise ParameterError("both are .hapf: copy the file, or use hapfmt encode")
-    if target != "-":
+    if suffix_of(target, output_format) == HAPF:
+        refuse_target(target, force)
+    elif target != "-":
         refuse(target, force)
-    recording, code = load_recording(source, input_format, rate, max_memory)
+    recording, code = load_recording(source, input_format, rate, max_memory, transpose=transpose)
     tell_notes(recording)
     if suffix_of(target, output_format) == HAPF:
         from ..encoder.settings import Settings
@@ -60,7 +71,7 @@ def convert(
 
         write(recording, output_of(target), Settings(), force=force)
     else:
-        save_recording(recording, target, output_format, force)
+        save_recording(recording, target, output_format, force, max_memory)
     if as_json and target != "-":
         echo_json(
             {

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, cast
 import click
 
 from ..atomic import refuse
+from ..errors import ParameterError
 from .common import (
     echo_json,
     force_option,
@@ -26,13 +27,14 @@ from .common import (
     tell_losses,
     threads_option,
 )
+from .help import Verb
 
 if TYPE_CHECKING:
     from ..limits import Limits
     from ..reading.reader import Band
 
 
-@click.command(short_help="Decode a .hapf file, or a part of it.")
+@click.command(cls=Verb)
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="OUT")
 @click.option(
@@ -89,8 +91,14 @@ def decode(
     ):
         names = parse_channels(channels, [ref.label for ref in reader.channels])
         recording = reader.read(names, start, stop, band=cast("Band", band), progress=advance)
+        if (start is not None or stop is not None) and not recording.sample_count:
+            end = float(reader.duration)
+            raise ParameterError(
+                f"No samples in this time range; the recording ends at {end:g} s",
+                path=reader.source.path,
+            )
         tell_clocks(reader)
-        save_recording(recording, target, output_format, force)
+        save_recording(recording, target, output_format, force, max_memory)
         code = tell_losses(reader)
         if as_json and target != "-":
             echo_json(

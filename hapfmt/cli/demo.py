@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import BitsType, FractionType, echo_json, force_option, json_option
+from .help import Verb
 from .screen import say
 from .tables import Column, table
 
@@ -46,7 +47,7 @@ class Outcome:
     decode_s: float
 
 
-@click.command(short_help="Simulate a stylus on a texture, and write it with every preset.")
+@click.command(cls=Verb)
 @click.option(
     "--texture",
     type=click.Choice(["stone", "sand", "cork", "none"]),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import echo_json, json_option
+from .help import Verb
 from .screen import document, say
 from .tables import Column, table
 
@@ -20,7 +21,7 @@ RULES_FILE = "/etc/udev/rules.d/70-hapfmt.rules"
 """Before 73-seat-late.rules, which gives what is tagged uaccess to who sits there."""
 
 
-@click.command(short_help="HID devices that are connected, and which profile fits which.")
+@click.command(cls=Verb)
 @click.option(
     "--profile",
     "own",
@@ -34,6 +35,10 @@ def devices(own: tuple[str, ...], as_json: bool) -> int:
 
     hapfmt opens a device only to read its report descriptor, and only if a profile has its ids.
     Nothing is sent to it.
+
+    \b
+    hapfmt devices
+    hapfmt devices --profile mine.toml
     """
     from ..replay.profile.matching import by_path
     from ..replay.profile.parse import builtin_names, load_profile

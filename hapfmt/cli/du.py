@@ -9,6 +9,7 @@ import click
 from ..container.source import open_source
 from ..limits import Limits
 from .common import echo_json, input_of, json_option, memory_option
+from .help import Verb
 from .screen import say
 from .tables import Column, table
 
@@ -19,12 +20,17 @@ SHOWN_LABELS = 2
 """Labels of a track in its row."""
 
 
-@click.command(short_help="Where the bytes go, by cause and by track.")
+@click.command(cls=Verb)
 @click.argument("file", metavar="FILE")
 @memory_option
 @json_option
 def du(file: str, as_json: bool, max_memory: Limits) -> int:
-    """Print where the bytes of FILE go. The causes add up to its size."""
+    """Print where the bytes of FILE go. The causes add up to its size.
+
+    \b
+    hapfmt du touch.hapf
+    hapfmt du touch.hapf --json
+    """
     from ..usage import measure
 
     source = open_source(input_of(file))

@@ -9,10 +9,11 @@ import click
 from ..container.source import open_source
 from ..limits import Limits
 from .common import input_of, memory_option
+from .help import Verb
 from .screen import raw
 
 
-@click.command(short_help="All of a file as canonical JSON.")
+@click.command(cls=Verb)
 @click.argument("file", metavar="FILE")
 @click.option("--counts", is_flag=True, help="Decode the packets and print their counts too.")
 @memory_option
@@ -20,6 +21,10 @@ def dump(file: str, counts: bool, max_memory: Limits) -> int:
     """Print FILE as one JSON array: one object for each chunk, in order, then the findings.
 
     Keys are sorted, and nothing depends on the machine. So two dumps can be compared as text.
+
+    \b
+    hapfmt dump touch.hapf
+    hapfmt dump touch.hapf --counts > touch.json
     """
     from ..dump import dump as dump_chunks
 

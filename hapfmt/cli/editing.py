@@ -80,7 +80,9 @@ def named(pairs: tuple[str, ...], files: tuple[str, ...]) -> dict[int, Any]:
     for pair in pairs:
         name, equals, text = pair.rpartition("=")
         if not equals or files.count(name) != 1:
-            raise ParameterError(f"--offset is IN=SECONDS, of one of the files, unlike {pair!r}")
+            raise ParameterError(
+                f"Expected --offset IN=SECONDS with one of the input files, got {pair!r}"
+            )
         found[files.index(name)] = exact(text)
     return found
 

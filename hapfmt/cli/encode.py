@@ -28,7 +28,9 @@ from .common import (
     refuse_target,
     tell_notes,
     threads_option,
+    transpose_option,
 )
+from .help import Verb
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
-@click.command(short_help="Encode a recording into a .hapf file.")
+@click.command(cls=Verb)
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="OUT")
 @click.option(
@@ -142,6 +144,7 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 )
 @click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track.")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
+@transpose_option
 @input_format_option
 @click.option(
     "--canonical",
@@ -159,6 +162,7 @@ def encode(
     target: str,
     preset: str,
     rate: str | None,
+    transpose: bool | None,
     input_format: str | None,
     canonical: int | None,
     force: bool,
@@ -174,7 +178,7 @@ def encode(
     \b
     hapfmt encode touch.npz touch.hapf
     hapfmt encode touch.csv touch.hapf --preset paper --k 0.1 --bits 5
-    hapfmt encode force.npy force.hapf --rate 1000 --preset near-lossless --max-error 0.1%
+    hapfmt encode f.npy f.hapf --rate 1000 --preset near-lossless --max-error 1%
     cat touch.npz | hapfmt encode - - --input-format npz > touch.hapf
     """
     from ..encoder.settings import Settings
@@ -184,7 +188,7 @@ def encode(
     given["vectors"] = "required" if vectors else None
     given["felt"] = given["felt"] or None
     settings = Settings.of(preset, **given)
-    recording, code = load_recording(source, input_format, rate, max_memory)
+    recording, code = load_recording(source, input_format, rate, max_memory, transpose=transpose)
     tell_notes(recording)
     for place, names in enumerate(vectors):
         recording = with_vector(recording, names.split(","), f"vector {place + 1}")

@@ -54,7 +54,7 @@ def show(
     if len(rows) > GROUPED and not verbose:
         rows = list(grouped(rows))
     headers = [
-        Column("label"), Column("kept as", 2), Column("bits/sample"), Column("bytes", 1),
+        Column("label"), Column("kept as"), Column("bits/sample"), Column("bytes", 1),
         Column("largest error"),
     ]  # fmt: skip
     table(headers, [row.cells() for row in rows])
@@ -113,7 +113,8 @@ def advice(summary: Summary, recording: Recording) -> str:
     ratio = near_lossless_ratio(recording)
     if ratio <= 1.5 * 8 * summary.sample_count / summary.file_size:
         return ""
-    those = "channel is" if len(every) == 1 else "channels are"
+    those = "channel" if len(every) == 1 else "channels"
+    those += " is" if len(floating) == 1 else " are"
     return (
         f"{len(floating)} of {len(every)} {those} floating point: --preset near-lossless "
         f"--max-error {MAX_ERROR} would make this file about {ratio:.0f} times smaller than float64"

@@ -18,11 +18,12 @@ from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError
 from ..reading.opening import open_catalogue
 from .bounds import bound_text, unit_text
 from .common import counted, echo_json, input_of, json_option, memory_option
+from .help import Verb
 from .screen import complain, say
 from .tables import Column, table
 
 
-@click.command(short_help="What a file holds.")
+@click.command(cls=Verb)
 @click.argument("file", metavar="FILE")
 @click.option("--events", "with_events", is_flag=True, help="List the events too.")
 @click.option("--follow", is_flag=True, help="Print a line each second while FILE grows.")
@@ -47,6 +48,11 @@ def info(
 
     Only the index and the descriptions are read; only --events decodes anything. FILE may be a
     URL. --follow ends when the file is closed, or with Ctrl-C.
+
+    \b
+    hapfmt info touch.hapf
+    hapfmt info touch.hapf --events
+    hapfmt info touch.hapf --json
     """
     if follow:
         from .following import follow_file

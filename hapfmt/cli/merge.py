@@ -17,12 +17,13 @@ from .common import (
 )
 from .concat import times_of
 from .editing import by_epoch_option, canonical_option, named, originals, same_times_option, tell
+from .help import Verb
 
 if TYPE_CHECKING:
     from ..limits import Limits
 
 
-@click.command(short_help="Channels that were recorded apart, on one time line.")
+@click.command(cls=Verb)
 @click.argument("sources", metavar="IN...", nargs=-1, required=True)
 @click.argument("target", metavar="OUT")
 @by_epoch_option

@@ -17,10 +17,11 @@ from .common import (
     refuse_target,
 )
 from .editing import copy_option, tell_added
+from .help import Verb
 from .screen import say
 
 
-@click.command(short_help="Show or set the metadata.")
+@click.command(cls=Verb)
 @click.argument("file", metavar="FILE")
 @click.argument("members", metavar="[KEY=VALUE]...", nargs=-1)
 @copy_option
@@ -60,7 +61,7 @@ def meta(
 def member(text: str) -> tuple[str, Any]:
     name, equals, value = text.partition("=")
     if not (name and equals):
-        raise ParameterError(f"metadata is KEY=VALUE, unlike {text!r}")
+        raise ParameterError(f"Expected KEY=VALUE, got {text!r}")
     try:
         return name, json.loads(value, parse_constant=refuse)
     except ValueError:

@@ -21,6 +21,7 @@ from .common import (
     stop_option,
     tell_losses,
 )
+from .help import Verb
 from .parts import matched, open_parts
 from .screen import note, printable
 
@@ -35,7 +36,7 @@ LINES = 3
 """Of what is lost, below the picture."""
 
 
-@click.command(short_help="Draw a recording: signal, slow part, residual, spectrum, gaps, damage.")
+@click.command(cls=Verb)
 @click.argument("file", metavar="FILE")
 @output_option("PICTURE", "Write the picture here: .png .svg .pdf; - is a pipe.")
 @click.option("--window", is_flag=True, help="Show it in a window instead.")
@@ -53,7 +54,8 @@ LINES = 3
     "--output-format",
     "kind",
     type=click.Choice(["png", "svg", "pdf"]),
-    help="Format of the picture, for a pipe [png].",
+    metavar="FORMAT",
+    help="Format of the picture, for a pipe: png, svg, pdf [png].",
 )
 @memory_option
 @force_option

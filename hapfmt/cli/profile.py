@@ -9,6 +9,7 @@ import click
 
 from ..errors import DeviceError, ParameterError
 from .common import echo_json, json_option
+from .help import Verb
 from .screen import complain, document, say
 from .tables import table
 
@@ -20,7 +21,7 @@ HEX_LIMIT = 1 << 20
 """Bytes of a file with a descriptor; the longest descriptor as commented hex is far shorter."""
 
 
-@click.group(short_help="Device profiles: list them, show one, check one.")
+@click.group()
 def profile() -> None:
     """Profiles say what a device takes, and what it must never be given.
 
@@ -31,7 +32,7 @@ def profile() -> None:
     """
 
 
-@profile.command("list", short_help="The profiles that are built in.")
+@profile.command("list", cls=Verb, short_help="The profiles that are built in.")
 @json_option
 def list_profiles(as_json: bool) -> int:
     """The profiles that are built in, and the devices that they are for."""
@@ -57,7 +58,7 @@ def list_profiles(as_json: bool) -> int:
     return 0
 
 
-@profile.command("show", short_help="The TOML of a profile.")
+@profile.command("show", cls=Verb, short_help="The TOML of a profile.")
 @click.argument("name", metavar="NAME")
 def show_profile(name: str) -> int:
     """Print the TOML of the built-in profile NAME (or of a file), to start one of your own."""
@@ -67,7 +68,7 @@ def show_profile(name: str) -> int:
     return 0
 
 
-@profile.command("check", short_help="Whether a profile is one, and fits a device.")
+@profile.command("check", cls=Verb, short_help="Whether a profile is one, and fits a device.")
 @click.argument("file", metavar="FILE.toml")
 @click.option(
     "--path",

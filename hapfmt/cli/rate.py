@@ -12,6 +12,7 @@ import click
 
 from ..errors import ParameterError
 from .common import echo_json, force_option, json_option, progress
+from .help import Verb
 from .screen import complain, document, note, say
 from .tables import table
 
@@ -28,7 +29,7 @@ INTERRUPTED = 130
 """128 + SIGINT, as in hapfmt replay."""
 
 
-@click.command(short_help="Subjective tests: feel, compare, rate from 0 to 100; and their summary.")
+@click.command(cls=Verb)
 @click.argument("files", metavar="STUDY.toml|ANSWERS...", nargs=-1, required=True)
 @click.option("--subject", metavar="S07", help="Whose answers: a code, not a name.")
 @click.option("--device", metavar="PROFILE", help="Feel it on a haptic device: see hapfmt profile.")
@@ -51,7 +52,9 @@ INTERRUPTED = 130
     is_flag=True,
     help="Assign channels to actuators by unit and order, whatever their names.",
 )
-@click.option("--no-watchdog", is_flag=True, help="Run without the watchdog, for devices that open only once.")
+@click.option(
+    "--no-watchdog", is_flag=True, help="Run without the watchdog, for devices that open only once."
+)
 @click.option(
     "--sound",
     metavar="CHANNEL[/DEVICE]",
@@ -68,7 +71,7 @@ INTERRUPTED = 130
     "--answers",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Where answers go, and are gone on with [STUDY-answers/SUBJECT.jsonl].",
+    help="File for the answers; an existing one is continued [STUDY-answers/SUBJECT.jsonl].",
 )
 @click.option(
     "--folder",
@@ -102,9 +105,9 @@ def rate(
     as_json: bool,
     **felt: Any,
 ) -> int:
-    """Play the conditions of a study in random order beside their reference, and keep what SUBJECT
-    says of each, from 0 to 100; then make the summary of all subjects. docs/studies.md tells how to
-    write a study and how to run one, docs/safety.md what a device can do to a hand.
+    """Play the conditions of a study in random order, each with its reference, and store how
+    SUBJECT rates them, from 0 to 100. Then summarise all subjects. docs/studies.md explains how to
+    write and run a study, docs/safety.md what a device can do to a hand.
 
     \b
     hapfmt rate --new study.toml sand.hapf cork.hapf
@@ -112,8 +115,8 @@ def rate(
     hapfmt rate study.toml --subject S07 --device glove5
     hapfmt rate --summary study-answers/*.jsonl --plot opinions.png
 
-    Every answer is on the disk before the next question; the same command goes on where it
-    stopped, after Ctrl-C too.
+    Every answer is on the disk before the next question. After Ctrl-C, the same command continues
+    where it stopped.
     """
     chosen = [
         name for name, given in zip(MODES, (new, prepare_only, summary), strict=True) if given

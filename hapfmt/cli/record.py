@@ -28,6 +28,7 @@ from .common import (
     json_option,
     standard_input,
 )
+from .help import Verb
 from .screen import complain, say
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ LOST = 3
 """Exit code: done with loss (SPEC clause 14)."""
 
 
-@click.command(short_help="Record samples as they come from another program.")
+@click.command(cls=Verb)
 @click.argument("target", metavar="OUT")
 @click.option(
     "-i",

@@ -18,6 +18,7 @@ from .common import (
     refuse_target,
     tell_some,
 )
+from .help import Verb
 from .screen import complain, say
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from ..recovery.recover import Recovery
 
 
-@click.command(short_help="All that a damaged file still holds, in a file that is intact.")
+@click.command(cls=Verb)
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="[OUT]", required=False)
 @click.option(

@@ -28,6 +28,7 @@ from .common import (
     stop_option,
     tell_some,
 )
+from .help import Verb
 from .screen import complain, printable, say
 from .tables import table
 
@@ -51,7 +52,7 @@ ERROR, LOST = 1, 3
 """Exit codes: an error, done with loss (SPEC clause 14)."""
 
 
-@click.command(short_help="Play a recording on a haptic device, or show what it would be sent.")
+@click.command(cls=Verb)
 @click.argument("file", metavar="FILE")
 @click.option(
     "--device",
@@ -66,7 +67,9 @@ ERROR, LOST = 1, 3
     metavar="DEVICE_PATH",
     help="The device to use if several fit the profile; hapfmt devices lists them.",
 )
-@click.option("--dry-run", is_flag=True, help="Send nothing: print the packets, or --record the values.")
+@click.option(
+    "--dry-run", is_flag=True, help="Send nothing: print the packets, or --record the values."
+)
 @start_option
 @stop_option
 @click.option(
@@ -80,7 +83,7 @@ ERROR, LOST = 1, 3
     help="Play N times. Without N, as the last option, play until Ctrl-C.",
 )
 @click.option(
-    "--speed", type=FractionType(), default="1", metavar="X", help="Play X times as fast."
+    "--speed", type=FractionType(), default="1", metavar="X", help="Factor on the speed [1]."
 )
 @click.option(
     "--gain",
@@ -110,9 +113,11 @@ ERROR, LOST = 1, 3
     "--record",
     "target",
     metavar="OUT",
-    help="Write the values that were sent to OUT, .hapf or .csv. Where nothing was sent is a gap.",
+    help="Write the values that are sent to OUT, .hapf or .csv.",
 )
-@click.option("--no-watchdog", is_flag=True, help="Run without the watchdog, for devices that open only once.")
+@click.option(
+    "--no-watchdog", is_flag=True, help="Run without the watchdog, for devices that open only once."
+)
 @force_option
 @memory_option
 @json_option

@@ -20,6 +20,7 @@ from .common import (
     save_recording,
     suffix_of,
 )
+from .help import Verb
 from .screen import document, note, say
 from .tables import table
 
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 INTEGRATORS = ("explicit-euler", "semi-implicit", "implicit", "trapezoid", "rk4", "exact")
 
 
-@click.command(short_help="Simulate a scene: textures, a wall, taps, a grasp; needs no device.")
+@click.command(cls=Verb)
 @click.argument("name", metavar="NAME|FILE.toml", required=False)
 @click.argument("target", metavar="OUT", required=False)
 @click.option("--seconds", type=float, metavar="S", help="Duration in seconds [4].")

@@ -19,12 +19,13 @@ from .common import (
     refuse_target,
 )
 from .editing import canonical_option, originals, show, to_zero_option
+from .help import Verb
 
 if TYPE_CHECKING:
     from ..limits import Limits
 
 
-@click.command(short_help="Parts of some length, or at some times.")
+@click.command(cls=Verb)
 @click.argument("source", metavar="IN")
 @click.option("--every", type=FractionType(), metavar="S", help="Length of each part, in seconds.")
 @click.option("--at", metavar="T1,T2,...", help="Times in seconds at which a new part begins.")
@@ -64,7 +65,7 @@ def split(
     from .. import edit
 
     if output == "-":
-        raise ParameterError("parts are files: give a name with a place for the number")
+        raise ParameterError("give a file name with {} for the number of the part")
     refuse_target(output, force=True)
     times = [fraction(text) for text in at.split(",")] if at else []
     with originals([source], max_memory) as (original,), progress("copying") as advance:

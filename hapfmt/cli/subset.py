@@ -21,13 +21,14 @@ from .common import (
     stop_option,
 )
 from .editing import canonical_option, tell, to_zero_option
+from .help import Verb
 
 if TYPE_CHECKING:
     from ..limits import Limits
     from ..reading.reader import Band
 
 
-@click.command(short_help="Some channels, a stretch of time, one band; nothing is encoded anew.")
+@click.command(cls=Verb)
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="OUT")
 @click.option(

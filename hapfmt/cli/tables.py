@@ -9,7 +9,7 @@ from typing import NamedTuple
 from .screen import JOINED, cells, printable, say, shortened, width_of, wrapped
 
 GAP = "  "
-NARROW = 16
+NARROW = 12
 """Columns of text wrap down to this width before a column is left out."""
 
 

@@ -19,6 +19,7 @@ from .common import (
     tell_some,
     threads_option,
 )
+from .help import Verb
 from .screen import complain, say
 from .tables import Column, table
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from ..verifier import Report
 
 
-@click.command(short_help="Check every rule of a file, and its deadband contract.")
+@click.command(cls=Verb)
 @click.argument("file", metavar="FILE")
 @click.option("--against", metavar="ORIGINAL", help="The recording that FILE was encoded from.")
 @input_format_option
@@ -48,9 +49,13 @@ def verify(
     """Check FILE against every rule: checksums, structure, packets, index, limits.
 
     With --against, each sample is compared with the original. The output counts the samples outside
-    the error bound that the file states, and gives the largest error relative to it (1 is the
-    bound). The exit code is 3 if a bound does not hold, or if samples are missing or invented. A
-    channel without an error bound must be identical.
+    the error bound that the file states, and gives the largest error in percent of it. The exit
+    code is 3 if a bound does not hold, or if samples are missing or invented. A channel without
+    an error bound must be identical.
+
+    \b
+    hapfmt verify touch.hapf
+    hapfmt verify touch.hapf --against original.npz
     """
     from ..verifier import verify as check
 

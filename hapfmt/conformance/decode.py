@@ -28,7 +28,7 @@ def decode_into(source: str, folder: str) -> int:
     room = Path(folder)
     with Reader(source, scan=True) as reader:
         write_json(room / "decode.json", decoded(reader, room))
-        return 3 if reader.findings or reader.lost else reader.catalogue.exit_code
+        return reader.exit_code
 
 
 def decoded(reader: Reader, room: Path) -> dict[str, Any]:

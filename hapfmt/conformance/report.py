@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import HapfmtError
-from ..verifier import VERDICTS
+from ..verdict import VERDICTS
 from .raw import write_json
 
 NAMED = re.compile(r"\[([A-Z]{3}-\d{3})\]")

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import re
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, replace
+from dataclasses import fields
 from fractions import Fraction
 from io import BytesIO
+from itertools import accumulate
 from typing import IO, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import HapfmtError, ParameterError
-from ..limits import LAST_TRACK_ID
-from ..recording import Channel, Recording
+from ..arrays import CHANNEL_LIMIT
+from ..errors import HapfmtError, LimitError, ParameterError
+from ..recording import Channel, Recording, extent
 from ..units import to_ucum
 
-CHANNEL_LIMIT = LAST_TRACK_ID + 1
-"""Channels of a file: one track each at least."""
+SLICE = 1 << 18
+"""Values that are written at a time."""
 
 BLOCK_SIZE = 1 << 20
 """Bytes asked for at a time, so that a size that is only promised takes no memory."""
@@ -58,7 +60,7 @@ def choose_rate(given: Fraction | None, found: Fraction | None, notes: list[str]
 @contextmanager
 def refusing(what: str, *errors: type[Exception]) -> Iterator[None]:
     """Turn the exceptions of a foreign parser into a ParameterError that begins with ``what``."""
-    usual = (ValueError, ArithmeticError, LookupError, EOFError, MemoryError)
+    usual = (ValueError, TypeError, ArithmeticError, LookupError, EOFError, MemoryError)
     foreign: tuple[type[Exception], ...] = (*usual, *errors)
     try:
         yield
@@ -86,7 +88,10 @@ def seekable(stream: BinaryIO, max_memory: int) -> BinaryIO:
         return stream
     data = read_bytes(stream, max_memory + 1)
     if len(data) > max_memory:
-        raise ParameterError(f"the stream is longer than the {max_memory} bytes of memory allowed")
+        raise LimitError(
+            f"the stream is longer than the {max_memory} bytes allowed; allow more (--max-memory, "
+            "max_memory=)"
+        )
     return BytesIO(data)
 
 
@@ -116,34 +121,70 @@ def _fits_53_bits(x: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray(odd <= np.uint64(1 << 53))
 
 
-def extent(channels: Sequence[Channel]) -> tuple[int, int]:
-    """The ticks [start, stop) from the first sample of all channels to the last."""
-    covered = [channel for channel in channels if channel.coverage]
-    return (
-        min((channel.start_tick for channel in covered), default=0),
-        max((channel.stop_tick for channel in covered), default=0),
-    )
+class Dense:
+    """Physical values of channels of one rate, from the first sample of any to the last of any,
+    NaN in gaps; made slice by slice, so that a gap takes no memory.
 
+    Raises LimitError where the gaps alone take more than ``max_memory`` bytes as float64.
+    """
 
-def dense_doubles(channels: Sequence[Channel], max_memory: int) -> NDArray[np.float64]:
-    """[channels, ticks of :func:`extent`] physical values, NaN in the gaps."""
-    start, stop = extent(channels)
-    size = 8 * len(channels) * (stop - start)
-    if size > max_memory:
-        raise ParameterError(
-            f"{len(channels)} channels over {stop - start} ticks, gaps included, take {size} "
-            f"bytes, more than the {max_memory} allowed"
+    def __init__(self, channels: Sequence[Channel], suffix: str, max_memory: int) -> None:
+        self.channels = channels
+        self.start, self.stop = extent(channels)
+        self.ticks = self.stop - self.start
+        self.gap_size = 8 * (
+            len(channels) * self.ticks - sum(channel.stored.size for channel in channels)
         )
-    out = np.empty((len(channels), stop - start))
-    for row, channel in zip(out, channels, strict=True):
-        x = (
-            channel.samples()
-            if channel.is_counts
-            else exact_doubles(channel.stored, f"channel {channel.label!r}")
-        )
-        doubles = replace(channel, stored=x, calibration=None, exact=None)
-        row[:] = doubles.filled(start, stop, limit=stop - start)
-    return out
+        if self.gap_size > max_memory:
+            raise LimitError(
+                f"the gaps take {self.gap_size} bytes as NaN in {suffix}, more than the "
+                f"{max_memory} allowed; allow more (--max-memory, max_memory=) or write a part"
+            )
+        self._starts = [[span.start for span in channel.coverage] for channel in channels]
+        self._places = [
+            [0, *accumulate(span.ticks for span in channel.coverage)] for channel in channels
+        ]
+        for channel in channels:
+            if channel.stored.dtype.itemsize == 8 and not channel.is_counts:
+                for at in range(0, channel.stored.size, SLICE):
+                    self._doubles(channel, at, at + SLICE)
+
+    def row(self, number: int, first: int, last: int) -> NDArray[np.float64]:
+        """[last - first] values of one channel at the ticks first <= tick < last."""
+        channel, starts = self.channels[number], self._starts[number]
+        out = np.full(last - first, np.nan)
+        for place in range(max(bisect_right(starts, first) - 1, 0), len(starts)):
+            span = channel.coverage[place]
+            if span.start >= last:
+                break
+            a, b = max(span.start, first), min(span.stop, last)
+            if a < b:
+                at = self._places[number][place] + a - span.start
+                out[a - first : b - first] = self._doubles(channel, at, at + b - a)
+        return out
+
+    def rows(self, number: int) -> Iterator[NDArray[np.float64]]:
+        """The values of one channel, slice by slice."""
+        for first in range(self.start, self.stop, SLICE):
+            yield self.row(number, first, min(first + SLICE, self.stop))
+
+    def frames(self) -> Iterator[NDArray[np.float64]]:
+        """[ticks of a slice, channels] of all channels, slice by slice."""
+        at_once = max(SLICE // max(len(self.channels), 1), 1)
+        for first in range(self.start, self.stop, at_once):
+            yield self.block(first, min(first + at_once, self.stop)).T
+
+    def block(self, first: int, last: int) -> NDArray[np.float64]:
+        """[channels, last - first]."""
+        return np.stack([self.row(i, first, last) for i in range(len(self.channels))])
+
+    @staticmethod
+    def _doubles(channel: Channel, start: int, stop: int) -> NDArray[np.float64]:
+        if channel.exact is not None:
+            return channel.exact[start:stop]
+        if channel.calibration is not None:
+            return channel.calibration.physical(channel.stored[start:stop])
+        return exact_doubles(channel.stored[start:stop], f"channel {channel.label!r}")
 
 
 def one_rate(recording: Recording, suffix: str) -> Fraction:
@@ -195,3 +236,21 @@ def not_carried(recording: Recording, suffix: str, *carried: str) -> list[str]:
 _RECORDING_FIELDS = [f.name for f in fields(Recording) if f.name not in ("channels", "metadata")]
 _SAMPLES = ("stored", "exact", "rate_exact", "coverage")
 _CHANNEL_FIELDS = [f.name for f in fields(Channel) if f.name not in _SAMPLES]
+
+__all__ = [
+    "CHANNEL_LIMIT",
+    "SLICE",
+    "Dense",
+    "checked_rate",
+    "choose_rate",
+    "exact_doubles",
+    "extent",
+    "not_carried",
+    "one_rate",
+    "rate_from",
+    "read_bytes",
+    "refusing",
+    "seekable",
+    "unit_of",
+    "with_notes",
+]

@@ -14,26 +14,30 @@ from typing import BinaryIO, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ParameterError
-from ..recording import Channel, Recording
+from ..arrays import unique
+from ..errors import LimitError, ParameterError
+from ..recording import Channel, Recording, Span
 from ..units import to_ucum
 from .common import (
     CHANNEL_LIMIT,
-    dense_doubles,
+    SLICE,
+    Dense,
     extent,
     not_carried,
     one_rate,
     unit_of,
     with_notes,
 )
-from .times import Grid, Stamps, spans_at
+from .times import Grid, Stamps, seconds_of_date, spans_at
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.A | re.I)
 _TIME_UNITS = {"s": 0, "sec": 0, "ms": -3, "us": -6, "\u00b5s": -6, "\u03bcs": -6, "ns": -9}
 """Powers of ten, s."""
 _TIME_UNIT = "|".join(_TIME_UNITS)
+_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.A | re.I)
+"""A number with a decimal comma."""
 _TIME = re.compile(
-    r"(?:t|(?i:times?|time ?stamps?))"
+    r"(?:t|(?i:times?|time ?stamps?|date ?time))"
     rf"(?: ?\[({_TIME_UNIT})\]| ?\(({_TIME_UNIT})\)|[ _]({_TIME_UNIT}))?"
 )
 _DELIMITERS = "\t;,"
@@ -42,7 +46,10 @@ _LINE_LIMIT = 1 << 24
 """Characters of a line: 65 534 channels of 25 digits take a tenth of it."""
 _DECIMALS_LIMIT = 18
 """Decimals of a time that is written exactly; 1 / 2**18 Hz needs as many."""
-_ROWS_AT_ONCE = 1 << 12
+_GAP_ROWS = 1_000_000
+"""Rows without any sample that are written; where there are more, the time column tells of them."""
+_MILLISECONDS = 1e11
+"""Times from here on, in a column that names no unit, are milliseconds or less since 1970."""
 
 
 class _Lines:
@@ -53,6 +60,7 @@ class _Lines:
         self.number = 0
         self.comments = 0
         self.is_plain = True
+        self.has_points = False
 
     def __iter__(self) -> Iterator[str]:
         while line := self._next():
@@ -61,6 +69,7 @@ class _Lines:
                 continue
             # float() would take 1_000 and digits of other scripts.
             self.is_plain = line.isascii() and "_" not in line
+            self.has_points = self.has_points or (self.number > 1 and "." in line)
             yield line
 
     def _next(self) -> str:
@@ -69,7 +78,7 @@ class _Lines:
             line = self._text.readline(_LINE_LIMIT)
         except UnicodeDecodeError as error:
             raise ParameterError(
-                f"after line {self.number - 1}: no UTF-8 text ({error.reason})"
+                f"after line {self.number - 1}: not UTF-8 text ({error.reason})"
             ) from error
         if len(line) == _LINE_LIMIT and not line.endswith(("\r", "\n")):
             raise ParameterError(f"line {self.number} is longer than {_LINE_LIMIT} characters")
@@ -80,12 +89,22 @@ class _Lines:
         self._text.detach()
 
 
-def read(stream: BinaryIO, *, rate: Fraction | None, max_memory: int) -> Recording:
+def read(
+    stream: BinaryIO,
+    *,
+    rate: Fraction | None,
+    max_memory: int,
+    transpose: bool | None = None,
+) -> Recording:
     """Empty cells, "nan" and rows that a regular time column leaves out are gaps.
 
     The delimiter is the most frequent of tab, semicolon and comma in the header; lines that begin
-    with # are comments; a first column t, time, "time [ms]" ... holds times.
+    with # are comments; a first column t, time, "time [ms]" ... holds times in seconds or that
+    unit, or ISO 8601 dates. Times that count from 1970 give the epoch. Where the delimiter is no
+    comma, decimal commas are read.
     """
+    if transpose is not None:
+        raise ParameterError("transpose is for arrays in .npy and .npz; a table has a row per tick")
     lines = _Lines(stream)
     try:
         return _Table(lines, max_memory).recording(rate)
@@ -107,12 +126,23 @@ class _Table:
             raise ParameterError("no header row 'name [unit]'; the table is empty")
         outside_quotes = re.sub(r'"[^"]*"', "", header)
         self._delimiter = max(_DELIMITERS, key=outside_quotes.count)
+        if outside_quotes.count(self._delimiter) > CHANNEL_LIMIT:
+            raise ParameterError(f"line {lines.number}: more than {CHANNEL_LIMIT} columns")
         self._names = [cell.strip() for cell in next(self._reader([header]))]
         if all(_NUMBER.fullmatch(name) or not name for name in self._names):
             self._refuse("the first row holds numbers; a header row 'name [unit]' is expected")
+        # A delimiter at the end of each row, as some programs write it, is no column.
+        self._trailing = len(self._names) > 1 and not self._names[-1]
+        if self._trailing:
+            self._names.pop()
+        if "" in self._names:
+            column = self._names.index("")
+            self._refuse("the header gives this column no name", column)
         if len(self._names) > CHANNEL_LIMIT:
             self._refuse(f"{len(self._names)} columns, more than {CHANNEL_LIMIT}")
         self._stamps = self._time_column()
+        self._dates = False
+        self._commas = False
         self._values = array("d")
 
     def recording(self, rate: Fraction | None) -> Recording:
@@ -126,14 +156,23 @@ class _Table:
         notes = list(grid.notes)
         if self._lines.comments:
             notes.append(f"comment lines not carried over: {self._lines.comments}")
+        named = [_split_name(name) for name in self._names[first:]]
+        labels = unique([label for label, _ in named], notes)
         channels = tuple(
-            _channel(name, column, grid, notes)
-            for name, column in zip(self._names[first:], x.reshape(-1, columns).T, strict=True)
+            _channel(label, unit, column, grid, notes)
+            for label, (_, unit), column in zip(
+                labels, named, x.reshape(-1, columns).T, strict=True
+            )
         )
-        return Recording(channels, metadata=with_notes({}, notes))
+        return Recording(channels, metadata=with_notes({}, notes), epoch_ns=grid.epoch_ns)
 
     def _grid(self, rows: int, rate: Fraction | None) -> Grid:
         if self._stamps is not None:
+            if self._unit_missing and len(self._stamps) and self._stamps.first >= _MILLISECONDS:
+                raise ParameterError(
+                    f"the times begin at {float(self._stamps.first):.15g}, which are no seconds "
+                    f"since 1970; name the unit in the header, as {self._names[0]!r} + ' [ms]'"
+                )
             return self._stamps.grid(rate)
         if rate is None:
             raise ParameterError("no first column 't [s]' and no rate; give one (--rate)")
@@ -144,6 +183,7 @@ class _Table:
 
     def _time_column(self) -> Stamps | None:
         match = _TIME.fullmatch(self._names[0])
+        self._unit_missing = match is not None and not match.lastindex
         if match is None:
             return None
         return Stamps(_TIME_UNITS[match[match.lastindex] if match.lastindex else "s"])
@@ -153,20 +193,30 @@ class _Table:
         width = len(self._names)
         for cells in self._reader(self._rows_left):
             row = cells or [""]
+            if self._trailing and len(row) == width + 1:
+                if row[-1].strip():
+                    self._refuse("a value in a column that the header gives no name")
+                row.pop()
             # An empty line is no row, except in a single column, where it is an empty cell. Empty
             # cells are a row of gaps, except where their time would have to be known.
             if not any(row) and (len(row) < width or self._stamps is not None):
                 continue
             if len(row) != width:
-                self._refuse(f"a row of {len(row)} cells, where the header has {width}")
+                hint = ""
+                if self._delimiter == "," and len(row) > width:
+                    hint = "; if commas are decimal signs, put semicolons between the cells"
+                self._refuse(f"a row of {len(row)} cells, where the header has {width}{hint}")
             if self._stamps is not None:
                 self._add_time(self._stamps, row[0].strip())
             self._values.extend(self._row_values(row[first:], first))
             if 8 * len(self._values) > self._max_memory:
-                self._refuse(f"the values so far take more than {self._max_memory} bytes")
+                raise LimitError(
+                    f"line {self._lines.number}: the values so far take more than "
+                    f"{self._max_memory} bytes; allow more (--max-memory, max_memory=)"
+                )
 
     def _row_values(self, row: list[str], first: int) -> list[float]:
-        if self._lines.is_plain:
+        if self._lines.is_plain and not self._commas:
             try:
                 values = list(map(float, row))
             except ValueError:
@@ -180,17 +230,40 @@ class _Table:
     def _value(self, cell: str, column: int) -> float:
         if not cell:
             return nan
+        cell = self._with_point(cell, column)
         if _NUMBER.fullmatch(cell) is None:
-            hint = " (a decimal point is expected)" * ("," in cell)
-            self._refuse(f"{cell[:40]!r} is not a number{hint}", column)
+            self._refuse(f"{cell[:40]!r} is not a number", column)
         value = float(cell)
         if isinf(value) and "inf" not in cell.lower():
             self._refuse(f"{cell[:40]!r} is beyond the range of a double", column)
         return value
 
+    def _with_point(self, cell: str, column: int) -> str:
+        """A number with a decimal comma, where all of the table has one."""
+        if "," in cell:
+            if _COMMA.fullmatch(cell) is None or (self._lines.has_points and not self._dates):
+                self._refuse(
+                    f"{cell[:40]!r} is not a number; write 1.5, or 1,5 in the whole table", column
+                )
+            self._commas = True
+            return cell.replace(",", ".")
+        if self._commas and "." in cell:
+            self._refuse(f"{cell[:40]!r} has a point where the table has decimal commas", column)
+        return cell
+
     def _add_time(self, stamps: Stamps, cell: str) -> None:
+        if not len(stamps):
+            self._dates = seconds_of_date(cell) is not None
+            if self._dates and not self._unit_missing:
+                self._refuse(f"{cell[:40]!r} is a date, and the column has a unit", 0)
+        if self._dates:
+            cell = seconds_of_date(cell) or self._refuse(f"{cell[:40]!r} is not a date", 0)
+        else:
+            cell = self._with_point(cell, 0)
         if _NUMBER.fullmatch(cell) is None:
-            self._refuse(f"{cell[:40]!r} is not a time; a number is expected", 0)
+            self._refuse(
+                f"{cell[:40]!r} is not a time; write seconds, or 2026-11-22T17:05:00.25Z", 0
+            )
         try:
             stamps.add(cell)
         except ValueError as error:
@@ -203,8 +276,9 @@ class _Table:
         raise ParameterError(f"{place}: {message}")
 
 
-def _channel(name: str, column: NDArray[np.float64], grid: Grid, notes: list[str]) -> Channel:
-    label, unit = _split_name(name)
+def _channel(
+    label: str, unit: str, column: NDArray[np.float64], grid: Grid, notes: list[str]
+) -> Channel:
     known = ~np.isnan(column)
     return Channel(
         column[known],
@@ -216,7 +290,13 @@ def _channel(name: str, column: NDArray[np.float64], grid: Grid, notes: list[str
 
 
 def _split_name(name: str) -> tuple[str, str]:
-    """'force [N]' -> 'force', 'N'. A label may hold brackets itself; a code holds no space."""
+    """'force [N]' and 'force (N)' -> 'force', 'N'. A label may hold brackets itself; a code holds
+    no space, and what is in parentheses has to be a unit."""
+    if name.endswith(")"):
+        match = re.fullmatch(r"(.*\S) ?\(([^()]*)\)", name, re.DOTALL)
+        if match is not None and match[2].strip() and "{" not in to_ucum(match[2]):
+            return match[1].strip(), match[2]
+        return name, ""
     if not name.endswith("]"):
         return name, ""
     match = re.fullmatch(r"(.*) \[(.*?)\]", f" {name}", re.DOTALL)
@@ -225,32 +305,74 @@ def _split_name(name: str) -> tuple[str, str]:
 
 
 def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[str]:
-    """Physical values in the shortest decimals that give the same bits; a gap is an empty cell."""
+    """Physical values in the shortest decimals that give the same bits; a gap is an empty cell.
+
+    Where more than ``_GAP_ROWS`` rows, and more than half, would hold no sample, those rows are
+    left out: the time column tells of them.
+    """
     rate = one_rate(recording, ".csv")
-    start, stop = extent(recording.channels)
     header = [column_name(channel.label, channel.unit) for channel in recording.channels]
-    x = dense_doubles(recording.channels, max_memory)
+    parts, left_out = _parts(recording, max_memory)
     text = TextIOWrapper(stream, encoding="utf-8", newline="")
     stamps = Stamps()
     try:
         text.write(",".join(["t [s]", *header]) + "\n")
         rows = csv.writer(text, lineterminator="\n")
-        for first in range(start, stop, _ROWS_AT_ONCE):
-            times = tick_times(first, min(first + _ROWS_AT_ONCE, stop), rate)
+        for first, block in parts:
+            times = tick_times(first, first + block.shape[1], rate)
             for time in times:
                 stamps.add(time)
-            block = x[:, first - start : first - start + len(times)]
             rows.writerows(zip(times, *map(_cells_of, block), strict=True))
     except UnicodeEncodeError as error:
         raise ParameterError(f"a label cannot be written as UTF-8: {error.reason}") from error
     finally:
         text.detach()
     notes = []
-    if not _told_by(stamps, rate, start):
-        notes.append(f"the times do not tell the rate, {rate} Hz, and the start, tick {start}")
+    if left_out:
+        notes.append(f"{left_out} rows without any sample were left out; the times tell of them")
+    start, _ = extent(recording.channels)
+    if not recording.sample_count:
+        notes.append("no samples: a .csv without rows holds neither rate nor start")
+    elif not _told_by(stamps, rate, start):
+        notes.append(
+            "the times are too few or too coarse to give "
+            f"the rate, {rate} Hz, and the start, tick {start}"
+        )
     if any(channel.label != channel.label.strip() for channel in recording.channels):
         notes.append("spaces around labels are not carried over to .csv")
     return notes + not_carried(recording, ".csv", "unit", "label")
+
+
+def _parts(
+    recording: Recording, max_memory: int
+) -> tuple[Iterator[tuple[int, NDArray[np.float64]]], int]:
+    """The first tick and [channels, ticks] values of slices, and the rows that are left out."""
+    channels = recording.channels
+    ends = sorted(span for channel in channels for span in channel.coverage)
+    spans: list[Span] = []  # where any channel has samples
+    for span in ends:
+        if spans and span.start <= spans[-1].stop:
+            spans[-1] = Span(spans[-1].start, max(spans[-1].stop, span.stop))
+        else:
+            spans.append(span)
+    start, stop = extent(channels)
+    rows = sum(span.ticks for span in spans)
+    left_out = stop - start - rows
+    if left_out <= max(_GAP_ROWS, rows):
+        spans, left_out = [Span(start, stop)], 0
+    cells = len(channels) * (stop - start - left_out) - recording.sample_count
+    if 8 * cells > max_memory:
+        raise LimitError(
+            f"the gaps take {cells} empty cells in .csv, more than the {max_memory // 8} allowed; "
+            "allow more (--max-memory, max_memory=) or write a part"
+        )
+    dense = Dense(channels, ".csv", 1 << 62)
+    at_once = max(SLICE // len(channels), 1)
+    return (
+        (first, dense.block(first, min(first + at_once, span.stop)))
+        for span in spans
+        for first in range(span.start, span.stop, at_once)
+    ), left_out
 
 
 def column_name(label: str, unit: str) -> str:

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
-from ..errors import ParameterError
+from ..arrays import upright
+from ..errors import LimitError, ParameterError
 from ..recording import Channel, Recording
 from .common import (
     CHANNEL_LIMIT,
+    Dense,
     choose_rate,
-    dense_doubles,
     exact_doubles,
-    extent,
     not_carried,
     one_rate,
     read_bytes,
@@ -37,9 +37,16 @@ _HEADERS = {
 _HEADER_ERRORS = (struct.error, SyntaxError, TypeError, RecursionError, tokenize.TokenError)
 
 
-def read(stream: BinaryIO, *, rate: Fraction | None, max_memory: int) -> Recording:
+def read(
+    stream: BinaryIO,
+    *,
+    rate: Fraction | None,
+    max_memory: int,
+    transpose: bool | None = None,
+) -> Recording:
     """[channels, samples] or [samples] of real numbers -> channels ch1, ch2 ...; NaN is a gap."""
-    x = doubles_2d(read_array(stream, "the array", max_memory=max_memory), "the array")
+    array = read_array(stream, "the array", max_memory=max_memory)
+    x = doubles_2d(array, "the array", transpose=transpose)
     rate = choose_rate(rate, None, [])
     return Recording(
         tuple(
@@ -52,14 +59,24 @@ def read(stream: BinaryIO, *, rate: Fraction | None, max_memory: int) -> Recordi
 def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[str]:
     """Physical values as float64 [channels, ticks], NaN in gaps; all channels start together."""
     rate = one_rate(recording, ".npy")
-    start, _ = extent(recording.channels)
-    if any(channel.start_tick != start for channel in recording.channels):
+    dense = Dense(recording.channels, ".npy", max_memory)
+    if any(channel.start_tick != dense.start for channel in recording.channels):
         raise ParameterError(".npy holds one start, the channels begin at several; use .npz")
-    write_array(stream, dense_doubles(recording.channels, max_memory))
+    write_dense(stream, dense)
     notes = [f"the rate, {rate} Hz, is not carried over to .npy"]
-    if start:
-        notes.append(f"the start, tick {start}, is not carried over to .npy")
+    if dense.start:
+        notes.append(f"the start, tick {dense.start}, is not carried over to .npy")
     return notes + not_carried(recording, ".npy")
+
+
+def write_dense(stream: IO[bytes], dense: Dense) -> None:
+    """The float64 array [channels, ticks], slice by slice."""
+    shape = (len(dense.channels), dense.ticks)
+    header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+    npy_format.write_array_header_1_0(stream, header)
+    for number in range(len(dense.channels)):
+        for part in dense.rows(number):
+            stream.write(part.astype("<f8").tobytes())
 
 
 def read_array(stream: IO[bytes], what: str, *, max_memory: int) -> NDArray[Any]:
@@ -68,23 +85,16 @@ def read_array(stream: IO[bytes], what: str, *, max_memory: int) -> NDArray[Any]
     Its declared size is compared with ``max_memory`` before any memory is taken, which then grows
     only with the bytes that are there.
     """
-    with (
-        refusing(f"{what} is not a NumPy array", *_HEADER_ERRORS),
-        warnings.catch_warnings(),
-    ):
-        warnings.simplefilter("ignore")  # on headers that Python 2 wrote
-        version = npy_format.read_magic(stream)
-        if version not in _HEADERS:
-            raise ParameterError(f"{what} has NumPy's array format {version}, not (1, 0) or (2, 0)")
-        shape, by_column, dtype = _HEADERS[version](stream)
+    shape, by_column, dtype = read_header(stream, what)
     if dtype.kind not in "biufUS" or not dtype.itemsize:
         raise ParameterError(f"{what} has the dtype {dtype}; only real numbers and text are read")
     if len(shape) > 2 or min(shape, default=0) < 0:
         raise ParameterError(f"{what} has the shape {shape}; at most 2 dimensions are read")
     size = dtype.itemsize * prod(shape)
     if memory_of(shape, dtype) > max_memory:
-        raise ParameterError(
-            f"{what} takes {memory_of(shape, dtype)} bytes, more than the {max_memory} allowed"
+        raise LimitError(
+            f"{what} takes {memory_of(shape, dtype)} bytes, more than the {max_memory} allowed; "
+            "allow more (--max-memory, max_memory=)"
         )
     data = read_bytes(stream, size)
     if len(data) < size:
@@ -104,6 +114,22 @@ def read_array(stream: IO[bytes], what: str, *, max_memory: int) -> NDArray[Any]
         return flat.reshape(shape, order="F" if by_column else "C")
 
 
+def read_header(stream: IO[bytes], what: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, whether columns come first, and dtype of the array that follows in the stream."""
+    with (
+        refusing(f"{what} is not a NumPy array", *_HEADER_ERRORS),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("ignore")  # on headers that Python 2 wrote
+        version = npy_format.read_magic(stream)
+        if version not in _HEADERS:
+            raise ParameterError(f"{what} has NumPy's array format {version}, not (1, 0) or (2, 0)")
+        shape, by_column, dtype = _HEADERS[version](stream)
+    if any(type(size) is not int for size in shape):  # NumPy takes (True, 10)
+        raise ParameterError(f"{what} has the shape {shape}, not one of integers")
+    return shape, by_column, dtype
+
+
 def memory_of(shape: tuple[int, ...], dtype: np.dtype[Any]) -> int:
     """Bytes of an array once its numbers are doubles."""
     return max(dtype.itemsize, 8) * prod(shape)
@@ -113,11 +139,17 @@ def write_array(stream: IO[bytes], array: NDArray[Any]) -> None:
     npy_format.write_array(stream, np.ascontiguousarray(array), version=(1, 0), allow_pickle=False)
 
 
-def doubles_2d(x: NDArray[Any], what: str) -> NDArray[np.float64]:
-    """[channels, samples] float64 of an array in that shape or [samples]."""
+def doubles_2d(
+    x: NDArray[Any], what: str, *, labelled: int | None = None, transpose: bool | None = None
+) -> NDArray[np.float64]:
+    """[channels, samples] float64 of an array in that shape or [samples]; ``labelled`` channels
+    have a name of their own."""
     if x.ndim not in (1, 2):
         raise ParameterError(f"{what} is a single number, not [channels, samples]")
-    x = x.reshape(1, -1) if x.ndim == 1 else x
+    if x.ndim == 1:
+        x = x.reshape(1, -1)
+    else:
+        x = upright(x, labelled, transpose, what, "use --transpose (transpose=True)")
     if len(x) > CHANNEL_LIMIT:
         raise ParameterError(
             f"{what} has {len(x)} channels, more than {CHANNEL_LIMIT}; it is [channels, samples]"

@@ -15,6 +15,10 @@
 ======================  =============================================================
 
 Where channels differ in rate, each rate is a group, and its keys end in __0, __1 ...
+
+Archives of others are read too: ``fs`` or ``sampling_rate`` for the rate, ``time`` for ``t``, which
+give the rate where no key does, and, where there is no ``x``, one array of one dimension for each
+channel, or a single array of any name.
 """
 
 from __future__ import annotations
@@ -25,24 +29,26 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Collection
+from dataclasses import replace
 from fractions import Fraction
+from io import SEEK_END
 from math import isinf, isnan, nan
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ParameterError
+from ..arrays import unique
+from ..errors import LimitError, ParameterError
 from ..events import Event, channel_of
 from ..limits import TICK_LIMIT
-from ..recording import Channel, Recording
+from ..recording import Channel, Recording, spans_of
 from .common import (
     CHANNEL_LIMIT,
+    Dense,
     checked_rate,
     choose_rate,
-    dense_doubles,
     exact_doubles,
-    extent,
     not_carried,
     rate_from,
     refusing,
@@ -50,7 +56,8 @@ from .common import (
     unit_of,
     with_notes,
 )
-from .npy import doubles_2d, memory_of, read_array, write_array
+from .npy import doubles_2d, memory_of, read_array, read_header, write_array, write_dense
+from .times import Grid, Stamps, spans_at
 
 _KEY = re.compile(
     r"(x|rate|rate_hz|channel_names|unit|lsb|start_tick|index|t)(__(?:0|[1-9][0-9]{0,4}))?"
@@ -58,32 +65,71 @@ _KEY = re.compile(
 _ZIP_ERRORS = (
     zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, NotImplementedError
 )  # fmt: skip
+_RATES = ("fs", "Fs", "sampling_rate", "sample_rate", "samplerate", "sfreq")
+_TIMES = ("t", "time", "times", "timestamps")
+_GROUPS = 1000
+"""Rates of a file."""
+_DIRECTORY_SIZE = 1 << 21
+"""Bytes of the list of members, so that it is short before it is read: 20 000 at least."""
+_MEMBERS = 10_000
 _KEYS_NAMED = 8
 """So many keys are listed in a message, the others are counted."""
 
 
-def read(stream: BinaryIO, *, rate: Fraction | None, max_memory: int) -> Recording:
+def read(
+    stream: BinaryIO,
+    *,
+    rate: Fraction | None,
+    max_memory: int,
+    transpose: bool | None = None,
+) -> Recording:
     """A zip file of arrays with the keys above; NaN is a gap, other keys are noted."""
-    with refusing("this is no .npz archive", *_ZIP_ERRORS):
-        opened = zipfile.ZipFile(seekable(stream, max_memory))
+    stream = seekable(stream, max_memory)
+    _check_directory(stream)
+    with refusing("this is not an .npz archive", *_ZIP_ERRORS):
+        opened = zipfile.ZipFile(stream)
     with opened:
         archive = _Archive(opened, max_memory)
-        endings = _endings(archive.members)
+        endings = _endings(archive)
         if rate is not None and len(endings) > 1:
             raise ParameterError("the file holds several rates; they cannot be overridden by one")
         notes: list[str] = []
-        channels = [c for ending in endings for c in _channels(archive, ending, rate, notes)]
+        found = [_channels(archive, ending, rate, notes, transpose) for ending in endings]
+        channels = [channel for group, _ in found for channel in group]
         positions = [p for ending in endings for p in archive.integers(f"index{ending}")]
         source = archive.texts("source")
         events = _events(archive.texts("events"))
     if positions and sorted(positions) != list(range(len(channels))):
         raise ParameterError("the index keys do not give each channel a position of its own")
     ordered = sorted(zip(positions or range(len(channels)), channels, strict=True), key=_position)
-    if unread := _unread(archive.members, endings):
+    names = unique([channel.label for _, channel in ordered], notes)
+    if unread := archive.unread():
         notes.append(f"keys not carried over: {unread}")
     metadata = {"source": "; ".join(source)} if source else {}
     described = with_notes(metadata, notes)
-    return Recording(tuple(c for _, c in ordered), metadata=described, events=tuple(events))
+    return Recording(
+        tuple(
+            channel if channel.label == name else replace(channel, label=name)
+            for (_, channel), name in zip(ordered, names, strict=True)
+        ),
+        metadata=described,
+        events=tuple(events),
+        epoch_ns=found[0][1] if len(found) == 1 else None,
+    )
+
+
+def _check_directory(stream: BinaryIO) -> None:
+    """Refuse a zip file of very many members before :mod:`zipfile` reads the list of them."""
+    end = stream.seek(0, SEEK_END)
+    stream.seek(max(end - (1 << 16) - 22, 0))
+    tail = stream.read()
+    stream.seek(0)
+    at = tail.rfind(b"PK\x05\x06")
+    if at < 0 or len(tail) < at + 22:
+        return
+    count, size = struct.unpack_from("<HI", tail, at + 10)
+    if count > _MEMBERS or size > _DIRECTORY_SIZE:
+        raise LimitError(f"this .npz archive has too many members: more than {_MEMBERS}")
 
 
 def _events(texts: list[str]) -> list[Event]:
@@ -113,12 +159,29 @@ class _Archive:
         self._opened = opened
         self._memory_left = memory_left
         self.members = {info.filename.removesuffix(".npy"): info for info in opened.infolist()}
+        self.used: set[str] = {"source", "events"}
+        if len(self.members) > _MEMBERS:
+            raise LimitError(f"this .npz archive has too many members: more than {_MEMBERS}")
+
+    def unread(self) -> str:
+        """The keys that nothing was taken from."""
+        return _listed([key for key in self.members if key not in self.used])
+
+    def shape(self, key: str) -> tuple[tuple[int, ...], str]:
+        """Shape and kind of dtype of a key's array; no array is read."""
+        with (
+            refusing(f"key {key!r}", *_ZIP_ERRORS),
+            self._opened.open(self.members[key]) as member,
+        ):
+            shape, _, dtype = read_header(member, f"key {key!r}")
+        return shape, dtype.kind
 
     def array(self, key: str) -> NDArray[Any] | None:
         """The array of a key, None where it is absent."""
         info = self.members.get(key)
         if info is None:
             return None
+        self.used.add(key)
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise ParameterError(f"key {key!r} is compressed by a method that .npz does not use")
         with refusing(f"key {key!r}", *_ZIP_ERRORS), self._opened.open(info) as member:
@@ -156,30 +219,94 @@ class _Archive:
             return rate_from(str(values[0])) if values.size else None
 
 
-def _endings(members: Collection[str]) -> list[str]:
-    """What follows the name in the keys x, x__0, x__1 ... of the groups."""
-    matches = [match for key in members if (match := _KEY.fullmatch(key)) is not None]
+def _endings(archive: _Archive) -> list[str]:
+    """What follows the name in the keys x, x__0, x__1 ... of the groups; "" for other layouts."""
+    matches = [match for key in archive.members if (match := _KEY.fullmatch(key)) is not None]
     endings = [match[2] or "" for match in matches if match[1] == "x"]
-    if not endings:
-        raise ParameterError(f"no key 'x' ([channels, samples]); there are: {_listed(members)}")
     if "" in endings and len(endings) > 1:
         raise ParameterError("keys x and x__0 together; a file has one group, or numbered ones")
-    return sorted(endings, key=lambda ending: int(ending[2:] or 0))
+    if len(endings) > _GROUPS:
+        raise LimitError(f"this .npz archive has {len(endings)} groups, more than {_GROUPS}")
+    return sorted(endings, key=lambda ending: int(ending[2:] or 0)) or [""]
+
+
+def _plain(archive: _Archive) -> list[str]:
+    """The keys of the channels where there is no key x: arrays of one dimension and one length."""
+    known = {*_RATES, *_TIMES, "source", "events"}
+    keys = [k for k in archive.members if k not in known and (k == "x" or not _KEY.fullmatch(k))]
+    shapes = {key: archive.shape(key) for key in keys}
+    rows = {k: shape for k, (shape, kind) in shapes.items() if kind in "biuf" and len(shape) == 1}
+    lengths = {shape for shape in rows.values() if shape[0] > 1}
+    return [key for key, shape in rows.items() if shape in lengths] if len(lengths) == 1 else []
+
+
+def _array_of(
+    archive: _Archive, ending: str, transpose: bool | None
+) -> tuple[NDArray[np.float64], list[str]]:
+    """[channels, samples], and the labels that the keys themselves are."""
+    labelled = (
+        archive.shape(f"channel_names{ending}")[0]
+        if (f"channel_names{ending}" in archive.members)
+        else ()
+    )
+    count = labelled[0] if len(labelled) == 1 else None
+    keys = [f"x{ending}"]
+    if ending or "x" in archive.members:
+        beside = [] if ending or archive.shape("x")[0][1:] else _plain(archive)
+        if len(beside) > 1:
+            keys = beside  # one array each, and one of them is called x
+    else:
+        keys = _plain(archive)
+        known = {*_RATES, *_TIMES}
+        wide = [
+            key
+            for key in archive.members
+            if key not in known and not keys and len(archive.shape(key)[0]) == 2
+        ]
+        keys = keys or wide
+        if not keys or (wide and len(wide) > 1):
+            raise ParameterError(
+                f"no key 'x' ([channels, samples]) and no array of one dimension for each channel; "
+                f"there are: {_listed(archive.members)}"
+            )
+    if len(keys) == 1:
+        array = archive.array(keys[0])
+        assert array is not None
+        what = f"key {keys[0]!r}"
+        nameless = array.ndim == 2 or re.fullmatch(r"x(__\d+)?|arr_\d+", keys[0])
+        named = [] if nameless else keys
+        return doubles_2d(array, what, labelled=count, transpose=transpose), named
+    if len(keys) > CHANNEL_LIMIT:
+        raise LimitError(f"{len(keys)} channels, more than {CHANNEL_LIMIT}")
+    rows = [exact_doubles(_required(archive, key), f"key {key!r}") for key in keys]
+    return np.stack(rows), keys
+
+
+def _required(archive: _Archive, key: str) -> NDArray[Any]:
+    array = archive.array(key)
+    assert array is not None
+    return array
 
 
 def _channels(
-    archive: _Archive, ending: str, rate: Fraction | None, notes: list[str]
-) -> list[Channel]:
-    """The channels of one group, which share a rate and a start."""
-    array = archive.array(f"x{ending}")
-    assert array is not None
-    x = doubles_2d(array, f"key 'x{ending}'")
+    archive: _Archive,
+    ending: str,
+    rate: Fraction | None,
+    notes: list[str],
+    transpose: bool | None,
+) -> tuple[list[Channel], int | None]:
+    """The channels of one group, which share a rate and a start, and the epoch that its times
+    tell."""
+    x, keys = _array_of(archive, ending, transpose)
     channels, ticks = x.shape
     if not channels:
-        return []
-    labels = archive.texts(f"channel_names{ending}") or [f"ch{i + 1}" for i in range(channels)]
+        return [], None
+    labels = archive.texts(f"channel_names{ending}") or keys
+    labels = labels or [f"ch{i + 1}" for i in range(channels)]
     if len(labels) == ticks != channels:
-        raise ParameterError(f"x{ending} looks transposed; it is [channels, samples]")
+        raise ParameterError(
+            f"x{ending} looks transposed; it is [channels, samples]: use --transpose"
+        )
     units = _for_each(archive.texts(f"unit{ending}") or ["1"], channels)
     steps = _for_each(archive.doubles(f"lsb{ending}", CHANNEL_LIMIT).tolist() or [nan], channels)
     starts = archive.integers(f"start_tick{ending}") or [0]
@@ -192,24 +319,54 @@ def _channels(
     for name, count in counted.items():
         if count != channels:
             raise ParameterError(f"{name}{ending} has {count} entries for {channels} channels")
-    if any(step <= 0 or isinf(step) for step in steps):
-        raise ParameterError(f"lsb{ending} holds a step that is neither positive nor NaN")
+    if any(step < 0 or isinf(step) for step in steps):
+        raise ParameterError(f"lsb{ending} holds a step that is negative or infinite")
     if len(starts) != 1 or not 0 <= starts[0] <= TICK_LIMIT - ticks:
         raise ParameterError(f"start_tick{ending} is not one tick in [0, 2^48)")
-    hertz = choose_rate(rate, _rate(archive, ending), notes)
-    if f"t{ending}" in archive.members:
-        notes.append(_times_note(archive.doubles(f"t{ending}", TICK_LIMIT), hertz, ticks))
-    return [
-        Channel.from_physical(
-            row,
-            hertz,
-            start_tick=starts[0],
-            label=label,
-            unit=unit_of(unit, label, notes),
-            lsb=None if isnan(step) else step,
+    found, ticks_at, epoch_ns = _rate(archive, ending), None, None
+    times = _times(archive, ending)
+    if times is not None and found is None:
+        grid = _grid(times, rate, ticks)
+        found, ticks_at, epoch_ns = grid.rate, grid.ticks, grid.epoch_ns
+        notes += grid.notes
+    hertz = choose_rate(rate, found, notes)
+    if times is not None and ticks_at is None:
+        notes.append(_times_note(times, hertz, ticks))
+    made = []
+    for row, label, unit, step in zip(x, labels, units, steps, strict=True):
+        known = ~np.isnan(row)
+        spans = tuple(spans_of(known, starts[0])) if ticks_at is None else spans_at(ticks_at[known])
+        made.append(
+            Channel(
+                row[known],
+                hertz,
+                spans,
+                label=label,
+                unit=unit_of(unit, label, notes),
+                lsb=None if isnan(step) or not step else step,  # 0: not known
+            )
         )
-        for row, label, unit, step in zip(x, labels, units, steps, strict=True)
-    ]
+    return made, epoch_ns
+
+
+def _times(archive: _Archive, ending: str) -> NDArray[np.float64] | None:
+    for name in _TIMES if not ending else _TIMES[:1]:
+        key = f"{name}{ending}"
+        if key in archive.members:
+            return archive.doubles(key, TICK_LIMIT)
+    return None
+
+
+def _grid(times: NDArray[np.float64], rate: Fraction | None, ticks: int) -> Grid:
+    if len(times) != ticks:
+        raise ParameterError(f"{len(times)} times for {ticks} samples; give the rate (--rate)")
+    stamps = Stamps()
+    for time in times.tolist():
+        try:
+            stamps.add(repr(time))
+        except ValueError as error:
+            raise ParameterError(f"the time {time!r} {error}; give the rate (--rate)") from None
+    return stamps.grid(rate)
 
 
 def _for_each(values: list[Any], count: int) -> list[Any]:
@@ -218,6 +375,9 @@ def _for_each(values: list[Any], count: int) -> list[Any]:
 
 
 def _rate(archive: _Archive, ending: str) -> Fraction | None:
+    for name in _RATES if not ending else ():
+        if name in archive.members and (found := archive.rate(name)) is not None:
+            return found
     exact, rounded = archive.rate(f"rate{ending}"), archive.rate(f"rate_hz{ending}")
     if exact is None or rounded is None:
         return exact or rounded
@@ -239,11 +399,6 @@ def _times_note(times: NDArray[np.float64], rate: Fraction, ticks: int) -> str:
     )
 
 
-def _unread(members: Collection[str], endings: list[str]) -> str:
-    matches = {key: _KEY.fullmatch(key) for key in members if key not in ("source", "events")}
-    return _listed([k for k, m in matches.items() if m is None or (m[2] or "") not in endings])
-
-
 def _listed(keys: Collection[str]) -> str:
     named = ", ".join(map(repr, sorted(keys)[:_KEYS_NAMED]))
     more = len(keys) - _KEYS_NAMED
@@ -259,28 +414,33 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
             info = zipfile.ZipInfo(f"{key}.npy", (1980, 1, 1, 0, 0, 0))
             info.compress_type = zipfile.ZIP_DEFLATED
             with archive.open(info, "w", force_zip64=True) as member:
-                write_array(member, array)
+                if isinstance(array, Dense):
+                    write_dense(member, array)
+                else:
+                    write_array(member, array)
     source = ["source"] if "source" in arrays else []
     return not_carried(recording, ".npz", "unit", "label", "lsb", "events", *source)
 
 
-def _arrays(recording: Recording, max_memory: int) -> dict[str, NDArray[Any]]:
+def _arrays(recording: Recording, max_memory: int) -> dict[str, NDArray[Any] | Dense]:
     by_rate: dict[Fraction, list[tuple[int, Channel]]] = {}
     for position, channel in enumerate(recording.channels):
         by_rate.setdefault(channel.rate_exact, []).append((position, channel))
-    arrays: dict[str, NDArray[Any]] = {}
+    if len(by_rate) > _GROUPS:
+        raise ParameterError(f".npz holds {_GROUPS} rates, the channels have {len(by_rate)}")
+    arrays: dict[str, NDArray[Any] | Dense] = {}
     for number, (rate, placed) in enumerate(by_rate.items()):
         positions, channels = zip(*placed, strict=True)
-        x = dense_doubles(channels, max_memory)
-        max_memory -= x.nbytes
-        group: dict[str, NDArray[Any]] = {
+        x = Dense(channels, ".npz", max_memory)
+        max_memory -= x.gap_size
+        group: dict[str, NDArray[Any] | Dense] = {
             "x": x,
             "rate": np.array(f"{rate.numerator}/{rate.denominator}"),
             "rate_hz": np.array(float(checked_rate(rate))),
             "channel_names": _text([channel.label for channel in channels]),
             "unit": _text([channel.unit for channel in channels]),
             "lsb": np.array([_step(channel) for channel in channels]),
-            "start_tick": np.array(extent(channels)[0]),
+            "start_tick": np.array(x.start),
         }
         if len(by_rate) > 1:
             group["index"] = np.array(positions)

@@ -7,8 +7,10 @@ that jitters) the nearest grid is taken, if every stamp lies within half a tick 
 
 from __future__ import annotations
 
+import re
 from array import array
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from decimal import Context, Decimal
 from fractions import Fraction
 from functools import cached_property
@@ -33,17 +35,23 @@ looks like 1 kHz with every eighth row missing); more of them, evenly spread, ar
 _FINE = 0.1
 """Share of a tick below which the resolution of the stamps cannot feign a missing row."""
 _CLOCK = 100_000_000
-"""Seconds, three years: times from here on count from 1970 or so, not from the recording's zero."""
+"""Seconds, three years: times from here on count from 1970, not from the recording's zero."""
+_CLOCK_END = 10_000_000_000
+"""Seconds since 1970, the year 2286: later times count in another unit, or from another day."""
 _STEADY = 1e-6
 """Share of a tick that is not worth a note: sums of a rounded period drift as much."""
 
 
 class Grid(NamedTuple):
-    """Row i stands at tick ``ticks[i]`` (int64, increasing); time = tick / rate seconds."""
+    """Row i stands at tick ``ticks[i]`` (int64, increasing); time = tick / rate seconds.
+
+    ``epoch_ns``: UTC of tick 0 where the times count from 1970, else None.
+    """
 
     rate: Fraction
     ticks: NDArray[np.int64]
     notes: tuple[str, ...]
+    epoch_ns: int | None = None
 
 
 class Stamps:
@@ -113,7 +121,7 @@ class Stamps:
         if rate is not None:
             return self._on_given(times, rate)
         if len(self) < 2:
-            raise ParameterError("fewer than two times tell no rate; give one (--rate)")
+            raise ParameterError("fewer than two times give no rate; use --rate")
         exact, rounded = self.noise, self.noise + self.resolution / 2
         whole, *gappy = _hypotheses(times, np.frombuffer(self._steps))
         likely = [line for line in gappy if self._is_likely(line)]
@@ -176,10 +184,53 @@ class Stamps:
         return self._started(line, rate, round(self.first * rate), notes)
 
     def _started(self, line: _Line, rate: Fraction, start: int, notes: tuple[str, ...]) -> Grid:
+        epoch_ns = None
         if not (0 <= start < _CLOCK * rate and start < TICK_LIMIT - line.last):
+            seconds = start / rate
             start = 0
-            notes += (f"the times begin at {float(self.first)} s, which became tick 0",)
-        return Grid(rate, line.ticks.astype(np.int64) + start, notes)
+            if _CLOCK <= seconds < _CLOCK_END:
+                epoch_ns = round(seconds * 10**9)
+                notes += (f"the first time, {utc(epoch_ns)}, became the epoch of the recording",)
+            else:
+                notes += (f"the times begin at {float(self.first)} s, which became tick 0",)
+        return Grid(rate, line.ticks.astype(np.int64) + start, notes, epoch_ns)
+
+
+_ISO = re.compile(
+    r"(\d{4})-(\d\d)-(\d\d)[T ](\d\d):(\d\d)(?::(\d\d)(?:[.,](\d{1,18}))?)?"
+    r" ?(Z|[+-]\d\d(?::?\d\d)?)?",
+    re.A,
+)
+
+
+def seconds_of_date(text: str) -> str | None:
+    """Decimal seconds since 1970 of an ISO 8601 time such as 2026-11-22T17:05:00.25Z; None for any
+    other text. A time without its zone is UTC."""
+    match = _ISO.fullmatch(text)
+    if match is None:
+        return None
+    year, month, day, hour, minute = (int(group) for group in match.groups()[:5])
+    try:
+        date = datetime(year, month, day, hour, minute, int(match[6] or 0), tzinfo=UTC)
+    except ValueError:
+        return None
+    seconds = (date - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(seconds=1)
+    zone = match[8] or "Z"
+    if zone != "Z":
+        digits = zone[1:].replace(":", "").ljust(4, "0")
+        offset = 3600 * int(digits[:2]) + 60 * int(digits[2:])
+        seconds -= offset if zone[0] == "+" else -offset
+    if seconds < 0:
+        return None
+    return f"{seconds}.{match[7] or '0'}"
+
+
+def utc(epoch_ns: int) -> str:
+    """A time in nanoseconds since 1970, in words."""
+    seconds, ns = divmod(epoch_ns, 10**9)
+    date = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
+    part = f".{ns:09d}".rstrip("0") if ns else ""
+    return f"{date:%Y-%m-%dT%H:%M:%S}{part}Z"
 
 
 class _Line:

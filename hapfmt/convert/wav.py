@@ -13,11 +13,11 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MissingExtraError, ParameterError
+from ..errors import LimitError, MissingExtraError, ParameterError
 from ..recording import Calibration, Channel, Recording
 from .common import (
+    Dense,
     choose_rate,
-    dense_doubles,
     extent,
     not_carried,
     one_rate,
@@ -83,11 +83,19 @@ class _Guarded:
         return self._kept(self._stream.tell, otherwise=0)
 
 
-def read(stream: BinaryIO, *, rate: Fraction | None, max_memory: int) -> Recording:
+def read(
+    stream: BinaryIO,
+    *,
+    rate: Fraction | None,
+    max_memory: int,
+    transpose: bool | None = None,
+) -> Recording:
     """PCM of b bits -> counts with the calibration 1 / 2**(b - 1); float -> doubles, NaN is a gap.
 
     Channels are labelled ch1, ch2 ...
     """
+    if transpose is not None:
+        raise ParameterError("transpose is for arrays in .npy and .npz")
     stream = seekable(stream, max_memory)
     _check_chunks(stream)
     with _opened(stream, "r") as file:
@@ -116,20 +124,27 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
     if rate.denominator != 1 or rate >= 1 << 31:
         raise ParameterError(f".wav holds whole rates below 2^31 Hz, not {rate} Hz; use .npz")
     subtype = _subtype(recording.channels)
+    count = len(recording.channels)
     if subtype == "DOUBLE":
-        frames = dense_doubles(recording.channels, max_memory).T
+        dense = Dense(recording.channels, ".wav", max_memory)
+        frames, size = dense.frames(), 8 * count * dense.ticks
     else:
+        _check_pcm(recording.channels, subtype)
         frames = _pcm_frames(recording.channels, subtype)
-    if frames.nbytes > _SIZE_LIMIT:
+        size = _PCM[subtype][1].itemsize * recording.sample_count
+    if size > _SIZE_LIMIT:
         raise ParameterError(f".wav holds at most {_SIZE_LIMIT} bytes of samples; use .npz")
     target = stream if stream.seekable() and stream.tell() == 0 else BytesIO()
-    count = frames.shape[1]
+    if target is not stream and size > max_memory:
+        raise LimitError(
+            f"the samples take {size} bytes, and a pipe takes them at once; allow more than "
+            f"{max_memory} (--max-memory, max_memory=) or write to a file"
+        )
     with _opened(
         target, "w", samplerate=int(rate), channels=count, format="WAV", subtype=subtype
     ) as file:
-        at_once = max(1, _VALUES_AT_ONCE // count)
-        for first in range(0, len(frames), at_once):
-            file.write(np.ascontiguousarray(frames[first : first + at_once]))
+        for block in frames:
+            file.write(np.ascontiguousarray(block))
     if target is not stream and isinstance(target, BytesIO):
         stream.write(target.getbuffer())
     return _notes(recording, subtype)
@@ -155,9 +170,9 @@ def _subtype(channels: Sequence[Channel]) -> str:
     return "DOUBLE"
 
 
-def _pcm_frames(channels: Sequence[Channel], subtype: str) -> NDArray[Any]:
-    """[ticks, channels] counts, shifted to the top of the dtype that soundfile takes."""
-    bits, dtype, shift = _PCM[subtype]
+def _check_pcm(channels: Sequence[Channel], subtype: str) -> None:
+    """Refuse what PCM cannot hold."""
+    bits, _, _ = _PCM[subtype]
     first = channels[0]
     for channel in channels:
         if len(channel.coverage) > 1 or channel.coverage != first.coverage:
@@ -169,7 +184,16 @@ def _pcm_frames(channels: Sequence[Channel], subtype: str) -> NDArray[Any]:
             raise ParameterError(
                 f"channel {channel.label!r} has counts beyond {bits} bits; use .npz"
             )
-    return np.stack([channel.stored.astype(dtype) << shift for channel in channels], axis=1)
+
+
+def _pcm_frames(channels: Sequence[Channel], subtype: str) -> Iterator[NDArray[Any]]:
+    """[ticks, channels] counts, slice by slice, shifted to the top of the dtype that soundfile
+    takes."""
+    _, dtype, shift = _PCM[subtype]
+    at_once = max(1, _VALUES_AT_ONCE // len(channels))
+    for at in range(0, channels[0].stored.size, at_once):
+        parts = [channel.stored[at : at + at_once].astype(dtype) << shift for channel in channels]
+        yield np.stack(parts, axis=1)
 
 
 def _samples(file: Any, dtype: np.dtype[Any], max_memory: int) -> NDArray[Any]:
@@ -180,7 +204,10 @@ def _samples(file: Any, dtype: np.dtype[Any], max_memory: int) -> NDArray[Any]:
     while len(block := file.read(at_once, dtype=dtype.name, always_2d=True)):
         size += block.nbytes
         if size > max_memory:
-            raise ParameterError(f"the samples take more than the {max_memory} bytes allowed")
+            raise LimitError(
+                f"the samples take more than the {max_memory} bytes allowed; allow more "
+                "(--max-memory, max_memory=)"
+            )
         blocks.append(block)
     return np.concatenate(blocks)
 
@@ -224,7 +251,7 @@ def _check_chunks(stream: BinaryIO) -> None:
                 )
             if not size and 8 + int.from_bytes(start[4:8], "little") < end:
                 raise ParameterError(
-                    f"never closed: the header tells of no samples, {end - position} bytes follow"
+                    f"never closed: the header counts no samples, {end - position} bytes follow"
                 )
             break
         position += size % 2

@@ -67,7 +67,7 @@ def extract(
     where two are alike.
     """
     with open_original(file, scan=False) as original:
-        known = original.catalogue.attachments
+        known = original.attachments
         for name in names or ():
             if name not in known:
                 raise ParameterError(unknown("attachment", name, known.keys()))

@@ -19,7 +19,7 @@ from ..container.layout import HEAD
 from ..container.tlv import parse_tlvs
 from ..container.track import Track
 from ..container.wire import NO_TRACK, Head
-from ..errors import ParameterError
+from ..errors import FormatError, ParameterError
 from ..limits import TICK_LIMIT, Level
 from ..reading.seconds import Seconds
 from .clocks import TYPES, moved_clock
@@ -217,6 +217,13 @@ class Making:
         line = track.first_channel, track.kind == "hf"
         if packet.start < self.stops.get(line, 0):
             at = float(packet.start / track.rate)
+            if len(self.last) == 1:
+                raise FormatError(
+                    f"Two packets of channel {track.first_channel} overlap at {at:.6g} s",
+                    requirement="DAT-006",
+                    offset=packet.offset,
+                    path=next(iter(self.last)).source.path,
+                )
             raise ParameterError(
                 f"channel {track.first_channel}: two packets overlap at {at:.6g} s; give the files "
                 "in order of time, and only parts that do not overlap (split makes such)"

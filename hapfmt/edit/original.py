@@ -12,6 +12,7 @@ from typing import BinaryIO
 
 from ..closing import Closing
 from ..container.cluster import Packet, parse_cluster
+from ..container.extras import Attachment
 from ..container.source import open_source
 from ..container.track import CODECS, Track, lone_lf
 from ..container.walk import Chunk, header_at, read_chunk
@@ -26,9 +27,10 @@ from ..errors import (
 )
 from ..limits import Limits
 from ..reading.catalogue import Catalogue, ChunkRef, FalseIndexError
+from ..reading.digests import stored_digests
 from ..reading.opening import open_catalogue
 from ..reading.seconds import Seconds, overlapping
-from ..verifier import DAMAGED, stored_digests
+from ..verdict import DAMAGED
 
 Input = str | os.PathLike[str] | bytes | BinaryIO
 Advance = Callable[[int, int], None]
@@ -87,6 +89,15 @@ class Original(Closing):
         for track in self.tracks.values():
             found.setdefault(track.offset, []).append(track)
         return [(payloads[tracks[0].id], tracks) for tracks in found.values()]
+
+    @property
+    def attachments(self) -> dict[str, Attachment]:
+        """By name; where the index is wrong, the whole file is read."""
+        try:
+            return self.catalogue.attachments
+        except FalseIndexError:
+            self.open(scan=True)
+            return self.catalogue.attachments
 
     @property
     def labels(self) -> dict[int, str]:

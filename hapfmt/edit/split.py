@@ -40,7 +40,7 @@ def split(
     """
     check_canonical(canonical)
     if (every is None) == (not at):
-        raise ParameterError("split at multiples of a time, or at some times")
+        raise ParameterError("give either every or at")
     step = None if every is None else exact(every)
     times = [exact(time) for time in at]
     if (step is not None and step <= 0) or times != sorted({t for t in times if t > 0}):

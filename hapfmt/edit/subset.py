@@ -57,9 +57,9 @@ def subset(
     come along, as do all channels that are coded in one track with one that is asked for. Channels
     are numbered from 0 on. Ticks, epoch and UUID stay as they are, since the samples keep their
     time; ``to_zero`` moves the first packet to tick 0, as nearly as a whole number of ticks of
-    every track allows, and the epoch with it. ``band``: "lf" makes a channel of each slow part (a
-    channel that was not split is kept as it is), "hf" of each residual. ``level`` 2 raises the
-    limits of the file.
+    every track allows, and the epoch with it. ``band``: "lf" makes a channel of each slow part
+    (where some channels were split, the others are kept whole, with a note), "hf" of each residual.
+    ``level`` 2 raises the limits of the file.
 
     Raises ChecksumError or TruncatedError, with exit code 3, where the file is damaged or was not
     closed, and ParameterError where no channel would be left.
@@ -110,9 +110,15 @@ def choose(
         elif residual:
             kept[residual.id] = residual_alone(track, residual)
     if not any(map(has_channels, kept.values())) and (channels is not None or band == "hf"):
-        raise ParameterError(
-            "no channel that was asked for has this band", path=original.source.path
-        )
+        raise ParameterError("none of these channels has this band", path=original.source.path)
+    whole = {
+        n for t in kept.values() if has_channels(t) and t.id not in residuals for n in t.channels
+    }
+    if band == "lf" and asked <= whole:
+        raise ParameterError("none of these channels has this band", path=original.source.path)
+    if band == "lf" and whole:
+        listed = ", ".join(map(str, sorted(whole)))
+        notes.append(f"channels {listed} have no LF track and are copied whole")
     if along:
         listed = ", ".join(map(str, sorted(along)))
         notes.append(f"channels {listed} come along: they are coded in one track with others")

@@ -22,10 +22,9 @@ from ..container.walk import Chunk, Finding, header_at, read_chunk
 from ..container.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
 from ..errors import FormatError, UnsupportedError
 from ..limits import LEVELS, Level, Limits
+from ..verdict import HARMLESS, verdict_of
 
 T = TypeVar("T")
-HARMLESS = frozenset({"not-closed"})
-"""Findings that lose nothing that stands in the file."""
 
 
 class FalseIndexError(FormatError):
@@ -145,7 +144,7 @@ class Catalogue:
     @property
     def exit_code(self) -> int:
         """What reading this file deserves (SPEC clause 14), as far as the chunks tell."""
-        return 3 if self.findings else 4 if self.not_understood else 0
+        return verdict_of((f.code for f in self.findings), unknown=self.not_understood)
 
     @property
     def not_understood(self) -> bool:

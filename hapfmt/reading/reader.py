@@ -21,10 +21,12 @@ from ..limits import Limits
 from ..names import unknown
 from ..recording import Recording
 from ..threads import in_order, thread_count
+from ..verdict import verdict_of
 from .assembly import BANDS, Assembly, Band, wanted_tracks
 from .batches import BATCH, Batch, batches
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
 from .decoder import TrackDecoder
+from .digests import DigestCheck
 from .losses import LostSpan
 from .opening import open_catalogue
 from .packets import PacketPass
@@ -88,6 +90,13 @@ class Reader(Closing):
     @property
     def findings(self) -> list[Finding]:
         return self.catalogue.findings
+
+    @property
+    def exit_code(self) -> int:
+        """The code of SPEC clause 14, by what was read so far."""
+        codes = (finding.code for finding in self.findings)
+        unknown = self.catalogue.not_understood
+        return verdict_of(codes, unknown=unknown, lost=bool(self.lost))
 
     @property
     def duration(self) -> Fraction:
@@ -210,8 +219,15 @@ class Reader(Closing):
         decoded = {track.id: Decoded(track) for track in wanted}
         samples = 0
         assembly = Assembly(decoded, band)
+        digests = None
+        if start is None and stop is None and exact:
+            # Whole tracks are read: what was stored of them can be compared.
+            self.scan()
+            digests = DigestCheck(self.catalogue, decoded)
         layers = [layer for layer in self.catalogue.layers if not layer.unsupported]
         for piece in self.pieces([*wanted, *layers], start, stop, exact=exact, progress=progress):
+            if digests is not None:
+                digests.add(piece)
             samples += piece.numbers.size
             self.limits.check_samples(samples)
             if piece.track.channels:
@@ -220,6 +236,8 @@ class Reader(Closing):
                 assembly.add_events(piece.track, piece.events)
                 self.limits.check_events(assembly.event_count)
         self.lost.extend(self.lost_parts(chosen, band))
+        if digests is not None:
+            digests.compare({span.track for span in self.lost})
         return assembly
 
     def events(

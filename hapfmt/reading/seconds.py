@@ -5,23 +5,10 @@ from __future__ import annotations
 from fractions import Fraction
 from math import ceil, floor
 
-from ..numbers import exact
+from ..numbers import exact, tick_range
 from .catalogue import ChunkRef
 
 Seconds = Fraction | float | int
-
-
-def tick_range(rate: Fraction, start: Seconds | None, stop: Seconds | None) -> tuple[int, int]:
-    """Ticks from ceil(start * rate) to ceil(stop * rate), exactly (SPEC clause 7)."""
-
-    def tick(seconds: Seconds) -> int:
-        product = exact(seconds) * rate
-        return -(-product.numerator // product.denominator)
-
-    return (
-        0 if start is None else max(tick(start), 0),
-        1 << 62 if stop is None else tick(stop),
-    )
 
 
 def tick_after(time_ns: int, rate: Fraction) -> int:
@@ -42,3 +29,6 @@ def overlapping(
         or ref.stop_ns is None
         or ((start is None or first < ref.stop_ns) and (last is None or ref.start_ns < last))
     ]
+
+
+__all__ = ["Seconds", "overlapping", "tick_after", "tick_range"]

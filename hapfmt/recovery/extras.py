@@ -12,8 +12,9 @@ from ..container.filewriter import FileWriter
 from ..container.walk import Chunk, read_chunk
 from ..container.wire import NO_TRACK
 from ..errors import FormatError, ParameterError
-from ..reading.catalogue import HARMLESS, Catalogue, ChunkRef
+from ..reading.catalogue import Catalogue, ChunkRef
 from ..reading.opening import lose_chunk
+from ..verdict import HARMLESS
 
 WRITTEN_ANEW = frozenset({"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "dGST"})
 CLOCKS: dict[str, Callable[[bytes, int | None, int], object]] = {

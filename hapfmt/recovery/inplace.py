@@ -15,8 +15,9 @@ from ..container.source import open_source
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Limits
 from ..live.file import open_live
-from ..reading.catalogue import HARMLESS, Catalogue
+from ..reading.catalogue import Catalogue
 from ..reading.opening import from_walk
+from ..verdict import HARMLESS
 from .recover import Copy, Recovery, check_layout, write_checked
 
 Progress = Callable[[int, int], None]

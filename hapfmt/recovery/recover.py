@@ -23,13 +23,15 @@ from ..container.wire import SIGNATURE
 from ..damage import damage_report, lost_lines
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Limits
-from ..reading.catalogue import HARMLESS, Catalogue, ChunkRef
+from ..reading.catalogue import Catalogue, ChunkRef
 from ..reading.decoder import TrackDecoder, TrackDigest
+from ..reading.digests import stored_digests
 from ..reading.losses import LostSpan
 from ..reading.opening import from_walk
 from ..reading.packets import PacketPass
 from ..reading.pieces import PieceDecoder
-from ..verifier import check_structure, stored_digests
+from ..verdict import DAMAGED, HARMLESS, UNSUPPORTED
+from ..verifier import check_structure
 from .descriptions import EVERYTHING, describe
 from .extras import Extras, write_note
 
@@ -224,10 +226,10 @@ class Copy:
         done.empty_tracks = len(self.places)
         lossy = any(self.costs(finding) for finding in done.findings)
         if lossy or done.lost or self.places or self.extras.dropped:
-            done.exit_code = 3
+            done.exit_code = DAMAGED
         elif catalogue.not_understood:
-            done.exit_code = 4
-        if done.findings or done.exit_code == 3:
+            done.exit_code = UNSUPPORTED
+        if done.findings or done.exit_code == DAMAGED:
             write_note(catalogue, self.writer, self.note())
         self.writer.close()
         done.lost_lines = lost_lines(catalogue, done.lost)
@@ -286,7 +288,7 @@ class Copy:
             if same and track not in self.outrun:
                 kept[track] = digest
             elif not same and track not in touched:
-                message = f"track {track} decodes to other numbers than were written"
+                message = f"the decoded numbers of track {track} do not match their checksum"
                 catalogue.lose("bad-digest", offset, len(digest), message, "DGS-002")
         self.writer.digest(kept)
         self.done.digests = len(kept)
@@ -310,7 +312,7 @@ class Copy:
     def note(self) -> str:
         """What happened, for a person."""
         done = self.done
-        if done.exit_code != 3:
+        if done.exit_code != DAMAGED:
             return "recovered; nothing was lost that stood in the file, its end may be missing"
         return (
             f"recovered from a damaged file: {done.packets} packets kept, "

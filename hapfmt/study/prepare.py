@@ -137,7 +137,7 @@ def make(study: Study, folder: Path, progress: Callable[[int, int], None]) -> li
 
 def load_session(study: Study, session: Session) -> Recording:
     """Its stretch of its recording, from zero; without what is no signal."""
-    from ..convert import load as load_any
+    from ..convert import read as read_any
     from ..reading.reader import Reader
 
     path = study.beside(session.recording)
@@ -147,7 +147,7 @@ def load_session(study: Study, session: Session) -> Recording:
             if reader.findings or reader.lost:
                 raise ParameterError("is damaged; hapfmt recover it first", path=str(path))
     else:
-        whole = load_any(str(path))
+        whole = read_any(str(path))
     channels = [stretch(each, session.from_s, session.to_s) for each in whole.channels]
     if not any(channel.stored.size for channel in channels):
         raise ParameterError(f"session {session.name!r} holds no sample", path=str(path))

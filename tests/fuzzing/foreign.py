@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from hapfmt.convert import load, save
+from hapfmt.convert import read, save
 from hapfmt.recording import Channel, Recording
 
 from .target import Target, settled
@@ -19,13 +19,13 @@ MEMORY = 1 << 22
 def reads(suffix: str) -> Callable[[bytes], None]:
     def run(data: bytes) -> None:
         for rate in (None, "1000"):
-            found = settled(load, io.BytesIO(data), format=suffix, rate=rate, max_memory=MEMORY)
+            found = settled(read, io.BytesIO(data), format=suffix, rate=rate, max_memory=MEMORY)
             if found is None:
                 continue
             out = io.BytesIO()
             notes = settled(save, found, out, format=suffix, max_memory=MEMORY)
             if notes is not None:
-                load(io.BytesIO(out.getvalue()), format=suffix, rate="1000")
+                read(io.BytesIO(out.getvalue()), format=suffix, rate="1000")
 
     return run
 

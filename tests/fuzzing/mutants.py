@@ -279,8 +279,9 @@ VERBS: tuple[Line, ...] = (
     ("decode", "IN", "OUT.npy", "--max-memory", "4M", "--channels", "0"),
     ("convert", "IN", "OUT.npz", "--max-memory", "4M"),
     ("subset", "IN", "OUT", "--channels", "0", "--max-memory", "4M"),
+    ("subset", "IN", "OUT", "--start", "0.001", "--stop", "0.03", "--max-memory", "4M"),
     ("subset", "IN", "OUT", "--band", "lf", "--max-memory", "4M"),
-    ("split", "IN", "--at", "0.003,0.01", "--out", "PARTS", "--max-memory", "4M"),
+    ("split", "IN", "--at", "0.003,0.01", "-o", "PARTS", "--max-memory", "4M"),
     ("concat", "IN", "IN", "OUT", "--max-memory", "4M"),
     ("merge", "IN", "IN", "OUT", "--same-times", "--max-memory", "4M"),
     ("annotate", "COPY", "here", "--at", "0.001"),
@@ -290,7 +291,7 @@ VERBS: tuple[Line, ...] = (
     ("meta", "IN", "who=me", "-o", "OUT"),
     ("attach", "COPY", "NOTE"),
     ("attach", "IN", "--list"),
-    ("attach", "IN", "--extract", "--to", "FOLDER"),
+    ("attach", "IN", "--extract", "-o", "FOLDER"),
     ("clocks", "IN", "--json"),
     ("clocks", "IN", "--fit"),
 )
@@ -313,6 +314,7 @@ def check_verb(line: Line, data: bytes, folder: Path) -> Said:
     told = called(*words)
     assert told.code in CODES, (line, told)
     assert "Traceback" not in told.err, (line, told)
+    assert "Usage:" not in told.err and "o such option" not in told.err, (line, told)
     assert told.code == 0 or told.err or told.out, (line, told)
     outs = sorted(path for path in folder.iterdir() if path.name.startswith(("out", "part")))
     if told.code in (1, 2, 4) and line[0] not in ("recover", "split"):

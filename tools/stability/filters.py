@@ -48,7 +48,7 @@ def infinite() -> Iterator[Row]:
         np.float64
     )
     channel = Channel(x, RATE, unit="N")  # type: ignore[arg-type]
-    for preset in ("default", "archive"):
+    for preset in ("perceptual", "lossless"):
         wrong = ~same_bits(back(channel, preset).samples(), x)
         yield compared(
             4, f"an infinity and two words of NaN, preset {preset}",
@@ -134,13 +134,13 @@ def saturation() -> Row:
     naive = d + np.floor(e / step + 0.5) * step
     channel = force(x)
     decoded = {band: back(channel, "paper", band, bits=3).samples() for band in ("full", "lf")}
-    exact = back(channel, "archive")
+    exact = back(channel, "lossless")
     runs = int((np.abs(exact.stored) == 5000).sum())
     return compared(
         14, "sensor at its end, 5 N, 3 bits of HF",
         (1000 * (np.abs(naive).max() - limit), at_least(50)),
         (1000 * max(np.abs(y).max() - limit for y in decoded.values()), at_most(0)),
-        "mN beyond the sensor", f"archive keeps all {runs} samples at the end",
+        "mN beyond the sensor", f"lossless keeps all {runs} samples at the end",
         held=runs == (np.abs(counts(x)) == 5000).sum(),
     )  # fmt: skip
 

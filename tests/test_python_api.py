@@ -1,0 +1,362 @@
+"""Recordings and channels as people use them in Python: read, select, arrays, tables, write."""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hapfmt
+from hapfmt import Calibration, Channel, Event, ParameterError, Recording, Span
+from hapfmt.errors import LimitError, MissingExtraError, UnknownChannelError
+
+
+def example() -> Recording:
+    x = np.sin(np.arange(3000) / 100)
+    gappy = x.copy()
+    gappy[1000:1200] = np.nan
+    return Recording(
+        (
+            Channel.from_physical(x, 1000, label="fx", unit="N"),
+            Channel.from_physical(gappy, 1000, label="fy", unit="N", start_tick=5),
+            Channel(np.arange(300), 100, calibration=Calibration(1, 0, 10), label="<b>t</b>"),
+        ),
+        epoch_ns=1_700_000_000 * 10**9,
+        events=(Event(1, "touch", channel="fy"), Event(2, "all"), Event("0.5", "x", channel=0)),
+    )
+
+
+class TestChannel:
+    def test_numpy_and_times(self):
+        fy = example()["fy"]
+        x, t = fy.to_numpy(), fy.times()
+        assert x.shape == t.shape == (3000,) and x.dtype == t.dtype == np.float64
+        assert t[0] == 0.005 and t[-1] == 3.004 and np.isnan(x[1000:1200]).all()
+        assert np.array_equal(x[~np.isnan(x)], fy.samples())
+        assert np.array_equal(np.asarray(fy), x, equal_nan=True)
+        assert np.asarray(fy, dtype=np.float32).dtype == np.float32
+
+    def test_times_are_the_nearest_doubles(self):
+        channel = Channel(np.zeros(1000), "44100/7", (Span(123_456, 124_456),))
+        exact = [float(Fraction(tick * 7, 44100)) for tick in range(123_456, 124_456)]
+        assert channel.times().tolist() == exact
+
+    def test_seconds(self):
+        fx = example()["fx"]
+        for start, stop in [(1, 2), (1.5, None), (None, 0.25), (2.9995, 99), (5, 6), (2, 1)]:
+            x, t = fx.to_numpy(start, stop), fx.times(start, stop)
+            first, last = (0 if start is None else start), (99 if stop is None else stop)
+            assert len(x) == len(t) and ((t >= first) & (t < last)).all()
+            assert len(t) == ((fx.times() >= first) & (fx.times() < last)).sum()
+
+    def test_rate_counts_and_samples(self):
+        counts = example()[2]
+        assert type(counts.rate) is float and counts.rate == 100
+        assert type(counts.rate_exact) is Fraction and counts.rate_exact == 100
+        assert counts.counts.dtype.kind == "i" and counts.samples()[7] == 0.7
+        with pytest.raises(ParameterError, match="'fx' holds float64, not counts"):
+            _ = example()["fx"].counts
+
+    @pytest.mark.parametrize("rate", [1000, 1000.0, Fraction(1000), "1000", np.float32(1000)])
+    def test_construction(self, rate):
+        assert Channel(np.zeros(3), rate, label="x").rate_exact == 1000
+        assert Channel(np.zeros(3), rate=rate).rate == 1000.0
+
+    def test_a_rate_is_kept_by_replace(self):
+        from dataclasses import replace
+
+        third = Channel(np.zeros(3), Fraction(10, 3))
+        assert replace(third, label="x").rate_exact == Fraction(10, 3)
+        assert replace(third, rate=5).rate_exact == 5
+
+    def test_no_rate(self):
+        with pytest.raises(ParameterError, match="needs samples and a rate"):
+            Channel(np.zeros(3))
+
+    def test_gaps_that_take_too_much_memory(self):
+        far = Channel(np.zeros(2), 1000, (Span(0, 1), Span(1 << 40, (1 << 40) + 1)))
+        for call in (far.to_numpy, far.times, lambda: np.asarray(far), Recording((far,)).to_numpy):
+            with pytest.raises(LimitError, match=r"samples\(\), which leaves the gaps out"):
+                call()
+        assert len(far.samples()) == 2 and len(far.to_numpy(0, 5)) == 5000
+
+    def test_repr(self):
+        for channel in example():
+            lines = repr(channel).splitlines()
+            assert 1 <= len(lines) <= 3 and all(len(line) < 200 for line in lines)
+        assert "2800 samples at 1000 Hz" in repr(example()["fy"]) and "1 gaps" in repr(example()[1])
+
+
+class TestRecording:
+    def test_container(self):
+        rec = example()
+        assert len(rec) == 3 and rec.labels == ["fx", "fy", "<b>t</b>"]
+        assert [channel.label for channel in rec] == rec.labels
+        assert "fy" in rec and "fz" not in rec and rec["fy"] in rec and 1 not in rec
+        assert rec["fy"] is rec[1] is rec[-2] is rec[np.int64(1)] is rec.channel("fy")
+
+    @pytest.mark.parametrize("error", [KeyError, ParameterError, UnknownChannelError])
+    def test_unknown_channels(self, error):
+        rec = example()
+        with pytest.raises(error, match="'FX'; did you mean 'fx'"):
+            rec["FX"]
+        with pytest.raises(error, match="there are: 'fx', 'fy', '<b>t</b>'"):
+            rec["pressure"]
+        with pytest.raises(error, match="no channel 3; there are 3, from 0"):
+            rec[3]
+        twice = Recording((rec[0], rec[0]))
+        with pytest.raises(error, match="2 channels are called 'fx'; use their numbers: 0, 1"):
+            twice["fx"]
+
+    def test_other_keys(self):
+        with pytest.raises(ParameterError, match="not by list"):
+            example()[["fx"]]
+
+    def test_sel(self):
+        part = example().sel(["fy", "fx"], start=1.0, stop=2)
+        assert part.labels == ["fy", "fx"] and part["fx"].coverage == (Span(1000, 2000),)
+        assert part["fy"].coverage == (Span(1000, 1005), Span(1205, 2000))
+        assert part.epoch_ns == example().epoch_ns
+        assert [(event.text, event.channel) for event in part.events] == [("touch", 0)]
+        assert [event.text for event in example().sel("fx").events] == ["all", "x"]
+        assert len(example().sel()) == 3 and example().sel(2).labels == ["<b>t</b>"]
+
+    def test_to_numpy(self):
+        rec = example().sel(["fx", "fy"])
+        x, t = rec.to_numpy(), rec.times()
+        assert x.shape == (2, 3005) and t.shape == (3005,)
+        assert np.isnan(x[0, 3000:]).all() and np.isnan(x[1, :5]).all()
+        assert x[0, 1500] == rec["fx"].samples()[1500]
+        assert rec.to_numpy(1, 1.5).shape == (2, 500)
+        with pytest.raises(ParameterError, match=r"2 rates.*such as rec.sel\(\['fx', 'fy'\]\)"):
+            example().to_numpy()
+        assert Recording().to_numpy().shape == (0, 0)
+
+    def test_repr_is_short_for_any_recording(self):
+        long = Channel(np.zeros(1), 1, label="x\n\x1b[31m" * 999, unit="y" * 99)
+        for rec in (Recording(), example(), Recording((long,) * 500)):
+            lines = repr(rec).splitlines()
+            assert len(lines) <= 8 and all(len(line) < 160 for line in lines)
+            assert "\x1b" not in repr(rec)
+        assert "and 495 more" in repr(Recording((long,) * 500))
+
+    def test_html_is_escaped(self):
+        html = example()._repr_html_()
+        assert "&lt;b&gt;t&lt;/b&gt;" in html and "<b>" not in html
+        assert html.count("<tr>") == 4
+        assert "and 400 more" in Recording((example()[0],) * 500)._repr_html_()
+
+
+class TestTables:
+    def test_pandas(self):
+        pandas = pytest.importorskip("pandas")
+        frame = example().sel(["fx", "fy"]).to_pandas()
+        assert isinstance(frame, pandas.DataFrame) and list(frame.columns) == ["fx", "fy"]
+        assert frame.index.name == "time" and frame.index[5] == 0.005 and frame.shape == (3005, 2)
+        assert frame["fy"].isna().sum() == 205 and frame.attrs["units"] == ["N", "N"]
+        with pytest.raises(ParameterError, match="select those of one rate"):
+            example().to_pandas()
+
+    def test_pandas_there_and_back(self, tmp_path):
+        pytest.importorskip("pandas")
+        rec = example().sel(["fx", "fy"])
+        hapfmt.write(rec.to_pandas(), tmp_path / "a.hapf")
+        back = hapfmt.read(tmp_path / "a.hapf")
+        assert back.labels == rec.labels and back.epoch_ns == rec.epoch_ns
+        for a, b in zip(rec, back, strict=True):
+            assert (a.rate_exact, a.coverage, a.unit) == (b.rate_exact, b.coverage, b.unit)
+
+    def test_dates_give_the_epoch(self):
+        pandas = pytest.importorskip("pandas")
+        index = pandas.date_range("2026-11-22T17:00:00", periods=10, freq="10ms")
+        rec = Recording.from_array(pandas.DataFrame({"x": range(10)}, index=index))
+        assert (rec.labels, rec[0].rate_exact) == (["x"], 100)
+        assert rec.epoch_ns == 1_795_366_800 * 10**9
+        with pytest.raises(ParameterError, match="holds no times; give a rate"):
+            Recording.from_array(pandas.DataFrame({"x": range(10)}))
+
+    def test_xarray(self):
+        pytest.importorskip("xarray")
+        data = example().to_xarray()
+        assert set(data.dims) == {"time_0", "time_1"} and data["fx"].attrs["units"] == "N"
+        assert data["fy"].shape == (3005,) and float(data["time_1"][7]) == 0.07
+        assert example().sel("fx").to_xarray()["fx"].dims == ("time",)
+        twice = Recording((example()[0], example()[0])).to_xarray()
+        assert list(twice) == ["fx", "fx (2)"]
+
+    @pytest.mark.parametrize("package", ["pandas", "xarray"])
+    def test_without_the_package(self, package, monkeypatch):
+        monkeypatch.setitem(sys.modules, package, None)
+        with pytest.raises(MissingExtraError, match=rf"pip install 'hapfmt\[{package}\]'"):
+            getattr(example().sel("fx"), f"to_{package}")()
+
+
+class TestRead:
+    @pytest.mark.parametrize("suffix", ["hapf", "npz", "npy", "csv", "wav"])
+    def test_any_format_by_suffix_content_or_name(self, tmp_path, suffix):
+        if suffix == "wav":
+            pytest.importorskip("soundfile")
+        rec = Recording((Channel.from_physical(np.arange(50.0), 100, label="ch1"),))
+        path = tmp_path / f"a.{suffix}"
+        hapfmt.write(rec, path) if suffix == "hapf" else hapfmt.save(rec, path)
+        rate = {"rate": 100} if suffix == "npy" else {}
+        bare = path.rename(tmp_path / "bare")
+        data = bare.read_bytes()
+        for found in (
+            hapfmt.read(bare, **rate),
+            hapfmt.read(data, **rate),
+            hapfmt.read(io.BytesIO(data), **rate),
+            hapfmt.read(io.BytesIO(data), format=suffix, **rate),
+            hapfmt.read(Pipe(data), **rate),
+        ):
+            assert found[0].samples().tolist() == list(range(50)), suffix
+        part = hapfmt.read(bare, channels=[0], start=0.1, stop=0.2, **rate)
+        assert part[0].samples().tolist() == list(range(10, 20))
+
+    def test_content_comes_before_the_suffix(self, tmp_path):
+        hapfmt.write(np.arange(9), tmp_path / "a.hapf", rate=1)
+        (tmp_path / "a.hapf").rename(tmp_path / "a.csv")
+        assert len(hapfmt.read(tmp_path / "a.csv")) == 1
+
+    def test_what_does_not_go_together(self, tmp_path):
+        hapfmt.write(np.arange(9), tmp_path / "a.hapf", rate=1)
+        with pytest.raises(ParameterError, match="holds its own rate"):
+            hapfmt.read(tmp_path / "a.hapf", rate=5)
+        with pytest.raises(ParameterError, match=r"a \.csv file has no bands"):
+            hapfmt.read(b"t,x\n0,1\n1,2\n", format="csv", band="lf")
+        (tmp_path / "a.h5").write_bytes(b"\x89HDF")
+        with pytest.raises(ParameterError, match=r"'\.h5' is not one of"):
+            hapfmt.read(tmp_path / "a.h5")
+
+    def test_a_url(self):
+        pytest.importorskip("fsspec")
+        import fsspec
+
+        with fsspec.open("memory://table.csv", "wb") as stream:
+            stream.write(b"t,x\n0,1\n1,2\n")
+        assert hapfmt.read("memory://table.csv")["x"].samples().tolist() == [1, 2]
+
+    def test_load_warns(self):
+        with pytest.warns(DeprecationWarning, match="use hapfmt.read"):
+            assert len(hapfmt.load(io.BytesIO(b"x\n1\n"), format="csv", rate=1)) == 1
+
+
+class Pipe(io.BytesIO):
+    def seekable(self) -> bool:
+        return False
+
+
+class TestOldNames:
+    def test_they_warn(self):
+        fx = example()["fx"]
+        with pytest.warns(DeprecationWarning, match=r"channel\.values is deprecated"):
+            assert fx.values is fx.stored
+        with pytest.warns(DeprecationWarning, match=r"use channel\.samples\(\)"):
+            assert np.array_equal(fx.physical(), fx.samples())
+        with pytest.warns(DeprecationWarning, match=r"to_numpy"):
+            assert np.array_equal(fx.dense(3, 9), fx.filled(3, 9))
+        with pytest.warns(DeprecationWarning, match="stored="):
+            assert Channel(values=np.zeros(2), rate=1).stored.size == 2
+
+
+def written(data, **given) -> Recording:
+    stream = io.BytesIO()
+    hapfmt.write(data, stream, **given)
+    return hapfmt.read(stream.getvalue())
+
+
+class TestWrite:
+    def test_an_array(self):
+        x = np.stack([np.sin(np.arange(500) / 9), np.cos(np.arange(500) / 9)])
+        x[1, 100:200] = np.nan
+        back = written(x, rate=1000, labels=["fx", "fy"], units="N", preset="archive")
+        assert back.labels == ["fx", "fy"] and [c.unit for c in back] == ["N", "N"]
+        assert np.array_equal(back.to_numpy(), x, equal_nan=True)
+
+    def test_one_dimension(self):
+        back = written(np.arange(7.0), rate="44100/7", labels="grip", units=["N"])
+        assert back["grip"].rate_exact == 6300 and back["grip"].samples().tolist() == [*range(7)]
+        assert written([1, 2, 3], rate=1).labels == ["ch1"]
+
+    @pytest.mark.parametrize(
+        "dtype", ["?", *("i1", "i2", "i4", "u1", "u2"), *("i8", "u4", "u8", "f2", "f4", "f8")]
+    )
+    def test_dtypes(self, dtype):
+        x = np.array([0, 1, 1, 0, 1]).astype(dtype)
+        found = Recording.from_array(x, 10)[0]
+        assert found.is_counts == (dtype in ("?", "i1", "i2", "i4", "u1", "u2"))
+        assert written(x, rate=10)[0].samples().tolist() == [0, 1, 1, 0, 1]
+
+    def test_masked(self):
+        x = np.ma.masked_equal(np.array([1, 2, 9, 4], np.int16), 9)
+        found = Recording.from_array(x, 10)[0]
+        assert found.coverage == (Span(0, 2), Span(3, 4)) and found.counts.tolist() == [1, 2, 4]
+
+    def test_by_label_and_channels(self):
+        back = written({"a": np.arange(5.0), "b": np.arange(9)}, rate=10)
+        assert back.labels == ["a", "b"] and back["b"].stored.size == 9
+        channels = list(example())
+        assert written(channels).labels == example().labels
+        assert written(channels[0]).labels == ["fx"]
+
+    @pytest.mark.parametrize(
+        ("data", "given", "message"),
+        [
+            (np.zeros((1000, 3)), {}, r"1000 x 3, .*pass array\.T, or transpose=True"),
+            (np.zeros(5), {"rate": None}, "no rate; give one"),
+            (np.zeros((2, 3, 4)), {}, "3 dimensions"),
+            (np.zeros(()), {}, "0 dimensions"),
+            (np.zeros(3, complex), {}, "complex128 values, not real"),
+            (np.array(["a"]), {}, "not real numbers"),
+            ([[1, 2], [3]], {}, "rows of different lengths"),
+            (np.zeros((2, 9)), {"labels": ["a"]}, "labels are 2 texts"),
+            (np.zeros((2, 9)), {"units": ["N"] * 3}, "units are 2 texts"),
+            (np.zeros(9), {"transpose": True}, "nothing to transpose"),
+            (np.zeros(9), {"colour": 3}, "colour"),
+            (np.zeros(9), {"settings": hapfmt.Settings(), "preset": "archive"}, "not both"),
+        ],
+    )
+    def test_refused(self, data, given, message):
+        with pytest.raises(ParameterError, match=message):
+            hapfmt.write(data, io.BytesIO(), **{"rate": 10, **given})
+
+    def test_a_recording_has_its_own_rate(self):
+        with pytest.raises(ParameterError, match="rate is for arrays"):
+            hapfmt.write(example(), io.BytesIO(), rate=10)
+
+    def test_transposed_by_will(self):
+        x = np.arange(3000.0).reshape(1000, 3)
+        assert len(Recording.from_array(x, 10, transpose=True)) == 3
+        assert len(Recording.from_array(x, 10, transpose=False)) == 1000
+        assert len(Recording.from_array(x[:5], 10, labels=[*"abcde"])) == 5
+        assert Recording.from_array(x.T, 10)[2].samples()[1] == 5
+
+    @pytest.mark.parametrize("suffix", ["h5", "npz", "csv", "flac", "json", "mcap"])
+    def test_names_of_other_formats(self, tmp_path, suffix):
+        path = tmp_path / f"o.{suffix}"
+        with pytest.raises(ParameterError, match=r"hapf files end in \.hapf"):
+            hapfmt.write(np.zeros(3), path, rate=1)
+        assert not path.exists()
+
+
+def test_the_examples_of_the_docstring(tmp_path, monkeypatch):
+    """Five everyday tasks take one line each."""
+    import doctest
+
+    pytest.importorskip("pandas")
+    monkeypatch.chdir(tmp_path)
+    page = Path(__file__).with_name("everyday.txt")
+    failed, tried = doctest.testfile(str(page), module_relative=False)
+    assert not failed and tried >= 5
+
+
+def test_reading_loads_no_encoder():
+    code = "import hapfmt, sys; hapfmt.read(b't,x\\n0,1\\n1,2\\n').sel('x').to_numpy();"
+    code += "print(any(name.startswith('hapfmt.encoder') for name in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
