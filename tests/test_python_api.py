@@ -274,7 +274,7 @@ class TestWrite:
     def test_an_array(self):
         x = np.stack([np.sin(np.arange(500) / 9), np.cos(np.arange(500) / 9)])
         x[1, 100:200] = np.nan
-        back = written(x, rate=1000, labels=["fx", "fy"], units="N", preset="archive")
+        back = written(x, rate=1000, labels=["fx", "fy"], units="N", preset="lossless")
         assert back.labels == ["fx", "fy"] and [c.unit for c in back] == ["N", "N"]
         assert np.array_equal(back.to_numpy(), x, equal_nan=True)
 
@@ -318,7 +318,7 @@ class TestWrite:
             (np.zeros((2, 9)), {"units": ["N"] * 3}, "units are 2 texts"),
             (np.zeros(9), {"transpose": True}, "nothing to transpose"),
             (np.zeros(9), {"colour": 3}, "colour"),
-            (np.zeros(9), {"settings": hapfmt.Settings(), "preset": "archive"}, "not both"),
+            (np.zeros(9), {"settings": hapfmt.Settings(), "preset": "lossless"}, "not both"),
         ],
     )
     def test_refused(self, data, given, message):
