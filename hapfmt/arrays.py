@@ -23,8 +23,8 @@ from .recording import (
 )
 from .units import to_ucum
 
-CHANNEL_LIMIT = LAST_TRACK_ID + 1
-"""Channels of a file: one track each at least."""
+CHANNEL_LIMIT = LAST_TRACK_ID // 2
+"""Channels of a recording that is encoded: up to two tracks each."""
 
 
 def recording_of(

@@ -1,4 +1,4 @@
-"""tools/report: a page that needs nothing else, and the same figures beside it as text."""
+"""tools/report: a page that needs nothing else, and the same figures as text."""
 
 from __future__ import annotations
 
@@ -12,16 +12,20 @@ from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 from spec import ROOT
 
 sys.path.insert(0, str(ROOT / "tools"))
 
 from report import run as report
+from report import subjects, trials
 from report.codecs import front
 from report.page import Part, divided, page, shown
 from report.section import CannotRunError, Figure, Options, Section, Table, spread, timed
 from report.texts import as_json, markdown_table, write_tables
+
+import hapfmt
 
 VOID = {"meta", "br", "img", "hr", "input", "link"}
 SVG = '<svg viewBox="0 0 10 10"><defs><path id="m1" d="M0 0"/></defs><use href="#m1"/></svg>'
@@ -90,7 +94,7 @@ def test_the_page_is_whole_and_needs_nothing_else():
 
 def test_contents_tell_what_was_found():
     assert PARTS[0].finding == "It is 3 times **as fast**."
-    assert PARTS[2].finding == "Not here: no <package> here"
+    assert PARTS[2].finding == "Not measured: no <package> here"
     assert divided("One")[0] == "One" and divided("It is 0.5 of a. B")[0] == "It is 0.5 of a."
     contents = page("T", [], PARTS).partition("<nav>")[2].partition("</nav>")[0]
     assert contents.count("It is 3 times <strong>as fast</strong>.") == 2
@@ -159,9 +163,58 @@ def test_spread_and_front():
     assert front([(1, 9), (2, 3), (2, 4), (3, 3), (4, 0), (1, 9.5)]) == [0, 1, 4]
 
 
+def test_every_recording_is_measured_or_named_with_the_reason(tmp_path, monkeypatch):
+    """Linked folders too; of a long recording the middle."""
+    data, elsewhere = tmp_path / "data", tmp_path / "elsewhere"
+    for folder in (data / "set", elsewhere):
+        folder.mkdir(parents=True)
+    monkeypatch.setattr(subjects, "SCENES", ())
+    monkeypatch.setattr(subjects, "SAMPLES", 600)
+    monkeypatch.setattr(subjects, "compiled", True)
+    ticks = np.arange(1000.0)
+    x = np.stack([np.sin(ticks / 50), np.full(1000, 0.25), ticks % 7])
+    names = ["force", "still", "steps"]
+    for path in (data / "set" / "long.npz", elsewhere / "linked.npz"):
+        few = 1000 if "long" in path.name else 150
+        np.savez(path, x=x[:, :few], rate_hz=100.0, channel_names=names, unit="N")
+    (data / "set" / "broken.npz").write_bytes(b"PK")
+    (data / "README.md").write_text("no recording")
+    try:
+        (data / "other").symlink_to(elsewhere)
+    except OSError:
+        pytest.skip("this system has no symbolic links")
+    listed: list[subjects.Listed] = []
+    found = list(subjects.subjects(Options(data=data), listed))
+    assert {each.name.partition(",")[0] for each in found} == {"set/long", "other/linked"}
+    by_name = {each.name: each for each in listed}
+    assert list(by_name) == ["other/linked", "set/broken.npz", "set/long"]
+    assert by_name["set/broken.npz"].skipped and by_name["set/broken.npz"].measured == 0
+    whole, part = by_name["other/linked"], by_name["set/long"]
+    assert (whole.samples, whole.start_s, whole.stop_s) == (450, 0, 1.5)
+    assert whole.skipped in ("", "channel 'still': constant")
+    assert (part.samples, part.start_s, part.stop_s) == (3000, 4, 6)
+    assert part.skipped.endswith("samples outside the middle 2 s")
+
+
+def test_st_sim_is_bounded(monkeypatch):
+    """At most the first channels that are fast enough, and their first seconds."""
+    calls = []
+    monkeypatch.setattr(trials, "st_sim", lambda x, _y, rate: calls.append((x.size, rate)) or 0.5)
+    rng = np.random.default_rng(1)
+    rates = [100, 500, 500, 1000, 1000, 1000]
+    channels = tuple(
+        hapfmt.Channel.from_physical(rng.normal(size=12 * rate), rate, label=str(n))
+        for n, rate in enumerate(rates)
+    )
+    subject = subjects.Subject("x", True, hapfmt.Recording(channels), None)
+    found = trials.errors(subject, [x + 0.1 for x in subject.truth])
+    assert calls == [(5000, 500), (5000, 500), (10_000, 1000), (10_000, 1000)]
+    assert found["st_sim"] == 0.5
+
+
 def command(out: Path, *arguments: str) -> str:
     done = subprocess.run(
-        [sys.executable, "tools/report", "--quick", "--no-data", "--out", str(out), *arguments],
+        [sys.executable, "tools/report", "--quick", "--no-data", "-o", str(out), *arguments],
         cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
         check=False,
     )  # fmt: skip
@@ -173,13 +226,13 @@ def command(out: Path, *arguments: str) -> str:
 @pytest.mark.deep
 def test_codecs_and_decoding_of_small_scenes(tmp_path):
     told = command(tmp_path, "--only", "codecs", "--only", "decoding")
-    assert re.search(r"\d s\] codecs: sand: archive", told)
+    assert re.search(r"\d s\] codecs: sand: lossless", told)
     read((tmp_path / "index.html").read_text("utf-8"))
     found = json.loads((tmp_path / "report.json").read_text("utf-8"))
     codecs = found["sections"]["codecs"]
     ours = [trial for trial in codecs["data"] if trial["family"] != "peer"]
     assert {trial["family"] for trial in ours} == {
-        "archive", "near-lossless", "deadband", "default", "paper", "auto"
+        "lossless", "near-lossless", "deadband", "perceptual", "paper"
     }  # fmt: skip
     assert all(not trial["failed"] and not trial["outside"] for trial in ours)
     exact = [trial for trial in ours if trial["task"] == "lossless"]

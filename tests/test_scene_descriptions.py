@@ -42,7 +42,7 @@ WRONG = [
     (TOOL + "[tool.reach]", "tool: has stroke and reach of stroke, press, reach; give one"),
     ("[tool.press]", "tool.press: press_n is missing: force of the hand in N"),
     ("seconds = '4'\n" + TOOL, "seconds: is not a number; write one, without quotes"),
-    ("seconds = true\n" + TOOL, "seconds: is no number"),
+    ("seconds = true\n" + TOOL, "seconds: is not a number"),
     ("seconds = 0\n" + TOOL, "seconds: 0 is too small; write a number above 0"),
     ("seconds = nan\n" + TOOL, "seconds: nan cannot be used; write a finite number"),
     ("seconds = inf\n" + TOOL, "seconds: inf cannot be used"),
@@ -203,7 +203,7 @@ class TestInPython:
     def test_the_same_rules(self):
         for make, message in (
             (lambda: Tool(stroke=Stroke(), press=Press(1)), "give one of them"),
-            (lambda: Tool(stroke="fast"), "stroke: is no Stroke; give one, or None"),
+            (lambda: Tool(stroke="fast"), "stroke: is not of type Stroke; give one, or None"),
             (lambda: Contact(-1.0), "n_per_m: -1.0 is too small"),
             (lambda: Contact(1, integrator="euler"), "integrator: there is no 'euler'"),
             (Scene, "a scene of nothing"),

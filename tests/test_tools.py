@@ -63,7 +63,7 @@ def run(*words: str, cwd: Path, **environment: str) -> subprocess.CompletedProce
 class TestAfterAnInstallationThatIsNotInPlace:
     def test_a_report_measures_the_installed_copy(self, clone, site, tmp_path):
         out = tmp_path / "out"
-        words = ("--quick", "--only", "paper", "--no-data", "--out", str(out))
+        words = ("--quick", "--only", "paper", "--no-data", "-o", str(out))
         given = {"PYTHONPATH": str(site), **({} if compiled else {"HAPFMT_PURE": "1"})}
         done = run("tools/report", *words, cwd=clone, **given)
         assert done.returncode == 0, done.stderr
@@ -83,7 +83,7 @@ class TestAfterAnInstallationThatIsNotInPlace:
         for path in (site / "hapfmt" / "kernels").glob("_kernels*"):
             if path.suffix in (".so", ".pyd"):
                 path.unlink()
-        done = run("tools/ratio.py", cwd=clone, PYTHONPATH=str(site))
+        done = run("tools/bench.py", cwd=clone, PYTHONPATH=str(site))
         assert done.returncode == 1 and not done.stdout
         assert "no compiled loops" in done.stderr
         assert "python -m pip install --force-reinstall --no-deps -e ." in done.stderr

@@ -1,9 +1,9 @@
-"""Sizes, errors and speeds beside what other packages offer: same recordings, same bound, same run.
+"""Sizes, errors and speeds compared with other packages: same recordings, same bound, same run.
 
-python tools/bench.py [DATA]          a folder of recordings, or one; without: ../shared/data
+python tools/bench.py [DATA]          a folder of recordings, or one; default: ../shared/data
 python tools/bench.py --simulated     no data needed
 
-Bits a sample (b/s) of packets, and of whole files. A peer's are the bytes of its own format and 4
+Bits per sample (b/s) of packets, and of whole files. A peer's are the bytes of its own format and 4
 for each channel; its whole file is a zip of them with names, rates and units. Every sample of every
 coder is checked against the bound. A peer whose package is missing is named, and left out.
 """
@@ -16,13 +16,13 @@ from dataclasses import replace
 from fractions import Fraction
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import installed  # noqa: F401
 
 import click
 import numpy as np
-from measured import DATA, origin, timed
+from measured import DATA, files_in, origin, timed
 from peers.exact import Coder, double_coders, integer_coders
 from peers.packages import PACKAGES, left_out, versions
 from peers.relative import Recipe, outside, recipes
@@ -37,12 +37,9 @@ from hapfmt.convert import FORMATS
 from hapfmt.encoder.lattice import find_lattice
 from hapfmt.encoder.tolerance import Tolerance
 
-TASKS = ("deadband", "lossless", "doubles", "presets")
+TASKS = ("deadband", "lossless", "doubles")
 FLOOR = 0.002
 """Of each channel's range."""
-
-DOUBLES_TOLERANCE = Tolerance(1e-5, "range")
-"""For our deadband preset on true doubles, taken off the bound."""
 
 ALWAYS = "flac -8"
 COUNT_LIMIT = 1 << 31
@@ -67,18 +64,16 @@ class Job(NamedTuple):
 
 
 def load_all(data: Path, only: str, rate: str | None) -> Iterator[tuple[str, hapfmt.Recording]]:
-    """(name, recording) of what can be read in a folder; what cannot is told."""
-    paths = [data] if data.is_file() else sorted(data.rglob("*"))
+    """(name, recording) of each file that can be read; the others are printed with the reason."""
+    paths = [data] if data.is_file() else files_in(data)
     root = data.parent if data.is_file() else data
     for path in paths:
         name = str(path.relative_to(root).with_suffix(""))
         if path.suffix.lower() not in (*FORMATS, ".hapf") or only not in name:
             continue
         try:
-            yield (
-                name,
-                hapfmt.read(path) if path.suffix == ".hapf" else hapfmt.read(path, rate=rate),
-            )
+            given = {} if path.suffix == ".hapf" else {"rate": rate}
+            yield name, hapfmt.read(path, **given)
         except hapfmt.HapfmtError as error:
             click.echo(f"left out: {error}", err=True)
 
@@ -94,7 +89,7 @@ def deadband_jobs(name: str, recording: hapfmt.Recording, ks: Sequence[str]) -> 
     floors = [FLOOR * float(np.ptp(x)) for x in arrays]
     for k in ks:
         settings = hapfmt.Settings.of(
-            "deadband", k=k, floor=Tolerance(FLOOR, "range"), tolerance=DOUBLES_TOLERANCE
+            "perceptual", texture=False, felt="all", k=k, floor=Tolerance(FLOOR, "range")
         )
         value = float(Fraction(k))
 
@@ -145,10 +140,10 @@ def lossless_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
         return
     arrays = [counts for _, counts in known]
     ours = replace(recording, channels=tuple(counted(*pair) for pair in known))
-    fast = hapfmt.Settings.of("archive", fast=True)
+    fast = hapfmt.Settings.of("lossless", fast=True)
     yield Job(
         name, "lossless",
-        {"archive": (ours, hapfmt.Settings.of("archive")), "archive --fast": (ours, fast)},
+        {"lossless": (ours, hapfmt.Settings.of("lossless")), "lossless --fast": (ours, fast)},
         lambda _channel: list(integer_coders()), arrays, lambda found: same(arrays, found),
     )  # fmt: skip
 
@@ -161,33 +156,9 @@ def doubles_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
     ours = replace(recording, channels=tuple(kept))
     arrays = [channel.stored for channel in kept]
     yield Job(
-        name, "doubles", {"archive": (ours, hapfmt.Settings.of("archive"))},
+        name, "doubles", {"lossless": (ours, hapfmt.Settings.of("lossless"))},
         lambda _channel: list(double_coders()), arrays, lambda found: same(arrays, found),
     )  # fmt: skip
-
-
-def presets_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
-    """Our presets beside each other, no peers; errors in % of each channel's range."""
-    arrays = [channel.samples() for channel in recording.channels]
-    if not recording.sample_count or not all(np.isfinite(x).all() for x in arrays):
-        return
-
-    def check(found: Sequence[np.ndarray]) -> tuple[int, float]:
-        errors = [
-            100 * float(np.abs(x - y).max()) / float(np.ptp(x))
-            for x, y in zip(arrays, found, strict=True)
-            if x.size and np.ptp(x)
-        ]
-        return 0, max(errors, default=0.0)
-
-    asked: dict[str, dict[str, Any]] = {
-        "default": {},
-        "default, 0.01%": {"tolerance": Tolerance(1e-4, "range")},
-        "default, 1lsb": {"step": Tolerance(1.0, "lsb")},
-        "auto": {"preset": "auto"},
-    }
-    ours = {how: (recording, hapfmt.Settings.of(**given)) for how, given in asked.items()}
-    yield Job(name, "presets", ours, lambda _channel: [], arrays, check)
 
 
 def same(arrays: Sequence[np.ndarray], found: Sequence[np.ndarray]) -> tuple[int, float]:
@@ -309,10 +280,8 @@ def jobs_of(
                 yield from deadband_jobs(name, recording, ks)
             elif task == "lossless":
                 yield from lossless_jobs(name, recording)
-            elif task == "doubles":
-                yield from doubles_jobs(name, recording)
             else:
-                yield from presets_jobs(name, recording)
+                yield from doubles_jobs(name, recording)
 
 
 def tell(rows: Sequence[Row]) -> None:
@@ -322,45 +291,24 @@ def tell(rows: Sequence[Row]) -> None:
     for cell in shown:
         groups.setdefault(cell.what, []).append(cell)
     if shown:
-        print("sizes in bits a sample; outside and largest error: in counts / in float64\n")
+        print("sizes in bits per sample; outside and largest error: in counts / in float64\n")
         print_sizes(shown)
-        print("million samples a second of CPU time, best of n\n")
+        print("million samples per second of CPU time, best of n\n")
         print_speeds(shown, ALWAYS)
-    print_presets([row for row in rows if row.task == "presets"])
     print_broken(rows)
     together = [cell for cell in shown if cell.ours.task.startswith("deadband")]
     print_summary({**groups, "deadband, all k": together})
 
 
-def print_presets(rows: Sequence[Row]) -> None:
-    """One line a recording, the presets beside each other."""
-    from measured import print_table
-
-    by_name: dict[str, list[Row]] = {}
-    for row in rows:
-        by_name.setdefault(row.recording, []).append(row)
-    if not by_name:
-        return
-    print("whole files in bits a sample; largest error in % of the channel's range\n")
-    coders = [row.coder for row in next(iter(by_name.values()))]
-    table = [
-        [name[:40], found[0].channels,
-         *(text for row in found for text in (f"{row.file:.3f}", f"{row.worst:.3f}"))]
-        for name, found in by_name.items()
-    ]  # fmt: skip
-    headers = [text for coder in coders for text in (coder, "largest %")]
-    print_table(["recording", "channels", *headers], table)
-
-
 @click.command(help=__doc__)
 @click.argument("data", required=False, type=click.Path(exists=True, path_type=Path))
-@click.option("--simulated", is_flag=True, help="Simulated recordings in place of DATA.")
+@click.option("--simulated", is_flag=True, help="Simulated recordings instead of DATA.")
 @click.option("--seconds", default=10.0, help="Length of the simulated ones.")
 @click.option("--task", default="deadband,lossless,doubles", help=f"Of {', '.join(TASKS)}.")
 @click.option("--k", "ks", default="0.02,0.1,0.3", help="Weber fractions of the deadband.")
 @click.option("--only", default="", help="Recordings whose name contains this.")
-@click.option("--rate", help="Of files that do not hold one.")
-@click.option("--repeats", default=3, type=click.IntRange(1), help="Runs, the best counts.")
+@click.option("--rate", help="For files without a rate.")
+@click.option("--repeats", default=3, type=click.IntRange(1), help="Runs; the best one counts.")
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="A row for each coder.")
 def main(
     data: Path | None, simulated: bool, seconds: float, task: str, ks: str, only: str,

@@ -239,7 +239,7 @@ def main(trials: int, seed: int) -> None:
     rows: list[list[object]] = [
         ["killed", tally.trials - tally.unborn],
         ["opened", tally.trials - tally.unborn - len(tally.faults)],
-        ["killed before the first chunk, beside these", tally.unborn],
+        ["killed before the first chunk, not counted above", tally.unborn],
         *([f"verdict {code}", count] for code, count in sorted(tally.findings.items())),
         ["samples flushed and there", tally.flushed],
         ["samples there beyond the last flush", tally.kept - tally.flushed],

@@ -108,10 +108,10 @@ def case(name: str) -> Case:
     if name == "many":
         seeds = range(22)
         channels = [simulate("cork", SECONDS, seed, 1000).channels[0] for seed in seeds]
-        return built(name, channels, "archive", Fraction(1))
+        return built(name, channels, "lossless", Fraction(1))
     pairs = (("sand", 1), ("cork", 2))
     channels = [simulate(t, SECONDS, seed, RATE).channels[0] for t, seed in pairs]
-    return built(name, channels, "default", CLUSTER)
+    return built(name, channels, "perceptual", CLUSTER)
 
 
 @dataclass

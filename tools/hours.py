@@ -1,6 +1,6 @@
 """Ten simulated hours through the recorder: speed, memory hour by hour, and the file afterwards.
 
-python tools/hours.py [--hours 10] [--preset archive] [--fast]
+python tools/hours.py [--hours 10] [--preset lossless] [--fast]
 
 A glove of 22 channels at 1 kHz and 4 accelerations at 8 kHz, in chunks of 100 ms, as fast as the
 recorder takes them; fsync once a second, as at the pace of the clock. Two minutes of samples are
@@ -61,7 +61,7 @@ def timed(work: object) -> float:
 
 @click.command(help=__doc__)
 @click.option("--hours", default=10.0)
-@click.option("--preset", default="archive")
+@click.option("--preset", default="lossless")
 @click.option("--fast", is_flag=True)
 def main(hours: float, preset: str, fast: bool) -> None:
     joints = there_and_back(np.column_stack([c.stored for c in glove(BLOCK_S).channels]))

@@ -22,9 +22,13 @@ TOOLS = ROOT / "tools"
 PURE = "HAPFMT_PURE"
 
 
+IMPORTS = {"PYTHONPATH": str(TOOLS), "PYTHONSAFEPATH": "1"}
+"""For child processes: they import the tools, and the installed hapfmt whatever their folder is."""
+
+
 def environment(**more: str) -> dict[str, str]:
-    """For child processes: they import the tools, and hapfmt from where this process has it."""
-    return {**os.environ, "PYTHONPATH": str(TOOLS), "PYTHONSAFEPATH": "1", **more}
+    """That of this process, with IMPORTS."""
+    return {**os.environ, **IMPORTS, **more}
 
 
 def editable_root(distribution: Distribution) -> Path | None:

@@ -1,6 +1,6 @@
 """Sustained load: how many channels at 1 kHz one core records in real time, with none dropped.
 
-python tools/load.py [--seconds 300] [--preset archive] [--fast] [--channels N]
+python tools/load.py [--seconds 300] [--preset lossless] [--fast] [--channels N]
 
 Counts of a simulated glove, each channel from a moment of its own, come every 10 ms as rows of all
 channels, at the pace of the clock; the queue may not fill up. One process, pinned to one core,
@@ -117,8 +117,8 @@ def keeps_up(found: dict[str, float]) -> bool:
 
 @click.command(help=__doc__)
 @click.option("--seconds", default=300.0, help="Of the long run.")
-@click.option("--preset", default="archive", help="archive, deadband, auto.")
-@click.option("--fast", is_flag=True, help="Preset archive: Rice codes.")
+@click.option("--preset", default="lossless", help="lossless, near-lossless or perceptual.")
+@click.option("--fast", is_flag=True, help="Preset lossless: Rice codes.")
 @click.option("--channels", default=0, help="So many and no search.")
 @click.option("--child", is_flag=True, hidden=True)
 @click.option("--file", "path", default="", hidden=True)

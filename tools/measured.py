@@ -50,6 +50,19 @@ def print_table(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> Non
     print()
 
 
+def files_in(folder: Path) -> list[Path]:
+    """All files below a folder, sorted. Linked folders are followed, each folder once."""
+    found: list[Path] = []
+    seen: set[str] = set()
+    for at, folders, names in os.walk(folder, followlinks=True):
+        seen.add(os.path.realpath(at))
+        folders[:] = sorted(
+            name for name in folders if os.path.realpath(Path(at) / name) not in seen
+        )
+        found += [Path(at) / name for name in names]
+    return sorted(found)
+
+
 def timed(work: Callable[[], Result], repeats: int = 1) -> tuple[Result, float]:
     """What the work gives, and the shortest CPU time of so many runs, in seconds."""
     times = []

@@ -17,9 +17,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
+import installed  # noqa: F401
+
 import click
 import numpy as np
-from measured import DATA, origin
+from measured import DATA, files_in, origin
 
 import hapfmt
 from hapfmt.convert import FORMATS
@@ -56,9 +58,9 @@ class Result(NamedTuple):
 
 
 def load_all(data: Path) -> Iterator[tuple[str, hapfmt.Recording]]:
-    for path in sorted(data.rglob("*")):
+    for path in files_in(data):
         if path.suffix.lower() in FORMATS:
-            yield str(path.relative_to(data).with_suffix("")), hapfmt.load(path)
+            yield str(path.relative_to(data).with_suffix("")), hapfmt.read(path)
 
 
 def written(

@@ -64,7 +64,7 @@ def make_hours(path: Path, hours: float) -> None:
     inputs = [
         hapfmt.Input(f"joint {n}", Fraction(1000), "N", calibration=FORCE) for n in range(SENSORS)
     ]
-    settings = hapfmt.Settings.of("archive", fast=True)
+    settings = hapfmt.Settings.of("lossless", fast=True)
     with hapfmt.Recorder(str(path), inputs, settings, force=True) as recorder:
         for second in range(round(hours * 3600)):
             at = second * 1000 % len(block)

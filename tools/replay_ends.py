@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-from installed import ROOT, environment
+from installed import IMPORTS, ROOT, environment
 
 from replay_cases import Case
 from watched import find
@@ -110,7 +110,7 @@ class Hid:
         return {"kind": "hid", "path": self.world.path}
 
     def start(self, words: Sequence[str]) -> Any:
-        return Inside(self.world.start(list(words), env=environment()))
+        return Inside(self.world.start(list(words), env=IMPORTS))
 
     def arrivals(self) -> list[Arrival]:
         return [Arrival(x.time_ns, x.pid, x.data) for x in self.world.reports[self.before :]]

@@ -1,6 +1,6 @@
 """Time and memory against length: a simulated glove of 22 channels at 1 kHz, 1, 10, 100 minutes.
 
-python tools/scaling.py [--minutes 1,10,100] [--preset archive] [--sensors 22]
+python tools/scaling.py [--minutes 1,10,100] [--preset lossless] [--sensors 22]
 
 Each step runs in a process of its own. Time is CPU time for each minute of recording: flat where
 the work is linear. Memory is the peak while the step runs, beyond what the process holds when it
@@ -102,7 +102,7 @@ def child(step: str, path: str, preset: str, minutes: float, sensors: int) -> No
 
 @click.command(help=__doc__)
 @click.option("--minutes", default="1,10,100", help="Lengths.")
-@click.option("--preset", default="archive", help="archive, deadband or default.")
+@click.option("--preset", default="lossless", help="lossless, near-lossless, perceptual or paper.")
 @click.option("--sensors", default=SENSORS, help="Channels.")
 @click.option("--step", help="One step only, in this process, for --file.", hidden=True)
 @click.option("--file", "path", default="", hidden=True)
@@ -134,7 +134,7 @@ def main(minutes: str, preset: str, sensors: int, step: str | None, path: str) -
             row.insert(2, f"{Path(path).stat().st_size / 1e6:.2f}")
             rows.append(row)
     print_origin()
-    print(f"preset {preset}: CPU seconds for each minute of recording, peak MiB beside it\n")
+    print(f"preset {preset}: CPU seconds for each minute of recording, then peak MiB\n")
     print_table(["minutes", "M samples", "file MB", *STEPS], rows)
 
 

@@ -49,26 +49,27 @@ class Row(NamedTuple):
     name: str
     scene: str
     without: tuple[str, ...] = ()
-    preset: str = "default"
+    preset: str = "perceptual"
     added: str = ""
 
 
 ROWS = (
     Row("everything", "everything"),
-    Row("everything, no HF track", "everything", (), "auto"),
-    Row("no texture", "everything", ("texture",), "auto"),
-    Row("no contact", "everything", ("contact",), "auto"),
+    Row("everything, lossless", "everything", (), "lossless"),
+    Row("no texture", "everything", ("texture",)),
+    Row("no contact", "everything", ("contact",)),
     Row("no hand", "everything", ("hand",)),
-    Row("no hand, no texture", "everything", ("hand", "texture"), "auto"),
-    Row("no hand, no contact", "everything", ("hand", "contact"), "auto"),
-    Row("no tool", "everything", ("tool",), "auto"),
-    Row("no tool, no contact, no tremor", "everything", ("tool", "contact", "tremor"), "auto"),
+    Row("no hand, no texture", "everything", ("hand", "texture")),
+    Row("no hand, no contact", "everything", ("hand", "contact")),
+    Row("no tool", "everything", ("tool",)),
+    Row("no tool, no contact, no tremor", "everything", ("tool", "contact", "tremor")),
     Row("one finger, no palm, no wrist", "everything",
-        ("tool", "index", "middle", "ring", "little", "palm", "wrist", "abduction"), "auto"),
+        ("tool", "index", "middle", "ring", "little", "palm", "wrist", "abduction")),
     Row("sand", "sand"),
-    Row("sand too fine to feel", "sand", (), "default", FINE),
-    Row("sand without texture", "sand", ("texture",), "auto"),
-    Row("sand without contact", "sand", ("contact",), "auto"),
+    Row("sand too fine to feel", "sand", (), "perceptual", FINE),
+    Row("sand without touch-downs", "sand", ("touches",)),
+    Row("sand without texture", "sand", ("texture",)),
+    Row("sand without contact", "sand", ("contact",)),
 )  # fmt: skip
 HEADERS = ["scene", "channels", "heights", "contact steps", "free steps", "simulate ms", "MiB",
            "whole verb: CPU s", "peak MiB", "modules", "file B", "HF tracks"]  # fmt: skip

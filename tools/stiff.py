@@ -139,7 +139,7 @@ def steepest(values: Values, rate: int) -> float:
 
 def replay_rows(name: str, channel: Channel, start: Fraction) -> Iterator[list[str]]:
     stream = io.BytesIO()
-    hapfmt.write(Recording((channel,)), stream, hapfmt.Settings.of("archive"))
+    hapfmt.write(Recording((channel,)), stream, hapfmt.Settings.of("lossless"))
     limits = DEVICES[channel.unit]
     for rate in (1000, 4000):
         with Reader(stream.getvalue()) as reader:

@@ -1,4 +1,4 @@
-"""Speed of each codec alone, beside FLAC in the same run; and what a start costs.
+"""Speed of each codec alone, compared with FLAC in the same run; and start-up times.
 
 python tools/throughput.py      whole files: tools/bench.py
 """

@@ -317,7 +317,7 @@ def load_recording(
     if suffix != HAPF:
         return read(input_of(name), format=suffix, rate=rate, limits=limits, transpose=transpose), 0
     if transpose is not None:
-        raise ParameterError("--transpose is for .npy and .npz", path=name)
+        raise ParameterError("--transpose requires .npy or .npz input", path=name)
     from ..reading.reader import Reader
 
     with Reader(input_of(name), limits=limits) as reader, progress("decoding") as advance:

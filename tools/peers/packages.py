@@ -20,6 +20,7 @@ PACKAGES = {
     "blosc2": "blosc2",
     "h5py": "h5py",
     "hdf5plugin": "hdf5plugin",
+    "mcap": "mcap",
 }
 """Module: the name that pip knows."""
 

@@ -1,4 +1,4 @@
-"""Pictures of the codecs: error against size and against time, and sizes beside peers."""
+"""Pictures of the codecs: error against size and time, and sizes compared with peers."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from results import mean
 from report.section import COLOURS, INK, MARKERS, PALE, Figure, drawn
 from report.trials import PEER_ERROR, PEER_K, Trial
 
-FAMILIES = ("archive", "near-lossless", "deadband", "default", "paper", "auto")
+FAMILIES = ("lossless", "near-lossless", "deadband", "perceptual", "paper")
 PEERS = ("flac", "pcodec", "sz3", "zstd", "blosc2", "sz2")
 TASKS = {
-    "lossless": ("archive", "Without loss"),
+    "lossless": ("lossless", "Without loss"),
     f"within {PEER_ERROR:.2%}": ("near-lossless", f"Every sample within {PEER_ERROR:.1%} of range"),
     f"deadband k={PEER_K:g}": ("deadband", f"Deadband of {PEER_K:.0%}"),
 }
 LEAST = 0.004
-"""% of range: errors below are drawn here, no error too."""
+"""% of range: smaller errors are drawn here, no error too."""
 
 COLUMNS = 4
 
 
 def pictures(found: Sequence[Trial]) -> list[Figure]:
     figures = [
-        summary(found, "Error against size", "size relative to archive", size_of(found),
+        summary(found, "Error against size", "size relative to lossless", size_of(found),
                 "Each mark is one setting: the geometric mean over all recordings and scenes. "
                 "Lower left is better. The thin line joins the settings that no other one beats in "
                 "both size and error. A bar spans the middle half of the recordings. Errors below "
@@ -40,7 +40,7 @@ def pictures(found: Sequence[Trial]) -> list[Figure]:
                 "settings that the tables list were timed."),
     ]  # fmt: skip
     for task, (family, words) in TASKS.items():
-        figure = beside(found, task, family, words)
+        figure = compared(found, task, family, words)
         if figure:
             figures.append(figure)
     for simulated, words in ((False, "recordings"), (True, "scenes")):
@@ -51,10 +51,10 @@ def pictures(found: Sequence[Trial]) -> list[Figure]:
 
 
 def size_of(found: Sequence[Trial]) -> Callable[[Trial], float | None]:
-    archive = {t.subject: t.coded_bits for t in found if t.label == "archive"}
+    lossless = {t.subject: t.coded_bits for t in found if t.label == "lossless"}
 
     def relative(trial: Trial) -> float | None:
-        own = archive.get(trial.subject)
+        own = lossless.get(trial.subject)
         return trial.coded_bits / own if own and trial.coded_bits else None
 
     return relative
@@ -108,7 +108,7 @@ def summary(
 
 
 def label_points(axes: Any, points: Sequence[tuple[float, float, str]]) -> None:
-    """Words to the right of the points that have some; to the left where another word stands."""
+    """Names to the right of the points that have one; to the left where there is no room."""
     placed: list[tuple[float, float]] = []
     for x, y, word in sorted(points, reverse=True):
         if word:
@@ -129,7 +129,7 @@ def outline(axes: Any, points: Sequence[tuple[float, float]]) -> None:
 
 
 def scales(axes: Any) -> None:
-    """Both logarithmic; no error is told as such."""
+    """Both logarithmic; the lowest tick is "none"."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_ylim(LEAST / 1.7, 60)
@@ -145,8 +145,8 @@ def scales(axes: Any) -> None:
     axes.set_xticks([], minor=True)
 
 
-def beside(found: Sequence[Trial], task: str, family: str, words: str) -> Figure | None:
-    """Sizes of peers over ours, a line a recording."""
+def compared(found: Sequence[Trial], task: str, family: str, words: str) -> Figure | None:
+    """Sizes of peers divided by ours, one line for each recording."""
     ours = {
         t.subject: t for t in found
         if (t.task, t.family) == (task, family) and t.coded_bits and not t.label.endswith("fast")
@@ -199,11 +199,11 @@ def beside(found: Sequence[Trial], task: str, family: str, words: str) -> Figure
 
 
 def short(name: str) -> str:
-    """Of a path the last part, and what follows a comma."""
+    """The last folder and the file of a path, and the text after a comma."""
     stem, comma, rest = name.partition(",")
-    last = stem.rsplit("/", 1)
-    text = last[0] if len(last) == 2 else stem
-    return f"{text[:22]}{comma}{rest}"
+    *folders, last = stem.split("/")
+    text = f"{folders[-1][:12]}/{last[-14:]}" if folders else last
+    return f"{text}{comma}{rest}"
 
 
 def multiples(found: Sequence[Trial], words: str) -> Figure:

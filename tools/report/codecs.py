@@ -1,4 +1,4 @@
-"""Codecs: size against error, and time against error, of every preset and setting, beside peers."""
+"""Codecs: size against error, and time against error, of every preset, setting and peer."""
 
 from __future__ import annotations
 
@@ -12,24 +12,34 @@ from simulated import drift
 
 from report.codec_figures import pictures
 from report.section import CannotRunError, Options, Section, Table
-from report.subjects import prepared, subjects
-from report.trials import PEER_ERROR, PEER_K, Trial, trials
+from report.subjects import LISTED, SAMPLES, Listed, prepared, subjects
+from report.trials import (
+    PEER_ERROR,
+    PEER_K,
+    REPEATS,
+    SIMILAR_CHANNELS,
+    SIMILAR_HZ,
+    SIMILAR_S,
+    Trial,
+    trials,
+)
 
 TASKS = {
-    "lossless": ("archive", "without loss"),
+    "lossless": ("lossless", "without loss"),
     f"within {PEER_ERROR:.2%}": (
         "near-lossless",
         f"every sample within {PEER_ERROR:.1%} of the range",
     ),
-    f"deadband k={PEER_K:g}": ("deadband", f"in a deadband of {PEER_K:.0%}"),
+    f"deadband k={PEER_K:g}": ("deadband", f"within a deadband of {PEER_K:.0%}"),
 }
-"""What peers promise too: our preset, and words."""
+"""Promises that peers give too: our preset, and its words."""
 
 
 def section(options: Options) -> Section:
     list(trials(next(prepared("", True, drift(0.5))), True, lambda _line: None))  # first calls
     found: list[Trial] = []
-    for subject in subjects(options):
+    listed: list[Listed] = []
+    for subject in subjects(options, listed):
         found += trials(subject, options.quick, options.progress)
     if not found:
         raise CannotRunError("neither a scene nor a recording could be measured")
@@ -41,7 +51,8 @@ def section(options: Options) -> Section:
         text_of(found, duels, summary),
         [
             Table("Each setting over all recordings and scenes", SUMMARY, summary),
-            *([Table("Beside the best peer with the same promise", DUEL, duels)] if duels else []),
+            *([Table("Best peer under the same promise", DUEL, duels)] if duels else []),
+            Table("What was measured, and what was skipped", LISTED, listed),
             Table("Every measurement", HEADERS, rows_of(found)),
         ],
         pictures(good),
@@ -74,22 +85,22 @@ def fronts(found: Sequence[Trial]) -> dict[int, tuple[bool, bool]]:
     return marks
 
 
-SUMMARY = ["setting", "promise", "recordings", "b/s beside archive", "rms error, % of range",
+SUMMARY = ["setting", "promise", "recordings", "size relative to lossless", "rms error, % of range",
            "SNR of texture, dB", "encode µs/sample", "decode µs/sample", "smallest at its error",
            "fastest at its error"]  # fmt: skip
 
 
 def summary_rows(found: Sequence[Trial]) -> list[list[Any]]:
-    """One line a setting. Sizes and times: geometric means over the recordings."""
-    archive = {t.subject: t for t in found if t.label == "archive"}
+    """One line for each setting. Sizes and times are geometric means over the recordings."""
+    lossless = {t.subject: t for t in found if t.label == "lossless"}
     marks = fronts(found)
     rows = []
     for label, task in dict.fromkeys((trial.label, trial.task) for trial in found):
         members = [trial for trial in found if (trial.label, trial.task) == (label, task)]
         sizes = [
-            t.coded_bits / archive[t.subject].coded_bits
+            t.coded_bits / lossless[t.subject].coded_bits
             for t in members
-            if t.subject in archive and t.coded_bits and archive[t.subject].coded_bits
+            if t.subject in lossless and t.coded_bits and lossless[t.subject].coded_bits
         ]
         snr = [t.snr_hf_db for t in members if t.snr_hf_db is not None]
         rows.append(
@@ -112,7 +123,7 @@ DUEL = ["recording", "promise", "ours", "b/s", "best peer", "its b/s", "ratio of
 
 
 def duels_of(found: Sequence[Trial], task: str) -> list[list[Any]]:
-    """Ours beside the smallest peer that kept the same promise, a line a recording."""
+    """Ours and the smallest peer that kept the same promise, one line for each recording."""
     family, _ = TASKS[task]
     rows = []
     for ours in found:
@@ -152,27 +163,27 @@ def text_of(
                 f"(smaller on {won} of {len(ratios)})"
             )
     many = len({trial.subject for trial in found})
-    bits = median(t.coded_bits for t in found if t.label == "archive" and not t.failed)
+    bits = median(t.coded_bits for t in found if t.label == "lossless" and not t.failed)
     first = (
         f"{told[0][0].upper()}{'; '.join(told)[1:]}. Geometric means over {many} recordings and "
         "scenes, each against the smallest peer that keeps the same promise on it; a ratio below 1 "
         "is in our favour."
         if told
-        else f"No peer is installed; `archive` takes {bits:.2g} bits a sample at the median of "
+        else f"No peer is installed; `lossless` takes {bits:.2g} bits per sample at the median of "
         f"{many} recordings and scenes."
     )
     ours = [row for row in summary if not row[0].startswith("peer")]
-    lossless = next(row for row in ours if row[0] == "archive")
-    fast = next((row for row in ours if row[0] == "archive fast"), None)
+    lossless = next(row for row in ours if row[0] == "lossless")
+    fast = next((row for row in ours if row[0] == "lossless fast"), None)
     quick = (
-        f"; `archive` with `--fast` {fast[6] / lossless[6]:.2f} and {fast[7] / lossless[7]:.2f} "
+        f"; `lossless --fast` takes {fast[6] / lossless[6]:.2f} and {fast[7] / lossless[7]:.2f} "
         f"times that, for {fast[3] - 1:+.1%} of size"
         if fast
         else ""
     )
     lines = [
         first,
-        f"* **Time.** `archive` takes {lossless[6]:.2g} µs a sample to encode and "
+        f"* **Time.** `lossless` takes {lossless[6]:.2g} µs per sample to encode and "
         f"{lossless[7]:.2g} to decode{quick}.{slower(duels)}",
         "* **Pareto front.** "
         + ", ".join(
@@ -188,28 +199,31 @@ def text_of(
         + ".",
         f"* **Promises.** {broken(found)}",
         f"* **Peers.** {absent(found)}",
-        "Errors are shares of each channel's own range, so that newtons and degrees stand side by "
-        "side. Bits are those of packets with all their tables; of a peer its blobs and 4 bytes a "
-        "channel. Recordings on a sensor's lattice go to all coders as the same integers. Of long "
-        "recordings the begin was taken; `tools/bench.py` measures all of all, and every k.",
+        "Errors are shares of each channel's range, so that newtons and degrees can be compared. "
+        "Bits count packets with all their tables; for a peer, its blobs and 4 bytes a channel. "
+        "All coders get the same integers where a recording holds sensor counts. At most "
+        f"{SAMPLES} samples of a recording are measured, from its middle, with {REPEATS} runs for "
+        "each time; the table lists every recording and what was skipped. ST-SIM is computed for "
+        f"the first {SIMILAR_CHANNELS} channels of at least {SIMILAR_HZ} Hz, over their first "
+        f"{SIMILAR_S} s. `tools/bench.py` measures whole recordings and every k.",
     ]
     return "\n\n".join([lines[0], "\n".join(lines[1:5]), lines[5]])
 
 
 def slower(duels: Sequence[Sequence[Any]]) -> str:
-    """What the best peer is faster by."""
+    """How much faster the best peer is."""
     pairs = [(row[7], row[8]) for row in duels if row[7] and row[8]]
     if not pairs:
         return ""
     encode, decode = (mean(list(column)) for column in zip(*pairs, strict=True))
     return (
-        f" Beside the smallest peer ours encodes in {encode:.1f} and decodes in {decode:.1f} times "
-        "its time; reading and writing of a whole file are in ours and not in the peer's."
+        f" It encodes in {encode:.1f} and decodes in {decode:.1f} times the time of the smallest "
+        "peer. Our times include writing and reading a whole file; the peer's do not."
     )
 
 
 def broken(found: Sequence[Trial]) -> str:
-    """Who left what was promised."""
+    """Settings that broke their promise."""
     bound = [trial for trial in found if trial.outside is not None]
     ours = [trial for trial in bound if trial.ours]
     bad = [trial for trial in bound if trial.outside]
@@ -223,7 +237,7 @@ def broken(found: Sequence[Trial]) -> str:
 
 
 def absent(found: Sequence[Trial]) -> str:
-    """Peers that are not here, and settings that failed, by name."""
+    """Peers that are not installed, and settings that failed, by name."""
     here = sorted({trial.setting for trial in found if not trial.ours})
     missing = left_out()
     text = f"{len(here)} recipes were measured." if here else "None is installed."
@@ -244,7 +258,7 @@ HEADERS = ["recording", "setting", "promise", "channels", "samples", "b/s", "fil
 
 
 def rows_of(found: Sequence[Trial]) -> list[list[Any]]:
-    """One line a measurement; times with their quartiles."""
+    """One line for each measurement; times with their quartiles."""
     marks = fronts(found)
     rows = []
     for t in found:

@@ -73,7 +73,7 @@ document.addEventListener("click", event => {
 
 
 class Part(NamedTuple):
-    """A section as it stands on the page. section: None where it could not run; why: then;
+    """A section on the page. section: None if it could not run; why: the reason;
     seconds of wall time; failed: by an error, not for want of something."""
 
     name: str
@@ -90,7 +90,7 @@ class Part(NamedTuple):
     def finding(self) -> str:
         """Its first sentence, or why it is not here."""
         if self.section is None:
-            return f"Not here: {self.why}"
+            return f"Not measured: {self.why}"
         return divided(self.section.text)[0]
 
 

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from ratio import Point, Source, measure, settings
 
 from hapfmt.encoder.split import low_pass
+from report.ratio import Point, Source, measure, settings
 from report.section import COLOURS, INK, PALE, Figure, drawn
 from report.variants import parts_of
 

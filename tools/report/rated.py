@@ -1,4 +1,4 @@
-"""In place of Fig. 5: each reconstruction measured, where the paper let people rate it."""
+"""Fig. 5, measured: the paper let people rate each reconstruction."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
-from ratio import BITS, Source, measure, settings
-
 import hapfmt
 from hapfmt.metrics import st_sim
 from hapfmt.scenes import builtin_names, load_scene
 from report.felt import GRASPED_DB, Felt, felt
 from report.paper_figures import PERCENT, Curve, fig5, most_textured
+from report.ratio import BITS, Source, measure, settings
 from report.section import Figure, Options
 
 FIG5_BITS = (0, 2, 3, 4, 5, 6, 7, 8)
@@ -32,7 +31,7 @@ class Rated(NamedTuple):
 def rate(source: Source, options: Options) -> list[Rated]:
     """Every b. A recorded force is felt as if it were that of the scenes' stylus. ST-SIM for the
     paper's own b, since it takes a second each."""
-    options.progress(f"what is felt of {source.name}")
+    options.progress(f"felt errors of {source.name}")
     tool = load_scene(source.name if source.name in builtin_names() else "sand").tool
     source = most_textured(source)
     (channel,) = source.recording.channels
@@ -93,8 +92,8 @@ def picture5(rated: list[Rated], what: str) -> Figure:
         names,
         bits,
         curves,
-        f"In place of Fig. 5: measures against b, {what}, k = {PERCENT} %",
-        "These are measures, no ratings: nobody was asked. An error counts as felt where it is "
+        f"Fig. 5, measured: {what}, k = {PERCENT} %",
+        "These are measures, no ratings: no people took part. An error counts as felt where it is "
         "above the vibrotactile threshold and changes the vibration by at least a fifth (the "
         "smallest Weber fraction reported). Only forces are judged: the motion that a torque "
         "causes depends on its lever.",
@@ -116,8 +115,8 @@ def similarity_of(rated: list[Rated], textures: Sequence[str]) -> str:
     of_textures = min(each.similarity or 0 for each in best if each.name in textures)
     worst = min(best, key=lambda each: each.similarity or 0)
     return (
-        "* **ST-SIM** (package vibromaf) divides by the energy of the original alone: a "
-        "reconstruction that is a little louder passes 1. And every block counts the same, however "
-        f"still it is: with b = {max(BITS)} the textures reach {of_textures:.3f}, {worst.name} "
+        "* **ST-SIM** (package vibromaf) divides by the energy of the original alone, so a "
+        "slightly louder reconstruction exceeds 1. Quiet blocks weigh as much as loud ones. "
+        f"With b = {max(BITS)} the textures reach {of_textures:.3f}, {worst.name} "
         f"{worst.similarity:.2f} at an HF SNR of {worst.snr_db:.1f} dB.\n"
     )

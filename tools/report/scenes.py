@@ -1,4 +1,4 @@
-"""Scenes: what they look like, and what is left out of them costs nothing."""
+"""Scenes: what they look like, and parts that are left out cost nothing."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hapfmt.scenes import load_scene, simulate
 from report.section import Options, Section, Table, drawn
 
 QUICK_ROWS = 4
-"""Everything, and without HF track, texture, contact."""
+"""Everything, lossless, without texture, without contact."""
 
 SHOWN = (
     ("stone", "normal force", 1.0, 1.5),
@@ -56,16 +56,15 @@ def section(options: Options) -> Section:
 
 def text_of(by_name: dict[str, Found], seconds: float) -> str:
     whole, flat, free = (by_name[name] for name in ("everything", "no texture", "no contact"))
-    silent = by_name["everything, no HF track"]
     texture, contact = (whole.simulate_s / each.simulate_s for each in (flat, free))
     return (
-        f"**Without its texture the scene is simulated {texture:.1f} times as fast, without "
-        f"contact {contact:.0f} times, and without HF tracks its file is "
-        f"{whole.file_size / silent.file_size:.1f} times smaller.** "
+        f"**Without its texture the scene is simulated {texture:.1f} times as fast and its file "
+        f"is {whole.file_size / flat.file_size:.1f} times smaller; without contact it is "
+        f"simulated {contact:.0f} times as fast.** "
         f"Scene `everything`, {seconds:g} s: a stylus on sand with nine channels, and a hand with "
-        "27. Counters say what was computed: no heights without a texture, no steps of contact "
-        "without one, no step at all for fingers that touch nothing. The verb is a whole process, "
-        "so importing is in it: the encoder loads SciPy's filters only where it makes an HF track."
+        "27. Counters show what was computed: no heights without a texture, no contact steps "
+        "without a contact, no steps for fingers that touch nothing. The verb is a process of its "
+        "own, so its time includes imports. SciPy's filters are loaded only to split a signal."
     )
 
 
@@ -85,8 +84,8 @@ def bars(axes: Any, found: list[tuple[Row, Found]]) -> None:
     first = found[0][1]
     places = np.arange(len(found))
     for shift, label, of in (
-        (-0.2, "CPU time of simulating", lambda each: each.simulate_s / first.simulate_s),
-        (0.2, "bytes of the file", lambda each: each.file_size / first.file_size),
+        (-0.2, "CPU time of the simulation", lambda each: each.simulate_s / first.simulate_s),
+        (0.2, "size of the file", lambda each: each.file_size / first.file_size),
     ):
         axes.barh(places + shift, [of(each) for _, each in found], height=0.38, label=label)
     axes.set_yticks(places, [row.name for row, _ in found])

@@ -1,6 +1,6 @@
 """What a section of the report is. A module X.py here with ``section(options) -> Section`` is one.
 
-Modules beside this one are imported as ``report.X``, tools as ``measured``, ``results`` ... Figures
+Modules of this folder are imported as ``report.X``, tools as ``measured``, ``results`` ... Figures
 need matplotlib: where it is missing ``drawn`` gives a figure without a picture, and says so.
 """
 
@@ -72,7 +72,7 @@ class Options(NamedTuple):
 
 
 class CannotRunError(Exception):
-    """Raised by a section that cannot: its text stands on the page in its place."""
+    """Raised by a section that cannot run; the page shows its text instead."""
 
 
 class Spread(NamedTuple):

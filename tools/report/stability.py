@@ -1,4 +1,4 @@
-"""Stability: each stiff or extreme case, the naive way beside ours; and four of them drawn."""
+"""Stability: each stiff or extreme case, the naive way and ours; four of them drawn."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def section(options: Options) -> Section:
         [Table("Stiff and extreme cases", HEADERS, [cells(row) for row in found])],
         [
             drawn(
-                "Four of them",
+                "Four of the cases",
                 "Grey: the recorded samples. Dotted: the result of a naive method. Line: the "
                 "result of hapfmt. The panels are rows 5, 8, 19 and 20 of the table.",
                 draw,
@@ -48,13 +48,13 @@ def cells(row: Row) -> list[str | int | float | bool]:
 def text_of(found: Sequence[Row]) -> str:
     failed = [f"row {row.number} ({row.case})" for row in found if not row.ok]
     held = f"{len(found) - len(failed)} of {len(found)}"
-    loops = "the compiled loops" if compiled else "the readable loops, no extension"
+    loops = "the compiled loops" if compiled else "the readable Python loops"
     return (
         f"**{held} stiff and extreme cases hold{', all of them' if not failed else ''}.** "
         + (f"**Not: {', '.join(failed)}.** " if failed else "")
-        + f"Both results of each row are computed here, with {loops}: the naive one must be as bad "
-        "as the row says, or there would be nothing to show, and ours as good. The same rows are "
-        "tests (`tests/test_stability.py`), run with and without the extension."
+        + f"Both results of each row are computed here, with {loops}. The naive result must be as "
+        "bad as the row says, and ours as good. They are tests too (`tests/test_stability.py`), "
+        "which run with and without the compiled loops."
     )
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from bench import counted, counts_of
+from measured import files_in
 from numpy.typing import NDArray
 
 import hapfmt
@@ -21,8 +22,11 @@ from report.section import Options
 SCENES = ("stone", "sand", "cork", "wall", "taps", "grasp", "free")
 QUICK_SCENES = ("sand", "grasp")
 SECONDS, QUICK_SECONDS = 10.0, 1.0
-SAMPLES, QUICK_SAMPLES = 120_000, 10_000
-"""Of a recording at most, from its begin: what follows is more of the same, and takes minutes."""
+SAMPLES, QUICK_SAMPLES = 60_000, 10_000
+"""Of a recording at most, all channels together, from its middle: all of ../shared/data would take
+hours."""
+
+QUICK_RECORDINGS = 2
 
 
 class Subject(NamedTuple):
@@ -38,43 +42,106 @@ class Subject(NamedTuple):
         return [channel.samples() for channel in self.recording.channels]
 
 
-def subjects(options: Options) -> Iterator[Subject]:
-    """Scenes, then the first recording of each folder."""
+class Listed(NamedTuple):
+    """A scene or file, and what of it was measured; ``skipped`` says why something was not."""
+
+    name: str
+    channels: int = 0
+    samples: int = 0
+    measured: int = 0
+    start_s: float | None = None
+    stop_s: float | None = None
+    skipped: str = ""
+
+
+LISTED = ("recording", "channels", "samples", "measured", "from, s", "to, s", "skipped")
+
+
+def subjects(options: Options, listed: list[Listed]) -> Iterator[Subject]:
+    """Scenes, then every recording of the folder, linked folders too; each adds to ``listed``."""
     short = options.quick or compiled is None  # the readable loops take 2 to 100 times as long
     seconds, most = (QUICK_SECONDS, QUICK_SAMPLES) if short else (SECONDS, SAMPLES)
     for name in QUICK_SCENES if options.quick else SCENES:
         recording, _ = simulate(load_scene(name).changed(seconds=seconds))
-        yield from prepared(name, True, recording)
+        yield from measured_of(name, True, recording, recording, listed)
     if options.data is None:
         return
-    for path in first_of_each(options.data)[: 2 if options.quick else None]:
+    paths = recordings_in(options.data)
+    for place, path in enumerate(paths):
+        name = str(path.relative_to(options.data)).removeprefix("unlicensed/")
+        if options.quick and place >= QUICK_RECORDINGS:
+            listed.append(Listed(name, skipped="--quick measures two recordings"))
+            continue
         try:
             loaded = hapfmt.read(path)
         except hapfmt.HapfmtError as error:
-            options.progress(f"left out: {error}")
+            listed.append(Listed(name, skipped=str(error).removeprefix(f"{path}: ")))
             continue
-        name = str(path.relative_to(options.data).with_suffix("")).removeprefix("unlicensed/")
-        yield from prepared(name, False, shortened(loaded, most))
+        name = name.removesuffix(path.suffix)
+        yield from measured_of(name, False, loaded, shortened(loaded, most), listed)
 
 
-def first_of_each(folder: Path) -> list[Path]:
-    """Files that can be read and hold their own rate, one a folder."""
-    found: dict[Path, Path] = {}
-    for path in sorted(folder.rglob("*")):
-        if path.suffix.lower() in FORMATS and path.suffix.lower() != ".csv":
-            found.setdefault(path.parent, path)
-    return list(found.values())
+def recordings_in(folder: Path) -> list[Path]:
+    """Files of a format that hapfmt reads."""
+    known = {*FORMATS, ".hapf"}
+    return [path for path in files_in(folder) if path.suffix.lower() in known]
 
 
 def shortened(recording: hapfmt.Recording, samples: int) -> hapfmt.Recording:
-    """Its begin, all channels up to the same time."""
+    """The middle of a recording, all channels between the same times."""
     if recording.sample_count <= samples:
         return recording
-    ends = recording.duration * Fraction(samples, recording.sample_count)
+    first, last = extent_of(recording)
+    half = (last - first) * Fraction(samples, recording.sample_count) / 2
+    start, stop = (first + last) / 2 - half, (first + last) / 2 + half
     cut = tuple(
-        channel.slice_ticks(0, int(ends * channel.rate_exact)) for channel in recording.channels
+        channel.slice_ticks(int(start * channel.rate_exact), int(stop * channel.rate_exact))
+        for channel in recording.channels
     )
     return replace(recording, channels=cut, events=())
+
+
+def extent_of(recording: hapfmt.Recording) -> tuple[Fraction, Fraction]:
+    """Seconds of the first sample and after the last."""
+    spans = [
+        (span.start / channel.rate_exact, span.stop / channel.rate_exact)
+        for channel in recording.channels
+        for span in channel.coverage
+    ]
+    return min(start for start, _ in spans), max(stop for _, stop in spans)
+
+
+def why_not(channel: hapfmt.Channel) -> str:
+    x = channel.samples()
+    if not x.size:
+        return "no samples"
+    return "constant" if np.isfinite(x).all() else "values that are not finite"
+
+
+def measured_of(
+    name: str, simulated: bool, whole: hapfmt.Recording, part: hapfmt.Recording,
+    listed: list[Listed],
+) -> Iterator[Subject]:  # fmt: skip
+    """The subjects of one recording, and its line in the list."""
+    if not whole.sample_count:
+        listed.append(Listed(name, len(whole), skipped="no samples"))
+        return
+    found = list(prepared(name, simulated, part))
+    kept = {channel.label for subject in found for channel in subject.recording.channels}
+    start, stop = extent_of(part)
+    reasons = [
+        f"channel {channel.label!r}: {why_not(channel)}"
+        for channel in part.channels
+        if channel.label not in kept
+    ]
+    if part.sample_count < whole.sample_count:
+        reasons.append(f"samples outside the middle {float(stop - start):.3g} s")
+    size = sum(subject.recording.sample_count for subject in found)
+    listed.append(
+        Listed(name, len(whole), whole.sample_count, size, float(start), float(stop),
+               "; ".join(reasons))
+    )  # fmt: skip
+    yield from found
 
 
 def prepared(name: str, simulated: bool, recording: hapfmt.Recording) -> Iterator[Subject]:

@@ -1,4 +1,4 @@
-"""Beside the page: its tables in one Markdown file, each of them as CSV, and all of it as JSON."""
+"""The tables of the page in one Markdown file, each of them as CSV, and all of it as JSON."""
 
 from __future__ import annotations
 

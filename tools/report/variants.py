@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from ratio import SAMPLE_SIZE, Source, measure, settings
 
 import hapfmt
 from hapfmt.codecs.knots import parse_knots
@@ -20,10 +19,11 @@ from hapfmt.limits import LEVELS
 from hapfmt.metrics import snr_hf_db
 from hapfmt.reading.reader import Reader
 from hapfmt.scenes import load_scene, simulate
+from report.ratio import SAMPLE_SIZE, Source, measure, settings
 
 HEADERS = (
-    "what is changed", "payload, % of doubles", "residual, bits a sample", "HF SNR, dB",
-    "outside of the deadband, %", "largest error, deadbands", "what it shows",
+    "change", "payload, % of doubles", "residual, bits per sample", "HF SNR, dB",
+    "outside of the deadband, %", "largest error, deadbands", "remark",
 )  # fmt: skip
 
 
@@ -125,9 +125,7 @@ def variants(source: Source, percent: float, bits: int) -> list[Changed]:
         return parts
 
     usual = settings(percent, bits, source.floor)
-    paper = by(
-        "nothing: preset `paper`", usual, "residual f - d, d as decoded; step from the range"
-    )
+    paper = by("none: preset `paper`", usual, "residual f - d, d as decoded; step from the range")
 
     levels = np.floor((f - paper.slow) / paper.step + 0.5).astype(np.int64)
     plain = plain_huffman_bits(levels)
@@ -141,22 +139,21 @@ def variants(source: Source, percent: float, bits: int) -> list[Changed]:
     step = float(np.max(np.abs(fast))) / (2 ** (bits - 1) - 1)
     opened = np.floor(fast / step + 0.5)
     cost = plain_huffman_bits(opened.astype(np.int64))
-    add("open loop: residual f - l, no runs", paper.slow_size + cost / 8, cost,
-        paper.slow + opened * step, "the error of the slow part stays in")  # fmt: skip
+    add("open loop: residual f - l, no zero runs", paper.slow_size + cost / 8, cost,
+        paper.slow + opened * step, "the error of the slow part remains")  # fmt: skip
 
     by("no floor: Weber's law down to 0", replace(usual, floor=Tolerance.parse("1lsb")),
        "as the force fades every count becomes a knot")  # fmt: skip
-    by("one tap ahead of the session", usual,
-       "one large residual sets the step for all", with_tap(source))  # fmt: skip
+    by("one tap before the session", usual,
+       "one large residual sets the step of all", with_tap(source))  # fmt: skip
 
-    same = Tolerance(paper.step)
     for name, chosen, note in (
-        ("this format's preset `default`, same step",
-         hapfmt.Settings.of("default", k=usual.k, floor=usual.floor, step=same),
-         "the same knots and residual, coded for size"),
+        ("this format's preset `perceptual`, same deadband",
+         hapfmt.Settings.of("perceptual", k=usual.k, floor=usual.floor),
+         "the texture to 20 dB, coded for size"),
         ("this format's preset `near-lossless`, half that step",
          hapfmt.Settings.of("near-lossless", max_error=Tolerance(paper.step / 2)),
-         "prediction in place of split and knots"),
+         "prediction instead of split and knots"),
     ):  # fmt: skip
         point = measure(source, chosen)
         y = hapfmt.read(point.file).channels[0].samples()

@@ -54,7 +54,7 @@ def images_db(y: Samples) -> float:
 
 def upsampling() -> Iterator[Row]:
     fine = texture(4000, 0.3)
-    data = file_of(force(fine), settings=Settings.of("default", step="0.001"))
+    data = file_of(force(fine), settings=Settings.of("paper", step="0.01"))
     with Reader(data) as reader:
         kinds = {track.kind for track in reader.catalogue.tracks.values()}
     ours = played(data, FAST, "hf")
@@ -71,7 +71,7 @@ def upsampling() -> Iterator[Row]:
     x = contact(2000, 1000)
     spectrum = np.fft.rfft(x)
     sinc = np.fft.irfft(np.concatenate([spectrum, np.zeros(9 * spectrum.size - 9)]), 20_000) * 10
-    whole = played(file_of(force(x), settings=Settings.of("archive")), FAST)
+    whole = played(file_of(force(x), settings=Settings.of("lossless")), FAST)
     middle = slice(5000, 9990)  # before the touch, away from the spectrum's own seam
     yield compared(
         18, "stiff contact on a device of 10 kHz, band-limited",

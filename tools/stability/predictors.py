@@ -47,7 +47,7 @@ def near_singular() -> Iterator[Row]:
         indices = x.astype(np.int64)
         reflections, energies = levinson(autocorrelations(indices, 0, 0), x.size)
         ours = max(sin(pi * abs(index) / 256) for index in reflections)
-        kept = back(Channel(indices, 10_000, calibration=Calibration()), "archive").stored
+        kept = back(Channel(indices, 10_000, calibration=Calibration()), "lossless").stored
         yield compared(
             10, f"autocorrelation of {case}, order {ORDER}",
             (float(np.nan_to_num(naive, nan=np.inf).max()), at_least(1)), (ours, at_most(0.99999)),

@@ -31,7 +31,7 @@ def odd_rates() -> Row:
         Channel(slow, HOUR, calibration=Calibration(), label="slow"),
         Channel(fast, Fraction(200_000), calibration=Calibration(), label="fast"),
     )
-    data = file_of(*channels, settings=hapfmt.Settings.of("archive"))
+    data = file_of(*channels, settings=hapfmt.Settings.of("lossless"))
     back = hapfmt.read(data).channels
     naive = sum(floor((epoch + k / 200_000 - epoch) * 200_000) != k for k in range(fast.size))
     naive += sum(floor((epoch + k * 3600 - epoch) / 3600) != k for k in range(hours))
@@ -53,7 +53,7 @@ def slow_logger() -> Row:
     walk = np.cumsum(generator(1).integers(-3, 4, 1000)).astype(np.int32)
     channel = Channel(walk, HOUR, calibration=Calibration(1, 0, 10), unit="Cel")
     sizes = [
-        len(file_of(channel, settings=hapfmt.Settings.of("archive", cluster=cluster)))
+        len(file_of(channel, settings=hapfmt.Settings.of("lossless", cluster=cluster)))
         for cluster in (Fraction(10), None)
     ]
     return compared(
@@ -71,7 +71,7 @@ def late_start() -> Row:
     channel = Channel(x, Fraction(RATE), (Span(first, first + x.size),), Calibration())
     head = io.BytesIO()
     np.save(head, np.zeros(0))
-    data = file_of(channel, settings=hapfmt.Settings.of("archive"))
+    data = file_of(channel, settings=hapfmt.Settings.of("lossless"))
     back = hapfmt.read(data).channels[0]
     return compared(
         30, "a second that begins after ten hours, as npy of doubles",

@@ -53,7 +53,7 @@ def file_of(*channels: Channel, settings: Settings | None = None) -> bytes:
     return out.getvalue()
 
 
-def back(channel: Channel, preset: str = "default", band: str = "full", **given: Any) -> Channel:
+def back(channel: Channel, preset: str = "perceptual", band: str = "full", **given: Any) -> Channel:
     """The channel from a file with these settings."""
     data = file_of(channel, settings=Settings.of(preset, **given))
     return hapfmt.read(data, band=band).channels[0]  # type: ignore[arg-type]

@@ -1,7 +1,5 @@
 """The paper's Fig. 4: compression ratio against the Weber fraction k, for residuals of b bits.
 
-python tools/ratio.py [RECORDING.npz CHANNEL]     without: the simulated textures, and recordings
-
 F. Brandi, R. Chaudhari, E. Steinbach, "Texture compensation for haptic feedback signal
 compression", VECIMS 2011, https://doi.org/10.1109/VECIMS.2011.6053837.
 """
@@ -9,17 +7,13 @@ compression", VECIMS 2011, https://doi.org/10.1109/VECIMS.2011.6053837.
 from __future__ import annotations
 
 import io
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
-import installed  # noqa: F401
-
 import numpy as np
-from measured import DATA, print_origin, print_table
 
 import hapfmt
 from hapfmt.encoder.tolerance import Tolerance
@@ -135,37 +129,3 @@ def grid(
     for percent in weber:
         for count in bits:
             yield measure(source, settings(percent, count, source.floor))
-
-
-def show(source: Source) -> None:
-    rows: list[list[object]] = []
-    for point in grid(source):
-        if point.bits == BITS[0]:
-            rows.append([f"{point.percent:g}"])
-        ratio = 100 / point.file_percent
-        rows[-1] += [f"{100 - point.payload_percent:.2f}", f"{ratio:.1f}", f"{point.snr_db:.1f}"]
-    samples = source.recording.sample_count
-    print(f"{source.name}: {len(source.recording)} channels, {samples} samples, "
-          f"floor {source.floor}")  # fmt: skip
-    print("reduction % of 64-bit samples (packets), ratio (whole file), HF SNR dB (median)\n")
-    headers = ["k %"]
-    for bits in BITS:
-        word = f"b={bits or 'none'}"
-        headers += [f"{word} red.", "ratio", "SNR"]
-    print_table(headers, rows)
-
-
-def main() -> None:
-    print_origin()
-    if len(sys.argv) > 1:
-        recording = hapfmt.read(sys.argv[1])
-        if len(sys.argv) > 2:
-            recording = replace(recording, channels=(recording.channel(sys.argv[2]),))
-        show(Source(sys.argv[1], recording, "0.2%"))
-        return
-    for source in simulated() + recorded(DATA):
-        show(source)
-
-
-if __name__ == "__main__":
-    main()
