@@ -85,7 +85,7 @@ def doubles(seed: int) -> hapfmt.Recording:
 
 PRESETS: dict[str, tuple[Any, dict[str, Any]]] = {
     "default": (plain, {}),
-    "default lossless": (plain, {"step": "1lsb"}),
+    "default lossless": (plain, {"preset": "paper", "step": "1lsb"}),
     "default vectors": (vectors, {}),
     "paper": (plain, {"preset": "paper", "bits": 5}),
     "deadband": (vectors, {"preset": "deadband"}),

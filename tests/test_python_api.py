@@ -89,7 +89,9 @@ class TestChannel:
         for channel in example():
             lines = repr(channel).splitlines()
             assert 1 <= len(lines) <= 3 and all(len(line) < 200 for line in lines)
-        assert "2800 samples at 1000 Hz" in repr(example()["fy"]) and "1 gaps" in repr(example()[1])
+        assert "2800 samples at 1000 Hz" in repr(
+            example()["fy"]
+        ) and "to 3.005 s, 1 gap; unit N; float64" in repr(example()[1])
 
 
 class TestRecording:

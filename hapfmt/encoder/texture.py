@@ -71,13 +71,14 @@ class Felt:
     @classmethod
     def of(cls, x: Doubles, source: Source, promise: Promise, cutoff_hz: float) -> Felt:
         assert promise.floor is not None and promise.snr is not None
-        slow = slow_of(without_glitches(x), source, cutoff_hz)
-        extent = float(np.ptp(without_glitches(x)))
+        calm = without_glitches(x)  # one glitch of 1 kN would hide a texture of 30 mN
+        slow = slow_of(calm, source, cutoff_hz)
+        extent = float(np.ptp(calm))
         channel = source.channels[0]
         step = float(abs(channel.calibration.step)) if channel.calibration else None
         floor = promise.floor.absolute(extent, step, channel.unit) or 0.0
         allowed = np.maximum(float(promise.k) * np.abs(slow), floor)
-        power = float((x - slow).var())
+        power = float((calm - slow).var())
         return cls(x, slow, allowed, power / 10 ** (promise.snr / 10), source, cutoff_hz)
 
     @property
