@@ -38,13 +38,16 @@ def channel(place=0, n=2000, label=None):
     )  # fmt: skip
 
 
+SPLIT = hapfmt.Settings.of("paper", step="0.4%", cluster=Fraction(1, 2), smallest=False)
+
+
 @pytest.fixture(scope="module")
 def room(tmp_path_factory):
     """a.npz, a.hapf (one channel), cut.hapf (damaged), three.hapf, many.hapf."""
     folder = tmp_path_factory.mktemp("plot")
     one = Recording((channel(),))
     hapfmt.save(one, folder / "a.npz")
-    hapfmt.write(one, folder / "a.hapf", hapfmt.Settings.of("default", cluster=Fraction(1, 2)))
+    hapfmt.write(one, folder / "a.hapf", SPLIT)
     data = (folder / "a.hapf").read_bytes()
     (folder / "cut.hapf").write_bytes(data[: len(data) * 2 // 3])
     archive = hapfmt.Settings.of("archive", fast=True)

@@ -39,7 +39,9 @@ def force(n=6000, *, gaps=(), rate=1000, label="force"):
     return Channel(counts, known.rate_exact, known.coverage, LSB, label, "N", "force")
 
 
-def file_of(recording, preset="default", **settings):
+def file_of(recording, preset="paper", **settings):
+    if preset == "paper":
+        settings = {"step": "0.4%", "smallest": False, **settings}
     import io
 
     stream = io.BytesIO()
