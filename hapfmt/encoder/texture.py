@@ -51,7 +51,7 @@ HALVINGS = 12
 FINER = 32
 """A step is made of so many counts at least, so that whole counts lose little of it."""
 
-NARROWER, TRIES = 0.8, 8
+NARROWER, TRIES = 0.8, 16
 """A step is made so much narrower, and at most so many times, until the slow part holds."""
 
 
@@ -71,13 +71,14 @@ class Felt:
     @classmethod
     def of(cls, x: Doubles, source: Source, promise: Promise, cutoff_hz: float) -> Felt:
         assert promise.floor is not None and promise.snr is not None
-        slow = slow_of(without_glitches(x), source, cutoff_hz)
-        extent = float(np.ptp(without_glitches(x)))
+        calm = without_glitches(x)
+        slow = slow_of(calm, source, cutoff_hz)
+        extent = float(np.ptp(calm))
         channel = source.channels[0]
         step = float(abs(channel.calibration.step)) if channel.calibration else None
         floor = promise.floor.absolute(extent, step, channel.unit) or 0.0
         allowed = np.maximum(float(promise.k) * np.abs(slow), floor)
-        power = float((x - slow).var())
+        power = float((calm - slow).var())
         return cls(x, slow, allowed, power / 10 ** (promise.snr / 10), source, cutoff_hz)
 
     @property
