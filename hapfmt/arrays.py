@@ -141,7 +141,7 @@ def _numbers(x: Any, what: str) -> NDArray[Any]:
 def _row(x: Any, label: str) -> NDArray[Any]:
     row = _numbers(x, f"channel {label!r}")
     if row.ndim != 1:
-        raise ParameterError(f"channel {label!r} is no array of one dimension")
+        raise ParameterError(f"channel {label!r} is not an array of one dimension")
     return row
 
 
