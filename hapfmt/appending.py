@@ -114,7 +114,7 @@ def open_append(
         rescued = salvage(catalogue, end)
         kept = drop_incomplete(catalogue, end)
         if kept < end:
-            message = "descriptions without those that belong to them"
+            message = "incomplete track descriptions"
             findings.insert(0, Finding("truncated", kept, end - kept, message, "TRK-012"))
         if findings and not repair:
             raise ParameterError("its end is damaged and cannot be mended", offset=kept)

@@ -23,8 +23,8 @@ from .recording import (
 )
 from .units import to_ucum
 
-CHANNEL_LIMIT = LAST_TRACK_ID + 1
-"""Channels of a file: one track each at least."""
+CHANNEL_LIMIT = LAST_TRACK_ID // 2
+"""Channels of a recording that is encoded: up to two tracks each."""
 
 
 def recording_of(
@@ -141,7 +141,7 @@ def _numbers(x: Any, what: str) -> NDArray[Any]:
 def _row(x: Any, label: str) -> NDArray[Any]:
     row = _numbers(x, f"channel {label!r}")
     if row.ndim != 1:
-        raise ParameterError(f"channel {label!r} is no array of one dimension")
+        raise ParameterError(f"channel {label!r} is not an array of one dimension")
     return row
 
 

@@ -66,7 +66,7 @@ def refuse(name: str, force: bool) -> None:
     """Raise ParameterError where nothing may be written at ``name``."""
     path = Path(name)
     if not name or path.name in ("", ".."):
-        raise ParameterError("this is not the name of a file", path=name or "''")
+        raise ParameterError("not a file name", path=name or "''")
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:

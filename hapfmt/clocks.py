@@ -104,7 +104,7 @@ def fit_clock(
     stamps are late, 3 % and 6 % of the mean delay.
     """
     if delays not in ("both", "late"):
-        raise ParameterError("delays are both or late")
+        raise ParameterError("delays must be 'both' or 'late'")
     if window is not None and not window > 0:
         raise ParameterError("the segment must be longer than 0 s")
     ordered, rate, late = unique(observations), Fraction(rate), delays == "late"
@@ -133,10 +133,10 @@ def growing(points: dict[int, int]) -> tuple[tuple[int, int], ...]:
 def unique(observations: Sequence[ClockObservation]) -> list[ClockObservation]:
     """In order of ticks."""
     if len({(seen.clock, seen.track) for seen in observations}) != 1:
-        raise ParameterError("a map is of the observations of one clock on one track")
+        raise ParameterError("a map needs observations of one clock on one track")
     ordered = sorted(observations, key=lambda seen: (seen.tick, seen.time_ns))
     if ordered[0].tick == ordered[-1].tick:
-        raise ParameterError("a map needs observations of two ticks at least")
+        raise ParameterError("a map needs observations at two different ticks or more")
     return ordered
 
 

@@ -110,7 +110,7 @@ def check_contracts(reader: Reader, against: Recording) -> list[ContractCheck]:
         rate = ref.track.rate
         if x.rate_exact != rate:
             raise ParameterError(
-                f"channel {ref.number} has rate {rate}, the original {x.rate_exact}"
+                f"channel {ref.number} has a rate of {rate} Hz, the original of {x.rate_exact} Hz"
             )
         decoded = assembly.parts(ref)
         originals = cut(x, decoded)

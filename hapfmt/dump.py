@@ -128,7 +128,7 @@ def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[
             told += catalogue.tracks[packet.track].weight(packet.span, len(packet.data))
             if told > catalogue.limits.packet_samples // NUMBERS_SHARE:
                 raise LimitError(
-                    "the numbers of too many samples in one chunk: decode the file instead",
+                    "one chunk has too many samples to print; use hapfmt decode instead",
                     requirement="LIM-003",
                     offset=packet.offset,
                 )

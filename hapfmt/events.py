@@ -41,12 +41,12 @@ class Event:
         for name in ("time", "duration"):
             seconds = exact(getattr(self, name))
             if seconds < 0:
-                raise ParameterError(f"the {name} of an event is not negative")
+                raise ParameterError(f"the {name} of an event must not be negative")
             object.__setattr__(self, name, seconds)
         if not (isinstance(self.text, str) and isinstance(self.layer, str)):
-            raise ParameterError("an event's text and layer are texts")
+            raise ParameterError("the text and the layer of an event must be strings")
         if self.channel is not None and not isinstance(self.channel, (int, str)):
-            raise ParameterError("an event's channel is a place, a label, or None")
+            raise ParameterError("the channel of an event must be a number, a label or None")
 
 
 def in_order(events: Iterable[Event]) -> list[Event]:
@@ -85,7 +85,7 @@ def coded(event: Event, rate: Fraction, labels: Sequence[str]) -> CodedEvent:
     """In ticks, to the nearest; ``labels`` of the channels in order of their numbers."""
     tick, duration = (rdiv(*(x * rate).as_integer_ratio()) for x in (event.time, event.duration))
     if tick + duration >= TICK_LIMIT:
-        raise ParameterError(f"event {event.text[:40]!r} ends after tick 2^48")
+        raise ParameterError(f"event {event.text[:40]!r} ends after the last possible tick, 2^48")
     return CodedEvent(tick, duration, channel_of(event, labels), event.text)
 
 
@@ -93,10 +93,10 @@ def channel_of(event: Event, labels: Sequence[str]) -> int | None:
     """The number of the channel that an event speaks of."""
     if isinstance(event.channel, str):
         if event.channel not in labels:
-            raise ParameterError(f"an event refers to channel {event.channel!r}, which is none")
+            raise ParameterError(f"an event names channel {event.channel!r}, which does not exist")
         return labels.index(event.channel)
     if event.channel is not None and not 0 <= event.channel < len(labels):
-        raise ParameterError(f"an event refers to channel {event.channel} of {len(labels)}")
+        raise ParameterError(f"an event names channel {event.channel} of {len(labels)}")
     return event.channel
 
 

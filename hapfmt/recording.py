@@ -343,12 +343,12 @@ class Channel:
     def __repr__(self) -> str:
         kind = str(self.stored.dtype)
         if self.calibration is not None:
-            kind = f"counts of {float(self.calibration.step):.6g} {self.unit}"
+            kind = f"counts of {float(abs(self.calibration.step)):.6g}"
             kind += " and float64 corrections" if self.exact is not None else ""
-        gaps = f", {len(self.gaps)} gaps" if self.gaps else ""
+        gaps = f", {len(self.gaps)} gap{'s' * (len(self.gaps) > 1)}" if self.gaps else ""
         return (
-            f"Channel {self.label!r}: {self.stored.size} samples at {self.rate:.6g} Hz, "
-            f"{_span_text(self)}{gaps}, unit {self.unit}, {kind}"
+            f"Channel {_short(self.label)!r}: {self.stored.size} samples at {self.rate:.6g} Hz, "
+            f"{_span_text(self)}{gaps}; unit {_short(self.unit)}; {kind}"
         )
 
     def segments(self) -> Iterator[tuple[int, NDArray[Any]]]:

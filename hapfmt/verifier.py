@@ -137,7 +137,7 @@ def check_structure(catalogue: Catalogue) -> None:
             index = parse_index(chunk.payload, ref.offset, chunk.payload_offset)
             if index.covers_from != FIRST_OFFSET and index.previous not in indexes:
                 raise FormatError(
-                    "no index where the previous one should be",
+                    "the previous index is missing",
                     requirement="IDX-004",
                     offset=chunk.payload_offset + 8,
                 )
@@ -147,7 +147,9 @@ def check_structure(catalogue: Catalogue) -> None:
         elif ref.type != "fOOT":
             size = HEADER_SIZE + (ref.size or 0)
             if unlisted and unlisted + size > INDEX_EVERY:
-                raise FormatError("no index for too long", requirement="IDX-005", offset=ref.offset)
+                raise FormatError(
+                    "more than 4 MiB without an index", requirement="IDX-005", offset=ref.offset
+                )
             unlisted += size
     foot = catalogue.foot
     if foot is None:
@@ -155,17 +157,23 @@ def check_structure(catalogue: Catalogue) -> None:
     at = catalogue.source.size - 32
     bases = catalogue.table.bases
     if not last_index or foot.index_offset != last_index:
-        raise FormatError("footer names another index", requirement="FOT-002", offset=at)
+        raise FormatError(
+            "the footer does not name the last index", requirement="FOT-002", offset=at
+        )
     counts = (len(catalogue.data), len(catalogue.tracks))
     stop_ns = int(catalogue.duration * 10**9)
     if (foot.data_count, foot.track_count, foot.duration_ns) != (*counts, stop_ns):
-        raise FormatError("footer counts differ", requirement="FOT-003", offset=at + 16)
+        raise FormatError(
+            "the counts or the duration in the footer are wrong",
+            requirement="FOT-003",
+            offset=at + 16,
+        )
     bare = [t for t in catalogue.tracks.values() if t.kind == "lf" and t.id not in bases]
     if bare:
         raise lone_lf(bare[0])
     numbers = [channel.number for channel in catalogue.channels]
     if numbers != list(range(len(numbers))):
-        raise FormatError("channel numbers leave a hole", requirement="TRK-010", offset=at)
+        raise FormatError("a channel number is missing", requirement="TRK-010", offset=at)
 
 
 def check_extras(catalogue: Catalogue) -> None:

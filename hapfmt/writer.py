@@ -89,14 +89,14 @@ def write(
         refuse_foreign(file)
     recording = recording_of(recording, rate, labels=labels, units=units, transpose=transpose)
     if canonical is not None and not 0 <= canonical < 1 << 32:
-        raise ParameterError("a file id lies between 0 and 2^32 - 1")
+        raise ParameterError("the file id must be between 0 and 2^32 - 1")
     check_epoch(recording)
     if isinstance(file, (str, os.PathLike)):
         refuse(os.fspath(file), force)
     encoded = encode(recording, settings, progress=progress, threads=threads)
     made_by = f"hapfmt {__version__}: {encoded.settings.describe()}"
     if not isinstance(recording.metadata, dict):
-        raise ParameterError("metadata is a JSON object, a dict in Python")
+        raise ParameterError("metadata must be a JSON object, a dict in Python")
     metadata = {**recording.metadata, "encoder": made_by}
     try:
         attached = [Attachment(name, *rest) for name, rest in recording.attachments.items()]

@@ -59,14 +59,15 @@ def run_in_terminal(*arguments: object, cwd: Path, columns: int = 80) -> Done:
     return subprocess.CompletedProcess(words, code, b"".join(printed), b"")
 
 
-def run_shell_in_terminal(command: str, cwd: Path, env: dict[str, str], columns: int = 80) -> Done:
-    with pseudo_terminal(columns) as (slave, printed):
-        code = subprocess.run(
-            ["sh", "-c", command], cwd=cwd, env=env, stdin=slave, stdout=slave, stderr=slave,
-            check=False, start_new_session=True,
-        ).returncode  # fmt: skip
-        os.close(slave)
-    return subprocess.CompletedProcess(command, code, b"".join(printed), b"")
+def run_to_terminal(*arguments: object, cwd: Path, columns: int = 80) -> Done:
+    """Standard output is a pseudo-terminal of this width; the other streams are files."""
+    words = [str(word) for word in arguments]
+    with tempfile.TemporaryFile() as given, tempfile.TemporaryFile() as err:
+        with pseudo_terminal(columns) as (slave, printed):
+            code = forked(words, [given.fileno(), slave, err.fileno()], cwd, "")
+            os.close(slave)
+        err.seek(0)
+        return subprocess.CompletedProcess(words, code, b"".join(printed), err.read())
 
 
 @contextmanager
@@ -197,4 +198,5 @@ if __name__ == "__main__":
         "scenes.grasp",
     ):
         importlib.import_module(f"hapfmt.{name}")
-    serve(socket.socket(fileno=int(sys.argv[1])))
+    with socket.socket(fileno=int(sys.argv[1])) as ours:
+        serve(ours)

@@ -67,18 +67,10 @@ def installed(module: str) -> bool:
     return not module or find_spec(module) is not None
 
 
-def run_piped(command: Command, room: Path) -> None:
-    """The exit code is 0, and the output is the one shown."""
-    words = simple(command)
-    if words is None:
-        done = subprocess.run(
-            ["sh", "-c", command.line], cwd=room, env=environment(room), capture_output=True,
-            stdin=subprocess.DEVNULL, check=False,
-        )  # fmt: skip
-    else:
-        done = commands.run(*words, cwd=room, columns=WIDTH)
-    out, err = done.stdout.decode(), done.stderr.decode()
-    assert done.returncode == 0, f"$ {command.line}\n{out}{err}"
+def run_shown(command: Command, room: Path) -> None:
+    """The exit code is 0, and a terminal of 80 columns prints what the page shows."""
+    code, out, err = printed(command, room)
+    assert code == 0, f"$ {command.line}\n{out}{err}"
     if command.shown:
         same = doctest.OutputChecker().check_output(
             shape(command.shown), shape(out), doctest.ELLIPSIS
@@ -86,26 +78,45 @@ def run_piped(command: Command, room: Path) -> None:
         assert same, f"$ {command.line}\n{out}{err}\n--- the page shows\n{command.shown}"
 
 
-def shape(text: str) -> str:
-    """What has to be equal: all but sizes, times and other numbers, and the widths of columns."""
-    text = re.sub(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}", "#", text)
-    text = re.sub(r"(?<!exit code )(?<![\w.])-?\d[\d.]*(e-?\d+)?", "#", text)
-    text = re.sub(r" {2,}|─+", " ", text)
-    return "".join(f"{line.strip()}\n" for line in text.splitlines() if line.strip())
+def printed(command: Command, room: Path) -> tuple[int, str, str]:
+    """The exit code, standard output in a terminal, standard error in a file."""
+    words = simple(command)
+    if words is not None:
+        done = commands.run_to_terminal(*words, cwd=room, columns=WIDTH)
+    else:
+        done = subprocess.run(
+            ["sh", "-c", command.line], cwd=room, env=environment(room), capture_output=True,
+            stdin=subprocess.DEVNULL, check=False,
+        )  # fmt: skip
+    return done.returncode, seen(done.stdout.decode()), done.stderr.decode()
 
 
 def run_in_terminal(command: Command, room: Path) -> None:
-    """The exit code is 0 in a terminal too, and what is printed fits it."""
+    """With all streams on a terminal: the same exit code, and what is printed fits it."""
     words = simple(command)
-    if words is None:
-        done = commands.run_shell_in_terminal(command.line, room, environment(room), WIDTH)
-    else:
-        done = commands.run_in_terminal(*words, cwd=room, columns=WIDTH)
+    assert words is not None, f"needs a shell: {command.line}"
+    done = commands.run_in_terminal(*words, cwd=room, columns=WIDTH)
     text = seen(done.stdout.decode())
     assert done.returncode == 0, f"$ {command.line}\n{text}"
     assert "Traceback" not in text, text
     wide = [line for line in text.splitlines() if len(line) > WIDTH]
     assert not wide, f"$ {command.line}\n" + "\n".join(wide)
+
+
+def run_piped(command: Command, room: Path) -> None:
+    """With files as streams."""
+    words = simple(command)
+    assert words is not None, f"needs a shell: {command.line}"
+    done = commands.run(*words, cwd=room)
+    assert done.returncode == 0, f"$ {command.line}\n{done.stderr.decode()}"
+
+
+def shape(text: str) -> str:
+    """What has to be equal: all but numbers, and where lines break."""
+    text = re.sub(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}", "#", text)
+    text = re.sub(r"(?<!exit code )(?<![\w.])-?\d[\d.]*(e-?\d+)?", "#", text)
+    text = re.sub(r",\s+in\s+# s\b|─", "", text)
+    return " ".join(text.split()) + "\n"
 
 
 def seen(printed: str) -> str:
@@ -118,7 +129,7 @@ def simple(command: Command) -> list[str] | None:
     words = shlex.split(command.line, comments=True)
     if words[0] != "hapfmt" or SHELL.search(re.sub(r"'[^']*'", "", command.line)):
         return None
-    return words[1:] if commands.FORKS else None
+    return words[1:]
 
 
 def environment(room: Path) -> dict[str, str]:
@@ -139,13 +150,12 @@ def renew(page: Path) -> None:
 
     def run(command: Command, room: Path) -> None:
         nonlocal text
-        words = simple(command)
-        if not command.shown or "..." in command.shown or words is None:
-            return run_piped(command._replace(shown=""), room)
-        out = commands.run(*words, cwd=room, columns=WIDTH).stdout.decode()
-        kept = "".join(f"{line.rstrip()}\n" for line in out.splitlines() if line.strip())
-        text = text.replace(f"$ {command.line}\n{command.shown}", f"$ {command.line}\n{kept}", 1)
-        return None
+        code, out, err = printed(command, room)
+        assert code == 0, f"$ {command.line}\n{out}{err}"
+        if command.shown and "..." not in command.shown:
+            now = "".join(f"{line.rstrip()}\n" for line in out.strip("\n").splitlines())
+            shown = f"$ {command.line}\n{command.shown}"
+            text = text.replace(shown, f"$ {command.line}\n{now}", 1)
 
     with tempfile.TemporaryDirectory() as folder:
         walk(page, Path(folder), run)

@@ -43,6 +43,8 @@ ONLY_IN = {
     "sounddevice": ("study.sound",),
     "hid": ("replay.sinks.hid",),
     "hidraw": ("replay.sinks.hid",),
+    "pandas": ("arrays",),
+    "xarray": ("arrays",),
 }
 HEAVY = {
     "numpy",
@@ -58,6 +60,8 @@ HEAVY = {
     "jsonschema",
     "fsspec",
     "aiohttp",
+    "pandas",
+    "xarray",
 }
 
 
@@ -78,6 +82,12 @@ def imports(name: str) -> set[str]:
 @pytest.mark.parametrize("name", DECODE_SIDE)
 def test_the_decode_side_knows_nothing_of_the_encode_side(name):
     barred = {f"hapfmt.{part}" for part in ENCODE.split()}
+    assert not [x for x in imports(name) if ".".join(x.split(".")[:2]) in barred]
+
+
+@pytest.mark.parametrize("name", [x for x in MODULES if x.split(".")[0] in ("arrays", "convert")])
+def test_what_imports_encodes_nothing(name):
+    barred = {f"hapfmt.{part}" for part in ("cli", "encoder", "live", "writer")}
     assert not [x for x in imports(name) if ".".join(x.split(".")[:2]) in barred]
 
 

@@ -74,8 +74,8 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("", "not the name of a file"),
-        (".", "not the name of a file"),
+        ("", "not a file name"),
+        (".", "not a file name"),
         ("{tmp}", "is a directory"),
         ("{tmp}/missing/a", "does not exist"),
         ("/dev/null", "not a regular file"),

@@ -11,7 +11,7 @@ from typing import Any
 import click
 import numpy as np
 import pytest
-from commands import run
+from commands import run, run_in_terminal
 from terminal import called
 
 import hapfmt
@@ -144,10 +144,13 @@ def test_several_rates_and_gaps_come_back(room: Path, tmp_path: Path) -> None:
 
 
 def test_parts(room: Path, tmp_path: Path) -> None:
-    whole = hapfmt.read(room / "one.hapf").channels[0]
+    split = tmp_path / "split.hapf"
+    run("scene", "sand", "sand.npz", cwd=tmp_path)
+    assert run("encode", "sand.npz", split, "--preset", "paper", cwd=tmp_path).returncode == 0
+    whole = hapfmt.read(split).channels[0]
     for band in ("full", "lf", "hf"):
         done = run(
-            "decode", room / "one.hapf", f"{band}.npz", "--start", "0.25", "--stop", "0.5", "--band", band,
+            "decode", split, f"{band}.npz", "--start", "0.25", "--stop", "0.5", "--band", band,
             "--channels", "0", cwd=tmp_path,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
@@ -318,6 +321,16 @@ def test_demo(tmp_path: Path) -> None:
     assert (tmp_path / "d.png").read_bytes().startswith(b"\x89PNG")
     assert hapfmt.verify(tmp_path / "d.hapf").verdict == "intact"
     assert (tmp_path / "d.hapf").stat().st_size == sizes["lossless"]
+
+
+def test_demo_shows_every_column_on_a_terminal_of_80(tmp_path: Path) -> None:
+    lines = run_in_terminal("demo", "--seconds", "1", cwd=tmp_path).stdout.decode().splitlines()
+    assert not any("not shown" in line for line in lines)
+    (header,) = (line for line in lines if line.startswith("preset "))
+    assert header.split() == ["preset", "bytes", "smaller", "largest", "error", "texture", "kept"]
+    starts = [line.split("  ")[0] for line in lines[lines.index(header) + 2 :]]
+    names = ["lossless", "near-lossless", "perceptual", "perceptual --no-texture", "paper", ""]
+    assert starts[:6] == names
 
 
 def test_text_from_a_file_cannot_steer_the_terminal(tmp_path: Path) -> None:

@@ -86,11 +86,11 @@ def test_options_reach_the_scene(tmp_path):
     ("words", "message"),
     [
         (["velvet", "a.hapf"], "no scene 'velvet'; there are: cork"),
-        (["sand"], "give OUT, where it is written"),
+        (["sand"], "Give OUT, such as"),
         (["sand", "a.xyz"], "the suffix '.xyz' is not one of: .hapf .npz"),
         (["sand", "none/a.npz"], "does not exist"),
         (["sand", "there.npz"], "already exists; use --force to overwrite it"),
-        (["sand", "a.npz", "--preset", "paper"], "--preset is of a .hapf file"),
+        (["sand", "a.npz", "--preset", "paper"], "--preset requires a .hapf output"),
         (["sand", "a.npz", "--seconds", "-1"], "seconds: -1.0 is too small"),
         (["sand", "a.npz", "--seconds", "nan"], "seconds: nan cannot be used"),
         (["sand", "a.npz", "--seed", "-1"], "seed: -1 is out of range"),
@@ -101,8 +101,8 @@ def test_options_reach_the_scene(tmp_path):
         (["sand", "a.npz", "--without", "toe"], "no part is called 'toe'"),
         (["sand", "a.npz", "--without", "tool"], "a scene of nothing"),
         (["wrong.toml", "a.npz"], "wrong.toml: tool.mass_kg: is not a number"),
-        (["sand", "a.npz", "--list"], "--list takes no other argument"),
-        (["--show"], "--show the name of a scene"),
+        (["sand", "a.npz", "--list"], "--list takes no argument"),
+        (["--show"], "--show requires the name"),
         (
             [
                 "wall",

@@ -412,4 +412,4 @@ class TestVerb:
     def test_none(self, tmp_path):
         path = tmp_path / "c.hapf"
         path.write_bytes(f.minimal())
-        assert self.run(str(path)) == "no other clock was observed\n"
+        assert self.run(str(path)) == "this file has no observations of other clocks\n"

@@ -173,7 +173,7 @@ def test_what_does_not_go_together_is_refused_with_what_to_do() -> None:
         concat([write(base), write(base)])
     with pytest.raises(hapfmt.ParameterError, match="nothing to concatenate"):
         concat([])
-    with pytest.raises(hapfmt.ParameterError, match="a gap is not negative"):
+    with pytest.raises(hapfmt.ParameterError, match="a gap must not be negative"):
         concat([write(base)], gap=-1)
 
 

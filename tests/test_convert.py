@@ -341,7 +341,7 @@ BAD_NPZ: dict[str, Callable[[], bytes]] = {
     "key 'channel_names' holds int64 values, not text": lambda: npz(x=X, channel_names=[1, 2]),
     "channel_names has 1 entries for 2": lambda: npz(x=X, rate_hz=1, channel_names=["a"]),
     "x looks transposed": lambda: npz(x=X, rate_hz=1, channel_names=["a", "b", "c"]),
-    "key 'unit' has 65535 entries, more than 65534": lambda: npz(x=X, unit=np.zeros(65_535, "U")),
+    "key 'unit' has 32767 entries, more than 32766": lambda: npz(x=X, unit=np.zeros(32_767, "U")),
     "unit has 3 entries for 2": lambda: npz(x=X, rate_hz=1, unit=["N"] * 3),
     "lsb has 3 entries for 2": lambda: npz(x=X, rate_hz=1, lsb=[1.0] * 3),
     "negative or infinite": lambda: npz(x=X, rate_hz=1, lsb=-1),

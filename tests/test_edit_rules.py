@@ -92,7 +92,9 @@ class TestRefusals:
         data[refs[2].offset + 40 + 0 * place] ^= 1
         whole, _ = subset(bytes(data), None, 0, Fraction(1, 4))
         assert_intact(whole)
-        with pytest.raises(hapfmt.ChecksumError, match="payload CRC of a DATA chunk differs; no"):
+        with pytest.raises(
+            hapfmt.ChecksumError, match="checksum error in the payload of a DATA chunk; no"
+        ):
             subset(bytes(data), None, 0, 3)
 
     def test_packets_that_overlap(self) -> None:
@@ -125,8 +127,8 @@ class TestRefusals:
         wrong = [
             (lambda: subset(data, ["x"]), "no channel 'x'; there are: 0='a', 1='b', 2='c'"),
             (lambda: subset(data, band="mid"), "band is one of"),
-            (lambda: subset(data, level=3), "level is 1 or 2"),
-            (lambda: subset(data, canonical=-1), "a file id lies between"),
+            (lambda: subset(data, level=3), "level must be 1 or 2"),
+            (lambda: subset(data, canonical=-1), "the file id must be between"),
             (lambda: subset(data, band="hf"), "none of these channels has this band"),
             (lambda: split_up(data), "give either every or at"),
             (lambda: split_up(data, every=-1), "above 0 and rising"),
@@ -313,7 +315,7 @@ class TestTimes:
         assert edited.offsets == [Fraction(1, 2), 2]
         with pytest.raises(hapfmt.ParameterError, match="the nearest one: 1/250 s"):
             merge([one, two], offsets={1: Fraction(41, 10000)})
-        with pytest.raises(hapfmt.ParameterError, match="an offset is not negative"):
+        with pytest.raises(hapfmt.ParameterError, match="an offset must not be negative"):
             merge([one, two], offsets={1: -1})
         with pytest.raises(hapfmt.ParameterError, match="not two of them"):
             merge([one, two], offsets={1: 1}, times="same")

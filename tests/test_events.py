@@ -195,7 +195,7 @@ class TestWriting:
 
     @pytest.mark.parametrize("place", ["c", 2, -1])
     def test_channels_that_there_are_not(self, place):
-        with pytest.raises(ParameterError, match="refers to channel"):
+        with pytest.raises(ParameterError, match="names channel"):
             written(self.recording(Event(0, channel=place)))
 
     @pytest.mark.parametrize(

@@ -136,7 +136,7 @@ class TestCreation:
     @pytest.mark.parametrize(
         ("name", "message"),
         [
-            ("", "not the name of a file"),
+            ("", "not a file name"),
             ("{tmp}", "is a directory"),
             ("{tmp}/missing/a", "does not exist"),
             ("/dev/null", "not a regular file"),

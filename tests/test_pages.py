@@ -4,10 +4,21 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from pages import PAGES, README, blocks, commands_of, run_in_terminal, run_piped, walk
+from pages import (
+    PAGES,
+    README,
+    Command,
+    blocks,
+    commands_of,
+    run_in_terminal,
+    run_piped,
+    run_shown,
+    walk,
+)
 from spec import ROOT
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the pages are for a POSIX shell")
@@ -17,11 +28,12 @@ SHORT = 160
 
 @pytest.mark.parametrize("page", RUNNING, ids=lambda page: page.name)
 def test_page_runs(page: Path, tmp_path: Path) -> None:
-    walk(page, tmp_path, run_piped)
+    walk(page, tmp_path, run_shown)
 
 
-def test_readme_runs_in_a_terminal(tmp_path: Path) -> None:
-    walk(README, tmp_path, run_in_terminal, python=False)
+@pytest.mark.parametrize("run", [run_in_terminal, run_piped])
+def test_readme_runs_anywhere(tmp_path: Path, run: Callable[[Command, Path], None]) -> None:
+    walk(README, tmp_path, run, python=False)
 
 
 def test_every_verb_is_shown() -> None:

@@ -122,8 +122,8 @@ def test_refused(tmp_path):
     empty = {name: np.zeros(0) for name in ("original", "lf", "decoded", "half")}
     for changes, message in (
         ({"lf": np.zeros(50)}, "one length"),
-        ({"rate_hz": 0}, "rate"),
-        (empty, "not empty"),
+        ({"rate_hz": 0}, "positive rate"),
+        (empty, "at least one sample"),
     ):
         with pytest.raises(ParameterError, match=message):
             plotting.plot_demo(tmp_path / "x.png", parts(100, **changes))

@@ -70,5 +70,5 @@ def test_files(tmp_path):
         plot_opinions(tmp_path / "a.png", GRID, scale=SCALE)
     with pytest.raises(ParameterError, match=r"\.png, \.svg, \.pdf"):
         plot_opinions(tmp_path / "a.txt", GRID, scale=SCALE)
-    with pytest.raises(ParameterError, match="needs some"):
+    with pytest.raises(ParameterError, match="No opinions"):
         plot_opinions(tmp_path / "b.png", [], scale=SCALE)

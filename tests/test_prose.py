@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from inspect import cleandoc
 from pathlib import Path
 
 import click
@@ -68,10 +69,16 @@ def test_page(page: Path) -> None:
     assert faults(page.read_text("utf-8")) == []
 
 
+def prose_of(paragraph: str) -> str:
+    """Of a help text: what follows \\b is printed line by line, examples and tables."""
+    if not paragraph.startswith("\b"):
+        return paragraph
+    return re.sub(r"^ *hapfmt .*$|\n| {2,}", "\n\n", paragraph[1:], flags=re.M)
+
+
 def helps(command: click.Command, name: str) -> Iterator[tuple[str, str]]:
     if command.help:
-        # Examples are indented, and begin with the name of the program.
-        yield name, re.sub(r"^ *hapfmt .*$", "", command.help.replace("\b", ""), flags=re.M)
+        yield name, "\n\n".join(prose_of(part) for part in cleandoc(command.help).split("\n\n"))
     for parameter in command.params:
         if isinstance(parameter, click.Option) and parameter.help:
             yield f"{name} {parameter.opts[0]}", parameter.help

@@ -89,7 +89,9 @@ class TestChannel:
         for channel in example():
             lines = repr(channel).splitlines()
             assert 1 <= len(lines) <= 3 and all(len(line) < 200 for line in lines)
-        assert "2800 samples at 1000 Hz" in repr(example()["fy"]) and "1 gaps" in repr(example()[1])
+        assert "2800 samples at 1000 Hz" in repr(
+            example()["fy"]
+        ) and "to 3.005 s, 1 gap; unit N; float64" in repr(example()[1])
 
 
 class TestRecording:
@@ -274,7 +276,7 @@ class TestWrite:
     def test_an_array(self):
         x = np.stack([np.sin(np.arange(500) / 9), np.cos(np.arange(500) / 9)])
         x[1, 100:200] = np.nan
-        back = written(x, rate=1000, labels=["fx", "fy"], units="N", preset="archive")
+        back = written(x, rate=1000, labels=["fx", "fy"], units="N", preset="lossless")
         assert back.labels == ["fx", "fy"] and [c.unit for c in back] == ["N", "N"]
         assert np.array_equal(back.to_numpy(), x, equal_nan=True)
 
@@ -318,7 +320,7 @@ class TestWrite:
             (np.zeros((2, 9)), {"units": ["N"] * 3}, "units are 2 texts"),
             (np.zeros(9), {"transpose": True}, "nothing to transpose"),
             (np.zeros(9), {"colour": 3}, "colour"),
-            (np.zeros(9), {"settings": hapfmt.Settings(), "preset": "archive"}, "not both"),
+            (np.zeros(9), {"settings": hapfmt.Settings(), "preset": "lossless"}, "not both"),
         ],
     )
     def test_refused(self, data, given, message):

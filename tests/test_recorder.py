@@ -225,11 +225,11 @@ def test_refusals():
     two = [counts_input(), Input("x", 10)]
     for given_, message in [
         ({"on_full": "wait"}, "on_full"),
-        ({"cluster": 0}, "positive length"),
+        ({"cluster": 0}, "length must be positive"),
         ({"fsync": "often"}, "fsync"),
         ({"canonical": -1}, "file id"),
-        ({"canonical": 1, "hold": 3}, "no time of day"),
-        ({"at": 3}, "where to append"),
+        ({"canonical": 1, "hold": 3}, "cannot use the time of day"),
+        ({"at": 3}, "requires append"),
         ({"append": True, "force": True}, "not both"),
         ({"append": True}, "cannot be appended"),
         ({"queue_size": 0}, "a byte"),

@@ -151,7 +151,7 @@ HEAD = b'{"channels": [{"label": "a", "rate": 10, "calibration": [1,0,1]}, {"lab
         (b"1,2\n@7\n", 3, "followed by a tick"),
         (b"1,2\n{]\n", 3, "not JSON"),
         (b'1,2\n{"a": NaN, "b"\n', 3, "not JSON"),
-        (b"1,2\n" + HEAD, 3, "a second header"),
+        (b"1,2\n" + HEAD, 3, "only one header"),
         (b'1,2\n{"what": 1}\n', 3, "an object has one of values, mark"),
         (b'1,2\n{"values": [1]}\n', 3, "misses 'channel'"),
         (b'1,2\n{"values": 1, "channel": 0}\n', 3, "list of numbers"),
@@ -195,7 +195,11 @@ def test_a_bad_line_is_named_and_what_came_before_is_kept(lines, place, message)
         (b'{"channels": [{"label":"a","rate":1}], "metadata": 1}\n', None, "a JSON object"),
         (b'{"mark": "x"}\n', None, "line 1: a header has no 'mark'"),
         (b"hFr1" + bytes(20), None, "byte 0: this is not JSON"),
-        (build_frame(SAMPLES, b"ab", number_format=1, count=1), None, "without its header"),
+        (
+            build_frame(SAMPLES, b"ab", number_format=1, count=1),
+            None,
+            "does not begin with a header",
+        ),
     ],
 )
 def test_a_stream_without_a_good_header_writes_nothing(data, table, message):
@@ -219,12 +223,12 @@ FRAMES = build_frame(OBJECT, HEAD) + build_frame(ROWS, bytes(16), number_format=
         (build_frame(SAMPLES, b"ab", number_format=1, count=1, channel=7), "no channel 7"),
         (build_frame(OBJECT, b"\xff"), "not JSON"),
         (build_frame(SAMPLES, b"ab", number_format=1, count=1, tick=0), "ticks never go back"),
-        (FRAMES[:30], "a second header"),
+        (FRAMES[:30], "only one header"),
         (build_frame(SAMPLES, b"ab", number_format=1, count=1)[:-1], "25 bytes into it"),
     ],
 )
 def test_a_bad_frame_is_named_and_what_came_before_is_kept(frame, message):
-    if message == "a second header":
+    if message == "only one header":
         frame = build_frame(OBJECT, HEAD)
     back, error = recorded(FRAMES + frame)
     assert str(error).startswith(f"byte {len(FRAMES)}: ") and message in str(error)

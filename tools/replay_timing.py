@@ -12,7 +12,8 @@ place. `late` is what the sender found when it began to send; `seen` is when fra
 other end, those of the earliest being the measure: what came to that and had not been late. --load
 keeps N processes of ordinary priority busy meanwhile. --kills: SIGKILL for the writer, and how long
 after it the watchdog's first neutral frame came out. --hour: an hour of 22 channels, from the start
-of `hapfmt replay` to its first frame, and the memory of its processes.
+of `hapfmt replay` to its first frame, and the memory of its processes. Each way has a row for each
+device: where a run sent nothing or failed, the row says what happened.
 """
 
 from __future__ import annotations
@@ -69,6 +70,8 @@ class Row:
     load_average: float = 0.0
     realtime: str = ""
     watchdog: str = ""
+    reason: str = ""
+    """Why the run did not end as it should."""
 
 
 def percentiles(times: ArrayLike) -> list[float]:
@@ -166,8 +169,6 @@ def plays(case: Case, seconds: float, end: End, folder: Path) -> dict[str, Any]:
     words = [sys.executable, __file__, "--child", "watch", "0", *player_words(case, file, end)]
     found = json.loads(end.start(words).output(seconds + AFTER_S))
     report = found["report"]
-    if not report["sent"]:
-        raise RuntimeError(report["reason"])
     share, late = found["cpu_share"], report["late"] or {}
     return {
         "outcome": report["outcome"],
@@ -179,13 +180,16 @@ def plays(case: Case, seconds: float, end: End, folder: Path) -> dict[str, Any]:
         "cpu_us": None if share is None else 1e6 * share * case.period_s,
         "realtime": "; ".join(f"{name}: {got}" for name, got in report["realtime"].items()),
         "watchdog": report["watchdog"],
+        "reason": report["reason"] or "",
     }
 
 
-def seen(end: End, case: Case, sent: int) -> list[float]:
-    """How late frames came out, against the hundredth of them that came earliest."""
+def seen(end: End, case: Case, sent: int) -> list[float] | None:
+    """How late frames came out, against the hundredth of them that came earliest; None of none."""
     period = case.period_s
     times = np.array([arrival.at_ns for arrival in end.arrivals()[:sent]], float) / 1e9
+    if not times.size:
+        return None
     times -= times[0] + np.median((times - times[0] + period / 2) % period) - period / 2
     # Half a period late at most is early for the next: what is much earlier than most is late.
     numbers = np.floor(times / period + 1 / 8)
@@ -239,6 +243,28 @@ def hour(end: End, folder: Path, seconds: float) -> dict[str, Any]:
             "under_runs": found["report"]["under_runs"]}  # fmt: skip
 
 
+def run(way: str, case: Case, seconds: float, folder: Path) -> tuple[str, dict[str, Any]]:
+    """The name of a way, and what was measured; or what happened instead."""
+    title = {"sleep": "sleep loop"}.get(way, way)
+    try:
+        if way == "sleep":
+            return title, sleeps(case, seconds)
+        with opened(way, case, folder) as end:
+            title = end.way
+            return title, plays(case, seconds, end, folder)
+    except Exception as error:
+        return title, {"outcome": "failed", "frames": 0, "skipped": 0, "late": [],
+                       "reason": happened(error)}  # fmt: skip
+
+
+def happened(error: Exception) -> str:
+    """In one line; of a program that failed, the last one that it printed."""
+    if isinstance(error, subprocess.CalledProcessError) and error.stderr:
+        return str(error.stderr).strip().splitlines()[-1]
+    said = str(error).strip().splitlines() or [""]
+    return said[-1] if isinstance(error, RuntimeError) else f"{type(error).__name__}: {said[-1]}"
+
+
 # -- tables
 
 
@@ -246,7 +272,7 @@ def print_rows(rows: list[Row]) -> None:
     shown = []
     for row in rows:
         cells = [row.device, row.way, row.outcome, row.frames, row.skipped]
-        cells += [f"{x:.0f}" for x in row.late]
+        cells += [f"{x:.0f}" for x in row.late] or ["-"] * 4
         cells += [f"{x:.0f}" for x in row.seen[1:]] if row.seen else ["-"] * 3
         cells += [f"{row.call[n]:.0f}" if row.call else "-" for n in (1, 3)]
         cells += [f"{row.cpu_us:.0f}" if row.cpu_us else "-", f"{row.load_average:.1f}"]
@@ -256,11 +282,16 @@ def print_rows(rows: list[Row]) -> None:
          "p99.9", "max", "call p99", "max", "CPU", "load avg"],
         shown,
     )  # fmt: skip
+    for row in rows:
+        if row.reason:
+            print(f"{row.device}, {row.way}: {row.outcome}, {row.reason}")
 
 
 def print_ends(ends: dict[str, Any]) -> None:
     """What was measured besides."""
     rows: list[list[object]] = []
+    for way, text in ends.get("failed", {}).items():
+        rows.append([way, f"failed: {text}"])
     for way, times in ends.get("kills_ms", {}).items():
         middle, most = sorted(times)[len(times) // 2], max(times)
         rows.append([f"SIGKILL of the writer to the neutral frame, {way}, {len(times)} times",
@@ -300,34 +331,31 @@ def main(
     seconds: float, load: int, ways: str, kill_count: int, with_hour: bool, json_path: Path | None
 ) -> None:
     rows: list[Row] = []
-    ends: dict[str, Any] = {"kills_ms": {}, "hour": {}}
+    ends: dict[str, Any] = {"kills_ms": {}, "hour": {}, "failed": {}}
     with tempfile.TemporaryDirectory() as name, busy(load):
         folder = Path(name)
         for case in CASES:
             for way in ways.split(","):
-                try:
-                    if way == "sleep":
-                        found, title = sleeps(case, seconds), "sleep loop"
-                    else:
-                        with opened(way, case, folder) as end:
-                            found, title = plays(case, seconds, end, folder), end.way
-                except RuntimeError as error:
-                    click.echo(f"{case.title}, {way}: {error}", err=True)
-                    continue
+                title, found = run(way, case, seconds, folder)
                 row = Row(
                     title, case.title, load, seconds, load_average=os.getloadavg()[0], **found
                 )
                 rows.append(row)
-                click.echo(
-                    f"{row.device}, {row.way}: {row.outcome}, {row.late[-1]:.0f} us", err=True
-                )
+                latest = f"{row.late[-1]:.0f} us" if row.late else row.reason
+                click.echo(f"{row.device}, {row.way}: {row.outcome}, {latest}", err=True)
         for way in (way for way in ways.split(",") if way != "sleep"):
             if kill_count:
-                with opened(way, CASES[0], folder) as end:
-                    ends["kills_ms"][end.way] = kills(CASES[0], end, folder, kill_count)
+                try:
+                    with opened(way, CASES[0], folder) as end:
+                        ends["kills_ms"][end.way] = kills(CASES[0], end, folder, kill_count)
+                except Exception as error:
+                    ends["failed"][f"SIGKILL of the writer, {way}"] = happened(error)
             if with_hour:
-                with opened(way, CASES[1], folder) as end:
-                    ends["hour"][end.way] = hour(end, folder, min(seconds, 60))
+                try:
+                    with opened(way, CASES[1], folder) as end:
+                        ends["hour"][end.way] = hour(end, folder, min(seconds, 60))
+                except Exception as error:
+                    ends["failed"][f"an hour of 22 channels, {way}"] = happened(error)
     about = (
         f"{origin()}, kernel {platform.release()} ({platform.version()}); {seconds:g} s a run, "
         f"{load} busy processes at the same time"

@@ -69,7 +69,7 @@ def annotate(
 
     \b
     hapfmt annotate touch.hapf --at 1.25 "first contact"
-    hapfmt annotate touch.hapf --at 2 --duration 0.5 --channel force_z --layer anna slip
+    hapfmt annotate touch.hapf --at 2 --duration 0.5 --channel fx --layer eva slip
     hapfmt annotate touch.hapf --table events.csv
     hapfmt annotate touch.hapf --list
     """
@@ -80,11 +80,11 @@ def annotate(
     one = [text, at, duration, channel]
     if table_ is not None:
         if any(x is not None for x in one):
-            raise ParameterError("--table, or one event with --at and TEXT, not both")
+            raise ParameterError("Give --table, or one event with --at and TEXT, not both")
         events = read_table(table_, layer)
     else:
         if text is None or at is None:
-            raise ParameterError("an event is --at SECONDS and TEXT; or give --table or --list")
+            raise ParameterError("Give --at SECONDS and TEXT, or --table, or --list")
         row = {"time": at, "duration": duration, "channel": channel, "text": text}
         events = [event_of(row, layer)]
     if output is not None:
@@ -121,7 +121,7 @@ def read_table(name: str, layer: str) -> list[Event]:
         try:
             time = next((row[x] for x in TIMES if row.get(x) not in (None, "")), None)
             if time is None:
-                raise ParameterError("no time (nor onset)")
+                raise ParameterError("no column time (or onset)")
             words = next((row[x] for x in TEXTS if row.get(x) is not None), "")
             events.append(event_of({**row, "time": time, "text": words}, layer))
         except ParameterError as error:

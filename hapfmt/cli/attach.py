@@ -61,7 +61,7 @@ def attach(
     from .. import edit
 
     if list_ and extract:
-        raise ParameterError("--list or --extract, not both")
+        raise ParameterError("Give --list or --extract, not both")
     if list_:
         with edit.Original(input_of(file), scan=False) as original:
             show(original, as_json)
@@ -74,9 +74,9 @@ def attach(
             say(os.fspath(path))
         return 0
     if not paths:
-        raise ParameterError("nothing to attach: give files, --list or --extract")
+        raise ParameterError("Give files to attach, --list or --extract")
     if name is not None and len(paths) != 1:
-        raise ParameterError("--name is for one file")
+        raise ParameterError("--name requires exactly one file")
     attachments = [edit.attachment_of(path, name=name, media_type=media_type) for path in paths]
     if output is not None:
         refuse_target(output, force)

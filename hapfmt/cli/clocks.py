@@ -78,7 +78,7 @@ def clocks(
     elif rows:
         show(rows)
     else:
-        say("no other clock was observed")
+        say("this file has no observations of other clocks")
     return code
 
 

@@ -88,7 +88,7 @@ def compare(
     from ..survey.compare import pair_up
 
     if a == "-" and b == "-":
-        raise ParameterError("only one of A and B comes from standard input")
+        raise ParameterError("Only one of A and B can come from standard input")
     if picture is not None:
         from ..plotting.style import kind_of, new_figure
 

@@ -75,5 +75,5 @@ def concat(
 
 def times_of(by_epoch: bool, same_times: bool) -> Times | None:
     if by_epoch and same_times:
-        raise ParameterError("--by-epoch or --same-times, not both")
+        raise ParameterError("Give --by-epoch or --same-times, not both")
     return "epoch" if by_epoch else "same" if same_times else None

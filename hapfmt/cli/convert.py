@@ -18,6 +18,7 @@ from .common import (
     notes_of,
     output_format_option,
     output_of,
+    progress,
     refuse_target,
     save_recording,
     suffix_of,
@@ -69,7 +70,8 @@ def convert(
         from ..encoder.settings import Settings
         from ..writer import write
 
-        write(recording, output_of(target), Settings(), force=force)
+        with progress("encoding") as advance:
+            write(recording, output_of(target), Settings(), force=force, progress=advance)
     else:
         save_recording(recording, target, output_format, force, max_memory)
     if as_json and target != "-":

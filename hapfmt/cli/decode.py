@@ -93,8 +93,9 @@ def decode(
         recording = reader.read(names, start, stop, band=cast("Band", band), progress=advance)
         if (start is not None or stop is not None) and not recording.sample_count:
             end = float(reader.duration)
+            band_ = "" if band == "full" else f" of band {band}"
             raise ParameterError(
-                f"No samples in this time range; the recording ends at {end:g} s",
+                f"No samples{band_} in this time range; the recording ends at {end:g} s",
                 path=reader.source.path,
             )
         tell_clocks(reader)

@@ -150,7 +150,7 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
     "--canonical",
     type=click.IntRange(0, (1 << 32) - 1),
     metavar="FILE_ID",
-    help="The same input gives the same bytes; FILE_ID stands for the random file id.",
+    help="The same input gives the same bytes; FILE_ID replaces the random file id.",
 )
 @click.option("-v", "--verbose", is_flag=True, help="Say how each channel was coded, and why.")
 @threads_option

@@ -62,7 +62,8 @@ def show(
         for each in summary.decisions:
             axes = f", {each.axis_count} axes" if each.axis_count > 1 else ""
             say(f"{name_of(each)}: {each.chosen}{axes}: {each.reason}; {each.lattice}")
-    say(f"{target}: {summary.file_size} bytes, {compared(summary)}, in {seconds:.2f}{JOINED}s")
+    took = f", in {seconds:.1f}{JOINED}s" if seconds >= 1 else ""
+    say(f"{target}: {summary.file_size} bytes, {compared(summary)}{took}")
     hint = advice(summary, recording)
     if hint:
         say(hint)

@@ -15,7 +15,7 @@ from .screen import clipped, raw, say, width_of
 def follow_file(file: str, interval: float, as_json: bool) -> int:
     """Until the file is closed, or until Ctrl-C, which is no failure."""
     if file == "-":
-        raise ParameterError("--follow needs a file with a name: a pipe only comes once")
+        raise ParameterError("--follow requires a file name, not a pipe")
     with Follower(file, interval=interval) as follower:
         size, moment = 0, 0.0
         try:

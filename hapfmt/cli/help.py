@@ -20,7 +20,16 @@ GROUPS = {
         *("--tolerance", "--cutoff", "--interpolation", "--vector", "--references", "--cluster"),
         *("--digest", "--canonical", "--threads", "--max-memory", "--fsync", "--on-full"),
     ),
-    "Output": ("--output", "--output-format", "--force", "--json", "--verbose", "--plot", "--csv"),
+    "Output": (
+        "--help",
+        "--output",
+        "--output-format",
+        "--force",
+        "--json",
+        "--verbose",
+        "--plot",
+        "--csv",
+    ),
 }
 """Where an option is shown; all others come first."""
 OPTIONS = "Options"

@@ -65,13 +65,13 @@ def merge(
 
     \b
     hapfmt merge force.hapf skin.hapf both.hapf --by-epoch
-    hapfmt merge left.hapf right.hapf hands.hapf --same-times --prefix left/ --prefix right/
+    hapfmt merge l.hapf r.hapf both.hapf --same-times --prefix l/ --prefix r/
     """
     from .. import edit
 
     refuse_target(target, force)
     if prefixes and len(prefixes) != len(sources):
-        raise ParameterError("one --prefix for each file; it may be empty")
+        raise ParameterError("Give one --prefix for each file (it may be empty)")
     times, given = times_of(by_epoch, same_times), named(offsets, sources)
     with originals(sources, max_memory) as opened, progress("copying") as advance:
         edited = edit.merge(

@@ -1,4 +1,4 @@
-"""Files of any format as recordings that are looked at in parts: what plot and compare share."""
+"""Opens files of any format in parts, for plot and compare."""
 
 from __future__ import annotations
 
@@ -70,5 +70,5 @@ def matched(
         if not error.message.startswith("no channel"):
             raise
         raise ParameterError(
-            f"the original lacks a channel of the file: {error.message}", path=name
+            f"The original lacks a channel of the file: {error.message}", path=name
         ) from None

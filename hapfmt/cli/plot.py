@@ -83,7 +83,7 @@ def plot(
 
     \b
     hapfmt plot touch.hapf --output touch.png
-    hapfmt plot touch.hapf --output part.svg --channels force_z --start 1.5 --stop 2
+    hapfmt plot touch.hapf -o part.svg --channels force_z --start 1 --stop 2
     hapfmt plot touch.hapf --output errors.pdf --against original.npz
     hapfmt plot touch.npz --window
     """

@@ -91,7 +91,7 @@ def check_profile(file: str, path: str | None, descriptor: str | None, as_json: 
     from ..replay.profile.parse import load_profile
 
     if path is not None and descriptor is not None:
-        raise ParameterError("give --path or --descriptor, not both")
+        raise ParameterError("Give --path or --descriptor, not both")
     chosen = load_profile(file)
     against: Descriptor | None = None
     found: list[str] = []

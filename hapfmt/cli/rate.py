@@ -33,11 +33,11 @@ INTERRUPTED = 130
 @click.argument("files", metavar="STUDY.toml|ANSWERS...", nargs=-1, required=True)
 @click.option("--subject", metavar="S07", help="Whose answers: a code, not a name.")
 @click.option("--device", metavar="PROFILE", help="Feel it on a haptic device: see hapfmt profile.")
-@click.option("--path", metavar="DEVICE_PATH", help="Which device, where several fit the profile.")
+@click.option("--path", metavar="DEVICE_PATH", help="The device to use if several fit the profile.")
 @click.option(
     "--gain",
     type=click.FloatRange(0, 1, min_open=True),
-    help="Of everything on a device, above 0 and at most 1 [what the profile says].",
+    help="Scale all outputs of a device, above 0 and at most 1 [default: of the profile].",
 )
 @click.option(
     "--map",
@@ -52,7 +52,9 @@ INTERRUPTED = 130
     is_flag=True,
     help="Assign channels to actuators by unit and order, whatever their names.",
 )
-@click.option("--no-watchdog", is_flag=True, help="Where the device can be opened only once.")
+@click.option(
+    "--no-watchdog", is_flag=True, help="Run without the watchdog, for devices that open only once."
+)
 @click.option(
     "--sound",
     metavar="CHANNEL[/DEVICE]",

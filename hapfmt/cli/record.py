@@ -162,7 +162,7 @@ def record(
                 stream.recorder.close()
     recorder = stream.recorder
     if recorder is None:
-        raise ParameterError("stopped before any channel was named; nothing was written")
+        raise ParameterError("stopped before the stream named a channel; nothing was written")
     status = recorder.status()
     if as_json and target != "-":
         labels_ = [given.label for given in recorder.inputs]

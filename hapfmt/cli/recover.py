@@ -60,7 +60,7 @@ def recover(
     hapfmt recover --in-place crashed.hapf
     """
     if in_place == (target is not None):
-        raise ParameterError("give OUT, or --in-place without it")
+        raise ParameterError("Give OUT or --in-place, not both")
     if target is None:
         from ..recovery.inplace import recover_in_place
 

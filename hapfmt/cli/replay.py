@@ -59,15 +59,17 @@ ERROR, LOST = 1, 3
     "device",
     required=True,
     metavar="PROFILE",
-    help="What the device takes and must never be given: a built-in profile (hapfmt profile list) "
-    "or a TOML file (docs/profiles.md).",
+    help="The profile of the device, with its limits: a built-in one (hapfmt profile list) or a "
+    "TOML file (docs/profiles.md).",
 )
 @click.option(
     "--path",
     metavar="DEVICE_PATH",
-    help="Which device, where several fit the profile: see hapfmt devices.",
+    help="The device to use if several fit the profile; hapfmt devices lists them.",
 )
-@click.option("--dry-run", is_flag=True, help="Print, or --record, what would be sent; no device.")
+@click.option(
+    "--dry-run", is_flag=True, help="Send nothing: print the packets, or --record the values."
+)
 @start_option
 @stop_option
 @click.option(
@@ -78,7 +80,7 @@ ERROR, LOST = 1, 3
     default=1,
     type=click.IntRange(ENDLESS),
     metavar="[N]",
-    help="Play it N times, or with --loop at the end of the line until Ctrl-C.",
+    help="Play N times. Without N, as the last option, play until Ctrl-C.",
 )
 @click.option(
     "--speed", type=FractionType(), default="1", metavar="X", help="Factor on the speed [1]."
@@ -86,7 +88,7 @@ ERROR, LOST = 1, 3
 @click.option(
     "--gain",
     type=click.FloatRange(0, 1, min_open=True),
-    help="Of everything, above 0 and at most 1 [what the profile says, 0.5 as a rule].",
+    help="Scale all outputs, above 0 and at most 1 [default: of the profile, mostly 0.5].",
 )
 @click.option(
     "--map",
@@ -113,7 +115,9 @@ ERROR, LOST = 1, 3
     metavar="OUT",
     help="Write the values that are sent to OUT, .hapf or .csv.",
 )
-@click.option("--no-watchdog", is_flag=True, help="Where the device can be opened only once.")
+@click.option(
+    "--no-watchdog", is_flag=True, help="Run without the watchdog, for devices that open only once."
+)
 @force_option
 @memory_option
 @json_option
@@ -233,8 +237,8 @@ def why(report: ReplayReport, profile: Profile) -> str:
 def refuse_empty(renderer: Renderer) -> None:
     if renderer.start >= renderer.stop:
         raise ParameterError(
-            f"nothing lies between {float(renderer.start):.6g} s and {float(renderer.stop):.6g} s "
-            f"of a recording of {float(renderer.end):.6g} s"
+            f"no samples between {float(renderer.start):.6g} s and {float(renderer.stop):.6g} s; "
+            f"the recording ends at {float(renderer.end):.6g} s"
         )
 
 

@@ -96,14 +96,14 @@ def scene(
 
     if as_list or name is None:
         if show or target is not None:
-            raise ParameterError("--list takes no other argument, and --show the name of a scene")
+            raise ParameterError("--list takes no argument; --show requires the name of a scene")
         list_scenes(as_json)
         return 0
     if show:
         document(scene_text(name))
         return 0
     if target is None:
-        raise ParameterError("give OUT, where it is written: scene.hapf, scene.npz, scene.csv")
+        raise ParameterError("Give OUT, such as scene.hapf, scene.npz or scene.csv")
     kind = refuse_early(target, force, preset)
     asked = load_scene(name).without(*without).changed(**given)
     return write_scene(asked, target, kind, preset, force, as_json)
@@ -119,7 +119,7 @@ def refuse_early(target: str, force: bool, preset: str | None) -> str:
         known = " ".join((HAPF, *FORMATS))
         raise ParameterError(f"the suffix {kind!r} is not one of: {known}", path=target)
     if preset and kind != HAPF:
-        raise ParameterError(f"--preset is of a .hapf file; {kind} holds the samples themselves")
+        raise ParameterError(f"--preset requires a .hapf output, not {kind}")
     if target != "-":
         refuse(target, force)
     return kind

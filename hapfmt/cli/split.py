@@ -65,7 +65,7 @@ def split(
     from .. import edit
 
     if output == "-":
-        raise ParameterError("give a file name with {} for the number of the part")
+        raise ParameterError("Give a file name with {} for the number of the part")
     refuse_target(output, force=True)
     times = [fraction(text) for text in at.split(",")] if at else []
     with originals([source], max_memory) as (original,), progress("copying") as advance:

@@ -131,6 +131,6 @@ def longest_word(text: str) -> int:
 
 
 def is_number(text: str) -> bool:
-    """A number, a number with its unit, or what stands for none."""
+    """A number, a number with its unit, or a dash."""
     first, _, unit = text.replace(JOINED, " ").partition(" ")
     return first.strip("-+%x.0123456789eE") in ("", "inf", "nan") and " " not in unit

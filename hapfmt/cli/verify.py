@@ -9,6 +9,7 @@ import click
 
 from .bounds import amount, bound_text
 from .common import (
+    counted,
     echo_json,
     input_format_option,
     input_of,
@@ -73,9 +74,10 @@ def verify(
 
 def show(file: str, report: Report) -> None:
     say(
-        f"{file}: {report.verdict}; {report.packets} packets, {report.samples} samples, "
-        f"{report.digests} SHA-256 checksums"
-        + (f", {report.events} events" if report.events else "")
+        f"{file}: {report.verdict}; {counted(report.packets, 'packet')}, "
+        f"{counted(report.samples, 'sample')}"
+        + (f", {counted(report.digests, 'SHA-256 checksum')}" if report.digests else "")
+        + (f", {counted(report.events, 'event')}" if report.events else "")
     )
     if report.error:
         complain(str(report.error))

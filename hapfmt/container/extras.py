@@ -18,7 +18,7 @@ DIGIT_LIMIT = 1000
 def build_metadata(metadata: dict[str, Any]) -> bytes:
     """Canonical JSON: sorted keys, no spaces."""
     if not isinstance(metadata, dict):
-        raise ParameterError("metadata is a JSON object, a dict in Python")
+        raise ParameterError("metadata must be a JSON object, a dict in Python")
     try:
         payload = json.dumps(
             metadata, ensure_ascii=False, sort_keys=True, separators=(",", ":"), allow_nan=False

@@ -159,4 +159,4 @@ def check_listing(index: Index, own_offset: int, chunks: Sequence[IndexEntry], o
     else:
         if len(expected) == len(index.entries):
             return
-    raise FormatError("the index does not list the chunks", requirement="IDX-002", offset=offset)
+    raise FormatError("the index does not match the chunks", requirement="IDX-002", offset=offset)

@@ -186,7 +186,7 @@ def payload_finding(header: ChunkHeader, offset: int, size: int, whole: bool) ->
     if not whole:
         message = f"the file ends within a {header.type} chunk"
         return Finding("truncated", offset, size, message, "WRT-001")
-    message = f"payload CRC of a {header.type} chunk differs"
+    message = f"checksum error in the payload of a {header.type} chunk"
     return Finding("bad-payload", offset, size, message, "CHK-003")
 
 

@@ -62,7 +62,9 @@ def concat(
         raise ParameterError("nothing to concatenate")
     wait = None if gap is None else exact(gap)
     if wait is not None and (wait < 0 or times is not None):
-        raise ParameterError("a gap is not negative, and not allowed if the times are known")
+        raise ParameterError(
+            "a gap must not be negative, and is not allowed if the times are known"
+        )
     with ExitStack() as stack:
         originals = [stack.enter_context(open_original(file)) for file in files]
         joining = Joining()

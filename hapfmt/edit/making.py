@@ -281,7 +281,7 @@ def name_of(file: Output) -> str | None:
 
 def check_canonical(canonical: int | None) -> None:
     if canonical is not None and not 0 <= canonical < 1 << 32:
-        raise ParameterError("a file id lies between 0 and 2^32 - 1")
+        raise ParameterError("the file id must be between 0 and 2^32 - 1")
 
 
 def another(head: Head, shift: Fraction, canonical: int | None) -> Head:

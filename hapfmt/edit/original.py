@@ -189,7 +189,7 @@ class Original(Closing):
     def cluster(self, ref: ChunkRef) -> list[Packet]:
         chunk = read_chunk(self.source, ref.offset, self.head.file_id)
         if chunk is None or not chunk.intact or chunk.header.type != "DATA":
-            message = "payload CRC of a DATA chunk differs"
+            message = "checksum error in the payload of a DATA chunk"
             raise self.damaged(ChecksumError, message, ref.offset)
         try:
             return parse_cluster(
@@ -206,7 +206,7 @@ class Original(Closing):
                 continue
             chunk = read_chunk(self.source, ref.offset, self.head.file_id)
             if chunk is None or not chunk.intact or chunk.header.type != ref.type:
-                message = f"payload CRC of a {ref.type} chunk differs"
+                message = f"checksum error in the payload of a {ref.type} chunk"
                 raise self.damaged(ChecksumError, message, ref.offset)
             yield chunk
 

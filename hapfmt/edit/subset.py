@@ -69,7 +69,7 @@ def subset(
     if band not in BANDS:
         raise ParameterError(f"band is one of {', '.join(BANDS)}")
     if level not in (None, *LEVELS):
-        raise ParameterError("level is 1 or 2")
+        raise ParameterError("level must be 1 or 2")
     with open_original(file, scan=start is None and stop is None) as original:
         notes: list[str] = []
         kept = choose(original, channels, band, notes)

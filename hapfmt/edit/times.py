@@ -99,7 +99,7 @@ def check_offset(original: Original, offset: Fraction) -> None:
     period = period_of([original])
     if offset < 0:
         raise ParameterError(
-            "an offset is not negative: offset the other files instead", path=original.name
+            "an offset must not be negative; offset the other files instead", path=original.name
         )
     if offset % period:
         raise ParameterError(

@@ -71,7 +71,7 @@ class Felt:
     @classmethod
     def of(cls, x: Doubles, source: Source, promise: Promise, cutoff_hz: float) -> Felt:
         assert promise.floor is not None and promise.snr is not None
-        calm = without_glitches(x)
+        calm = without_glitches(x)  # one glitch of 1 kN would hide a texture of 30 mN
         slow = slow_of(calm, source, cutoff_hz)
         extent = float(np.ptp(calm))
         channel = source.channels[0]

@@ -37,7 +37,7 @@ class SyncPolicy:
         if isinstance(when, str) and when not in self.WORDS:
             raise ParameterError(f"fsync is one of {', '.join(self.WORDS)}, or seconds")
         if not isinstance(when, str) and not 0 < when < float("inf"):
-            raise ParameterError("the seconds between two fsyncs are a positive number")
+            raise ParameterError("the time between two fsyncs must be positive")
         self.when = when
         self.clock = clock
         self.last = clock()

@@ -75,7 +75,7 @@ def observation(
     """Checked; ParameterError where it cannot be written."""
     numbers = (tick, time_ns, uncertainty_ns)
     if not isinstance(clock, str) or not all(isinstance(n, int) for n in numbers):
-        raise ParameterError("a clock is observed by name, with integers for tick and times")
+        raise ParameterError("a clock observation needs a name, an integer tick and integer times")
     found = ClockObservation(clock, number, tick, time_ns, uncertainty_ns)
     list(build_clocks([found]))
     return found

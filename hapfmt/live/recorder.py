@@ -113,7 +113,7 @@ class Recorder:
         if on_full not in ("block", "drop", "raise"):
             raise ParameterError("on_full is one of block, drop, raise")
         if queue_size < 1:
-            raise ParameterError("a queue has room for a byte at least")
+            raise ParameterError("the queue must hold at least 1 byte")
         options = Options(
             settings,
             cluster,

@@ -56,7 +56,7 @@ class Session:
     @property
     def running(self) -> Recorder:
         if self.recorder is None:
-            raise ParameterError("the stream begins without its header")
+            raise ParameterError("the stream does not begin with a header")
         return self.recorder
 
     def object(self, given: dict[str, Any]) -> None:
@@ -65,7 +65,7 @@ class Session:
             self.start(header_of(given))
             return
         if "channels" in given:
-            raise ParameterError("a second header: a stream has one")
+            raise ParameterError("a stream can have only one header")
         for key, action in self.actions.items():
             if key in given:
                 action(given)
@@ -123,7 +123,7 @@ class Session:
             array = np.array([np.nan if v is None else v for v in values], np.float64)
         except (TypeError, ValueError, OverflowError):
             raise ParameterError(
-                "values are a list of numbers, null where one is missing"
+                "values must be a list of numbers; null marks a missing one"
             ) from None
         self.samples(channel, array, whole_number(given.get("tick"), "tick"))
 
@@ -164,7 +164,7 @@ class Session:
     def metadata(self, given: dict[str, Any]) -> None:
         (metadata,) = only(given, "metadata")
         if not isinstance(metadata, dict):
-            raise ParameterError("metadata is a JSON object")
+            raise ParameterError("metadata must be a JSON object")
         self.running.metadata.update(metadata)
 
 
@@ -204,7 +204,7 @@ def header_of(given: dict[str, Any]) -> Header:
         )
     metadata = given.get("metadata", {})
     if not isinstance(metadata, dict):
-        raise ParameterError("metadata is a JSON object")
+        raise ParameterError("metadata must be a JSON object")
     epoch: dict[str, Any] = {key: given[key] for key in EPOCH_KEYS if key in given}
     return Header([input_of(channel) for channel in channels], metadata, epoch)
 

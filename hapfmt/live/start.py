@@ -65,23 +65,27 @@ class Options:
         self.patience = exact(self.patience)
         self.settings = replace(settings, cluster=self.cluster)
         if self.cluster <= 0 or self.patience < 0:
-            raise ParameterError("clusters have a positive length, and patience is not negative")
+            raise ParameterError("the cluster length must be positive, and patience not negative")
         if self.hold is None and self.canonical is None:
             self.hold = self.cluster + 2 * self.patience
         self.hold = None if self.hold is None else exact(self.hold)
         if self.canonical is not None:
             if not 0 <= self.canonical < 1 << 32:
-                raise ParameterError("a file id lies between 0 and 2^32 - 1")
+                raise ParameterError("the file id must be between 0 and 2^32 - 1")
             if self.hold is not None or self.append:
-                raise ParameterError("canonical mode knows no time of day, and no file before it")
+                raise ParameterError(
+                    "canonical mode cannot use the time of day or append to a file"
+                )
             if self.epoch_ns == "now":
                 self.epoch_ns = None
         if settings.digest:
-            raise ParameterError("a digest is of whole tracks: nobody knows them while recording")
+            raise ParameterError(
+                "checksums cover whole tracks and cannot be written while recording"
+            )
         if self.append and self.force:
-            raise ParameterError("a file is replaced or appended to, not both")
+            raise ParameterError("use either force or append, not both")
         if self.at is not None and not self.append:
-            raise ParameterError("at says where to append")
+            raise ParameterError("at requires append")
 
 
 class Start:
@@ -266,7 +270,7 @@ def start_of(at: Any, end_s: Fraction, epoch_ns: int | None) -> Fraction:
         return end_s
     if at == "now":
         if epoch_ns is None:
-            raise ParameterError("the file has no epoch, so nobody knows where now is in it")
+            raise ParameterError("the file has no epoch, so the time now has no place in it")
         start_s = Fraction(time.time_ns() - epoch_ns, 10**9)
     else:
         start_s = exact(at)

@@ -1,4 +1,4 @@
-"""What the format does with one recording, at one look: slow part, residual, error, sizes.
+"""One page that shows what the format does: slow part, residual, error, file sizes.
 
 Takes plain arrays, so that it depends on no reader and no writer.
 """
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SHOWN_S = 1.0
-"""Of the stretch that is drawn: longer, and the texture would be a smear."""
+"""Seconds that are drawn. In a longer part the texture would not be visible."""
 
 
 @dataclass(frozen=True)
 class Demonstrated:
-    """A recording and what comes back, [ticks] each, in ``unit``; NaN where there is a gap.
+    """The recorded and the decoded signal, [ticks] each, in ``unit``; NaN where there is a gap.
 
     lf: the decoded slow part; half: half the width of the deadband around it; knots: ticks of its
     support points; sizes: name and bytes of files that hold the same recording, and of the
@@ -60,15 +60,15 @@ class Demonstrated:
         parts = (self.original, self.lf, self.decoded, self.half)
         size = self.original.size
         if not size or any(part.shape != (size,) for part in parts):
-            raise ParameterError("a picture needs arrays [ticks] of one length, not empty")
+            raise ParameterError("A picture needs arrays of one length with at least one sample")
         if not self.rate_hz > 0:
-            raise ParameterError("a picture needs a positive rate")
+            raise ParameterError("A picture needs a positive rate")
 
 
 def plot_demo(
     path: str | Path, shown: Demonstrated, *, start_s: float | None = None, force: bool = False
 ) -> None:
-    """Draw the page into ``path`` (.png, .svg, .pdf). start_s: where the stretch of SHOWN_S begins;
+    """Draw the page into ``path`` (.png, .svg, .pdf). start_s: where the part of SHOWN_S begins;
     None: shortly before the signal first moves."""
     kind = kind_of(path)
     shown.check()
@@ -80,7 +80,7 @@ def plot_demo(
         start = round(start_s * shown.rate_hz)
     start = min(start, ticks - length)
     if start < 0:
-        raise ParameterError("the stretch lies outside of the recording")
+        raise ParameterError("The part to draw lies outside the recording")
     view = slice(start, start + length)
 
     figure = new_figure(8.6, 4.9)

@@ -1,4 +1,4 @@
-"""Two recordings on one page: both signals, what lies between them, how often."""
+"""Two recordings on one page: both signals and their differences."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 ROWS = 4
 """Up to this many channels, each has a row with a histogram."""
 SMALL = 32
-"""Channels of one page."""
+"""Largest number of channels on one page."""
 NAMES = 8
-"""Of identical channels that are not drawn."""
+"""Largest number of identical channels that are named."""
 
 
 def pages(found: Sequence[Comparison], views: Sequence[View], words: Words) -> list[Figure]:
-    """views: of B, with A as their original. Channels that are identical are named, and drawn only
-    where none differs."""
+    """views: of B, with A as the original. Identical channels are named; they are drawn only if no
+    channel differs."""
     verdicts = {row.number: row for row in found if not row.reason}
     differing = [view for view in views if not verdicts[view.channel.number].identical]
     same = [view for view in views if verdicts[view.channel.number].identical]

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LOOKS = tuple(zip(SERIES, "os^Dv", strict=True))
-"""Of the lines: colours, and marks that tell them apart without."""
+"""Colours and marks of the lines; the marks distinguish them without colour."""
 ASIDE = 0.012
-"""From one line to the next, of the width of the picture, so that error bars stay apart."""
+"""Distance of neighbouring lines as a share of the width, so that error bars do not overlap."""
 BAR = {"capsize": 3, "elinewidth": 1.1, "ms": 6, "lw": 1.4, "mec": "white", "mew": 0.7}
 
 
@@ -27,7 +27,7 @@ class Mean(Protocol):
 
     @property
     def half(self) -> float | None:
-        """Of the interval; None where one number says nothing of others."""
+        """Half the confidence interval; None for a single rating."""
 
 
 class Opinion(Protocol):
@@ -62,7 +62,7 @@ def plot_opinions(
     first."""
     kind = kind_of(path)
     if not rows:
-        raise ParameterError("a picture of opinions needs some")
+        raise ParameterError("No opinions to draw")
     grid = is_grid(rows)
     figure = new_figure(8.5 if grid else min(3 + 0.8 * len(rows), 16), 5.2, layout="constrained")
     axes = figure.add_subplot()

@@ -21,19 +21,19 @@ if TYPE_CHECKING:
     from matplotlib.gridspec import GridSpec
 
 ROWS = 6
-"""Up to this many channels, each has a row of its own with all that is known of it."""
+"""Up to so many channels, each gets a row with its spectrum and errors."""
 DETAILED = 12
 SMALL = 64
-"""Small multiples of one page."""
+"""Largest number of small panels on one page."""
 ASPECT = 1.5
-"""Width over height that a page of small multiples comes near."""
+"""Preferred width over height of a page of small panels."""
 CHARACTERS = 14.2
-"""Of a line of facts, for each inch."""
+"""Characters of a line of facts that fit one inch."""
 
 
 @dataclass(frozen=True)
 class Words:
-    """What stands around the panels: ``facts`` below the title, ``footnotes`` for what is wrong."""
+    """Texts around the panels: ``facts`` below the title, ``footnotes`` about damage."""
 
     title: str = ""
     facts: Sequence[str] = ()
@@ -41,8 +41,8 @@ class Words:
 
 
 class Sheet:
-    """A page of which the header (title, facts, legend) and the footnotes take so many inches that
-    no word lies on a panel."""
+    """A page with space for its header (title, facts, legend) and its footnotes, so that no text
+    overlaps a panel."""
 
     LINE = 0.19
 
@@ -65,7 +65,7 @@ class Sheet:
         )  # fmt: skip
 
     def finish(self, unit: str = "") -> Figure:
-        """With its header; unit: of all panels, at the left."""
+        """Adds the header. unit: shared by all panels, written at the left."""
         figure, height = self.figure, self.height
         y = 0.12
         if self.words.title:
@@ -95,13 +95,13 @@ class Sheet:
 
 
 def share(inches: float, whole: float, count: int) -> float:
-    """Of a panel's mean size, which is how matplotlib counts the space between panels."""
+    """Converts inches to a share of the mean panel, as matplotlib measures space."""
     size = (whole - inches * (count - 1)) / count
     return max(inches / size, 0.0) if size > 0 else 0.2
 
 
 def folded(facts: Sequence[str], room: int) -> list[str]:
-    """Facts in lines, whole ones as far as they fit."""
+    """Joins facts to lines, without breaking a fact."""
     lines: list[str] = []
     for fact in facts:
         text = plain_line(fact, room)
@@ -147,7 +147,7 @@ def pages(
 
 
 def parts_of(views: Sequence[View], most: int) -> list[tuple[int, Sequence[View]]]:
-    """Shares of about one size, and the place that each begins at."""
+    """Splits views into shares of about one size, each with its first place."""
     size = ceil(len(views) / ceil(len(views) / most))
     return [(first, views[first : first + size]) for first in range(0, len(views), size)]
 
@@ -207,13 +207,13 @@ def detail(view: View, zoom: View | None, events: Sequence[Event], words: Words)
 
 
 def has_lowest(view: View) -> bool:
-    """Whether there is a spectrum, or a histogram."""
+    """True if the view has a spectrum or a histogram."""
     segments = any(spectrum.segments for spectrum in view.spectra.values())
     return view.errors is not None or (segments and not panels.is_constant(view))
 
 
 def lowest(figure: Figure, place: object, view: View) -> None:
-    """Spectrum, and the histograms that there are, side by side."""
+    """Draws the spectrum and the histograms side by side."""
     histograms = [h for h in (view.errors, view.relative) if h is not None]
     inner = place.subgridspec(1, 1 + len(histograms), wspace=0.28)  # type: ignore[attr-defined]
     axes = figure.add_subplot(inner[0])
@@ -275,6 +275,7 @@ def rows(views: Sequence[View], events: Sequence[Event], words: Words) -> Figure
                 label = named("error", scale.unit)
             style(axes, "How often each error occurs" if place == 0 else "", label,
                   "samples" if place == 0 else "")  # fmt: skip
+    figure.align_ylabels()
     return sheet.finish(shared)
 
 
@@ -300,8 +301,7 @@ def multiples(views: Sequence[View], events: Sequence[Event], words: Words) -> F
 
 
 def grid_shape(count: int) -> tuple[int, int]:
-    """Columns and rows that leave few places empty, on a page that is neither a strip nor a
-    tower."""
+    """Columns and rows that leave few places empty and give the page a good aspect."""
 
     def cost(columns: int) -> float:
         rows = ceil(count / columns)
@@ -326,7 +326,7 @@ def placed(views: Sequence[View], columns: int) -> list[tuple[View, int, int, bo
 
 
 def one_unit(views: Sequence[View]) -> str:
-    """Quantity and unit, where all views have the same; else blank."""
+    """Quantity and unit if all views share them, else blank."""
     units = {panels.unit_of(view) for view in views}
     if len(units) != 1:
         return ""
@@ -336,7 +336,7 @@ def one_unit(views: Sequence[View]) -> str:
 
 
 def channel_name(view: View, *, unit: str = "") -> str:
-    """Label, unit where no axis tells it, and the largest error: measured, or else allowed."""
+    """Label, unit, and the largest error: measured if there is an original, else allowed."""
     name = plain(view.channel.name) + (f" in {unit}" if unit else "")
     if view.errors is not None and view.errors.total:
         largest = view.errors.largest
@@ -355,7 +355,7 @@ def amount(view: View, value: float) -> str:
 
 
 def legend_of(figure: Figure) -> dict[str, Artist]:
-    """What any of the panels shows, once."""
+    """Handles of all panels by label, each label once."""
     pairs = [axes.get_legend_handles_labels() for axes in figure.axes]
     known: dict[str, Artist] = {}
     for handle, label in chain.from_iterable(zip(*pair, strict=True) for pair in pairs):

@@ -31,15 +31,15 @@ if TYPE_CHECKING:
 
 DIM = "#57606a"
 NAME = 24
-"""Characters of a label that fit beside an axis."""
+"""Characters of a label that fit next to an axis."""
 EVENTS_NAMED = 10
-"""Above this many events in view their texts would hide the signal, and each other."""
+"""Texts of more events would hide the signal and each other."""
 POINTS = 60
-"""Up to this many samples, each is marked."""
+"""Up to so many samples are marked one by one."""
 MARGIN = 0.08
-"""Of the signal's range, above and below it."""
+"""Space above and below the signal, as a share of its range."""
 BESIDE = 0.5
-"""Of the signal's range: so far the slow part may leave it and still be shown."""
+"""The axis extends to the slow part by up to this share of the signal's range."""
 
 
 class TimeUnit(NamedTuple):
@@ -56,7 +56,7 @@ class TimeUnit(NamedTuple):
 
 
 def unit_of(view: View) -> str:
-    """As it is drawn; blank where there is none."""
+    """The unit as it is drawn; blank if there is none."""
     unit = view.channel.unit.strip("{}")
     return "" if unit in ("", "1") else plain(unit)
 
@@ -66,7 +66,7 @@ def named(what: str, unit: str) -> str:
 
 
 def axis_label(view: View) -> str:
-    """Quantity and unit of a channel, as far as they are known."""
+    """Quantity and unit of a channel, or its label and unit."""
     channel = view.channel
     quantity = plain(channel.quantity.replace("_", " "))
     if not quantity:
@@ -75,13 +75,13 @@ def axis_label(view: View) -> str:
 
 
 def name_of(view: View) -> str:
-    """Of the whole band: what was recorded, or what a lossy file makes of it."""
+    """Name of the whole band: 'signal' as recorded, 'decoded' from a lossy file."""
     return "decoded" if view.original is not None or view.is_lossy else "signal"
 
 
 def signal(axes: Axes, view: View, unit: TimeUnit, *, width: float = 1.0) -> None:
-    """The channel over time with all that belongs to it; ``width``: of lines, below 1 in a
-    small picture. The signal alone sets the limits: a wide deadband would crush it."""
+    """Draws the channel over time with deadband, slow part and knots. width: of lines, below 1 in a
+    small panel. The signal sets the limits: those of a wide deadband would flatten it."""
     seconds = unit.seconds
     if view.low is not None and view.high is not None:
         axes.fill_between(
@@ -106,7 +106,7 @@ def signal(axes: Axes, view: View, unit: TimeUnit, *, width: float = 1.0) -> Non
 
 
 def limits(view: View) -> tuple[float, float]:
-    """Of the axis: the range of the signal, and of its slow part as far as that is near."""
+    """Limits of the axis: the range of the signal, and of its slow part where that is close."""
     low, high = extremes([view.full, view.original])
     if low > high:
         return 0.0, 1.0
@@ -127,7 +127,7 @@ def is_constant(view: View) -> bool:
 
 
 def extremes(outlines: Sequence[Outline | None]) -> tuple[float, float]:
-    """Least and greatest value of all; (inf, -inf) where there is none."""
+    """Smallest and largest value of all outlines; (inf, -inf) if there is none."""
     low, high = np.inf, -np.inf
     for outline in outlines:
         known = None if outline is None else np.isfinite(outline.most)
@@ -138,7 +138,7 @@ def extremes(outlines: Sequence[Outline | None]) -> tuple[float, float]:
 
 
 def instead(axes: Axes, text: str) -> None:
-    """Why there is nothing to see."""
+    """Writes why a panel is empty."""
     axes.text(
         0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", fontsize=8.5,
         color=DIM, zorder=6,
@@ -150,7 +150,7 @@ def instead(axes: Axes, text: str) -> None:
 def curve(
     axes: Axes, outline: Outline, unit: TimeUnit, width: float, name: str, factor: float = 1.0
 ) -> None:
-    """``name``: of the palette."""
+    """Draws an outline as a line; ``name`` selects its colour from the palette."""
     at, y = outline.line()
     axes.plot(
         at / unit.seconds, factor * y, color=PALETTE[name], lw=width, solid_capstyle="round",
@@ -167,7 +167,7 @@ def lonely(y: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> bool:
 
 
 def absences(axes: Axes, view: View, unit: TimeUnit, *, named: bool = True) -> None:
-    """Gaps hatched, damage framed and crossed, with what was lost."""
+    """Hatches gaps, and frames and crosses damage."""
     smallest = (view.stop - view.start) / 600
     spans(axes, [wide(a, b, smallest) for a, b in view.gaps], unit, "gap", "///")
     losses = [(*wide(loss.start, loss.stop, smallest), loss.what) for loss in view.losses]
@@ -182,7 +182,7 @@ def absences(axes: Axes, view: View, unit: TimeUnit, *, named: bool = True) -> N
 def spans(
     axes: Axes, seconds: Sequence[tuple[float, float]], unit: TimeUnit, name: str, hatch: str
 ) -> None:
-    """Hatched over the whole height; ``name``: of the palette."""
+    """Hatches spans over the whole height; ``name`` selects the colour from the palette."""
     if not seconds:
         return
     colour = PALETTE[name]
@@ -194,13 +194,13 @@ def spans(
 
 
 def wide(start: float, stop: float, smallest: float) -> tuple[float, float]:
-    """As long as it is, or long enough to be seen."""
+    """Widens a span that is too short to be seen."""
     more = max(smallest - (stop - start), 0.0) / 2
     return start - more, stop + more
 
 
 def note(axes: Axes, x: float, y: float, text: str, **more: Any) -> None:
-    """A word on a white ground; y: share of the height."""
+    """Writes a word on a white ground; y: share of the height."""
     axes.text(
         x, y, text, transform=axes.get_xaxis_transform(), color=INK, fontsize=8,
         ha="center", va="center", clip_on=True, zorder=6,
@@ -209,7 +209,7 @@ def note(axes: Axes, x: float, y: float, text: str, **more: Any) -> None:
 
 
 def marks(axes: Axes, view: View, unit: TimeUnit, events: Sequence[Event], named: bool) -> None:
-    """Events of this channel, or of all, as lines; their texts where they are few."""
+    """Draws events of this channel and of all channels as lines, with texts if they are few."""
     own = [
         e
         for e in events
@@ -235,7 +235,7 @@ def marks(axes: Axes, view: View, unit: TimeUnit, events: Sequence[Event], named
 
 
 def residual(axes: Axes, view: View, unit: TimeUnit) -> None:
-    """In the scale of the signal's unit that suits it; the label says which."""
+    """Draws the residual with a suitable prefix of the unit, which the label names."""
     assert view.residual is not None
     scale = scale_of(view, view.residual)
     curve(axes, view.residual, unit, 0.9, "residual (HF)", scale.factor)
@@ -244,7 +244,7 @@ def residual(axes: Axes, view: View, unit: TimeUnit) -> None:
 
 
 def error(axes: Axes, view: View, unit: TimeUnit, *, name: str = "error") -> None:
-    """Decoded minus original over time, and the bound where there is one."""
+    """Draws decoded minus original over time, and the error bound if there is one."""
     assert view.error is not None
     scale = error_scale(view)
     curve(axes, view.error, unit, 0.7, name, scale.factor)
@@ -258,7 +258,7 @@ def error(axes: Axes, view: View, unit: TimeUnit, *, name: str = "error") -> Non
 
 
 def bounds(axes: Axes, bound: float | None, scale: Scale, *, horizontal: bool) -> None:
-    """What no error may pass, on both sides of zero."""
+    """Draws the error bound on both sides of zero."""
     draw = axes.axhline if horizontal else axes.axvline
     for sign in (-1, 1):
         if bound:
@@ -274,13 +274,13 @@ def scale_of(view: View, outline: Outline) -> Scale:
 
 
 def error_scale(view: View) -> Scale:
-    """One for all panels that show the errors of a channel."""
+    """Scale of all panels that show the errors of a channel."""
     largest = view.errors.largest if view.errors is not None else 0.0
     return Scale.of(view.channel.unit, max(largest, view.bound or 0.0))
 
 
 def missing(axes: Axes, view: View, unit: TimeUnit) -> None:
-    """What one of two recordings lacks: of B hatched one way, of A the other."""
+    """Hatches the gaps that only one of two recordings has."""
     assert view.original is not None
     smallest = (view.stop - view.start) / 600
     rows = (
@@ -294,7 +294,7 @@ def missing(axes: Axes, view: View, unit: TimeUnit) -> None:
 
 
 def spectrum(axes: Axes, view: View) -> None:
-    """Densities over hertz, both logarithmic; where nothing is long enough, it says so."""
+    """Draws power densities over frequency, both logarithmic."""
     tops = []
     looks: dict[str, tuple[str, str, float, Any]] = {
         "full": (name_of(view), DECODED if name_of(view) == "decoded" else SIGNAL, 1.0, "-"),
@@ -333,7 +333,7 @@ def density_label(view: View) -> str:
 def histogram(
     axes: Axes, errors: Histogram, bound: float | None, scale: Scale, name: str = "error"
 ) -> None:
-    """Errors as bars, how often on a logarithmic scale, since outliers matter; bound: marked."""
+    """Draws how often each error occurs, on a logarithmic scale that shows outliers too."""
     if not errors.total or (not errors.largest and not bound):
         same = f"no difference in {errors.total} samples"
         instead(axes, same if errors.total else "no sample in common")

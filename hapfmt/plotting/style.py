@@ -46,10 +46,10 @@ PALETTE = {
 """Colours by the words of the legend."""
 
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
-"""Of lines that are compared with each other, in pictures that show no signal."""
+"""Colours of compared lines in pictures without a signal."""
 
 DASHES = (0, (4, 3))
-"""Of bounds."""
+"""Line style of bounds."""
 
 KINDS: dict[str, dict[str, Any]] = {
     "png": {"Software": None},
@@ -60,21 +60,21 @@ KINDS: dict[str, dict[str, Any]] = {
 do)."""
 
 LONGEST = 60
-"""Characters of a label; what is longer would run into its neighbour."""
+"""Longest label; a longer one would overlap its neighbour."""
 
 PREFIXED = frozenset({"N", "m", "m/s", "m/s2", "m/s^2", "m/s²", "V", "A", "Pa", "N.m", "N·m", "Nm"})
-"""Units that may get a prefix: of others 'm' could be read as something else."""
+"""Units that may get a prefix such as m; with other units it could be misread."""
 
 
 class Scale(NamedTuple):
-    """Factor from the unit to what is shown, and the name of that."""
+    """Factor from the unit of a channel to the unit shown, and its name."""
 
     factor: float
     unit: str
 
     @classmethod
     def of(cls, unit: str, largest: float) -> Scale:
-        """A unit in which ``largest`` is no tiny number: 0.002 N is 2 mN."""
+        """Chooses a prefix that makes ``largest`` readable: 0.002 N is 2 mN."""
         name = plain(unit.strip("{}"))
         name = "" if name == "1" else name
         if name in PREFIXED:
@@ -92,7 +92,7 @@ def kind_of(path: str | os.PathLike[str]) -> str:
     kind = Path(path).suffix.lower().removeprefix(".")
     if kind not in KINDS:
         known = ", ".join(f".{kind}" for kind in KINDS)
-        raise ParameterError(f"pictures are written as {known}, not {Path(path).name!r}")
+        raise ParameterError(f"Pictures are {known}, not {Path(path).name!r}")
     return kind
 
 

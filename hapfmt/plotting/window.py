@@ -1,4 +1,4 @@
-"""Pages in a window, where there is a display."""
+"""Pages in a window."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-INSTEAD = "write a picture instead: --output picture.png"
+INSTEAD = "use --output picture.png"
 
 
 def show(figures: Sequence[Figure], title: str) -> None:
@@ -39,11 +39,11 @@ def open_window(title: str) -> tkinter.Tk:
         import tkinter
     except ImportError:
         raise ParameterError(
-            f"this Python has no tkinter, so it opens no window; {INSTEAD}"
+            f"A window needs tkinter, which this Python lacks; {INSTEAD}"
         ) from None
     try:
         root = tkinter.Tk()
     except tkinter.TclError:
-        raise ParameterError(f"there is no display to open a window on; {INSTEAD}") from None
+        raise ParameterError(f"No display for a window; {INSTEAD}") from None
     root.title(title)
     return root

@@ -35,7 +35,7 @@ def refuse_omission(count: int, offset: int, path: str | None) -> None:
     """Where the packets that an index led to are not all that stand before ``offset``."""
     if count:
         raise FormatError(
-            "the index does not list the chunks", requirement="IDX-002", offset=offset, path=path
+            "the index does not match the chunks", requirement="IDX-002", offset=offset, path=path
         )
 
 
@@ -65,7 +65,7 @@ class ChunkRef(NamedTuple):
             or self.offset + HEADER_SIZE + header.payload_size > (self.limit or self.offset)
         ):
             raise FalseIndexError(
-                f"no {self.type} chunk where the index names one",
+                f"the index lists a {self.type} chunk that is not there",
                 requirement="IDX-003",
                 offset=self.offset,
             )
@@ -233,7 +233,7 @@ class Catalogue:
             if ref.limit is not None:
                 ref.checked(chunk.header if chunk else None)
             if chunk is not None and ref.limit is not None and not chunk.intact:
-                message = "payload CRC of an aTTc chunk differs"
+                message = "checksum error in the payload of an aTTc chunk"
                 self.lose("bad-payload", ref.offset, len(chunk.payload) + 32, message, "CHK-003")
             if chunk is not None and chunk.intact and chunk.header.known:
                 at = chunk.payload_offset

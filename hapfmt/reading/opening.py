@@ -300,7 +300,7 @@ def check_found(catalogue: Catalogue) -> None:
             rule, message = ("HED-001", "a signature without any chunk")
         raise FormatError(message, requirement=rule, offset=0)
     if catalogue.head is None:
-        catalogue.lose("missing-head", FIRST_OFFSET, 0, "no HEAD chunk that holds", "HED-001")
+        catalogue.lose("missing-head", FIRST_OFFSET, 0, "no intact HEAD chunk", "HED-001")
     if catalogue.foot is None:
         catalogue.lose(
             "not-closed",

@@ -257,7 +257,7 @@ class PacketPass:
                 if not catalogue.damaged:
                     raise error.at(path=catalogue.source.path) from None
         elif ref.limit is not None:
-            message = "payload CRC of a DATA chunk differs"
+            message = "checksum error in the payload of a DATA chunk"
             catalogue.lose(
                 "bad-payload", ref.offset, len(payload) + HEADER_SIZE, message, "CHK-003"
             )

@@ -135,7 +135,8 @@ class Reader(Closing):
             first = self.findings[0]
             kind = TruncatedError if first.code in ("not-closed", "truncated") else ChecksumError
             raise kind(
-                f"{first.code}: {first.message}",
+                f"{first.code}: {first.message}. hapfmt.Reader reads what is intact; "
+                "hapfmt recover IN OUT writes an intact copy",
                 requirement=first.requirement,
                 offset=first.offset,
                 path=self.source.path,
@@ -396,7 +397,11 @@ def read(
     limits: Limits | None = None,
     threads: int | None = None,
 ) -> Recording:
-    """The recording in ``file``, or a part of it; any damage raises (use Reader to go on)."""
+    """The recording in ``file``, or a part of it.
+
+    Raises ChecksumError or TruncatedError where the file is damaged: ``Reader`` reads what is
+    intact, ``recover`` writes an intact copy.
+    """
     whole = start is None and stop is None
     with Reader(file, limits=limits, strict=True, scan=whole, threads=threads) as reader:
         recording = reader.read(channels, start, stop, band=band, exact=exact)

@@ -99,7 +99,7 @@ def recover(
     or a feature bit is unknown: then nothing is written.
     """
     if canonical is not None and not 0 <= canonical < 1 << 32:
-        raise ParameterError("a file id lies between 0 and 2^32 - 1")
+        raise ParameterError("the file id must be between 0 and 2^32 - 1")
     if isinstance(into, (str, os.PathLike)):
         refuse(os.fspath(into), force)
         if isinstance(file, (str, os.PathLike)) and Path(into).exists():

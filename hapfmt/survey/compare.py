@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from ..encoder.tolerance import Tolerance
 
 SNR_SAMPLES = 1 << 22
-"""Of the longest runs that both have, for the signal-to-noise ratio of the texture; all channels
-together, so that their number costs no memory."""
+"""The SNR of the texture uses the longest common runs, up to this number of samples of all channels
+together."""
 
 
 @dataclass
@@ -88,18 +88,18 @@ class Comparison:
     snr_hf_db: float | None = None
     allowed: float = 0.0
     rounding: float = 0.0
-    """What the difference of two doubles of this size may be off, where a tolerance is given."""
+    """Rounding error of the difference of two such floating-point values."""
     reason: str = ""
     notes: tuple[str, ...] = ()
 
     @property
     def identical(self) -> bool:
-        """Every sample is there in both, and its value the same, bit for bit."""
+        """True if both have the same samples, bit for bit."""
         return not (self.reason or self.only_a or self.only_b or self.differing)
 
     @property
     def within(self) -> bool:
-        """Identical, or no difference is larger than what is allowed."""
+        """True if no sample is missing and no difference exceeds the tolerance."""
         missing = self.reason or self.only_a or self.only_b
         return not missing and (not self.differing or self.largest <= self.allowed + self.rounding)
 

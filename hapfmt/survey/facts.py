@@ -14,7 +14,7 @@ from .views import View
 def facts(
     parts: Parts, views: Sequence[View], *, size: int | None = None, whole: bool = True
 ) -> list[str]:
-    """Short texts. size: bytes of the file; whole: all its channels and all its time are shown."""
+    """Returns short texts. size: bytes of the file. whole: all channels and times are shown."""
     count = len(views)
     samples = sum(view.full.sample_count for view in views)
     found = [f"{count} channel{'s' if count != 1 else ''}"]

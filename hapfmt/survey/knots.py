@@ -17,11 +17,11 @@ from ..reading.reader import Reader
 from ..reading.seconds import tick_range
 
 SHOWN = 600
-"""Above this many knots in view dots would hide the line."""
+"""Dots of more knots would hide the line."""
 PACKETS = 4096
-"""Of more than this many packets the knots are too many, whatever they hold."""
+"""More packets than this hold too many knots to show."""
 CODED = 5000
-"""Knots of one KNTE packet that are decoded for a few of them."""
+"""A KNTE packet with more knots is not decoded to show a few of them."""
 
 
 def knots_within(

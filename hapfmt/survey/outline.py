@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from ..recording import Channel
 
 LARGEST = 1e300
-"""What is larger is drawn as this, so that margins do not overflow."""
+"""Larger values are drawn as this, so that margins do not overflow."""
 COLUMNS = 2000
-"""Of a picture across a page: two for each pixel or so. Fewer ticks are kept one by one."""
+"""A page has about two columns for each pixel. Up to twice as many ticks are kept one by one."""
 
 
 @dataclass
@@ -38,7 +38,7 @@ class Outline:
         return cls(first, stop, rate, size, empty, empty.copy(), np.zeros(columns, np.int64))
 
     def add(self, start: int, values: NDArray[np.float64]) -> None:
-        """values [ticks] from tick ``start`` on; what lies outside is left out."""
+        """Adds values [ticks] from tick ``start`` on; values outside the outline are ignored."""
         a, b = max(start, self.first), min(start + values.size, self.stop)
         if a >= b:
             return

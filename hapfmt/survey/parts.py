@@ -1,4 +1,4 @@
-"""Recordings, of any format, in parts that are neither too large nor too small."""
+"""Recordings of any format, read in parts of bounded size."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ..reading.seconds import tick_range
 from ..recording import Channel, Recording, Span
 
 PART = 1 << 20
-"""Samples of all channels that are decoded at a time, about: 20 MB with what is made of them."""
+"""About so many samples of all channels are decoded at a time; they take 20 MB."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Described:
 
     @property
     def floor(self) -> float:
-        """Of the deadband, in the channel's unit."""
+        """Absolute threshold of the deadband, in the channel's unit."""
         if self.contract is None or self.lsb is None:
             return 0.0
         floors = self.contract.floor
@@ -91,7 +91,7 @@ class Described:
         return self.contract is not None and self.contract.vector
 
     def half_width(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of the deadband of a scalar around physical values x, same shape."""
+        """Half the width of a scalar deadband around the physical values x, same shape."""
         return np.asarray(np.maximum(self.weber * np.abs(x - self.zero), self.floor))
 
 

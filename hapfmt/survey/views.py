@@ -1,4 +1,4 @@
-"""What a picture shows of each channel: one pass over the recording, part by part."""
+"""The contents of a picture for each channel, collected in one pass over the recording."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .parts import Block, Described, FileParts, Parts
 from .spectrum import Spectrum
 
 FEWEST = 5
-"""Columns of a stretch that is looked at again: one alone may hold a single peak."""
+"""A part that is examined again has at least so many columns: one alone may hold a single peak."""
 
 
 @dataclass
@@ -36,7 +36,7 @@ class Knots:
 
 @dataclass
 class Loss:
-    """Seconds that damage took; ``what``: LF, HF, or all of the channel."""
+    """Seconds lost to damage; ``what``: LF, HF, or all of the channel."""
 
     start: float
     stop: float
@@ -45,7 +45,7 @@ class Loss:
 
 @dataclass
 class View:
-    """One channel within the seconds [start, stop). What there is none of is None, or empty.
+    """One channel within the seconds [start, stop). A part that does not exist is None or empty.
 
     residual: full minus LF; low and high: the deadband, around the original where there is one,
     else around what is decoded; error: decoded minus original; relative: the same in deadbands.
@@ -67,11 +67,11 @@ class View:
     losses: list[Loss] = field(default_factory=list)
     spectra: dict[str, Spectrum] = field(default_factory=dict)
     only_original: int = 0
-    """Samples of the original that were not found."""
+    """Samples of the original that the file lacks."""
 
     @property
     def gaps(self) -> list[tuple[float, float]]:
-        """Seconds that no sample covers and no damage took."""
+        """Seconds without samples, other than those lost to damage."""
         missing = self.full.missing()
         for loss in self.losses:
             missing[self.full.columns_within(loss.start, loss.stop)] = False
@@ -79,12 +79,12 @@ class View:
 
     @property
     def is_lossy(self) -> bool:
-        """Whether what is drawn may differ from what was recorded."""
+        """True if the drawn signal may differ from the recorded one."""
         return self.channel.is_lossy
 
     @property
     def bound(self) -> float | None:
-        """What no error may pass, in the channel's unit, where that is one number."""
+        """Error bound in the channel's unit; None if it depends on the signal or there is none."""
         return self.channel.error_bound or None
 
 
@@ -115,7 +115,7 @@ class Builder:
             self.add_deadband(block.full, y, block.half)
 
     def add_pair(self, full: Channel, original: Channel) -> None:
-        """What two recordings have of the same seconds."""
+        """Adds the same seconds of two recordings."""
         y = full.samples()
         self.view.full.add_channel(full, y)
         self.add_original(full, y, original)
@@ -239,7 +239,7 @@ def survey(
 def within(
     parts: Parts, start: Fraction | None, stop: Fraction | None
 ) -> tuple[Fraction, Fraction]:
-    """Seconds to look at: what is asked for, as far as there is something."""
+    """The requested seconds, limited to those of the recording."""
     first, last = parts.extent()
     a = first if start is None else max(start, Fraction(0))
     b = last if stop is None else stop

@@ -54,7 +54,7 @@ def images_db(y: Samples) -> float:
 
 def upsampling() -> Iterator[Row]:
     fine = texture(4000, 0.3)
-    data = file_of(force(fine), settings=Settings.of("paper", step="0.001"))
+    data = file_of(force(fine), settings=Settings.of("paper", step="0.01"))
     with Reader(data) as reader:
         kinds = {track.kind for track in reader.catalogue.tracks.values()}
     ours = played(data, FAST, "hf")

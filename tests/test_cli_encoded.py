@@ -1,0 +1,89 @@
+"""What hapfmt encode prints of its choices."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from terminal import called
+
+import hapfmt
+
+
+def saved(folder: Path, x: np.ndarray, unit: str = "N", name: str = "in.npz") -> Path:
+    labels = [f"f{i}" for i in range(len(x))]
+    np.savez(folder / name, x=x, rate_hz=1000.0, channel_names=labels, unit=[unit] * len(x))
+    return folder / name
+
+
+def counts(channels: int, samples: int = 3000) -> np.ndarray:
+    steps = np.random.default_rng(1).integers(-9, 10, (channels, samples))
+    return steps.cumsum(axis=1) / 1000.0
+
+
+def lines_of(*words: object) -> list[str]:
+    said = called("encode", *words)
+    assert said.code == 0, said.err
+    return said.out.splitlines()
+
+
+def test_a_line_for_each_channel_with_its_error_in_its_unit(tmp_path: Path) -> None:
+    source = saved(tmp_path, counts(3))
+    words = (source, tmp_path / "o.hapf", "--preset", "near-lossless", "--max-error", "0.004")
+    lines = lines_of(*words)
+    assert re.split(r"  +", lines[0]) == [
+        "label", "kept as", "bits/sample", "bytes", "largest error"
+    ]  # fmt: skip
+    back = hapfmt.read(tmp_path / "o.hapf")
+    for place, line in enumerate(lines[2:5]):
+        label, _, bits, size, error = re.split(r"  +", line)
+        worst = np.abs(back[label].to_numpy() - counts(3)[place]).max()
+        assert error == f"{worst:.3g} N" and worst <= 0.004 * (1 + 1e-12)
+        assert float(bits) == pytest.approx(8 * int(size) / 3000, abs=0.005)
+    told = json.loads(called("encode", *words, "-f", "--json").out)["channels"]
+    assert all({"unit", "kept_as", "largest_error"} <= set(each) for each in told)
+
+
+def test_reasons_come_with_verbose_alone(tmp_path: Path) -> None:
+    source = saved(tmp_path, counts(2))
+    short = lines_of(source, tmp_path / "a.hapf")
+    long = lines_of(source, tmp_path / "b.hapf", "-v")
+    assert len(short) == 5 and len(long) == 7
+    assert long[4].startswith("f0: ") and "step 0.001" in long[4]
+    assert "step" not in " ".join(short)
+
+
+def test_equal_neighbours_of_many_channels_share_a_line(tmp_path: Path) -> None:
+    source = saved(tmp_path, counts(20, 400))
+    grouped = lines_of(source, tmp_path / "a.hapf")
+    assert len(grouped) == 4 and grouped[2].startswith("f0 ... f19 (20 channels)  lossless")
+    size = int(re.split(r"  +", grouped[2])[3])
+    told = json.loads(called("encode", source, tmp_path / "b.hapf", "--json").out)
+    assert size == sum(each["size"] for each in told["channels"])
+    assert len(lines_of(source, tmp_path / "c.hapf", "-v")) == 2 + 20 + 20 + 1
+
+
+def test_larger_is_called_larger(tmp_path: Path) -> None:
+    last = lines_of(saved(tmp_path, counts(1, 3)), tmp_path / "o.hapf")[-1]
+    size = (tmp_path / "o.hapf").stat().st_size
+    assert f"{size / 24:.1f} times LARGER than float64" in last and "smaller" not in last
+
+
+def test_what_another_preset_would_save_is_about_right(tmp_path: Path) -> None:
+    noise = np.random.default_rng(2).normal(size=(3, 20000)).cumsum(axis=1)
+    source = saved(tmp_path, noise)
+    hint = lines_of(source, tmp_path / "a.hapf")[-1]
+    found = re.fullmatch(
+        r"3 of 3 channels are floating point: (--preset near-lossless --max-error 0\.1%) would "
+        r"make this file about (\d+) times smaller than float64",
+        hint,
+    )
+    assert found is not None, hint
+    last = lines_of(source, tmp_path / "b.hapf", *found[1].split())[-1]
+    ratio = 8 * noise.size / (tmp_path / "b.hapf").stat().st_size
+    assert int(found[2]) == pytest.approx(ratio, rel=0.25) and "floating point" not in last
+    assert "floating point" not in " ".join(lines_of(saved(tmp_path, counts(1), name="c.npz"),
+                                                     tmp_path / "c.hapf"))  # fmt: skip
