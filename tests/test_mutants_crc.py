@@ -81,3 +81,10 @@ def test_packets_of_events_that_start_together() -> None:
 def test_rows_come_back() -> None:
     rows = [Row(0, 3, 4, b"abc"), Row(700, 1 << 40, 1, b"")]
     assert rows_of(cluster_of(rows)) == rows
+
+
+@pytest.mark.parametrize("seed", [2509, 18_767, 20_854, 23_978])
+def test_what_was_found(seed: int, tmp_path: Path) -> None:
+    """Tracks that are not understood and name a base that is not there, or a codec of letters
+    beyond ASCII, escaped as foreign exceptions."""
+    check(seed, tmp_path)

@@ -18,6 +18,7 @@ from ..damage import lost_lines
 from ..errors import ParameterError
 from ..limits import Limits
 from ..numbers import exact
+from ..verdict import UNSUPPORTED
 from .screen import closed, complain, note, raw, terminal_text, width_of
 
 if TYPE_CHECKING:
@@ -353,6 +354,8 @@ def tell_losses(reader: Reader) -> int:
     """What is wrong with a file that was read, on standard error; the exit code (SPEC 14)."""
     tell_some([f"{reader.source.path or 'input'}: {finding}" for finding in reader.findings])
     tell_some(lost_lines(reader.catalogue, reader.lost))
+    if reader.exit_code == UNSUPPORTED:
+        tell_some(["a part of the file is not known to this version; hapfmt info names it"])
     return reader.exit_code
 
 

@@ -97,7 +97,7 @@ def build_setups(tracks: Sequence[Track]) -> bytes:
     out = bytearray(build_varint(len(codecs)))
     number = 0
     for codec, setups in codecs.items():
-        out += codec.encode("ascii") + build_varint(len(setups))
+        out += codec.encode("latin-1") + build_varint(len(setups))
         for parameters in setups:
             out += build_varint(len(parameters)) + parameters
             setups[parameters] = number

@@ -86,7 +86,7 @@ def build_series(series: Sequence[Track]) -> bytes:
             "component_count": len(first.components),
             "kind": KINDS.index(first.kind),
             "number_format": NUMBER_FORMATS.index(first.number_format),
-            "codec": first.codec.encode("ascii"),
+            "codec": first.codec.encode("latin-1"),
             "rate_num": first.rate.numerator,
             "rate_den": first.rate.denominator,
             "count_min": min(track.count_min for track in series),

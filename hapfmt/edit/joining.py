@@ -7,7 +7,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 from ..container.track import Affine, Component, Track
-from ..errors import ParameterError
+from ..errors import ParameterError, UnsupportedError
 from ..limits import LAST_TRACK_ID
 from .describing import unknown_tlvs
 from .original import Original, ticks_of
@@ -63,6 +63,13 @@ class Joining:
             elif track.base is None:
                 residual = bases.get(track.id)
                 ids[track.id] = self.go_on(moved, residual, track.id in foreign, original)
+            elif track.base not in ids:
+                # Only a track that is not understood refers to one that is not there.
+                raise UnsupportedError(
+                    f"Track {track.id} refers to track {track.base}, which is not copied",
+                    offset=track.offset,
+                    path=original.source.path,
+                )
             elif ids[track.base] in self.residuals:
                 ids[track.id] = self.residuals[ids[track.base]]
                 self.widen(ids[track.id], track)
