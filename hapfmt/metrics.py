@@ -158,7 +158,7 @@ def resampling_8khz(rate_hz: float | Fraction) -> Fraction:
     its denominator above :data:`ST_SIM_MOST`, and within a share of 1 / ``ST_SIM_MOST`` of exact.
     """
     exact = ST_SIM_RATE_HZ / Fraction(rate_hz)
-    return exact.limit_denominator(max(int(ST_SIM_MOST / max(exact, 1)), 1))
+    return exact.limit_denominator(max(int(ST_SIM_MOST / max(exact, Fraction(1))), 1))
 
 
 def _texture_8khz(x: NDArray[np.float64], rate_hz: float | Fraction) -> NDArray[np.float64]:

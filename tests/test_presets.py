@@ -278,6 +278,26 @@ class TestPerceptual:
         assert decision.kept_as == "deadband 10 %, no texture above the threshold"
         assert decision.chosen == "knots"
 
+    def test_texture_far_below_the_weber_fraction_is_kept(self):
+        """10 % is a law of slow forces; a vibration of 2 % of the force is felt."""
+        x = 1 + PUSH + 0.02 * np.sin(2 * np.pi * 95 * T)
+        decision, back = decided(doubles(x, "N"))
+        assert "no texture" not in decision.kept_as
+        assert snr_hf_db(x, back.samples(), 1000.0) > 10
+
+    @pytest.mark.parametrize("make", [doubles, counted])
+    def test_errors_below_the_threshold_are_allowed_unless_the_quality_is_stated(self, make):
+        channel = make(PUSH + 2 + 0.02 * NOISE, "N")
+        floor = 0.002 * np.ptp(channel.samples())
+        decision, back = decided(channel, Settings.of("perceptual"))
+        assert decision.kept_as == "within 0.2 % of range"
+        error = np.abs(back.samples() - channel.samples()).max()
+        assert decision.largest_error == pytest.approx(error) and error <= floor
+        assert decision.size <= decided(channel, Settings.of("near-lossless"))[0].size
+        strict, _ = decided(channel, Settings.of("perceptual", snr=20))
+        assert strict.kept_as == "deadband 10 %, texture 20 dB"
+        assert strict.size > decision.size
+
     def test_silence(self):
         decision, _ = decided(counted(0.003 * NOISE.clip(-3, 3), "N"))
         assert "silent: nothing above 0.01 N" in decision.reason and decision.size < 20

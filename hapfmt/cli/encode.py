@@ -96,7 +96,8 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
     "--snr",
     type=float,
     metavar="DB",
-    help="perceptual: quality of the texture, its power over that of the error [20].",
+    help="perceptual: quality of the texture, its power over that of the error [20, or errors "
+    "below --floor].",
 )
 @click.option(
     "--bits",

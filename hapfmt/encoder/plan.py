@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import ParameterError
 from ..recording import Channel, Recording
-from .perception import FORCE_FLOORS, QUANTITY_OF_UNIT, WEBER_LIMITS
+from .perception import FORCE_FLOORS, QUANTITY_OF_UNIT, TEXTURE_DB, WEBER_LIMITS
 from .settings import ALL, RANGE_FLOOR, Settings
 from .tolerance import Tolerance
 
@@ -40,13 +40,15 @@ class Promise:
 
     floor: every sample is within max(k * |x|, floor) of what was recorded; None: every bit is kept.
     snr: the texture is kept to so many dB, and max(k * |x|, floor) holds for the slow part; None:
-    for every sample. paper: the method of the paper, which promises nothing. kept_as and why: for
-    the user.
+    for every sample. enough: kept_as where errors within the floor are allowed although snr asks
+    for less; empty: they are not. paper: the method of the paper, which promises nothing. kept_as
+    and why: for the user.
     """
 
     floor: Tolerance | None = None
     k: Fraction = Fraction(0)
     snr: float | None = None
+    enough: str = ""
     paper: bool = False
     kept_as: str = LOSSLESS
     why: str = ""
@@ -122,11 +124,19 @@ def felt_promise(channel: Channel, settings: Settings) -> Promise:
     k = settings.k if limit is None else min(settings.k, limit)
     floor = settings.deadband_floor
     kept_as = f"deadband {percent(k)}" if k else f"within {amount_text(floor)}"
-    snr = settings.snr if settings.texture and channel.rate_exact > 2 * settings.cutoff_hz else None
+    textured = settings.texture and channel.rate_exact > 2 * settings.cutoff_hz
+    snr = (settings.snr or TEXTURE_DB) if textured else None
     if snr is not None:
         kept_as += f", texture {snr:g} dB"
     why = f"{quantity}: " if quantity else ""
-    return Promise(floor, k, snr, kept_as=kept_as, why=f"{why}threshold {amount_text(floor)}")
+    return Promise(
+        floor,
+        k,
+        snr,
+        enough="" if settings.snr else f"within {amount_text(floor)}",
+        kept_as=kept_as,
+        why=f"{why}threshold {amount_text(floor)}",
+    )
 
 
 def vector_promise(settings: Settings) -> Promise:

@@ -12,7 +12,7 @@ from ..codecs.knots import INTERPOLATIONS, Interpolation
 from ..errors import ParameterError
 from ..numbers import exact
 from ..recording import Calibration, Recording
-from .perception import FORCE_WEBER, LF_CUTOFF_HZ, TEXTURE_DB
+from .perception import FORCE_WEBER, LF_CUTOFF_HZ
 from .tolerance import Tolerance
 
 Preset = Literal["lossless", "near-lossless", "perceptual", "paper"]
@@ -68,10 +68,11 @@ class Settings:
     threshold of the deadband; of preset paper None means 10 mN for forces, a share of the range
     for other units. felt: labels or numbers of the channels that Weber's law is for, ("all",) for
     every channel; None: by quantity. texture: keep what lies above the split frequency. snr:
-    its quality in dB. bits: the paper's range-derived quantiser (0: no HF track). step: explicit
-    step of the paper's residual. cutoff_hz: the split frequency. cluster: seconds (None: as the
-    preset needs). tolerance: for experts, how far the grid of floating point channels may be from
-    the values. interpolation of the paper's knots. digest: write SHA-256 of the decoded tracks.
+    its quality in dB; None: 20 dB, but errors below the threshold are allowed. bits: the paper's
+    range-derived quantiser (0: no HF track). step: explicit step of the paper's residual.
+    cutoff_hz: the split frequency. cluster: seconds (None: as the preset needs). tolerance: for
+    experts, how far the grid of floating point channels may be from the values. interpolation of
+    the paper's knots. digest: write SHA-256 of the decoded tracks.
     vectors: "required" raises where channels of one group cannot be coded as one vector,
     "possible" codes them apart. references: channels that resemble each other may share a track,
     each predicted from those before it; one lost packet then takes all of them along, and to read
@@ -97,7 +98,7 @@ class Settings:
     felt: tuple[str, ...] | None = None
     texture: bool = True
     smallest: bool = True
-    snr: float = TEXTURE_DB
+    snr: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "k", share(self.k))
@@ -120,7 +121,7 @@ class Settings:
             raise ParameterError("give the bits or the step of the residual, not both")
         if not (isinstance(self.cutoff_hz, Real) and 0 < self.cutoff_hz < inf):
             raise ParameterError("the cutoff is a positive frequency")
-        if not (isinstance(self.snr, Real) and 0 < self.snr < inf):
+        if self.snr is not None and not (isinstance(self.snr, Real) and 0 < self.snr < inf):
             raise ParameterError("the quality of the texture is a positive number of dB")
         if self.cluster is not None and self.cluster <= 0:
             raise ParameterError("clusters have a positive length")

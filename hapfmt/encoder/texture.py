@@ -3,12 +3,16 @@
 The quality is the variance of the recorded signal above the split frequency over the mean squared
 error of all that is decoded, in dB (:func:`hapfmt.metrics.snr_hf_db`). Two ways are tried: the
 whole signal predicted on one uniform grid, and lines for the slow part with the rest predicted.
+
+Weber's fraction is a law of slow forces: a vibration far below it is felt. So only the absolute
+threshold decides whether there is a texture, and whether an error needs to be smaller.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from math import ceil, sqrt
 from typing import Any
 
@@ -62,6 +66,10 @@ class Felt:
     x: Doubles
     slow: Doubles
     allowed: Doubles
+    floor: float
+    power: float
+    """Of what lies above the split frequency."""
+
     mse: float
     """The largest mean squared error."""
 
@@ -79,12 +87,20 @@ class Felt:
         floor = promise.floor.absolute(extent, step, channel.unit) or 0.0
         allowed = np.maximum(float(promise.k) * np.abs(slow), floor)
         power = float((calm - slow).var())
-        return cls(x, slow, allowed, power / 10 ** (promise.snr / 10), source, cutoff_hz)
+        mse = power / 10 ** (promise.snr / 10)
+        return cls(x, slow, allowed, floor, power, mse, source, cutoff_hz)
 
     @property
     def silent(self) -> bool:
-        """Whether nothing above the split frequency exceeds the deadband."""
-        return bool((np.abs(self.x - self.slow) <= self.allowed).all())
+        """Whether what lies above the split frequency is below the absolute threshold, as root
+        mean square: the onsets of smooth contact, which the deadband keeps, are no texture."""
+        return self.power <= self.floor**2
+
+    @property
+    def fine(self) -> bool:
+        """Whether the quality asks for errors below the absolute threshold: those of a uniform
+        grid are spread evenly, so their mean square is a third of the largest one's."""
+        return self.mse <= self.floor**2 / 3
 
     def holds(self, y: Doubles) -> bool:
         """Whether decoded samples keep the quality, and their slow part the deadband."""
@@ -129,6 +145,10 @@ def encode_textured(
     assert alone
     if felt.silent:
         return alone, promise.kept_as.replace(quality, "no texture above the threshold")
+    if felt.fine and promise.enough:
+        unit = encode_bounded(source, base, replace(promise, k=Fraction(0)))
+        assert unit
+        return unit, promise.enough
     found = [alone] if felt.holds(decoded(alone)) else []
     smallest = min((unit.size for unit in found), default=None)
     ways: tuple[Callable[[int | None], Unit | None], ...] = (

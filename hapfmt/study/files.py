@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from ..errors import ParameterError
 
@@ -13,7 +13,7 @@ LARGEST = 1 << 32
 """Bytes of a recording. All of it is read into memory."""
 
 
-def open_regular(path: str | Path, largest: int = LARGEST) -> BinaryIO:
+def open_regular(path: str | Path, largest: int = LARGEST) -> BufferedReader:
     """Open for reading. A device, a pipe or a folder is refused; nothing waits for a pipe."""
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
     descriptor = os.open(path, flags | getattr(os, "O_BINARY", 0))
