@@ -106,9 +106,10 @@ def texture(recording: hapfmt.Recording, label: str) -> tuple[float, float, floa
     low, high = 1e-5 * extent, extent
     for _ in range(12):
         step = (low * high) ** 0.5
-        _, snr = coded(preset="paper", step=step, floor="0.2%", tolerance="0.005%")
+        _, snr = coded(preset="paper", step=step, floor="0.2%", tolerance="0.005%", smallest=False)
         low, high = (step, high) if snr > QUALITY_DB else (low, step)
-    return *ours, *coded(preset="paper", step=low, floor="0.2%", tolerance="0.005%")
+    knots = {"floor": "0.2%", "tolerance": "0.005%", "smallest": False}
+    return *ours, *coded(preset="paper", step=low, **knots)
 
 
 @click.command(help=__doc__)

@@ -1,16 +1,20 @@
-"""One opinion: which knots, which step, which codec. Nothing on the decode side comes here.
+"""Which knots, which step, which codec. Nothing on the decode side imports this package.
 
-Where things live, in the order of the work:
+Where things are, in the order of the work:
 
-* encode.py takes a recording to tracks and packets; settings.py is what the caller asks of it,
-  tolerance.py an amount of it, perception.py the defaults, auto.py is preset auto.
-* Doubles to counts: lattice.py finds the step, by rational.py, common_step.py and near.py; exact.py
-  (LPCX) and words.py (RAWB) take what is on no lattice.
+* settings.py: what the caller asks for; tolerance.py: amounts; perception.py: constants of touch.
+* plan.py makes a promise for each channel: a preset is a function from channel to promise.
+* gridded.py puts floating point channels on a grid that the promise allows. lattice.py searches
+  the step, by rational.py, common_step.py and near.py. exact.py (LPCX) and words.py (RAWB) store
+  what has no common step.
 * groups.py: axes of one vector. source.py: channels side by side, cut into packets. packed.py: a
-  track in the making. check.py: what the decoder makes of it.
-* unit.py codes a unit by presets default and paper: split.py, knots.py, codebook.py.
-* indexed.py codes it by those that keep a bound by construction: grids.py; predict.py, or quick.py
-  with --fast, for LPCR; tubed.py for knots (tube.py and sweep.py, vectors.py for several axes).
+  track in the making.
+* encode.py takes a recording to tracks, packets and decisions, and keeps the lossless form where a
+  lossy one is not smaller. check.py decodes the result and measures the largest errors.
+* bounded.py keeps a bound on every sample: grids.py; predict.py, or quick.py with --fast, for LPCR;
+  tubed.py for knots (tube.py and sweep.py, vectors.py for several axes).
+* texture.py keeps a texture to a stated quality: split.py.
+* unit.py is the paper's method: split.py, knots.py, codebook.py.
 * live.py: blocks as they arrive. live_plan.py is what is known before the first sample; channels
   are of the kinds of live_counts.py, live_deadband.py and live_exact.py; live_many.py packs many
   blocks in one call, live_knots.py those of knots.

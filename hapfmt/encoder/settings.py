@@ -124,7 +124,7 @@ class Settings:
         if self.snr is not None and not (isinstance(self.snr, Real) and 0 < self.snr < inf):
             raise ParameterError("the quality of the texture is a positive number of dB")
         if self.cluster is not None and self.cluster <= 0:
-            raise ParameterError("clusters have a positive length")
+            raise ParameterError("the cluster length must be positive")
 
     def _refuse_unused(self) -> None:
         for name in USED_BY:

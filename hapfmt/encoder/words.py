@@ -13,7 +13,7 @@ from .packed import Coded
 from .source import component_of
 from .unit import Unit
 
-WORDS_REASON = "no lattice, kept bit for bit"
+WORDS_REASON = "bit for bit: no common step"
 
 PROBES, PROBED = 4, 2048
 """Packets, and samples in the middle of each, that tell how large words become: DEFLATE takes 70 %
