@@ -84,17 +84,17 @@ def doubles(seed: int) -> hapfmt.Recording:
 
 
 PRESETS: dict[str, tuple[Any, dict[str, Any]]] = {
-    "default": (plain, {}),
-    "default lossless": (plain, {"preset": "paper", "step": "1lsb"}),
-    "default vectors": (vectors, {}),
+    "default": (plain, {"preset": "paper", "step": "0.2%", "smallest": False}),
+    "default lossless": (plain, {"preset": "paper", "step": "1lsb", "smallest": False}),
+    "default vectors": (vectors, {"preset": "paper", "smallest": False}),
     "paper": (plain, {"preset": "paper", "bits": 5}),
-    "deadband": (vectors, {"preset": "deadband"}),
-    "archive": (plain, {"preset": "archive"}),
-    "archive alike": (alike, {"preset": "archive"}),
-    "archive fast": (plain, {"preset": "archive", "fast": True}),
-    "archive doubles": (doubles, {"preset": "archive"}),
-    "default doubles": (doubles, {}),
-    "auto doubles": (doubles, {"preset": "auto"}),
+    "deadband": (vectors, {"preset": "perceptual", "texture": False, "felt": "all"}),
+    "archive": (plain, {"preset": "lossless"}),
+    "archive alike": (alike, {"preset": "lossless"}),
+    "archive fast": (plain, {"preset": "lossless", "fast": True}),
+    "archive doubles": (doubles, {"preset": "lossless"}),
+    "default doubles": (doubles, {"preset": "near-lossless"}),
+    "auto doubles": (doubles, {"preset": "perceptual", "texture": False}),
 }
 
 

@@ -12,7 +12,7 @@ import hapfmt
 from hapfmt import Settings
 from hapfmt.replay.profile.model import Actuator, Profile, Timing
 
-ARCHIVE = Settings.of("archive")
+ARCHIVE = Settings()
 SHAPES = {"full": "bounded", "lf": "linear", "hf": "band-limited"}
 
 

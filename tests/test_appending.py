@@ -137,7 +137,7 @@ class TestClosedFiles:
         heads = [c.payload for c in chunks(path.read_bytes()) if c.header.type == "HEAD"]
         assert heads == [head, head]
 
-    @pytest.mark.parametrize("preset", ["default", "paper", "deadband", "archive", "auto"])
+    @pytest.mark.parametrize("preset", ["lossless", "near-lossless", "perceptual", "paper"])
     def test_of_any_preset(self, tmp_path: Path, preset: str):
         path = tmp_path / "a"
         hapfmt.write(
@@ -159,7 +159,7 @@ class TestClosedFiles:
 
     def test_a_digest_stays_true_of_the_packets_before_it(self, tmp_path: Path):
         path = tmp_path / "a"
-        hapfmt.write(simulate("sand", 2.0), path, Settings(preset="archive", digest=True))
+        hapfmt.write(simulate("sand", 2.0), path, Settings(digest=True))
         with open_append(path) as more:
             id_, end = next(iter(more.ends().items()))
             old = hapfmt.Reader(path)

@@ -55,24 +55,12 @@ def test_hapf_says_what_was_computed(tmp_path):
     }  # fmt: skip
 
 
-def test_no_hf_track_where_nothing_is_textured(tmp_path):
-    for name, hf in (("sand", 1), ("free", 0)):
-        got = told(run("scene", name, f"{name}.hapf", "--seconds", 1, "--json", cwd=tmp_path))
-        assert got["hf_channel_count"] == hf, name
-    got = told(
-        run(
-            "scene",
-            "sand",
-            "f.hapf",
-            "--seconds",
-            1,
-            "--without",
-            "texture",
-            "--json",
-            cwd=tmp_path,
-        )
-    )
-    assert got["hf_channel_count"] == 0 and got["preset"] == "auto"
+def test_the_preset_of_a_file(tmp_path):
+    for given, preset in (((), "lossless"), (("--preset", "perceptual"), "perceptual")):
+        name = f"{preset}.hapf"
+        got = told(run("scene", "sand", name, "--seconds", 1, *given, "--json", cwd=tmp_path))
+        assert got["preset"] == preset
+        assert hapfmt.read(tmp_path / name).metadata["encoder"].endswith(f": {preset}")
 
 
 def test_the_same_again(tmp_path):

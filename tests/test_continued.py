@@ -176,8 +176,8 @@ def whole_of(*recordings):
 class TestContracts:
     A, B = two_channels(0, 2000, 1), two_channels(2500, 1500, 2)
     SETTINGS = (
-        hapfmt.Settings(preset="default"),
-        hapfmt.Settings(preset="archive"),
+        hapfmt.Settings(preset="paper", smallest=False),
+        hapfmt.Settings(),
     )
 
     @pytest.fixture
@@ -220,7 +220,7 @@ class TestContracts:
         counts = np.rint(exact * 1000).astype(np.int64)
         first = Channel(stored=counts, coverage=(Span(0, 300),), exact=exact, **shared)
         second = Channel(stored=counts, coverage=(Span(300, 600),), **shared)
-        lossless = hapfmt.Settings(preset="archive")
+        lossless = hapfmt.Settings()
         data = joined(Recording((first,)), Recording((second,)), settings=(lossless, lossless))
         (channel,) = hapfmt.read(data).channels
         assert channel.exact is not None

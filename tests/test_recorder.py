@@ -234,7 +234,7 @@ def test_refusals():
         ({"append": True}, "cannot be appended"),
         ({"queue_size": 0}, "a byte"),
         ({"settings": Settings.of("archive", digest=True)}, "whole tracks"),
-        ({"settings": Settings()}, "needs the whole recording"),
+        ({"settings": Settings.of("perceptual")}, "needs the whole recording"),
         ({"epoch_ns": 1 << 70}, "epoch"),
         ({"metadata": {"a": float("nan")}}, "JSON"),
     ]:
@@ -650,7 +650,7 @@ def test_metadata_that_changes_is_written_at_the_end(tmp_path):
             assert reader.metadata["a"] == 1
         recorder.metadata["b"] = [2]
     assert hapfmt.read(path).metadata == {
-        "a": 1, "b": [2], "notes": ["mine"], "encoder": f"hapfmt {hapfmt.__version__}: archive --cluster 1"
+        "a": 1, "b": [2], "notes": ["mine"], "encoder": f"hapfmt {hapfmt.__version__}: lossless --cluster 1"
     }  # fmt: skip
     assert chunk_count(path, "mETa") == 2
 
@@ -670,7 +670,7 @@ def test_presets(tmp_path, chosen):
         recorder.write("force", walk)
     assert hapfmt.verify(tmp_path / "a.hapf").verdict == "intact"
     found = hapfmt.read(tmp_path / "a.hapf").channels[0].stored
-    allowed = {"near-lossless": 2, "archive": 0}.get(chosen.preset)
+    allowed = {"near-lossless": 2, "lossless": 0}.get(chosen.preset)
     if allowed is not None:
         assert np.abs(found - walk).max() <= allowed
 

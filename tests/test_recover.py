@@ -63,7 +63,9 @@ def test_an_intact_file_comes_back_the_same():
         (channel,), epoch_ns=5, metadata={"who": "me"}, attachments={"a": ("text/plain", b"b")}
     )
     out = io.BytesIO()
-    hapfmt.write(recording, out, hapfmt.Settings.of("default", digest=True), canonical=3)
+    hapfmt.write(
+        recording, out, hapfmt.Settings.of("paper", digest=True, smallest=False), canonical=3
+    )
     data, done = recovered(out.getvalue())
     assert (done.exit_code, done.findings, done.lost) == (0, [], [])
     assert (done.packets, done.digests) == (len(packets(data)), 2)

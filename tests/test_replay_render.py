@@ -21,7 +21,7 @@ from hapfmt.replay.render import Assignment, Position, Renderer, Route, assign
 
 MILLI = Calibration(1, 0, 1000)
 ALL = {"N": 1.0, "1": 1.0, "m/s2": 1.0, "{raw(0-255)}": 1.0}
-SPLIT = Settings(k=Fraction(1, 10), bits=8, cluster=Fraction(1))
+SPLIT = Settings.of("paper", k=Fraction(1, 10), bits=8, cluster=Fraction(1), smallest=False)
 
 
 def ramp(ticks=5000, rate=1000, **described):

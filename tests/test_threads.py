@@ -21,7 +21,7 @@ from hapfmt.encoder import encode as encoding
 from hapfmt.threads import Stopped, check_stopped, in_order, thread_count
 
 COUNTS = [1, 2, 3, 7]
-PRESETS = ["default", "auto", "deadband", "archive"]
+PRESETS = ["lossless", "near-lossless", "perceptual", "paper"]
 
 
 def recording(size: int = 3000) -> Recording:
@@ -137,12 +137,12 @@ def test_a_damaged_file_is_read_the_same_way():
 def test_encoding_raises_the_first_error(threads, monkeypatch):
     usual = encoding.encode_unit
 
-    def broken(channels, original, first_channel, plan, cluster):
+    def broken(members, first_channel, job):
         if first_channel == 1:
             time.sleep(0.02)
         if first_channel in (1, 2):
             raise ParameterError(f"channel {first_channel}")
-        return usual(channels, original, first_channel, plan, cluster)
+        return usual(members, first_channel, job)
 
     monkeypatch.setattr(encoding, "encode_unit", broken)
     with pytest.raises(ParameterError, match="channel 1"):

@@ -33,8 +33,11 @@ def largest_errors(
     """Of each channel the largest distance of a decoded sample from the recorded one, in its
     unit. AssertionError where a guaranteed contract is broken."""
     if unit.exact:
-        return [c.deviation.largest if c.deviation else 0.0 for c in members]
-    recorded = [channel.samples() for channel in originals]
+        # Counts that came as counts came back; of others the grid is all that was lost.
+        return [
+            0.0 if original.is_counts or member.deviation is None else member.deviation.largest
+            for member, original in zip(members, originals, strict=True)
+        ]
     calibrations = [
         Calibration(c.calibration.a, c.calibration.b, c.calibration.d)
         for c in unit.base.track.components
@@ -42,15 +45,23 @@ def largest_errors(
     contract, band = (unit.residual or unit.base).track.contract, None
     if contract and contract.guaranteed:
         band = Deadband(contract.kn, contract.kd, contract.floor, contract.zero, contract.vector)
-    counts = np.column_stack([channel.stored.astype(np.int64) for channel in members])
     errors = [0.0] * len(members)
     at = 0
     for piece in decoded_pieces(unit):
         rows = slice(at, at + len(piece))
         at += len(piece)
-        if band is not None and band.outside(counts[rows], piece).any():
-            raise AssertionError("an encoder that guarantees a bound left it")
-        for place, (x, calibration) in enumerate(zip(recorded, calibrations, strict=True)):
-            away = np.abs(x[rows] - calibration.physical(piece[:, place]))
+        if band is not None:
+            counts = np.column_stack([channel.stored[rows] for channel in members])
+            if band.outside(counts.astype(np.int64), piece).any():
+                raise AssertionError("an encoder that guarantees a bound left it")
+        for place, (original, calibration) in enumerate(zip(originals, calibrations, strict=True)):
+            away = np.abs(recorded(original, rows) - calibration.physical(piece[:, place]))
             errors[place] = max(errors[place], float(away.max(initial=0.0)))
     return errors
+
+
+def recorded(channel: Channel, rows: slice) -> NDArray[np.float64]:
+    """Some samples of a channel in its unit."""
+    if channel.calibration is not None:
+        return channel.calibration.physical(channel.stored[rows])
+    return np.asarray(channel.stored[rows], np.float64)

@@ -51,9 +51,11 @@ JOINED_TICKS = 1 << 19
 """Of a constant packet with one component, at most: eight of them fill a cluster of level 1."""
 
 
-ROW, CONTRACT, DEVIATION, DESCRIPTION = 12, 96, 96, 128
+ROW, CONTRACT, DEVIATION, DESCRIPTION, METADATA = 12, 20, 24, 80, 96
 """Bytes that a packet, a contract, the deviation of a grid, and a track of its own take in a file
 beside the packets; a lossy form that saves less is not worth the loss."""
+
+SMALLER = "smaller than a lossy form"
 
 SMALL = 1 << 16
 """Samples of a recording whose lossless form is always tried beside a lossy one; of longer ones
@@ -267,7 +269,20 @@ def with_lossless(parts: list[Part], job: Job, recorded: list[Channel]) -> list[
         if stop > at:
             rivals += encode_parts(lossless, parts[at].first, parts[stop - 1].stop)
         at = stop + 1
+    asked = [each.promise for part in parts for each in part.members]
+    rivals = [in_place(part, asked) for part in rivals]
+    if small and total_cost(rivals) <= total_cost(parts) + METADATA:
+        return rivals
     return list(smaller(parts, rivals))
+
+
+def in_place(part: Part, asked: list[Promise]) -> Part:
+    """A lossless part with the reason why it takes the place of what was asked for."""
+    members = [
+        replace(each, promise=promise if promise.lossless else Promise(why=SMALLER))
+        for each, promise in zip(part.members, asked[part.first : part.stop], strict=True)
+    ]
+    return replace(part, unit=replace(part.unit, instead=True), members=members)
 
 
 def may_lose(part: Part) -> bool:
@@ -282,6 +297,10 @@ def cost(unit: Unit) -> int:
     packets = len(unit.base.packets) + (len(unit.residual.packets) if unit.residual else 0)
     described = CONTRACT * (not unit.exact) + DEVIATION * any(c.deviation for c in unit.channels)
     return unit.size + ROW * packets + described + DESCRIPTION * (unit.residual is not None)
+
+
+def total_cost(parts: list[Part]) -> int:
+    return sum(cost(part.unit) for part in parts)
 
 
 def smaller(parts: list[Part], rivals: list[Part]) -> Iterator[Part]:
@@ -301,11 +320,10 @@ def smaller(parts: list[Part], rivals: list[Part]) -> Iterator[Part]:
             else:
                 theirs.append(rivals[place])
                 place += 1
-        if sum(cost(part.unit) for part in theirs) > sum(cost(part.unit) for part in ours):
+        if total_cost(theirs) > total_cost(ours):
             yield from ours
             continue
-        for part in theirs:
-            yield replace(part, unit=replace(part.unit, instead=True))
+        yield from theirs
 
 
 def decide(
@@ -327,10 +345,7 @@ def decide(
         reason, size = shares[place]
         given = recording.channels[number]
         kept_as = unit.kept_as or each.promise.kept_as
-        whys = [
-            "smaller than a lossy form" if unit.instead else each.promise.why,
-            "" if unit.instead else notes[place],
-        ]
+        whys = [each.promise.why, "" if unit.instead else notes[place]]
         why = ", ".join(why for why in whys if why and why != reason)
         yield Decision(
             channel=number,

@@ -17,6 +17,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from ..contract import nearest_counts
 from ..errors import ParameterError
 from ..limits import EXACT_LIMIT, SINGLE_MAX
 from ..recording import Calibration, Channel, Deviation
@@ -134,6 +135,8 @@ def to_counts(channel: Channel, tolerance: Tolerance | None = None) -> tuple[Cha
             return channel, f"stored as {channel.stored.dtype}: {snapped}"
         found, declared = snapped
         if not found.exact:
+            # Of large values the search rounds products; a verifier takes the nearest count.
+            found = replace(found, counts=nearest_counts(x, found.calibration))
             deviation = Deviation(declared, found.largest_deviation)
     counts = found.counts.astype(np.int32)  # COUNT_BITS
     changed = replace(channel, stored=counts, calibration=found.calibration, deviation=deviation)
@@ -159,7 +162,7 @@ def on_uniform_grid(channel: Channel, error: float) -> tuple[Channel, str] | Non
     lattice = _lattice(x, u, placed, f"rounded by {largest:.3g} at most to {how}")
     deviation = Deviation(error, largest)
     changed = replace(
-        channel, stored=lattice.counts.astype(np.int32), calibration=calibration,
+        channel, stored=nearest_counts(x, calibration).astype(np.int32), calibration=calibration,
         deviation=deviation,
     )  # fmt: skip
     return changed, lattice.reason

@@ -94,8 +94,10 @@ def promise_of(channel: Channel, settings: Settings, *, felt: bool | None = None
         return paper_promise(channel, settings)
     if settings.preset == "near-lossless":
         return bound_promise(settings)
+    if settings.felt == ALL:
+        return felt_promise(channel, settings)
     x = channel.samples()
-    kept = "" if settings.felt == ALL else exact_kind(channel, x)
+    kept = exact_kind(channel, x)
     if kept:
         return Promise(why=kept)
     quantity = quantity_of(channel)

@@ -51,7 +51,7 @@ HALVINGS = 12
 FINER = 32
 """A step is made of so many counts at least, so that whole counts lose little of it."""
 
-NARROWER, TRIES = 0.8, 8
+NARROWER, TRIES = 0.8, 16
 """A step is made so much narrower, and at most so many times, until the slow part holds."""
 
 

@@ -113,14 +113,14 @@ def recording() -> Recording:
     )  # fmt: skip
 
 
-WAYS = {
-    "default": {"k": 0.1, "floor": "2lsb"},
-    "paper": {"k": 0.1, "floor": "2lsb", "bits": 4},
-    "deadband": {"k": 0.1, "floor": "2lsb"},
-    "archive": {},
-    "near-lossless": {"max_error": "1lsb"},
-    "auto": {},
-}
+WAYS = (
+    {"preset": "lossless"},
+    {"preset": "near-lossless", "max_error": "1lsb"},
+    {"preset": "perceptual", "k": 0.1, "floor": "2lsb"},
+    {"preset": "perceptual", "k": 0.1, "floor": "2lsb", "texture": False, "felt": "all"},
+    {"preset": "paper", "k": 0.1, "floor": "2lsb", "bits": 4},
+    {"preset": "paper", "k": 0.1, "floor": "2lsb", "step": "3lsb"},
+)
 
 
 def written(what: Recording, settings: Settings) -> bytes:
@@ -153,11 +153,12 @@ def of_file() -> Iterable[bytes]:
         ("cMAp", f.clock_map([(0, 0), (1000, 10**9)])),
         duration_ns=8_000_000,
     )
-    for preset, given in WAYS.items():
-        yield written(recording(), Settings.of(preset, cluster=Fraction(3, 100), **given))
+    for given in WAYS:
+        settings = Settings.of(cluster=Fraction(3, 100), smallest=False, **given)
+        yield written(recording(), settings)
     alone = recording().channels
     for number in (0, 3, 4):
-        yield written(Recording(alone[number : number + 1]), Settings.of("archive", fast=True))
+        yield written(Recording(alone[number : number + 1]), Settings(fast=True))
 
 
 FILES = [Target("file", file, of_file, mend_file, 1 << 12)]

@@ -1,0 +1,374 @@
+"""What each preset promises, and that no lossy form is larger than the lossless one."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import recordings
+
+import hapfmt
+from hapfmt import Calibration, Channel, ParameterError, Recording, Settings
+from hapfmt.cli.encode import encode as encode_command
+from hapfmt.encoder.encode import Decision
+from hapfmt.encoder.plan import few_values, is_clock, promise_of, quantity_of
+from hapfmt.encoder.settings import ALIASES, PRESETS, alias_note
+from hapfmt.metrics import snr_hf_db
+from hapfmt.recording import Span
+
+DATA = Path(__file__).parents[2] / "shared" / "data"
+T = np.arange(4000) / 1000
+NOISE = np.random.default_rng(5).normal(size=T.size)
+PUSH = 3 * np.sin(T) ** 2
+MILLI = Calibration(1, 0, 1000)
+PERCEPTUAL = Settings.of("perceptual")
+NO_TEXTURE = Settings.of("perceptual", texture=False)
+LOSSY = [
+    {"preset": "near-lossless"},
+    {"preset": "near-lossless", "max_error": "1%"},
+    {"preset": "near-lossless", "max_error": "3lsb"},
+    {"preset": "perceptual"},
+    {"preset": "perceptual", "texture": False},
+    {"preset": "perceptual", "texture": False, "felt": "all"},
+    {"preset": "perceptual", "felt": "all", "snr": 50},
+    {"preset": "paper"},
+    {"preset": "paper", "bits": 16},
+]
+
+
+def counted(x: np.ndarray, unit: str = "1", **described: object) -> Channel:
+    """Thousandths of a unit."""
+    return Channel(
+        np.rint(x * 1000).astype(np.int32), Fraction(1000), calibration=MILLI, unit=unit,
+        **described,
+    )  # fmt: skip
+
+
+def doubles(x: np.ndarray, unit: str = "1", **described: object) -> Channel:
+    return Channel.from_physical(x, 1000, unit=unit, **described)
+
+
+def decided(channel: Channel, settings: Settings = PERCEPTUAL) -> tuple[Decision, Channel]:
+    """The decision, and the channel as it comes back, verified."""
+    recording, stream = Recording((channel,)), io.BytesIO()
+    summary = hapfmt.write(recording, stream, settings, canonical=1)
+    report = hapfmt.verify(stream.getvalue(), against=recording)
+    assert report.verdict == "intact"
+    back = hapfmt.read(stream.getvalue()).channels[0]
+    return summary.decisions[0], back
+
+
+def size_of(recording: Recording, settings: Settings) -> int:
+    return hapfmt.write(recording, io.BytesIO(), settings, canonical=1).file_size
+
+
+class TestNames:
+    def test_lossless_unless_told(self):
+        assert Settings().preset == Settings.of().preset == PRESETS[0] == "lossless"
+        channel = doubles(NOISE, "N")
+        decision, back = decided(channel, Settings())
+        assert decision.kept_as == "lossless" and decision.largest_error == 0.0
+        assert back.samples().tobytes() == channel.samples().tobytes()
+
+    @pytest.mark.parametrize("old", sorted(ALIASES))
+    def test_old_names_are_aliases_with_a_note(self, old, tmp_path):
+        name, implied = ALIASES[old]
+        assert Settings.of(old) == Settings.of(name, **implied)
+        assert alias_note(old).startswith(f"preset {old} is now called {name}")
+        hapfmt.save(Recording((counted(PUSH, "N"),)), tmp_path / "a.npz")
+        paths = [str(tmp_path / "a.npz"), str(tmp_path / "a.hapf")]
+        done = CliRunner().invoke(encode_command, [*paths, "--preset", old])
+        assert done.exit_code == 0 and alias_note(old) in done.stderr
+
+    @pytest.mark.parametrize(
+        ("preset", "given", "words"),
+        [
+            ("lossless", {"max_error": "1lsb"}, "--max-error requires preset near-lossless or"),
+            ("lossless", {"k": "10%"}, "--k requires preset perceptual or paper"),
+            ("lossless", {"tolerance": "1%"}, "--tolerance requires"),
+            ("near-lossless", {"floor": 1}, "--floor requires preset perceptual or paper"),
+            ("near-lossless", {"snr": 20.0}, "--snr requires preset perceptual"),
+            ("perceptual", {"bits": 5}, "--bits requires preset paper"),
+            ("perceptual", {"step": "1lsb"}, "--step requires preset paper"),
+            ("perceptual", {"fast": True}, "--fast requires preset lossless"),
+            ("paper", {"texture": False}, "--no-texture requires preset perceptual"),
+            ("paper", {"felt": "all"}, "--felt requires preset perceptual"),
+            ("paper", {"references": False}, "--no-references requires"),
+            ("perceptual", {"vectors": "required"}, "--vector requires --no-texture"),
+        ],
+    )
+    def test_options_that_a_preset_does_not_use_are_refused(self, preset, given, words):
+        with pytest.raises(ParameterError, match=words):
+            Settings.of(preset, **given)
+
+    def test_percent_and_units(self):
+        settings = Settings.of("perceptual", k="8%", floor="10mN")
+        assert settings.k == Fraction(8, 100)
+        assert settings.describe() == "perceptual --k 2/25 --floor 10.0mN"
+        quiet, _ = decided(counted(0.009 * np.sin(40 * T), "N"), settings)
+        assert "silent: nothing above 0.01 N" in quiet.reason
+        with pytest.raises(ParameterError, match="does not fit a channel in m"):
+            decided(counted(PUSH + NOISE, "m"), Settings.of("near-lossless", max_error="10mN"))
+
+
+class TestLossless:
+    """What preset perceptual keeps to the last bit."""
+
+    CASES: ClassVar = {
+        "constant": (counted(T * 0 + 2, "N"), "constant"),
+        "no samples": (counted(T[:0], "N"), "no samples"),
+        "clock by unit": (counted(T, "s"), "a clock"),
+        "clock by quantity": (counted(PUSH, "1", quantity="time"), "a clock"),
+        "clock by name": (counted(PUSH, "1", label="frame_index"), "a clock or counter by its name"),
+        "counter": (counted(T), "only rises or only falls: a clock or counter"),
+        "counter down": (counted(-T), "only rises or only falls: a clock or counter"),
+        "states": (counted(np.floor(T) % 3), "distinct values: states"),
+        "infinite": (doubles(np.where(T > 1, np.inf, NOISE), "N"), "infinite samples"),
+    }  # fmt: skip
+
+    @pytest.mark.parametrize("name", CASES)
+    def test_kept(self, name):
+        channel, reason = self.CASES[name]
+        decision, back = decided(channel)
+        assert decision.kept_as == "lossless" and decision.largest_error == 0.0
+        assert reason in decision.reason
+        assert back.samples().tobytes() == channel.samples().tobytes()
+
+    def test_clocks_and_states(self):
+        assert is_clock(np.arange(16.0))
+        assert not is_clock(np.arange(15.0))
+        assert not is_clock(np.repeat(np.arange(10.0), 3))
+        assert not is_clock(np.append(np.arange(16.0), 3))
+        assert not is_clock(np.array([1e308, -1e308] * 8))
+        assert few_values(np.array([1.0, 2, 3, 4, 4, 1]))
+        assert not few_values(np.array([1.0, 2, 3, 4, 5]))
+
+    def test_what_is_named_goes_before_the_unit(self):
+        assert quantity_of(counted(PUSH, "V", quantity="Force")) == "force"
+        assert quantity_of(counted(PUSH, "N", quantity="normal force")) == "force"
+        assert quantity_of(counted(PUSH, "1", quantity="bend")) == "bend"
+        assert quantity_of(counted(PUSH)) == ""
+
+
+class TestNearLossless:
+    @pytest.mark.parametrize("share", [1e-5, 1e-3, 1e-2, 0.3])
+    @pytest.mark.parametrize("kind", ["doubles", "float32", "near a lattice", "counts", "far"])
+    def test_the_bound_holds_for_the_doubles_without_any_other_option(self, kind, share):
+        x = PUSH + 0.1 * NOISE
+        channel = {
+            "doubles": doubles(x, "m"),
+            "float32": replace(doubles(x, "m"), stored=x.astype(np.float32)),
+            "near a lattice": doubles(np.rint(x * 999) / 999 * (1 + 1e-13), "m"),
+            "counts": counted(x, "m"),
+            "far": doubles(x + 1e9, "m"),
+        }[kind]
+        settings = Settings.of("near-lossless", max_error=f"{100 * share:g}%", smallest=False)
+        decision, back = decided(channel, settings)
+        x = channel.samples()
+        error = np.abs(x - back.samples()).max()
+        assert error <= share * np.ptp(x) * (1 + 1e-9)
+        assert decision.largest_error == pytest.approx(error, rel=1e-9, abs=1e-300)
+        assert decision.kept_as == f"within {100 * share:g} % of range"
+        assert decision.original_bits == 8 * channel.stored.itemsize and decision.unit == "m"
+
+    def test_most_of_the_bound_is_used(self):
+        """A grid that takes a share of the error for itself would leave less to the quantiser."""
+        decision, _ = decided(doubles(NOISE, "m"), Settings.of("near-lossless"))
+        assert decision.largest_error > 0.99 * 0.001 * np.ptp(NOISE)
+        assert decision.size < 8 * NOISE.size / 6
+
+    @pytest.mark.parametrize("odd", [-0.0, 5e-324, 1e3])
+    def test_an_odd_value_does_not_change_the_mode(self, odd):
+        """-0.0 has no count, and once turned the bound off for its whole channel."""
+        x = PUSH + 0.1 * NOISE
+        x[77] = odd
+        usual, _ = decided(doubles(PUSH + 0.1 * NOISE, "N"), Settings.of("near-lossless"))
+        decision, back = decided(doubles(x, "N"), Settings.of("near-lossless"))
+        assert decision.kept_as == usual.kept_as
+        assert decision.size < 1.1 * usual.size
+        assert np.abs(back.samples() - x).max() <= decision.largest_error <= 0.0041
+        for settings in (PERCEPTUAL, NO_TEXTURE):
+            felt, _ = decided(doubles(x, "N"), settings)
+            assert felt.kept_as.startswith("deadband 10 %")
+
+    def test_a_few_infinite_samples_become_gaps(self):
+        x = PUSH + 0.1 * NOISE
+        x[[50, 51, 900]] = np.inf, -np.inf, np.inf
+        stream, channel = io.BytesIO(), doubles(x, "N")
+        settings = Settings.of("near-lossless")
+        (decision,) = hapfmt.write(Recording((channel,)), stream, settings).decisions
+        assert decision.kept_as == "within 0.1 % of range"
+        assert "3 infinite samples became gaps" in decision.reason
+        back = hapfmt.read(stream.getvalue()).channels[0]
+        assert back.coverage == (Span(0, 50), Span(52, 900), Span(901, 4000))
+
+    def test_an_amount_in_steps_needs_a_step(self):
+        decision, _ = decided(doubles(NOISE, "N"), Settings.of("near-lossless", max_error="1lsb"))
+        assert decision.kept_as == "lossless" and "no step is known" in decision.reason
+        known = doubles(NOISE, "N", lsb=0.01)
+        decision, _ = decided(known, Settings.of("near-lossless", max_error="1lsb"))
+        assert 0.009 < decision.largest_error <= 0.01
+
+
+class TestPerceptual:
+    @pytest.mark.parametrize(
+        ("unit", "k"),
+        [("N", 0.1), ("N.m", 0.1), ("kPa", 0.1), ("m/s2", 0.1), ("m/s", 0.08), ("deg/s", 0.08)],
+    )
+    def test_felt_quantities_keep_the_deadband(self, unit, k):
+        channel = doubles(PUSH + 0.2 * NOISE, unit)
+        decision, back = decided(channel, NO_TEXTURE)
+        assert decision.kept_as == f"deadband {100 * k:g} %"
+        x, y = channel.samples(), back.samples()
+        assert (np.abs(x - y) <= np.maximum(k * np.abs(x), 0.002 * np.ptp(x))).all()
+        assert np.abs(x - y).max() > 0.01 * np.ptp(x)
+
+    @pytest.mark.parametrize("unit", ["rad", "mm", "Cel", "V", "mA", "{count}", "1", "Hz"])
+    def test_no_weber_fraction_where_zero_is_arbitrary(self, unit):
+        channel = counted(PUSH + 0.2 * NOISE, unit)
+        decision, back = decided(channel)
+        assert decision.kept_as == "within 0.1 % of range"
+        assert "absolute error bound only" in decision.reason
+        x = channel.samples()
+        assert 0 < np.abs(x - back.samples()).max() <= 0.001 * np.ptp(x) + 1e-9
+
+    def test_unless_the_caller_calls_it_felt(self):
+        channel = counted(PUSH + 0.2 * NOISE, "V", label="load cell")
+        for felt in ("load cell", "0", "all"):
+            given = Settings.of("perceptual", felt=felt, texture=False)
+            assert decided(channel, given)[0].kept_as == "deadband 10 %"
+        with pytest.raises(ParameterError, match="no channel is called 'ring'"):
+            decided(channel, Settings.of("perceptual", felt="ring"))
+
+    @pytest.mark.parametrize("snr", [10, 20, 35])
+    @pytest.mark.parametrize("make", [doubles, counted])
+    def test_texture_has_its_quality(self, make, snr):
+        """The SNR is that of hapfmt.metrics; the slow part keeps the deadband."""
+        channel = make(PUSH + 2 + 0.2 * NOISE, "N")
+        decision, back = decided(channel, Settings.of("perceptual", snr=snr, smallest=False))
+        assert decision.kept_as == f"deadband 10 %, texture {snr} dB"
+        x, y = channel.samples(), back.samples()
+        assert snr <= snr_hf_db(x, y, 1000.0) < snr + 1
+        from hapfmt.encoder.split import slow_for_telling
+
+        slow, error = (slow_for_telling(each[:, None], 1000.0)[:, 0] for each in (x, y - x))
+        assert (np.abs(error) <= np.maximum(0.1 * np.abs(slow), 0.002 * np.ptp(x)) * 1.01).all()
+
+    def test_no_filter_reaches_over_a_gap(self):
+        """A gap is no signal: before and after it the texture is measured by itself."""
+        x = np.where(T < 2, 1.0, 5.0) + 0.05 * NOISE
+        whole = Channel.from_physical(x, 1000, unit="N")
+        gap = replace(whole, coverage=(Span(0, 2000), Span(9000, 11000)))
+        settings = Settings.of("perceptual", smallest=False)
+        apart, _ = decided(gap, settings)
+        joined, _ = decided(whole, settings)
+        # The jump is texture where nothing parts it, and a coarser step is enough there.
+        assert apart.largest_error < 0.75 * joined.largest_error
+
+    def test_nothing_above_the_threshold_is_no_texture(self):
+        decision, _ = decided(doubles(PUSH + 1 + 0.0004 * NOISE, "N"))
+        assert decision.kept_as == "deadband 10 %, no texture above the threshold"
+        assert decision.chosen == "knots"
+
+    def test_silence(self):
+        decision, _ = decided(counted(0.003 * NOISE.clip(-3, 3), "N"))
+        assert "silent: nothing above 0.01 N" in decision.reason and decision.size < 20
+        assert "silent" not in decided(counted(0.003 * NOISE.clip(-3, 3), "m"))[0].reason
+
+    def test_vectors_where_they_are_asked_for(self):
+        axes = [counted(PUSH + NOISE, "N", axis=a, group="tip", label=a) for a in "xyz"]
+        recording, stream = Recording(tuple(axes)), io.BytesIO()
+        assert [
+            d.axis_count for d in hapfmt.write(recording, io.BytesIO(), NO_TEXTURE).decisions
+        ] == [1, 1, 1]
+        required = replace(NO_TEXTURE, vectors="required", smallest=False)
+        summary = hapfmt.write(recording, stream, required, canonical=1)
+        assert [d.axis_count for d in summary.decisions] == [3, 3, 3]
+        assert summary.decisions[0].kept_as == "deadband 10 % of the vector"
+        report = hapfmt.verify(stream.getvalue(), against=recording)
+        assert not any(check.broken for check in report.contracts)
+
+
+class TestPaper:
+    def test_the_threshold_of_10_mn_is_for_forces(self):
+        """A position of 10 mm in metres was wrong by a quarter of a millimetre, whatever b is."""
+        settings = Settings.of("paper", bits=8, smallest=False)
+        assert promise_of(counted(PUSH, "mN"), settings).floor.value == 10
+        x = 0.01 * np.sin(7 * T)
+        decision, _ = decided(doubles(x, "m"), settings)
+        assert "the paper's 10 mN is for forces only" in decision.reason
+        assert decision.largest_error < 0.002 * np.ptp(x)
+
+    @pytest.mark.parametrize("bits", [8, 10, 12])
+    def test_a_step_of_few_counts_is_not_rounded_up(self, bits):
+        """Rounding 1.1 counts up to 2 lost 5 dB."""
+        x = np.rint(30 * NOISE + 500 * PUSH) / 1000
+        settings = Settings.of("paper", bits=bits, smallest=False, floor=0.05)
+        _, back = decided(counted(x, "N"), settings)
+        residual = x - hapfmt_slow(x, settings)
+        step = np.abs(residual).max() / (2 ** (bits - 1) - 1)
+        rms = float(np.sqrt(((x - back.samples()) ** 2).mean()))
+        assert 20 * np.log10(rms / (step / 12**0.5)) < 0.7
+
+
+def hapfmt_slow(x: np.ndarray, settings: Settings) -> np.ndarray:
+    """The decoded slow part of a channel of counts."""
+    stream = io.BytesIO()
+    hapfmt.write(Recording((counted(x, "N"),)), stream, settings)
+    return hapfmt.read(stream.getvalue(), band="lf").channels[0].samples()
+
+
+class TestLaw:
+    """No lossy output is larger than the lossless one."""
+
+    @given(recordings(), st.sampled_from(LOSSY), st.sampled_from(["N", "m", "s", "m/s2", "1"]))
+    def test_any_recording(self, recording, asked, unit):
+        channels = tuple(replace(channel, unit=unit) for channel in recording.channels)
+        recording = replace(recording, channels=channels)
+        assert size_of(recording, Settings.of(**asked)) <= size_of(recording, Settings())
+
+    @given(
+        st.integers(0, 2**32),
+        st.sampled_from([3, 40, 900, 5000]),
+        st.sampled_from([1, 3]),
+        st.sampled_from(["noise", "walk", "sine", "same", "steps"]),
+        st.sampled_from(LOSSY),
+    )
+    def test_any_signal(self, seed, size, count, shape, asked):
+        rng = np.random.default_rng(seed)
+        base = rng.normal(size=size)
+        made = {
+            "noise": lambda: rng.normal(size=size),
+            "walk": lambda: rng.normal(size=size).cumsum(),
+            "sine": lambda: np.sin(np.arange(size) * rng.uniform(0.01, 1)),
+            "same": lambda: base,
+            "steps": lambda: np.round(rng.normal(size=size).cumsum() / 5),
+        }[shape]
+        make = counted if seed % 2 else doubles
+        recording = Recording(tuple(make(made(), "N", label=str(i)) for i in range(count)))
+        assert size_of(recording, Settings.of(**asked)) <= size_of(recording, Settings())
+
+    @pytest.mark.skipif(not DATA.is_dir(), reason="no ../shared/data")
+    @pytest.mark.parametrize("asked", LOSSY, ids=lambda asked: " ".join(map(str, asked.values())))
+    def test_recorded(self, asked):
+        for path in sorted(DATA.rglob("*.npz")):
+            recording = hapfmt.read(path)
+            part = replace(
+                recording,
+                channels=tuple(c.slice_ticks(0, 3000) for c in recording.channels[:4]),
+            )
+            assert size_of(part, Settings.of(**asked)) <= size_of(part, Settings()), path.name
+
+    def test_it_is_said(self):
+        channel = counted(np.round(T * 7) % 2, "N")
+        decision, back = decided(channel, Settings.of("paper", bits=16))
+        assert decision.kept_as == "lossless" and "smaller than a lossy form" in decision.reason
+        assert np.array_equal(back.stored, channel.stored)
