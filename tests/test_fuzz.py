@@ -33,6 +33,11 @@ FOUND = {
         "recovered",
         "a reader left out chunks in a wrong order, if the damage came later, and recover did not",
     ),
+    "edited-base-of-what-is-not-understood": (
+        "edited",
+        "a track of unknown kind with a base that is not there ended in a KeyError",
+    ),
+    "edited-codec-beyond-ascii": ("edited", "letters of a codec beyond ASCII were not encoded"),
     "index-type-not-ascii": ("index", "an entry whose type was no letters was taken"),
 }
 """Inputs that broke something, in corpus/found: the target, and what was wrong."""
