@@ -55,6 +55,12 @@ def lay_out(
         track = kept[old]
         changes: dict[str, object] = {"id": ids[old]}
         if track.kind != "events":
+            if track.first_channel not in numbers:
+                # Only a track that is not understood has a channel that its base has not.
+                raise UnsupportedError(
+                    f"Track {old} refers to channel {track.first_channel}, which is not copied",
+                    offset=track.offset,
+                )
             changes["first_channel"] = numbers[track.first_channel]
         if track.base is not None:
             if track.base not in ids:
