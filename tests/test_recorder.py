@@ -232,7 +232,7 @@ def test_refusals():
         ({"at": 3}, "requires append"),
         ({"append": True, "force": True}, "not both"),
         ({"append": True}, "cannot be appended"),
-        ({"queue_size": 0}, "a byte"),
+        ({"queue_size": 0}, "1 byte"),
         ({"settings": Settings.of("archive", digest=True)}, "whole tracks"),
         ({"settings": Settings.of("perceptual")}, "needs the whole recording"),
         ({"epoch_ns": 1 << 70}, "epoch"),

@@ -16,7 +16,12 @@ from .raw import read_numbers
 
 PRESETS: dict[str, dict[str, Any]] = {
     "lossless": {"preset": "lossless"},
-    "deadband": {"preset": "perceptual", "texture": False, "felt": "all"},
+    "deadband": {
+        "preset": "perceptual",
+        "texture": False,
+        "felt": "all",
+        "smallest": False,
+    },
     "split": {"preset": "paper", "smallest": False},
 }
 UNSUPPORTED = 4
