@@ -34,7 +34,7 @@ REASONS = {
     **{f"WRT-00{n}": NO_APPEND for n in (6, 7, 8)},
     "WRT-009": "a full disk, which no vector brings along",
     **{f"EDT-00{n}": NO_EDITOR for n in range(1, 10)},
-    **{f"PLY-{n:03}": NO_PLAYER for n in range(1, 12)},
+    **{f"PLY-{n:03}": NO_PLAYER for n in range(1, 14)},
 }
 """Why no vector and no component can show it."""
 
