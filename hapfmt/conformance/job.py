@@ -80,6 +80,9 @@ def encode_job(path: str, target: str) -> int:
             given["k"] = Fraction(*job["k"])
         if "floor" in job:
             given["floor"] = Tolerance(job["floor"], "lsb")
+    if job["mode"] == "split":
+        # Rounding to this step leaves no sample further off than the floor.
+        given["step"] = Tolerance(max(2 * job.get("floor", 0), 1), "lsb")
     if "cluster_s" in job:
         given["cluster"] = Fraction(*job["cluster_s"])
     settings = Settings.of(**given)
