@@ -251,7 +251,11 @@ def test_a_block_says_the_same_wherever_it_begins(band, rate, at, data):
     rng = np.random.default_rng(9)
     counts = rng.integers(-2000, 2001, 600).astype(np.int32)
     made = Channel(counts, Fraction(1000), calibration=MILLI, unit="N")
-    with Reader(file_of(Recording((made,)), Settings("paper", bits=8, cluster=Fraction(1, 10), smallest=False))) as reader:
+    with Reader(
+        file_of(
+            Recording((made,)), Settings("paper", bits=8, cluster=Fraction(1, 10), smallest=False)
+        )
+    ) as reader:
         profile = profile_of(rate=rate, band=band)
         renderer = Renderer(reader, profile, Assignment((Route(0, 0, Fraction(1)),)))
         whole, _ = joined(renderer.blocks())

@@ -172,7 +172,10 @@ def long_file():
         )
         for label in "abc"
     ]  # fmt: skip
-    return file_of(Recording(tuple(channels)), Settings("paper", bits=8, cluster=Fraction(1, 4), smallest=False))
+    return file_of(
+        Recording(tuple(channels)),
+        Settings("paper", bits=8, cluster=Fraction(1, 4), smallest=False),
+    )
 
 
 LONG = long_file()
