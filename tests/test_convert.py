@@ -721,3 +721,41 @@ class TestRealRecordings:
 def test_formats() -> None:
     assert list(FORMATS) == [".npz", ".npy", ".csv", ".wav"]
     assert issubclass(MissingExtraError, HapfmtError)
+
+
+@pytest.mark.parametrize(
+    ("name", "times", "cell"),
+    [
+        ("Zeit (s)", ["0,000", "0,001", "0,002"], "1,5"),
+        ("Zeit [s]", ["0.5", "0.501", "0.502"], "1.5"),
+        ("elapsed [ms]", ["0", "1", "2"], "1.5"),
+        ("Takt (us)", ["0", "1000", "2000"], "1.5"),
+        ("clock [ns]", ["0", "1000000", "2000000"], "1.5"),
+    ],
+)
+def test_a_first_column_in_seconds_that_rises_is_the_time(tmp_path, name, times, cell):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{name};fx [N]\n" + "".join(f"{t};{cell}\n" for t in times))
+    found = read(path)
+    assert [channel.label for channel in found.channels] == ["fx"]
+    assert (
+        found.channels[0].rate_exact == 1000 and found.channels[0].samples().tolist() == [1.5] * 3
+    )
+    assert any("taken for the time" in note for note in found.metadata["notes"])
+
+
+def test_a_first_column_in_seconds_that_does_not_rise_is_a_channel(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("delay [s],fx [N]\n0.1,1\n0.2,2\n0.2,3\n")
+    found = read(path, rate=1000)
+    assert [channel.label for channel in found.channels] == ["delay", "fx"]
+    assert found.channels[0].samples().tolist() == [0.1, 0.2, 0.2]
+    with pytest.raises(ParameterError, match="no rate"):
+        read(path)
+
+
+def test_text_that_is_not_utf_8_names_the_cure(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_bytes("t [s],Kraft für x [N]\n0,1\n".encode("latin-1"))
+    with pytest.raises(ParameterError, match="save the table as UTF-8"):
+        read(path)
