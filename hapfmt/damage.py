@@ -124,7 +124,7 @@ def joined(spans: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
         yield current
 
 
-def told(catalogue: Catalogue, lost: Iterable[LostSpan]) -> list[str]:
+def told(catalogue: Catalogue, lost: Sequence[LostSpan]) -> list[str]:
     """For people: the damage in one line, what it took, and what nobody can know."""
     lines = []
     found = [finding for finding in catalogue.findings if finding.code not in HARMLESS]
@@ -139,12 +139,26 @@ def told(catalogue: Catalogue, lost: Iterable[LostSpan]) -> list[str]:
     if found and not losses:
         lines.append("no sample is known to be lost")
     if not catalogue.closed:
-        end = float(catalogue.duration)
+        end = float(last_known(catalogue, lost))
         lines.append(f"the file was not closed; what came after {end:.6g} s is unknown")
     return lines
 
 
-def lost_lines(catalogue: Catalogue, lost: Iterable[LostSpan]) -> list[str]:
+def open_starts(catalogue: Catalogue, lost: Iterable[LostSpan]) -> list[Fraction]:
+    """Seconds from which on nobody knows how much of a track is lost: the end of what is left."""
+    return [
+        span.start / catalogue.tracks[span.track].rate
+        for span in lost
+        if span.stop is None and span.track in catalogue.tracks
+    ]
+
+
+def last_known(catalogue: Catalogue, lost: Iterable[LostSpan]) -> Fraction:
+    """Seconds to the end of what is left; a chunk that is cut short has no times of its own."""
+    return max([catalogue.duration, *open_starts(catalogue, lost)])
+
+
+def lost_lines(catalogue: Catalogue, lost: Sequence[LostSpan]) -> list[str]:
     """For people: equal losses in one line, with channels and seconds.
 
     An index gives times in milliseconds, and nobody knows when a track ended (SPEC 12.2). So a span
@@ -181,11 +195,14 @@ def lost_lines(catalogue: Catalogue, lost: Iterable[LostSpan]) -> list[str]:
 
 
 def seconds_lost(
-    catalogue: Catalogue, lost: Iterable[LostSpan], undescribed: set[int]
+    catalogue: Catalogue, lost: Sequence[LostSpan], undescribed: set[int]
 ) -> Iterator[tuple[Track, Fraction, Fraction | None]]:
     """Spans in seconds within the recording, those that touch as one, in order of time; to
     ``undescribed`` go the tracks that have no rate."""
     end = Fraction(catalogue.foot.duration_ns, 10**9) if catalogue.foot else None
+    starts = open_starts(catalogue, lost)
+    # Where all of them end there, something was lost all the same.
+    furthest = last_known(catalogue, lost) if len(set(starts)) > 1 else None
     spans: dict[int, list[tuple[int, int | None]]] = {}
     for span in lost:
         if span.track in catalogue.tracks:
@@ -198,7 +215,7 @@ def seconds_lost(
         far = 1 << 63
         for first, last in joined(sorted((a, far if b is None else b) for a, b in own)):
             start, stop = first / track.rate, None if last >= far else last / track.rate
-            known = catalogue.duration if end is None and stop is None else end
+            known = furthest if end is None and stop is None else end
             # The footer rounds up to a nanosecond.
             if known is not None and start > 0 and start + SHORTEST >= known:
                 continue

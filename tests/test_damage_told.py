@@ -93,3 +93,19 @@ def test_a_file_cut_between_chunks(files):
     assert done.returncode == 0
     assert b"the file was not closed; what came after" in done.stderr
     assert b"nothing lost of what is in the file" in done.stdout
+
+
+def test_a_cut_in_the_only_cluster(tmp_path):
+    """The cluster has no times of its own then: those of the packets that are left count."""
+    counts = [np.ones(1575, np.int32), *(channel.stored for channel in recording().channels)]
+    channels = [
+        Channel(x, 240, calibration=Calibration(1, 0, 100), label=f"c{i}")
+        for i, x in enumerate(counts)
+    ]
+    data = encoded(Recording(tuple(channels)), hapfmt.Settings())
+    ((offset, size),) = clusters(data)
+    (tmp_path / "cut.hapf").write_bytes(data[: offset + 32 + size * 2 // 5])
+    done = run("verify", "cut.hapf", cwd=tmp_path)
+    assert b"0 s to the end" in done.stderr
+    assert b"what came after 6.5625 s is unknown" in done.stderr
+    assert b"from 6.5625 s" not in done.stderr
