@@ -10,6 +10,7 @@ from dataclasses import fields
 from fractions import Fraction
 from io import BytesIO
 from itertools import accumulate
+from math import isfinite
 from typing import IO, Any, BinaryIO
 
 import numpy as np
@@ -35,7 +36,7 @@ _RATE = re.compile(r"\d{1,40}/\d{1,40}|(?:\d{1,40}\.?\d{0,40}|\.\d{1,40})(?:e[+-
 
 def rate_from(value: Fraction | float | str) -> Fraction:
     """Ticks per second, exactly: 35.618 (the shortest decimal of the float) is 17809/500."""
-    if isinstance(value, float):
+    if isinstance(value, float) and isfinite(value):
         value = hertz(value)
     text = str(value).strip().lower()
     if _RATE.fullmatch(text) is None or re.search("/0+$", text):
