@@ -228,7 +228,7 @@ class TestExitCodes:
 
 def test_damage_is_told_and_the_rest_delivered(room: Path, tmp_path: Path) -> None:
     done = run("decode", room / "flipped.hapf", "o.csv", cwd=tmp_path)
-    assert done.returncode == 3 and b"bad-" in done.stderr and b"lost" in done.stderr
+    assert done.returncode == 3 and b"damage in 1 place" in done.stderr and b"lost" in done.stderr
     assert (tmp_path / "o.csv").exists()
     code, report = run_json("verify", room / "flipped.hapf", cwd=tmp_path)
     damages = report["damage"]["damages"]

@@ -89,8 +89,8 @@ def read(
 ) -> Recording:
     """The recording in a file of any format: .hapf .npz .npy .csv .wav.
 
-    ``file`` is a path, a URL (extra "remote"), bytes, or a binary stream. The format is the one
-    that the first bytes tell, else that of the suffix, or ``format``. ``channels`` are labels or
+    ``file`` is a path, a URL (extra "remote"), bytes, or a binary stream. ``format`` names
+    its format. Without it the first bytes decide, and then the suffix. ``channels`` are labels or
     numbers, ``start`` and ``stop`` seconds: samples with start <= time < stop are read.
 
     Other formats than .hapf: ``rate`` in Hz (1000, 35.618 or "44100/7") is for files that hold
