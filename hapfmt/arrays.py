@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any
@@ -9,8 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import LimitError, MissingExtraError, ParameterError
+from .errors import (
+    LimitError,
+    MissingExtraError,
+    MovedTimesWarning,
+    ParameterError,
+    UnknownChannelError,
+)
 from .limits import LAST_TRACK_ID
+from .names import unknown
+from .numbers import hertz
 from .recording import (
     GAPPY_TICKS,
     Calibration,
@@ -23,6 +32,8 @@ from .recording import (
 )
 from .units import to_ucum
 
+Units = str | Sequence[str] | Mapping[str, str]
+
 CHANNEL_LIMIT = LAST_TRACK_ID // 2
 """Channels of a recording that is encoded: up to two tracks each."""
 
@@ -32,7 +43,7 @@ def recording_of(
     rate: Rate | None = None,
     *,
     labels: str | Sequence[str] | None = None,
-    units: str | Sequence[str] | None = None,
+    units: Units | None = None,
     transpose: bool | None = None,
 ) -> Recording:
     """A recording of whatever people have: a Recording, Channels, an array, a DataFrame, or
@@ -44,45 +55,74 @@ def recording_of(
         if isinstance(data, Recording):
             return data
         return Recording((data,) if isinstance(data, Channel) else tuple(data))
-    epoch_ns = None
-    if _is_frame(data):
-        labels = labels or [str(name) for name in data.columns]
-        units = units or data.attrs.get("units")
-        epoch_ns = data.attrs.get("epoch_ns")
-        if rate is None:
-            rate, start, epoch_ns = _grid_of_index(data.index, epoch_ns)
-        else:
-            start = 0
-        rows = [
-            _row(data.iloc[:, place].to_numpy(), labels[place]) for place in range(data.shape[1])
-        ]
-    elif isinstance(data, Mapping):
-        labels = labels or [str(name) for name in data]
-        rows = [_row(value, name) for name, value in zip(labels, data.values(), strict=False)]
-        start = 0
+    frame = _frame_of(data)
+    if frame is not None:
+        if transpose is not None:
+            raise ParameterError("transpose is for arrays; a table has a column for each channel")
+        return _recording_of_frame(frame, rate, labels, units)
+    if isinstance(data, Mapping):
+        labels = [str(name) for name in data] if labels is None else labels
+        rows = [_row(value, str(name)) for name, value in data.items()]
     else:
-        rows, start = rows_of(data, labels, transpose), 0
+        rows = rows_of(data, labels, transpose)
     if rate is None:
         raise ParameterError("an array has no rate; give one, such as rate=1000")
     names = _for_each(labels, "labels", len(rows)) or [f"ch{i + 1}" for i in range(len(rows))]
-    codes = _for_each(units, "units", len(rows), shared=True) or ["1"] * len(rows)
     return Recording(
         tuple(
-            channel_of(row, rate, label=name, unit=to_ucum(code), start_tick=start)
-            for row, name, code in zip(rows, names, codes, strict=True)
-        ),
-        epoch_ns=epoch_ns,
+            channel_of(row, rate, label=name, unit=to_ucum(code))
+            for row, name, code in zip(rows, names, _units(units, names), strict=True)
+        )
     )
 
 
-def channel_of(x: Any, rate: Rate, *, start_tick: int = 0, **described: Any) -> Channel:
+def _recording_of_frame(
+    frame: Any,
+    rate: Rate | None,
+    labels: str | Sequence[str] | None,
+    units: Units | None,
+) -> Recording:
+    """A pandas.DataFrame: a channel for each column, the rows placed by the times of the index."""
+    columns = [str(name) for name in frame.columns]
+    names = columns if labels is None else _for_each(labels, "labels", len(columns))
+    codes = _units(units, names)
+    known = frame.attrs.get("units") if units is None else None
+    if isinstance(known, Mapping):
+        known = {str(column): unit for column, unit in known.items()}
+        codes = [known.get(column, "1") for column in columns]
+    elif known is not None:
+        codes = _units(known, names)
+    rate, ticks, epoch_ns, notes = _grid_of_index(frame.index, rate, frame.attrs.get("epoch_ns"))
+    for note in notes:
+        warnings.warn(note, MovedTimesWarning, stacklevel=5)
+    return Recording(
+        tuple(
+            channel_of(
+                _row(frame.iloc[:, place].to_numpy(), name), rate,
+                ticks=ticks, label=name, unit=to_ucum(code),
+            )
+            for place, (name, code) in enumerate(zip(names, codes, strict=True))
+        ),
+        epoch_ns=epoch_ns,
+        metadata={"notes": list(notes)} if notes else {},
+    )  # fmt: skip
+
+
+def channel_of(
+    x: Any, rate: Rate, *, ticks: NDArray[np.int64] | None = None, **described: Any
+) -> Channel:
     """A channel of a 1-D array: integers of up to 32 bits become counts; NaN and masked values are
-    gaps."""
+    gaps. ``ticks`` are the ticks of the values, by default 0, 1, 2 ..."""
     known = ~np.ma.getmaskarray(x)
     x = np.ma.getdata(x)
     if x.dtype.kind == "f":
         known &= ~np.isnan(x)
-    spans = tuple(spans_of(known, start_tick))
+    if ticks is None:
+        spans = tuple(spans_of(known))
+    else:
+        from .convert.times import spans_at
+
+        spans = spans_at(ticks[known])
     kept = np.ascontiguousarray(x[known])
     if (kept.dtype.kind in "bi" and kept.dtype.itemsize <= 4) or kept.dtype in ("u1", "u2"):
         counts = kept.astype(np.int32)
@@ -131,11 +171,15 @@ def _numbers(x: Any, what: str) -> NDArray[Any]:
         array: NDArray[Any] = np.asanyarray(x)
     except ValueError:
         raise ParameterError(f"{what} has rows of different lengths") from None
+    if array.dtype == object:
+        raise ParameterError(
+            f"{what} holds Python objects, not numbers; convert it with .astype(float)"
+        )
     if array.dtype.kind not in "biuf":
         raise ParameterError(f"{what} holds {array.dtype} values, not real numbers")
     if array.dtype.kind == "f" and array.dtype.itemsize > 8:
         raise ParameterError(f"{what} holds {array.dtype}; convert it to float64")
-    return array
+    return array.astype(array.dtype.newbyteorder("="), copy=False)
 
 
 def _row(x: Any, label: str) -> NDArray[Any]:
@@ -152,9 +196,28 @@ def _for_each(
         return []
     if isinstance(texts, str):
         texts = [texts] * count if shared else [texts]
+    if isinstance(texts, np.ndarray):
+        texts = texts.tolist()
+    if not isinstance(texts, Sequence):
+        raise ParameterError(
+            f"{name} are a list of {count} texts in the order of the channels, "
+            f"not a {type(texts).__name__}"
+        )
     if len(texts) != count or not all(isinstance(text, str) for text in texts):
         raise ParameterError(f"{name} are {count} texts, one for each channel; got {len(texts)}")
     return list(texts)
+
+
+def _units(units: Units | None, labels: Sequence[str]) -> list[str]:
+    """The unit of each label: one for all, a list, or {label: unit}, where others have unit 1."""
+    if isinstance(units, Mapping):
+        for label, unit in units.items():
+            if label not in labels:
+                raise UnknownChannelError(unknown("channel", label, labels))
+            if not isinstance(unit, str):
+                raise ParameterError(f"the unit of channel {label!r} is not a text")
+        return [units.get(label, "1") for label in labels]
+    return _for_each(units, "units", len(labels), shared=True) or ["1"] * len(labels)
 
 
 def _are_channels(data: Any) -> bool:
@@ -167,33 +230,90 @@ def _are_channels(data: Any) -> bool:
     )
 
 
-def _is_frame(data: Any) -> bool:
-    """Without importing pandas."""
-    kind = type(data)
-    return kind.__name__ == "DataFrame" and kind.__module__.startswith("pandas")
+def _is_pandas(data: Any, name: str, package: str = "pandas") -> bool:
+    """Without importing the package."""
+    return any(
+        kind.__name__ == name and kind.__module__.partition(".")[0] == package
+        for kind in type(data).__mro__
+    )
 
 
-def _grid_of_index(index: Any, epoch_ns: int | None) -> tuple[Fraction, int, int | None]:
-    """Rate, first tick and epoch of a DataFrame's index in seconds, or of dates."""
+def _frame_of(data: Any) -> Any:
+    """The pandas.DataFrame of a table of pandas or xarray; None for anything else."""
+    if _is_pandas(data, "DataFrame"):
+        return data
+    if _is_pandas(data, "Series"):
+        frame = data.to_frame("ch1" if data.name is None else data.name)
+        frame.attrs = dict(data.attrs)
+        return frame
+    is_array = _is_pandas(data, "DataArray", "xarray")
+    if not is_array and not _is_pandas(data, "Dataset", "xarray"):
+        return None
+    if len(data.dims) != 1:
+        raise ParameterError(
+            f"the xarray object has {len(data.dims)} dimensions; give one with the dimension time "
+            "only, or array.to_pandas()"
+        )
+    if is_array:
+        data = data.to_dataset(name="ch1" if data.name is None else data.name)
+    data = data.reset_coords(drop=True)
+    frame = data.to_dataframe()
+    frame.attrs = {
+        "units": {name: one.attrs["units"] for name, one in data.items() if "units" in one.attrs},
+        "epoch_ns": data.attrs.get("epoch_ns"),
+    }
+    return frame
+
+
+def _grid_of_index(
+    index: Any, rate: Rate | None, epoch_ns: int | None
+) -> tuple[Fraction, NDArray[np.int64], int | None, tuple[str, ...]]:
+    """Rate, ticks of the rows, epoch, and notes, from an index in seconds, of durations or dates.
+
+    Times are placed as those of a .csv file.
+    """
     from .convert.times import Stamps
 
     kind = getattr(index.dtype, "kind", "O")
-    stamps = Stamps(-9 if kind == "M" else 0)
-    if kind == "M":
-        texts = map(str, index.to_numpy().astype("M8[ns]").astype(np.int64).tolist())
-    elif kind == "f":
+    given = None if rate is None else hertz(rate)
+    if kind not in "fmM":
+        if given is None:
+            raise ParameterError("the index of the DataFrame holds no times; give a rate")
+        rows = np.arange(len(index))
+        if kind in "iu" and not np.array_equal(index.to_numpy(), rows):
+            raise ParameterError(
+                "the index of the DataFrame holds integers that do not count its rows; set an "
+                "index of seconds as float, or use reset_index(drop=True)"
+            )
+        return given, rows, epoch_ns, ()
+    if index.hasnans:
+        raise ParameterError("the index of the DataFrame holds missing times")
+    exponent = 0
+    if kind == "f":
         texts = map(repr, index.to_numpy().tolist())
     else:
-        raise ParameterError("the index of the DataFrame holds no times; give a rate")
+        if kind == "M" and index.tz is not None:
+            index = index.tz_convert(None)
+        ns = index.to_numpy().astype(f"{kind}8[ns]").astype(np.int64)
+        if kind == "M":
+            epoch_ns = int(ns[0]) if ns.size else None
+            ns = ns - ns[:1]
+        # The resolution of the clock, as the decimals of a text would tell it.
+        zeros = next(digits for digits in (6, 3, 0) if not (ns % 10**digits).any())
+        exponent = zeros - 9
+        texts = map(str, (ns // 10**zeros).tolist())
+    stamps = Stamps(exponent)
     for text in texts:
         try:
             stamps.add(text)
         except ValueError as error:
             raise ParameterError(f"the index of the DataFrame: {text[:40]!r} {error}") from None
-    grid = stamps.grid()
-    if int(grid.ticks[-1]) - int(grid.ticks[0]) != len(grid.ticks) - 1:
-        raise ParameterError("rows are missing from the DataFrame; reindex it, NaN is a gap")
-    return grid.rate, int(grid.ticks[0]), grid.epoch_ns if kind == "M" else epoch_ns
+    grid = stamps.grid(given)
+    if grid.epoch_ns is not None:
+        epoch_ns = grid.epoch_ns
+    elif epoch_ns is not None and len(stamps) and stamps.first < 0:
+        epoch_ns += round(stamps.first * 10**9)
+    return grid.rate, grid.ticks, epoch_ns, grid.notes
 
 
 def to_pandas(recording: Recording) -> Any:
@@ -204,7 +324,7 @@ def to_pandas(recording: Recording) -> Any:
     x = recording.to_numpy()
     index = pandas.Index(recording.times(), name="time")
     frame = pandas.DataFrame(x.T, index=index, columns=recording.labels)
-    frame.attrs["units"] = [channel.unit for channel in recording]
+    frame.attrs["units"] = {channel.label: channel.unit for channel in recording}
     if recording.epoch_ns is not None:
         frame.attrs["epoch_ns"] = recording.epoch_ns
     return frame

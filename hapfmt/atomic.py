@@ -73,7 +73,8 @@ def refuse(name: str, force: bool) -> None:
         if path.is_symlink() and not force:
             # Somebody else chose the place that it leads to.
             raise refusal(
-                f"{name} is a symbolic link to a file that does not exist; use --force to write it"
+                f"{name} is a symbolic link to a file that does not exist; "
+                "use --force (force=True) to write it"
             ) from None
         parent = Path(os.path.realpath(name)).parent
         if not parent.is_dir():
@@ -84,7 +85,7 @@ def refuse(name: str, force: bool) -> None:
     if not stat.S_ISREG(mode):
         raise refusal(f"{name} is not a regular file and cannot be replaced")
     if not force:
-        raise refusal(f"{name} already exists; use --force to overwrite it")
+        raise refusal(f"{name} already exists; use --force (force=True) to overwrite it")
     if in_use(path):
         raise refusal(f"Another program is writing {name}")
 

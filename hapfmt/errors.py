@@ -93,6 +93,10 @@ class UnknownChannelError(ParameterError, KeyError):
     """A recording has no such channel; also a KeyError, for code that expects one."""
 
 
+class MovedTimesWarning(UserWarning):
+    """The times of a table were moved onto a regular grid of ticks, or to another zero."""
+
+
 class LateError(HapfmtError):
     """A replay stopped itself, since it or the device could not keep up."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 SHOWN = 30
 """Names that a message lists."""
@@ -15,6 +15,16 @@ def similar(name: str, known: Iterable[str]) -> str | None:
     names = {each.lower(): each for each in known if each}
     found = get_close_matches(name.lower(), names, n=1, cutoff=0.6 if len(name) > 3 else 0.5)
     return names[found[0]] if found else None
+
+
+def matching(pattern: str, names: Sequence[str]) -> list[int]:
+    """The places of the names that a pattern such as "pos_*" fits; none where the text is itself a
+    name, or has no wildcard."""
+    from fnmatch import fnmatchcase
+
+    if pattern in names or not any(sign in pattern for sign in "*?["):
+        return []
+    return [place for place, name in enumerate(names) if fnmatchcase(name, pattern)]
 
 
 def unknown(kind: str, name: object, known: Iterable[str] | Mapping[int, str]) -> str:

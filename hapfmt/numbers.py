@@ -31,6 +31,21 @@ def exact(value: Any) -> Fraction:
     raise ParameterError(f"{value!r} is not a number")
 
 
+def hertz(value: Any) -> Fraction:
+    """A rate, as :func:`exact`; but a float such as 1 / 0.003 stands for the simplest fraction
+    within 1e-9 of it, where its decimals are too many to be meant."""
+    found = exact(value)
+    is_float = isinstance(value, Real) and not isinstance(value, Rational)
+    if not is_float or found <= 0 or max(found.as_integer_ratio()) < 1 << 32:
+        return found
+    for limit in (1, 10, 100, 1000, 10_000):
+        period = (1 / found).limit_denominator(limit)
+        for near in (found.limit_denominator(limit), 1 / period if period else found):
+            if near != found and abs(near - found) <= found / 10**9:
+                return near
+    return found
+
+
 def tick_range(
     rate: Fraction, start: Fraction | float | None, stop: Fraction | float | None
 ) -> tuple[int, int]:

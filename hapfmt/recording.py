@@ -8,21 +8,21 @@ from __future__ import annotations
 
 import uuid as _uuid
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
 from operator import index
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import LimitError, ParameterError, UnknownChannelError
 from .limits import AFFINE_LIMIT, EXACT_LIMIT, TICK_LIMIT
-from .names import unknown
+from .names import matching, unknown
 from .numbers import exact as to_fraction
-from .numbers import tick_range
+from .numbers import hertz, tick_range
 
 if TYPE_CHECKING:
     from .events import Event
@@ -112,7 +112,7 @@ class Channel:
     """One physical signal on a regular grid of ticks; tick 0 is the zero of the recording.
 
     ``Channel(x, 1000, label="fx", unit="N")`` is all that most channels need;
-    :meth:`from_physical` turns NaN into gaps.
+    :meth:`from_physical` turns NaN into gaps; here a NaN is a sample, kept bit for bit.
 
     stored
         [sample_count], the samples that were measured, in order of time, gaps left out. Signed
@@ -175,8 +175,8 @@ class Channel:
         if stored is None or rate is None:
             raise ParameterError("a channel needs samples and a rate: Channel(x, 1000)")
         put = partial(object.__setattr__, self)
-        put("stored", stored)
-        put("rate_exact", to_fraction(rate))
+        put("stored", np.asarray(stored))
+        put("rate_exact", hertz(rate))
         put("coverage", coverage)
         put("calibration", calibration)
         put("label", label)
@@ -313,11 +313,12 @@ class Channel:
     ) -> NDArray[np.float64]:
         """float64 [ticks]: values in ``unit`` from the first sample to the last, NaN in gaps.
 
-        ``start`` and ``stop`` are seconds; samples with start <= time < stop are kept. The result
-        has the length of :meth:`times` with the same arguments. Raises LimitError where it has
-        more than ``limit`` values; ``samples()`` leaves the gaps out.
+        ``start`` and ``stop`` are seconds: the result covers start <= time < stop, with NaN where
+        the channel has no samples. It has the length of :meth:`times` with the same arguments.
+        Raises LimitError where it has more than ``limit`` values; ``samples()`` leaves the gaps
+        out.
         """
-        first, last = self.ticks_between(start, stop)
+        first, last = self._window(start, stop)
         return self.filled(first, last, limit=limit)
 
     def times(
@@ -329,9 +330,22 @@ class Channel:
     ) -> NDArray[np.float64]:
         """float64 [ticks]: seconds from the zero of the recording, one for each value of
         :meth:`to_numpy` with the same arguments."""
-        first, last = self.ticks_between(start, stop)
+        first, last = self._window(start, stop)
         _check_ticks(last - first, limit)
         return seconds_of(first, last, self.rate_exact)
+
+    def _window(self, start: Seconds | None, stop: Seconds | None) -> tuple[int, int]:
+        """The ticks of the seconds [start, stop); where one is None, the first or last sample."""
+        first, last = tick_range(self.rate_exact, start, stop)
+        first = self.start_tick if start is None else first
+        return first, max(self.stop_tick if stop is None else last, first)
+
+    def __len__(self) -> int:
+        """Values of :meth:`to_numpy`: samples and gaps, from the first sample to the last."""
+        return self.stop_tick - self.start_tick
+
+    def __bool__(self) -> bool:
+        return True
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """``np.asarray(channel)`` is ``channel.to_numpy()``."""
@@ -412,8 +426,19 @@ class Recording:
     events: tuple[Event, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "channels", tuple(self.channels))
-        object.__setattr__(self, "events", tuple(self.events))
+        from .events import Event
+
+        for name, kind in (("channels", Channel), ("events", Event)):
+            given = getattr(self, name)
+            if isinstance(given, (Mapping, kind)) or not isinstance(given, Iterable):
+                given = [None]
+            found = tuple(given)
+            if not all(isinstance(one, kind) for one in found):
+                raise ParameterError(
+                    f"the {name} of a recording are a list of hapfmt.{kind.__name__}; "
+                    "Recording.from_array takes arrays and tables"
+                )
+            object.__setattr__(self, name, found)
 
     @classmethod
     def from_array(
@@ -422,10 +447,10 @@ class Recording:
         rate: Rate | None = None,
         *,
         labels: str | Sequence[str] | None = None,
-        units: str | Sequence[str] | None = None,
+        units: str | Sequence[str] | Mapping[str, str] | None = None,
         transpose: bool | None = None,
     ) -> Recording:
-        """A recording of an array; the arguments are those of :func:`hapfmt.write`."""
+        """A recording of an array or a table; the arguments are those of :func:`hapfmt.write`."""
         from .arrays import recording_of
 
         return recording_of(x, rate, labels=labels, units=units, transpose=transpose)
@@ -439,12 +464,21 @@ class Recording:
     def __contains__(self, label: object) -> bool:
         return any(channel.label == label or channel is label for channel in self.channels)
 
-    def __getitem__(self, label: str | int) -> Channel:
-        """The channel of a label or a number; negative numbers count from the end.
+    @overload
+    def __getitem__(self, label: str | int) -> Channel: ...
+
+    @overload
+    def __getitem__(self, label: list[str | int] | list[str] | list[int]) -> Recording: ...
+
+    def __getitem__(self, label: Any) -> Channel | Recording:
+        """The channel of a label or a number; negative numbers count from the end. A list gives a
+        recording of several.
 
         Raises UnknownChannelError (a ParameterError and a KeyError) where there is none, and where
         several channels have the label.
         """
+        if isinstance(label, list):
+            return self.sel(label)
         return self.channels[self.place_of(label)]
 
     def place_of(self, label: str | int) -> int:
@@ -458,6 +492,8 @@ class Recording:
                 raise UnknownChannelError(
                     f"{len(places)} channels are called {label!r}; use their numbers: {numbers}"
                 )
+            if label.removeprefix("-").isdecimal() and label.isascii():
+                return self.place_of(int(label))
             raise UnknownChannelError(unknown("channel", label, self.labels))
         try:
             number = index(label)
@@ -495,13 +531,14 @@ class Recording:
         stop: Seconds | None = None,
     ) -> Recording:
         """Some channels (labels or numbers, in that order; None: all) and the seconds
-        start <= time < stop. Samples keep their times; events of other channels and times are
-        left out.
+        start <= time < stop. A label may be a pattern such as "pos_*". Samples keep their times.
+        Events of other channels are left out, and events that are over or begin later.
 
-        Raises UnknownChannelError.
+        Raises UnknownChannelError; ParameterError where stop is not after start.
         """
-        wanted = [labels] if isinstance(labels, (str, int)) else labels
-        places = [*map(self.place_of, range(len(self)) if wanted is None else wanted)]
+        if start is not None and stop is not None and to_fraction(stop) <= to_fraction(start):
+            raise ParameterError(f"No samples in this time range: {start} to {stop} s")
+        places = self._places_of(labels)
         channels = [self.channels[place] for place in places]
         if start is not None or stop is not None:
             channels = [
@@ -512,6 +549,21 @@ class Recording:
             self, channels=tuple(channels), events=tuple(self._events_of(places, start, stop))
         )
 
+    def _places_of(self, labels: Any) -> list[int]:
+        if labels is None:
+            return [*range(len(self))]
+        if isinstance(labels, (str, int, np.integer)):
+            labels = [labels]
+        if not isinstance(labels, (list, tuple, np.ndarray, range)):
+            raise ParameterError(
+                f"channels are a label, a number or a list of them, not a {type(labels).__name__}"
+            )
+        places: list[int] = []
+        for label in labels:
+            found = [] if not isinstance(label, str) else matching(label, self.labels)
+            places += found or [self.place_of(label)]
+        return places
+
     def _events_of(
         self, places: Sequence[int], start: Seconds | None, stop: Seconds | None
     ) -> Iterator[Event]:
@@ -520,7 +572,8 @@ class Recording:
         now = {old: new for new, old in reversed([*enumerate(places)])}
         by_label = {c.label: place for place, c in reversed([*enumerate(self.channels)])}
         for event in self.events:
-            if (low is not None and event.time < low) or (high is not None and event.time >= high):
+            ended = low is not None and event.time < low and event.time + event.duration <= low
+            if ended or (high is not None and event.time >= high):
                 continue
             channel = event.channel
             if channel is None:
@@ -572,12 +625,17 @@ class Recording:
                 f"the channels have {len(by_rate)} rates ({rates}); select those of one rate, "
                 f"such as rec.sel({some!r})"
             )
-        return extent(self.channels, start, stop)
+        if not self.channels:
+            return 0, 0
+        first, last = extent(self.channels)
+        low, high = tick_range(self.channels[0].rate_exact, start, stop)
+        first = first if start is None else low
+        return first, max(last if stop is None else high, first)
 
     def to_pandas(self) -> Any:
         """A pandas.DataFrame: one column for each channel, NaN in gaps, seconds as index.
 
-        ``frame.attrs["units"]`` lists the units, ``frame.attrs["epoch_ns"]`` is the UTC time of
+        ``frame.attrs["units"]`` is {column: unit}, ``frame.attrs["epoch_ns"]`` is the UTC time of
         second 0. All channels need one rate; ``to_xarray()`` takes several. Needs the extra
         "pandas". Raises ParameterError, LimitError, MissingExtraError.
         """
@@ -597,12 +655,13 @@ class Recording:
         return to_xarray(self)
 
     def __repr__(self) -> str:
-        lines = [f"Recording: {len(self)} channels, {self.sample_count} samples, {_seconds(self)}"]
-        lines[0] += f", {len(self.events)} events" if self.events else ""
+        channels, samples = _number(len(self), "channel"), _number(self.sample_count, "sample")
+        lines = [f"Recording: {channels}, {samples}, {_seconds(self)}"]
+        lines[0] += f", {_number(len(self.events), 'event')}" if self.events else ""
         shown = self.channels if len(self) <= _SHOWN_CHANNELS else self.channels[:5]
         lines += [
             f"  {number}  {_short(c.label)!r}  {c.stored.size} samples at {c.rate:.6g} Hz  "
-            f"{_short(c.unit)}"
+            f"{_short(c.unit)}" + (f"  {_number(len(c.gaps), 'gap')}" if c.gaps else "")
             for number, c in enumerate(shown)
         ]
         if len(shown) < len(self):
@@ -668,6 +727,10 @@ def _seconds(recording: Recording) -> str:
 def _short(text: str, size: int = 40) -> str:
     text = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
     return text if len(text) <= size else text[: size - 3] + "..."
+
+
+def _number(count: int, name: str) -> str:
+    return f"{count} {name}" + "s" * (count != 1)
 
 
 def _deprecated(old: str, new: str) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from fractions import Fraction
 from typing import Any, BinaryIO
 
-from .arrays import recording_of
+from .arrays import Units, recording_of
 from .atomic import refuse, target
 from .container.cluster import Packet
 from .container.extras import Attachment, build_attachment, build_metadata
@@ -44,7 +44,7 @@ def write(
     *,
     rate: Rate | None = None,
     labels: str | Sequence[str] | None = None,
-    units: str | Sequence[str] | None = None,
+    units: Units | None = None,
     transpose: bool | None = None,
     preset: str | None = None,
     canonical: int | None = None,
@@ -56,10 +56,11 @@ def write(
     """Encode a recording or an array into a path or a binary stream.
 
     ``recording`` is a Recording, Channels, or numbers: an array [samples] or [channels, samples],
-    {label: array [samples]}, or a pandas.DataFrame with a column for each channel. NaN and masked
-    values are gaps. Integers of up to 32 bits are kept as counts. Arrays need ``rate``, samples
-    per second (1000, 35.618 or "44100/7"); a DataFrame may have times as its index. ``labels``:
-    one text for each channel. ``units``: one text for all channels or one for each, such as "N".
+    {label: array [samples]}, or a table of pandas or xarray with a column for each channel. NaN and
+    masked values are gaps. Integers of up to 32 bits are kept as counts. Arrays need ``rate``,
+    samples per second (1000, 35.618 or "44100/7"); a table may have times as its index: they place
+    the rows, and a MovedTimesWarning tells where they were moved. ``labels``: one text for each
+    channel. ``units``: one text for all channels, one for each, or {label: unit}.
     An array of more rows than columns is refused, unless there is a label for each row: pass
     ``array.T``, or say ``transpose=True`` or ``False``.
 

@@ -13,7 +13,12 @@ import pytest
 
 import hapfmt
 from hapfmt import Calibration, Channel, Event, ParameterError, Recording, Span
-from hapfmt.errors import LimitError, MissingExtraError, UnknownChannelError
+from hapfmt.errors import (
+    LimitError,
+    MissingExtraError,
+    MovedTimesWarning,
+    UnknownChannelError,
+)
 
 
 def example() -> Recording:
@@ -48,7 +53,7 @@ class TestChannel:
 
     def test_seconds(self):
         fx = example()["fx"]
-        for start, stop in [(1, 2), (1.5, None), (None, 0.25), (2.9995, 99), (5, 6), (2, 1)]:
+        for start, stop in [(1, 2), (1.5, None), (None, 0.25), (2.5, 3)]:
             x, t = fx.to_numpy(start, stop), fx.times(start, stop)
             first, last = (0 if start is None else start), (99 if stop is None else stop)
             assert len(x) == len(t) and ((t >= first) & (t < last)).all()
@@ -116,8 +121,63 @@ class TestRecording:
             twice["fx"]
 
     def test_other_keys(self):
-        with pytest.raises(ParameterError, match="not by list"):
-            example()[["fx"]]
+        rec = example()
+        assert rec[["fy", "fx"]].labels == ["fy", "fx"] and rec.sel("f?").labels == ["fx", "fy"]
+        assert rec.sel("0").labels == rec.sel("-3").labels == ["fx"]
+        stream = io.BytesIO()
+        hapfmt.write(rec, stream)
+        for names in ("f?", ["fx", 1], [0, -2], ["0", "-2"]):
+            assert hapfmt.read(stream.getvalue(), names).labels == ["fx", "fy"]
+        for names in ("f", ["nothing_*"], [-4]):
+            with pytest.raises(UnknownChannelError):
+                hapfmt.read(stream.getvalue(), names)
+            with pytest.raises(UnknownChannelError):
+                rec.sel(names)
+        for names in (slice(1), {"fx"}):
+            with pytest.raises(ParameterError, match="a list of them"):
+                rec.sel(names)
+            with pytest.raises(ParameterError, match="a list of them"):
+                hapfmt.read(stream.getvalue(), names)
+        for given in ({"a": np.zeros(3)}, [np.zeros(3)], Channel(np.zeros(3), 1), 3):
+            with pytest.raises(ParameterError, match=r"a list of hapfmt\.Channel"):
+                Recording(given)
+        with pytest.raises(ParameterError, match=r"a list of hapfmt\.Event"):
+            Recording(events=((1, "touch"),))
+        assert Channel([1.0, 2.0], 5).samples().tolist() == [1, 2]
+
+    def test_events_that_still_hold(self):
+        rec = Recording(
+            tuple(example()),
+            events=(Event(0.5, "long", 1), Event(0.5, "over", 0.25), Event(1, "x")),
+        )
+        assert [event.text for event in rec.sel(start=1).events] == ["long", "x"]
+        stream = io.BytesIO()
+        hapfmt.write(rec, stream, cluster=Fraction(1, 4))
+        with hapfmt.Reader(stream.getvalue()) as reader:
+            assert [event.text for event in reader.events(start=1)] == ["long", "x"]
+            assert [event.text for event in reader.events(1, 1.5)] == ["long", "x"]
+
+    def test_an_empty_range(self):
+        with pytest.raises(ParameterError, match="No samples in this time range"):
+            example().sel(start=2, stop=1)
+
+    def test_the_asked_window_is_filled_with_nan(self):
+        short = Recording((Channel(np.ones(500), 1000, (Span(100, 600),)),))
+        for x, t in (
+            (short[0].to_numpy(0, 1), short[0].times(0, 1)),
+            (short.to_numpy(0, 1)[0], short.times(0, 1)),
+        ):
+            assert len(x) == len(t) == 1000 and np.isnan(x).sum() == 500 and t[0] == 0
+        assert len(short[0]) == len(short[0].to_numpy()) == 500
+
+    @pytest.mark.parametrize(
+        "rate", [1 / 0.003, 1000 / 3, 1 / np.diff(np.arange(9) * 0.003).mean()]
+    )
+    def test_rates_that_were_divided(self, rate):
+        assert Channel(np.zeros(3), rate).rate_exact == Fraction(1000, 3)
+        assert Channel(np.zeros(3), 1 / 3600.0).rate_exact == Fraction(1, 3600)
+        assert Channel(np.zeros(3), 35.618).rate_exact == Fraction("35.618")
+        assert Channel(np.zeros(3), str(rate)).rate_exact == Fraction(str(rate))
 
     def test_sel(self):
         part = example().sel(["fy", "fx"], start=1.0, stop=2)
@@ -160,7 +220,7 @@ class TestTables:
         frame = example().sel(["fx", "fy"]).to_pandas()
         assert isinstance(frame, pandas.DataFrame) and list(frame.columns) == ["fx", "fy"]
         assert frame.index.name == "time" and frame.index[5] == 0.005 and frame.shape == (3005, 2)
-        assert frame["fy"].isna().sum() == 205 and frame.attrs["units"] == ["N", "N"]
+        assert frame["fy"].isna().sum() == 205 and frame.attrs["units"] == {"fx": "N", "fy": "N"}
         with pytest.raises(ParameterError, match="select those of one rate"):
             example().to_pandas()
 
@@ -181,6 +241,67 @@ class TestTables:
         assert rec.epoch_ns == 1_795_366_800 * 10**9
         with pytest.raises(ParameterError, match="holds no times; give a rate"):
             Recording.from_array(pandas.DataFrame({"x": range(10)}))
+
+    def test_units_follow_their_columns(self):
+        pandas = pytest.importorskip("pandas")
+        index = pandas.Index(np.arange(5) / 10.0)
+        frame = pandas.DataFrame({"a": range(5), "b": range(5)}, index=index)
+        frame.attrs["units"] = {"a": "N", "b": "m"}
+        assert [c.unit for c in Recording.from_array(frame[["b"]])] == ["m"]
+        assert [c.unit for c in Recording.from_array(frame[["b", "a"]].assign(c=1))] == [
+            "m", "N", "1",
+        ]  # fmt: skip
+        mine = Recording.from_array(frame, units={"b": "rad"}, labels=["b", "c"])
+        assert [(c.label, c.unit) for c in mine] == [("b", "rad"), ("c", "1")]
+        with pytest.raises(UnknownChannelError, match="did you mean"):
+            Recording.from_array({"fx": [1, 2]}, 5, units={"Fx": "N"})
+        with pytest.raises(ParameterError, match="not a set"):
+            Recording.from_array(np.zeros((2, 5)), 5, units={"N", "m"})
+        with pytest.raises(ParameterError, match="not a dict"):
+            Recording.from_array(np.zeros((2, 5)), 5, labels={"a": 0, "b": 1})
+
+    def test_the_index_places_the_rows(self):
+        pandas = pytest.importorskip("pandas")
+        frame = pandas.DataFrame({"x": range(4)}, index=[5.0, 5.1, 5.2, 5.4])
+        for rate in (10, None):
+            assert Recording.from_array(frame, rate)[0].coverage == (Span(50, 53), Span(54, 55))
+        durations = frame.set_index(pandas.to_timedelta(frame.index, unit="s"))
+        assert Recording.from_array(durations)[0].coverage == (Span(50, 53), Span(54, 55))
+        dates = pandas.date_range("2026-11-22T17:00:00", periods=4, freq="10ms", tz="Asia/Tokyo")
+        assert Recording.from_array(frame.set_index(dates)).epoch_ns == 1_795_334_400 * 10**9
+        with pytest.raises(ParameterError, match="do not count its rows"):
+            Recording.from_array(frame.set_index(pandas.Index([3, 4, 5, 6])), 10)
+        assert Recording.from_array(frame.reset_index(drop=True), 10)[0].coverage == (Span(0, 4),)
+
+    @pytest.mark.parametrize(("first", "epoch_ns"), [(-1.0, None), (1.7e9, 1_700_000_000 * 10**9)])
+    def test_moved_times_are_told(self, first, epoch_ns):
+        pandas = pytest.importorskip("pandas")
+        frame = pandas.DataFrame({"x": range(4)}, index=first + np.arange(4) / 8)
+        with pytest.warns(MovedTimesWarning, match="became"):
+            rec = Recording.from_array(frame)
+        assert rec[0].start_tick == 0 and rec.epoch_ns == epoch_ns
+        assert len(rec.metadata["notes"]) == 1
+
+    def test_a_series_and_xarray(self):
+        pandas = pytest.importorskip("pandas")
+        series = pandas.Series([1.0, 2, 3], index=[0.5, 1.0, 1.5], name="grip")
+        rec = Recording.from_array(series)
+        assert rec.labels == ["grip"] and rec[0].rate_exact == 2 and rec[0].start_tick == 1
+        pytest.importorskip("xarray")
+        data = example().sel(["fx", "fy"]).to_xarray()
+        back = Recording.from_array(data)
+        assert back.labels == ["fx", "fy"] and [c.unit for c in back] == ["N", "N"]
+        assert back.epoch_ns == example().epoch_ns and back["fy"].start_tick == 5
+        assert Recording.from_array(data["fx"])["fx"].unit == "N"
+        with pytest.raises(ParameterError, match="2 dimensions"):
+            Recording.from_array(data.to_dataarray())
+
+    def test_other_byte_orders(self):
+        for dtype in (">f8", ">i2", ">f4"):
+            assert Recording.from_array(np.arange(3).astype(dtype), 5)[0].samples()[1] == 1
+        for dtype in (object, np.longdouble):
+            with pytest.raises(ParameterError, match="convert it"):
+                Recording.from_array(np.arange(3).astype(dtype), 5)
 
     def test_xarray(self):
         pytest.importorskip("xarray")

@@ -10,7 +10,7 @@ FIND = "container.walk:find_header"
 WALK = "container.walk:walk"
 LEARN = "reading.catalogue:Catalogue.learn"
 RUN = "container.salvage:Salvage.run"
-EXIT = "reading.catalogue:Catalogue.exit_code"
+EXIT = "verdict:verdict_of"
 PAYLOAD_HOLDS = "crc32(payload) == header.payload_crc"
 
 MUTANTS = (
@@ -223,15 +223,15 @@ MUTANTS = (
         "VRD-001",
         Edit(
             EXIT,
-            "3 if self.findings else 4 if self.not_understood else 0",
-            "4 if self.not_understood else 0",
+            "found = set(codes)",
+            "found, lost = set(), False",
         ),
     ),
     mutant(
         "exit-0-not-closed",
         "A file that was not closed ends with code 0.",
         "VRD-002",
-        Edit(EXIT, "3 if self.findings else", "3 if self.damaged else"),
+        Edit(EXIT, "if found and not broken:", "if found and False:"),
     ),
     mutant(
         "unsupported-before-damage",
@@ -239,27 +239,28 @@ MUTANTS = (
         "VRD-001",
         Edit(
             EXIT,
-            "3 if self.findings else 4 if self.not_understood else 0",
-            "4 if self.not_understood else 3 if self.findings else 0",
-        ),
-        Edit(
-            "verifier:Report.worsen",
-            "(INTACT, NONCONFORMING, UNSUPPORTED, DAMAGED)",
-            "(INTACT, NONCONFORMING, DAMAGED, UNSUPPORTED)",
+            "found = set(codes)",
+            "found, lost = (set(), False) if unknown else (set(codes), lost)",
         ),
     ),
     mutant(
         "digests-never-compared",
         "Digests are read and never compared.",
         "DGS-002",
-        Edit("verifier:check_packets", "digests[id_].digest() != digest", "False"),
+        Edit(
+            "reading.digests:DigestCheck.compare", "self.running[id_].digest() != digest", "False"
+        ),
         role="verifier",
     ),
     mutant(
         "digests-of-all-packets",
         "A digest is compared with all packets, also those behind it.",
         "DGS-003",
-        Edit("verifier:check_packets", "and piece.offset < wanted[piece.track.id][0]", ""),
+        Edit(
+            "reading.digests:DigestCheck.add",
+            "if piece.offset < offset:",
+            "if piece.track.id in self.running:",
+        ),
         role="verifier",
     ),
     mutant(

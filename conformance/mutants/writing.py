@@ -6,7 +6,7 @@ from .mutant import Edit, Mutant, mutant
 
 WRITER = "container.filewriter:FileWriter"
 COPY = "recovery.recover:Copy"
-WITHIN = "encoder.indexed:encode_deadband"
+WITHIN = "encoder.bounded:encode_bounded"
 FILLED = """import numpy as np
     values, parts, at = read_numbers(folder / one["numbers"], one["format"]), [], 0
     for span in spans:
@@ -91,13 +91,13 @@ MUTANTS = (
         "recover-says-nothing",
         "The metadata of a recovered file does not say what happened.",
         "REC-011",
-        Edit(f"{COPY}.run", "if done.findings or done.exit_code == 3:", "if False:"),
+        Edit(f"{COPY}.run", "if done.findings or done.exit_code == DAMAGED:", "if False:"),
     ),
     recoverer(
         "recover-exit-0",
         "Recovery ends with 0 whatever was lost.",
         "VRD-001 REC-011",
-        Edit(f"{COPY}.run", "done.exit_code = 3", "done.exit_code = 0"),
+        Edit(f"{COPY}.run", "done.exit_code = DAMAGED", "done.exit_code = 0"),
     ),
     recoverer(
         "recover-not-closed",
@@ -192,11 +192,10 @@ MUTANTS = (
         "The residual is formed against the slow part before its quantisation.",
         "WRT-003 DBC-002",
         Edit(
-            "encoder.unit:encode_counts",
+            "encoder.unit:encode_paper",
             "unit = with_residual(source, lf, x - d, step, bound)",
-            "unit = with_residual(source, lf, x - slow, step, bound)",
+            "unit = with_residual(source, lf, x - slow_part(source, settings), step, bound)",
         ),
-        Edit("encoder.unit:smallest", "x - decode_all(lf, x.shape[1])", "x - slow"),
     ),
     encoder(
         "deadband-one-too-wide",
@@ -204,14 +203,14 @@ MUTANTS = (
         "DBC-002",
         Edit(
             WITHIN,
-            "bound = bound_of(source, settings)",
-            "asked = bound_of(source, settings)\n"
+            "bound = bound_of(source, promise)",
+            "asked = bound_of(source, promise)\n"
             "    floor = tuple(count + 1 for count in asked.band.floor)\n"
             "    band = replace(asked.band, floor=floor)\n"
             "    bound = replace(asked, band=band, slack=asked.slack + 1)",
         ),
-        Edit(WITHIN, "kept(source, coded, bound.band)", "kept(source, coded, asked.band)"),
-        Edit("encoder.indexed:kept", "if any(", "if False and any("),
+        Edit(WITHIN, "contract_for(bound.band)", "contract_for(asked.band)"),
+        Edit("encoder.check:largest_errors", "if contract and contract.guaranteed:", "if False:"),
     ),
     encoder(
         "carry-lost",

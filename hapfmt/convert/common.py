@@ -10,6 +10,7 @@ from dataclasses import fields
 from fractions import Fraction
 from io import BytesIO
 from itertools import accumulate
+from math import isfinite
 from typing import IO, Any, BinaryIO
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..arrays import CHANNEL_LIMIT
 from ..errors import HapfmtError, LimitError, ParameterError
+from ..numbers import hertz
 from ..recording import Channel, Recording, extent
 from ..units import to_ucum
 
@@ -34,6 +36,8 @@ _RATE = re.compile(r"\d{1,40}/\d{1,40}|(?:\d{1,40}\.?\d{0,40}|\.\d{1,40})(?:e[+-
 
 def rate_from(value: Fraction | float | str) -> Fraction:
     """Ticks per second, exactly: 35.618 (the shortest decimal of the float) is 17809/500."""
+    if isinstance(value, float) and isfinite(value):
+        value = hertz(value)
     text = str(value).strip().lower()
     if _RATE.fullmatch(text) is None or re.search("/0+$", text):
         raise ParameterError(f"{text[:40]!r} is not a rate in Hz, such as 1000, 35.618 or 44100/7")

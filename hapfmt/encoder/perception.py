@@ -1,9 +1,9 @@
 """What people can feel: the psychophysical constants behind the encoder's defaults.
 
 They are opinions of this encoder, never part of the format: a file states the deadband that it was
-written with, and a reader checks that one. Preset auto takes Weber's law for quantities whose zero
-is nothing felt; where a zero is a matter of the frame, the scale or the amplifier, a fraction of
-the value means nothing, and only the absolute floor stays.
+written with, and a reader checks that one. Preset perceptual takes Weber's law for quantities whose
+zero is nothing felt; where a zero is a matter of the frame, the scale or the amplifier, a fraction
+of the value means nothing, and only the absolute floor stays.
 """
 
 from __future__ import annotations

@@ -15,10 +15,17 @@ from ..container.extras import Attachment
 from ..container.source import open_source
 from ..container.track import Track, lone_lf
 from ..container.walk import Finding
-from ..errors import ChecksumError, FormatError, ParameterError, TruncatedError
+from ..errors import (
+    ChecksumError,
+    FormatError,
+    ParameterError,
+    TruncatedError,
+    UnknownChannelError,
+)
 from ..events import Event
 from ..limits import Limits
-from ..names import unknown
+from ..names import matching, unknown
+from ..numbers import exact as exact_number
 from ..recording import Recording
 from ..threads import in_order, thread_count
 from ..verdict import verdict_of
@@ -150,7 +157,8 @@ class Reader(Closing):
     def select(self, channels: Sequence[str | int] | str | int | None) -> list[ChannelRef]:
         """Channels by label or number, in the order asked for; None: all.
 
-        A text that is no label but a number is taken as one.
+        A text that is no label but a number is taken as one; others may be patterns such as
+        "pos_*". Negative numbers count from the end.
         """
         known = self.channels
         if channels is None:
@@ -158,13 +166,24 @@ class Reader(Closing):
         by_label = {ref.label: ref for ref in reversed(known)}
         by_number: dict[str, ChannelRef] = {str(ref.number): ref for ref in known}
         chosen = []
+        by_number |= {str(i - len(known)): ref for i, ref in enumerate(known)}
+        if isinstance(channels, (slice, set, frozenset, dict)) or not isinstance(
+            channels, (str, int, Iterable)
+        ):
+            raise ParameterError(
+                f"channels are a label, a number or a list of them, not a {type(channels).__name__}"
+            )
         for name in [channels] if isinstance(channels, (str, int)) else channels:
             found = by_label.get(name) if isinstance(name, str) else None
             found = found or by_number.get(str(name))
-            if found is None:
+            if found is not None:
+                chosen.append(found)
+                continue
+            several = matching(name, [ref.label for ref in known]) if isinstance(name, str) else []
+            if not several:
                 labels = {ref.number: ref.label for ref in known}
-                raise ParameterError(unknown("channel", name, labels))
-            chosen.append(found)
+                raise UnknownChannelError(unknown("channel", name, labels))
+            chosen += [known[place] for place in several]
         return chosen
 
     def read(
@@ -248,8 +267,8 @@ class Reader(Closing):
         *,
         layers: Sequence[str] | None = None,
     ) -> list[Event]:
-        """Events with start <= time < stop, of all layers or those with these names, in order of
-        time. Their channels are the channels' numbers."""
+        """Events that hold at some time of the seconds [start, stop), of all layers or those with
+        these names, in order of time. Their channels are the channels' numbers."""
         if start is None and stop is None:
             self.scan()
         catalogue = self.catalogue
@@ -259,8 +278,18 @@ class Reader(Closing):
             if layers is None or layer.components[0].label in layers
         ]
         assembly = Assembly({}, "full")
-        for piece in self.pieces(chosen, start, stop):
-            assembly.add_events(piece.track, piece.events)
+        # An event that still holds at ``start`` may have begun in any cluster before it.
+        low = None if start is None else exact_number(start)
+        for piece in self.pieces(chosen, None if start is None else 0, stop):
+            rate = piece.track.rate
+            kept = [
+                event
+                for event in piece.events
+                if low is None
+                or event.tick >= low * rate
+                or event.tick + event.duration > low * rate
+            ]
+            assembly.add_events(piece.track, kept)
             self.limits.check_events(assembly.event_count)
         if self.catalogue is not catalogue:
             return self.events(start, stop, layers=layers)
