@@ -222,10 +222,7 @@ _DEFAULTS: dict[str, Any] = {
 def refuse_unused(preset: str, name: str) -> None:
     option, presets = USED_BY.get(name, ("", ()))
     if presets and preset in PRESETS and preset not in presets:
-        argument = f" ({name}=)" if name != option.removeprefix("--") else ""
-        raise ParameterError(
-            f"{option}{argument} requires preset {' or '.join(presets)}, not {preset}"
-        )
+        raise ParameterError(f"{option} requires preset {' or '.join(presets)}, not {preset}")
 
 
 def alias_note(preset: str) -> str:

@@ -143,7 +143,7 @@ def encode_textured(
     quality = f"texture {promise.snr:g} dB"
     alone = encode_bounded(source, base, promise)
     assert alone
-    if felt.silent:
+    if felt.silent and promise.enough:
         return alone, promise.kept_as.replace(quality, "no texture above the threshold")
     if felt.fine and promise.enough:
         unit = encode_bounded(source, base, replace(promise, k=Fraction(0)))
