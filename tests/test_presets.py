@@ -277,7 +277,9 @@ class TestPerceptual:
         decision, _ = decided(doubles(PUSH + 1 + 0.0004 * NOISE, "N"))
         assert decision.kept_as == "deadband 10 %, no texture above the threshold"
         assert decision.chosen == "knots"
-        asked, _ = decided(doubles(PUSH + 1 + 0.0004 * NOISE, "N"), Settings.of("perceptual", snr=9))
+        asked, _ = decided(
+            doubles(PUSH + 1 + 0.0004 * NOISE, "N"), Settings.of("perceptual", snr=9)
+        )
         assert asked.kept_as == "deadband 10 %, texture 9 dB"
 
     def test_texture_far_below_the_weber_fraction_is_kept(self):

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from ..codecs.grids import LpcParameters
 from ..container.cluster import Packet
 from ..container.track import Component, Contract, Track
-from ..limits import EXACT_LIMIT
+from ..integers import clamp
+from ..limits import EXACT_LIMIT, ZERO_LIMIT
 from ..recording import Calibration, Channel
 from .bounded import code_grid, encode_bounded, encode_lossless
 from .glitches import without_glitches
@@ -54,6 +55,9 @@ HALVINGS = 12
 
 FINER = 32
 """A step is made of so many counts at least, so that whole counts lose little of it."""
+
+RESOLVED = 1e-12
+"""Of the largest value: what rounding leaves of a slow part that is the signal itself."""
 
 NARROWER, TRIES = 0.8, 16
 """A step is made so much narrower, and at most so many times, until the slow part holds."""
@@ -95,6 +99,11 @@ class Felt:
         """Whether what lies above the split frequency is below the absolute threshold, as root
         mean square: the onsets of smooth contact, which the deadband keeps, are no texture."""
         return self.power <= self.floor**2
+
+    @property
+    def beyond_doubles(self) -> bool:
+        """Whether the quality asks for errors that float64 hardly resolves beside the values."""
+        return self.mse <= (RESOLVED * float(np.abs(self.x).max(initial=0.0))) ** 2
 
     @property
     def fine(self) -> bool:
@@ -143,7 +152,7 @@ def encode_textured(
     quality = f"texture {promise.snr:g} dB"
     alone = encode_bounded(source, base, promise)
     assert alone
-    if felt.silent and promise.enough:
+    if felt.silent if promise.enough else felt.beyond_doubles:
         return alone, promise.kept_as.replace(quality, "no texture above the threshold")
     if felt.fine and promise.enough:
         unit = encode_bounded(source, base, replace(promise, k=Fraction(0)))
@@ -232,9 +241,7 @@ def whole_counts(
             coded = code_grid(source, track, grid, nearest_uniform, smallest)
             if coded is None:
                 return None
-            zero = (channel.calibration.zero,)
-            contract = Contract(0, 1, False, True, (whole // 2,), zero)
-            coded.track = replace(coded.track, contract=contract)
+            coded.track = replace(coded.track, contract=uniform(whole // 2, channel.calibration))
             unit = float(abs(channel.calibration.step)) * whole
             reason = f"prediction on a uniform grid of {unit:.4g} {original.unit}"
             return Unit(coded, None, "predicted", reason, channels=source.channels)
@@ -264,6 +271,12 @@ def encode_split(felt: Felt, base: Track, promise: Promise, smallest: int | None
             continue
         return with_predicted(felt, lines, indices * grid.step, grid, y, smallest)
     return None
+
+
+def uniform(error: int, calibration: Calibration) -> Contract:
+    """No sample is further off than so many counts."""
+    zero = clamp(calibration.zero, -ZERO_LIMIT, ZERO_LIMIT - 1)
+    return Contract(0, 1, False, True, (error,), (zero,))
 
 
 def counts_nearest(x: Doubles, calibration: Calibration) -> NDArray[np.int64]:
@@ -302,8 +315,7 @@ def with_predicted(
             return None
         fast.packets.append(Packet(0, span.start, span.ticks, data))
     error = int(np.abs(source.counts[:, 0] - y).max(initial=0))
-    contract = Contract(0, 1, False, True, (max(error, 1),), (channel.calibration.zero,))
-    fast.track = replace(fast.track, contract=contract)
+    fast.track = replace(fast.track, contract=uniform(max(error, 1), channel.calibration))
     step = float(abs(channel.calibration.step)) * grid.step
     reason = f"lines, and prediction of the rest on a uniform grid of {step:.4g} {channel.unit}"
     return Unit(lines, fast, "lines + predicted", reason, channels=source.channels)

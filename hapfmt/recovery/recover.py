@@ -305,7 +305,7 @@ class Copy:
             return False
         # Packets without bytes have the offset of whatever follows them.
         type_ = self.types.get(finding.offset) if finding.code in OF_CHUNKS else None
-        if type_ == "TRAK":
+        if type_ == "TRAK" and finding.code != "bad-chunk":
             chunk = read_chunk(self.catalogue.source, finding.offset)
             return chunk is None or chunk.header.track not in self.tracks
         return type_ not in REMADE and (type_ != "HEAD" or self.catalogue.head is None)
