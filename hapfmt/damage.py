@@ -3,14 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from fractions import Fraction
 from typing import Any
 
+from .container.track import Track
 from .container.walk import Finding
 from .reading.catalogue import Catalogue, ChannelRef
 from .reading.losses import LostSpan
+from .verdict import HARMLESS
 
 SHOWN = 4
 """Channels named in a line."""
+SHORTEST = Fraction(1, 10**9)
+"""Seconds."""
+WORDS = {
+    "bad-signature": "wrong first bytes",
+    "garbage": "foreign bytes",
+    "duplicate-chunk": "a chunk twice",
+    "missing-chunk": "missing chunks",
+    "out-of-order": "chunks in the wrong order",
+    "truncated": "a chunk cut short",
+    "bad-payload": "wrong checksum",
+    "bad-table": "a damaged table of packets",
+    "bad-packet": "damaged packets",
+    "overlap": "packets that overlap",
+    "bad-chunk": "a chunk that breaks a rule",
+    "missing-head": "no header chunk",
+    "lost-base": "an HF track without its LF track",
+    "bad-digest": "wrong SHA-256 checksum",
+}
+"""Codes of findings, for people."""
 
 
 def damage_report(catalogue: Catalogue, lost: Sequence[LostSpan]) -> dict[str, Any]:
@@ -102,20 +124,92 @@ def joined(spans: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
         yield current
 
 
-def lost_lines(catalogue: Catalogue, lost: Iterable[LostSpan]) -> list[str]:
-    """For people: each span with its channels and seconds."""
-    channels = by_track(catalogue)
+def told(catalogue: Catalogue, lost: Iterable[LostSpan]) -> list[str]:
+    """For people: the damage in one line, what it took, and what nobody can know."""
     lines = []
-    for span in lost:
-        track = catalogue.tracks.get(span.track)
-        if track is None:
-            lines.append(f"lost: track {span.track}, whose description is lost")
-            continue
-        names = [ref.label or f"channel {ref.number}" for ref in channels.get(track.id, [])]
-        shown = ", ".join(names[:SHOWN]) or f"track {track.id}"
-        more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-        kind = {"lf": " (LF)", "hf": " (HF)"}.get(track.kind, "")
-        start = float(span.start / track.rate)
-        stop = "the end" if span.stop is None else f"{float(span.stop / track.rate):.6g} s"
-        lines.append(f"lost: {shown}{more}{kind} from {start:.6g} s to {stop}")
+    found = [finding for finding in catalogue.findings if finding.code not in HARMLESS]
+    if found:
+        kinds = dict.fromkeys(WORDS.get(finding.code, finding.code) for finding in found)
+        areas = sum(1 for _ in joined(sorted((f.offset, f.offset + f.size) for f in found)))
+        places = "1 place" if areas == 1 else f"{areas} places"
+        size = damaged_bytes(found, catalogue.source.size)
+        lines.append(f"damage in {places}, {size} bytes: {', '.join(kinds)}")
+    losses = lost_lines(catalogue, lost)
+    lines += losses
+    if found and not losses:
+        lines.append("no sample is known to be lost")
+    if not catalogue.closed:
+        end = float(catalogue.duration)
+        lines.append(f"the file was not closed; what came after {end:.6g} s is unknown")
     return lines
+
+
+def lost_lines(catalogue: Catalogue, lost: Iterable[LostSpan]) -> list[str]:
+    """For people: equal losses in one line, with channels and seconds.
+
+    An index gives times in milliseconds, and nobody knows when a track ended (SPEC 12.2). So a span
+    may begin where the recording ends, as far as the file tells: it is left out here.
+    """
+    channels = by_track(catalogue)
+    undescribed: set[int] = set()
+    groups: dict[tuple[Fraction, Fraction | None], dict[str, set[str]]] = {}
+    for track, start, stop in seconds_lost(catalogue, lost, undescribed):
+        refs = channels.get(track.id, [])
+        names = [ref.label or f"channel {ref.number}" for ref in refs] or [name_of(track)]
+        group = groups.setdefault((start, stop), {})
+        for name in names:
+            group.setdefault(name, set()).add(track.kind)
+    lines = []
+    for (start, stop), group in groups.items():
+        end = "the end" if stop is None else f"{float(stop):.6g} s"
+        for kinds, suffix in ((["lf"], " (LF)"), (["hf"], " (HF)"), (None, "")):
+            names = [
+                name for name, own in group.items()
+                if (list(own) == kinds if kinds else list(own) not in (["lf"], ["hf"]))
+            ]  # fmt: skip
+            if len(names) > SHOWN:
+                few = f"{len(names)} channels ({', '.join(names[:SHOWN])} ...)"
+                lines.append(f"lost in {few}{suffix}: {float(start):.6g} s to {end}")
+            elif names:
+                lines.append(f"lost: {', '.join(names)}{suffix} from {float(start):.6g} s to {end}")
+    if undescribed:
+        ids = sorted(undescribed)
+        shown = ", ".join(map(str, ids[:SHOWN])) + (" ..." if len(ids) > SHOWN else "")
+        what = f"track {shown}" if len(ids) == 1 else f"{len(ids)} tracks ({shown})"
+        lines.append(f"lost: {what}, whose description is lost")
+    return lines
+
+
+def seconds_lost(
+    catalogue: Catalogue, lost: Iterable[LostSpan], undescribed: set[int]
+) -> Iterator[tuple[Track, Fraction, Fraction | None]]:
+    """Spans in seconds within the recording, those that touch as one, in order of time; to
+    ``undescribed`` go the tracks that have no rate."""
+    end = Fraction(catalogue.foot.duration_ns, 10**9) if catalogue.foot else None
+    spans: dict[int, list[tuple[int, int | None]]] = {}
+    for span in lost:
+        if span.track in catalogue.tracks:
+            spans.setdefault(span.track, []).append((span.start, span.stop))
+        else:
+            undescribed.add(span.track)
+    found = []
+    for id_, own in spans.items():
+        track = catalogue.tracks[id_]
+        far = 1 << 63
+        for first, last in joined(sorted((a, far if b is None else b) for a, b in own)):
+            start, stop = first / track.rate, None if last >= far else last / track.rate
+            known = catalogue.duration if end is None and stop is None else end
+            # The footer rounds up to a nanosecond.
+            if known is not None and start > 0 and start + SHORTEST >= known:
+                continue
+            if end is not None and stop is not None:
+                stop = min(stop, end)
+            found.append((track, start, stop))
+    yield from sorted(found, key=lambda each: each[1])
+
+
+def name_of(track: Track) -> str:
+    """Of a track that is part of no channel."""
+    if track.kind == "events" and track.components and track.components[0].label:
+        return f"events {track.components[0].label}"
+    return "events" if track.kind == "events" else f"track {track.id}"

@@ -21,7 +21,7 @@ from .container.track import lone_lf, unsupported_track
 from .container.walk import read_chunk
 from .container.wire import HEADER_SIZE
 from .contract import ContractCheck, check_contracts
-from .damage import damage_report, lost_lines
+from .damage import damage_report, told
 from .errors import FormatError, HapfmtError, LimitError, UnsupportedError
 from .limits import Limits
 from .reading.catalogue import Catalogue
@@ -38,7 +38,10 @@ class Report:
     exit_code: int = INTACT
     findings: list[dict[str, Any]] = field(default_factory=list)
     lost: list[dict[str, Any]] = field(default_factory=list)
-    lost_lines: list[str] = field(default_factory=list)
+    told: list[str] = field(default_factory=list)
+    """Damage and losses, for people."""
+    file_code: int = INTACT
+    """The exit code for the file alone, whatever the original holds."""
     damage: dict[str, Any] | None = None
     """The report of SPEC 12.2; None where the file could not be opened."""
     error: HapfmtError | None = None
@@ -86,7 +89,7 @@ def verify(
         reader = Reader(file, limits=limits, threads=threads)
     except (FormatError, UnsupportedError, LimitError) as error:
         report.error = error
-        report.exit_code = verdict_of(error=error)
+        report.exit_code = report.file_code = verdict_of(error=error)
         return report
     with reader:
         try:
@@ -100,14 +103,14 @@ def verify(
         catalogue = reader.catalogue
         report.findings = [finding.as_json() for finding in catalogue.findings]
         report.lost = [span._asdict() for span in reader.lost]
-        report.lost_lines = lost_lines(catalogue, reader.lost)
+        report.told = told(catalogue, reader.lost)
         report.damage = damage_report(catalogue, reader.lost)
         report.unknown = [header.type for header in catalogue.unknown]
-        report.exit_code = verdict_of(
-            (finding.code for finding in catalogue.findings),
-            error=report.error,
-            unknown=catalogue.not_understood,
-            lost=bool(report.lost) or any(check.broken for check in report.contracts),
+        codes = [finding.code for finding in catalogue.findings]
+        broken = any(check.broken for check in report.contracts)
+        report.file_code, report.exit_code = (
+            verdict_of(codes, error=report.error, unknown=catalogue.not_understood, lost=lost)
+            for lost in (bool(report.lost), bool(report.lost) or broken)
         )
         return report
 

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from edited import assert_intact, assert_same, made
 from test_cli import run, run_json
@@ -156,3 +157,15 @@ def test_more_than_the_memory_is_refused(room: Path, words: tuple[str, ...]) -> 
     assert done.returncode == 4 and b"--max-memory" in done.stderr
     assert not (room / "x.hapf").exists() and not list(room.glob("part-*"))
     assert run(*words, "--max-memory", "64M", cwd=room).returncode == 0
+
+
+def test_a_part_that_reaches_beyond_its_times_says_so(tmp_path: Path) -> None:
+    np.savez(tmp_path / "t.npz", x=np.sin(np.arange(3000) / 50)[None], rate_hz=1000.0)
+    assert run("encode", "t.npz", "t.hapf", cwd=tmp_path).returncode == 0
+    done = run("subset", "t.hapf", "p.hapf", "--start", "1", "--stop", "2", cwd=tmp_path)
+    assert done.returncode == 0
+    assert b"packets are kept whole: the part is 0 s to 3 s" in done.stderr
+    assert b"hapfmt decode --start --stop" in done.stderr
+    assert run("encode", "t.npz", "t.hapf", "-f", "--cluster", "1", cwd=tmp_path).returncode == 0
+    done = run("subset", "t.hapf", "p.hapf", "-f", "--start", "1", "--stop", "2", cwd=tmp_path)
+    assert b"kept whole" not in done.stderr

@@ -223,3 +223,22 @@ def test_a_few_crashes():
     assert done.returncode == 0, done.stdout + done.stderr
     assert re.search(r"^\| +killed \| +6 \|$", done.stdout, re.M), done.stdout
     assert re.search(r"^\| +faults \| +0 \|$", done.stdout, re.M), done.stdout
+
+
+@pytest.mark.parametrize("text", ["0,25;12,25\n1,5;3,5\n", "0,25\t1\n", "0,25 1,5\n", "1;0,5"])
+def test_decimal_commas_are_refused_before_a_file_is_there(tmp_path, text):
+    done = subprocess.run(
+        [sys.executable, "-m", "hapfmt", "record", "x.hapf", "--rate", "1000"],
+        input=text.encode(), capture_output=True, check=False, cwd=tmp_path, env=ENVIRONMENT,
+    )  # fmt: skip
+    assert done.returncode == 1 and b"line 1: " in done.stderr
+    assert b"decimal comma; write decimal points" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_decimal_commas_below_a_header(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "hapfmt", "record", "x.hapf", "--rate", "1000"],
+        input=b"a;b\n0,25;1,5\n", capture_output=True, check=False, cwd=tmp_path, env=ENVIRONMENT,
+    )  # fmt: skip
+    assert b"line 2: '0,25' has a decimal comma" in done.stderr

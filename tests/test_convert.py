@@ -14,6 +14,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+import hapfmt
 from hapfmt.convert import FORMATS, read, save
 from hapfmt.errors import HapfmtError, LimitError, MissingExtraError, ParameterError
 from hapfmt.recording import Calibration, Channel, Recording, Span
@@ -561,12 +562,25 @@ class TestNpz:
         notes = read(io.BytesIO(data), format="npz", rate=20).metadata["notes"]
         assert notes == [
             "the rate of the file, 10 Hz, was overridden by 20 Hz",
-            "true times (key 't') are not carried over; they begin at 5.0 s and deviate by at most "
-            "0.15 s from the regular grid of 20 Hz",
+            "the sample times (key 't') differ from a regular 20 Hz by up to 150 ms; only the "
+            "regular times are stored. To keep the others, store them as a channel of their own",
+            "the times begin at 5.0 s, which became tick 0",
             "the unit '\u65e5' of channel 'ch1' is kept as 1",
             "the unit '\u65e5' of channel 'ch2' is kept as 1",
             "keys not carried over: 'set'",
         ]
+
+    @pytest.mark.parametrize("start", [0, 7])
+    def test_regular_times_need_no_note(self, start: int) -> None:
+        data = npz(x=X, rate_hz=10, start_tick=start, t=(start + np.arange(3)) / 10)
+        assert "notes" not in read(io.BytesIO(data), format="npz").metadata
+
+    def test_irregular_times_come_back_as_a_channel_of_their_own(self) -> None:
+        t = np.arange(500) / 35.6 + np.random.default_rng(1).uniform(-1e-3, 1e-3, 500)
+        given = npz(x=[np.sin(t), t], rate_hz=35.6, channel_names=["f", "time"], unit=["N", "s"])
+        stream = io.BytesIO()
+        hapfmt.write(read(io.BytesIO(given), format="npz"), stream)
+        assert hapfmt.read(stream.getvalue())["time"].to_numpy().tobytes() == t.tobytes()
 
     @pytest.mark.parametrize("times", [[0.0, NAN, 1.0], [0.0]])
     def test_unusable_times_are_noted(self, times: list[float]) -> None:
@@ -692,7 +706,7 @@ class TestRealRecordings:
             assert np.array_equal(steps, arrays["lsb"], equal_nan=True)
             assert recording.metadata["source"] == arrays["source"]
             notes = "\n".join(recording.metadata["notes"])
-            assert ("true times" in notes) == ("t" in arrays.files)
+            assert "t" in arrays.files or "sample times" not in notes
         back = there_and_back(recording, "npz")
         assert [*map(facts, back.channels)] == [*map(facts, recording.channels)]
 
@@ -707,3 +721,41 @@ class TestRealRecordings:
 def test_formats() -> None:
     assert list(FORMATS) == [".npz", ".npy", ".csv", ".wav"]
     assert issubclass(MissingExtraError, HapfmtError)
+
+
+@pytest.mark.parametrize(
+    ("name", "times", "cell"),
+    [
+        ("Zeit (s)", ["0,000", "0,001", "0,002"], "1,5"),
+        ("Zeit [s]", ["0.5", "0.501", "0.502"], "1.5"),
+        ("elapsed [ms]", ["0", "1", "2"], "1.5"),
+        ("Takt (us)", ["0", "1000", "2000"], "1.5"),
+        ("clock [ns]", ["0", "1000000", "2000000"], "1.5"),
+    ],
+)
+def test_a_first_column_in_seconds_that_rises_is_the_time(tmp_path, name, times, cell):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{name};fx [N]\n" + "".join(f"{t};{cell}\n" for t in times))
+    found = read(path)
+    assert [channel.label for channel in found.channels] == ["fx"]
+    assert (
+        found.channels[0].rate_exact == 1000 and found.channels[0].samples().tolist() == [1.5] * 3
+    )
+    assert any("taken for the time" in note for note in found.metadata["notes"])
+
+
+def test_a_first_column_in_seconds_that_does_not_rise_is_a_channel(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("delay [s],fx [N]\n0.1,1\n0.2,2\n0.2,3\n")
+    found = read(path, rate=1000)
+    assert [channel.label for channel in found.channels] == ["delay", "fx"]
+    assert found.channels[0].samples().tolist() == [0.1, 0.2, 0.2]
+    with pytest.raises(ParameterError, match="no rate"):
+        read(path)
+
+
+def test_text_that_is_not_utf_8_names_the_cure(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_bytes("t [s],Kraft für x [N]\n0,1\n".encode("latin-1"))
+    with pytest.raises(ParameterError, match="save the table as UTF-8"):
+        read(path)

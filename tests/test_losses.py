@@ -111,7 +111,7 @@ def test_a_lost_description_costs_its_own_track():
     bad = flipped(data, payload_of(data, "TRAK", 1))
     report = verify(bad)
     assert [tuple(span.values())[:3] for span in report.lost] == [(1, 0, 4), (1, 4, 8)]
-    assert any("whose description is lost" in line for line in report.lost_lines)
+    assert any("whose description is lost" in line for line in report.told)
 
 
 def test_a_damaged_count_costs_nothing():

@@ -156,3 +156,27 @@ def test_imports_nothing_heavy_and_never_pyplot(tmp_path):
         "assert 'matplotlib.pyplot' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
+
+
+@pytest.mark.parametrize(
+    ("least", "most"), [(-2e-11, 2e-11), (1e7, 3e7), (5000.0001, 5000.0004), (0.0, 1e-4)]
+)
+def test_no_factor_or_offset_lies_above_an_axis(least, most):
+    axes = style.new_figure(4, 3).add_subplot()
+    axes.plot([0, 1], [least, most])
+    style.style(axes, "", "", "")
+    axes.figure.draw_without_rendering()
+    assert axes.yaxis.get_offset_text().get_text() == ""
+    shown = [label.get_text().replace("\N{MINUS SIGN}", "-") for label in axes.get_yticklabels()]
+    assert len(set(shown)) == len(shown) > 2
+    close = 1e-3 * (most - least)
+    assert [float(text) for text in shown] == pytest.approx(list(axes.get_yticks()), abs=close)
+
+
+def test_damage_looks_like_nothing_else():
+    def rgb(colour):
+        return np.array([int(colour[place : place + 2], 16) for place in (1, 3, 5)])
+
+    damage = rgb(style.DAMAGE)
+    others = {colour for colour in style.PALETTE.values() if colour != style.DAMAGE}
+    assert min(np.linalg.norm(damage - rgb(colour)) for colour in others) > 100

@@ -263,7 +263,7 @@ def many() -> Recording:
 
 @pytest.fixture(scope="module")
 def many_file() -> bytes:
-    return encoded(many(), hapfmt.Settings(cluster=Fraction(1, 4)))
+    return encoded(many(), hapfmt.Settings.of("paper", cluster=Fraction(1, 4), smallest=False))
 
 
 @pytest.fixture

@@ -215,7 +215,7 @@ def assigned(channels, profile, *given_, settings=None):
 class TestAssignment:
     def test_bands(self):
         noise = np.random.default_rng(1).integers(-999, 1000, 500).astype(np.int32)
-        split = Settings(k=Fraction(1, 10), bits=8)
+        split = Settings("paper", k=Fraction(1, 10), bits=8, smallest=False)
         rough = Channel(noise, Fraction(1000), calibration=MILLI, label="rough", unit="N")
         for band, kept, gone in (("lf", "LF", "HF"), ("hf", "HF", "LF")):
             routes, found = assigned([rough], profile_of(band=band), "0=1", settings=split)
@@ -251,7 +251,11 @@ def test_a_block_says_the_same_wherever_it_begins(band, rate, at, data):
     rng = np.random.default_rng(9)
     counts = rng.integers(-2000, 2001, 600).astype(np.int32)
     made = Channel(counts, Fraction(1000), calibration=MILLI, unit="N")
-    with Reader(file_of(Recording((made,)), Settings(bits=8, cluster=Fraction(1, 10)))) as reader:
+    with Reader(
+        file_of(
+            Recording((made,)), Settings("paper", bits=8, cluster=Fraction(1, 10), smallest=False)
+        )
+    ) as reader:
         profile = profile_of(rate=rate, band=band)
         renderer = Renderer(reader, profile, Assignment((Route(0, 0, Fraction(1)),)))
         whole, _ = joined(renderer.blocks())

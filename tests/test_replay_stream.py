@@ -172,7 +172,10 @@ def long_file():
         )
         for label in "abc"
     ]  # fmt: skip
-    return file_of(Recording(tuple(channels)), Settings(bits=8, cluster=Fraction(1, 4)))
+    return file_of(
+        Recording(tuple(channels)),
+        Settings("paper", bits=8, cluster=Fraction(1, 4), smallest=False),
+    )
 
 
 LONG = long_file()
@@ -284,7 +287,7 @@ class TestLayouts:
             for rate, start, size in ((1000, 0, 4000), (1000, 50, 3000), (250, 0, 1000))
         ]  # fmt: skip
         recording = Recording(tuple(channels))
-        settings = Settings(bits=8, cluster=Fraction(1, 4))
+        settings = Settings("paper", bits=8, cluster=Fraction(1, 4), smallest=False)
         data = laid_out(recording, settings, ORDERS[order])
         with Reader(data) as reader:
             want = reader.read()

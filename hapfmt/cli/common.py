@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -14,11 +15,11 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 
 from ..atomic import refuse
-from ..damage import lost_lines
+from ..damage import told
 from ..errors import ParameterError
 from ..limits import Limits
 from ..numbers import exact
-from ..verdict import UNSUPPORTED
+from ..verdict import DAMAGED, UNSUPPORTED
 from .screen import closed, complain, note, raw, terminal_text, width_of
 
 if TYPE_CHECKING:
@@ -33,6 +34,9 @@ LONG_SECONDS = 0.5
 """Work shorter than this shows no progress."""
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
+verbose_option = click.option(
+    "-v", "--verbose", is_flag=True, help="Print each damage with its place and the rule it breaks."
+)
 threads_option = click.option(
     "--threads",
     type=click.IntRange(1),
@@ -352,8 +356,11 @@ def tell_clocks(reader: Reader) -> None:
 
 def tell_losses(reader: Reader) -> int:
     """What is wrong with a file that was read, on standard error; the exit code (SPEC 14)."""
-    tell_some([f"{reader.source.path or 'input'}: {finding}" for finding in reader.findings])
-    tell_some(lost_lines(reader.catalogue, reader.lost))
+    name = reader.source.path or "input"
+    lines = [f"{name}: {line}" for line in told(reader.catalogue, reader.lost)]
+    if reader.source.path and reader.exit_code == DAMAGED:
+        lines.append(f"for details, run: hapfmt verify -v {shlex.quote(reader.source.path)}")
+    tell_some(lines)
     if reader.exit_code == UNSUPPORTED:
         tell_some(["a part of the file is not known to this version; hapfmt info names it"])
     return reader.exit_code

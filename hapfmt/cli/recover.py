@@ -17,6 +17,7 @@ from .common import (
     progress,
     refuse_target,
     tell_some,
+    verbose_option,
 )
 from .help import Verb
 from .screen import complain, say
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 )
 @memory_option
 @force_option
+@verbose_option
 @json_option
 def recover(
     source: str,
@@ -47,6 +49,7 @@ def recover(
     in_place: bool,
     canonical: int | None,
     force: bool,
+    verbose: bool,
     as_json: bool,
     max_memory: Limits,
 ) -> int:
@@ -84,15 +87,18 @@ def recover(
     if as_json and target != "-":
         echo_json(done.as_json())
     else:
-        show(source, target or source, done)
+        show(source, target or source, done, verbose=verbose)
     return done.exit_code
 
 
-def show(source: str, target: str, done: Recovery) -> None:
-    tell_some([f"{source}: {finding}" for finding in done.findings])
-    tell_some(done.lost_lines)
+def show(source: str, target: str, done: Recovery, *, verbose: bool) -> None:
+    if verbose:
+        tell_some([str(finding) for finding in done.findings])
+    tell_some([f"{source}: {line}" for line in done.told])
     if done.kept_as:
         complain(f"the damaged file is now {done.kept_as}")
     line = f"{target}: {done.packets} packets, {done.samples} samples"
     how = "with loss" if done.exit_code == 3 else "nothing lost"
+    if how == "nothing lost" and any(each.code == "not-closed" for each in done.findings):
+        how = "nothing lost of what is in the file"
     say(f"{line}; {how}", err=target == "-")

@@ -24,6 +24,7 @@ from .editing import canonical_option, tell, to_zero_option
 from .help import Verb
 
 if TYPE_CHECKING:
+    from ..edit import Edited
     from ..limits import Limits
     from ..reading.reader import Band
 
@@ -86,5 +87,23 @@ def subset(
             start, stop, band=cast("Band", band), to_zero=to_zero,
             level=int(level) if level else None, canonical=canonical, force=force, progress=advance,
         )  # fmt: skip
+    more = note_of_ends(edited, start, stop) if not to_zero else None
+    if more:
+        edited.notes.append(more)
     tell(edited, target, as_json)
     return 0
+
+
+def note_of_ends(edited: Edited, start: Fraction | None, stop: Fraction | None) -> str | None:
+    """Where packets reach beyond the times that were asked for."""
+    if edited.start is None or edited.stop is None:
+        return None
+    early = start is not None and edited.start < start
+    late = stop is not None and edited.stop > stop
+    if not early and not late:
+        return None
+    return (
+        f"packets are kept whole: the part is {float(edited.start):.6g} s to "
+        f"{float(edited.stop):.6g} s. For an exact cut, use hapfmt decode --start --stop and "
+        "hapfmt encode, or encode with a shorter --cluster"
+    )

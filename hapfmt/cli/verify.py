@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..verdict import DAMAGED, INTACT, VERDICTS
 from .bounds import amount, bound_text
 from .common import (
     counted,
@@ -19,6 +20,7 @@ from .common import (
     progress,
     tell_some,
     threads_option,
+    verbose_option,
 )
 from .help import Verb
 from .screen import complain, say
@@ -37,12 +39,14 @@ if TYPE_CHECKING:
 @click.option("--rate", help="Samples per second of ORIGINAL, if the file does not say.")
 @threads_option
 @memory_option
+@verbose_option
 @json_option
 def verify(
     file: str,
     against: str | None,
     input_format: str | None,
     rate: str | None,
+    verbose: bool,
     as_json: bool,
     threads: int | None,
     max_memory: Limits,
@@ -68,29 +72,24 @@ def verify(
     if as_json:
         echo_json(report.as_json())
     else:
-        show(file, report)
+        show(file, report, verbose=verbose)
     return report.exit_code
 
 
-def show(file: str, report: Report) -> None:
+def show(file: str, report: Report, *, verbose: bool) -> None:
+    from ..container.walk import Finding
+
     say(
-        f"{file}: {report.verdict}; {counted(report.packets, 'packet')}, "
+        f"{file}: {verdict(report)}; {counted(report.packets, 'packet')}, "
         f"{counted(report.samples, 'sample')}"
         + (f", {counted(report.digests, 'SHA-256 checksum')}" if report.digests else "")
         + (f", {counted(report.events, 'event')}" if report.events else "")
     )
     if report.error:
         complain(str(report.error))
-    tell_some(
-        [
-            f"0x{f['offset']:x}+{f['size']}: {f['code']}: {f['message']} [{f['requirement']}]"
-            for f in report.findings
-        ]
-    )
-    tell_some(report.lost_lines)
-    if report.verdict == "damaged" and report.damage:
-        command = f"hapfmt recover {shlex.quote(file)} OUT"
-        complain(f"to keep these {report.packets} packets, run: {command}")
+    if verbose:
+        tell_some([str(Finding(**finding)) for finding in report.findings])
+    tell_some(report.told)
     if report.unknown:
         say(f"unknown chunks: {' '.join(report.unknown)}")
     if report.contracts:
@@ -113,6 +112,26 @@ def show(file: str, report: Report) -> None:
                     f"{name_of(check)}: the original is up to {check.moved:.6g} away from its "
                     f"grid, the file states {check.stated:.6g}"
                 )
+    if report.file_code == DAMAGED and report.damage:
+        command = f"hapfmt recover {shlex.quote(file)} OUT"
+        complain(f"to keep these {report.packets} packets, run: {command}")
+
+
+def verdict(report: Report) -> str:
+    """Of the file, and how it differs from the original in the number of samples."""
+    missing = sum(check.missing for check in report.contracts)
+    added = sum(check.invented for check in report.contracts)
+    differences = []
+    if missing:
+        verb = "is" if missing == 1 else "are"
+        differences.append(f"{counted(missing, 'sample')} of the original {verb} missing")
+    if added:
+        verb = "is" if added == 1 else "are"
+        differences.append(f"{counted(added, 'sample')} {verb} not in the original")
+    word = VERDICTS[report.file_code]
+    if not differences:
+        return word
+    return f"{word}, {'but' if report.file_code == INTACT else 'and'} {' and '.join(differences)}"
 
 
 def name_of(check: ContractCheck) -> str:
@@ -147,14 +166,17 @@ def percent(error: float, whole: float) -> str:
 
 def kept(checks: list[ContractCheck]) -> str:
     """The result in one line."""
-    broken = [check for check in checks if check.broken]
+    broken = [check for check in checks if check.promised and check.outside]
     aims = [check for check in checks if not check.promised and check.outside]
     if broken:
-        what = "the error bound does not hold, or samples are missing or added"
+        what = "the error bound does not hold"
         return f"{len(broken)} of {counted(len(checks), 'channel')}: {what}"
     if aims:
         what = "a sample is outside the bound, which is only an aim"
         return f"{len(aims)} of {counted(len(checks), 'channel')}: {what}"
+    every, rest = "every sample", "; none is missing, none was added"
+    if any(check.missing or check.invented for check in checks):
+        every, rest = "every sample that both have", ""
     if all(not check.largest_error for check in checks):
-        return "every sample equals the original; none is missing, none was added"
-    return "every sample keeps its error bound; none is missing, none was added"
+        return f"{every} equals the original{rest}"
+    return f"{every} keeps its error bound{rest}"

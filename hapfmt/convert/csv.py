@@ -78,7 +78,8 @@ class _Lines:
             line = self._text.readline(_LINE_LIMIT)
         except UnicodeDecodeError as error:
             raise ParameterError(
-                f"after line {self.number - 1}: not UTF-8 text ({error.reason})"
+                f"after line {self.number - 1}: not UTF-8 text ({error.reason}); save the table as "
+                "UTF-8"
             ) from error
         if len(line) == _LINE_LIMIT and not line.endswith(("\r", "\n")):
             raise ParameterError(f"line {self.number} is longer than {_LINE_LIMIT} characters")
@@ -141,6 +142,7 @@ class _Table:
         if len(self._names) > CHANNEL_LIMIT:
             self._refuse(f"{len(self._names)} columns, more than {CHANNEL_LIMIT}")
         self._stamps = self._time_column()
+        self._rising = None if self._stamps is not None else self._column_in_seconds()
         self._dates = False
         self._commas = False
         self._values = array("d")
@@ -152,17 +154,21 @@ class _Table:
             raise ParameterError("a time column but no channel")
         self._read_rows(first)
         x = np.frombuffer(self._values) if self._values else np.empty(0)
-        grid = self._grid(x.size // columns, rate)
-        notes = list(grid.notes)
+        x = x.reshape(-1, columns)
+        notes: list[str] = []
+        grid = self._rising_grid(rate, notes)
+        if grid is not None:
+            first, x = 1, x[:, 1:]
+        else:
+            grid = self._grid(len(x), rate)
+        notes += grid.notes
         if self._lines.comments:
             notes.append(f"comment lines not carried over: {self._lines.comments}")
         named = [_split_name(name) for name in self._names[first:]]
         labels = unique([label for label, _ in named], notes)
         channels = tuple(
             _channel(label, unit, column, grid, notes)
-            for label, (_, unit), column in zip(
-                labels, named, x.reshape(-1, columns).T, strict=True
-            )
+            for label, (_, unit), column in zip(labels, named, x.T, strict=True)
         )
         return Recording(channels, metadata=with_notes({}, notes), epoch_ns=grid.epoch_ns)
 
@@ -188,6 +194,34 @@ class _Table:
             return None
         return Stamps(_TIME_UNITS[match[match.lastindex] if match.lastindex else "s"])
 
+    def _column_in_seconds(self) -> Stamps | None:
+        """A first column of another name with a unit of time: times, if they rise in every row."""
+        unit = _split_name(self._names[0])[1]
+        return Stamps(_TIME_UNITS[unit]) if unit in _TIME_UNITS and len(self._names) > 1 else None
+
+    def _add_rising(self, cell: str) -> None:
+        assert self._rising is not None
+        if self._commas:
+            cell = cell.replace(",", ".")
+        try:
+            if _NUMBER.fullmatch(cell) is None:
+                raise ValueError
+            self._rising.add(cell)
+        except ValueError:
+            self._rising = None
+
+    def _rising_grid(self, rate: Fraction | None, notes: list[str]) -> Grid | None:
+        if self._rising is None or len(self._rising) < 2:
+            return None
+        try:
+            grid = self._rising.grid(rate)
+        except ParameterError:
+            if rate is None:
+                raise
+            return None  # a channel that rises, at the rate that was given
+        notes.append(f"{self._names[0]!r} is taken for the time: its values rise in every row")
+        return grid
+
     def _read_rows(self, first: int) -> None:
         """Fill the stamps and the values, row after row."""
         width = len(self._names)
@@ -209,6 +243,8 @@ class _Table:
             if self._stamps is not None:
                 self._add_time(self._stamps, row[0].strip())
             self._values.extend(self._row_values(row[first:], first))
+            if self._rising is not None:
+                self._add_rising(row[0].strip())
             if 8 * len(self._values) > self._max_memory:
                 raise LimitError(
                     f"line {self._lines.number}: the values so far take more than "

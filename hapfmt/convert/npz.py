@@ -11,7 +11,7 @@
 ``source``              text, where the recording comes from
 ``events``              text, JSON: a list of objects with ``time``, ``text``, ``duration``,
                         ``channel`` and ``layer``, times as "num/den" in s
-``t``                   [samples] true times in s: compared with the grid and dropped
+``t``                   [samples] true times in s: compared with the grid, not stored
 ======================  =============================================================
 
 Where channels differ in rate, each rate is a group, and its keys end in __0, __1 ...
@@ -57,7 +57,7 @@ from .common import (
     with_notes,
 )
 from .npy import doubles_2d, memory_of, read_array, read_header, write_array, write_dense
-from .times import Grid, Stamps, spans_at
+from .times import STEADY, Grid, Stamps, deviation_note, spans_at
 
 _KEY = re.compile(
     r"(x|rate|rate_hz|channel_names|unit|lsb|start_tick|index|t)(__(?:0|[1-9][0-9]{0,4}))?"
@@ -331,7 +331,7 @@ def _channels(
         notes += grid.notes
     hertz = choose_rate(rate, found, notes)
     if times is not None and ticks_at is None:
-        notes.append(_times_note(times, hertz, ticks))
+        notes += _times_notes(times, hertz, ticks, starts[0])
     made = []
     for row, label, unit, step in zip(x, labels, units, steps, strict=True):
         known = ~np.isnan(row)
@@ -386,17 +386,21 @@ def _rate(archive: _Archive, ending: str) -> Fraction | None:
     return exact
 
 
-def _times_note(times: NDArray[np.float64], rate: Fraction, ticks: int) -> str:
-    """How far the true times of the samples, in s, lie from the grid that replaces them."""
-    note = "true times (key 't') are not carried over"
+def _times_notes(times: NDArray[np.float64], rate: Fraction, ticks: int, start: int) -> list[str]:
+    """What the grid, which replaces the true times of the samples, in s, does not keep of them."""
     if len(times) != ticks or not ticks or not np.isfinite(times).all():
-        return f"{note}; there are {len(times)}, perhaps not finite, for {ticks} samples"
+        return [
+            "the sample times (key 't') are not stored: "
+            f"there are {len(times)}, perhaps not finite, for {ticks} samples"
+        ]
     with np.errstate(over="ignore"):
-        largest = np.abs(times - times[0] - np.arange(ticks) * float(1 / rate)).max()
-    return (
-        f"{note}; they begin at {float(times[0])} s and deviate by at most {largest:.3g} s "
-        f"from the regular grid of {rate} Hz"
-    )
+        largest = float(np.abs(times - times[0] - np.arange(ticks) * float(1 / rate)).max())
+    notes = []
+    if largest > STEADY / float(rate):
+        notes.append(deviation_note(largest, rate, " (key 't')"))
+    if abs(float(times[0]) - start / rate) > max(largest, STEADY / float(rate)):
+        notes.append(f"the times begin at {float(times[0])} s, which became tick {start}")
+    return notes
 
 
 def _listed(keys: Collection[str]) -> str:

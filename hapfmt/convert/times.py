@@ -38,7 +38,7 @@ _CLOCK = 100_000_000
 """Seconds, three years: times from here on count from 1970, not from the recording's zero."""
 _CLOCK_END = 10_000_000_000
 """Seconds since 1970, the year 2286: later times count in another unit, or from another day."""
-_STEADY = 1e-6
+STEADY = 1e-6
 """Share of a tick that is not worth a note: sums of a rounded period drift as much."""
 
 
@@ -155,8 +155,8 @@ class Stamps:
         slack = Fraction(4 * line.spread / len(self) ** 0.5)
         rate = checked_rate(_roundest(Fraction(line.period) * line.last, slack, line.last))
         notes: tuple[str, ...] = ()
-        if line.spread > _STEADY * line.period:
-            notes = (_deviation_note(line.spread, rate),)
+        if line.spread > STEADY * line.period:
+            notes = (deviation_note(line.spread, rate),)
         return self._placed(line, rate, line.spread, notes)
 
     def _placed(
@@ -166,7 +166,7 @@ class Stamps:
         offset = self.first + Fraction(float(residual.max() + residual.min()) / 2)
         start = round(offset * rate)
         shift = abs(float(offset - start / rate))
-        if shift > max(2 * tolerance, _STEADY / float(rate)):
+        if shift > max(2 * tolerance, STEADY / float(rate)):
             notes += (f"the times lie {shift:.3g} s beside the ticks of {rate} Hz",)
         return self._started(line, rate, start, notes)
 
@@ -179,8 +179,8 @@ class Stamps:
             notes = ("the times do not fit the rate; the rows were put one tick apart",)
         line = _Line(ticks, times)
         largest = float(np.abs(line.residual(rate)).max(initial=0))
-        if largest > max(self.noise + self.resolution / 2, _STEADY / float(rate)):
-            notes += (_deviation_note(largest, rate),)
+        if largest > max(self.noise + self.resolution / 2, STEADY / float(rate)):
+            notes += (deviation_note(largest, rate),)
         return self._started(line, rate, round(self.first * rate), notes)
 
     def _started(self, line: _Line, rate: Fraction, start: int, notes: tuple[str, ...]) -> Grid:
@@ -368,8 +368,10 @@ def _simplest(low: Fraction, high: Fraction) -> Fraction:
         low, high = 1 / (high - whole), 1 / (low - whole)
 
 
-def _deviation_note(largest: float, rate: Fraction) -> str:
+def deviation_note(largest: float, rate: Fraction, key: str = "") -> str:
+    """How far the times of the samples, in s, lie from the regular ones that replace them."""
+    size = f"{largest:.3g} s" if largest >= 1 else f"{1000 * largest:.3g} ms"
     return (
-        f"true times are not carried over; they deviate by at most {largest:.3g} s "
-        f"from the regular grid of {rate} Hz"
+        f"the sample times{key} differ from a regular {float(rate):.6g} Hz by up to {size}; only "
+        "the regular times are stored. To keep the others, store them as a channel of their own"
     )

@@ -25,6 +25,10 @@ NAMED = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\]\s*)?")
 """A name, and a unit in brackets."""
 
 
+DECIMAL = re.compile(rb"[+-]?\d*[.,]?\d+(e[+-]?\d+)?", re.I)
+"""A number with a decimal point or comma."""
+
+
 class RangeError(ValueError):
     """A number, and no name, but too large for a double."""
 
@@ -130,6 +134,7 @@ class Lines:
     def begin(self, line: bytes) -> bool:
         """The recorder of a bare table; whether its first line holds names."""
         names = [name.decode("utf-8", "replace").strip() for name in fields_of(line)]
+        refuse_commas(line)
         try:
             parse_rows([line.partition(b" ")[2] if line.startswith(b"@") else line], len(names))
         except RangeError as error:
@@ -156,6 +161,7 @@ class Lines:
                 except ValueError as error:
                     self.hand_over(good, rows.tick)
                     self.number = rows.number + place
+                    refuse_commas(line)
                     raise ParameterError(str(error)) from None
             raise AssertionError("rows that parse alone parse together") from None
         self.hand_over([values], rows.tick, rows.number)
@@ -178,6 +184,21 @@ class Lines:
                 self.number = number + place
                 self.session.rows(row[None], tick if place == 0 else None)
         self.number = last
+
+
+def refuse_commas(line: bytes) -> None:
+    """Decimal commas, which would be taken for commas between numbers, and the rest for names.
+
+    "0,25" alone is two numbers; next to a semicolon, a tab or a space it is one.
+    """
+    for separator in (b";", b"\t", None):
+        cells = [cell.strip() for cell in line.split(separator)]
+        cells = [cell for cell in cells if cell]
+        odd = [cell for cell in cells if b"," in cell]
+        if len(cells) > 1 and odd and all(DECIMAL.fullmatch(cell) for cell in cells):
+            raise ParameterError(
+                f"{odd[0].decode()!r} has a decimal comma; write decimal points, as in 1.5"
+            )
 
 
 def fields_of(line: bytes) -> list[bytes]:

@@ -6,6 +6,7 @@ import os
 import warnings
 from collections.abc import Sequence
 from contextlib import ExitStack
+from math import ceil, inf, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
@@ -14,15 +15,17 @@ from ..errors import MissingExtraError, ParameterError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 INK, GREY, LINES = "#22272e", "#8b949e", "#d8dee4"
 """Text and limits; frames; grid lines."""
 
 SIGNAL, DECODED, LF, HF = "#0072b2", "#000000", "#e69f00", "#009e73"
-ERROR, DEADBAND, DAMAGE, GAP = "#cc79a7", "#f0e442", "#d55e00", "#c3c9d0"
+ERROR, DEADBAND, DAMAGE, GAP = "#cc79a7", "#f0e442", "#a50021", "#c3c9d0"
 """One meaning for each colour, in every panel of every picture. The palette stays distinct for
-colour-blind readers: M. Okabe, K. Ito, "Color Universal Design", 2008."""
+colour-blind readers: M. Okabe, K. Ito, "Color Universal Design", 2008. Its vermilion resembles the
+orange of knots, so damage is dark red."""
 
 PALETTE = {
     "signal": SIGNAL,
@@ -176,9 +179,28 @@ def style(axes: Axes, name: str, x_label: str, y_label: str, *, size: float = 10
     axes.set_xlabel(x_label, fontsize=9, color=INK)
     axes.set_ylabel(y_label, fontsize=9, color=INK)
     axes.tick_params(labelsize=8.5, colors=INK, length=3)
+    whole_ticks(axes.xaxis)
+    whole_ticks(axes.yaxis)
     axes.grid(color=LINES, lw=0.6)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
         axes.spines[side].set_color(GREY)
+
+
+def whole_ticks(axis: Axis) -> None:
+    """Writes very small, very large and close values in full at each tick. matplotlib would put
+    their common factor or offset above the axis, where it overlaps the panel next to it."""
+    low, high = axis.get_view_interval()
+    largest, extent = max(abs(low), abs(high)), abs(high - low)
+    if axis.get_scale() != "linear" or not 0 < extent < inf:
+        return
+    if 1e-3 <= largest < 1e6 and extent > 1e-3 * largest:
+        return
+    digits = ceil(log10(largest / extent)) + 3
+
+    def text(value: float, _: float) -> str:
+        return "0" if abs(value) < 1e-6 * extent else f"{value:.{digits}g}".replace("-", "\u2212")
+
+    axis.set_major_formatter(text)

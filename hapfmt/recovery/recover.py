@@ -20,7 +20,7 @@ from ..container.filewriter import FileWriter
 from ..container.source import SPOOL_SIZE, Source, StreamSource, open_source
 from ..container.walk import Finding, read_chunk
 from ..container.wire import SIGNATURE
-from ..damage import damage_report, lost_lines
+from ..damage import damage_report, told
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Limits
 from ..reading.catalogue import Catalogue, ChunkRef
@@ -47,7 +47,8 @@ class Recovery:
     exit_code: int = 0
     findings: list[Finding] = field(default_factory=list)
     lost: list[LostSpan] = field(default_factory=list)
-    lost_lines: list[str] = field(default_factory=list)
+    told: list[str] = field(default_factory=list)
+    """Damage and losses, for people."""
     damage: dict[str, Any] = field(default_factory=dict)
     """The report of SPEC 12.2."""
     packets: int = 0
@@ -232,7 +233,7 @@ class Copy:
         if done.findings or done.exit_code == DAMAGED:
             write_note(catalogue, self.writer, self.note())
         self.writer.close()
-        done.lost_lines = lost_lines(catalogue, done.lost)
+        done.told = told(catalogue, done.lost)
         done.damage = damage_report(catalogue, done.lost)
         done.file_size = self.writer.offset
         return done
