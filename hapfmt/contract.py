@@ -45,6 +45,8 @@ class ContractCheck:
     stated: float
     component: Component
     index: int
+    extent: float = 0.0
+    """Largest less smallest value of the original."""
 
     @property
     def promised(self) -> bool:
@@ -78,6 +80,7 @@ class ContractCheck:
             "outside_count": self.outside,
             "worst_ratio": float(self.worst_ratio),
             "largest_error": self.largest_error,
+            "range": self.extent,
             "unit": self.component.unit,
             "moved": self.moved,
             "stated": self.stated,
@@ -96,6 +99,7 @@ class Pair:
     moved: float
     far: int
     """Samples of x that are near no count: outside, whatever the deadband."""
+    extent: float
 
 
 def check_contracts(reader: Reader, against: Recording) -> list[ContractCheck]:
@@ -164,7 +168,7 @@ def check_track(members: Sequence[Member]) -> list[ContractCheck]:
             ref.number, part.track.id, ref.label, contract, int(pair.x.size), pair.missing,
             pair.invented, outside + pair.far, ratio, pair.largest_error, pair.moved,
             y.deviation.largest if y.deviation else 0.0, owner.track.components[ref.index],
-            ref.index,
+            ref.index, pair.extent,
         )
         for (ref, owner, _, y), pair, (outside, ratio) in zip(members, pairs, judged, strict=True)
     ]  # fmt: skip
@@ -191,6 +195,7 @@ def pair_up(original: Channel, decoded: Channel) -> Pair:
         errors = np.where(same, 0.0, np.abs(physical_x - physical_y))
     y = decoded.stored[at_y]
     moved, far = 0.0, 0
+    finite = physical_x[np.isfinite(physical_x)]
     if decoded.exact is not None:
         x, y = physical_x.view(np.int64), physical_y.view(np.int64)
     elif decoded.calibration is None:
@@ -212,6 +217,7 @@ def pair_up(original: Channel, decoded: Channel) -> Pair:
         float(errors.max(initial=0.0)),
         moved,
         far,
+        float(np.ptp(finite)) if finite.size else 0.0,
     )
 
 

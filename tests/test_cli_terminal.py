@@ -128,7 +128,7 @@ def test_columns_left_out_are_named(columns: int, room: Path) -> None:
     text = run_in_terminal("compare", "touch.npz", "a.hapf", cwd=room, columns=columns).stdout
     piped = run("compare", "touch.npz", "a.hapf", cwd=room).stdout.decode()
     header = piped.split("\n")[0]
-    assert "SNR > 20 Hz, dB" in header and "only in B" in header
+    assert "SNR>20Hz dB" in header and "B only" in header
     flat = " ".join(text.decode().split())
     named = re.search(
         r"\(not shown: (.*?); a terminal of (\d+) columns or --json shows them\)", flat
@@ -426,3 +426,35 @@ def test_version_says_whether_the_loops_are_compiled(monkeypatch: pytest.MonkeyP
         [sys.executable, "-c", code, "--version"], capture_output=True, text=True, check=True
     )
     assert done.stdout.endswith("False\n")
+
+
+def test_verify_shows_its_proof_in_one_line_a_row(tmp_path: Path) -> None:
+    values = np.cumsum(np.random.default_rng(1).normal(size=(2, 3000)), axis=1) / 1000
+    labels = ["thumb CMC rotation abduction", "fx"]
+    for preset in ("lossless", "near-lossless"):
+        hapfmt.write(values, tmp_path / f"{preset}.hapf", rate=1000, labels=labels,
+                     units=["rad", "N"], preset=preset)  # fmt: skip
+    words = ("near-lossless.hapf", "--against", "lossless.hapf")
+    text = run_in_terminal("verify", *words, cwd=tmp_path, columns=80).stdout.decode()
+    (row,) = [line for line in text.splitlines() if "fx" in line]
+    assert len(row.split()) == 8 and 50 < float(row.split()[-2]) <= 100, text
+    assert 0.05 < float(row.split()[-1]) <= 0.1, text
+    assert "none is missing, none was added" in text
+    words = ("near-lossless.hapf", "lossless.hapf", "--tolerance", "1%")
+    text = run_in_terminal("compare", *words, cwd=tmp_path, columns=80).stdout.decode()
+    assert len([line for line in text.splitlines() if "within" in line]) == 3, text
+
+
+def test_info_tells_times_dates_and_notes(tmp_path: Path) -> None:
+    known = recording(count=2000)
+    late = hapfmt.Recording(
+        tuple(channel.slice_ticks(1000, 2000) for channel in known.channels),
+        metadata={"notes": ["one", "two"], "scene": {"points": list(range(200))}},
+        epoch_ns=86_400 * 10**9,
+    )  # fmt: skip
+    hapfmt.write(late, tmp_path / "late.hapf")
+    text = run("info", "late.hapf", cwd=tmp_path).stdout.decode()
+    assert "1 s to 2 s (1 s)" in text
+    assert "epoch_ns: 86400000000000 (1970-01-02T00:00:00Z)" in text
+    assert "\nnote: one\nnote: two\n" in text
+    assert max(map(len, text.splitlines())) < 250 and "--json shows all" in text

@@ -3,6 +3,7 @@ on where the parts begin."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -335,6 +336,12 @@ class TestCompare:
         ]
         (row,) = differences((a,), (force(9, rate=500, label="a"),))
         assert row.verdict == "rates 1000 and 500 Hz" and not row.within
+
+    def test_channels_of_other_units_are_not_paired_by_place(self):
+        a, b = force(9, label="normal force"), replace(force(9, label="pos_master"), unit="m")
+        assert [row.verdict for row in differences((a,), (b,))] == ["only in A", "only in B"]
+        (row,) = differences((a,), (replace(b, unit=a.unit),))
+        assert row.identical and "pos_master" in row.notes[0]
 
     def test_a_stretch_of_time(self):
         a, b = force(), force()

@@ -73,8 +73,8 @@ def compare(
     force: bool,
     as_json: bool,
 ) -> int:
-    """Compare the samples of A and B, of any format, tick by tick. Channels are matched by label,
-    or by place if labels are missing. Metadata, events and attachments are not compared.
+    """Compare the samples of A and B, of any format, tick by tick. Channels are matched by label;
+    if no label matches, by place and unit. Metadata, events and attachments are not compared.
 
     The exit code is 0 if no difference is larger than --tolerance and no sample is missing on
     either side. It is 3 if the recordings differ, or if samples were lost to damage. An error is 1.
@@ -158,8 +158,8 @@ def show(a: str, b: str, found: Sequence[Comparison]) -> None:
         [
             row.label or f"channel {row.number}",
             str(row.number),
-            row.verdict,
-            amount(row.largest, row.unit, 4) if row.largest else "0",
+            row.verdict.removesuffix(" tolerance"),
+            amount(row.largest, row.unit) if row.largest else "0",
             str(row.differing),
             str(row.samples),
             str(row.only_a),
@@ -172,10 +172,12 @@ def show(a: str, b: str, found: Sequence[Comparison]) -> None:
         for row in found
     ]
     headers = [
-        Column("label"), Column("#", 7), Column("verdict"), Column("largest difference"),
-        Column("differing", 1), Column("samples", 2), Column("only in A", 5),
-        Column("only in B", 6), Column("rms", 4), Column("in steps", 9), Column("SNR, dB", 3),
-        Column("SNR > 20 Hz, dB", 8),
+        Column("label"), Column("#", 9), Column("verdict"), Column("largest"),
+        Column("differ", 1), Column("samples", 2),
+        Column("A only", 0 if any(row.only_a for row in found) else 6),
+        Column("B only", 0 if any(row.only_b for row in found) else 7),
+        Column("rms", 4), Column("steps", 8), Column("SNR dB", 3),
+        Column("SNR>20Hz dB", 5),
     ]  # fmt: skip
     table(headers, rows)
     for row in found:

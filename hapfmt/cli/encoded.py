@@ -9,6 +9,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 from .bounds import amount
+from .common import counted
 from .screen import JOINED, say
 from .tables import Column, table
 
@@ -114,11 +115,13 @@ def advice(summary: Summary, recording: Recording) -> str:
     ratio = near_lossless_ratio(recording)
     if ratio <= 1.5 * 8 * summary.sample_count / summary.file_size:
         return ""
-    those = "channel" if len(every) == 1 else "channels"
-    those += " is" if len(floating) == 1 else " are"
+    those = counted(len(every), "channel") + (" is" if len(floating) == 1 else " are")
+    now = sum(each.original_bits * each.sample_count for each in every) / (8 * summary.file_size)
+    instead = f", not {now:.1f} times" if now >= 1 else ""
     return (
-        f"{len(floating)} of {len(every)} {those} floating point: --preset near-lossless "
-        f"--max-error {MAX_ERROR} would make this file about {ratio:.0f} times smaller than float64"
+        f"{len(floating)} of {those} floating point. With --preset near-lossless "
+        f"--max-error {MAX_ERROR} this file would be about {ratio:.0f} times smaller than "
+        f"float64{instead}."
     )
 
 

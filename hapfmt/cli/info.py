@@ -22,6 +22,9 @@ from .help import Verb
 from .screen import complain, say
 from .tables import Column, table
 
+SHOWN_CHARACTERS = 160
+"""Of nested metadata."""
+
 
 @click.command(cls=Verb)
 @click.argument("file", metavar="FILE")
@@ -209,13 +212,14 @@ def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
     closed = "closed" if found["closed"] else "NOT CLOSED"
     say(
         f"{file}: hapf {found['version']} level {found['level']}, "
-        f"{found['file_size']} bytes, {found['duration_s']:.6g} s, "
+        f"{found['file_size']} bytes, {span_text(catalogue)}, "
         f"{counted(found['cluster_count'], 'cluster')}, "
         f"{counted(found['track_count'], 'track')}, {closed}"
     )
-    for key in ("uuid", "epoch_ns"):
-        if found[key] is not None:
-            say(f"{key}: {found[key]}")
+    if found["uuid"] is not None:
+        say(f"uuid: {found['uuid']}")
+    if found["epoch_ns"] is not None:
+        say(f"epoch_ns: {found['epoch_ns']}{date_text(found['epoch_ns'])}")
     rows = [channel_row(ref) for ref in catalogue.channels]
     if rows:
         headers = [
@@ -228,21 +232,55 @@ def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
         say(f"layer of events: {name} (track {layer.id}, {layer.rate} ticks/s)")
     for clock in found["clocks"]:
         ticks = "ns" if clock["track"] is None else f"ticks of track {clock['track']}"
-        mapped = f", mapped by {clock['point_count']} points" if clock["point_count"] else ""
-        count = clock["observation_count"]
-        say(f"clock: {clock['clock']} ({count} observations by {ticks}{mapped})")
+        points = clock["point_count"]
+        mapped = f", mapped by {counted(points, 'point')}" if points else ""
+        count = counted(clock["observation_count"], "observation")
+        say(f"clock: {clock['clock']} ({count} by {ticks}{mapped})")
     if found.get("events"):
         rows = [event_row(event) for event in found["events"]]
         table(["time, s", "text", "duration, s", "channel", "layer"], rows)
     for key, value in catalogue.metadata.items():
-        text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-        say(f"{key}: {text}")
+        for text in metadata_texts(key, value):
+            say(text)
     for attachment in found["attachments"]:
         say(f"attachment: {attachment['name']} ({attachment['size']} bytes)")
     for finding in catalogue.findings:
         complain(str(finding))
     if catalogue.unsupported:
         complain(str(catalogue.unsupported))
+
+
+def span_text(catalogue: Catalogue) -> str:
+    """The length; the times of a recording that does not start at 0 come first."""
+    stop = float(catalogue.duration)
+    starts = [chunk.start_ns for chunk in catalogue.data if chunk.start_ns is not None]
+    start = min(starts, default=0) / 1e9
+    if not 0 < start < stop:
+        return f"{stop:.6g} s"
+    return f"{start:.6g} s to {stop:.6g} s ({stop - start:.6g} s)"
+
+
+def date_text(epoch_ns: int) -> str:
+    """Nothing where the calendar of Python ends."""
+    from datetime import UTC, datetime, timedelta
+
+    try:
+        moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=epoch_ns // 10**9)
+    except OverflowError:
+        return ""
+    return f" ({moment:%Y-%m-%dT%H:%M:%SZ})"
+
+
+def metadata_texts(key: str, value: Any) -> list[str]:
+    """Lines for a person: a note each, and the beginning of what is long and nested."""
+    if isinstance(value, str):
+        return [f"{key}: {value}"]
+    if key == "notes" and isinstance(value, list) and all(isinstance(x, str) for x in value):
+        return [f"note: {each}" for each in value]
+    text = json.dumps(value, ensure_ascii=False)
+    if len(text) <= SHOWN_CHARACTERS:
+        return [f"{key}: {text}"]
+    return [f"{key}: {text[:SHOWN_CHARACTERS]} ... ({len(text)} characters; --json shows all)"]
 
 
 def event_row(event: dict[str, Any]) -> list[str]:

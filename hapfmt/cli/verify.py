@@ -93,12 +93,17 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
     if report.unknown:
         say(f"unknown chunks: {' '.join(report.unknown)}")
     if report.contracts:
+        checks = report.contracts
+        # Of a narrow terminal: what is zero everywhere goes early, the last line says it.
         headers = [
-            Column("label"), Column("#", 5), Column("error bound", 3), Column("outside"),
-            Column("largest error"), Column("% of bound", 1), Column("samples", 4),
-            Column("missing", 6), Column("added", 7),
+            Column("label"), Column("#", 9), Column("error bound"),
+            Column("outside", 0 if any(check.outside for check in checks) else 5),
+            Column("largest error"), Column("% of bound", 1), Column("% of range", 2),
+            Column("samples", 8),
+            Column("missing", 0 if any(check.missing for check in checks) else 6),
+            Column("added", 0 if any(check.invented for check in checks) else 7),
         ]  # fmt: skip
-        table(headers, [row_of(check) for check in report.contracts])
+        table(headers, [row_of(check) for check in checks])
         said = kept(report.contracts)
         (complain if report.exit_code else say)(said)
         for check in report.contracts:
@@ -134,17 +139,29 @@ def name_of(check: ContractCheck) -> str:
 
 
 def row_of(check: ContractCheck) -> list[str]:
+    bound = bound_text(check.contract, check.component, check.index).removeprefix("within ")
     return [
         name_of(check),
         str(check.channel),
-        bound_text(check.contract, check.component, check.index),
+        bound,
         str(check.outside),
-        amount(check.largest_error, check.component.unit, 4) if check.largest_error else "0",
-        f"{100 * float(check.worst_ratio):.2f}" if check.contract else "-",
+        amount(check.largest_error, check.component.unit) if check.largest_error else "0",
+        of_bound(check),
+        percent(check.largest_error, check.extent),
         str(check.samples),
         str(check.missing),
         str(check.invented),
     ]
+
+
+def of_bound(check: ContractCheck) -> str:
+    if check.contract:
+        return f"{100 * float(check.worst_ratio):.1f}"
+    return percent(check.largest_error, check.stated)
+
+
+def percent(error: float, whole: float) -> str:
+    return f"{100 * error / whole:.3g}" if whole else "-" if error else "0"
 
 
 def kept(checks: list[ContractCheck]) -> str:
@@ -152,12 +169,14 @@ def kept(checks: list[ContractCheck]) -> str:
     broken = [check for check in checks if check.promised and check.outside]
     aims = [check for check in checks if not check.promised and check.outside]
     if broken:
-        return f"{len(broken)} of {len(checks)} channels break their error bound"
+        what = "the error bound does not hold"
+        return f"{len(broken)} of {counted(len(checks), 'channel')}: {what}"
     if aims:
-        return f"{len(aims)} of {len(checks)} channels miss a bound that is only an aim"
-    every = "every sample"
+        what = "a sample is outside the bound, which is only an aim"
+        return f"{len(aims)} of {counted(len(checks), 'channel')}: {what}"
+    every, rest = "every sample", "; none is missing, none was added"
     if any(check.missing or check.invented for check in checks):
-        every = "every sample that both have"
+        every, rest = "every sample that both have", ""
     if all(not check.largest_error for check in checks):
-        return f"{every} equals the original"
-    return f"{every} keeps its error bound"
+        return f"{every} equals the original{rest}"
+    return f"{every} keeps its error bound{rest}"

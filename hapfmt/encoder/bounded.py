@@ -99,9 +99,10 @@ def scalar_ways(source: Source, bound: Bound) -> list[Way]:
         ("fewest lines", lambda base, smallest: code_lines(source, base, bound, smallest)),
     ]
     if grid.kn:
-        ways.append(("prediction on the deadband's grid", lambda base, smallest: code_grid(
+        growing = "each sample from those before, in steps that grow with the value"
+        ways.append((growing, lambda base, smallest: code_grid(
             source, base, grid, nearest_level, smallest)))  # fmt: skip
-    ways.append(("prediction on a uniform grid", lambda base, smallest: code_grid(
+    ways.append(("each sample from those before, in equal steps", lambda base, smallest: code_grid(
         source, base, even, nearest_uniform, smallest)))  # fmt: skip
     return ways
 

@@ -443,7 +443,7 @@ def encode_within(
         assert unit
         return unit
     unit = encode_lossless(source, base)
-    unit.reason = "prediction on a uniform grid"
+    unit.reason = "each sample from those before, in equal steps"
     fine = fine_grid(original, promise)
     if not fine.fine or fine.channel.calibration is None:
         return unit

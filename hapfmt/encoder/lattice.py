@@ -293,7 +293,7 @@ def _grids(u: NDArray[np.float64], allowed: float, lsb: float | None) -> Iterato
     if lsb is not None:
         yield on_grid(u, shortest_fraction(lsb), "steps of the given lsb")
     for step in _one_two_five(2 * Fraction(min(allowed, EXACT_LIMIT))):
-        yield on_grid(u, step, "a 1-2-5 grid")
+        yield on_grid(u, step, "a grid of round steps")
 
 
 def _one_two_five(largest: Fraction) -> Iterator[Fraction]:
@@ -320,7 +320,7 @@ def _within(
     if found is None:
         return None
     calibration, counts, largest, how = found
-    reason = f"rounded within the tolerance, by {largest:.3g} at most, to {how}"
+    reason = f"each value is rounded by at most {largest:.3g}, to {how}"
     return _lattice(x, u, Placed(calibration, counts, how), reason, deviation=largest)
 
 

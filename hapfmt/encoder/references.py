@@ -299,7 +299,7 @@ def encode_run(
         band = Deadband(0, 1, (error,) * len(zeros), zeros)
         coded.track = replace(coded.track, contract=contract_for(band))
     last = first_channel + len(channels) - 1
-    kind = "prediction on a uniform grid" if error else "lossless"
+    kind = "each sample from those before, in equal steps" if error else "lossless"
     parts = tuple(
         (f"{kind}, track of {first_channel}-{last}" + told(sources, first_channel), size)
         for sources, size in zip(links, sizes, strict=True)

@@ -143,6 +143,8 @@ class Pair:
     def __init__(self, a: Described, b: Described, view: View | None, room: int) -> None:
         self.a, self.b, self.room = a, b, room
         self.found = Comparison(a.number, a.name, a.unit, b.name)
+        if a.label != b.label:
+            self.found.notes += (f"compared with {b.name} of B, which has the same place",)
         if a.unit != b.unit:
             self.found.notes += (f"units {a.unit!r} and {b.unit!r}",)
         self.signal = Spread()
@@ -295,19 +297,26 @@ def alone(a: Parts, i: int | None, b: Parts, j: int | None) -> Comparison:
     return Comparison(channel.number, channel.name, channel.unit, reason=f"only in {name}")
 
 
+def alike(one: str, two: str) -> bool:
+    """The same unit, or one that is not known."""
+    return one == two or not {one, two}.isdisjoint(("", "1"))
+
+
 def pair_up(a: Parts, b: Parts) -> list[tuple[int | None, int | None]]:
-    """Channels of one label belong together, where labels tell them apart; else those of one
-    place."""
+    """Channels of one label belong together, where labels tell them apart. Where no label matches,
+    those of one place and one unit do."""
     mine, others = [c.label for c in a.channels], [c.label for c in b.channels]
     told = all(
         labels and all(labels) and len(set(labels)) == len(labels) for labels in (mine, others)
     )
     if told and set(mine) & set(others):
-        places = {label: place for place, label in enumerate(others)}
-        pairs: list[tuple[int | None, int | None]] = [
-            (i, places.get(label)) for i, label in enumerate(mine)
-        ]
-        known = set(mine)
-        return pairs + [(None, j) for j, label in enumerate(others) if label not in known]
-    count = max(len(mine), len(others))
-    return [(i if i < len(mine) else None, i if i < len(others) else None) for i in range(count)]
+        pairs = [(i, others.index(label)) for i, label in enumerate(mine) if label in others]
+    else:
+        units = zip(a.channels, b.channels, strict=False)
+        pairs = [(i, i) for i, (one, two) in enumerate(units) if alike(one.unit, two.unit)]
+    partner = dict(pairs)
+    paired = set(partner.values())
+    return [
+        *((i, partner.get(i)) for i in range(len(mine))),
+        *((None, j) for j in range(len(others)) if j not in paired),
+    ]
