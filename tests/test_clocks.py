@@ -226,7 +226,7 @@ class TestFile:
         path.write_bytes(FILE)
         told = CliRunner().invoke(cli, ["info", str(path)]).output
         assert "clock: pc (3 observations by ticks of track 0, mapped by 2 points)" in told
-        assert "clock: other (1 observations by ns)" in told
+        assert "clock: other (1 observation by ns)" in told
         rows = [row for row in dump(BytesSource(FILE)) if row.get("type") in ("cLOk", "cMAp")]
         assert rows[0]["observations"] == [list(row) for row in SEEN]
         assert rows[1]["points"] == [list(point) for point in POINTS]

@@ -394,7 +394,7 @@ class TestFloats:
         tape = recorded(x, FLOATS, sizes=(1000,))
         assert tape.tracks[0].number_format == "binary32"
         assert tape.read()[0].tobytes() == x.tobytes()
-        with pytest.raises(ParameterError, match=r"tick 5: .* no binary32"):
+        with pytest.raises(ParameterError, match=r"tick 5: 0.1 is not a binary32"):
             tape.write(Block(0, FLOATS, 4, np.array([1.0, 0.1])))
         tape.write(Block(0, FLOATS, 4, np.array([1.0, 0.5])))
 
@@ -603,8 +603,11 @@ class TestRefused:
             (Block(0, FLOATS, 0, np.array(["a"])), "takes numbers"),
             (Block(0, FLOATS, 0, np.zeros(1, np.longdouble)), "takes numbers"),
             (Block(0, replace(FLOATS, lsb=1.0), 0, np.array([None])), "takes numbers"),
-            (Block(0, replace(FLOATS, lsb=1e300), 0, np.zeros(1)), "no fraction of integers"),
-            (Block(0, replace(FLOATS, lsb=1e-300), 0, np.zeros(1)), "no fraction of integers"),
+            (Block(0, replace(FLOATS, lsb=1e300), 0, np.zeros(1)), "is not a fraction of integers"),
+            (
+                Block(0, replace(FLOATS, lsb=1e-300), 0, np.zeros(1)),
+                "is not a fraction of integers",
+            ),
             (Block(0, replace(COUNTS, rate=Fraction(1, 2**40)), 0, np.zeros(1, int)), "32 bits"),
             (
                 Block(

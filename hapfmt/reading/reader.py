@@ -280,6 +280,8 @@ class Reader(Closing):
         assembly = Assembly({}, "full")
         # An event that still holds at ``start`` may have begun in any cluster before it.
         low = None if start is None else exact_number(start)
+        if low is not None and stop is not None and exact_number(stop) <= low:
+            return []
         for piece in self.pieces(chosen, None if start is None else 0, stop):
             rate = piece.track.rate
             kept = [
