@@ -256,7 +256,7 @@ class WordsLane:
                 at = int(np.argmin(same))
                 raise ParameterError(
                     f"channel {self.number} ({self.plan.input.label!r}), tick {start + at}: "
-                    f"{float(x[at])!r} is not a binary32 number, but the first values of the channel were"
+                    f"{float(x[at])!r} is not a binary32 number, but the first values were"
                 )
         return encode_raw(words[:, None], self.dtype.itemsize)
 
