@@ -43,13 +43,14 @@ if TYPE_CHECKING:
     from .recovery.inplace import recover_in_place
     from .recovery.recover import recover
     from .verifier import verify
-    from .writer import write
+    from .writer import Summary, write
 
 _PLACES = {
     "Reader": "reading.reader",
     "read": "convert",
     "Follower": "reading.follow",
     "write": "writer",
+    "Summary": "writer",
     "verify": "verifier",
     "recover": "recovery.recover",
     "recover_in_place": "recovery.inplace",
@@ -79,6 +80,8 @@ _PLACES = {
     "MissingExtraError": "errors",
 }
 
+_PACKAGES = frozenset({"edit", "errors", "metrics", "scenes"})
+
 __all__ = [
     "SPEC_VERSION",
     "Calibration",
@@ -101,6 +104,7 @@ __all__ = [
     "Settings",
     "Span",
     "Status",
+    "Summary",
     "TruncatedError",
     "UnknownChannelError",
     "UnsupportedError",
@@ -119,8 +123,10 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name in _PLACES:
         return getattr(import_module(f".{_PLACES[name]}", __name__), name)
+    if name in _PACKAGES:
+        return import_module(f".{name}", __name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted({*__all__, *_PACKAGES} - {"load"})

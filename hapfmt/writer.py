@@ -26,6 +26,9 @@ from .reading.decoder import TrackDecoder, TrackDigest
 from .recording import Rate, Recording
 from .version import __version__
 
+SHOWN = 6
+"""Channels that a printed summary names."""
+
 
 @dataclass(frozen=True)
 class Summary:
@@ -35,6 +38,21 @@ class Summary:
     payload_size: int
     sample_count: int
     decisions: tuple[Decision, ...]
+
+    def __repr__(self) -> str:
+        """One line for the file and one for each of the first channels."""
+        lines = [f"Summary: {self.file_size} bytes, {self.sample_count} samples"]
+        for decision in self.decisions[:SHOWN]:
+            error = (
+                f"{decision.largest_error:.3g} {decision.unit}" if decision.largest_error else "0"
+            )
+            lines.append(
+                f"  {decision.label or decision.channel!r}: {decision.kept_as}, "
+                f"{decision.size} bytes, largest error {error}"
+            )
+        if len(self.decisions) > SHOWN:
+            lines.append(f"  and {len(self.decisions) - SHOWN} more channels")
+        return "\n".join(lines)
 
 
 def write(

@@ -483,3 +483,19 @@ def test_reading_loads_no_encoder():
     code += "print(any(name.startswith('hapfmt.encoder') for name in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+def test_packages_are_attributes():
+    code = "import hapfmt; print(hapfmt.edit.subset.__name__, hapfmt.scenes.__name__)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["subset", "hapfmt.scenes"]
+    assert "load" not in dir(hapfmt) and {"edit", "scenes", "Summary"} <= set(dir(hapfmt))
+
+
+def test_a_summary_prints_a_line_for_each_channel(tmp_path):
+    x = np.random.default_rng(0).normal(size=(9, 50))
+    summary = hapfmt.write(x, tmp_path / "o.hapf", rate=1000, units="N", preset="near-lossless")
+    lines = repr(summary).split("\n")
+    assert lines[0] == f"Summary: {summary.file_size} bytes, 450 samples"
+    assert len(lines) == 8 and lines[-1] == "  and 3 more channels"
+    assert lines[1].startswith("  'ch1': within 0.1 % of range, ") and lines[1].endswith(" N")
