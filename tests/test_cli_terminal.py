@@ -176,6 +176,14 @@ class TestTables:
         assert len(lines) == 3
 
 
+def marked(verbs: tuple[tuple[str, ...], ...], quick: tuple[str, ...]) -> list[object]:
+    names = [" ".join(words[:2]) for words in verbs]
+    return [
+        pytest.param(words, id=name, marks=() if name in quick else pytest.mark.deep)
+        for words, name in zip(verbs, names, strict=True)
+    ]
+
+
 class TestStreams:
     """Standard streams that are closed or full: our error, exit code 1, no traceback."""
 
@@ -193,6 +201,9 @@ class TestStreams:
         ("encode", "touch.npz", "-"),
     )  # fmt: skip
 
+    QUICK = ("encode touch.npz", "info a.hapf", "replay a.hapf", "--help")
+    """The others run with HYPOTHESIS_PROFILE=ci: each is two processes."""
+
     def outcome(self, words: tuple[str, ...], how: str, cwd: Path) -> tuple[int, str]:
         command = f'exec "$0" -m hapfmt "$@" {how}'
         done = subprocess.run(
@@ -201,7 +212,10 @@ class TestStreams:
         )  # fmt: skip
         return done.returncode, done.stderr.decode()
 
-    @pytest.mark.parametrize("words", VERBS, ids=lambda words: " ".join(words[:2]))
+    @pytest.mark.parametrize(
+        "words",
+        marked(VERBS, QUICK),
+    )
     def test_of_output(self, words: tuple[str, ...], room: Path, tmp_path: Path) -> None:
         folder = tmp_path / "room"
         shutil.copytree(room, folder)
