@@ -87,7 +87,7 @@ def grouped(rows: Sequence[Row]) -> Iterable[Row]:
             continue
         yield changed(
             members[0],
-            label=f"{members[0].label} ... {members[-1].label} ({len(members)} channels)",
+            label=f"{members[0].label} and {len(members) - 1} more",
             sample_count=sum(row.sample_count for row in members),
             size=sum(row.size for row in members),
             largest_error=max(row.largest_error for row in members),
