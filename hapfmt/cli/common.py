@@ -126,9 +126,9 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
     task = bar.add_task(label, total=None)
 
     def advance(done: int, total: int) -> None:
+        bar.update(task, completed=done, total=total)
         if time.monotonic() - began > LONG_SECONDS:
             bar.start()
-        bar.update(task, completed=done, total=total)
 
     try:
         yield advance

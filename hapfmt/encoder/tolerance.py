@@ -35,8 +35,8 @@ class Tolerance:
             raise ParameterError(f"{self.kind!r} is not a kind of tolerance: absolute, lsb, range")
         if not (isfinite(self.value) and self.value > 0):
             raise ParameterError(
-                f"a tolerance is positive and finite, {self.value} is not; "
-                "to keep every bit, declare none"
+                f"an amount is above 0 and finite, {self.value} is not; "
+                "to keep every bit, use preset lossless"
             )
 
     @classmethod
