@@ -74,13 +74,13 @@ def test_an_amount_in_another_unit_is_refused(unit: str) -> None:
 
 @pytest.mark.parametrize("text", ["0", "0.0lsb", "0%", "1e-400", "1e999", "1e400%"])
 def test_parse_refuses_zero_and_infinity(text: str) -> None:
-    with pytest.raises(ParameterError, match="positive and finite"):
+    with pytest.raises(ParameterError, match="above 0 and finite"):
         Tolerance.parse(text)
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, nan, inf])
 def test_tolerance_is_positive_and_finite(value: float) -> None:
-    with pytest.raises(ParameterError, match="positive and finite"):
+    with pytest.raises(ParameterError, match="above 0 and finite"):
         Tolerance(value)
 
 
