@@ -92,6 +92,7 @@ def test_every_row_appears_with_what_happened(said, outcome, reason, monkeypatch
     """On a busy machine a run sends nothing, or its program fails; its row is there all the same."""
     monkeypatch.setattr(replay_timing, "opened", lambda *_: nullcontext(Player(said)))
     monkeypatch.setattr(replay_timing, "make_file", lambda *_: None)
+    monkeypatch.setitem(replay_timing.wait_for.__globals__, "SECONDS", 0.02)
     path = tmp_path / "found.json"
     replay_timing.main.callback(0.5, 0, "loopback,hid", 1, False, path)
     told = json.loads(path.read_text("utf-8"))
