@@ -125,7 +125,7 @@ def joined(spans: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
 
 
 def told(catalogue: Catalogue, lost: Sequence[LostSpan]) -> list[str]:
-    """For people: the damage in one line, what it took, and what nobody can know."""
+    """For people: the damage in one line, what it took, and what is unknown."""
     lines = []
     found = [finding for finding in catalogue.findings if finding.code not in HARMLESS]
     if found:
@@ -145,7 +145,7 @@ def told(catalogue: Catalogue, lost: Sequence[LostSpan]) -> list[str]:
 
 
 def open_starts(catalogue: Catalogue, lost: Iterable[LostSpan]) -> list[Fraction]:
-    """Seconds from which on nobody knows how much of a track is lost: the end of what is left."""
+    """Where what is left of a track ends, in seconds. How much follows is unknown."""
     return [
         span.start / catalogue.tracks[span.track].rate
         for span in lost
@@ -161,7 +161,7 @@ def last_known(catalogue: Catalogue, lost: Iterable[LostSpan]) -> Fraction:
 def lost_lines(catalogue: Catalogue, lost: Sequence[LostSpan]) -> list[str]:
     """For people: equal losses in one line, with channels and seconds.
 
-    An index gives times in milliseconds, and nobody knows when a track ended (SPEC 12.2). So a span
+    An index gives times in milliseconds, and the end of a track is unknown (SPEC 12.2). So a span
     may begin where the recording ends, as far as the file tells: it is left out here.
     """
     channels = by_track(catalogue)

@@ -275,7 +275,9 @@ class TestPipes:
         assert halves == pytest.approx([31.7655, 127.062, 63.531], rel=1e-5)
         assert rows["b5"]["difference"]["mean"] == -32.5 and found["screened"] == found["all"]
         text = run("rate", "--summary", *files, cwd=room)
-        assert b"textures: 2 subjects" in text.stdout and b"nobody rated the hidden" in text.stdout
+        assert (
+            b"textures: 2 subjects" in text.stdout and b"no subject rated the hidden" in text.stdout
+        )
         assert b"nothing was felt by S1, S2: a dry run" in text.stderr
         lines = run("rate", "--summary", *files, "--csv", cwd=room).stdout.decode()
         table = list(csv.DictReader(io.StringIO(lines)))

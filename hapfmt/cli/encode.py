@@ -50,7 +50,7 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
     show_default=True,
     help="lossless: every bit as it was recorded. "
     "near-lossless: no sample is further off than --max-error. "
-    "perceptual: leaves out what nobody can feel. Forces, torques, pressures, accelerations and "
+    "perceptual: leaves out what cannot be felt. Forces, torques, pressures, accelerations and "
     "velocities keep Weber's deadband in the slow part, and their texture to --snr; all other "
     "channels are near-lossless; clocks, counters and states are lossless. "
     "paper: Brandi, Chaudhari and Steinbach to the letter (their online deadband of the whole "

@@ -335,7 +335,7 @@ def show(summary: Summary) -> None:
     missed = f"rated the hidden reference below {study['screen_below']:g} too often"
     show_rows(f"{study['name']}: {people(len(summary.subjects))}", summary.rows)
     if not out:
-        say(f"nobody {missed}")
+        say(f"no subject {missed}")
         return
     say(f"{len(out)} {missed}: {', '.join(out)}")
     if summary.kept:

@@ -22,10 +22,10 @@ PAPER_SHARE = 1 / 32
 """Preset paper puts floating point channels on a grid this fine against its threshold."""
 
 WIDER = 1.03
-"""A grid of its own is worth its description from so many times the step on."""
+"""A grid of its own pays for its description if its step is at least this many times wider."""
 
 ODD_SHARE = 1000
-"""One sample in so many may be infinite before the channel is stored without loss."""
+"""At most one infinite sample in 1000 becomes a gap; with more, the channel is lossless."""
 
 
 @dataclass(frozen=True)

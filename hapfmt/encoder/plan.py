@@ -16,7 +16,7 @@ from .settings import ALL, RANGE_FLOOR, Settings
 from .tolerance import Tolerance
 
 STATES = 4
-"""Up to so many distinct values are states (a button, a phase), not a signal."""
+"""A channel with at most four distinct values holds states (a button, a phase), no signal."""
 
 CLOCK_SAMPLES = 16
 """Fewer samples that only rise say nothing about what follows."""
@@ -39,10 +39,10 @@ class Promise:
     """What a channel keeps.
 
     floor: every sample is within max(k * |x|, floor) of what was recorded; None: every bit is kept.
-    snr: the texture is kept to so many dB, and max(k * |x|, floor) holds for the slow part; None:
-    for every sample. enough: kept_as where errors within the floor are allowed although snr asks
-    for less; empty: they are not. paper: the method of the paper, which promises nothing. kept_as
-    and why: for the user.
+    snr: quality of the texture in dB; max(k * |x|, floor) then holds for the slow part. None: it
+    holds for every sample. enough: kept_as where errors within the floor are allowed although snr
+    asks for less; empty: they are not. paper: the method of the paper, which promises nothing.
+    kept_as and why: for the user.
     """
 
     floor: Tolerance | None = None

@@ -54,13 +54,13 @@ HALVINGS = 12
 """Of the interval that the widest step with the wanted quality lies in."""
 
 FINER = 32
-"""A step is made of so many counts at least, so that whole counts lose little of it."""
+"""The fewest counts of a step: rounding it to whole counts then costs little quality."""
 
 RESOLVED = 1e-12
 """Of the largest value: what rounding leaves of a slow part that is the signal itself."""
 
 NARROWER, TRIES = 0.8, 16
-"""A step is made so much narrower, and at most so many times, until the slow part holds."""
+"""Each try multiplies the step by NARROWER, until the slow part keeps its deadband."""
 
 
 @dataclass(frozen=True)
@@ -274,7 +274,7 @@ def encode_split(felt: Felt, base: Track, promise: Promise, smallest: int | None
 
 
 def uniform(error: int, calibration: Calibration) -> Contract:
-    """No sample is further off than so many counts."""
+    """The contract that no sample is further off than ``error`` counts."""
     zero = clamp(calibration.zero, -ZERO_LIMIT, ZERO_LIMIT - 1)
     return Contract(0, 1, False, True, (error,), (zero,))
 
