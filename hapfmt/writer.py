@@ -15,7 +15,6 @@ from .container.cluster import Packet
 from .container.extras import Attachment, build_attachment, build_metadata
 from .container.filewriter import FileWriter
 from .container.track import Track
-from .container.wire import UNKNOWN_EPOCH
 from .convert import refuse_foreign
 from .encoder.encode import Decision, Encoded, encode
 from .encoder.settings import Settings
@@ -109,7 +108,6 @@ def write(
     recording = recording_of(recording, rate, labels=labels, units=units, transpose=transpose)
     if canonical is not None and not 0 <= canonical < 1 << 32:
         raise ParameterError("the file id must be between 0 and 2^32 - 1")
-    check_epoch(recording)
     if isinstance(file, (str, os.PathLike)):
         refuse(os.fspath(file), force)
     encoded = encode(recording, settings, progress=progress, threads=threads)
@@ -153,15 +151,6 @@ def write(
         recording.sample_count,
         tuple(encoded.decisions),
     )
-
-
-def check_epoch(recording: Recording) -> None:
-    """Whether the fields of HEAD can hold it."""
-    low, high = -(1 << 63), (1 << 63) - 1
-    if recording.epoch_ns is not None and not low <= recording.epoch_ns <= high:
-        raise ParameterError("the epoch lies within 2^63 nanoseconds of 1970")
-    if not 0 <= recording.epoch_uncertainty_ns < UNKNOWN_EPOCH:
-        raise ParameterError("the uncertainty of the epoch lies between 0 and 2^64 - 2 ns")
 
 
 def layers_of(
