@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import uuid
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
@@ -17,7 +18,7 @@ from .container.filewriter import FileWriter
 from .container.track import Track
 from .convert import refuse_foreign
 from .encoder.encode import Decision, Encoded, encode
-from .encoder.settings import Settings
+from .encoder.settings import Settings, alias_note, renamed
 from .errors import ParameterError
 from .events import by_layer, coded, event_packets, layer_track, rate_of
 from .limits import LEVELS
@@ -95,9 +96,11 @@ def write(
     if settings is not None and (preset is not None or options):
         raise ParameterError("give settings, or a preset with options, not both")
     if settings is None:
-        given = options if preset is None else {"preset": preset, **options}
+        if preset is not None and (note := alias_note(preset)):
+            warnings.warn(note, DeprecationWarning, stacklevel=2)
+        name, given = renamed("lossless" if preset is None else preset, options)
         try:
-            settings = Settings.of(**given) if given else Settings()
+            settings = Settings.of(name, **given)
         except TypeError:
             known = ", ".join(field.name for field in fields(Settings))
             raise ParameterError(

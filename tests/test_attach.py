@@ -25,7 +25,7 @@ from hapfmt.edit.extras import same
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "a.hapf"
-    path.write_bytes(made("default"))
+    path.write_bytes(made("paper step"))
     return path
 
 
@@ -60,18 +60,18 @@ def test_what_stands_in_the_file_stays(file: Path, in_place: bool) -> None:
 @given(metadata.filter(bool))
 def test_any_metadata(members: dict[str, Any]) -> None:
     out = io.BytesIO()
-    edit.set_metadata(made("archive"), members, out)
+    edit.set_metadata(made("lossless"), members, out)
     found = hapfmt.read(out.getvalue()).metadata
     assert all(same(found[name], value) for name, value in members.items())
     assert_intact(out.getvalue())
 
 
 def test_a_file_that_was_not_closed_is_gone_on_with(file: Path) -> None:
-    file.write_bytes(made("default")[: -(HEADER_SIZE + 32) + 7])
+    file.write_bytes(made("paper step")[: -(HEADER_SIZE + 32) + 7])
     notes = edit.attach(file, [Attachment("a", "", b"a")])
     assert notes == ["appending: 7 bytes at 5379 were cut off, no whole chunk"]
     assert_intact(file.read_bytes())
-    cut = made("default")[:-1500]
+    cut = made("paper step")[:-1500]
     file.write_bytes(cut)
     notes = edit.attach(file, [Attachment("a", "", b"a")])
     assert len(notes) == 1 and notes[0].startswith("appending: ")
@@ -119,7 +119,7 @@ class TestExtract:
         assert [path.read_bytes().decode() for path in found] == names
 
     def test_some_and_again(self, tmp_path: Path) -> None:
-        data = made("default")
+        data = made("paper step")
         (path,) = edit.extract(data, ["sheet.txt"], tmp_path)
         assert path.read_bytes() == b"as it was"
         with pytest.raises(hapfmt.ParameterError, match="already exists"):

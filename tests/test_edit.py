@@ -114,7 +114,7 @@ def test_a_band_becomes_channels_of_its_own(name: str, band: str) -> None:
     report = hapfmt.verify(part, against=PRESETS[name][0](0) if band == "lf" else None)
     assert report.exit_code == 0
     assert all(not check.contract.guaranteed for check in report.contracts if check.label in split)
-    if name == "default lossless":
+    if name == "paper 1lsb":
         assert [check.outside for check in report.contracts] == [0] * len(report.contracts)
 
 

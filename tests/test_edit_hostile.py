@@ -19,7 +19,7 @@ from hapfmt import edit
 from hapfmt.container.source import BytesSource
 from hapfmt.container.walk import walk
 
-FILES = ["default", "deadband", "archive doubles", "archive alike"]
+FILES = ["paper step", "perceptual", "lossless doubles", "lossless alike"]
 
 
 @cache
@@ -40,7 +40,7 @@ VERBS: list[Callable[[bytes, io.BytesIO], object]] = [
     subset,
     lambda file, out: edit.subset(file, out, [0], band="lf"),
     lambda file, out: edit.concat([file, file], out, gap=1),
-    lambda file, out: edit.merge([file, made("archive")], out, times="same"),
+    lambda file, out: edit.merge([file, made("lossless")], out, times="same"),
     lambda file, out: edit.annotate(file, SCENE, out),
     lambda file, out: edit.set_metadata(file, {"a": 1}, out),
 ]

@@ -214,7 +214,7 @@ def test_digests():
     x = np.arange(100)
     channels = (hapfmt.Channel(x, 1000, label="a"), hapfmt.Channel(x * x, 1000, label="b"))
     out = io.BytesIO()
-    settings = hapfmt.Settings.of("archive", cluster="0.05", references=False, digest=True)
+    settings = hapfmt.Settings.of("lossless", cluster="0.05", references=False, digest=True)
     hapfmt.write(hapfmt.Recording(channels), out, settings, canonical=1)
     data = out.getvalue()
     (_, before), *_ = [chunk for chunk in chunks(data) if chunk[0] == "dGST"]
@@ -416,7 +416,7 @@ def test_events_and_clocks_come_along():
     events = (hapfmt.Event(time=0.25, text="a mark", channel=0), hapfmt.Event(time=0.05, text="b"))
     channel = hapfmt.Channel(x, 1000, calibration=hapfmt.Calibration(1, 0, 10), label="f")
     out = io.BytesIO()
-    settings = hapfmt.Settings.of("archive", cluster="0.1", digest=True)
+    settings = hapfmt.Settings.of("lossless", cluster="0.1", digest=True)
     hapfmt.write(hapfmt.Recording((channel,), events=events), out, settings, canonical=1)
     data = out.getvalue()
     for bad in (data, data + b"\0", flipped(data, payload_of(data, "DATA", 1) + 20)):
@@ -448,7 +448,7 @@ def test_a_channel_of_several_tracks_of_which_one_is_lost(lost):
 def test_a_digest_that_packets_were_appended_to_is_no_damage():
     x = np.arange(40)
     out = io.BytesIO()
-    settings = hapfmt.Settings.of("archive", digest=True)
+    settings = hapfmt.Settings.of("lossless", digest=True)
     channel = hapfmt.Channel(x, 1000, calibration=hapfmt.Calibration(1, 0, 10), label="f")
     hapfmt.write(hapfmt.Recording((channel,)), out, settings, canonical=f.FILE_ID)
     whole = out.getvalue()

@@ -182,12 +182,13 @@ def encode(
     hapfmt encode f.npy f.hapf --rate 1000 --preset near-lossless --max-error 1%
     cat touch.npz | hapfmt encode - - --input-format npz > touch.hapf
     """
-    from ..encoder.settings import Settings
+    from ..encoder.settings import Settings, renamed
     from ..writer import write
 
     refuse_target(target, force)
     given["vectors"] = "required" if vectors else None
     given["felt"] = given["felt"] or None
+    preset, given = renamed(preset, given)
     settings = Settings.of(preset, **given)
     recording, code = load_recording(source, input_format, rate, max_memory, transpose=transpose)
     tell_notes(recording)

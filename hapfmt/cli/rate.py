@@ -175,6 +175,11 @@ def made(study: Study, folder: Path | None) -> Prepared:
 
 
 def tell_prepared(study: Study, prepared: Prepared, as_json: bool) -> int:
+    from ..encoder.settings import alias_note
+
+    for each in study.conditions:
+        if text := alias_note(each.preset or ""):
+            note(f"condition {each.name!r}: {text}")
     if as_json:
         rows = [{**s._asdict(), "path": str(s.path), "bits_per_sample": s.bits_per_sample}
                 for s in prepared.stimuli]  # fmt: skip

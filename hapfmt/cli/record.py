@@ -131,14 +131,15 @@ def record(
 
     Two kinds of streams, lines of text and binary frames, are described in docs/streams.md.
     """
-    from ..encoder.settings import Settings
+    from ..encoder.settings import Settings, renamed
     from ..live.lines import Table
     from ..live.recorder import Recorder
     from ..live.streams import Stream
 
     given["felt"] = given["felt"] or None
     chosen = ("fast", "max_error", "k", "floor", "felt", "texture")
-    settings = Settings.of(preset, **{name: given.pop(name) for name in chosen})
+    preset, asked = renamed(preset, {name: given.pop(name) for name in chosen})
+    settings = Settings.of(preset, **asked)
     options = {**given, "append": append, "force": force, "fsync": fsync_of(fsync)}
 
     def begin(header: Header) -> Recorder:

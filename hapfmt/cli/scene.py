@@ -168,13 +168,13 @@ def write_scene(
 
 def encode_to(recording: Recording, target: str, preset: str, force: bool) -> dict[str, Any]:
     """Writes the file; its size, and its tracks by their kind."""
-    from ..encoder.settings import Settings
+    from ..encoder.settings import Settings, renamed
     from ..writer import write
 
+    preset, implied = renamed(preset, {})
+    settings = Settings.of(preset, **implied)
     with progress("encoding") as advance:
-        summary = write(
-            recording, output_of(target), Settings.of(preset), force=force, progress=advance
-        )
+        summary = write(recording, output_of(target), settings, force=force, progress=advance)
     kinds = Counter("lf + hf" if "quantised" in d.chosen else "full" for d in summary.decisions)
     return {
         "preset": preset,
