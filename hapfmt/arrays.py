@@ -94,7 +94,7 @@ def _recording_of_frame(
         codes = _units(known, names)
     rate, ticks, epoch_ns, notes = _grid_of_index(frame.index, rate, frame.attrs.get("epoch_ns"))
     for note in notes:
-        warnings.warn(note, MovedTimesWarning, stacklevel=5)
+        warnings.warn(note, MovedTimesWarning, stacklevel=4)
     return Recording(
         tuple(
             channel_of(
