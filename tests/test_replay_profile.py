@@ -150,7 +150,7 @@ BAD: list[tuple[str, Any, str, bool]] = [
     ("actuator[0].maximum", ..., "is missing; add the highest value", BOTH),
     ("actuator[0].rest", ..., "is missing; add the value at rest", BOTH),
     ("actuator[0].slew", ..., "is missing; add the largest change per second", BOTH),
-    ("actuator[0].step", ..., "is missing; add what one count stands for", BOTH),
+    ("actuator[0].step", ..., "is missing; add the value of one count", BOTH),
     ("actuator[0].maximum", -1, "must be above minimum, -1", RULE),
     ("actuator[0].maximum", float("inf"), "inf is not a finite number", BOTH),
     ("actuator[0].minimum", float("nan"), "nan is not a finite number", RULE),

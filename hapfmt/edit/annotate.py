@@ -1,4 +1,4 @@
-"""Events added to a file that stands (SPEC 9.9)."""
+"""Events added to an existing file (SPEC 9.9)."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from .original import Input
 def annotate(
     file: Input, events: Sequence[Event], out: Output | None = None, *, force: bool = False
 ) -> list[str]:
-    """Append events to a file, or to a copy of it at ``out``; returns what people should know.
+    """Append events to a file, or to a copy of it at ``out``; returns notes.
 
     They join the layer of their name where there is one, at its rate, else a new layer is made.
-    ``Event.channel`` is a label or a number of the file. Nothing that stands in the file changes.
+    ``Event.channel`` is a label or a number of the file. Existing content does not change.
     """
     if not events:
         raise ParameterError("nothing to annotate")

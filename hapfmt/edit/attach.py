@@ -23,9 +23,9 @@ def attach(
     *,
     force: bool = False,
 ) -> list[str]:
-    """Append attachments to a file, or to a copy of it at ``out``; returns what people should know.
+    """Append attachments to a file, or to a copy of it at ``out``; returns notes.
 
-    Nothing that stands in the file changes. Raises ParameterError where an attachment is too large
+    Existing content does not change. Raises ParameterError where an attachment is too large
     for the file's level (then all are refused), and where another program writes the file.
     """
     payloads = [build_attachment(attachment) for attachment in attachments]
