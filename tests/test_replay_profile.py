@@ -159,7 +159,7 @@ BAD: list[tuple[str, Any, str, bool]] = [
     ("actuator[0].slew", 0, "is too small", BOTH),
     ("actuator[0].step", 0, "is out of range", BOTH),
     ("actuator[0].accepts", {}, "is empty, so nothing could be played", BOTH),
-    ("actuator[0].accepts", {"N": 0}, "is 0; write how much", BOTH),
+    ("actuator[0].accepts", {"N": 0}, "is 0; write its value", BOTH),
     ("actuator[0].accepts", {"newtons": 1}, "is not a UCUM code; write 'N'", RULE),
     ("actuator[0].accepts", {"N": "1"}, "is not a number", BOTH),
     ("actuator[0].band", "low", "is none of full, lf, hf", BOTH),
