@@ -200,3 +200,12 @@ def test_on_the_command_line(tmp_path: Path) -> None:
         assert done.returncode == 1 and b"Traceback" not in done.stderr
     assert (tmp_path / "a.hapf").read_bytes() == before
     assert json.loads(run("annotate", "a.hapf", "--at", "1", "x", "--json", cwd=tmp_path).stdout)
+
+
+def test_an_event_after_the_end_is_noted(tmp_path: Path) -> None:
+    file = tmp_path / "a.hapf"
+    file.write_bytes(made("archive"))
+    end = hapfmt.read(file).duration
+    assert edit.annotate(file, [Event(end, "at the end")]) == []
+    (note,) = edit.annotate(file, [Event(Fraction(0), "begin"), Event(end + 1, "late")])
+    assert note == f"1 of 2 events begin after the end of the recording ({float(end):g} s)"

@@ -40,7 +40,9 @@ def test_what_stands_in_the_file_stays(file: Path, in_place: bool) -> None:
     before = file.read_bytes()
     out = None if in_place else file.with_name("b.hapf")
     new = [Attachment("photo.png", "image/png", b"\x89PNG"), Attachment("sheet.txt", "", b"again")]
-    assert edit.attach(file, new, out) == []
+    assert edit.attach(file, new, out) == [
+        "the file already has an attachment 'sheet.txt'; the new one is listed as 'sheet.txt (2)'"
+    ]
     after = (out or file).read_bytes()
     assert after.startswith(before) and (in_place or file.read_bytes() == before)
     assert_intact(after, digests=6)

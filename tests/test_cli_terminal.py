@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import run, run_in_terminal
+from commands import run, run_in_terminal, run_to_terminal
 from terminal import called
 
 import hapfmt
@@ -472,3 +472,35 @@ def test_info_tells_times_dates_and_notes(tmp_path: Path) -> None:
     assert "epoch_ns: 86400000000000 (1970-01-02T00:00:00Z)" in text
     assert "\nnote: one\nnote: two\n" in text
     assert max(map(len, text.splitlines())) < 250 and "--json shows all" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["decode", "a.hapf", "out.npy"], r"out\.npy: 4 channels, 4 s, \d+ bytes"),
+        (["convert", "touch.npz", "out.csv"], r"out\.csv: 4 channels, 4 s, \d+ bytes"),
+    ],
+)
+def test_a_terminal_says_what_was_written_and_a_pipe_nothing(
+    room: Path, words: list[str], line: str
+) -> None:
+    shown = run_to_terminal(*words, "-f", cwd=room).stdout.decode()
+    assert re.fullmatch(line, shown.strip()), shown
+    assert run(*words, "-f", cwd=room).stdout == b""
+
+
+def test_a_target_of_another_suffix_is_noted(room: Path) -> None:
+    done = run("encode", "touch.npz", "touch.bin", "-f", cwd=room)
+    assert done.returncode == 0
+    assert done.stderr == b"note: touch.bin will be a hapf file; the usual suffix is .hapf\n"
+
+
+def test_a_verb_offers_only_formats_that_it_writes(room: Path) -> None:
+    offered = [
+        re.sub(r"\s+", " ", run(verb, "--help", cwd=room).stdout.decode())
+        for verb in ("decode", "convert")
+    ]
+    assert ["npz, npy, csv, wav, hapf." in text.split("Output")[-1] for text in offered] == [
+        False,
+        True,
+    ]

@@ -20,7 +20,7 @@ from ..errors import ParameterError
 from ..limits import Limits
 from ..numbers import exact
 from ..verdict import DAMAGED, UNSUPPORTED
-from .screen import closed, complain, note, raw, terminal_text, width_of
+from .screen import JOINED, closed, complain, note, raw, say, terminal_text, width_of
 
 if TYPE_CHECKING:
     from ..encoder.tolerance import Tolerance
@@ -67,9 +67,8 @@ memory_option = click.option(
     type=MemoryType(),
     default=Limits(),
     metavar="SIZE",
-    help="Memory that a file may take, on top of the program, such as 256M, and gaps in an output "
-    "that writes them out; what takes more is refused, with exit code 4. [1G for gaps, 4G for "
-    "formats other than hapf]",
+    help="Most memory for the contents of a file, such as 256M. A file that needs more is refused "
+    "with exit code 4. [no limit for .hapf; 4G for other formats; 1G for gaps in an output]",
 )
 """Gives the verb ``max_memory``, the Limits for whatever it reads."""
 input_format_option = click.option(
@@ -77,11 +76,15 @@ input_format_option = click.option(
     metavar="FORMAT",
     help="Format of the input, if its name does not say: npz, npy, csv, wav, hapf.",
 )
-output_format_option = click.option(
-    "--output-format",
-    metavar="FORMAT",
-    help="Format of the output, if its name does not say: npz, npy, csv, wav, hapf.",
-)
+
+
+def output_format_option(*more: str) -> Callable[[Any], Any]:
+    """Formats of other programs, and those of this verb."""
+    known = ", ".join(["npz", "npy", "csv", "wav", *more])
+    text = f"Format of the output, if its name does not say: {known}."
+    return click.option("--output-format", metavar="FORMAT", help=text)
+
+
 force_option = click.option("-f", "--force", is_flag=True, help="Replace an existing output file.")
 
 
@@ -158,8 +161,6 @@ class PresetType(click.Choice[str]):
         note = alias_note(str(value))
         if not note:
             return super().convert(value, param, ctx)
-        from .screen import say
-
         say(f"note: {note}", err=True)
         return str(value)
 
@@ -224,8 +225,8 @@ class AmountType(click.ParamType["Tolerance"]):
 transpose_option = click.option(
     "--transpose/--no-transpose",
     default=None,
-    help="Arrays in .npy and .npz are [samples, channels] / are [channels, samples]. "
-    "[refuse an array of more rows than columns]",
+    help="--transpose: arrays in .npy and .npz are [samples, channels]. --no-transpose: they are "
+    "[channels, samples]. [an array of more rows than columns is refused]",
 )
 start_option = click.option(
     "--start",
@@ -346,6 +347,17 @@ def save_recording(
         note(each)
     if name == "-":
         target.flush()  # type: ignore[union-attr]
+
+
+def tell_written(target: str, words: str) -> None:
+    """On a terminal, that the work is done; a pipe or a program gets nothing."""
+    if target != "-" and width_of() is not None:
+        say(f"{target}: {words}, {Path(target).stat().st_size} bytes")
+
+
+def contents(recording: Recording) -> str:
+    """A recording in a few words."""
+    return f"{counted(len(recording), 'channel')}, {float(recording.duration):.6g}{JOINED}s"
 
 
 def tell_clocks(reader: Reader) -> None:

@@ -9,6 +9,7 @@ from ..errors import ParameterError
 from ..limits import Limits
 from .common import (
     HAPF,
+    contents,
     echo_json,
     force_option,
     input_format_option,
@@ -23,6 +24,7 @@ from .common import (
     save_recording,
     suffix_of,
     tell_notes,
+    tell_written,
     transpose_option,
 )
 from .help import Verb
@@ -34,7 +36,7 @@ from .help import Verb
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
 @transpose_option
 @input_format_option
-@output_format_option
+@output_format_option("hapf")
 @memory_option
 @force_option
 @json_option
@@ -83,4 +85,6 @@ def convert(
                 "notes": notes_of(recording),
             }
         )
+    else:
+        tell_written(target, contents(recording))
     return code

@@ -10,6 +10,7 @@ import click
 from ..atomic import refuse
 from ..errors import ParameterError
 from .common import (
+    contents,
     echo_json,
     force_option,
     input_of,
@@ -25,6 +26,7 @@ from .common import (
     suffix_of,
     tell_clocks,
     tell_losses,
+    tell_written,
     threads_option,
 )
 from .help import Verb
@@ -51,7 +53,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="The sum, the slow part, or the texture alone.",
 )
-@output_format_option
+@output_format_option()
 @threads_option
 @memory_option
 @force_option
@@ -112,4 +114,6 @@ def decode(
                     "exit_code": code,
                 }
             )
+        else:
+            tell_written(target, contents(recording))
     return code

@@ -12,6 +12,7 @@ import click
 from ..errors import ParameterError
 from ..names import unknown
 from .common import (
+    HAPF,
     AmountType,
     BitsType,
     FractionType,
@@ -26,11 +27,13 @@ from .common import (
     output_of,
     progress,
     refuse_target,
+    suffix_of,
     tell_notes,
     threads_option,
     transpose_option,
 )
 from .help import Verb
+from .screen import note
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -53,8 +56,8 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
     "perceptual: leaves out what cannot be felt. Forces, torques, pressures, accelerations and "
     "velocities keep Weber's deadband in the slow part, and their texture to --snr; all other "
     "channels are near-lossless; clocks, counters and states are lossless. "
-    "paper: Brandi, Chaudhari and Steinbach to the letter (their online deadband of the whole "
-    "signal: --bits 0 --interpolation hold, and a --cutoff above half the rate).",
+    "paper: the method of Brandi, Chaudhari and Steinbach. Their online deadband of the whole "
+    "signal is: --bits 0 --interpolation hold, with a --cutoff above half the rate.",
 )
 @click.option(
     "--max-error",
@@ -186,6 +189,8 @@ def encode(
     from ..writer import write
 
     refuse_target(target, force)
+    if target != "-" and suffix_of(target, None) != HAPF:
+        note(f"{target} will be a hapf file; the usual suffix is {HAPF}")
     given["vectors"] = "required" if vectors else None
     given["felt"] = given["felt"] or None
     preset, given = renamed(preset, given)

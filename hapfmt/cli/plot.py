@@ -20,6 +20,7 @@ from .common import (
     start_option,
     stop_option,
     tell_losses,
+    tell_written,
 )
 from .help import Verb
 from .parts import matched, open_parts
@@ -121,6 +122,8 @@ def plot(
     names = save(figures, output_of(output), kind or "png", force=force)
     if len(names) > 1:
         note(f"{len(names)} pages: {', '.join(names)}")
+    elif output != "-":
+        tell_written(output, "a picture")
     return code
 
 

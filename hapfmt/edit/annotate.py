@@ -22,12 +22,24 @@ def annotate(
     """Append events to a file, or to a copy of it at ``out``; returns notes.
 
     They join the layer of their name where there is one, at its rate, else a new layer is made.
-    ``Event.channel`` is a label or a number of the file. Existing content does not change.
+<<<<<<< HEAD
+    ``Event.channel`` is a label or a number of the file. The file's other contents do not change.
+=======
+    ``Event.channel`` is a label or a number of the file. The file's other contents do not
+    change.
+>>>>>>> main
     """
     if not events:
         raise ParameterError("nothing to annotate")
     with appended(file, out, force=force) as (writer, catalogue, note):
         notes = [note] if note else []
+        end = catalogue.duration
+        late = [event for event in events if event.time > end]
+        if late:
+            notes.append(
+                f"{len(late)} of {len(events)} events begin after the end of the recording "
+                f"({float(end):g} s)"
+            )
         labels = [ref.label for ref in catalogue.channels]
         known = known_layers(catalogue)
         made: list[Track] = []

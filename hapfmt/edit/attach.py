@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mimetypes
 import os
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -25,13 +26,13 @@ def attach(
 ) -> list[str]:
     """Append attachments to a file, or to a copy of it at ``out``; returns notes.
 
-    Existing content does not change. Raises ParameterError where an attachment is too large
+    The file's other contents do not change. Raises ParameterError where an attachment is too large
     for the file's level (then all are refused), and where another program writes the file.
     """
     payloads = [build_attachment(attachment) for attachment in attachments]
     if not payloads:
         raise ParameterError("nothing to attach")
-    with appended(file, out, force=force) as (writer, _, note):
+    with appended(file, out, force=force) as (writer, catalogue, note):
         limit = writer.level.payload_size
         for attachment, payload in zip(attachments, payloads, strict=True):
             if len(payload) > limit:
@@ -40,9 +41,18 @@ def attach(
                     f"limit of level {writer.level.number}"
                     + ("; subset with level 2 writes a file with more room" * (limit < 1 << 24))
                 )
+        notes = [note] if note else []
+        taken = Counter(each.name for each in catalogue.attachments.values())
         for attachment in attachments:
             writer.attach(attachment)
-    return [note] if note else []
+            taken[attachment.name] += 1
+            number = taken[attachment.name]
+            if number > 1:
+                notes.append(
+                    f"the file already has an attachment {attachment.name!r}; the new one is "
+                    f"listed as '{attachment.name} ({number})'"
+                )
+    return notes
 
 
 def attachment_of(
