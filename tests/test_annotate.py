@@ -204,7 +204,7 @@ def test_on_the_command_line(tmp_path: Path) -> None:
 
 def test_an_event_after_the_end_is_noted(tmp_path: Path) -> None:
     file = tmp_path / "a.hapf"
-    file.write_bytes(made("archive"))
+    file.write_bytes(made("lossless"))
     end = hapfmt.read(file).duration
     assert edit.annotate(file, [Event(end, "at the end")]) == []
     (note,) = edit.annotate(file, [Event(Fraction(0), "begin"), Event(end + 1, "late")])

@@ -22,12 +22,8 @@ def annotate(
     """Append events to a file, or to a copy of it at ``out``; returns notes.
 
     They join the layer of their name where there is one, at its rate, else a new layer is made.
-<<<<<<< HEAD
-    ``Event.channel`` is a label or a number of the file. The file's other contents do not change.
-=======
     ``Event.channel`` is a label or a number of the file. The file's other contents do not
     change.
->>>>>>> main
     """
     if not events:
         raise ParameterError("nothing to annotate")
