@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ..recording import Recording
 
 HAPF, CSV = ".hapf", ".csv"
+ARRAYS = (".npy", ".npz")
 SHOWN_LINES = 20
 BITS = frozenset(str(bits) for bits in (0, *range(2, 17)))
 LONG_SECONDS = 0.5
@@ -305,6 +306,15 @@ def suffix_of(name: str, format_: str | None, default: str | None = None) -> str
             "a pipe has no suffix: give --input-format or --output-format (npz, csv, hapf ...)"
         )
     return Path(name).suffix.lower()
+
+
+def refuse_transpose(
+    transpose: bool | None, inputs: Sequence[str | None], format_: str | None
+) -> None:
+    """Without an array among the inputs, --transpose is a mistake of whoever typed it."""
+    if transpose is None or any(name and suffix_of(name, format_) in ARRAYS for name in inputs):
+        return
+    raise ParameterError("--transpose requires .npy or .npz input")
 
 
 def load_recording(

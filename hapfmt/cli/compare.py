@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,8 +20,10 @@ from .common import (
     output_of,
     progress,
     refuse_span,
+    refuse_transpose,
     start_option,
     stop_option,
+    transpose_option,
 )
 from .help import Verb
 from .parts import open_parts
@@ -56,6 +59,7 @@ DIFFERENT = 3
 @click.option("--plot", "picture", metavar="PICTURE", help="Draw both: .png .svg .pdf.")
 @input_format_option
 @click.option("--rate", help="Ticks per second, for a file that does not say.")
+@transpose_option
 @memory_option
 @force_option
 @json_option
@@ -69,6 +73,7 @@ def compare(
     picture: str | None,
     input_format: str | None,
     rate: str | None,
+    transpose: bool | None,
     max_memory: Limits,
     force: bool,
     as_json: bool,
@@ -96,10 +101,11 @@ def compare(
         refuse(picture, force)
         new_figure(1, 1)
     refuse_span(start, stop)
-    whole = start is None and stop is None
-    one = open_parts(a, input_format, rate, max_memory, channels, whole=whole)
+    refuse_transpose(transpose, (a, b), input_format)
+    opened = partial(open_parts, whole=start is None and stop is None, transpose=transpose)
+    one = opened(a, input_format, rate, max_memory, channels)
     try:
-        two = open_parts(b, input_format, rate, max_memory, channels, whole=whole)
+        two = opened(b, input_format, rate, max_memory, channels)
         try:
             with progress("comparing") as advance:
                 found, views = run(

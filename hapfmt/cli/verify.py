@@ -18,8 +18,10 @@ from .common import (
     load_recording,
     memory_option,
     progress,
+    refuse_transpose,
     tell_some,
     threads_option,
+    transpose_option,
     verbose_option,
 )
 from .help import Verb
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
 @click.option("--against", metavar="ORIGINAL", help="The recording that FILE was encoded from.")
 @input_format_option
 @click.option("--rate", help="Samples per second of ORIGINAL, if the file does not say.")
+@transpose_option
 @threads_option
 @memory_option
 @verbose_option
@@ -46,6 +49,7 @@ def verify(
     against: str | None,
     input_format: str | None,
     rate: str | None,
+    transpose: bool | None,
     verbose: bool,
     as_json: bool,
     threads: int | None,
@@ -64,7 +68,10 @@ def verify(
     """
     from ..verifier import verify as check
 
-    original = load_recording(against, input_format, rate, max_memory)[0] if against else None
+    refuse_transpose(transpose, (against,), input_format)
+    original = None
+    if against:
+        original, _ = load_recording(against, input_format, rate, max_memory, transpose=transpose)
     with progress("verifying") as advance:
         report = check(
             input_of(file), against=original, limits=max_memory, progress=advance, threads=threads
