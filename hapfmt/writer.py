@@ -18,7 +18,7 @@ from .container.filewriter import FileWriter
 from .container.track import Track
 from .convert import refuse_foreign
 from .encoder.encode import Decision, Encoded, encode
-from .encoder.settings import Settings, alias_note, renamed
+from .encoder.settings import INPUT, INPUT_SIZE, Settings, alias_note, lossy_preset, renamed
 from .errors import ParameterError
 from .events import by_layer, coded, event_packets, layer_track, rate_of
 from .limits import LEVELS
@@ -114,9 +114,12 @@ def write(
     if isinstance(file, (str, os.PathLike)):
         refuse(os.fspath(file), force)
     encoded = encode(recording, settings, progress=progress, threads=threads)
-    made_by = f"hapfmt {__version__}: {encoded.settings.describe()}"
     if not isinstance(recording.metadata, dict):
         raise ParameterError("metadata must be a JSON object, a dict in Python")
+    made_by = f"hapfmt {__version__}: {encoded.settings.describe()}"
+    earlier = recording.metadata.get("encoder")
+    if lossy_preset(earlier):
+        made_by += f"{INPUT}{earlier}"[:INPUT_SIZE]
     metadata = {**recording.metadata, "encoder": made_by}
     try:
         attached = [Attachment(name, *rest) for name, rest in recording.attachments.items()]

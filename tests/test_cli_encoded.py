@@ -87,3 +87,42 @@ def test_what_another_preset_would_save_is_about_right(tmp_path: Path) -> None:
     assert int(found[2]) == pytest.approx(ratio, rel=0.25) and "floating point" not in last
     assert "floating point" not in " ".join(lines_of(saved(tmp_path, counts(1), name="c.npz"),
                                                      tmp_path / "c.hapf"))  # fmt: skip
+
+
+class TestLossyInput:
+    """The largest error counts from the input: the file and the terminal tell what that was."""
+
+    def test_every_lossy_preset_stays_in_the_metadata(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        x = np.random.default_rng(4).normal(size=2000).cumsum()
+        hapfmt.write(x, tmp_path / "a.hapf", rate=1000, units="N")
+        first = hapfmt.read(tmp_path / "a.hapf").metadata["encoder"]
+        near = ["--preset", "near-lossless", "--max-error", "0.1%"]
+        said = called("encode", "a.hapf", "b.hapf", *near)
+        assert "already lossy" not in said.err and first.endswith(": lossless")
+        second = hapfmt.read(tmp_path / "b.hapf").metadata["encoder"]
+        preset = "near-lossless --max-error 0.1%"
+        assert second == first.replace("lossless", preset)
+        said = called("encode", "b.hapf", "c.hapf", "--preset", "perceptual")
+        note = f"note: the input is already lossy ({preset}); error bounds count from it"
+        assert note in " ".join(said.err.split())
+        third = hapfmt.read(tmp_path / "c.hapf").metadata["encoder"]
+        assert third == f"{first.replace('lossless', 'perceptual')}; input: {second}"
+        hapfmt.write(hapfmt.read(tmp_path / "c.hapf"), tmp_path / "d.hapf")
+        fourth = hapfmt.read(tmp_path / "d.hapf").metadata["encoder"]
+        assert fourth == f"{first}; input: {third}"
+        said = called("encode", "d.hapf", "e.hapf")
+        assert "already lossy (perceptual)" in " ".join(said.err.split())
+
+    @pytest.mark.parametrize("encoder", [3, "", "lossy", "other 1.0: perceptual", "hapfmt 1: x"])
+    def test_other_texts_are_replaced(self, tmp_path, encoder):
+        channel = hapfmt.Channel(np.zeros(9), 10)
+        recording = hapfmt.Recording((channel,), metadata={"encoder": encoder})
+        hapfmt.write(recording, tmp_path / "a.hapf")
+        assert "input" not in hapfmt.read(tmp_path / "a.hapf").metadata["encoder"]
+
+    def test_a_long_text_is_cut(self, tmp_path):
+        long = "hapfmt 1: perceptual --felt " + "x" * 100_000
+        recording = hapfmt.Recording((hapfmt.Channel(np.zeros(9), 10),), metadata={"encoder": long})
+        hapfmt.write(recording, tmp_path / "a.hapf")
+        assert len(hapfmt.read(tmp_path / "a.hapf").metadata["encoder"]) < 400

@@ -166,7 +166,6 @@ class TestNpz:
             done = run("encode", path, "p.hapf", "--no-transpose", *more, "-f", cwd=tmp_path)
             assert len(hapfmt.read(tmp_path / "p.hapf")) == 1000
 
-
     def test_the_original_of_a_file_lies_on_its_side_too(self, tmp_path):
         tall = np.arange(3000.0).reshape(1000, 3)
         (tmp_path / "tall.npz").write_bytes(npz(x=tall, fs=10))

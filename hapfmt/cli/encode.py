@@ -185,7 +185,7 @@ def encode(
     hapfmt encode f.npy f.hapf --rate 1000 --preset near-lossless --max-error 1%
     cat touch.npz | hapfmt encode - - --input-format npz > touch.hapf
     """
-    from ..encoder.settings import Settings, renamed
+    from ..encoder.settings import Settings, lossy_preset, renamed
     from ..writer import write
 
     refuse_target(target, force)
@@ -197,6 +197,8 @@ def encode(
     settings = Settings.of(preset, **given)
     recording, code = load_recording(source, input_format, rate, max_memory, transpose=transpose)
     tell_notes(recording)
+    if earlier := lossy_preset(recording.metadata.get("encoder")):
+        note(f"the input is already lossy ({earlier}); error bounds count from it")
     for place, names in enumerate(vectors):
         recording = with_vector(recording, names.split(","), f"vector {place + 1}")
     began = time.perf_counter()

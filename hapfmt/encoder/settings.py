@@ -57,6 +57,12 @@ RANGE_ERROR = Tolerance(0.001, "range")
 
 PAPER_BITS = 5
 
+INPUT = "; input: "
+"""In the metadata "encoder", before the encoder of a lossy input."""
+
+INPUT_SIZE = 300
+"""Characters that are kept of it."""
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -187,6 +193,23 @@ class Settings:
             "--fast": self.fast,
         }
         return " ".join([self.preset, *departs, *(flag for flag, on in flags.items() if on)])
+
+
+def preset_of(encoder: object) -> str:
+    """The preset in the metadata that hapfmt writes: hapfmt 0.1.0: lossless."""
+    if not isinstance(encoder, str) or not encoder.startswith("hapfmt "):
+        return ""
+    return encoder.partition(INPUT)[0].partition(": ")[2]
+
+
+def lossy_preset(encoder: object) -> str:
+    """The last lossy preset in the metadata "encoder" of a recording; empty where there is none."""
+    texts = encoder.split(INPUT) if isinstance(encoder, str) else []
+    for preset in map(preset_of, texts):
+        name, _ = renamed(preset.partition(" ")[0], {})
+        if name in PRESETS and name != "lossless":
+            return preset[:INPUT_SIZE]
+    return ""
 
 
 OPTIONS = {
