@@ -126,6 +126,21 @@ def to_ucum(text: str) -> str:
     return respelled if _is_code(respelled) else _annotation(text)
 
 
+def split_name(name: str) -> tuple[str, str]:
+    """Label and unit of a column: 'force [N]' and 'force (N)' -> 'force', 'N'. A label may hold
+    brackets itself; a code holds no space, and what is in parentheses has to be a unit."""
+    if name.endswith(")"):
+        match = re.fullmatch(r"(.*\S) ?\(([^()]*)\)", name, re.DOTALL)
+        if match is not None and match[2].strip() and "{" not in to_ucum(match[2]):
+            return match[1].strip(), match[2]
+        return name, ""
+    if not name.endswith("]"):
+        return name, ""
+    match = re.fullmatch(r"(.*) \[(.*?)\]", f" {name}", re.DOTALL)
+    match = match or re.fullmatch(r"(.*)\[([^][]*)\]", name, re.DOTALL)
+    return (match[1].strip(), match[2]) if match is not None else (name, "")
+
+
 def conversion(given: str, wanted: str) -> Fraction | None:
     """The factor from one UCUM code to another that differs from it in metric prefixes alone; None
     where they differ in more.

@@ -29,7 +29,7 @@ from .common import (
     standard_input,
 )
 from .help import Verb
-from .screen import complain, say
+from .screen import complain, note, say
 
 if TYPE_CHECKING:
     from ..live.recorder import Recorder
@@ -143,6 +143,8 @@ def record(
     options = {**given, "append": append, "force": force, "fsync": fsync_of(fsync)}
 
     def begin(header: Header) -> Recorder:
+        for each in header.notes:
+            note(each)
         file: str | BinaryIO = sys.stdout.buffer if target == "-" else target
         more = header.given if not append else {}
         return Recorder(file, header.inputs, settings, metadata=header.metadata, **options, **more)

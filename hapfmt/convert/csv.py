@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..arrays import unique
 from ..errors import LimitError, ParameterError
 from ..recording import Channel, Recording, Span
-from ..units import to_ucum
+from ..units import split_name, to_ucum
 from .common import (
     CHANNEL_LIMIT,
     SLICE,
@@ -164,7 +164,7 @@ class _Table:
         notes += grid.notes
         if self._lines.comments:
             notes.append(f"comment lines not carried over: {self._lines.comments}")
-        named = [_split_name(name) for name in self._names[first:]]
+        named = [split_name(name) for name in self._names[first:]]
         labels = unique([label for label, _ in named], notes)
         channels = tuple(
             _channel(label, unit, column, grid, notes)
@@ -196,7 +196,7 @@ class _Table:
 
     def _column_in_seconds(self) -> Stamps | None:
         """A first column of another name with a unit of time: times, if they rise in every row."""
-        unit = _split_name(self._names[0])[1]
+        unit = split_name(self._names[0])[1]
         return Stamps(_TIME_UNITS[unit]) if unit in _TIME_UNITS and len(self._names) > 1 else None
 
     def _add_rising(self, cell: str) -> None:
@@ -325,19 +325,9 @@ def _channel(
     )
 
 
-def _split_name(name: str) -> tuple[str, str]:
-    """'force [N]' and 'force (N)' -> 'force', 'N'. A label may hold brackets itself; a code holds
-    no space, and what is in parentheses has to be a unit."""
-    if name.endswith(")"):
-        match = re.fullmatch(r"(.*\S) ?\(([^()]*)\)", name, re.DOTALL)
-        if match is not None and match[2].strip() and "{" not in to_ucum(match[2]):
-            return match[1].strip(), match[2]
-        return name, ""
-    if not name.endswith("]"):
-        return name, ""
-    match = re.fullmatch(r"(.*) \[(.*?)\]", f" {name}", re.DOTALL)
-    match = match or re.fullmatch(r"(.*)\[([^][]*)\]", name, re.DOTALL)
-    return (match[1].strip(), match[2]) if match is not None else (name, "")
+def may_be_times(name: str) -> bool:
+    """Whether a first column of this name may hold the times of the rows."""
+    return _TIME.fullmatch(name) is not None or split_name(name)[1] in _TIME_UNITS
 
 
 def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[str]:
