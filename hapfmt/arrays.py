@@ -30,7 +30,7 @@ from .recording import (
     seconds_of,
     spans_of,
 )
-from .units import to_ucum
+from .units import split_name, to_ucum
 
 Units = str | Sequence[str] | Mapping[str, str]
 
@@ -87,7 +87,11 @@ def _recording_of_frame(
     names = columns if labels is None else _for_each(labels, "labels", len(columns))
     codes = _units(units, names)
     known = frame.attrs.get("units") if units is None else None
-    if isinstance(known, Mapping):
+    if units is None and not known:
+        split = [split_name(column.strip()) for column in columns]
+        codes = [code for _, code in split]
+        names = unique([label for label, _ in split], []) if labels is None else names
+    elif isinstance(known, Mapping):
         known = {str(column): unit for column, unit in known.items()}
         codes = [known.get(column, "1") for column in columns]
     elif known is not None:

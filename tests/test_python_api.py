@@ -305,6 +305,34 @@ class TestTables:
         with pytest.raises(ParameterError, match="not a dict"):
             Recording.from_array(np.zeros((2, 5)), 5, labels={"a": 0, "b": 1})
 
+    def test_names_of_columns_hold_units_as_in_a_csv_file(self, tmp_path):
+        pandas = pytest.importorskip("pandas")
+        rec = example().sel(["fx", "fy"])
+        hapfmt.save(rec, tmp_path / "a.csv")
+        frame = pandas.read_csv(tmp_path / "a.csv", index_col=0)
+        assert list(frame.columns) == ["fx [N]", "fy [N]"]
+        back = Recording.from_array(frame)
+        assert [(c.label, c.unit, c.coverage) for c in back] == [
+            (c.label, c.unit, c.coverage) for c in rec
+        ]
+        frame.columns = ["Fx (Nmm)", "Fx [mN]"]
+        codes = [(c.label, c.unit) for c in Recording.from_array(frame)]
+        assert codes == [("Fx", "N.mm"), ("Fx (2)", "mN")]
+
+    def test_what_is_given_beside_the_names_of_columns(self):
+        pandas = pytest.importorskip("pandas")
+        frame = pandas.DataFrame({"fx [N]": [1.0, 2], "finger (left)": [3.0, 4]})
+
+        def named(**given):
+            return [(c.label, c.unit) for c in Recording.from_array(frame, 10, **given)]
+
+        as_they_are = [("fx [N]", "m"), ("finger (left)", "1")]
+        assert named() == [("fx", "N"), ("finger (left)", "1")]
+        assert named(labels=["a", "b"]) == [("a", "N"), ("b", "1")]
+        assert named(units={"fx [N]": "m"}) == as_they_are
+        frame.attrs["units"] = {"fx [N]": "m"}
+        assert named() == as_they_are
+
     def test_the_index_places_the_rows(self):
         pandas = pytest.importorskip("pandas")
         frame = pandas.DataFrame({"x": range(4)}, index=[5.0, 5.1, 5.2, 5.4])
