@@ -323,7 +323,7 @@ class TestRefused:
         for wrong in ({"sines": sines + 1}, {"grids": [np.array([[0, far + 1], [5, 9]])]}):
             with pytest.raises(ValueError, match="not blocks of equal length"):
                 call(**wrong)
-        habits = bytearray(habit_of(Predictor(1)))
+        habits = habit(1, 1)
         habits[-32] = 256 - 127
         call(habits=habits)
 
