@@ -268,6 +268,15 @@ class TestEdges:
         task = Task(-1000, 1000, grid, band, knots, 3)
         assert isinstance(packets_of(np.repeat([-1000, 1000], 9), task), bytes)
 
+    @pytest.mark.parametrize("knots", [None, *INTERPOLATIONS])
+    def test_quotients_that_a_product_misses(self, knots):
+        """As a double 49 times 1 / 49 is less than 1."""
+        assert 49 * (1 / 49) < 1
+        band = Deadband(0, 1, (98,), (0,))
+        for step in (49, 98):
+            task = Task(-(1 << 20), 1 << 20, LpcParameters(step), band, knots, step)
+            assert isinstance(packets_of(np.arange(-490, 491, 49), task), bytes)
+
     def test_indices_of_33_bits(self):
         far = 1 << 32
         for x in ([far, 0], [0, far], [-far, 0], [0, -far]):
@@ -277,12 +286,22 @@ class TestEdges:
             assert packets_of(x * 9, beyond) is Missing.NO_CODE
 
     @pytest.mark.parametrize("knots", INTERPOLATIONS)
-    def test_knots_of_33_bits(self, knots):
+    @pytest.mark.parametrize("slack", [0, 3])
+    def test_knots_of_33_bits(self, knots, slack):
         """2^32 from the zero of the grid."""
-        far, band = (1 << 32) - 1, Deadband(0, 1, (1,), (0,))
+        far, band = (1 << 32) - 1, Deadband(0, 1, (4,), (0,))
         for x, zero in (([far - 40, far], -1), ([-far, 40 - far], 1)):
-            task = Task(-far, far, LpcParameters(1, zero), band, knots, 0)
+            task = Task(-far, far, LpcParameters(1, zero), band, knots, slack)
             assert isinstance(packets_of(np.repeat(x, 9), task), bytes)
+
+    @pytest.mark.parametrize("knots", INTERPOLATIONS)
+    @pytest.mark.parametrize("top", [2, 3])
+    def test_knots_lie_between_the_least_and_the_largest_count(self, knots, top):
+        task = Task(-100, 100, WHOLE, Deadband(0, 1, (6,), (0,)), knots, 5)
+        packet = packets_of(np.repeat([0, top], 9), task)
+        parameters = CodedKnotParameters(knots, WHOLE)
+        y = decode_coded_knots(packet, parameters, 18, 1, LEVELS[2], 0)[:, 0]
+        assert set(y.tolist()) == {top // 2}
 
     @pytest.mark.parametrize("knots", INTERPOLATIONS)
     @pytest.mark.parametrize("step", [6, 7, 8])
