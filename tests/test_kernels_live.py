@@ -290,7 +290,7 @@ class TestEdges:
     def test_knots_of_33_bits(self, knots, slack):
         """2^32 from the zero of the grid."""
         far, band = (1 << 32) - 1, Deadband(0, 1, (4,), (0,))
-        for x, zero in (([far - 40, far], -1), ([-far, 40 - far], 1)):
+        for x, zero in (([far - 40, far], -1), ([far], -1), ([-far, 40 - far], 1), ([-far], 1)):
             task = Task(-far, far, LpcParameters(1, zero), band, knots, slack)
             assert isinstance(packets_of(np.repeat(x, 9), task), bytes)
 

@@ -178,6 +178,11 @@ class TestGrids:
             assert_same(fewest_linear, x, x, levels)
             assert_same(fewest_linear, x - 2**31, x + 2**31, levels)
 
+    @pytest.mark.parametrize("grid", [range(3, 9), range(0, 2)])
+    def test_a_grid_that_ends_one_beside_the_tube(self, grid):
+        with pytest.raises(ParameterError, match="a value of the grid at every tick"):
+            fewest_linear(np.array([0, 2]), np.array([3, 2]), grid)
+
     @pytest.mark.parametrize("grid", [range(0), range(4, 9), range(0, 9, 3), np.array([0, 3, 9])])
     def test_no_value_within_the_tube(self, grid):
         with pytest.raises(ParameterError, match="a value of the grid at every tick"):
