@@ -9,6 +9,7 @@ from fractions import Fraction
 from functools import cache
 
 import forge
+import pytest
 from edited import made
 from hypothesis import given
 from hypothesis import strategies as st
@@ -80,3 +81,14 @@ def test_any_damage_is_refused(name: str, junk: bytes, data: st.DataObject) -> N
         assert out.getvalue() == b""
         return
     raise AssertionError("a damaged file was copied")
+
+
+def test_an_unknown_residual_of_a_channel_that_is_not_there() -> None:
+    """Its codec is not known, so nothing checked that its base exists."""
+    track = forge.trak(kind=2, codec=b"KN_T", base=9, first_channel=1)
+    data = forge.closed(
+        ("HEAD", forge.head()), forge.TRACK_0, ("TRAK", track, {"track": 1}), forge.DATA_0
+    )
+    for verb in (edit.concat, edit.merge):
+        with pytest.raises(hapfmt.UnsupportedError, match=r"Track 1 refers to (track 9|channel 1)"):
+            verb([data, data], io.BytesIO(), times="same")

@@ -536,3 +536,12 @@ def test_recordings_without_samples_or_channels() -> None:
         edited = edit.concat([data, data], out)
         assert_intact(out.getvalue())
         assert edited.start is None and edited.as_json()["start"] is None
+
+
+def test_a_time_range_behind_the_end_is_refused(tmp_path: Any) -> None:
+    out = tmp_path / "out.hapf"
+    with pytest.raises(
+        hapfmt.ParameterError, match=r"^No samples in this time range; .* ends at \d"
+    ):
+        edit.subset(made("lossless"), out, start=1000)
+    assert not out.exists()

@@ -367,7 +367,11 @@ def tell_written(target: str, words: str) -> None:
 
 def contents(recording: Recording) -> str:
     """A recording in a few words."""
-    return f"{counted(len(recording), 'channel')}, {float(recording.duration):.6g}{JOINED}s"
+    stop = float(recording.duration)
+    begun = [c.start_tick / c.rate_exact for c in recording.channels if c.stored.size]
+    start = float(min(begun, default=0))
+    times = f"{start:.6g} to {stop:.6g}" if start else f"{stop:.6g}"
+    return f"{counted(len(recording), 'channel')}, {times}{JOINED}s"
 
 
 def tell_clocks(reader: Reader) -> None:

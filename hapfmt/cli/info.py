@@ -255,6 +255,8 @@ def span_text(catalogue: Catalogue) -> str:
     stop = float(catalogue.duration)
     starts = [chunk.start_ns for chunk in catalogue.data if chunk.start_ns is not None]
     start = min(starts, default=0) / 1e9
+    if not stop and not catalogue.closed:
+        return "of unknown length"
     if not 0 < start < stop:
         return f"{stop:.6g} s"
     return f"{start:.6g} s to {stop:.6g} s ({stop - start:.6g} s)"
