@@ -116,7 +116,7 @@ def range_coder(case):
 
 def integer_model(case):
     coder = RangeDecoder(bytes.fromhex(case["coded"]))
-    model, steps = IntegerModel(raw_signs=case["raw_signs"]), []
+    model, steps = IntegerModel(), []
     for _ in range(len(case["steps"]) + ("error" in case)):
         h, c = model.scale()
         e = model.decode(coder)

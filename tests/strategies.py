@@ -260,8 +260,7 @@ def predictors(draw, index_limit=INDEX_LIMIT):
     ks = st.lists(st.integers(-width, width) | st.just(0), max_size=32)
     reflections = tuple(draw(st.just([]) | ks))
     difference = draw(st.integers(0, 1 if reflections else DIFFERENCE_LIMIT))
-    ways = draw(st.booleans()), draw(st.booleans()), (), False
-    ways = draw(st.sampled_from([ways, (False, False, (), True)]))
+    ways = draw(st.sampled_from([(False, (), False), (True, (), False), (False, (), True)]))
     predictor = Predictor(difference, reflections, base, *ways)
     if predictor.coefficients is None:
         predictor = Predictor(difference, reflections[:2], base, *ways)

@@ -208,7 +208,6 @@ ARGUMENTS = {
     "coefficients": np.array([8192], np.int32),
     "difference": 1,
     "repeats": False,
-    "raw_signs": False,
     "base": 0,
     "limit": 9,
     "cross": b"",

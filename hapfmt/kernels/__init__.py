@@ -19,8 +19,8 @@ Buffer = bytes | bytearray | NDArray[Any]
 
 
 class Loop(Protocol):
-    """(packet, coefficients int32, difference, repeats, raw signs, base, limit, cross int64 or
-    none, indices int64) -> (status, bytes of the packet read or written); the last argument, or for
+    """(packet, coefficients int32, difference, repeats, base, limit, cross int64 or none,
+    indices int64) -> (status, bytes of the packet read or written); the last argument, or for
     encoding the first, is filled.
     """
 
@@ -30,7 +30,6 @@ class Loop(Protocol):
         coefficients: Buffer,
         difference: int,
         repeats: bool,
-        raw_signs: bool,
         base: int,
         limit: int,
         cross: Buffer,

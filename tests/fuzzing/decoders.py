@@ -260,7 +260,7 @@ def of_rawb() -> Iterable[bytes]:
 
 PREDICTORS = (
     predicted.Predictor(),
-    predicted.Predictor(2, raw_signs=True),
+    predicted.Predictor(2),
     predicted.Predictor(1, (60, -20), 3),
     predicted.Predictor(0, (90, -70, 10), -4, repeats=True),
     predicted.Predictor(1, rice=True),

@@ -154,7 +154,7 @@ export const components = {
   },
   'integer-model'(c) {
     const range = new RangeDecoder(bytesOf(c.coded));
-    const model = new IntegerModel(range, c.raw_signs);
+    const model = new IntegerModel(range);
     const steps = c.steps.map(() => {
       const context = model.context();
       const { h } = model;
