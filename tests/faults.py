@@ -139,13 +139,13 @@ def beside(rest: bytes) -> Callable[[], Any]:
     return lambda: decode_exact(FIVE + rest, ExactParameters(), Affine(), five, AT)
 
 
-def corrected(length: int, bits: bytes, more: bytes = b"") -> bytes:
+def corrected(length: int) -> bytes:
     """A correction of so many bits."""
     coder = page.Range()
     for i in range(length + 1):
         coder.code(page.Bit(), int(i < length))
-    coded = coder.finish() + more
-    return b"\0\0" + f.varint(len(coded)) + coded + bits
+    coder.number(length, 0)
+    return b"\0\0" + coder.finish()
 
 
 def exact_track(**given: Any) -> bytes:
@@ -581,13 +581,11 @@ FAULTS = [
         ("DATA", f.cluster((0, 0, 1, b"\4\x10\0" + f.svarint(101))))))),
     Fault("CNV-002", 100, "no counts", counts(b"")),
     Fault("EXA-004", 104, "flags alone", beside(b"\0")),
-    Fault("EXA-004", 104, "flag bit 2 of corrections", beside(b"\4\0\0")),
+    Fault("EXA-004", 104, "flag bit 1 of corrections", beside(b"\2\0\0")),
     Fault("EXA-004", 104, "shift 64", beside(b"\0\x40\0")),
-    Fault("EXA-004", 106, "coded bytes past the packet", beside(b"\0\0\1")),
-    Fault("RNG-001", 107, "a coded byte too much", beside(corrected(0, b"", b"\0"))),
-    Fault("EXA-005", 108, "no field", beside(corrected(1, b""))),
-    Fault("EXA-005", 108, "a byte after the fields", beside(corrected(1, b"\0\0"))),
-    Fault("EXA-005", 108, "fields filled with ones", beside(corrected(1, b"\1"))),
+    Fault("RNG-001", 106, "a coded byte too much", beside(corrected(0) + b"\0")),
+    Fault("RNG-001", 106, "no corrections", beside(b"\0\0")),
+    Fault("RNG-001", 106, "raw bits cut short", beside(corrected(60)[:-1])),
     Fault("CNV-002", 102, "no base", predicted(b"\0\0")),
     Fault("COD-001", 103, "bytes after a constant", predicted(b"\x10\0\0\0")),
     # 9.6

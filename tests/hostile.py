@@ -99,7 +99,7 @@ def recalled(span: int) -> bytes:
 
     counts = np.full(span, 5, np.int64)
     doubles = np.nextafter(ExactParameters().values(counts, Affine()), 9)
-    rest = encode_exact(doubles, ExactParameters(), Affine(), counts, recall=True, relative=True)
+    rest = encode_exact(doubles, ExactParameters(), Affine(), counts, recall=True)
     return b"\3" + CONSTANT + rest
 
 

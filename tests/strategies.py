@@ -436,7 +436,7 @@ def packets(draw, track_id=0):
         counts = draw(index_arrays((1 << 23) - 1))
         x = counts + np.random.default_rng(counts.size).normal(size=counts.size) / 4
         coded = encode_indices(counts, Predictor())
-        beside = encode_exact(x, parameters, Affine(), counts, recall=True, relative=True)
+        beside = encode_exact(x, parameters, Affine(), counts, recall=True)
         arrays = [(build_varint(len(coded)) + coded + beside, len(counts), counts[:, None])]
     else:
         number_format, alphabet = "counts", Alphabet(3, 3, 8)

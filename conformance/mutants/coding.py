@@ -310,7 +310,7 @@ MUTANTS = (
     mutant(
         "exact-recall-kept",
         "A correction coded by its rank stays where it is on its list.",
-        "EXA-005",
+        "EXA-007",
         Edit(
             "codecs.exact:CorrectionModel.learn",
             "known.insert(0, correction)",
@@ -318,9 +318,16 @@ MUTANTS = (
         ),
     ),
     mutant(
-        "exact-bits-unchecked",
-        "The bits behind the corrections may be anything.",
-        "EXA-005",
-        Edit("codecs.exact:check_bits", "if len(bits) !=", "if False and len(bits) !="),
+        "exact-sign-first",
+        "The sign of a correction is read before its low bits.",
+        "EXA-007",
+        Edit(
+            "codecs.exact:decode_loop",
+            "magnitude = high << low | coder.raw(low)\n"
+            "                c = -magnitude if coder.raw(1) else magnitude",
+            "c = coder.raw(1)\n"
+            "                magnitude = high << low | coder.raw(low)\n"
+            "                c = -magnitude if c else magnitude",
+        ),
     ),
 )

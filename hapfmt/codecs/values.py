@@ -127,11 +127,3 @@ def unordered(places: Counts) -> Doubles:
     """The doubles at these places of the order."""
     bits: NDArray[Any] = np.where(places < 0, ~places | ~LARGEST, places)
     return np.ascontiguousarray(bits, np.int64).view(np.float64)
-
-
-def spread_of(doubles: Doubles, affine: Affine) -> NDArray[np.uint8]:
-    """w of SPEC 9.7: about how many bits a correction needs that fills the cell of a count."""
-    fields = np.ascontiguousarray(doubles, "<f8").view(np.int64) >> 52 & 0x7FF
-    step = abs(affine.a).bit_length() - affine.d.bit_length()
-    widths: NDArray[np.uint8] = np.clip(step + 1075 - fields, 0, 63).astype(np.uint8)
-    return widths

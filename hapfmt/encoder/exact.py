@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from math import frexp
 from typing import NamedTuple
 
@@ -231,9 +230,9 @@ def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> tuple[bytes, 
     coded = encode_best(counts)
     lacking = lacking_of(x, candidate.parameters, candidate.affine, counts)
     beside = None
-    for recall, relative in product((False, True), repeat=2):
+    for recall in (False, True):
         below = WHOLE if beside is None else len(beside)
-        data = lacking.build(recall=recall, relative=relative, below=below)
+        data = lacking.build(recall=recall, below=below)
         beside = data if data is not None and len(data) < below else beside
     assert beside is not None
     return build_varint(len(coded)) + coded + beside, len(beside)

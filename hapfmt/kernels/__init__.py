@@ -192,22 +192,20 @@ class DeadbandLevels(Protocol):
 
 
 class CorrectionLoop(Protocol):
-    """(coded bytes, bits, ids int32 or none, widths uint8, corrections int64, zeros to work in,
-    int64, two for each id, shift) -> (status, bytes and bits read or written); the corrections
-    are filled, or for encoding the first two.
+    """(coded bytes, ids int32 or none, corrections int64, zeros to work in, int64, two for each
+    id, shift) -> (status, bytes read or written); the corrections are filled, or for encoding the
+    bytes.
     """
 
     def __call__(
         self,
         coded: Buffer,
-        bits: Buffer,
         ids: Buffer,
-        widths: Buffer,
         corrections: Buffer,
         work: Buffer,
         shift: int,
         /,
-    ) -> tuple[int, int, int]: ...
+    ) -> tuple[int, int]: ...
 
 
 class Estimate(Protocol):

@@ -197,11 +197,9 @@ def lpcx(data: bytes) -> None:
     doubles = both(lambda: exact.decode_exact(ask.packet, parameters, affine, counts, AT))
     if doubles is None:
         return
-    for recall, relative in ((False, False), (True, True)):
+    for recall in (False, True):
         try:
-            rest = exact.encode_exact(
-                doubles, parameters, affine, counts, recall=recall, relative=relative
-            )
+            rest = exact.encode_exact(doubles, parameters, affine, counts, recall=recall)
         except ValueError:
             continue  # a correction of 2^63 has no code but with z = 63
         coded, _, _ = exact.split_packet(ask.packet, AT)
@@ -313,15 +311,11 @@ def of_lpcx() -> Iterable[bytes]:
         doubles = parameters.values(counts, AFFINES[0])
         moved = doubles + rng.normal(0, 1e-12, 30) * (rng.random(30) < 0.5)
         for recall in (False, True):
-            rest = exact.encode_exact(
-                moved, parameters, AFFINES[0], counts, recall=recall, relative=recall
-            )
+            rest = exact.encode_exact(moved, parameters, AFFINES[0], counts, recall=recall)
             packet = f.varint(len(coded)) + coded + rest
             yield given(f.lpcx_parameters(rule, digits), packet, 30)
     noise = rng.normal(0, 1, 30)
-    rest = exact.encode_exact(
-        noise, ExactParameters(), AFFINES[1], counts, recall=False, relative=True
-    )
+    rest = exact.encode_exact(noise, ExactParameters(), AFFINES[1], counts, recall=False)
     yield given(f.lpcx_parameters(), f.varint(len(coded)) + coded + rest, 30, 2, level=2)
 
 

@@ -1,5 +1,4 @@
 // The value v of a count, by the rules of LPCX (9.7).
-import { clamp } from './integers.js';
 
 const RULE_QUOTIENT = 0;
 const RULE_PRODUCT = 1;
@@ -57,9 +56,4 @@ export function valueRule(rule, digits, calibration) {
       };
     }
   }
-}
-
-// w of flag relative: about the number of bits that fill the cell of a count, E the exponent field of its value.
-export function cellBits(lengthA, lengthD, E, z) {
-  return Math.max(clamp(lengthA - lengthD + 1075 - E, 0, 63) - z, 0);
 }

@@ -43,14 +43,11 @@ class Source:
         return page_exact.bits(page_exact.value(count, *self.affine, self.rule, self.digits))
 
     def packet(self, counts: Sequence[int], numbers: Sequence[float | int] | None = None, *,
-               start: int = 0, recall: bool = False, relative: bool = False,
-               g: int = 0) -> Packet:  # fmt: skip
+               start: int = 0, recall: bool = False, g: int = 0) -> Packet:  # fmt: skip
         """Without numbers those that the rule gives."""
         words = [self.value(c) for c in counts] if numbers is None else [word(n) for n in numbers]
         coded = page.encode(list(counts), g)
-        rest = page_exact.encode_exact(
-            words, counts, self.affine, self.rule, self.digits, recall, relative
-        )
+        rest = page_exact.encode_exact(words, counts, self.affine, self.rule, self.digits, recall)
         return self.coded(page.varint_bytes(len(coded)) + coded + rest, counts, words, start)
 
     def coded(self, body: bytes, counts: Sequence[int], words: Sequence[int],
@@ -85,14 +82,14 @@ def examples() -> Iterator[Case]:
     odd.append(0.30000000000000004)
     far = [0.1, 0.25, 1 / 3, 0.3, 0.7, -0.0]
     rest = (
-        " 02 01 0E 00 00 00 00 00 00 0E 0E 23 6E 6A 3F 9E C0 4C CC CC CC CC CC C2 22 22 22 22 22 33"
-        " 33 33 33 33 33 34"
+        " 00 01 80 00 00 00 00 00 05 55 5A C7 A2 01 76 C0 4C CC CC CC CC CC D0 44 44 44 44 44 45 33"
+        " 33 33 33 33 33"
     )
     tenths, product = Source(), Source(rule=PRODUCT)
     rows = [
         (tenths, short, told),
         (product, short, odd),
-        (tenths, short + " 01 00 02 63 A0 00", odd),
+        (tenths, short + " 01 00 63 A0", odd),
         (tenths, short + rest, far),
     ]
     tracks = [
@@ -175,7 +172,7 @@ def corrections() -> Iterator[Case]:
             for c in counts]  # fmt: skip
     yield valid(
         "lpcx-near", "Doubles that miss the lattice by up to 9 numbers, coded in full.",
-        ["EXA-005", "EXA-007"],
+        ["RNG-001", "EXA-007"],
         tenths.track(tenths.packet(counts, near)),
     )  # fmt: skip
     away = {c: luck.choice((0, 0, 1, -1, 2)) for c in range(-40, 40)}
@@ -204,21 +201,20 @@ def corrections() -> Iterator[Case]:
     doubles = [luck.bell(2**52) / 2**52 for _ in range(60)]
     nearest = [round(x * 2**20) for x in doubles]
     yield valid(
-        "lpcx-relative",
-        "Doubles of any kind on a binary lattice: lengths told against the width of the cell.",
-        ["EXA-004", "EXA-007"],
-        fine.track(fine.packet(nearest, doubles, relative=True)),
+        "lpcx-binary-grid", "Doubles of any kind on a binary grid.", ["EXA-004", "EXA-007"],
+        fine.track(fine.packet(nearest, doubles)),
     )  # fmt: skip
     yield valid(
-        "lpcx-recall-relative", "Both flags.", ["EXA-004", "EXA-007"],
-        fine.track(fine.packet(nearest * 2, doubles * 2, recall=True, relative=True)),
+        "lpcx-binary-grid-recall", "The same twice: the second time they are recalled.",
+        ["EXA-004", "EXA-007"],
+        fine.track(fine.packet(nearest * 2, doubles * 2, recall=True)),
     )  # fmt: skip
     singles = [struct.unpack("<f", struct.pack("<f", x))[0] for x in doubles]
     yield valid(
         "lpcx-shifted", "Doubles that were binary32: corrections in steps of 2^29.",
         ["EXA-004", "EXA-007"],
         fine.track(
-            fine.packet([round(x * 2**20) for x in singles], singles, relative=True),
+            fine.packet([round(x * 2**20) for x in singles], singles),
         ),
     )  # fmt: skip
     odd: list[float | int] = [0.1, NAN, float("inf"), float("-inf"), -0.0, 0.0, 5e-324, -1e308]
@@ -227,7 +223,7 @@ def corrections() -> Iterator[Case]:
         "lpcx-not-finite", "NaN, infinities, both zeros and subnormals, every bit of them.",
         ["EXA-007"],
         tenths.track(tenths.packet([1, *[0] * (len(odd) - 1)], odd)),
-        tenths.track(tenths.packet([1, *[0] * (len(odd) - 1)], odd, recall=True, relative=True),
+        tenths.track(tenths.packet([1, *[0] * (len(odd) - 1)], odd, recall=True),
                      id=1, channel=1),
     )  # fmt: skip
     dying = [math.ldexp(1.37, -20 * i) for i in range(1, 51)]
@@ -236,7 +232,7 @@ def corrections() -> Iterator[Case]:
         ["EXA-007"],
         fine.track(fine.packet([round(x * 2**20) for x in dying], dying)),
         fine.track(
-            fine.packet([round(x * 2**20) for x in dying * 3], dying * 3, relative=True),
+            fine.packet([round(x * 2**20) for x in dying * 3], dying * 3, recall=True),
             id=1, channel=1,
         ),
     )  # fmt: skip
@@ -261,11 +257,11 @@ def again_of(source: Source, counts: list[int], away: int) -> list[int]:
 
 
 def farthest(source: Source, counts: list[int], words: list[int]) -> Packet:
-    """z = 63, corrections of 1: L = 1, fields of one bit, which say + and - by turns."""
-    coder, fields = page.Range(), page_exact.Fields()
+    """z = 63, corrections of 1: L = 1, a raw bit each, which says + and - by turns."""
+    coder = page.Range()
     ones = [1 if i % 2 == 0 else -1 for i in range(len(counts))]
-    page_exact.corrections(coder, fields, counts, [None] * len(counts), False, 63, ones)
-    bits, coded = coder.finish(), page.encode(counts)
+    page_exact.corrections(coder, counts, False, 63, ones)
+    coded = page.encode(counts)
     body = page.varint_bytes(len(coded)) + coded
-    body += bytes([0, 63]) + page.varint_bytes(len(bits)) + bits + fields.bytes()
+    body += bytes([0, 63]) + coder.finish()
     return source.coded(body, counts, [word(w) for w in words])
