@@ -127,18 +127,18 @@ def integer_model(case):
 
 
 def knot(case):
-    parameters = KnotParameters(case["interpolation"], case["quantum"])
+    parameters = KnotParameters(case["interpolation"], LpcParameters(case["step"]))
     data, count = bytes.fromhex(case["packet"]), case["components"]
     counts = decode_knots(data, parameters, case["span"], count, LEVEL, 0)
     ticks, rows = parse_knots(data, count, 0)
-    return {"knots": knots(ticks, rows * case["quantum"]), "counts": counts.T.tolist()}
+    return {"knots": knots(ticks, rows * case["step"]), "counts": counts.T.tolist()}
 
 
 def knots(ticks, rows):
     return [[t, row] for t, row in zip(ticks.tolist(), rows.tolist(), strict=True)]
 
 
-def knte(case):
+def coded_knots(case):
     ticks, rows = decode_indices(
         bytes.fromhex(case["packet"]), case["interpolation"], case["span"], case["components"],
         case["last"], 0,

@@ -281,7 +281,7 @@ FILES: dict[str, Callable[[Size], bytes]] = {
     ),
     "LPCR repeated": lambda s: one(s, b"LPCR", LPCR, repeats, packets=2),
     "LPCR on a deadband's grid": lambda s: one(s, b"LPCR", DEADBAND, CONSTANT),
-    "KNTE": lambda s: one(s, b"KNTE", f.knte_parameters(), FIVE),
+    "coded knots": lambda s: one(s, b"KNOT", f.coded_knot_parameters(), FIVE),
     "LPCX": lambda s: one(s, b"LPCX", f.lpcx_parameters(), b"\3" + CONSTANT),
     "LPCX of decimals": lambda s: one(
         s, b"LPCX", f.lpcx_parameters(3, 2), b"\3" + CONSTANT, packets=2

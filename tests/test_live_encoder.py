@@ -257,11 +257,11 @@ class TestLoss:
         texture = slow + np.round(900 * np.sin(t / 2)).astype(np.int64)
         settings = Settings.of("deadband", floor="6lsb", k=Fraction(0))
         knots = recorded(slow, COUNTS, settings, (1000,))
-        assert [track.codec for track in knots.tracks.values()] == ["KNTE"]
+        assert [track.codec for track in knots.tracks.values()] == ["KNOT"]
         dense = recorded(texture, COUNTS, settings, (1000,))
         assert [track.codec for track in dense.tracks.values()] == ["LPCR"]
         both = recorded(np.concatenate((slow, texture, slow)), COUNTS, settings, (1000,))
-        assert [both.tracks[i].codec for i in range(3)] == ["KNTE", "LPCR", "KNTE"]
+        assert [both.tracks[i].codec for i in range(3)] == ["KNOT", "LPCR", "KNOT"]
         assert [both.tracks[i].continues for i in range(3)] == [None, 0, 1]
         assert [both.tracks[i].first_channel for i in range(3)] == [0, 0, 0]
         starts = {id_: [p.start for p in both.packets if p.track == id_] for id_ in both.tracks}
@@ -678,7 +678,7 @@ class TestLevel:
         encoder = LiveEncoder(settings)
         (first,) = encoder.begin([Block(3, COUNTS, 0, np.zeros(1, np.int32))])
         tracks, packets = encoder.encode([Block(3, COUNTS, 0, x[:1000])])
-        assert (first.codec, [(t.codec, t.continues) for t in tracks]) == ("KNTE", [("LPCR", 0)])
+        assert (first.codec, [(t.codec, t.continues) for t in tracks]) == ("KNOT", [("LPCR", 0)])
         assert [packet.track for packet in packets] == [1]
         tracks, packets = encoder.encode([Block(3, COUNTS, 1000, x[1000:])])
         assert (tracks, [packet.track for packet in packets]) == ([], [1])

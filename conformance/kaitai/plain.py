@@ -124,7 +124,7 @@ def parameters(c: Cursor, track: Plain) -> Plain:
 
 
 def knot(c: Cursor) -> Plain:
-    return {"interpolation": c.u8(), "quantum": c.varint()}
+    return {"interpolation": c.u8(), "coding": c.u8(), "grid": grid(c)}
 
 
 def quan(c: Cursor) -> Plain:
@@ -260,7 +260,6 @@ VALUES = {
 }  # fmt: skip
 PARAMETERS = {
     "KNOT": knot, "QUAN": quan, "RAWB": lambda c: c.fixed("RAWB parameters"), "LPCR": grid,
-    "KNTE": lambda c: {"interpolation": c.u8(), "grid": grid(c)},
     "LPCX": lambda c: c.fixed("LPCX parameters"),
 }  # fmt: skip
 

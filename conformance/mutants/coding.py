@@ -263,7 +263,7 @@ MUTANTS = (
     ),
     mutant(
         "last-knot-off-by-one",
-        "The last knot of a KNTE line stands at tick span.",
+        "The last knot of a coded line stands at tick span.",
         "KTE-004",
         Edit("codecs.knots_coded:decode_indices", "tick = span - 1", "tick = span"),
     ),

@@ -1,4 +1,4 @@
-"""Blocks of many channels to packets of LPCR or KNTE in one call.
+"""Blocks of many channels to packets of LPCR or KNOT in one call.
 
 kernels/live.c has the same in C: it takes as long as the coding itself, where calls from Python,
 one for each step of each packet, take several times that.

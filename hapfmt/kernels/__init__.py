@@ -74,18 +74,20 @@ class FewestJoined(Protocol):
 
 
 class KnotsDecode(Protocol):
-    """(packet, quantum, components, lines, largest tick, largest value, least and largest count,
-    int64 [2 * components], int32 [ticks * components]) -> whether it keeps the rules of SPEC 9.1;
-    the last argument is filled with counts, the one before is used up."""
+    """(packet, components, lines, largest index, step, zero, magnitudes of a deadband's grid int64
+    or none, least and largest count, int64 [2 * components], int32 [ticks * components]) -> whether
+    it keeps the rules of SPEC 9.1; the last argument is filled with counts, the one before is used
+    up."""
 
     def __call__(
         self,
         packet: Buffer,
-        quantum: int,
         components: int,
         lines: bool,
-        tick_limit: int,
-        bound: int,
+        limit: int,
+        step: int,
+        zero: int,
+        levels: Buffer,
         low: int,
         high: int,
         values: Buffer,

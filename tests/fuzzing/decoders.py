@@ -119,8 +119,18 @@ def decode(module: Any, ask: Asked, parameters: Any) -> NDArray[np.int32] | None
 def knot(data: bytes) -> None:
     ask = asked(data)
     parameters = ask and settled(knots.KnotParameters.parse, ask.parameters, ask.level, AT)
-    if ask and parameters and decode(knots, ask, parameters) is not None:
-        assert knots.build_knots(*knots.parse_knots(ask.packet, ask.width, AT)) == ask.packet
+    if not ask or not parameters:
+        return
+    if not parameters.adaptive:
+        if decode(knots, ask, parameters) is not None:
+            assert knots.build_knots(*knots.parse_knots(ask.packet, ask.width, AT)) == ask.packet
+        return
+    if decode(knots_coded, ask, parameters) is None:
+        return
+    limit = parameters.grid.index_limit(ask.level.count_bound)
+    way = parameters.interpolation
+    ticks, rows = knots_coded.decode_indices(ask.packet, way, ask.span, ask.width, limit, AT)
+    assert knots_coded.encode_knots(ticks, rows, way) == ask.packet
 
 
 def quan(data: bytes) -> None:
@@ -162,18 +172,6 @@ def lpcr(data: bytes) -> None:
         # index and of the width of Rice codes there is a choice.
         indices = predicted.decode_indices(ask.packet, ask.span, limit, AT)
         assert predicted.encode_predicted(indices, predictor) == ask.packet
-
-
-def knte(data: bytes) -> None:
-    ask = asked(data)
-    kind = knots_coded.CodedKnotParameters
-    parameters = ask and settled(kind.parse, ask.parameters, ask.level, AT)
-    if not ask or not parameters or decode(knots_coded, ask, parameters) is None:
-        return
-    limit = parameters.grid.index_limit(ask.level.count_bound)
-    way = parameters.interpolation
-    ticks, rows = knots_coded.decode_indices(ask.packet, way, ask.span, ask.width, limit, AT)
-    assert knots_coded.encode_knots(ticks, rows, way) == ask.packet
 
 
 AFFINES = (
@@ -224,7 +222,8 @@ def of_knot() -> Iterable[bytes]:
             packet = knots.build_knots(ticks, wave(4, width))
             yield given(parameters, packet, 32, width)
         yield given(parameters, f.svarint(5), 1000, level=2)
-    yield given(f.knot_parameters(1, 1), knots.build_knots(np.array([0, 9]), wave(2)), 5)
+    yield given(f.knot_parameters(1, 1), knots.build_knots(np.array([0, 9]), wave(2)), 10)
+    yield from of_coded_knots()
 
 
 def of_quan() -> Iterable[bytes]:
@@ -291,15 +290,15 @@ def made(reference: tuple[int, tuple[int, int, int]]) -> Any:
     return Reference(*reference)
 
 
-def of_knte() -> Iterable[bytes]:
+def of_coded_knots() -> Iterable[bytes]:
     for way, name in enumerate(knots.INTERPOLATIONS):
         for grid in ({}, {"grid": 1, "step": 20, "kn": 1, "kd": 10}):
-            parameters = f.knte_parameters(way, **grid)
+            parameters = f.coded_knot_parameters(way, **grid)
             for width in (1, 2):
                 ticks = np.array([0, 4, 9, 12, 31])
                 rows = wave(5, width) // 4
                 yield given(parameters, knots_coded.encode_knots(ticks, rows, name), 32, width)
-        yield given(f.knte_parameters(way), b"\x09", 7)
+        yield given(f.coded_knot_parameters(way), b"\x09", 7)
 
 
 def of_lpcx() -> Iterable[bytes]:
@@ -324,6 +323,5 @@ DECODERS = [
     Target("quan", quan, of_quan),
     Target("rawb", rawb, of_rawb),
     Target("lpcr", lpcr, of_lpcr),
-    Target("knte", knte, of_knte),
     Target("lpcx", lpcx, of_lpcx),
 ]

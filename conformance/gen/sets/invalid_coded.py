@@ -1,4 +1,4 @@
-"""SPEC 9.4 to 9.7: adaptive and Rice coding, packets of LPCR, KNTE and LPCX."""
+"""SPEC 9.4 to 9.7: adaptive and Rice coding, packets of LPCR, coded knots, LPCX."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def described(raw: bytes, codec: bytes = b"LPCR") -> bytes:
 def filled(indices: list[int]) -> bytes:
     """A component packet with a 1 just behind its front, where zeros belong."""
     coder = page.Range()
-    page.code_samples(coder, len(indices), 0, [], 0, False, False, BOUND, indices)
+    page.code_samples(coder, len(indices), 0, [], 0, False, BOUND, indices)
     whole = bytearray(coder.finish())
     room = 8 * len(whole) - len(coder.raw)
     fronts = [coder.n - r for r in (15, 14) if holds(coder, r)]
@@ -172,11 +172,11 @@ COMPONENTS = [
      predicted(page.encode([BOUND + 1], rice=True, forge=True, widths=(20,)))),
 ]  # fmt: skip
 
-points = partial(packed, b"KNTE")
+points = partial(packed, b"KNOT")
 
 
 def held(packet: bytes, span: int = 2, **grid: int) -> bytes:
-    return points(f.knte_parameters(**grid), packet, span)
+    return points(f.coded_knot_parameters(**grid), packet, span)
 
 
 def knots(*rows: tuple[int, int], span: int = 2, linear: bool = False) -> bytes:
@@ -185,19 +185,9 @@ def knots(*rows: tuple[int, int], span: int = 2, linear: bool = False) -> bytes:
 
 
 KNOTS = [
-    ("coded-knots-parameters-cut-short", ("COD-002", "CNV-002"), "KNTE has no grid.",
-     described(b"\0", b"KNTE")),
-    ("coded-knots-parameters-and-a-byte", "COD-002", "A byte follows the parameters of KNTE.",
-     described(f.knte_parameters() + b"\0", b"KNTE")),
-    ("coded-knots-interpolation-2", "KTE-001", "The interpolation is 2.",
-     described(f.knte_parameters(2), b"KNTE")),
-    ("coded-knots-grid-2", "LPC-002", "The grid is 2.",
-     described(f.knte_parameters(grid=2, kn=1, kd=10), b"KNTE")),
-    ("coded-knots-step-0", "LPC-002", "The step of a uniform grid is 0.",
-     described(f.knte_parameters(step=0), b"KNTE")),
-    ("coded-knots-none", "CNV-002", "A packet of KNTE is empty.", held(b""), None, 2),
+    ("coded-knots-none", "CNV-002", "A packet of coded knots is empty.", held(b""), None, 2),
     ("coded-knots-component-missing", "CNV-002", "The second component has no first index.",
-     packed(b"KNTE", f.knte_parameters(), b"\0", 2, component_count=2), None, 2),
+     packed(b"KNOT", f.coded_knot_parameters(), b"\0", 2, component_count=2), None, 2),
     ("coded-knots-first-index-too-high", "LPC-003", "The first index is 2^24 + 1.",
      held(f.svarint(BOUND + 1))),
     ("coded-knots-no-more", "KTE-002", "The number of further knots, f, is 0.", held(b"\0\0")),
@@ -210,7 +200,7 @@ KNOTS = [
      held(b"\0\2" + knots((0, 0), (2, 1), span=3)[2:], 3)),
     ("coded-knots-line-without-room", "KTE-004",
      "A knot stands where the last one of a line has its place.",
-     points(f.knte_parameters(1), knots((0, 0), (3, 1), (4, 2), span=4, linear=True), 4)),
+     points(f.coded_knot_parameters(1), knots((0, 0), (3, 1), (4, 2), span=4, linear=True), 4)),
     ("coded-knots-index-too-high", "LPC-003", "The second index is 2^24 + 1.",
      held(knots((0, 0), (1, BOUND + 1)))),
     ("coded-knots-and-a-byte", "RNG-001", "A byte follows the coded bytes.",

@@ -35,7 +35,7 @@ def examples() -> Iterator[Case]:
         ("02 00 00 2F 58 15 20", squares),
         ("08 00 0E 3F 27 C2 E6 00", [7, 7, 7, 9, 9, 9, 9, -3, -3]),
         ("82 00 00 0C 88 88 88 80", squares),
-        ("20 02 78 92 00 23 71 8C 90 6D B7 20 01 3E BC EA", wave),
+        ("00 02 78 92 00 23 71 C5 67 48 C1 49 18 A0 59 9A", wave),
     ]
     packets, start = [], 0
     for body, indices in rows:
