@@ -568,11 +568,10 @@ FAULTS = [
         HEAD, ("TRAK", exact_track(tlvs=f.tlv(16, f.deadband())), {"track": 0}), DATA))),
     Fault("EXA-001", TRACK_AT + 32, "LPCX with a deviation", judged(f.closed(
         HEAD, ("TRAK", exact_track(tlvs=f.tlv(18, f.deviation(1, 1))), {"track": 0}), DATA))),
-    Fault("EXA-002", 100, "rule 5", described(f.lpcx_parameters(5))),
+    Fault("EXA-002", 100, "rule 3", described(f.lpcx_parameters(3))),
     Fault("EXA-002", 100, "digits of a quotient", described(f.lpcx_parameters(0, 1))),
-    Fault("EXA-002", 100, "23 decimals", described(f.lpcx_parameters(3, 23))),
-    Fault("EXA-002", 100, "no significant digit", described(f.lpcx_parameters(4, 0))),
-    Fault("EXA-002", 100, "16 significant digits", described(f.lpcx_parameters(4, 16))),
+    Fault("EXA-002", 100, "no significant digit", described(f.lpcx_parameters(2, 0))),
+    Fault("EXA-002", 100, "16 significant digits", described(f.lpcx_parameters(2, 16))),
     Fault("EXA-003", 100, "counts past the packet", counts(FIVE[:-1])),
     Fault("EXA-003", DATA_AT - 1 + 32 + 9, "an exact count outside its range", judged(f.file(
         HEAD, ("TRAK", exact_track(), {"track": 0}),

@@ -283,8 +283,8 @@ FILES: dict[str, Callable[[Size], bytes]] = {
     "LPCR on a deadband's grid": lambda s: one(s, b"LPCR", DEADBAND, CONSTANT),
     "coded knots": lambda s: one(s, b"KNOT", f.coded_knot_parameters(), FIVE),
     "LPCX": lambda s: one(s, b"LPCX", f.lpcx_parameters(), b"\3" + CONSTANT),
-    "LPCX of decimals": lambda s: one(
-        s, b"LPCX", f.lpcx_parameters(3, 2), b"\3" + CONSTANT, packets=2
+    "LPCX of digits": lambda s: one(
+        s, b"LPCX", f.lpcx_parameters(2, 2), b"\3" + CONSTANT, packets=2
     ),
     "LPCX recalled": lambda s: one(s, b"LPCX", f.lpcx_parameters(), recalled, packets=2),
     "texts": texts,

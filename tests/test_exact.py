@@ -15,7 +15,7 @@ from judge import rule
 
 import hapfmt
 from hapfmt.codecs.exact import ExactParameters
-from hapfmt.codecs.values import DECIMALS, PRODUCT, QUOTIENT, SIGNIFICANT, SINGLE
+from hapfmt.codecs.values import PRODUCT, QUOTIENT, SIGNIFICANT
 from hapfmt.container.source import BytesSource
 from hapfmt.convert import save
 from hapfmt.dump import dump
@@ -41,8 +41,11 @@ LOGGERS = {
     "times a decimal": (WALK * 1e-6, {PRODUCT}, 6.5),
     "two factors": (WALK * (1 / 60000) * 1.2566370614359172, {QUOTIENT, PRODUCT}, 9.5),
     "six digits of text": (printed(WALK * 20 / 16384, ".6g"), {SIGNIFICANT}, 6.8),
-    "six decimals of text": (printed(WALK * 0.0227455 + 0.00123, ".6f"), {DECIMALS}, 6.8),
-    "binary32": ((WALK * np.float32(0.1)).astype(np.float32).astype(float), {SINGLE, PRODUCT}, 12),
+    "binary32": (
+        (WALK * np.float32(0.1)).astype(np.float32).astype(float),
+        {QUOTIENT, PRODUCT},
+        13,
+    ),
     "derived from positions": (SPEED, {QUOTIENT, PRODUCT}, 15),
     "true doubles": (NOISE, {QUOTIENT}, 57),
     "a decay": (np.sin(np.arange(SIZE)) * np.exp(-np.arange(SIZE) / 400.0), {QUOTIENT}, 57.5),

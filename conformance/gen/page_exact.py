@@ -31,20 +31,13 @@ def value(count: int, a: int, b: int, d: int, rule: int, digits: int) -> Fractio
         return rounded(q)
     if rule == 1:
         return rounded(rounded(count * rounded(Fraction(a, d))) + rounded(Fraction(b, d)))
-    if rule == 2:
-        return rounded(rounded(q), 24, -149)
-    k = digits
-    if rule == 4:
-        p = 0
-        while q and abs(q) >= Fraction(10) ** (p + 1):
-            p += 1
-        while q and abs(q) < Fraction(10) ** p:
-            p -= 1
-        k = min(digits - 1 - p, 22)
-    s = nearest(q * Fraction(10) ** k)
-    if abs(s) >= 2**53:
-        return rounded(q)
-    return rounded(s / Fraction(10) ** k)
+    p = 0
+    while q and abs(q) >= Fraction(10) ** (p + 1):
+        p += 1
+    while q and abs(q) < Fraction(10) ** p:
+        p -= 1
+    k = min(digits - 1 - p, 22)
+    return rounded(nearest(q * Fraction(10) ** k) / Fraction(10) ** k)
 
 
 def bits(number: Fraction) -> int:

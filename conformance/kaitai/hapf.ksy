@@ -371,7 +371,7 @@ types:
         doc: How a count becomes a binary64 number.
       - id: digits
         type: u1
-        doc: Decimals, or significant digits; else 0.
+        doc: Significant digits with rule 2; else 0.
       - id: reserved
         size: 2
         doc: "0."
@@ -766,6 +766,4 @@ enums:
   rule:
     0: quotient
     1: product
-    2: binary32
-    3: decimals
-    4: significant_digits
+    2: significant_digits

@@ -15,13 +15,10 @@ import numpy as np
 
 from ..codecs.exact import WHOLE, ExactParameters, corrections_of, lacking_of
 from ..codecs.values import (
-    DECIMALS,
     DIGITS_LIMIT,
-    PLACES_LIMIT,
     PRODUCT,
     QUOTIENT,
     SIGNIFICANT,
-    SINGLE,
     Counts,
     Doubles,
 )
@@ -151,10 +148,9 @@ def natural_candidate(x: Doubles, exact: Lattice | None) -> Candidate | None:
             # Nothing but -0.0 is beside the lattice.
             return Candidate(exact.calibration, exact.counts, ExactParameters(), exact.reason)
     u = np.unique(z)
-    rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *rounded_rules(u)]
-    halves = [0.5 * 10.0**-rule.digits for rule in rules if rule.rule == DECIMALS]
+    rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *printed_rule(u)]
     found: list[tuple[float, Candidate]] = []
-    lattices = {near.calibration: near for near in natural_lattices(u, exact, halves)}
+    lattices = {near.calibration: near for near in natural_lattices(u, exact)}
     for near in lattices.values():
         step = float(near.calibration.step)
         how = f"step {step:.10g}, missed by {near.largest_deviation:.3g} at most"
@@ -181,22 +177,15 @@ def correction_bits(x: Doubles, doubles: Doubles) -> float | None:
     return float(np.log2(1.0 + np.abs(corrections.astype(np.float64))).sum())
 
 
-def rounded_rules(u: Doubles) -> Iterator[ExactParameters]:
-    """What the distinct values u may have been rounded to: binary32, decimals, digits."""
-    with np.errstate(over="ignore"):
-        if (u.astype(np.float32) == u).all():
-            yield ExactParameters(SINGLE)
-    places = digits = 0
+def printed_rule(u: Doubles) -> Iterator[ExactParameters]:
+    """The digits that the distinct values u may have been printed with."""
+    digits = 0
     for value in u[:: max(1, u.size // TEXTS)].tolist():
         text = f"{value:.{DIGITS_LIMIT - 1}e}"
         if float(text) != value:
             return
-        mantissa, _, power = text.partition("e")
-        kept = len(mantissa.strip("-").replace(".", "").rstrip("0"))
-        digits = max(digits, kept)
-        places = max(places, kept - 1 - int(power))
-    if places <= PLACES_LIMIT:
-        yield ExactParameters(DECIMALS, places)
+        mantissa = text.partition("e")[0]
+        digits = max(digits, len(mantissa.strip("-").replace(".", "").rstrip("0")))
     if digits:
         yield ExactParameters(SIGNIFICANT, digits)
 

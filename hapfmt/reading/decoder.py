@@ -125,8 +125,9 @@ class TrackDecoder:
                 self.check_range(counts, packet.offset, "EXA-003")
                 return counts.astype(np.int32)[:, None]
             if isinstance(parameters, KnotParameters):
-                coding = knots_coded if parameters.adaptive else knots
-                return coding.decode_within(
+                adaptive = parameters.adaptive
+                within = knots_coded.decode_within if adaptive else knots.decode_within
+                return within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
                     track.count_min, track.count_max,
                 )  # fmt: skip

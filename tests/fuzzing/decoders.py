@@ -305,7 +305,7 @@ def of_lpcx() -> Iterable[bytes]:
     counts = wave(30, scale=20)[:, 0]
     coded = predicted.encode_indices(counts, predicted.Predictor(1))
     rng = np.random.default_rng(1)
-    for rule, digits in ((0, 0), (1, 0), (2, 0), (3, 2), (4, 5)):
+    for rule, digits in ((0, 0), (1, 0), (2, 1), (2, 5)):
         parameters = ExactParameters(rule, digits)
         doubles = parameters.values(counts, AFFINES[0])
         moved = doubles + rng.normal(0, 1e-12, 30) * (rng.random(30) < 0.5)

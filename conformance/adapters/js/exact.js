@@ -2,8 +2,6 @@
 
 const RULE_QUOTIENT = 0;
 const RULE_PRODUCT = 1;
-const RULE_BINARY32 = 2;
-const RULE_DECIMALS = 3;
 const POWER_BOUND = 22; // 10^22 is the last power of ten that is a binary64 number
 
 // n / d rounded to the nearest integer, ties to even, d > 0.
@@ -23,15 +21,12 @@ function decimalExponent(n, d) {
   return p;
 }
 
-function decimal(count, { A, B, D }, rule, digits) {
+function significant(count, { A, B, D }, digits) {
   const n = BigInt(count) * BigInt(A) + BigInt(B);
   if (n === 0n) return 0;
   const d = BigInt(D);
-  let k = digits;
-  if (rule !== RULE_DECIMALS) k = Math.min(digits - 1 - decimalExponent(n < 0n ? -n : n, d), POWER_BOUND);
+  const k = Math.min(digits - 1 - decimalExponent(n < 0n ? -n : n, d), POWER_BOUND);
   const s = k >= 0 ? roundHalfEven(n * 10n ** BigInt(k), d) : roundHalfEven(n, d * 10n ** BigInt(-k));
-  if (s === 0n) return 0;
-  if (s >= 1n << 53n || s <= -(1n << 53n)) return (count * A + B) / D;
   return k >= 0 ? Number(s) / Number(10n ** BigInt(k)) : Number(s) * Number(10n ** BigInt(-k));
 }
 
@@ -46,12 +41,11 @@ export function valueRule(rule, digits, calibration) {
       const b = B / D;
       return (count) => count * a + b;
     }
-    case RULE_BINARY32: return (count) => Math.fround(quotient(count));
     default: {
       const known = new Map(); // once for each distinct count of a packet (Annex A)
       return (count) => {
         let v = known.get(count);
-        if (v === undefined) known.set(count, (v = decimal(count, calibration, rule, digits)));
+        if (v === undefined) known.set(count, (v = significant(count, calibration, digits)));
         return v;
       };
     }

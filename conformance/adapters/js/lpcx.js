@@ -8,7 +8,7 @@ import { decodeIndices } from './lpcr.js';
 import { RangeDecoder, bitModels } from './range.js';
 
 const LIST_BOUND = 32;
-const RULE_BOUND = 4;
+const RULE_BOUND = 2;
 
 export function parseLpcx(reader, track) {
   const { offset } = reader;
@@ -19,7 +19,7 @@ export function parseLpcx(reader, track) {
   const digits = reader.u8();
   if (reader.bytes(2).some((byte) => byte !== 0)) broken('HED-005', 'reserved bytes that are not 0', offset + 2);
   if (rule > RULE_BOUND) broken('EXA-002', `rule ${rule}`, offset);
-  const [least, most] = rule === 3 ? [0, 22] : rule === 4 ? [1, 15] : [0, 0];
+  const [least, most] = rule === 2 ? [1, 15] : [0, 0];
   if (digits < least || digits > most) broken('EXA-002', `rule ${rule} with ${digits} digits`, offset);
   return { rule, digits };
 }
