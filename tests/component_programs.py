@@ -255,7 +255,9 @@ def hexed(doubles):
 
 def exact_values(case):
     counts, affine = np.array(case["counts"], np.int64), Affine(*case["calibration"])
-    return {"values": hexed(values_of(counts, affine, case["rule"], case["digits"]))}
+    words = np.array([int(word, 16) for word in case.get("coefficients", ())], "<u8")
+    given = affine, case["rule"], case["digits"], words.view("<f8").tolist()
+    return {"values": hexed(values_of(counts, *given))}
 
 
 def places(case):

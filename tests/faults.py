@@ -568,7 +568,12 @@ FAULTS = [
         HEAD, ("TRAK", exact_track(tlvs=f.tlv(16, f.deadband())), {"track": 0}), DATA))),
     Fault("EXA-001", TRACK_AT + 32, "LPCX with a deviation", judged(f.closed(
         HEAD, ("TRAK", exact_track(tlvs=f.tlv(18, f.deviation(1, 1))), {"track": 0}), DATA))),
-    Fault("EXA-002", 100, "rule 3", described(f.lpcx_parameters(3))),
+    Fault("EXA-002", 100, "rule 4", described(f.lpcx_parameters(4))),
+    Fault("COD-002", 100, "no coefficients", described(f.lpcx_parameters(3))),
+    Fault("EXA-008", 104, "a coefficient of 2^900", described(
+        f.lpcx_parameters(3, 0, bytes(2), (0, 1, 0, 2.0**900)))),
+    Fault("EXA-008", 104, "a coefficient that is no number", described(
+        f.lpcx_parameters(3, 0, bytes(2), (float("nan"), 1, 0, 0)))),
     Fault("EXA-002", 100, "digits of a quotient", described(f.lpcx_parameters(0, 1))),
     Fault("EXA-002", 100, "no significant digit", described(f.lpcx_parameters(2, 0))),
     Fault("EXA-002", 100, "16 significant digits", described(f.lpcx_parameters(2, 16))),

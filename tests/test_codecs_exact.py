@@ -28,6 +28,7 @@ from hapfmt.codecs.exact import (
 )
 from hapfmt.codecs.predicted import Predictor, encode_indices
 from hapfmt.codecs.values import (
+    CUBIC,
     SIGNIFICANT,
     in_digits,
     many_in_digits,
@@ -55,8 +56,11 @@ def packet(counts, beside=b""):
 
 @st.composite
 def rules(draw):
-    rule = draw(st.integers(0, 2))
-    return ExactParameters(rule, draw(st.integers(1, 15)) if rule == 2 else 0)
+    rule = draw(st.integers(0, 3))
+    if rule == CUBIC:
+        numbers = st.sampled_from([0.0, -0.0, 1.0, -1e-7, 1e240, 5e-324]) | st.floats(-9, 9)
+        return ExactParameters(rule, 0, tuple(draw(st.tuples(*[numbers] * 4))))
+    return ExactParameters(rule, draw(st.integers(1, 15)) if rule == SIGNIFICANT else 0)
 
 
 @st.composite
@@ -68,7 +72,7 @@ def cases(draw):
     size = draw(st.sampled_from([1, 2, 30, 90]))
     reach = draw(st.sampled_from([1, 3, 40, 2**20]))
     counts = generator.integers(-reach, reach + 1, size)
-    values = values_of(counts, affine, parameters.rule, parameters.digits)
+    values = parameters.values(counts, affine)
     far = draw(st.sampled_from([0, 1, 9, 2**20, 2**50, 2**61]))
     step = draw(st.sampled_from([1, 2, 2**29]))
     away = generator.integers(-far, far + 1, size) // step * step
@@ -95,9 +99,13 @@ def decoded(data, parameters, affine, counts):
         return error.requirement
 
 
+def told(parameters):
+    return parameters.rule, parameters.digits, parameters.coefficients
+
+
 def as_the_page_says(rest, parameters, affine, counts):
     try:
-        return page_exact.decode_exact(rest, counts, affine, parameters.rule, parameters.digits)
+        return page_exact.decode_exact(rest, counts, affine, *told(parameters))
     except page.BrokenRule as rule:
         return str(rule)
 
@@ -122,9 +130,10 @@ class TestValues:
     @given(cases())
     def test_as_the_page_says(self, case):
         parameters, affine, counts, _ = case
-        rule, digits = parameters.rule, parameters.digits
-        expected = [page_exact.value(n, *affine, rule, digits) for n in counts.tolist()]
-        assert [Fraction(v) for v in values_of(counts, affine, rule, digits).tolist()] == expected
+        expected = [page_exact.value(n, *affine, *told(parameters)) for n in counts.tolist()]
+        found = parameters.values(counts, affine)
+        assert [Fraction(v) for v in found.tolist()] == expected
+        assert not (np.signbit(found) & (found == 0)).any()
 
     @given(st.lists(st.integers(-(2**24), 2**24), min_size=1), st.integers(1, 15))
     def test_digits_are_those_that_printf_keeps(self, counts, digits):
@@ -179,11 +188,21 @@ class TestOrder:
 class TestParameters:
     @given(rules())
     def test_come_back(self, parameters):
-        """EXA-002: `rule` MUST be at most 2, and `digits` 1 to 15 with rule 2, else 0."""
+        """
+        EXA-002: `rule` MUST be at most 3, and `digits` 1 to 15 with rule 2, else 0.
+        EXA-008: With rule 3 each coefficient MUST be finite and of a magnitude below 2^900.
+        """
         data = parameters.build()
         assert ExactParameters.parse(data, 0) == parameters
-        assert data == lpcx_parameters(parameters.rule, parameters.digits)
-        for other in (data[:-1], data + b"\0", b"", b"\5" + data[1:], data[:2] + b"\0\1"):
+        rule, digits, coefficients = told(parameters)
+        assert data == lpcx_parameters(rule, digits, bytes(2), coefficients)
+        for other in (
+            data[:-1],
+            data + b"\0",
+            b"",
+            b"\4" + data[1:],
+            data[:2] + b"\0\1" + data[4:],
+        ):
             with pytest.raises(FormatError):
                 ExactParameters.parse(other, 0)
 
@@ -216,9 +235,11 @@ class TestPackets:
             beside = encode_exact(x, parameters, affine, counts, **given)
         except ValueError:
             return
-        arguments = (row, affine, rule, digits, given["recall"])
+        arguments = (row, affine, rule, digits, given["recall"], parameters.coefficients)
         assert beside == page_exact.encode_exact(signed, *arguments)
-        found = page_exact.decode(packet(counts, beside), len(row), affine, rule, digits)
+        found = page_exact.decode(
+            packet(counts, beside), len(row), affine, rule, digits, c=parameters.coefficients
+        )
         assert found == (row, words(x))
 
     @pytest.mark.parametrize("recall", [False, True])
@@ -252,7 +273,9 @@ class TestPackets:
         """EXA-003: The counts MUST end within the packet and lie within the declared range of their track: what is lossless is never clamped."""
         affine = Affine(1, 0, 10)
         try:
-            expected = page_exact.decode(data, span, affine, parameters.rule, parameters.digits)
+            expected = page_exact.decode(
+                data, span, affine, parameters.rule, parameters.digits, c=parameters.coefficients
+            )
         except page.BrokenRule as rule:
             expected = str(rule)
         try:

@@ -218,9 +218,10 @@ def test_coded_knots(fault):
 def test_exact(fault):
     """
     EXA-001: A track of codec `LPCX` MUST be of kind full band, with one component, without deadband contract and without deviation.
-    EXA-002: `rule` MUST be at most 2, and `digits` 1 to 15 with rule 2, else 0.
+    EXA-002: `rule` MUST be at most 3, and `digits` 1 to 15 with rule 2, else 0.
     EXA-003: The counts MUST end within the packet and lie within the declared range of their track: what is lossless is never clamped.
     EXA-004: Undefined flags MUST be 0, and z at most 63.
+    EXA-008: With rule 3 each coefficient MUST be finite and of a magnitude below 2^900.
     """
     assert_reported(fault)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Sequence
 
 SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
 SYNC = bytes.fromhex("F9488B1C")
@@ -109,8 +110,10 @@ def coded_knot_parameters(interpolation: int = 0, **grid: int) -> bytes:
     return knot_parameters(interpolation, coding=1, **grid)
 
 
-def lpcx_parameters(rule: int = 0, digits: int = 0, reserved: bytes = bytes(2)) -> bytes:
-    return struct.pack("<BB2s", rule, digits, reserved)
+def lpcx_parameters(rule: int = 0, digits: int = 0, reserved: bytes = bytes(2),
+                    coefficients: Sequence[float] = ()) -> bytes:  # fmt: skip
+    numbers = struct.pack(f"<{len(coefficients)}d", *coefficients)
+    return struct.pack("<BB2s", rule, digits, reserved) + numbers
 
 
 HOLD = tlv(1, knot_parameters())

@@ -25,12 +25,17 @@ def rounded(q: Fraction, digits: int = 53, least: int = -1074) -> Fraction:
     return nearest(q / unit) * unit
 
 
-def value(count: int, a: int, b: int, d: int, rule: int, digits: int) -> Fraction:
+def value(count: int, a: int, b: int, d: int, rule: int, digits: int, c=()) -> Fraction:
     q = Fraction(count * a + b, d)
     if rule == 0:
         return rounded(q)
     if rule == 1:
         return rounded(rounded(count * rounded(Fraction(a, d))) + rounded(Fraction(b, d)))
+    if rule == 3:
+        v = Fraction(c[3])
+        for each in (c[2], c[1], c[0]):
+            v = rounded(rounded(v * count) + Fraction(each))
+        return v
     p = 0
     while q and abs(q) >= Fraction(10) ** (p + 1):
         p += 1
@@ -101,18 +106,17 @@ def corrections(coder: Range, counts, recall: bool, shift: int, given=None):
     return out
 
 
-def decode(data: bytes, span: int, affine, rule: int, digits: int, last: int = 2**24):
+def decode(data: bytes, span: int, affine, rule: int, digits: int, last: int = 2**24, c=()):
     """(counts, words) of a packet."""
     n, at = varint(data, 0)
     if n > len(data) - at:
         raise BrokenRule("EXA-003")
     counts = page.decode(data[at : at + n], span, last)
-    return counts, decode_exact(data[at + n :], counts, affine, rule, digits)
+    return counts, decode_exact(data[at + n :], counts, affine, rule, digits, c)
 
 
-def decode_exact(rest: bytes, counts, affine, rule: int, digits: int) -> list[int]:
-    a, b, d = affine
-    values = [value(count, a, b, d, rule, digits) for count in counts]
+def decode_exact(rest: bytes, counts, affine, rule: int, digits: int, c=()) -> list[int]:
+    values = [value(count, *affine, rule, digits, c) for count in counts]
     if not rest:
         return [bits(v) % 2**64 for v in values]
     if len(rest) < 2 or rest[0] > 1 or rest[1] > 63:
@@ -125,10 +129,9 @@ def decode_exact(rest: bytes, counts, affine, rule: int, digits: int) -> list[in
     return [word_at(p + c * 2**z) for p, c in zip(places, found, strict=True)]
 
 
-def encode_exact(words, counts, affine, rule: int, digits: int, recall) -> bytes:
+def encode_exact(words, counts, affine, rule: int, digits: int, recall, c=()) -> bytes:
     """What follows the counts; words as signed integers b."""
-    a, b, d = affine
-    values = [value(count, a, b, d, rule, digits) for count in counts]
+    values = [value(count, *affine, rule, digits, c) for count in counts]
     away = [place(w) - place(bits(v)) for w, v in zip(words, values, strict=True)]
     if not any(away):
         return b""

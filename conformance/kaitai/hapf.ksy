@@ -375,6 +375,12 @@ types:
       - id: reserved
         size: 2
         doc: "0."
+      - id: coefficients
+        type: f8
+        repeat: expr
+        repeat-expr: 4
+        if: rule == rule::cubic
+        doc: c0 to c3 of rule 3.
   calibration_list:
     doc: Physical value = (count * A + B) / D.
     doc-ref: SPEC.md clause 8
@@ -767,3 +773,4 @@ enums:
     0: quotient
     1: product
     2: significant_digits
+    3: cubic

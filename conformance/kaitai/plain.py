@@ -127,6 +127,12 @@ def knot(c: Cursor) -> Plain:
     return {"interpolation": c.u8(), "coding": c.u8(), "grid": grid(c)}
 
 
+def lpcx(c: Cursor) -> Plain:
+    fields = c.fixed("LPCX parameters")
+    cubic = fields["rule"] == 3
+    return fields | ({"coefficients": [*struct.unpack("<4d", c.take(32))]} if cubic else {})
+
+
 def quan(c: Cursor) -> Plain:
     fields = c.fixed("QUAN parameters")
     nibbles = [nibble for byte in c.take(c.left) for nibble in divmod(byte, 16)]
@@ -260,7 +266,7 @@ VALUES = {
 }  # fmt: skip
 PARAMETERS = {
     "KNOT": knot, "QUAN": quan, "RAWB": lambda c: c.fixed("RAWB parameters"), "LPCR": grid,
-    "LPCX": lambda c: c.fixed("LPCX parameters"),
+    "LPCX": lpcx,
 }  # fmt: skip
 
 

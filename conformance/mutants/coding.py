@@ -308,6 +308,30 @@ MUTANTS = (
         ),
     ),
     mutant(
+        "exact-cubic-powers",
+        "The polynomial of rule 3 is worked out by powers of the count.",
+        "EXA-007",
+        Edit(
+            "codecs.values:values_of",
+            "return np.asarray(v + 0.0)",
+            "c0, c1, c2, c3 = coefficients\n"
+            "        return np.asarray(c0 + c1 * x + c2 * (x * x) + c3 * (x * x * x) + 0.0)",
+        ),
+    ),
+    mutant(
+        "exact-cubic-rounded-once",
+        "The polynomial of rule 3 is rounded at the end alone.",
+        "EXA-007",
+        Edit(
+            "codecs.values:values_of",
+            "return np.asarray(v + 0.0)",
+            "from fractions import Fraction\n"
+            "        c0, c1, c2, c3 = map(Fraction, coefficients)\n"
+            "        exact = [((c3 * n + c2) * n + c1) * n + c0 for n in counts.tolist()]\n"
+            "        return np.array([float(v) for v in exact])",
+        ),
+    ),
+    mutant(
         "exact-recall-kept",
         "A correction coded by its rank stays where it is on its list.",
         "EXA-007",

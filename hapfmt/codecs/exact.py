@@ -18,7 +18,17 @@ from ..limits import Level
 from .adaptive import BitModel, RangeDecoder, RangeEncoder
 from .components import decode_predicted
 from .grids import LpcParameters
-from .values import Counts, Doubles, digits_fit, ordered, unordered, values_of
+from .values import (
+    COEFFICIENT_LIMIT,
+    COEFFICIENTS,
+    CUBIC,
+    Counts,
+    Doubles,
+    digits_fit,
+    ordered,
+    unordered,
+    values_of,
+)
 
 RECALL = 1
 LENGTHS = 64
@@ -44,26 +54,37 @@ class ExactParameters:
 
     rule: int = 0
     digits: int = 0
+    coefficients: tuple[float, ...] = ()
+    """c0 to c3 of the cubic rule."""
 
     def build(self) -> bytes:
         fields = {"rule": self.rule, "digits": self.digits, "reserved": bytes(2)}
-        return bytes(LPCX_PARAMETERS.build(fields))
+        return bytes(LPCX_PARAMETERS.build(fields)) + np.array(self.coefficients, "<f8").tobytes()
 
     @classmethod
     def parse(cls, data: bytes, offset: int) -> ExactParameters:
         raw = parse_fixed(LPCX_PARAMETERS, data, 0, "COD-002", offset)
-        if len(data) != LPCX_PARAMETERS.sizeof():
-            raise FormatError("LPCX parameters too long", requirement="COD-002", offset=offset)
+        rest, count = data[LPCX_PARAMETERS.sizeof() :], COEFFICIENTS * (raw.rule == CUBIC)
+        if raw.rule <= CUBIC and len(rest) != 8 * count:
+            raise FormatError(
+                "LPCX parameters of another length", requirement="COD-002", offset=offset
+            )
         if any(raw.reserved):
             raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=offset + 2)
         if not digits_fit(raw.rule, raw.digits):
             raise FormatError(
                 f"rule {raw.rule} with {raw.digits} digits", requirement="EXA-002", offset=offset
             )
-        return cls(raw.rule, raw.digits)
+        coefficients = np.frombuffer(rest, "<f8")
+        # So is what is no number refused.
+        if not (np.abs(coefficients) < COEFFICIENT_LIMIT).all():
+            raise FormatError(
+                "a coefficient of 2^900 or more", requirement="EXA-008", offset=offset + 4
+            )
+        return cls(raw.rule, raw.digits, tuple(coefficients.tolist()))
 
     def values(self, counts: Counts, affine: Affine) -> Doubles:
-        return values_of(counts, affine, self.rule, self.digits)
+        return values_of(counts, affine, self.rule, self.digits, self.coefficients)
 
 
 def split_packet(data: bytes, offset: int) -> tuple[bytes, bytes, int]:

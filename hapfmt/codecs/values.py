@@ -1,11 +1,12 @@
 """Which double a count stands for before it is corrected: the rules of LPCX (SPEC 9.7).
 
-Each is what some logger did with its counts; one or two correctly rounded steps, the same on every
-machine. The bit patterns of doubles in the order of their values are integers here as well.
+Each is what some logger did with its counts, in correctly rounded steps, the same on every machine.
+The bit patterns of doubles in the order of their values are integers here as well.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,12 @@ from numpy.typing import NDArray
 
 from ..container.track import Affine
 
-QUOTIENT, PRODUCT, SIGNIFICANT = range(3)
+QUOTIENT, PRODUCT, SIGNIFICANT, CUBIC = range(4)
 PLACES_LIMIT, DIGITS_LIMIT = 22, 15
 """10^22 is the last power of ten that is a double, 10^15 the last below 2^53."""
+
+COEFFICIENTS, COEFFICIENT_LIMIT = 4, 2.0**900
+"""Polynomials of 32-bit counts stay finite below this limit."""
 
 WIDE = 1 << 62
 """Products below are taken in 64 bits."""
@@ -28,14 +32,21 @@ def digits_fit(rule: int, digits: int) -> bool:
     """EXA-002."""
     if rule == SIGNIFICANT:
         return 1 <= digits <= DIGITS_LIMIT
-    return rule < SIGNIFICANT and digits == 0
+    return rule <= CUBIC and digits == 0
 
 
-def values_of(counts: Counts, affine: Affine, rule: int, digits: int) -> Doubles:
+def values_of(
+    counts: Counts, affine: Affine, rule: int, digits: int, coefficients: Sequence[float] = ()
+) -> Doubles:
     """The double of each count [samples] by the rule; counts as VAL-002 allows them."""
     a, b, d = affine
+    if rule == CUBIC:
+        # NumPy has no fused multiply-add. The last sum turns -0.0 into 0.0.
+        x, v = counts.astype(np.float64), np.full(counts.size, coefficients[-1])
+        for each in coefficients[-2::-1]:
+            v = v * x + each
+        return np.asarray(v + 0.0)
     if rule == PRODUCT:
-        # Two roundings: NumPy has no fused multiply-add.
         product = counts.astype(np.float64) * (float(a) / float(d))
         return np.asarray(product + float(b) / float(d))
     quotients = (counts * a + b).astype(np.float64) / float(d)

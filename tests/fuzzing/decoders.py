@@ -313,6 +313,12 @@ def of_lpcx() -> Iterable[bytes]:
             rest = exact.encode_exact(moved, parameters, AFFINES[0], counts, recall=recall)
             packet = f.varint(len(coded)) + coded + rest
             yield given(f.lpcx_parameters(rule, digits), packet, 30)
+    bent = (1 / 3, 0.1, -1e-7, 1e-14)
+    cubic = ExactParameters(3, 0, bent)
+    doubles = np.nextafter(cubic.values(counts, AFFINES[0]), 9)
+    rest = exact.encode_exact(doubles, cubic, AFFINES[0], counts, recall=True)
+    packet = f.varint(len(coded)) + coded + rest
+    yield given(f.lpcx_parameters(3, 0, bytes(2), bent), packet, 30)
     noise = rng.normal(0, 1, 30)
     rest = exact.encode_exact(noise, ExactParameters(), AFFINES[1], counts, recall=False)
     yield given(f.lpcx_parameters(), f.varint(len(coded)) + coded + rest, 30, 2, level=2)

@@ -2,6 +2,7 @@
 
 const RULE_QUOTIENT = 0;
 const RULE_PRODUCT = 1;
+const RULE_CUBIC = 3;
 const POWER_BOUND = 22; // 10^22 is the last power of ten that is a binary64 number
 
 // n / d rounded to the nearest integer, ties to even, d > 0.
@@ -31,7 +32,7 @@ function significant(count, { A, B, D }, digits) {
 }
 
 // A function that gives v for a count of the declared range.
-export function valueRule(rule, digits, calibration) {
+export function valueRule(rule, digits, calibration, coefficients) {
   const { A, B, D } = calibration;
   const quotient = (count) => (count * A + B) / D;
   switch (rule) {
@@ -40,6 +41,10 @@ export function valueRule(rule, digits, calibration) {
       const a = A / D;
       const b = B / D;
       return (count) => count * a + b;
+    }
+    case RULE_CUBIC: {
+      const [c0, c1, c2, c3] = coefficients;
+      return (count) => ((c3 * count + c2) * count + c1) * count + c0 + 0; // + 0: not -0
     }
     default: {
       const known = new Map(); // once for each distinct count of a packet (Annex A)

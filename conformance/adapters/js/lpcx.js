@@ -8,7 +8,9 @@ import { decodeIndices } from './lpcr.js';
 import { RangeDecoder, bitModels } from './range.js';
 
 const LIST_BOUND = 32;
-const RULE_BOUND = 2;
+const RULE_BOUND = 3;
+const RULE_CUBIC = 3;
+const COEFFICIENT_BOUND = 2 ** 900;
 
 export function parseLpcx(reader, track) {
   const { offset } = reader;
@@ -21,7 +23,16 @@ export function parseLpcx(reader, track) {
   if (rule > RULE_BOUND) broken('EXA-002', `rule ${rule}`, offset);
   const [least, most] = rule === 2 ? [1, 15] : [0, 0];
   if (digits < least || digits > most) broken('EXA-002', `rule ${rule} with ${digits} digits`, offset);
-  return { rule, digits };
+  const coefficients = [];
+  if (rule === RULE_CUBIC) {
+    const bytes = reader.bytes(32);
+    const view = new DataView(bytes.buffer, bytes.byteOffset, 32);
+    for (let i = 0; i < 4; i++) {
+      coefficients.push(view.getFloat64(8 * i, true));
+      if (!(Math.abs(coefficients[i]) < COEFFICIENT_BOUND)) broken('EXA-008', `the coefficient ${coefficients[i]}`, offset + 4 + 8 * i);
+    }
+  }
+  return { rule, digits, coefficients };
 }
 
 // Numbers of 64 bits are two halves of 32 here, in the order of the memory: lower, upper.
@@ -140,12 +151,12 @@ class Corrections {
 }
 
 function readExact(track, reader, counts) {
-  const { rule, digits } = track.setup;
+  const { rule, digits, coefficients } = track.setup;
   const span = counts.length;
   const exact = new BigUint64Array(span);
   const values = new Float64Array(exact.buffer);
   const halves = new Int32Array(exact.buffer);
-  const valueOf = valueRule(rule, digits, track.calibrations[0]);
+  const valueOf = valueRule(rule, digits, track.calibrations[0], coefficients);
   for (let t = 0; t < span; t++) values[t] = valueOf(counts[t]);
   if (reader.left === 0) return exact;
 

@@ -246,7 +246,8 @@ export const components = {
   },
   'exact-values'(c) {
     const [A, B, D] = c.calibration.map(Number);
-    const valueOf = valueRule(c.rule, c.digits, { A, B, D });
+    const coefficients = c.coefficients && [...new Float64Array(BigUint64Array.from(c.coefficients, (hex) => BigInt(`0x${hex}`)).buffer)];
+    const valueOf = valueRule(c.rule, c.digits, { A, B, D }, coefficients);
     return { values: c.counts.map((count) => bitsOfNumber(valueOf(count))) };
   },
   places(c) {

@@ -13,7 +13,16 @@ from page import varint_bytes
 
 from .component import Case, Component, also, tried
 
-RULES = ("quotient", "product", "significant digits")
+RULES = ("quotient", "product", "significant digits", "cubic")
+
+
+CUBICS = {
+    "a device of 10 V": (-0.000312, 0.00030517633, 2.1e-15, -3.3e-20),
+    "a bend that shows": (1 / 3, 0.1, -1e-7, 1e-14),
+    "zeros": (-0.0, 0.0, -0.0, 0.0),
+    "large ones": (-1e250, 1e260, -1e240, 1e230),
+    "beside the least": (0.0, 5e-324, 0.0, -5e-324),
+}
 
 
 def word(number: float) -> str:
@@ -56,6 +65,19 @@ def values() -> Component:
                     "values": hexed(found),
                 }
             )
+    for name, coefficients in CUBICS.items():
+        found = [page_exact.bits(page_exact.value(c, 1, 0, 1, 3, 0, coefficients)) for c in counts]
+        cases.append(
+            {
+                "name": f"cubic, {name}",
+                "calibration": [1, 0, 1],
+                "rule": 3,
+                "digits": 0,
+                "coefficients": [word(each) for each in coefficients],
+                "counts": counts,
+                "values": hexed(found),
+            }
+        )
     for name, a, b, d, rule, digits, c in (
         ("halfway to even, downwards", 2**52 - 1, 0, 2**52, 0, 0, 2),
         ("a tie of s: to even", 1, 0, 2, 2, 1, 5),
@@ -80,10 +102,10 @@ def values() -> Component:
     return Component(
         "exact-values",
         "9.7, 8",
-        ("VAL-003", "EXA-002"),
+        ("VAL-003", "EXA-002", "EXA-008"),
         "The value v of counts by the rules of 9.7, as the bits of binary64 (16 hexadecimal "
         "digits, "
-        "highest first). Rule 0 is also VAL-003.",
+        "highest first). Rule 0 is also VAL-003. Rule 3 has coefficients c0 to c3, as bits too.",
         cases,
     )
 

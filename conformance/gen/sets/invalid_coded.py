@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from math import inf, nan
+from typing import Any
 
 import broken
 import forge as f
@@ -213,7 +215,7 @@ COUNTS = b"\3\x10\0\x0a"
 """Counts of a packet of LPCX: all 5."""
 
 
-def exact(packet: bytes, *parameters: int, **given: object) -> bytes:
+def exact(packet: bytes, *parameters: Any, **given: object) -> bytes:
     return packed(b"LPCX", f.lpcx_parameters(*parameters), packet, **given)
 
 
@@ -247,7 +249,18 @@ EXACT = [
      exact(COUNTS, tlvs=f.tlv(16, f.deadband())), [FIVES]),
     ("exact-with-deviation", "EXA-001", "A track of LPCX has a deviation.",
      exact(COUNTS, tlvs=f.tlv(18, f.deviation(1, 1))), [FIVES]),
-    ("exact-rule-3", "EXA-002", "The rule is 3.", exact(COUNTS, 3), [FIVES]),
+    ("exact-rule-4", "EXA-002", "The rule is 4.", exact(COUNTS, 4), [FIVES]),
+    ("exact-cubic-with-digits", "EXA-002", "The rule is 3 and digits 1.",
+     exact(COUNTS, 3, 1, bytes(2), (0, 1, 0, 0)), [FIVES]),
+    ("exact-coefficient-missing", "COD-002", "The rule is 3, with three coefficients.",
+     described(f.lpcx_parameters(3, 0, bytes(2), (0, 1, 0)), b"LPCX")),
+    ("exact-coefficient-too-many", "COD-002", "The rule is 3, with five coefficients.",
+     described(f.lpcx_parameters(3, 0, bytes(2), (0, 1, 0, 0, 0)), b"LPCX")),
+    *[(f"exact-coefficient-{name}", "EXA-008", f"A coefficient is {what}.",
+       exact(COUNTS, 3, 0, bytes(2), (0, 1, 0, each)), [FIVES])
+      for name, what, each in (("infinite", "infinite", inf), ("nan", "no number", nan),
+                               ("of-2-to-900", "2^900", 2.0**900),
+                               ("below-minus-2-to-900", "-2^900", -(2.0**900)))],
     ("exact-quotient-with-digits", "EXA-002", "The rule is 0 and digits 1.",
      exact(COUNTS, 0, 1), [FIVES]),
     ("exact-no-significant-digit", "EXA-002", "The rule is 2 and digits 0.",

@@ -164,14 +164,16 @@ def channels() -> Iterator[Case]:
 
 
 def lattice(counts: Sequence[int], affine: Affine, rule: int, digits: int = 0, *, id: int = 0,
-            low: int = NARROW[0], high: int = NARROW[1]) -> Track:  # fmt: skip
+            low: int = NARROW[0], high: int = NARROW[1],
+            coefficients: Sequence[float] = ()) -> Track:  # fmt: skip
     """LPCX with nothing behind the counts: the values of the rule."""
     coded = page.encode(list(counts))
     body = page.varint_bytes(len(coded)) + coded
-    found, words = page_exact.decode(body, len(counts), affine, rule, digits)
+    found, words = page_exact.decode(body, len(counts), affine, rule, digits, c=coefficients)
     assert found == list(counts)
     return Track(
-        id=id, channel=id, codec="LPCX", parameters=f.lpcx_parameters(rule, digits),
+        id=id, channel=id, codec="LPCX",
+        parameters=f.lpcx_parameters(rule, digits, bytes(2), coefficients),
         tlvs=f.tlv(3, f.calibration(*affine)), calibration=affine, low=low, high=high,
         packets=[Packet(0, list(counts), body, exact=words)],
     )  # fmt: skip
@@ -208,6 +210,37 @@ def exact() -> Iterator[Case]:
         "exact-product-quotient", "Rule 1 is not the quotient.", rules,
         lattice(unlike(tenths, 1, 0, 2, tenth), tenths, 1),
     )  # fmt: skip
+    bent = (1 / 3, 0.1, -1e-7, 1e-14)
+    c = [Fraction(each) for each in bent]
+
+    def fused_cubic(x: int) -> Fraction:
+        return rounded(rounded(rounded(c[3] * x + c[2]) * x + c[1]) * x + c[0])
+
+    def at_once(x: int) -> Fraction:
+        return rounded(c[0] + c[1] * x + c[2] * x**2 + c[3] * x**3)
+
+    def by_powers(x: int) -> Fraction:
+        square = rounded(Fraction(x * x))
+        parts = rounded(c[1] * x), rounded(c[2] * square), rounded(c[3] * rounded(square * x))
+        return rounded(rounded(rounded(c[0] + parts[0]) + parts[1]) + parts[2])
+
+    def bends(wrong: Callable[[int], Fraction], seed: int) -> list[int]:
+        luck, found = Luck(seed), []
+        while len(found) < WANTED:
+            count = luck.between(-(10**6), 10**6)
+            if wrong(count) != page_exact.value(count, 1, 0, 10, 3, 0, bent):
+                found.append(count)
+        return found
+
+    for seed, (name, about, wrong) in enumerate((
+        ("fused", "no fused multiply-add", fused_cubic),
+        ("at-once", "not only at the end", at_once),
+        ("powers", "in this order, not by powers of the count", by_powers),
+    )):  # fmt: skip
+        yield render(
+            f"exact-cubic-{name}", f"Rule 3 rounds each product and each sum: {about}.",
+            ["EXA-007", "EXA-008"], lattice(bends(wrong, seed), (1, 0, 10), 3, coefficients=bent),
+        )  # fmt: skip
     tens = [10**p + i for p in range(7) for i in (-1, 0, 1)]
     yield render(
         "exact-digits-at-tens", "Rule 2 beside powers of ten: 9.9996 has four digits as 10.00.",

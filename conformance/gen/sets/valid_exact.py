@@ -20,7 +20,7 @@ uncommon = partial(case_of, "uncommon")
 
 WIDE = (-(2**23), 2**23 - 1)
 WIDEST = (-(2**31), 2**31 - 1)
-QUOTIENT, PRODUCT, SIGNIFICANT = range(3)
+QUOTIENT, PRODUCT, SIGNIFICANT, CUBIC = range(4)
 NAN = float("nan")
 
 
@@ -35,25 +35,28 @@ class Source:
     """A calibration and a rule."""
 
     def __init__(self, affine: tuple[int, int, int] = (1, 0, 10), rule: int = QUOTIENT,
-                 digits: int = 0) -> None:  # fmt: skip
-        self.affine, self.rule, self.digits = affine, rule, digits
+                 digits: int = 0, coefficients: Sequence[float] = ()) -> None:  # fmt: skip
+        self.affine, self.rule, self.digits, self.coefficients = affine, rule, digits, coefficients
 
     def value(self, count: int) -> int:
         """Bits of the value of a count, signed."""
-        return page_exact.bits(page_exact.value(count, *self.affine, self.rule, self.digits))
+        found = page_exact.value(count, *self.affine, self.rule, self.digits, self.coefficients)
+        return page_exact.bits(found)
 
     def packet(self, counts: Sequence[int], numbers: Sequence[float | int] | None = None, *,
                start: int = 0, recall: bool = False, g: int = 0) -> Packet:  # fmt: skip
         """Without numbers those that the rule gives."""
         words = [self.value(c) for c in counts] if numbers is None else [word(n) for n in numbers]
         coded = page.encode(list(counts), g)
-        rest = page_exact.encode_exact(words, counts, self.affine, self.rule, self.digits, recall)
+        rest = page_exact.encode_exact(
+            words, counts, self.affine, self.rule, self.digits, recall, self.coefficients
+        )
         return self.coded(page.varint_bytes(len(coded)) + coded + rest, counts, words, start)
 
     def coded(self, body: bytes, counts: Sequence[int], words: Sequence[int],
               start: int = 0) -> Packet:  # fmt: skip
         exact = [each % 2**64 for each in words]
-        told = (len(counts), self.affine, self.rule, self.digits, 2**32)
+        told = (len(counts), self.affine, self.rule, self.digits, 2**32, self.coefficients)
         found = page_exact.decode(body, *told)
         assert found == (list(counts), exact)
         return Packet(start, list(counts), body, exact=exact)
@@ -62,7 +65,8 @@ class Source:
         a, b, d = self.affine
         low, high = fields.pop("clamped", WIDE)
         return Track(
-            codec="LPCX", parameters=f.lpcx_parameters(self.rule, self.digits),
+            codec="LPCX",
+            parameters=f.lpcx_parameters(self.rule, self.digits, bytes(2), self.coefficients),
             tlvs=f.tlv(3, f.calibration(a, b, d)), calibration=self.affine, packets=packets,
             low=low, high=high, **fields,
         )  # fmt: skip
@@ -114,6 +118,9 @@ def rules() -> Iterator[Case]:
         ("significant", "Rule 2: rounded to so many significant digits, of small and large values.",
          [Source((1, 0, 3), SIGNIFICANT, 6), Source((1, 0, 3), SIGNIFICANT, 1),
           Source((2**28, 1, 3), SIGNIFICANT, 4), Source((1, 0, 2**40), SIGNIFICANT, 15)]),
+        ("cubic", "Rule 3: a polynomial of degree 3, each product and each sum rounded.",
+         [Source((1, 0, 3277), CUBIC, 0, DEVICE), Source((1, 0, 10), CUBIC, 0, BENT),
+          Source((1, 0, 1), CUBIC, 0, (-0.0, 0.0, -0.0, 0.0))]),
     ):  # fmt: skip
         yield valid(
             f"lpcx-rule-{name}", about, ["EXA-002", "EXA-007", "VAL-003"],
@@ -130,8 +137,25 @@ def rules() -> Iterator[Case]:
     )  # fmt: skip
 
 
+DEVICE = (-0.000312, 0.00030517633, 2.1e-15, -3.3e-20)
+"""Of a converter of 16 bits and 10 V: a line misses it by less than a hundredth of its step."""
+
+BENT = (1 / 3, 0.1, -1e-7, 1e-14)
+
+
 def corrections() -> Iterator[Case]:
     tenths = Source()
+    device, luck = Source((1, 0, 3277), CUBIC, 0, DEVICE), Luck(54)
+    read = [luck.between(-(2**15), 2**15 - 1) for _ in range(40)]
+    beside = [page_exact.word_at(page_exact.place(device.value(c)) + luck.choice((0, 0, 1, -1, 2)))
+              for c in read]  # fmt: skip
+    yield valid(
+        "lpcx-cubic-near", "Doubles that miss a polynomial by up to 2 numbers.",
+        ["EXA-002", "EXA-007", "EXA-008"],
+        device.track(
+            device.packet(read, beside), device.packet(read, beside, recall=True, start=40)
+        ),
+    )  # fmt: skip
     yield valid(
         "lpcx-no-corrections", "Nothing stands behind the counts: every correction is 0.",
         ["EXA-003"],
