@@ -268,14 +268,22 @@ MUTANTS = (
         Edit("codecs.knots_coded:decode_indices", "tick = span - 1", "tick = span"),
     ),
     mutant(
-        "knots-end-at-span",
-        "A line that runs on beyond its packet is refused.",
+        "knots-line-ends-early",
+        "The last knot of a line may stand a tick before the end of its packet.",
         "KNT-006",
-        Edit(
-            "codecs.knots:check_ticks",
-            "before < span - 1 <= last or",
-            "before < span - 1 == last or",
-        ),
+        Edit("codecs.knots:check_ticks", "0 < last < span - 1", "0 < last < span - 2"),
+    ),
+    mutant(
+        "knots-without-zero",
+        "The grid of knots in varints has no zero and no deadband.",
+        "CNV-001",
+        Edit("codecs.knots:decode_knots", "grid.counts(indices, bound)", "indices * grid.step"),
+    ),
+    mutant(
+        "flag-5-ignored",
+        "Bit 5 of the flags of LPCR may be 1.",
+        "LPC-004",
+        Edit("codecs.predicted:parse_header", "or flags & UNUSED", "or False"),
     ),
     mutant(
         "hold-a-tick-late",
