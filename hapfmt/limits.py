@@ -20,7 +20,7 @@ class Level:
     count_bound: int
     """Largest magnitude of a knot's count; twice it bounds level times step."""
     step: int
-    """Largest step and quantum."""
+    """Largest step."""
     payload_size: int
     """Largest payload of a chunk in bytes."""
     cluster_samples: int

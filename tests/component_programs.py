@@ -116,7 +116,7 @@ def range_coder(case):
 
 def integer_model(case):
     coder = RangeDecoder(bytes.fromhex(case["coded"]))
-    model, steps = IntegerModel(raw_signs=case["raw_signs"]), []
+    model, steps = IntegerModel(), []
     for _ in range(len(case["steps"]) + ("error" in case)):
         h, c = model.scale()
         e = model.decode(coder)
@@ -127,18 +127,18 @@ def integer_model(case):
 
 
 def knot(case):
-    parameters = KnotParameters(case["interpolation"], case["quantum"])
+    parameters = KnotParameters(case["interpolation"], LpcParameters(case["step"]))
     data, count = bytes.fromhex(case["packet"]), case["components"]
     counts = decode_knots(data, parameters, case["span"], count, LEVEL, 0)
     ticks, rows = parse_knots(data, count, 0)
-    return {"knots": knots(ticks, rows * case["quantum"]), "counts": counts.T.tolist()}
+    return {"knots": knots(ticks, rows * case["step"]), "counts": counts.T.tolist()}
 
 
 def knots(ticks, rows):
     return [[t, row] for t, row in zip(ticks.tolist(), rows.tolist(), strict=True)]
 
 
-def knte(case):
+def coded_knots(case):
     ticks, rows = decode_indices(
         bytes.fromhex(case["packet"]), case["interpolation"], case["span"], case["components"],
         case["last"], 0,
@@ -255,7 +255,9 @@ def hexed(doubles):
 
 def exact_values(case):
     counts, affine = np.array(case["counts"], np.int64), Affine(*case["calibration"])
-    return {"values": hexed(values_of(counts, affine, case["rule"], case["digits"]))}
+    words = np.array([int(word, 16) for word in case.get("coefficients", ())], "<u8")
+    given = affine, case["rule"], case["digits"], words.view("<f8").tolist()
+    return {"values": hexed(values_of(counts, *given))}
 
 
 def places(case):

@@ -99,7 +99,7 @@ def recalled(span: int) -> bytes:
 
     counts = np.full(span, 5, np.int64)
     doubles = np.nextafter(ExactParameters().values(counts, Affine()), 9)
-    rest = encode_exact(doubles, ExactParameters(), Affine(), counts, recall=True, relative=True)
+    rest = encode_exact(doubles, ExactParameters(), Affine(), counts, recall=True)
     return b"\3" + CONSTANT + rest
 
 
@@ -281,10 +281,10 @@ FILES: dict[str, Callable[[Size], bytes]] = {
     ),
     "LPCR repeated": lambda s: one(s, b"LPCR", LPCR, repeats, packets=2),
     "LPCR on a deadband's grid": lambda s: one(s, b"LPCR", DEADBAND, CONSTANT),
-    "KNTE": lambda s: one(s, b"KNTE", f.knte_parameters(), FIVE),
+    "coded knots": lambda s: one(s, b"KNOT", f.coded_knot_parameters(), FIVE),
     "LPCX": lambda s: one(s, b"LPCX", f.lpcx_parameters(), b"\3" + CONSTANT),
-    "LPCX of decimals": lambda s: one(
-        s, b"LPCX", f.lpcx_parameters(3, 2), b"\3" + CONSTANT, packets=2
+    "LPCX of digits": lambda s: one(
+        s, b"LPCX", f.lpcx_parameters(2, 2), b"\3" + CONSTANT, packets=2
     ),
     "LPCX recalled": lambda s: one(s, b"LPCX", f.lpcx_parameters(), recalled, packets=2),
     "texts": texts,

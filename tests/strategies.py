@@ -14,7 +14,7 @@ from hapfmt.codecs.exact import ExactParameters, encode_exact
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.huffman import code_lengths
 from hapfmt.codecs.knots import KnotParameters, build_knots
-from hapfmt.codecs.knots_coded import CodedKnotParameters, encode_knots
+from hapfmt.codecs.knots_coded import encode_knots
 from hapfmt.codecs.predicted import DIFFERENCE_LIMIT, INDEX_LIMIT, Predictor, encode_indices
 from hapfmt.codecs.quantised import Alphabet, QuanParameters, encode_quantised
 from hapfmt.codecs.raw import DTYPES, RawParameters, encode_raw
@@ -177,15 +177,15 @@ def series(draw, level=LEVELS[2]):
 @st.composite
 def codec_parameters(draw, level=LEVELS[2]):
     """(codec, parameters) of a track of counts."""
-    codec = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "KNTE", "LPCX"]))
+    codec = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "coded knots", "LPCX"]))
     if codec == "LPCX":
-        return codec, ExactParameters(draw(st.integers(0, 2)))
+        return codec, ExactParameters(draw(st.integers(0, 1)))
     if codec == "KNOT":
         return codec, draw(knot_parameters(level))
     if codec == "LPCR":
         return codec, draw(lpc_parameters(level))
-    if codec == "KNTE":
-        return codec, draw(coded_knots(level))
+    if codec == "coded knots":
+        return "KNOT", draw(coded_knots(level))
     if codec == "QUAN":
         return codec, draw(quan_parameters(level))
     return codec, RawParameters(draw(st.sampled_from([1, 2, 3, 4])))
@@ -193,13 +193,12 @@ def codec_parameters(draw, level=LEVELS[2]):
 
 @st.composite
 def knot_parameters(draw, level=LEVELS[2]):
-    quantum = draw(st.sampled_from([1, 2, 25, level.step]) | st.integers(1, level.step))
-    return KnotParameters(draw(st.sampled_from(["hold", "linear"])), quantum)
+    return KnotParameters(draw(st.sampled_from(["hold", "linear"])), draw(lpc_parameters(level)))
 
 
 @st.composite
 def knots(draw, parameters, level=LEVELS[2]):
-    """(ticks [knots], values [knots, components], span) of one packet."""
+    """(ticks [knots], indices [knots, components], span) of one packet."""
     width = draw(st.sampled_from([1, 1, 2, 3]))
     span = draw(st.sampled_from([1, 2, 3, 17, 1000]) | st.integers(1, 300))
     inner = sorted(draw(st.sets(st.integers(1, max(span - 1, 1)), max_size=12)))
@@ -207,11 +206,9 @@ def knots(draw, parameters, level=LEVELS[2]):
         ticks = [0] + [tick for tick in inner if tick < span]
     else:
         ticks = [0] + [tick for tick in inner if tick < span - 1]
-        over = draw(st.sampled_from([0, 0, 1, 5, 1 << 24]))
-        last = min(span - 1 + over, 1 << 24)
-        ticks += [last] if span > 1 and (len(ticks) > 1 or draw(st.booleans())) else []
-    bound = level.count_bound // parameters.quantum
-    values = st.sampled_from([0, 1, -1, bound, -bound]) | st.integers(-bound, bound)
+        ticks += [span - 1] if span > 1 and (len(ticks) > 1 or draw(st.booleans())) else []
+    bound = parameters.grid.index_limit(level.count_bound)
+    values = st.sampled_from([0, min(1, bound), bound, -bound]) | st.integers(-bound, bound)
     rows = [[draw(values) for _ in range(width)] for _ in ticks]
     return np.array(ticks, np.int64), np.array(rows, np.int64), span
 
@@ -232,16 +229,14 @@ def lpc_parameters(draw, level=LEVELS[2]):
 @st.composite
 def coded_knots(draw, level=LEVELS[2]):
     grid = draw(lpc_parameters(level))
-    return CodedKnotParameters(draw(st.sampled_from(["hold", "linear"])), grid)
+    return KnotParameters(draw(st.sampled_from(["hold", "linear"])), grid, adaptive=True)
 
 
 @st.composite
 def knot_rows(draw, index_limit=INDEX_LIMIT, interpolation=None):
-    """(interpolation, ticks [knots], indices [knots, components], span) of one packet of KNTE."""
+    """(interpolation, ticks [knots], indices [knots, components], span) of one packet of coded knots."""
     interpolation = interpolation or draw(st.sampled_from(["hold", "linear"]))
     ticks, _, span = draw(knots(KnotParameters(interpolation)))
-    if interpolation == "linear" and ticks.size > 1:
-        ticks = np.append(ticks[:-1], span - 1)
     width = draw(st.sampled_from([1, 1, 2, 3]))
     generator = np.random.default_rng(draw(st.integers(0, 2**32)))
     reach = min(draw(st.sampled_from([0, 1, 5, 300, 2**32])), index_limit)
@@ -260,8 +255,7 @@ def predictors(draw, index_limit=INDEX_LIMIT):
     ks = st.lists(st.integers(-width, width) | st.just(0), max_size=32)
     reflections = tuple(draw(st.just([]) | ks))
     difference = draw(st.integers(0, 1 if reflections else DIFFERENCE_LIMIT))
-    ways = draw(st.booleans()), draw(st.booleans()), (), False
-    ways = draw(st.sampled_from([ways, (False, False, (), True)]))
+    ways = draw(st.sampled_from([(False, (), False), (True, (), False), (False, (), True)]))
     predictor = Predictor(difference, reflections, base, *ways)
     if predictor.coefficients is None:
         predictor = Predictor(difference, reflections[:2], base, *ways)
@@ -408,7 +402,7 @@ def component_packet(rows):
 def packets(draw, track_id=0):
     """(track, packets in order of time, the counts or words of each) at level 1."""
     level = LEVELS[1]
-    kind = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "KNTE", "LPCX"]))
+    kind = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "coded knots", "LPCX"]))
     start, made, numbers = draw(st.sampled_from([0, 0, 7, 2**40])), [], []
     if kind == "RAWB":
         number_format, size, array = draw(raw_arrays())
@@ -419,8 +413,9 @@ def packets(draw, track_id=0):
     elif kind == "KNOT":
         number_format, parameters = "counts", draw(knot_parameters(level))
         ticks, values, span = draw(knots(parameters, level))
-        arrays = [(build_knots(ticks, values), span, values * parameters.quantum)]
-    elif kind == "KNTE":
+        counts = parameters.grid.counts(values, level.count_bound)
+        arrays = [(build_knots(ticks, values), span, counts)]
+    elif kind == "coded knots":
         number_format, parameters = "counts", draw(coded_knots(level))
         limit = parameters.grid.index_limit(level.count_bound)
         _, ticks, rows, span = draw(knot_rows(limit, parameters.interpolation))
@@ -433,11 +428,11 @@ def packets(draw, track_id=0):
         columns = [parameters.counts(row, level.count_bound) for row, _ in rows]
         arrays = [(component_packet(rows), len(columns[0]), np.stack(columns, axis=1))]
     elif kind == "LPCX":
-        number_format, parameters = "counts", ExactParameters(draw(st.integers(0, 2)))
+        number_format, parameters = "counts", ExactParameters(draw(st.integers(0, 1)))
         counts = draw(index_arrays((1 << 23) - 1))
         x = counts + np.random.default_rng(counts.size).normal(size=counts.size) / 4
         coded = encode_indices(counts, Predictor())
-        beside = encode_exact(x, parameters, Affine(), counts, recall=True, relative=True)
+        beside = encode_exact(x, parameters, Affine(), counts, recall=True)
         arrays = [(build_varint(len(coded)) + coded + beside, len(counts), counts[:, None])]
     else:
         number_format, alphabet = "counts", Alphabet(3, 3, 8)
@@ -453,7 +448,7 @@ def packets(draw, track_id=0):
     track = Track(
         id=track_id,
         kind="full",
-        codec=kind,
+        codec="KNOT" if kind == "coded knots" else kind,
         rate=Fraction(1000),
         first_channel=0,
         components=(Component(),) * numbers[0].shape[1],

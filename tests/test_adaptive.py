@@ -34,21 +34,21 @@ rows = st.lists(integers, max_size=40) | st.tuples(st.lists(integers, max_size=4
 )
 
 
-def coded(row, raw_signs=False):
-    coder, model = RangeEncoder(), IntegerModel(raw_signs=raw_signs)
+def coded(row):
+    coder, model = RangeEncoder(), IntegerModel()
     for e in row:
         model.encode(coder, e)
     return coder.finish()
 
 
-def coded_at_once(row, raw_signs=False, repeated=None):
+def coded_at_once(row, repeated=None):
     coder = RangeEncoder()
-    encode_integers(coder, row, raw_signs=raw_signs, repeated=repeated)
+    encode_integers(coder, row, repeated=repeated)
     return coder.finish()
 
 
-def coded_with_marks(row, raw_signs, repeated):
-    coder, model = RangeEncoder(), IntegerModel(raw_signs=raw_signs)
+def coded_with_marks(row, repeated):
+    coder, model = RangeEncoder(), IntegerModel()
     marks, recent = [BitModel() for _ in range(4)], 0
     for place, (e, same) in enumerate(zip(row, repeated, strict=True)):
         if place:
@@ -59,16 +59,16 @@ def coded_with_marks(row, raw_signs, repeated):
     return coder.finish()
 
 
-def coded_as_the_page_says(row, raw_signs=False):
-    coder, model = page.Range(), page.Integers(raw_signs)
+def coded_as_the_page_says(row):
+    coder, model = page.Range(), page.Integers()
     for e in row:
         model.code(coder, e)
     return coder.finish()
 
 
-def decoded(data, count, raw_signs=False):
+def decoded(data, count):
     """Integers, or the id of the rule that was broken."""
-    coder, model = RangeDecoder(data), IntegerModel(raw_signs=raw_signs)
+    coder, model = RangeDecoder(data), IntegerModel()
     try:
         row = [model.decode(coder) for _ in range(count)]
         coder.finish()
@@ -77,8 +77,8 @@ def decoded(data, count, raw_signs=False):
         return error.requirement
 
 
-def decoded_as_the_page_says(data, count, raw_signs=False):
-    coder, model = page.Range(data), page.Integers(raw_signs)
+def decoded_as_the_page_says(data, count):
+    coder, model = page.Range(data), page.Integers()
     try:
         row = [model.code(coder) for _ in range(count)]
         coder.finish()
@@ -192,35 +192,33 @@ class TestRangeCoder:
 
 
 class TestIntegerModel:
-    @given(rows, st.booleans())
-    def test_integers_come_back(self, row, raw_signs):
-        data = coded(row, raw_signs)
-        assert decoded(data, len(row), raw_signs) == row
-        assert data == coded_as_the_page_says(row, raw_signs) == coded_at_once(row, raw_signs)
-        assert decoded_as_the_page_says(data, len(row), raw_signs) == row
+    @given(rows)
+    def test_integers_come_back(self, row):
+        data = coded(row)
+        assert decoded(data, len(row)) == row
+        assert data == coded_as_the_page_says(row) == coded_at_once(row)
+        assert decoded_as_the_page_says(data, len(row)) == row
 
-    @given(st.binary(max_size=30), st.integers(0, 30), st.booleans())
-    def test_any_bytes(self, data, count, raw_signs):
+    @given(st.binary(max_size=30), st.integers(0, 30))
+    def test_any_bytes(self, data, count):
         """RNG-003: The magnitude u MUST be less than 2^34: a decoder stops after step 2 or 3 where it is not."""
-        expected = decoded_as_the_page_says(data, count, raw_signs)
-        assert decoded(data, count, raw_signs) == expected
+        expected = decoded_as_the_page_says(data, count)
+        assert decoded(data, count) == expected
 
     @given(
         st.lists(st.tuples(integers, st.integers(0, 1)), max_size=80),
         st.integers(1, 12),
-        st.booleans(),
     )
-    def test_at_once_with_repeats(self, pairs, times, raw_signs):
+    def test_at_once_with_repeats(self, pairs, times):
         row, repeated = [e for e, _ in pairs] * times, [same for _, same in pairs] * times
-        once = coded_at_once(row, raw_signs, repeated)
-        assert once == coded_with_marks(row, raw_signs, repeated)
+        once = coded_at_once(row, repeated)
+        assert once == coded_with_marks(row, repeated)
 
     @pytest.mark.parametrize("scale", [1, 40, 3000, 2**20, 2**33])
-    @pytest.mark.parametrize("raw_signs", [False, True])
-    def test_long_ones_at_once(self, scale, raw_signs):
+    def test_long_ones_at_once(self, scale):
         draw = random.Random(scale)
         row = [int(draw.gauss(0, scale / 4)) for _ in range(3000)]
-        assert coded_at_once(row, raw_signs) == coded(row, raw_signs)
+        assert coded_at_once(row) == coded(row)
 
     @pytest.mark.parametrize("before", [[], [2**34 - 1] * 200])
     @pytest.mark.parametrize("code", [coded, coded_at_once])

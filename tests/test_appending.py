@@ -30,7 +30,7 @@ from hapfmt.live.file import SyncPolicy, create_live
 from hapfmt.reading.opening import open_catalogue
 from hapfmt.scenes.stylus import simulate
 
-KNOT = b"\0\1"
+KNOT = f.knot_parameters()
 FIVE = f.KNOT_DATA
 NEVER = SyncPolicy("never")
 

@@ -13,7 +13,7 @@ from hapfmt.codecs import components, knots, knots_coded, quantised
 from hapfmt.codecs.components import join_components
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.knots import KnotParameters, build_knots
-from hapfmt.codecs.knots_coded import CodedKnotParameters, encode_knots
+from hapfmt.codecs.knots_coded import encode_knots
 from hapfmt.encoder.codebook import choose_codebook
 from hapfmt.encoder.predict import encode_best
 from hapfmt.errors import FormatError
@@ -90,7 +90,7 @@ class TestCounts:
         coded = encode_knots(ticks, rows, joined)
         assert both(
             knots_coded, knots_coded.decode_within, coded,
-            CodedKnotParameters(joined, LpcParameters()), *given,
+            KnotParameters(joined, LpcParameters(), adaptive=True), *given,
         ) == clipped(rows, low, high)  # fmt: skip
 
     @pytest.mark.parametrize("run", [4, 9, 200])
@@ -109,7 +109,7 @@ class TestCounts:
                 got = both(knots, knots.decode_within, data, KnotParameters("linear"), *given)
                 assert got == expected
                 coded = encode_knots(ticks, values, "linear")
-                parameters = CodedKnotParameters("linear", LpcParameters())
+                parameters = KnotParameters("linear", LpcParameters(), adaptive=True)
                 got = both(knots_coded, knots_coded.decode_within, coded, parameters, *given)
                 assert got == expected
 
@@ -138,14 +138,14 @@ class TestBounds:
     wide = (-(2**31), 2**31 - 1)
 
     def test_knots(self, level, sign):
-        for quantum in (1, 3):
+        for step in (1, 3):
             for by in (-1, 0, 1):
-                value = sign * (level.count_bound // quantum + by)
+                value = sign * (level.count_bound // step + by)
                 data = build_knots(np.array([0]), np.array([[value]]))
-                got = both(knots, knots.decode_within, data, KnotParameters("hold", quantum),
-                           1, 1, level, 0, *self.wide)  # fmt: skip
-                wanted = clipped([[value * quantum]], *self.wide)
-                assert got == (wanted if by <= 0 else "KNT-004")
+                parameters = KnotParameters("hold", LpcParameters(step))
+                got = both(knots, knots.decode_within, data, parameters, 1, 1, level, 0, *self.wide)
+                wanted = clipped([[value * step]], *self.wide)
+                assert got == (wanted if by <= 0 else "LPC-003")
 
     def test_quantised(self, level, sign):
         for step in (1, 3):
@@ -175,5 +175,5 @@ class TestBounds:
                 assert got == wanted if by <= 0 else got == "LPC-003"
                 data = encode_knots(np.array([0, 1]), np.array([[value], [1]]), "hold")
                 got = both(knots_coded, knots_coded.decode_within, data,
-                           CodedKnotParameters("hold", grid), *given)  # fmt: skip
+                           KnotParameters("hold", grid, adaptive=True), *given)  # fmt: skip
                 assert got == wanted if by <= 0 else got == "LPC-003"

@@ -211,7 +211,7 @@ class TestTwins:
         bytes(8), np.array([2**54 + 1, 0]), np.array([0, -(2**63)]), memoryview(bytes(17))[1:]
     ])  # fmt: skip
     def test_cross_terms_that_would_overflow(self, cross):
-        given = [np.array([8192], np.int32), 1, False, False, 0, 9, cross]
+        given = [np.array([8192], np.int32), 1, False, 0, 9, cross]
         for call, packet in (
             (compiled.lpcr_decode, bytes(8)),
             (compiled.lpcr_encode, bytearray(8)),

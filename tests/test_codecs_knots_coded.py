@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.knots import KnotParameters, build_knots, decode_knots
 from hapfmt.codecs.knots_coded import (
-    CodedKnotParameters,
     decode_coded_knots,
     decode_indices,
     encode_knots,
@@ -50,18 +49,19 @@ def decoded_as_the_page_says(data, interpolation, span, width, limit=FAR):
 class TestParameters:
     @given(strategies.levels.flatmap(lambda v: st.tuples(st.just(v), strategies.coded_knots(v))))
     def test_come_back(self, case):
-        """KTE-001: `interpolation` MUST be 0 or 1."""
+        """KNT-001: `interpolation` and `coding` MUST be 0 or 1."""
         level, parameters = case
         data = parameters.build()
-        assert CodedKnotParameters.parse(data, level, 0) == parameters
-        for other in (data[:-1], data + b"\0", b"", data[:1] + b"\2" + data[2:], b"\2" + data[1:]):
+        assert KnotParameters.parse(data, level, 0) == parameters
+        for other in (data[:-1], data + b"\0", b"", data[:1] + b"\2" + data[2:], b"\2" + data[1:],
+                      data[:2] + b"\2" + data[3:]):  # fmt: skip
             with pytest.raises(FormatError):
-                CodedKnotParameters.parse(other, level, 0)
+                KnotParameters.parse(other, level, 0)
 
     @given(st.binary(max_size=16))
     def test_any_bytes(self, data):
         with contextlib.suppress(FormatError):
-            assert CodedKnotParameters.parse(data, TWO, 0).build() == data
+            assert KnotParameters.parse(data, TWO, 0).build() == data
 
 
 class TestPackets:
@@ -99,16 +99,16 @@ class TestPackets:
 
     @given(strategies.knot_rows(), strategies.coded_knots(ONE))
     def test_counts_are_those_of_knots(self, case, parameters):
-        """The same knots as KNOT has them, on the grid."""
+        """The same knots in varints, on the grid."""
         interpolation, ticks, indices, span = case
-        parameters = CodedKnotParameters(interpolation, parameters.grid)
+        parameters = KnotParameters(interpolation, parameters.grid, adaptive=True)
         limit = parameters.grid.index_limit(ONE.count_bound)
         indices = indices.clip(-limit, limit)
         packet = encode_knots(ticks, indices, interpolation)
         got = decode_coded_knots(packet, parameters, span, indices.shape[1], ONE, 0)
-        values = parameters.grid.counts(indices, ONE.count_bound)
-        plain = build_knots(ticks, values)
-        expected = decode_knots(plain, KnotParameters(interpolation), span, values.shape[1], TWO, 0)
+        plain = build_knots(ticks, indices)
+        parameters = KnotParameters(interpolation, parameters.grid)
+        expected = decode_knots(plain, parameters, span, indices.shape[1], ONE, 0)
         assert got.tolist() == expected.tolist()
 
 
@@ -137,7 +137,7 @@ def test_extremes_of_each_level_are_exact(level, grid):
     last = grid.index_limit(level.count_bound)
     span = 1 << 20
     packet = encode_knots(np.array([0, span - 1]), np.array([[-last], [last]]), "linear")
-    parameters = CodedKnotParameters("linear", grid)
+    parameters = KnotParameters("linear", grid, adaptive=True)
     counts = decode_coded_knots(packet, parameters, span, 1, level, 0)[:, 0].tolist()
     low, high = counts[0], counts[-1]
     for t in (1, 2, 9999, span - 2):
@@ -152,7 +152,7 @@ def test_a_few_bytes_ask_for_little():
         assert decoded(data, "hold", 1 << 24, 1) in ("KTE-003", "KTE-004", "LPC-003", "RNG-001")
 
 
-@given(strategies.packets().filter(lambda case: case[0].codec == "KNTE"), st.binary(max_size=9))
+@given(strategies.packets().filter(lambda case: case[0].codec == "KNOT"), st.binary(max_size=9))
 def test_a_track_decodes_or_says_why(case, other):
     track, packets, numbers = case
     decoder = TrackDecoder(track, ONE)

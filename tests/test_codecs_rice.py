@@ -90,7 +90,7 @@ class TestPackets:
     @given(strategies.index_arrays(), strategies.predictors(), st.data())
     def test_any_widths(self, indices, predictor, data):
         """
-        LPC-010: With flag *Rice* the flags *repeats*, *raw signs* and *references* MUST be 0.
+        LPC-010: With flag *Rice* the flags *repeats* and *references* MUST be 0.
         LPC-011: Every w MUST be at least 0 and at most 31.
         LPC-012: The last bit that is read MUST lie in the last byte of the component packet, and the bits after it MUST be 0: a decoder takes bits behind the end for 0, and stops at the latest with the block that read one.
         """

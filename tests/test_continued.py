@@ -323,7 +323,7 @@ class TestUnknown:
         )
         strange = (
             "TRAK",
-            f.trak(tlvs, **({"component_count": 2, "codec": b"SPLN"} | fields)),
+            f.trak(tlvs, **({"component_count": 2, "codec": b"MDCT"} | fields)),
             {"track": 1},
         )
         data = f.closed(
@@ -341,7 +341,7 @@ class TestUnknown:
             )
 
     def test_that_fits(self):
-        strange = ("TRAK", f.trak(continues(1), codec=b"SPLN"), {"track": 1})
+        strange = ("TRAK", f.trak(continues(1), codec=b"MDCT"), {"track": 1})
         data = f.closed(HEAD, f.TRACK_0, strange, f.DATA_0)
         assert verify(data).verdict == "unsupported"
         assert samples(data) is None

@@ -147,7 +147,7 @@ class TestPaper:
         recording = Recording((force(noise(3000, 500) + 2000),))
         data = encoded(recording, Settings.of("paper", bits=5, smallest=False))
         made = encode(recording, Settings.of("paper", bits=5, smallest=False))
-        assert KnotParameters.parse(made.tracks[0].parameters, LEVELS[1], 0).quantum > 1
+        assert KnotParameters.parse(made.tracks[0].parameters, LEVELS[1], 0).grid.step > 1
         step = QuanParameters.parse(made.tracks[1].parameters, LEVELS[1], 0).step
         d, e = (hapfmt.read(data, band=band).channels[0].stored for band in ("lf", "hf"))
         residual = recording.channels[0].stored.astype(int) - d

@@ -15,7 +15,7 @@ from judge import rule
 
 import hapfmt
 from hapfmt.codecs.exact import ExactParameters
-from hapfmt.codecs.values import DECIMALS, PRODUCT, QUOTIENT, SIGNIFICANT, SINGLE
+from hapfmt.codecs.values import CUBIC, PRODUCT, QUOTIENT, SIGNIFICANT
 from hapfmt.container.source import BytesSource
 from hapfmt.convert import save
 from hapfmt.dump import dump
@@ -35,18 +35,32 @@ def printed(x: np.ndarray, form: str) -> np.ndarray:
     return np.array([float(format(v, form)) for v in x.tolist()])
 
 
+def converted(counts: np.ndarray, step: float) -> np.ndarray:
+    """What the driver of a converter makes of its counts: a polynomial of degree 3 from which a
+    line differs by 7e-3 of a step."""
+    x, reach = counts.astype(float), float(np.abs(counts).max())
+    c0, c1, c2, c3 = -1.7 * step, 1.00137 * step, 7e-3 * step / reach**2, -7e-3 * step / reach**3
+    return ((c3 * x + c2) * x + c1) * x + c0
+
+
+DITHER = np.random.default_rng(3).integers(0, 16, SIZE)
 SPEED = np.diff(WALK * 2 * np.pi / 300000, prepend=0.0) * 2000
 LOGGERS = {
     "multiplied in another order": (WALK * 2 * np.pi / 300000, {QUOTIENT, PRODUCT}, 9.5),
     "times a decimal": (WALK * 1e-6, {PRODUCT}, 6.5),
     "two factors": (WALK * (1 / 60000) * 1.2566370614359172, {QUOTIENT, PRODUCT}, 9.5),
     "six digits of text": (printed(WALK * 20 / 16384, ".6g"), {SIGNIFICANT}, 6.8),
-    "six decimals of text": (printed(WALK * 0.0227455 + 0.00123, ".6f"), {DECIMALS}, 6.8),
-    "binary32": ((WALK * np.float32(0.1)).astype(np.float32).astype(float), {SINGLE, PRODUCT}, 12),
+    "binary32": (
+        (WALK * np.float32(0.1)).astype(np.float32).astype(float),
+        {QUOTIENT, PRODUCT},
+        13,
+    ),
+    "a converter of 12 bits": (converted(WALK, 10 / 2**11), {CUBIC}, 9),
+    "a converter of 16 bits": (converted(WALK * 16 + DITHER, 0.2 / 2**15), {CUBIC}, 13),
     "derived from positions": (SPEED, {QUOTIENT, PRODUCT}, 15),
-    "true doubles": (NOISE, {QUOTIENT}, 56),
+    "true doubles": (NOISE, {QUOTIENT}, 57),
     "a decay": (np.sin(np.arange(SIZE)) * np.exp(-np.arange(SIZE) / 400.0), {QUOTIENT}, 57.5),
-    "values of binary32": (NOISE.astype(np.float32).astype(float), {QUOTIENT}, 27),
+    "values of binary32": (NOISE.astype(np.float32).astype(float), {QUOTIENT}, 28),
     "held doubles": (np.repeat(NOISE, 7)[:SIZE], {QUOTIENT}, 9),
     "far from 0": (NOISE * 1e-5 + 1.1, {QUOTIENT}, 39),
     "-0.0": (np.where(WALK % 3 == 0, -0.0, WALK.astype(float)), {QUOTIENT}, 11),

@@ -13,7 +13,8 @@ from twins import built, clamped, packed, same
 
 from hapfmt.codecs import knots_coded as codec
 from hapfmt.codecs.grids import LpcParameters
-from hapfmt.codecs.knots_coded import CodedKnotParameters, decode_within, encode_knots
+from hapfmt.codecs.knots import KnotParameters
+from hapfmt.codecs.knots_coded import decode_within, encode_knots
 from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS
 
@@ -34,7 +35,7 @@ class TestTwins:
     @given(cases)
     def test_packets(self, case):
         level, parameters, (mode, ticks, indices, span), (low, high) = case
-        parameters = CodedKnotParameters(mode, parameters.grid)
+        parameters = KnotParameters(mode, parameters.grid, adaptive=True)
         limit = parameters.grid.index_limit(level.count_bound)
         indices = indices.clip(-limit, limit)
         data = encoded(ticks, indices, mode)
@@ -76,7 +77,7 @@ class TestTwins:
         data = encoded(ticks, indices, mode)
         span = int(ticks[-1]) + 1
         for grid in (LpcParameters(), LpcParameters(1, -(2**31)), LpcParameters(1, 7, 1, 1024)):
-            given = data, CodedKnotParameters(mode, grid), span, width, TWO, 0
+            given = data, KnotParameters(mode, grid, adaptive=True), span, width, TWO, 0
             fast = decoded(*given, -(2**31), 2**31 - 1)
             assert fast[0] == (span, width) or (grid.kn and far > 2**15)
             decoded(*given, -9, far // 3)
@@ -100,7 +101,7 @@ def test_more_knots_than_a_second_takes():
         indices = (ticks % 2 * far)[:, None]
         data = encode_knots(ticks, indices, "hold")
         assert len(data) < 2**20 + 2**14
-        parameters = CodedKnotParameters("hold", LpcParameters())
+        parameters = KnotParameters("hold", LpcParameters(), adaptive=True)
         counts = decode_within(data, parameters, ticks.size, 1, ONE, 0, -99, 99)
         assert (counts == indices).all()
 

@@ -15,8 +15,8 @@ from twins import built
 
 from hapfmt.codecs import knots, knots_coded, predicted
 from hapfmt.codecs.grids import LpcParameters
-from hapfmt.codecs.knots import INTERPOLATIONS
-from hapfmt.codecs.knots_coded import CodedKnotParameters, decode_coded_knots
+from hapfmt.codecs.knots import INTERPOLATIONS, KnotParameters
+from hapfmt.codecs.knots_coded import decode_coded_knots
 from hapfmt.codecs.predicted import TABLE, Predictor, decode_indices
 from hapfmt.deadband import Deadband
 from hapfmt.encoder import live_many, predict, quick, tube
@@ -119,7 +119,7 @@ class TestTwin:
             if row.how is How.GIVEN or task.knots:
                 assert habit == row.habit
             if task.knots and isinstance(packet, bytes):
-                parameters = CodedKnotParameters(task.knots, task.grid)
+                parameters = KnotParameters(task.knots, task.grid, adaptive=True)
                 y = decode_coded_knots(packet, parameters, block.size, 1, LEVELS[2], 0)[:, 0]
                 y = np.clip(y, task.low, task.high)
                 assert not task.band.outside(block.astype(np.int64), y).any()

@@ -35,7 +35,7 @@ from hapfmt.live.file import LiveFile, SyncPolicy, create_live, open_live
 resource = pytest.importorskip("resource")
 
 TRACK = Track(0, "full", "KNOT", Fraction(1000), 0, (hapfmt.container.track.Component(),),
-              b"\0\1", count_min=-100, count_max=100)  # fmt: skip
+              b"\0\0\0\1\0", count_min=-100, count_max=100)  # fmt: skip
 FIVE = f.KNOT_DATA
 
 
@@ -258,7 +258,7 @@ class TestWrites:
 
     def test_descriptions_cut_in_two_are_not_closed(self, tmp_path: Path):
         """Although index and footer would find room."""
-        low = Track(0, "lf", "KNOT", Fraction(1), 0, TRACK.components, b"\0\1", count_max=9)
+        low = Track(0, "lf", "KNOT", Fraction(1), 0, TRACK.components, TRACK.parameters, count_max=9)
         high = replace(low, id=1, kind="hf", base=0, provenance="x" * 500)
         with create_live(tmp_path / "a") as file:
             writer = FileWriter(file)

@@ -267,12 +267,12 @@ class TestSelectKnots:
 
 def test_knot_values_round_half_up():
     slow = np.array([[-3, 3], [-2, 2], [2**31 - 1, -(2**31)], [5, 6]])
-    for quantum in (1, 2, 3, 4, 1000):
-        values = knot_values(slow, np.array([0, 2, 3]), quantum)
+    for step in (1, 2, 3, 4, 1000):
+        values = knot_values(slow, np.array([0, 2, 3]), step)
         exact = [
-            [(Fraction(int(c), quantum) + Fraction(1, 2)).__floor__() for c in slow[t]]
+            [(Fraction(int(c), step) + Fraction(1, 2)).__floor__() for c in slow[t]]
             for t in (0, 2, 3)
         ]
         assert values.tolist() == exact
-    with pytest.raises(ParameterError, match="quantum"):
+    with pytest.raises(ParameterError, match="step"):
         knot_values(slow, np.array([0]), 0)

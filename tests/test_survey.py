@@ -178,7 +178,7 @@ class TestViews:
         asked = {"texture": False, "felt": "all", "k": "0.01", "floor": 0.01}
         with Reader(file_of(Recording((loud,)), "perceptual", **asked)) as reader:
             parts = FileParts(reader)
-            knotted = parts.refs[0].track.codec in ("KNOT", "KNTE")
+            knotted = parts.refs[0].track.codec == "KNOT"
             few = survey(parts, Fraction(7), Fraction(8))[0].knots
             many = survey(parts)[0].knots
         assert knotted == (few is not None)

@@ -91,7 +91,7 @@ class TestOfTheirOwn:
         assert build_series(tracks) == again
 
     def test_an_unknown_setup_is_that_track_s_alone(self):
-        book = f.setups([(b"KNOT", [f.knot_parameters()]), (b"SPLN", [b""])], [0, 1])
+        book = f.setups([(b"KNOT", [f.knot_parameters()]), (b"MDCT", [b""])], [0, 1])
         tracks = parse_series(f.trak(f.tlv(5, book), track_count=2), 0, LEVELS[1], 0)
         assert [track.unsupported is None for track in tracks] == [True, False]
 
@@ -164,7 +164,7 @@ class TestUnknownParts:
 
     @pytest.mark.parametrize(
         "fields",
-        [{"kind": 4}, {"kind": 255}, {"number_format": 6}, {"codec": b"SPLN"}, {"codec": b"\xff\0x "},
+        [{"kind": 4}, {"kind": 255}, {"number_format": 6}, {"codec": b"MDCT"}, {"codec": b"\xff\0x "},
          {"tlvs": f.HOLD + f.tlv(0x8001, b"")}],
     )  # fmt: skip
     def test_the_other_tracks_are_read(self, fields):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.knots import INTERPOLATIONS, KnotParameters, build_knots, decode_knots
-from hapfmt.codecs.knots_coded import CodedKnotParameters, decode_coded_knots, encode_knots
+from hapfmt.codecs.knots_coded import decode_coded_knots, encode_knots
 from hapfmt.deadband import Deadband
 from hapfmt.encoder.grids import levels_of, places
 from hapfmt.encoder.knots import select_knots
@@ -128,7 +128,7 @@ def test_lines_between_values_of_a_grid(tube, grid, wider):
     ticks, values = fewest_linear(x - width, x + width, levels)
     indices = places(values, values, levels)[0] + first
     assert (grid.counts(indices, 2**24) == values).all()
-    parameters = CodedKnotParameters("linear", grid)
+    parameters = KnotParameters("linear", grid, adaptive=True)
     packet = encode_knots(ticks, indices[:, None], "linear")
     y = decode_coded_knots(packet, parameters, x.size, 1, LEVELS[1], 0)[:, 0]
     assert (np.abs(x - y) <= width).all()

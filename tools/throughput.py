@@ -109,9 +109,7 @@ def doubles() -> list[list[object]]:
         for recall in (False, True):
 
             def encode(x=x, counts=counts, affine=affine, recall=recall) -> bytes:
-                return exact.encode_exact(
-                    x, exact.ExactParameters(), affine, counts, recall=recall, relative=True
-                )
+                return exact.encode_exact(x, exact.ExactParameters(), affine, counts, recall=recall)
 
             data = b"\0" + encode()
             rows.append(

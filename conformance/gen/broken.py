@@ -29,7 +29,7 @@ END = DATA_AT + 32 + len(DATA[1])
 """Offset of the chunk after HEAD, TRACK, DATA."""
 
 
-CODECS = ("EVNT", "KNOT", "KNTE", "LPCR", "LPCX", "QUAN", "RAWB")
+CODECS = ("EVNT", "KNOT", "LPCR", "LPCX", "QUAN", "RAWB")
 
 
 ENDS = ("alone", "and-a-byte", "cut-short", "missing", "none", "of-no-bytes", "past-the-packet",

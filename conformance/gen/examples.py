@@ -51,9 +51,12 @@ def hold() -> tuple[File, dict[str, object]]:
             u16(0, "channel 0"),
             u16(0xFFFF, "no base track"),
             u16(1, "TLV 1, codec parameters"),
-            u16(2, "2 bytes"),
+            u16(5, "5 bytes"),
             u8(0, "hold"),
-            varint(25, "quantum 25"),
+            u8(0, "varints"),
+            u8(0, "uniform grid"),
+            varint(25, "step 25"),
+            svarint(0, "zero 0"),
             u16(2, "TLV 2, label"),
             u16(6, "6 bytes"),
             raw(b"\x05force", "'force'"),
@@ -70,9 +73,9 @@ def hold() -> tuple[File, dict[str, object]]:
     )
     at = f.offset
     body = [
-        svarint(4, "first knot, tick 0: value 4, count 100"),
+        svarint(4, "first knot, tick 0: index 4, count 100"),
         varint(3, "next knot 3 ticks later"),
-        svarint(1, "value 1 more: 5, count 125"),
+        svarint(1, "index 1 more: 5, count 125"),
     ]
     f.chunk("DATA", cluster([packet(0, 0, body, 8)]))
     f.close([(at, 0, 8_000_000)], [("HEAD", 8), ("TRAK", f.offsets["TRAK"])], 1)
@@ -98,9 +101,12 @@ def residual() -> tuple[File, dict[str, object]]:
             u16(0, "channel 0"),
             u16(0xFFFF, "no base track"),
             u16(1, "TLV 1, codec parameters"),
-            u16(2, "2 bytes"),
+            u16(5, "5 bytes"),
             u8(1, "linear"),
-            varint(1, "quantum 1"),
+            u8(0, "varints"),
+            u8(0, "uniform grid"),
+            varint(1, "step 1"),
+            svarint(0, "zero 0"),
         ],
         track=0,
     )
@@ -131,11 +137,11 @@ def residual() -> tuple[File, dict[str, object]]:
     )
     at = f.offset
     knots = [
-        svarint(10, "first knot, tick 0: value 10"),
+        svarint(10, "first knot, tick 0: index 10"),
         varint(2, "2 ticks later"),
-        svarint(-5, "value 5"),
+        svarint(-5, "index 5"),
         varint(3, "3 ticks later, tick 5"),
-        svarint(12, "value 17"),
+        svarint(12, "index 17"),
     ]
     later = [svarint(17, "a single knot: constant 17")]
     texture = [bits("110 10 111 0 1", "0, 1, -1, a run of 3; 6 bits fill the byte")]
@@ -172,9 +178,12 @@ def marks() -> tuple[File, dict[str, object]]:
             u16(0, "channel 0"),
             u16(0xFFFF, "no base track"),
             u16(1, "TLV 1, codec parameters"),
-            u16(2, "2 bytes"),
+            u16(5, "5 bytes"),
             u8(0, "hold"),
-            varint(1, "quantum 1"),
+            u8(0, "varints"),
+            u8(0, "uniform grid"),
+            varint(1, "step 1"),
+            svarint(0, "zero 0"),
         ],
         track=0,
     )

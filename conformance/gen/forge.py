@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Sequence
 
 SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
 SYNC = bytes.fromhex("F9488B1C")
@@ -85,8 +86,10 @@ def setups(codecs, places) -> bytes:
     return out + b"".join(map(varint, places))
 
 
-def knot_parameters(interpolation: int = 0, quantum: int = 1) -> bytes:
-    return bytes([interpolation]) + varint(quantum)
+def knot_parameters(interpolation: int = 0, step: int = 1, *, coding: int = 0, grid: int = 0,
+                    zero: int = 0, kn: int = 0, kd: int = 1) -> bytes:  # fmt: skip
+    lines = bytes([interpolation, coding])
+    return lines + lpcr_parameters(grid, step=step, zero=zero, kn=kn, kd=kd)
 
 
 def quan_parameters(codebook: bytes, *, step: int = 1, m: int = 0, r: int = 0, c: int = 0) -> bytes:
@@ -103,12 +106,14 @@ def lpcr_parameters(grid: int = 0, *, step: int = 1, zero: int = 0, kn: int = 0,
     return out + varint(kn) + varint(kd) if grid else out
 
 
-def knte_parameters(interpolation: int = 0, **grid: int) -> bytes:
-    return bytes([interpolation]) + lpcr_parameters(**grid)
+def coded_knot_parameters(interpolation: int = 0, **grid: int) -> bytes:
+    return knot_parameters(interpolation, coding=1, **grid)
 
 
-def lpcx_parameters(rule: int = 0, digits: int = 0, reserved: bytes = bytes(2)) -> bytes:
-    return struct.pack("<BB2s", rule, digits, reserved)
+def lpcx_parameters(rule: int = 0, digits: int = 0, reserved: bytes = bytes(2),
+                    coefficients: Sequence[float] = ()) -> bytes:  # fmt: skip
+    numbers = struct.pack(f"<{len(coefficients)}d", *coefficients)
+    return struct.pack("<BB2s", rule, digits, reserved) + numbers
 
 
 HOLD = tlv(1, knot_parameters())

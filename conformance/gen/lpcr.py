@@ -19,7 +19,6 @@ class Coding(NamedTuple):
     ks: tuple[int, ...] = ()
     base: int = 0
     repeats: bool = False
-    raw_signs: bool = False
     references: tuple[tuple[int, int, int, int], ...] = ()
     rice: bool = False
     widths: tuple[int, ...] = (5,)

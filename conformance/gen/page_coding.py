@@ -131,13 +131,12 @@ def first(c: int) -> list[int]:
 class Integers:
     """The integer model."""
 
-    def __init__(self, raw_signs: bool = False):
+    def __init__(self):
         self.f = self.s = 32
         self.t = self.g = 0
         self.z = [Symbols(first(c), 10) for c in range(36)]
         self.y = Symbols([4096 * (15 - i) for i in range(15)], 2)
         self.signs = [Bit() for _ in range(3)]
-        self.raw_signs = raw_signs
 
     def code(self, coder: Range, e: int | None = None) -> int:
         """The next integer; the one that is given, where ``coder`` encodes."""
@@ -170,10 +169,7 @@ class Integers:
         sign = 0
         if got > 0:
             minus = None if e is None else int(e < 0)
-            if self.raw_signs:
-                sign = -1 if coder.number(1, minus) else 1
-            else:
-                sign = -1 if coder.code(self.signs[self.g + 1], minus) else 1
+            sign = -1 if coder.code(self.signs[self.g + 1], minus) else 1
         self.g = sign
         a = min(7, bits_of(self.t + 1))
         self.f += (256 * got - self.f) // 8

@@ -8,7 +8,7 @@ HOLD, LINEAR = 0, 1
 
 
 def between(knots: list[tuple[int, int]], span: int, interpolation: int) -> list[int]:
-    """The counts of a span from (tick, count) of its knots, here and with KNTE."""
+    """The counts of a span from (tick, count) of its knots, however they are coded."""
     out = []
     for t in range(span):
         at = max(i for i, (tick, _) in enumerate(knots) if tick <= t)
@@ -22,7 +22,7 @@ def between(knots: list[tuple[int, int]], span: int, interpolation: int) -> list
 
 
 def encode(knots: list[tuple[int, list[int]]]) -> bytes:
-    """The packet of (tick, values)."""
+    """The packet of (tick, indices), in varints."""
     out, before = b"", None
     for tick, values in knots:
         if before is not None:
@@ -33,9 +33,10 @@ def encode(knots: list[tuple[int, list[int]]]) -> bytes:
     return out
 
 
-def decode(data: bytes, width: int, span: int, interpolation: int, quantum: int,
-           bound: int = 2**24) -> list[list[int]]:  # fmt: skip
-    """The counts of each component."""
+def parse(data: bytes, width: int, span: int, interpolation: int,
+          last: int = 2**24) -> list[tuple[int, list[int]]]:  # fmt: skip
+    """(tick, indices) of each knot of a packet in varints, ``last`` being the largest magnitude of
+    an index."""
     knots: list[tuple[int, list[int]]] = []
     at, tick, values = 0, 0, [0] * width
 
@@ -53,16 +54,22 @@ def decode(data: bytes, width: int, span: int, interpolation: int, quantum: int,
                 raise BrokenRule("KNT-003")
             tick += step
         values = [value + signed(number()) for value in values]
-        if any(abs(value) * quantum > bound for value in values):
-            raise BrokenRule("KNT-004")
+        if any(abs(value) > last for value in values):
+            raise BrokenRule("LPC-003")
         knots.append((tick, values))
     ticks = [tick for tick, _ in knots]
-    if interpolation == HOLD and ticks[-1] >= span:
+    if ticks[-1] >= span:
         raise BrokenRule("KNT-005")
-    several = interpolation == LINEAR and len(knots) > 1
-    if several and (not span - 1 <= ticks[-1] <= 2**24 or ticks[-2] >= span - 1):
+    if interpolation == LINEAR and len(knots) > 1 and ticks[-1] != span - 1:
         raise BrokenRule("KNT-006")
+    return knots
+
+
+def decode(data: bytes, width: int, span: int, interpolation: int, step: int = 1,
+           bound: int = 2**24) -> list[list[int]]:  # fmt: skip
+    """The counts of each component, on the uniform grid of this step and zero 0."""
+    knots = parse(data, width, span, interpolation, bound // step)
     return [
-        between([(tick, values[i] * quantum) for tick, values in knots], span, interpolation)
+        between([(tick, values[i] * step) for tick, values in knots], span, interpolation)
         for i in range(width)
     ]

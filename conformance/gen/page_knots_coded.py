@@ -60,7 +60,7 @@ def code_knots(coder, f, linear, span, first, last, knots=None):
 
 
 def decode_knots(data: bytes, linear: bool, span: int, width: int, last: int):
-    """(tick, indices) of each knot of a packet of KNTE."""
+    """(tick, indices) of each knot of a packet."""
     first, at = [], 0
     for _ in range(width):
         number, at = varint(data, at)

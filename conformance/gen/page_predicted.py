@@ -58,9 +58,9 @@ def cross_terms(references, components, span, g, c):
     return [rdiv(n, 64) for n in sums]
 
 
-def code_samples(coder, span, g, c, base, repeats, raw_signs, last, indices=None, x=None):
+def code_samples(coder, span, g, c, base, repeats, last, indices=None, x=None):
     """The loop over the ticks of a packet that is not constant; the indices."""
-    model = coder if isinstance(coder, Rice) else Integers(raw_signs)
+    model = coder if isinstance(coder, Rice) else Integers()
     q = [Bit() for _ in range(4)]
     out, z, y, r = [], [], [], []
     x = x or [0] * span
@@ -115,15 +115,14 @@ def decode(data: bytes, span: int, last: int, components=()) -> list[int]:
     if len(data) < 2 or len(data) < 2 + data[1]:
         raise BrokenRule("LPC-006")
     flags, m = data[:2]
-    g, repeats, constant, raw_signs = flags % 8, flags // 8 % 2, flags // 16 % 2, flags // 32 % 2
-    refers = flags // 64 % 2
+    g, repeats, constant, refers = flags % 8, flags // 8 % 2, flags // 16 % 2, flags // 64 % 2
     ks = [byte - 256 * (byte > 127) for byte in data[2 : 2 + m]]
     rice = flags // 128
-    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks:
+    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks or flags // 32 % 2:
         raise BrokenRule("LPC-004")
-    if constant and (g or m or repeats or raw_signs or refers or rice):
+    if constant and (g or m or repeats or refers or rice):
         raise BrokenRule("LPC-004")
-    if rice and (repeats or raw_signs or refers):
+    if rice and (repeats or refers):
         raise BrokenRule("LPC-010")
     at, references = 2 + m, []
     if refers:
@@ -149,24 +148,24 @@ def decode(data: bytes, span: int, last: int, components=()) -> list[int]:
     coder = Rice(coded) if rice else Range(coded)
     c = step_up(ks)
     x = cross_terms(references, components, span, g, c)
-    out = code_samples(coder, span, g, c, base, repeats, raw_signs, last, None, x)
+    out = code_samples(coder, span, g, c, base, repeats, last, None, x)
     coder.finish()
     return out
 
 
 def encode(
-    indices, g=0, ks=(), base=0, repeats=False, raw_signs=False, references=(), components=(), *,
+    indices, g=0, ks=(), base=0, repeats=False, references=(), components=(), *,
     rice=False, last=2**32, forge=False, widths=(5,),
 ):  # fmt: skip
     """A component packet that is not constant; ``forge``: it may end with what breaks a rule."""
     coder, c = Rice(widths=widths) if rice else Range(), step_up(ks)
     x = cross_terms(references, components, len(indices), g, c)
     try:
-        code_samples(coder, len(indices), g, c, base, repeats, raw_signs, last, indices, x)
+        code_samples(coder, len(indices), g, c, base, repeats, last, indices, x)
     except BrokenRule:
         if not forge:
             raise
-    flags = g + 8 * repeats + 32 * raw_signs + 64 * bool(references) + 128 * rice
+    flags = g + 8 * repeats + 64 * bool(references) + 128 * rice
     header = bytes([flags, len(ks)]) + bytes(k % 256 for k in ks)
     if references:
         header += bytes([len(references)])

@@ -297,7 +297,6 @@ types:
             '"QUAN"': quan_parameters
             '"RAWB"': rawb_parameters
             '"LPCR"': lpcr_parameters
-            '"KNTE"': knte_parameters
             '"LPCX"': lpcx_parameters
         doc: The parameters; bytes where the codec is not known.
   knot_parameters:
@@ -307,9 +306,13 @@ types:
         type: u1
         enum: interpolation
         doc: How knots are joined.
-      - id: quantum
-        type: varint
-        doc: Counts per unit of a knot value.
+      - id: coding
+        type: u1
+        enum: knot_coding
+        doc: How knots are stored.
+      - id: grid
+        type: lpcr_parameters
+        doc: Which count each index stands for.
   quan_parameters:
     doc-ref: SPEC.md 9.2
     seq:
@@ -359,16 +362,6 @@ types:
         type: varint
         if: grid == grid::deadband
         doc: Its denominator.
-  knte_parameters:
-    doc-ref: SPEC.md 9.6
-    seq:
-      - id: interpolation
-        type: u1
-        enum: interpolation
-        doc: How knots are joined.
-      - id: grid
-        type: lpcr_parameters
-        doc: Where the knots lie.
   lpcx_parameters:
     doc-ref: SPEC.md 9.7
     seq:
@@ -378,10 +371,16 @@ types:
         doc: How a count becomes a binary64 number.
       - id: digits
         type: u1
-        doc: Decimals, or significant digits; else 0.
+        doc: Significant digits with rule 2; else 0.
       - id: reserved
         size: 2
         doc: "0."
+      - id: coefficients
+        type: f8
+        repeat: expr
+        repeat-expr: 4
+        if: rule == rule::cubic
+        doc: c0 to c3 of rule 3.
   calibration_list:
     doc: Physical value = (count * A + B) / D.
     doc-ref: SPEC.md clause 8
@@ -764,12 +763,14 @@ enums:
   interpolation:
     0: hold
     1: linear
+  knot_coding:
+    0: varints
+    1: adaptive
   grid:
     0: uniform
     1: deadband
   rule:
     0: quotient
     1: product
-    2: binary32
-    3: decimals
-    4: significant_digits
+    2: significant_digits
+    3: cubic

@@ -124,7 +124,13 @@ def parameters(c: Cursor, track: Plain) -> Plain:
 
 
 def knot(c: Cursor) -> Plain:
-    return {"interpolation": c.u8(), "quantum": c.varint()}
+    return {"interpolation": c.u8(), "coding": c.u8(), "grid": grid(c)}
+
+
+def lpcx(c: Cursor) -> Plain:
+    fields = c.fixed("LPCX parameters")
+    cubic = fields["rule"] == 3
+    return fields | ({"coefficients": [*struct.unpack("<4d", c.take(32))]} if cubic else {})
 
 
 def quan(c: Cursor) -> Plain:
@@ -260,8 +266,7 @@ VALUES = {
 }  # fmt: skip
 PARAMETERS = {
     "KNOT": knot, "QUAN": quan, "RAWB": lambda c: c.fixed("RAWB parameters"), "LPCR": grid,
-    "KNTE": lambda c: {"interpolation": c.u8(), "grid": grid(c)},
-    "LPCX": lambda c: c.fixed("LPCX parameters"),
+    "LPCX": lpcx,
 }  # fmt: skip
 
 

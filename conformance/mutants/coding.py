@@ -263,19 +263,27 @@ MUTANTS = (
     ),
     mutant(
         "last-knot-off-by-one",
-        "The last knot of a KNTE line stands at tick span.",
+        "The last knot of a coded line stands at tick span.",
         "KTE-004",
         Edit("codecs.knots_coded:decode_indices", "tick = span - 1", "tick = span"),
     ),
     mutant(
-        "knots-end-at-span",
-        "A line that runs on beyond its packet is refused.",
+        "knots-line-ends-early",
+        "The last knot of a line may stand a tick before the end of its packet.",
         "KNT-006",
-        Edit(
-            "codecs.knots:check_ticks",
-            "before < span - 1 <= last or",
-            "before < span - 1 == last or",
-        ),
+        Edit("codecs.knots:check_ticks", "0 < last < span - 1", "0 < last < span - 2"),
+    ),
+    mutant(
+        "knots-without-zero",
+        "The grid of knots in varints has no zero and no deadband.",
+        "CNV-001",
+        Edit("codecs.knots:decode_knots", "grid.counts(indices, bound)", "indices * grid.step"),
+    ),
+    mutant(
+        "flag-5-ignored",
+        "Bit 5 of the flags of LPCR may be 1.",
+        "LPC-004",
+        Edit("codecs.predicted:parse_header", "or flags & UNUSED", "or False"),
     ),
     mutant(
         "hold-a-tick-late",
@@ -308,9 +316,33 @@ MUTANTS = (
         ),
     ),
     mutant(
+        "exact-cubic-powers",
+        "The polynomial of rule 3 is worked out by powers of the count.",
+        "EXA-007",
+        Edit(
+            "codecs.values:values_of",
+            "return np.asarray(v + 0.0)",
+            "c0, c1, c2, c3 = coefficients\n"
+            "        return np.asarray(c0 + c1 * x + c2 * (x * x) + c3 * (x * x * x) + 0.0)",
+        ),
+    ),
+    mutant(
+        "exact-cubic-rounded-once",
+        "The polynomial of rule 3 is rounded at the end alone.",
+        "EXA-007",
+        Edit(
+            "codecs.values:values_of",
+            "return np.asarray(v + 0.0)",
+            "from fractions import Fraction\n"
+            "        c0, c1, c2, c3 = map(Fraction, coefficients)\n"
+            "        exact = [((c3 * n + c2) * n + c1) * n + c0 for n in counts.tolist()]\n"
+            "        return np.array([float(v) for v in exact])",
+        ),
+    ),
+    mutant(
         "exact-recall-kept",
         "A correction coded by its rank stays where it is on its list.",
-        "EXA-005",
+        "EXA-007",
         Edit(
             "codecs.exact:CorrectionModel.learn",
             "known.insert(0, correction)",
@@ -318,9 +350,16 @@ MUTANTS = (
         ),
     ),
     mutant(
-        "exact-bits-unchecked",
-        "The bits behind the corrections may be anything.",
-        "EXA-005",
-        Edit("codecs.exact:check_bits", "if len(bits) !=", "if False and len(bits) !="),
+        "exact-sign-first",
+        "The sign of a correction is read before its low bits.",
+        "EXA-007",
+        Edit(
+            "codecs.exact:decode_loop",
+            "magnitude = high << low | coder.raw(low)\n"
+            "                c = -magnitude if coder.raw(1) else magnitude",
+            "c = coder.raw(1)\n"
+            "                magnitude = high << low | coder.raw(low)\n"
+            "                c = -magnitude if c else magnitude",
+        ),
     ),
 )

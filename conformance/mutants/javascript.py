@@ -39,7 +39,7 @@ MUTANTS = (
         "lines-half-down",
         "A line that is added up goes on where the remainder is more than a half, not at a half.",
         "CNV-001",
-        Edit("knot.js", "if (rest >= full) {", "if (rest > full) {"),
+        Edit("lines.js", "if (rest >= full) {", "if (rest > full) {"),
     ),
     javascript(
         "scale-of-32-bits",

@@ -4,7 +4,7 @@
 * LPCR: components.py cuts a packet into component packets, references.py says what they tell of
   each other, predicted.py is one of them, coded by adaptive.py or rice.py; grids.py and sine.py are
   its grids and its table.
-* KNTE: knots_coded.py. LPCX: exact.py, values.py.
+* LPCX: exact.py, values.py.
 * adaptive.py is the coding of 9.4; adaptive_many.py and varints.py do the same to many numbers at
   once.
 """

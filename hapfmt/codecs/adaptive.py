@@ -296,15 +296,15 @@ EVEN = tuple(4096 * (15 - i) for i in range(15))
 
 
 class IntegerModel:
-    """Signed integers by the scale of those before them; ``raw_signs``: signs are raw bits."""
+    """Signed integers by the scale of those before them."""
 
-    def __init__(self, *, raw_signs: bool = False) -> None:
+    def __init__(self) -> None:
         self.f = self.s = FIRST_SCALE
         self.t = self.g = 0
         # Z of SPEC 9.4, by context; most of the 36 are never met within a packet.
         self.tables: dict[int, SymbolModel] = {}
         self.lengths = SymbolModel(EVEN, ESCAPE_CONFIDENCE)
-        self.signs = None if raw_signs else [BitModel() for _ in range(3)]
+        self.signs = [BitModel() for _ in range(3)]
 
     def scale(self) -> tuple[int, int]:
         """(h, c) of SPEC 9.4."""
@@ -345,10 +345,7 @@ class IntegerModel:
         else:
             coder.raw(u - (EDGES[k] << h), EXTRA[k] + h)
         if u:
-            if self.signs is None:
-                coder.raw(int(e < 0), 1)
-            else:
-                coder.bit(int(e < 0), self.signs[self.g + 1])
+            coder.bit(int(e < 0), self.signs[self.g + 1])
         self.learn(e)
 
     def decode(self, coder: RangeDecoder) -> int:
@@ -368,8 +365,7 @@ class IntegerModel:
             )
         e = u
         if u:
-            negative = coder.raw(1) if self.signs is None else coder.bit(self.signs[self.g + 1])
-            e = -u if negative else u
+            e = -u if coder.bit(self.signs[self.g + 1]) else u
         self.learn(e)
         return e
 

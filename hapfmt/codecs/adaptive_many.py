@@ -68,7 +68,6 @@ def encode_integers(
     coder: RangeEncoder,
     integers: Sequence[int],
     *,
-    raw_signs: bool,
     repeated: Sequence[int] | None = None,
 ) -> None:
     """Codes ``integers`` with fresh models. ``repeated`` (0, 1), coded too: of each but the first
@@ -147,9 +146,6 @@ def encode_integers(
         tail_bits += size
         if not e:
             sign = 1
-        elif raw_signs:
-            tail |= (e < 0) << tail_bits
-            tail_bits += 1
         else:
             old = p[sign]
             mixed = old if n[sign] < FAST_FROM else (3 * old + q[sign]) >> 2

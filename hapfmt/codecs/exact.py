@@ -12,20 +12,27 @@ from ..container.layout import LPCX_PARAMETERS
 from ..container.track import Affine
 from ..container.wire import parse_fixed
 from ..errors import FormatError
-from ..integers import build_varint, parse_varint
+from ..integers import parse_varint
 from ..kernels import compiled
 from ..limits import Level
 from .adaptive import BitModel, RangeDecoder, RangeEncoder
 from .components import decode_predicted
 from .grids import LpcParameters
-from .values import Counts, Doubles, digits_fit, ordered, spread_of, unordered, values_of
+from .values import (
+    COEFFICIENT_LIMIT,
+    COEFFICIENTS,
+    CUBIC,
+    Counts,
+    Doubles,
+    digits_fit,
+    ordered,
+    unordered,
+    values_of,
+)
 
-RECALL, RELATIVE = 1, 2
+RECALL = 1
 LENGTHS = 64
 """A correction has 0 to 63 bits."""
-
-ABSOLUTE = 255
-"""In place of a width: the length is coded as it is."""
 
 HIGH_BITS = 10
 """Bits of a correction that can stand above those of a mantissa and below the leading 1."""
@@ -36,7 +43,7 @@ REMEMBERED = 32
 FRESH, SAME, KNOWN = range(3)
 """A count that was not met before in the packet, that of the sample before, another one."""
 
-BAD_END, BAD_BITS = 4, 6
+BAD_ERROR, NO_ROOM = 2, 5
 WHOLE = 1 << 62
 """More bytes than anything takes."""
 
@@ -47,26 +54,37 @@ class ExactParameters:
 
     rule: int = 0
     digits: int = 0
+    coefficients: tuple[float, ...] = ()
+    """c0 to c3 of the cubic rule."""
 
     def build(self) -> bytes:
         fields = {"rule": self.rule, "digits": self.digits, "reserved": bytes(2)}
-        return bytes(LPCX_PARAMETERS.build(fields))
+        return bytes(LPCX_PARAMETERS.build(fields)) + np.array(self.coefficients, "<f8").tobytes()
 
     @classmethod
     def parse(cls, data: bytes, offset: int) -> ExactParameters:
         raw = parse_fixed(LPCX_PARAMETERS, data, 0, "COD-002", offset)
-        if len(data) != LPCX_PARAMETERS.sizeof():
-            raise FormatError("LPCX parameters too long", requirement="COD-002", offset=offset)
+        rest, count = data[LPCX_PARAMETERS.sizeof() :], COEFFICIENTS * (raw.rule == CUBIC)
+        if raw.rule <= CUBIC and len(rest) != 8 * count:
+            raise FormatError(
+                "LPCX parameters of another length", requirement="COD-002", offset=offset
+            )
         if any(raw.reserved):
             raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=offset + 2)
         if not digits_fit(raw.rule, raw.digits):
             raise FormatError(
                 f"rule {raw.rule} with {raw.digits} digits", requirement="EXA-002", offset=offset
             )
-        return cls(raw.rule, raw.digits)
+        coefficients = np.frombuffer(rest, "<f8")
+        # So is what is no number refused.
+        if not (np.abs(coefficients) < COEFFICIENT_LIMIT).all():
+            raise FormatError(
+                "a coefficient of 2^900 or more", requirement="EXA-008", offset=offset + 4
+            )
+        return cls(raw.rule, raw.digits, tuple(coefficients.tolist()))
 
     def values(self, counts: Counts, affine: Affine) -> Doubles:
-        return values_of(counts, affine, self.rule, self.digits)
+        return values_of(counts, affine, self.rule, self.digits, self.coefficients)
 
 
 def split_packet(data: bytes, offset: int) -> tuple[bytes, bytes, int]:
@@ -91,18 +109,11 @@ def decode_exact(
     doubles = parameters.values(counts, affine)
     if not rest:
         return doubles
-    if len(rest) < 2 or rest[0] & ~(RECALL | RELATIVE) or rest[1] >= LENGTHS:
+    if len(rest) < 2 or rest[0] & ~RECALL or rest[1] >= LENGTHS:
         raise FormatError("corrections that are not defined", requirement="EXA-004", offset=at)
-    size, start = parse_varint(rest, 2, at)
-    if size > len(rest) - start:
-        raise FormatError(
-            "the coded bits run past their packet", requirement="EXA-004", offset=at + 2
-        )
-    widths = widths_of(doubles, affine, rest[0], rest[1])
     ids = ids_of(counts) if rest[0] & RECALL else None
-    coded, bits = rest[start : start + size], rest[start + size :]
     loop = decode_loop if compiled is None else decode_compiled
-    corrections = loop(coded, bits, ids, widths, rest[1], at + start)
+    corrections = loop(rest[2:], ids, counts.size, rest[1], at + 2)
     with np.errstate(over="ignore"):
         return unordered(ordered(doubles) + (corrections << rest[1]))
 
@@ -114,10 +125,9 @@ def encode_exact(
     counts: Counts,
     *,
     recall: bool,
-    relative: bool,
 ) -> bytes:
     """What follows the counts in their packet. ValueError where a correction needs 64 bits."""
-    data = lacking_of(source, parameters, affine, counts).build(recall=recall, relative=relative)
+    data = lacking_of(source, parameters, affine, counts).build(recall=recall)
     assert data is not None
     return data
 
@@ -131,27 +141,21 @@ class Lacking:
     """With ``shift`` zeros below each taken away."""
 
     shift: int
-    spread: NDArray[np.uint8]
 
     @cached_property
     def ids(self) -> NDArray[np.int32]:
         return ids_of(self.counts)
 
-    def build(self, *, recall: bool, relative: bool, below: int = WHOLE) -> bytes | None:
+    def build(self, *, recall: bool, below: int = WHOLE) -> bytes | None:
         """None where that is found to take ``below`` bytes or more before it is finished."""
         if not self.corrections.any():
             return b""
-        flags = RECALL * recall | RELATIVE * relative
-        widths = relative_to(self.spread, flags, self.shift)
         ids = self.ids if recall else None
         if compiled is not None:
-            coded, bits = encode_compiled(self.corrections, ids, widths, self.shift)
+            coded: bytes | None = encode_compiled(self.corrections, ids, self.shift)
         else:
-            found = encode_loop(self.corrections, ids, widths, self.shift, below)
-            if found is None:
-                return None
-            coded, bits = found
-        return bytes([flags, self.shift]) + build_varint(len(coded)) + coded + bits
+            coded = encode_loop(self.corrections, ids, self.shift, below)
+        return None if coded is None else bytes([RECALL * recall, self.shift]) + coded
 
 
 def lacking_of(
@@ -161,7 +165,7 @@ def lacking_of(
     corrections = corrections_of(source, doubles)
     together = int(np.bitwise_or.reduce(corrections))
     shift = max((together & -together).bit_length() - 1, 0)
-    return Lacking(counts, corrections >> shift, shift, spread_of(doubles, affine))
+    return Lacking(counts, corrections >> shift, shift)
 
 
 def corrections_of(source: Doubles, doubles: Doubles) -> Counts:
@@ -173,17 +177,6 @@ def corrections_of(source: Doubles, doubles: Doubles) -> Counts:
     if far.any() or (corrections == np.iinfo(np.int64).min).any():
         raise ValueError("a correction of 2^63 or more")
     return corrections
-
-
-def widths_of(doubles: Doubles, affine: Affine, flags: int, shift: int) -> NDArray[np.uint8]:
-    """What lengths are coded relative to."""
-    return relative_to(spread_of(doubles, affine), flags, shift)
-
-
-def relative_to(spread: NDArray[np.uint8], flags: int, shift: int) -> NDArray[np.uint8]:
-    if not flags & RELATIVE:
-        return np.full(spread.size, ABSOLUTE, np.uint8)
-    return np.maximum(spread, shift) - np.uint8(shift)
 
 
 def high_bits(length: int, shift: int) -> int:
@@ -241,17 +234,15 @@ def tree_decode(coder: RangeDecoder, models: list[BitModel], bits: int) -> int:
 def encode_loop(
     corrections: Counts,
     ids: NDArray[np.int32] | None,
-    widths: NDArray[np.uint8],
     shift: int,
     below: int = WHOLE,
-) -> tuple[bytes, bytes] | None:
-    """Coded bytes, and the bits; None as soon as the first are not ``below``. kernels/ has the same
-    in C, which does not stop."""
+) -> bytes | None:
+    """Coded bytes; None as soon as they are not ``below``. kernels/ has the same in C, which does
+    not stop."""
     coder, model = RangeEncoder(), CorrectionModel()
-    fields: list[str] = []
     names = [0] * corrections.size if ids is None else ids.tolist()
-    for c, id_, width in zip(corrections.tolist(), names, widths.tolist(), strict=True):
-        if len(coder.out) >= below:
+    for c, id_ in zip(corrections.tolist(), names, strict=True):
+        if len(coder.out) + len(coder.back) >= below:
             return None
         if ids is not None:
             known, models = model.meet(id_)
@@ -262,34 +253,24 @@ def encode_loop(
             if found is not None:
                 continue
         length = abs(c).bit_length()
-        symbol = length if width == ABSOLUTE else (width - length) % LENGTHS
-        for i in range(min(symbol + 1, LENGTHS - 1)):
-            coder.bit(int(i < symbol), model.lengths[i])
+        for i in range(min(length + 1, LENGTHS - 1)):
+            coder.bit(int(i < length), model.lengths[i])
         if length:
-            size = length - high_bits(length, shift)
+            low = length - high_bits(length, shift) - 1
             rest = abs(c) ^ 1 << (length - 1)
-            tree_encode(coder, model.highs, rest >> (size - 1), length - size)
-            sign = (c < 0) << (size - 1)
-            fields.append(f"{sign | rest & ((1 << (size - 1)) - 1):0{size}b}")
-    bits = "".join(fields)
-    size = -(-len(bits) // 8)
-    return coder.finish(), int(bits.ljust(8 * size, "0") or "0", 2).to_bytes(size, "big")
+            tree_encode(coder, model.highs, rest >> low, length - 1 - low)
+            coder.raw(rest, low)
+            coder.raw(int(c < 0), 1)
+    return coder.finish()
 
 
 def decode_loop(
-    coded: bytes,
-    bits: bytes,
-    ids: NDArray[np.int32] | None,
-    widths: NDArray[np.uint8],
-    shift: int,
-    offset: int,
+    coded: bytes, ids: NDArray[np.int32] | None, span: int, shift: int, offset: int
 ) -> Counts:
-    """The corrections [span]; ``coded`` stands at ``offset`` and ``bits`` after it."""
+    """The corrections [span]."""
     coder, model = RangeDecoder(coded, offset), CorrectionModel()
     out: list[int] = []
-    position = 0
-    names = [0] * widths.size if ids is None else ids.tolist()
-    for id_, width in zip(names, widths.tolist(), strict=True):
+    for id_ in [0] * span if ids is None else ids.tolist():
         rank: int | None = None
         if ids is not None:
             known, models = model.meet(id_)
@@ -300,46 +281,18 @@ def decode_loop(
             length = 0
             while length < LENGTHS - 1 and coder.bit(model.lengths[length]):
                 length += 1
-            length = length if width == ABSOLUTE else (width - length) % LENGTHS
             c = 0
             if length:
-                size = length - high_bits(length, shift)
-                high = 1 << (length - size) | tree_decode(coder, model.highs, length - size)
-                field = field_at(bits, position, size, offset + len(coded))
-                position += size
-                top = 1 << (size - 1)
-                magnitude = high * top | field & (top - 1)
-                c = -magnitude if field & top else magnitude
+                low = length - high_bits(length, shift) - 1
+                high = 1 << (length - 1 - low) | tree_decode(coder, model.highs, length - 1 - low)
+                magnitude = high << low | coder.raw(low)
+                c = -magnitude if coder.raw(1) else magnitude
         if ids is not None:
             model.learn(id_, c, rank)
         out.append(c)
         coder.check()
     coder.finish()
-    check_bits(bits, position, offset + len(coded))
     return np.array(out, np.int64)
-
-
-def field_at(bits: bytes, position: int, size: int, offset: int) -> int:
-    """The ``size`` bits from bit ``position`` on."""
-    stop = position + size
-    if stop > 8 * len(bits):
-        raise bad_bits(offset, min(position // 8, len(bits)))
-    field = int.from_bytes(bits[position // 8 : -(-stop // 8)], "big") >> (-stop % 8)
-    return field & ((1 << size) - 1)
-
-
-def check_bits(bits: bytes, used: int, offset: int) -> None:
-    """EXA-005."""
-    if len(bits) != -(-used // 8) or (bits and bits[-1] & ((1 << (-used % 8)) - 1)):
-        raise bad_bits(offset, min(used // 8, len(bits)))
-
-
-def bad_bits(offset: int, place: int) -> FormatError:
-    return FormatError(
-        "the bits of the corrections do not end with their packet",
-        requirement="EXA-005",
-        offset=offset + place,
-    )
 
 
 def work_of(ids: NDArray[np.int32] | None) -> Counts:
@@ -348,44 +301,31 @@ def work_of(ids: NDArray[np.int32] | None) -> Counts:
     return np.zeros(0 if ids is None else 2 * ids.size, np.int64)
 
 
-def encode_compiled(
-    corrections: Counts, ids: NDArray[np.int32] | None, widths: NDArray[np.uint8], shift: int
-) -> tuple[bytes, bytes]:
-    """``encode_loop``, in C; what does not fit its buffers is written once more."""
+def encode_compiled(corrections: Counts, ids: NDArray[np.int32] | None, shift: int) -> bytes:
+    """``encode_loop``, in C; what does not fit its buffer is written once more."""
     assert compiled is not None
     plain = np.ascontiguousarray(corrections)
     names = np.zeros(0, np.int32) if ids is None else ids
-    coded, bits = bytearray(2 * plain.size + 64), bytearray(5 * plain.size + 8)
-    while True:
-        status, size, used = compiled.exact_encode(
-            coded, bits, names, widths, plain, work_of(ids), shift
-        )
-        if status == 0:
-            return bytes(coded[:size]), bytes(bits[: -(-used // 8)])
-        coded, bits = bytearray(size), bytearray(-(-used // 8))
+    size, status = 7 * plain.size + 64, NO_ROOM
+    while status == NO_ROOM:
+        out = bytearray(size)
+        status, size = compiled.exact_encode(out, names, plain, work_of(ids), shift)
+    assert not status
+    return bytes(out[:size])
 
 
 def decode_compiled(
-    coded: bytes,
-    bits: bytes,
-    ids: NDArray[np.int32] | None,
-    widths: NDArray[np.uint8],
-    shift: int,
-    offset: int,
+    coded: bytes, ids: NDArray[np.int32] | None, span: int, shift: int, offset: int
 ) -> Counts:
     """``decode_loop``, in C."""
     assert compiled is not None
-    out = np.empty(widths.size, np.int64)
+    out = np.empty(span, np.int64)
     names = np.zeros(0, np.int32) if ids is None else ids
-    status, shifts, used = compiled.exact_decode(
-        coded, bits, names, widths, out, work_of(ids), shift
-    )
-    if status == BAD_END:
+    status, taken = compiled.exact_decode(coded, names, out, work_of(ids), shift)
+    if status:
         raise FormatError(
             "the coded bits do not end with their packet",
             requirement="RNG-001",
-            offset=offset + min(shifts, len(coded)),
+            offset=offset + min(taken, len(coded)),
         )
-    if status:
-        raise bad_bits(offset + len(coded), min(used // 8, len(bits)))
     return out

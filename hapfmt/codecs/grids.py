@@ -77,6 +77,15 @@ class LpcParameters:
         return deadband_levels(self, bound)[0].size - 1
 
 
+UNIT_GRID = LpcParameters()
+"""Every count is its own index."""
+
+
+def levels_of(grid: LpcParameters, bound: int) -> NDArray[np.int64] | bytes:
+    """y(i) as the compiled loops take them: none on the uniform grid."""
+    return b"" if grid.grid == UNIFORM else deadband_levels(grid, bound)[0]
+
+
 @lru_cache(maxsize=32)
 def deadband_levels(grid: LpcParameters, bound: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """y(i) and top(y(i)) of SPEC 9.5 for i = 0 ... N; a top without bound is ``bound``.

@@ -1,4 +1,7 @@
-"""KNOT: support points joined by steps or lines (SPEC 9.1)."""
+"""KNOT: support points on a grid, joined by steps or lines, in varints (SPEC 9.1).
+
+knots_coded.py has their adaptive coding.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, TruncatedError
-from ..integers import build_varint, parse_varint
 from ..kernels import compiled
 from ..limits import Level
+from .grids import UNIT_GRID, LpcParameters, levels_of
 from .varints import build_varints, from_signed, parse_varints, to_signed
 
 Interpolation = Literal["hold", "linear"]
@@ -21,33 +24,33 @@ INTERPOLATIONS: tuple[Interpolation, ...] = ("hold", "linear")
 
 @dataclass(frozen=True)
 class KnotParameters:
-    """How knots are joined, and counts per unit of a knot's value."""
+    """How knots are joined, which count each index stands for, and whether they are coded
+    adaptively or stored in varints."""
 
     interpolation: Interpolation
-    quantum: int = 1
+    grid: LpcParameters = UNIT_GRID
+    adaptive: bool = False
 
     def build(self) -> bytes:
-        return bytes([INTERPOLATIONS.index(self.interpolation)]) + build_varint(self.quantum)
+        way = INTERPOLATIONS.index(self.interpolation)
+        return bytes([way, self.adaptive]) + self.grid.build()
 
     @classmethod
     def parse(cls, data: bytes, level: Level, offset: int) -> KnotParameters:
-        if not data:
-            raise TruncatedError("no KNOT parameters", requirement="COD-002", offset=offset)
-        quantum, position = parse_varint(data, 1, offset)
-        if position != len(data):
-            raise FormatError("KNOT parameters too long", requirement="COD-002", offset=offset)
-        if data[0] >= len(INTERPOLATIONS) or quantum < 1:
+        if len(data) < 2:
+            raise TruncatedError("KNOT parameters cut short", requirement="COD-002", offset=offset)
+        if data[0] >= len(INTERPOLATIONS) or data[1] > 1:
             raise FormatError(
-                "unknown interpolation or quantum 0", requirement="KNT-001", offset=offset
+                "unknown interpolation or coding", requirement="KNT-001", offset=offset
             )
-        level.check("step", quantum, "KNT-001", offset + 1)
-        return cls(INTERPOLATIONS[data[0]], quantum)
+        grid = LpcParameters.parse(data[2:], level, offset + 2)
+        return cls(INTERPOLATIONS[data[0]], grid, bool(data[1]))
 
 
 def parse_knots(
     data: bytes, components: int, offset: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Ticks [knots] counted from the packet's start, and values [knots, components]."""
+    """Ticks [knots] counted from the packet's start, and indices [knots, components]."""
     numbers = parse_varints(data, offset)
     width = components + 1
     # The tick of the first knot is 0 and not stored: put it in, and all rows are alike.
@@ -56,16 +59,16 @@ def parse_knots(
     table = np.concatenate((np.zeros(1, np.int64), numbers)).reshape(-1, width)
     if (table[1:, 0] < 1).any():
         raise FormatError("knot ticks not increasing", requirement="KNT-003", offset=offset)
-    # Sums of 64-bit numbers could wrap: no value that keeps KNT-004 is that far from the next, and
+    # Sums of 64-bit numbers could wrap: no index that keeps LPC-003 is that far from the next, and
     # a gap cut to this size still lies beyond any packet.
     if table[:, 1:].max() >= FAR:
-        raise FormatError("knot value far out of range", requirement="KNT-004", offset=offset)
+        raise FormatError("index far beyond the grid", requirement="LPC-003", offset=offset)
     return np.cumsum(np.minimum(table[:, 0], FAR)), np.cumsum(to_signed(table[:, 1:]), axis=0)
 
 
-def build_knots(ticks: NDArray[np.int64], values: NDArray[np.int64]) -> bytes:
-    """The packet of knots: ticks [knots] with ticks[0] = 0, values [knots, components]."""
-    differences = np.diff(values, axis=0, prepend=0)
+def build_knots(ticks: NDArray[np.int64], indices: NDArray[np.int64]) -> bytes:
+    """The packet of knots: ticks [knots] with ticks[0] = 0, indices [knots, components]."""
+    differences = np.diff(indices, axis=0, prepend=0)
     table = np.column_stack((np.diff(ticks, prepend=0), from_signed(differences)))
     return build_varints(table.reshape(-1)[1:])
 
@@ -77,7 +80,7 @@ def interpolate(
     if interpolation == "hold" or ticks.size == 1:
         return np.repeat(counts, np.diff(np.append(ticks, span)), axis=0)
     lengths = np.diff(ticks)
-    lengths[-1] = span - ticks[-2]
+    lengths[-1] += 1
     rise, run = np.diff(counts, axis=0), np.diff(ticks)
     row = np.repeat(np.arange(lengths.size), lengths)
     along = np.arange(span) - ticks[row]
@@ -91,12 +94,12 @@ def decode_knots(
     data: bytes, parameters: KnotParameters, span: int, components: int, level: Level, offset: int
 ) -> NDArray[np.int64]:
     """The packet ``data``, which stands at ``offset``, as counts [span, components]."""
-    ticks, values = parse_knots(data, components, offset)
-    bound = level.count_bound // parameters.quantum
-    if np.abs(values).max() > bound:
-        raise FormatError("knot out of range", requirement="KNT-004", offset=offset)
-    check_ticks(ticks, span, parameters.interpolation, level, offset)
-    return interpolate(ticks, values * parameters.quantum, span, parameters.interpolation)
+    ticks, indices = parse_knots(data, components, offset)
+    grid, bound = parameters.grid, level.count_bound
+    if np.abs(indices).max() > grid.index_limit(bound):
+        raise FormatError("index beyond the grid", requirement="LPC-003", offset=offset)
+    check_ticks(ticks, span, parameters.interpolation, offset)
+    return interpolate(ticks, grid.counts(indices, bound), span, parameters.interpolation)
 
 
 def decode_within(
@@ -111,10 +114,11 @@ def decode_within(
 ) -> NDArray[np.int32]:
     """``decode_knots``, each count clamped to low ... high (DEC-001)."""
     if compiled is not None:
-        out = np.empty((span, components), np.int32)
+        grid, out = parameters.grid, np.empty((span, components), np.int32)
         if compiled.knots_decode(
-            data, parameters.quantum, components, parameters.interpolation == "linear",
-            level.span_ticks, level.count_bound // parameters.quantum, low, high,
+            data, components, parameters.interpolation == "linear",
+            grid.index_limit(level.count_bound), grid.step, grid.zero,
+            levels_of(grid, level.count_bound), low, high,
             np.zeros(2 * components, np.int64), out,
         ):  # fmt: skip
             return out
@@ -124,17 +128,12 @@ def decode_within(
 
 
 def check_ticks(
-    ticks: NDArray[np.int64], span: int, interpolation: Interpolation, level: Level, offset: int
+    ticks: NDArray[np.int64], span: int, interpolation: Interpolation, offset: int
 ) -> None:
     last = int(ticks[-1])
-    if interpolation == "hold":
-        if last >= span:
-            raise FormatError("knot beyond its packet", requirement="KNT-005", offset=offset)
-    elif ticks.size > 1:
-        before = int(ticks[-2])
-        if not before < span - 1 <= last or last > level.span_ticks:
-            raise FormatError(
-                "the last line does not end at the packet's end",
-                requirement="KNT-006",
-                offset=offset,
-            )
+    if last >= span:
+        raise FormatError("knot beyond its packet", requirement="KNT-005", offset=offset)
+    if interpolation == "linear" and 0 < last < span - 1:
+        raise FormatError(
+            "the last line does not end at the packet's end", requirement="KNT-006", offset=offset
+        )

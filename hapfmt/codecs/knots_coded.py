@@ -1,20 +1,19 @@
-"""KNTE: knots on a grid of counts, gaps and values entropy coded (SPEC 9.6)."""
+"""KNOT with adaptive coding: gaps and differences of knots, entropy coded (SPEC 9.6)."""
 
 from __future__ import annotations
 
 from array import array
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError, TruncatedError
+from ..errors import FormatError
 from ..integers import build_svarint, build_varint, parse_varint
 from ..kernels import compiled
 from ..limits import Level
 from .adaptive import BitModel, RangeDecoder, RangeEncoder
-from .grids import UNIFORM, LpcParameters, deadband_levels
-from .knots import INTERPOLATIONS, Interpolation, interpolate
+from .grids import levels_of
+from .knots import Interpolation, KnotParameters, interpolate
 from .predicted import INDEX_LIMIT, NO_ROOM, check_index
 
 GAP_BITS = 24
@@ -33,26 +32,6 @@ STATUS = {
     8: ("KTE-004", "more knots than the ticks left"),
 }
 """What the compiled loop returns, as the readable one says it."""
-
-
-@dataclass(frozen=True)
-class CodedKnotParameters:
-    """How knots are joined, and which count each index stands for."""
-
-    interpolation: Interpolation
-    grid: LpcParameters
-
-    def build(self) -> bytes:
-        return bytes([INTERPOLATIONS.index(self.interpolation)]) + self.grid.build()
-
-    @classmethod
-    def parse(cls, data: bytes, level: Level, offset: int) -> CodedKnotParameters:
-        if not data:
-            raise TruncatedError("no KNTE parameters", requirement="COD-002", offset=offset)
-        if data[0] >= len(INTERPOLATIONS):
-            raise FormatError("unknown interpolation", requirement="KTE-001", offset=offset)
-        grid = LpcParameters.parse(data[1:], level, offset + 1)
-        return cls(INTERPOLATIONS[data[0]], grid)
 
 
 class Magnitude:
@@ -212,7 +191,7 @@ def knot_table(ticks: array[int], rows: array[int]) -> tuple[NDArray[np.int64], 
 
 def decode_coded_knots(
     data: bytes,
-    parameters: CodedKnotParameters,
+    parameters: KnotParameters,
     span: int,
     components: int,
     level: Level,
@@ -227,7 +206,7 @@ def decode_coded_knots(
 
 def decode_within(
     data: bytes,
-    parameters: CodedKnotParameters,
+    parameters: KnotParameters,
     span: int,
     components: int,
     level: Level,
@@ -242,11 +221,11 @@ def decode_within(
     grid, bound = parameters.grid, level.count_bound
     limit = grid.index_limit(bound)
     row, further, coded = parse_start(data, span, components, limit, offset)
-    levels = b"" if grid.grid == UNIFORM else deadband_levels(grid, bound)[0]
     out = np.empty((span, components), np.int32)
     status, taken = compiled.coded_knots_decode(
         data[coded:], parameters.interpolation == "linear", further, limit, grid.step, grid.zero,
-        levels, low, high, np.array(row, np.int64), np.zeros(2 * components, np.int64), out,
+        levels_of(grid, bound), low, high, np.array(row, np.int64),
+        np.zeros(2 * components, np.int64), out,
     )  # fmt: skip
     if status:
         requirement, message = STATUS[status]

@@ -19,7 +19,7 @@ from .rice import RiceReader, RiceWriter
 from .sine import SINES
 
 ORDER_LIMIT, DIFFERENCE_LIMIT = 32, 4
-REPEATS, CONSTANT, RAW_SIGNS, REFERENCES, RICE = 8, 16, 32, 64, 128
+REPEATS, CONSTANT, UNUSED, REFERENCES, RICE = 8, 16, 32, 64, 128
 STEP_UP_LIMIT = 1 << 36
 COEFFICIENT_LIMIT = 1 << 21
 SHIFT = 13
@@ -46,19 +46,17 @@ NO_ROOM = 5
 @dataclass(frozen=True)
 class Predictor:
     """The header of a component packet: difference order, reflection coefficients, base, how
-    unchanged samples, signs and errors are coded, and the components that it refers to."""
+    unchanged samples and errors are coded, and the components that it refers to."""
 
     difference: int = 0
     reflections: tuple[int, ...] = ()
     base: int = 0
     repeats: bool = False
-    raw_signs: bool = False
     references: tuple[Reference, ...] = ()
     rice: bool = False
 
     def build(self) -> bytes:
-        flags = self.difference | self.repeats * REPEATS | self.raw_signs * RAW_SIGNS
-        flags |= self.rice * RICE
+        flags = self.difference | self.repeats * REPEATS | self.rice * RICE
         ks = bytes(k & 0xFF for k in self.reflections)
         if self.references:
             flags, ks = flags | REFERENCES, ks + build_references(self.references)
@@ -99,22 +97,23 @@ def parse_header(data: bytes, offset: int, place: int = 0) -> tuple[Predictor, b
     wrong = (
         difference > (1 if order else DIFFERENCE_LIMIT)
         or order > ORDER_LIMIT
+        or flags & UNUSED
         or -128 in ks
         or (constant and (order or flags != CONSTANT))
     )
     if wrong:
         raise FormatError("a predictor that is not defined", requirement="LPC-004", offset=offset)
-    if flags & RICE and flags & (REPEATS | RAW_SIGNS | REFERENCES):
+    if flags & RICE and flags & (REPEATS | REFERENCES):
         raise FormatError(
-            "Rice codes with repeats, raw signs or references", requirement="LPC-010", offset=offset
+            "Rice codes with repeats or references", requirement="LPC-010", offset=offset
         )
     references: tuple[Reference, ...] = ()
     position = 2 + order
     if flags & REFERENCES:
         references, position = parse_references(data, position, place, offset)
     base, position = parse_svarint(data, position, offset)
-    ways = bool(flags & REPEATS), bool(flags & RAW_SIGNS)
-    predictor = Predictor(difference, ks, base, *ways, references, bool(flags & RICE))
+    repeats, rice = bool(flags & REPEATS), bool(flags & RICE)
+    predictor = Predictor(difference, ks, base, repeats, references, rice)
     return predictor, constant, position
 
 
@@ -165,7 +164,7 @@ def encode_compiled(
         else:
             status, size = compiled.lpcr_encode(
                 out, taps, predictor.difference, predictor.repeats,
-                predictor.raw_signs, predictor.base, INDEX_LIMIT, beside, plain,
+                predictor.base, INDEX_LIMIT, beside, plain,
             )  # fmt: skip
     if status:
         raise ValueError(OUT_OF_RANGE)
@@ -192,7 +191,6 @@ def encode_coded(
     encode_integers(
         coder,
         errors.tolist(),
-        raw_signs=predictor.raw_signs,
         repeated=same.astype(np.int64).tolist() if predictor.repeats else None,
     )
     return coder.finish()
@@ -273,8 +271,8 @@ def decode_compiled(
         )
     else:
         status, taken = compiled.lpcr_decode(
-            data, taps, predictor.difference, predictor.repeats, predictor.raw_signs,
-            predictor.base, limit, b"" if cross is None else cross, out,
+            data, taps, predictor.difference, predictor.repeats, predictor.base, limit,
+            b"" if cross is None else cross, out,
         )  # fmt: skip
     if status:
         requirement, message = STATUS[status]
@@ -294,7 +292,7 @@ def decode_coded(
 ) -> list[int]:
     """The readable loop; kernels/ has the same in C."""
     coder, rice = RangeDecoder(data, offset), RiceReader(data, offset)
-    model = IntegerModel(raw_signs=predictor.raw_signs)
+    model = IntegerModel()
     read = rice.decode if predictor.rice else partial(model.decode, coder)
     source = rice if predictor.rice else coder
     repeats = [BitModel() for _ in range(4)]

@@ -1,22 +1,25 @@
 """Which double a count stands for before it is corrected: the rules of LPCX (SPEC 9.7).
 
-Each is what some logger did with its counts; one or two correctly rounded steps, the same on every
-machine. The bit patterns of doubles in the order of their values are integers here as well.
+Each is what some logger did with its counts, in correctly rounded steps, the same on every machine.
+The bit patterns of doubles in the order of their values are integers here as well.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..container.track import Affine
-from ..limits import EXACT_LIMIT
 
-QUOTIENT, PRODUCT, SINGLE, DECIMALS, SIGNIFICANT = range(5)
+QUOTIENT, PRODUCT, SIGNIFICANT, CUBIC = range(4)
 PLACES_LIMIT, DIGITS_LIMIT = 22, 15
 """10^22 is the last power of ten that is a double, 10^15 the last below 2^53."""
+
+COEFFICIENTS, COEFFICIENT_LIMIT = 4, 2.0**900
+"""Polynomials of 32-bit counts stay finite below this limit."""
 
 WIDE = 1 << 62
 """Products below are taken in 64 bits."""
@@ -27,43 +30,42 @@ Doubles = NDArray[np.float64]
 
 def digits_fit(rule: int, digits: int) -> bool:
     """EXA-002."""
-    low, high = {DECIMALS: (0, PLACES_LIMIT), SIGNIFICANT: (1, DIGITS_LIMIT)}.get(rule, (0, 0))
-    return rule <= SIGNIFICANT and low <= digits <= high
+    if rule == SIGNIFICANT:
+        return 1 <= digits <= DIGITS_LIMIT
+    return rule <= CUBIC and digits == 0
 
 
-def values_of(counts: Counts, affine: Affine, rule: int, digits: int) -> Doubles:
+def values_of(
+    counts: Counts, affine: Affine, rule: int, digits: int, coefficients: Sequence[float] = ()
+) -> Doubles:
     """The double of each count [samples] by the rule; counts as VAL-002 allows them."""
     a, b, d = affine
+    if rule == CUBIC:
+        # NumPy has no fused multiply-add. The last sum turns -0.0 into 0.0.
+        x, v = counts.astype(np.float64), np.full(counts.size, coefficients[-1])
+        for each in coefficients[-2::-1]:
+            v = v * x + each
+        return np.asarray(v + 0.0)
     if rule == PRODUCT:
-        # Two roundings: NumPy has no fused multiply-add.
         product = counts.astype(np.float64) * (float(a) / float(d))
         return np.asarray(product + float(b) / float(d))
     quotients = (counts * a + b).astype(np.float64) / float(d)
     if rule == QUOTIENT:
         return np.asarray(quotients)
-    if rule == SINGLE:
-        return np.asarray(quotients.astype(np.float32).astype(np.float64))
     distinct, places = np.unique(counts, return_inverse=True)
-    n = distinct * a + b
-    table = (many_in_places if rule == DECIMALS else many_in_digits)(n, d, digits)
-    return table[places]
+    return many_in_digits(distinct * a + b, d, digits)[places]
 
 
 def many_in_places(numerators: Counts, d: int, places: int) -> Doubles:
-    """``in_places`` of each numerator, at once where 64 bits hold what that takes."""
-    power, largest = 10**places, int(np.abs(numerators).max(initial=0))
-    if max(largest, 1) * power >= WIDE or 2 * d >= WIDE:
+    """``in_places`` of each numerator, none of them 0, at once where 64 bits hold it."""
+    power, largest = 10**places, int(np.abs(numerators).max())
+    if largest * power >= WIDE or 2 * d >= WIDE:
         return np.array([in_places(n, d, places) for n in numerators.tolist()], np.float64)
     whole, rest = np.divmod(np.abs(numerators) * power, d)
     whole += (2 * rest > d) | ((2 * rest == d) & (whole % 2 == 1))
     # A quotient of two doubles is correctly rounded, these being integers below 2^53 and powers
     # of ten up to 10^22.
-    rounded = np.where(
-        whole < EXACT_LIMIT,
-        np.sign(numerators) * whole / float(power),
-        numerators / float(d),
-    )
-    return np.asarray(np.where(whole == 0, 0.0, rounded))
+    return np.asarray(np.sign(numerators) * whole / float(power))
 
 
 def many_in_digits(numerators: Counts, d: int, digits: int) -> Doubles:
@@ -87,13 +89,9 @@ def many_in_digits(numerators: Counts, d: int, digits: int) -> Doubles:
 
 
 def in_places(numerator: int, d: int, places: int) -> float:
-    """numerator / d with so many decimals, ties to even; as a double."""
+    """numerator / d with so many decimals, ties to even, of at most 15 digits; as a double."""
     whole, rest = divmod(abs(numerator) * 10**places, d)
     whole += 2 * rest > d or (2 * rest == d and whole % 2)
-    if not whole:
-        return 0.0
-    if whole >= EXACT_LIMIT:
-        return numerator / d
     # A quotient of integers is correctly rounded in Python, whatever their size.
     return float((whole if numerator > 0 else -whole) / 10**places)
 
@@ -127,11 +125,3 @@ def unordered(places: Counts) -> Doubles:
     """The doubles at these places of the order."""
     bits: NDArray[Any] = np.where(places < 0, ~places | ~LARGEST, places)
     return np.ascontiguousarray(bits, np.int64).view(np.float64)
-
-
-def spread_of(doubles: Doubles, affine: Affine) -> NDArray[np.uint8]:
-    """w of SPEC 9.7: about how many bits a correction needs that fills the cell of a count."""
-    fields = np.ascontiguousarray(doubles, "<f8").view(np.int64) >> 52 & 0x7FF
-    step = abs(affine.a).bit_length() - affine.d.bit_length()
-    widths: NDArray[np.uint8] = np.clip(step + 1075 - fields, 0, 63).astype(np.uint8)
-    return widths

@@ -100,8 +100,8 @@ RAWB_PARAMETERS = Struct(
 )
 
 LPCX_PARAMETERS = Struct(
-    "rule" / Int8ul * "0 quotient, 1 product, 2 binary32, 3 decimals, 4 significant digits",
-    "digits" / Int8ul * "rule 3: decimals; rule 4: significant digits; else 0",
+    "rule" / Int8ul * "0 quotient, 1 product, 2 significant digits, 3 cubic",
+    "digits" / Int8ul * "rule 2: significant digits; else 0",
     "reserved" / Bytes(2) * "0",
 )
 

@@ -13,7 +13,7 @@ from ..limits import EXACT_LIMIT
 KINDS = ("full", "lf", "hf", "events")
 NUMBER_FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64")
 WORD_SIZES = {"int64": 8, "uint64": 8, "binary16": 2, "binary32": 4, "binary64": 8}
-CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "KNTE", "LPCX", "EVNT")
+CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "LPCX", "EVNT")
 SERIES_SIZE = 255
 SETUP_SIZE = 12
 """Bytes of a setup beside its parameters, at most."""
@@ -162,7 +162,7 @@ def silent_tracks(tracks: Sequence[Track]) -> list[Track]:
     free = max((track.id for track in tracks), default=-1) + 1
     component = Component(label="(never recorded)")
     return [
-        Track(free + place, "full", "KNOT", Fraction(1), number, (component,), b"\0\1")
+        Track(free + place, "full", "KNOT", Fraction(1), number, (component,), b"\0\0\0\1\0")
         for place, number in enumerate(missing_channels(tracks))
     ]
 

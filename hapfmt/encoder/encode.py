@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
-from ..codecs.knots_coded import CodedKnotParameters
+from ..codecs.knots import KnotParameters
 from ..container.cluster import Packet
 from ..container.track import Track
 from ..errors import FormatError, ParameterError
@@ -546,7 +546,7 @@ def choose_level(tracks: list[Track]) -> Level:
         bound = 1 << (bits - 1)
         if track.count_min < -bound or track.count_max >= bound:
             return LEVELS[2]
-        if track.codec in ("LPCR", "KNTE"):
+        if track.codec in ("LPCR", "KNOT"):
             # The levels of a deadband grid are counted from the physical 0, which may lie far off.
             zero = grid_of(track).zero
             if max(zero - track.count_min, track.count_max - zero) > one.count_bound:
@@ -555,6 +555,6 @@ def choose_level(tracks: list[Track]) -> Level:
 
 
 def grid_of(track: Track) -> LpcParameters:
-    if track.codec == "KNTE":
-        return CodedKnotParameters.parse(track.parameters, LEVELS[2], 0).grid
+    if track.codec == "KNOT":
+        return KnotParameters.parse(track.parameters, LEVELS[2], 0).grid
     return LpcParameters.parse(track.parameters, LEVELS[2], 0)

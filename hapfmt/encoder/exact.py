@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from fractions import Fraction
 from math import frexp
 from typing import NamedTuple
 
@@ -16,13 +16,12 @@ import numpy as np
 
 from ..codecs.exact import WHOLE, ExactParameters, corrections_of, lacking_of
 from ..codecs.values import (
-    DECIMALS,
+    COEFFICIENT_LIMIT,
+    CUBIC,
     DIGITS_LIMIT,
-    PLACES_LIMIT,
     PRODUCT,
     QUOTIENT,
     SIGNIFICANT,
-    SINGLE,
     Counts,
     Doubles,
 )
@@ -32,6 +31,7 @@ from ..integers import build_varint
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..recording import Calibration, Channel, Span
 from .lattice import Lattice, find_lattice, natural_lattices
+from .near import Near
 from .packed import Coded
 from .predict import encode_best
 from .source import component_of, declared_range
@@ -49,6 +49,10 @@ CHEAP = 4
 
 TRIALS = 512
 """Distinct counts that the rules are tried on."""
+
+FITTED, SLOPES = 12, 3
+"""Distinct values that a polynomial is fitted to, at least; and slopes on either side of the fitted
+one that are tried: its error is that of the samples, which are rounded."""
 
 
 @dataclass(frozen=True)
@@ -152,21 +156,20 @@ def natural_candidate(x: Doubles, exact: Lattice | None) -> Candidate | None:
             # Nothing but -0.0 is beside the lattice.
             return Candidate(exact.calibration, exact.counts, ExactParameters(), exact.reason)
     u = np.unique(z)
-    rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *rounded_rules(u)]
-    halves = [0.5 * 10.0**-rule.digits for rule in rules if rule.rule == DECIMALS]
+    rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *printed_rule(u)]
     found: list[tuple[float, Candidate]] = []
-    lattices = {near.calibration: near for near in natural_lattices(u, exact, halves)}
+    lattices = {near.calibration: near for near in natural_lattices(u, exact)}
     for near in lattices.values():
         step = float(near.calibration.step)
         how = f"step {step:.10g}, missed by {near.largest_deviation:.3g} at most"
         # Counts are sorted as u is.
         first = np.flatnonzero(np.diff(near.counts, prepend=near.counts[0] - 1))
         first = first[:: max(1, first.size // TRIALS)]
-        for rule in rules:
+        for rule in (*rules, *cubic_rules(near, u[first], near.counts[first])):
             way = Candidate(near.calibration, near.counts, rule, how)
             bits = correction_bits(u[first], rule.values(near.counts[first], way.affine))
             if bits is not None:
-                found.append((bits, way))
+                found.append((bits + 64 * len(rule.coefficients), way))
     if not found:
         return None
     best = min(found, key=lambda pair: pair[0])[1]
@@ -182,22 +185,44 @@ def correction_bits(x: Doubles, doubles: Doubles) -> float | None:
     return float(np.log2(1.0 + np.abs(corrections.astype(np.float64))).sum())
 
 
-def rounded_rules(u: Doubles) -> Iterator[ExactParameters]:
-    """What the distinct values u may have been rounded to: binary32, decimals, digits."""
-    with np.errstate(over="ignore"):
-        if (u.astype(np.float32) == u).all():
-            yield ExactParameters(SINGLE)
-    places = digits = 0
+def cubic_rules(near: Near, u: Doubles, counts: Counts) -> Iterator[ExactParameters]:
+    """Polynomials of degree 3 through the distinct values u of their counts: what converters with
+    a linearised scale give. They differ in the lowest bits of the slope."""
+    if u.size < FITTED:
+        return
+    a, b, d = near.calibration.a, near.calibration.b, near.calibration.d
+    # What a line leaves is small, and so are the rounding errors of a fit to that.
+    line = (Fraction(int(count) * a + b, d) for count in counts)
+    left = np.array([float(Fraction(x) - y) for x, y in zip(u.tolist(), line, strict=True)])
+    reach = float(np.abs(counts).max())
+    t = counts / reach
+    slope = Fraction(float(Fraction(a, d) + Fraction(fit(t, left, (0, 1, 2, 3))[1] / reach)))
+    for steps in range(-SLOPES, SLOPES + 1):
+        c1 = slope + steps * Fraction(np.spacing(float(slope)).item())
+        bent = left - np.array([float((c1 - Fraction(a, d)) * int(count)) for count in counts])
+        c0, c2, c3 = fit(t, bent, (0, 2, 3))
+        offset = float(Fraction(b, d) + Fraction(c0))
+        found = offset, float(c1), c2 / reach**2, c3 / reach**3
+        if max(map(abs, found)) < COEFFICIENT_LIMIT:
+            yield ExactParameters(CUBIC, 0, found)
+
+
+def fit(t: Doubles, y: Doubles, powers: Sequence[int]) -> list[float]:
+    """The coefficients of these powers of t that come nearest to y, by least squares."""
+    table = np.stack([t**power for power in powers], axis=1)
+    coefficients: list[float] = np.linalg.lstsq(table, y, rcond=None)[0].tolist()
+    return coefficients
+
+
+def printed_rule(u: Doubles) -> Iterator[ExactParameters]:
+    """The digits that the distinct values u may have been printed with."""
+    digits = 0
     for value in u[:: max(1, u.size // TEXTS)].tolist():
         text = f"{value:.{DIGITS_LIMIT - 1}e}"
         if float(text) != value:
             return
-        mantissa, _, power = text.partition("e")
-        kept = len(mantissa.strip("-").replace(".", "").rstrip("0"))
-        digits = max(digits, kept)
-        places = max(places, kept - 1 - int(power))
-    if places <= PLACES_LIMIT:
-        yield ExactParameters(DECIMALS, places)
+        mantissa = text.partition("e")[0]
+        digits = max(digits, len(mantissa.strip("-").replace(".", "").rstrip("0")))
     if digits:
         yield ExactParameters(SIGNIFICANT, digits)
 
@@ -231,9 +256,9 @@ def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> tuple[bytes, 
     coded = encode_best(counts)
     lacking = lacking_of(x, candidate.parameters, candidate.affine, counts)
     beside = None
-    for recall, relative in product((False, True), repeat=2):
+    for recall in (False, True):
         below = WHOLE if beside is None else len(beside)
-        data = lacking.build(recall=recall, relative=relative, below=below)
+        data = lacking.build(recall=recall, below=below)
         beside = data if data is not None and len(data) < below else beside
     assert beside is not None
     return build_varint(len(coded)) + coded + beside, len(beside)

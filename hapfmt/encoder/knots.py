@@ -113,15 +113,15 @@ def select_knots(
     return np.array(ticks, dtype=np.int64)
 
 
-def knot_values(slow: NDArray[Any], ticks: NDArray[np.int64], quantum: int) -> NDArray[np.int64]:
-    """What is stored at each knot: v = rdiv(slow, quantum), the decoder's count is v * quantum.
+def knot_values(slow: NDArray[Any], ticks: NDArray[np.int64], step: int) -> NDArray[np.int64]:
+    """What is stored at each knot: v = rdiv(slow, step), the decoder's count is v * step.
 
     slow: integer counts, [ticks] or [ticks, components]; v: int64, [knots] or [knots, components].
-    rdiv rounds to the nearest, halves up: a count moves by quantum / 2 at most.
+    rdiv rounds to the nearest, halves up: a count moves by step / 2 at most.
     """
-    if quantum < 1:
-        raise ParameterError("a knot's quantum is at least 1 count")
-    return (2 * slow[ticks].astype(np.int64) + quantum) // (2 * quantum)
+    if step < 1:
+        raise ParameterError("a knot's step is at least 1 count")
+    return (2 * slow[ticks].astype(np.int64) + step) // (2 * step)
 
 
 class _Search(Protocol):

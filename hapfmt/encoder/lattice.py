@@ -7,7 +7,7 @@ against the tolerance that the caller declares.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from fractions import Fraction
@@ -168,20 +168,18 @@ def on_uniform_grid(channel: Channel, error: float) -> tuple[Channel, str] | Non
     return changed, lattice.reason
 
 
-def natural_lattices(
-    u: NDArray[np.float64], exact: Lattice | None, halves: Sequence[float]
-) -> Iterator[Near]:
+def natural_lattices(u: NDArray[np.float64], exact: Lattice | None) -> Iterator[Near]:
     """Lattices that all of u misses by little, the simplest first; none where there is no such one.
 
     u: sorted distinct values, without -0.0. exact: the lattice that they do not miss, which a
-    natural one must be SPARSE times coarser than. halves: what a text may have been rounded by.
+    natural one must be SPARSE times coarser than.
     """
     if u.size == 0 or _out_of_reach(u):
         return
     steps = _steps_beside(u, exact or "", COUNT_BITS)
     if steps is None:
         return
-    noises = [*halves, *(steps.noise * share for share in SHARES)]
+    noises = [steps.noise * share for share in SHARES]
     for ratio in chain((near(u, steps, noise) for noise in noises), fitted_all(u, steps, noises)):
         found = first_near(u, iter([ratio]), inf, COUNT_BITS)
         if found:

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
-from ..codecs.knots import INTERPOLATIONS, Interpolation
-from ..codecs.knots_coded import CodedKnotParameters
+from ..codecs.knots import INTERPOLATIONS, Interpolation, KnotParameters
 from ..container.track import Track
 from .grids import grid_within
 from .live_counts import Way, alike, counts_of_block, fits, grid_way
@@ -45,20 +44,20 @@ Coded = tuple[Track, Way]
 def knot_way(
     plan: Plan, bound: Bound, number: int, interpolation: Interpolation, shelf: Shelf
 ) -> Coded | None:
-    """Knots, in packets of KNTE; None where the deadband reaches beyond the largest count, and with
-    it knots may."""
+    """Knots with adaptive coding; None where the deadband, and with it knots, may reach beyond the
+    largest count."""
     grid = grid_within(bound, HALF if interpolation == "linear" else Fraction(1))
     ends = tube_of(np.array([plan.low, plan.high], np.int64), bound)
     if max(int(np.abs(end - grid.zero).max()) for end in ends) > COUNT_BOUND:
         return None
-    parameters = CodedKnotParameters(interpolation, grid).build()
-    track = plan.track(number, codec="KNTE", parameters=parameters, contract=plan.contract)
+    parameters = KnotParameters(interpolation, grid, adaptive=True).build()
+    track = plan.track(number, codec="KNOT", parameters=parameters, contract=plan.contract)
     task = Task(plan.low, plan.high, grid, bound.band, interpolation, bound.slack)
     return track, Way(task, shelf)
 
 
 def ways_of(plan: Plan, bound: Bound, number: int, shelf: Shelf) -> list[Coded]:
-    """As encode() has them, but for held steps in varints, which KNTE is hardly larger than."""
+    """As encode() has them, but for held steps in varints: adaptive coding is hardly larger."""
     grid, step = grid_within(bound), min(bound.slack, STEP_LIMIT // 2 - 1)
     knots = [knot_way(plan, bound, number, joined, shelf) for joined in INTERPOLATIONS]
     ways = [way for way in knots if way is not None]

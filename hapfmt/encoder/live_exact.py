@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from ..codecs.exact import WHOLE, ExactParameters, Lacking
 from ..codecs.grids import LpcParameters
 from ..codecs.raw import RawParameters, encode_raw
-from ..codecs.values import Counts, Doubles, ordered, spread_of
+from ..codecs.values import Counts, Doubles, ordered
 from ..container.track import Affine, Track
 from ..errors import ParameterError
 from ..integers import build_varint
@@ -46,8 +45,8 @@ SEEN = 16
 PLAIN = 10**7
 """A denominator of plain decimals, at most."""
 
-ALL_WAYS, AGAIN = tuple(product((False, True), repeat=2)), 16
-"""Ways to code corrections (recall, relative); after so many packets all are tried again."""
+ALL_WAYS, AGAIN = (False, True), 16
+"""Ways to code corrections, with recall or without; after so many packets both are tried again."""
 
 FAR = 1 << 53
 UNCODED = np.iinfo(np.int64).min
@@ -113,7 +112,7 @@ class Lattice:
             raise ParameterError("a double that no count of the track can be corrected to")
         together = int(np.bitwise_or.reduce(corrections))
         shift = max((together & -together).bit_length() - 1, 0)
-        return Lacking(counts, corrections >> shift, shift, spread_of(doubles, affine))
+        return Lacking(counts, corrections >> shift, shift)
 
 
 def lattices(x: Doubles) -> list[Lattice]:
@@ -206,16 +205,15 @@ class ExactLane:
         return build_varint(len(coded)) + coded + self.beside(lacking)
 
     def beside(self, lacking: Lacking) -> bytes:
-        """The corrections, the way that was smallest when all were tried last."""
+        """The corrections, the way that was smallest when both were tried last."""
         ways = [self.beside_way] if self.left else ALL_WAYS
         self.left = (self.left or AGAIN) - 1
         smallest: bytes | None = None
-        for way in ways:
-            recall, relative = way
+        for recall in ways:
             below = WHOLE if smallest is None else len(smallest)
-            data = lacking.build(recall=recall, relative=relative, below=below)
+            data = lacking.build(recall=recall, below=below)
             if data is not None and (smallest is None or len(data) < len(smallest)):
-                smallest, self.beside_way = data, way
+                smallest, self.beside_way = data, recall
         assert smallest is not None
         return smallest
 

@@ -1,4 +1,4 @@
-"""A block of counts as the fewest knots within its deadband, on a grid: a packet of KNTE.
+"""A block of counts as the fewest knots within its deadband, on a grid: a packet of KNOT.
 
 kernels/live_knots.c has the same in C. All is counted from the zero of the grid.
 """

@@ -1,4 +1,4 @@
-"""Blocks of many channels to packets of LPCR or KNTE in one call.
+"""Blocks of many channels to packets of LPCR or KNOT in one call.
 
 kernels/live.c has the same in C: it takes as long as the coding itself, where calls from Python,
 one for each step of each packet, take several times that.
@@ -21,7 +21,6 @@ from ..codecs.predicted import (
     CONSTANT,
     INDEX_LIMIT,
     ORDER_LIMIT,
-    RAW_SIGNS,
     REPEATS,
     RICE,
     TABLE,
@@ -32,7 +31,7 @@ from ..deadband import Deadband
 from ..integers import build_svarint, rdiv
 from ..kernels import compiled
 from .grids import nearest_uniform
-from .predict import LIMITS, REPEAT_SHARE, choose_predictors, with_repeats
+from .predict import LIMITS, REPEAT_SHARE, choose_predictors
 from .quick import choose_quick, costs_of
 
 Counts = NDArray[np.int64]
@@ -110,7 +109,7 @@ class Shelf:
 def habit_of(predictor: Predictor) -> bytes:
     """A predictor but for its base, as kernels/live.c has it."""
     order = len(predictor.reflections)
-    flags = predictor.repeats * REPEATS | predictor.raw_signs * RAW_SIGNS | predictor.rice * RICE
+    flags = predictor.repeats * REPEATS | predictor.rice * RICE
     coefficients = np.zeros(ORDER_LIMIT, np.int32)
     reflections = np.zeros(ORDER_LIMIT, np.int8)
     coefficients[:order] = predictor.coefficients or []
@@ -122,8 +121,8 @@ def habit_of(predictor: Predictor) -> bytes:
 def predictor_of(habit: bytes) -> Predictor:
     difference, order, flags, _ = np.frombuffer(habit, np.int32, 4).tolist()
     reflections = np.frombuffer(habit, np.int8, order, len(habit) - ORDER_LIMIT).tolist()
-    ways = bool(flags & REPEATS), bool(flags & RAW_SIGNS)
-    return Predictor(difference, tuple(reflections), 0, *ways, rice=bool(flags & RICE))
+    repeats, rice = bool(flags & REPEATS), bool(flags & RICE)
+    return Predictor(difference, tuple(reflections), 0, repeats, rice=rice)
 
 
 FRESH, QUICK = habit_of(Predictor()), habit_of(Predictor(rice=True))
@@ -255,7 +254,7 @@ def search(indices: Counts, before: Predictor | None) -> tuple[bytes, Predictor]
     extent = max(-int(plain.min()), int(plain.max()))
     tried = [choose_predictors(plain, extent)[0][1]]
     if np.count_nonzero(plain[1:] == plain[:-1]) > REPEAT_SHARE * plain.size:
-        tried.append(with_repeats(plain, tried[0], extent)[0])
+        tried.append(replace(tried[0], repeats=True))
     if before is not None:
         tried.append(based(before, plain))
     packets = []

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import Interpolation, KnotParameters, build_knots
-from ..codecs.knots_coded import CodedKnotParameters, encode_knots
+from ..codecs.knots_coded import encode_knots
 from ..container.cluster import Packet
 from ..container.track import Track
 from ..recording import Span
@@ -32,23 +32,23 @@ class Coded:
 
 
 Packing = Callable[[Track, Interpolation, int, list[Knots]], Coded]
-"""(track, interpolation, quantum, knots of its packets)."""
+"""(track, interpolation, step, knots of its packets)."""
 
 
 def plain_knots(
-    track: Track, interpolation: Interpolation, quantum: int, pieces: Iterable[Knots]
+    track: Track, interpolation: Interpolation, step: int, pieces: Iterable[Knots]
 ) -> Coded:
-    """KNOT: values in multiples of the quantum."""
-    parameters = KnotParameters(interpolation, quantum)
+    """In varints, values in multiples of the step."""
+    parameters = KnotParameters(interpolation, LpcParameters(step))
     coded = Coded(replace(track, codec="KNOT", parameters=parameters.build()))
     for span, ticks, values in pieces:
         coded.packets.append(Packet(0, span.start, span.ticks, build_knots(ticks, values)))
     return coded
 
 
-def coded_knots(track: Track, parameters: CodedKnotParameters, pieces: Iterable[Knots]) -> Coded:
-    """KNTE: values are indices of the grid, and the last line ends with its span."""
-    coded = Coded(replace(track, codec="KNTE", parameters=parameters.build()))
+def coded_knots(track: Track, parameters: KnotParameters, pieces: Iterable[Knots]) -> Coded:
+    """With adaptive coding, values are indices of the grid."""
+    coded = Coded(replace(track, codec="KNOT", parameters=parameters.build()))
     for span, ticks, indices in pieces:
         data = encode_knots(ticks, indices, parameters.interpolation)
         coded.packets.append(Packet(0, span.start, span.ticks, data))
@@ -56,11 +56,11 @@ def coded_knots(track: Track, parameters: CodedKnotParameters, pieces: Iterable[
 
 
 def smaller_knots(
-    track: Track, interpolation: Interpolation, quantum: int, pieces: list[Knots]
+    track: Track, interpolation: Interpolation, step: int, pieces: list[Knots]
 ) -> Coded:
-    """KNOT or KNTE; the counts are the same."""
-    plain = plain_knots(track, interpolation, quantum, pieces)
-    parameters = CodedKnotParameters(interpolation, LpcParameters(quantum))
+    """In varints or with adaptive coding; the counts are the same."""
+    plain = plain_knots(track, interpolation, step, pieces)
+    parameters = KnotParameters(interpolation, LpcParameters(step), adaptive=True)
     coded = coded_knots(track, parameters, pieces)
     return coded if coded.size < plain.size else plain
 

@@ -43,9 +43,6 @@ FINALISTS, SPARSE, SHORT = 3, 1.5, 1500
 """Predictors whose packets are really written, the smallest is kept, where samples take less than
 1.5 bits, of which the estimate knows little, or are few; and with repeats and without."""
 
-SIGN_SHARE = 0.002
-"""Signs are raw bits, which take no time, where modelling them saves less than this."""
-
 LONG, PIECE, STRIDE = 6000, 256, 3
 """Of a packet of so many samples and more every third piece tells enough of a predictor; of every
 fifth, sizes grew by 2 % here and there."""
@@ -73,13 +70,14 @@ def encode_best(indices: Indices, *, thorough: bool = True) -> bytes:
         packets = [(encode_indices(plain, way), way) for _, way in ranked[:FINALISTS]]
         best, predictor = min(packets, key=lambda pair: len(pair[0]))
         if marks:
-            other, _ = with_repeats(plain, predictor, extent)
+            other = replace(predictor, repeats=True)
             best = min(best, encode_indices(plain, other), key=len)
         return best
     bits, predictor = ranked[0]
     if marks:
-        other, fewer = with_repeats(plain, predictor, extent)
-        predictor = other if fewer < bits else predictor
+        other = replace(predictor, repeats=True)
+        if estimate(plain, other, extent, counted=True) < bits:
+            predictor = other
     return encode_indices(plain, predictor)
 
 
@@ -89,25 +87,19 @@ def quick_estimate(indices: Indices) -> float:
     extent = max(-int(plain.min()), int(plain.max()))
     first, mean = int(plain[0]), int(np.floor(plain.mean() + 0.5))
     return min(
-        estimate(plain, Predictor(order, (), base), extent)[0]
+        estimate(plain, Predictor(order, (), base), extent)
         for order, base in enumerate((mean, first, first))
     )
 
 
-def with_repeats(indices: Indices, predictor: Predictor, extent: int) -> tuple[Predictor, float]:
-    """(predictor, bits): the signs that are left may have something to them."""
-    bits, saved = estimate(indices, replace(predictor, repeats=True), extent, counted=True)
-    return replace(predictor, repeats=True, raw_signs=saved < SIGN_SHARE * bits), bits
-
-
 def choose_predictors(indices: Indices, extent: int) -> list[tuple[float, Predictor]]:
     """(bits, predictor), the best first: fixed polynomials while each is better than the one
-    before, and LPC; with signs as suits the best."""
+    before, and LPC."""
     first, mean = int(indices[0]), int(np.floor(indices.mean() + 0.5))
     found: dict[Predictor, float] = {}
 
     def weigh(predictor: Predictor) -> float:
-        found[predictor], _ = estimate(indices, predictor, extent)
+        found[predictor] = estimate(indices, predictor, extent)
         return found[predictor]
 
     before = inf
@@ -129,12 +121,11 @@ def choose_predictors(indices: Indices, extent: int) -> list[tuple[float, Predic
             if predictor not in found:
                 weigh(predictor)
     ranked = sorted(found, key=found.__getitem__)
-    bits, saved = estimate(indices, ranked[0], extent, counted=True)
+    bits = estimate(indices, ranked[0], extent, counted=True)
     if bits == inf:
         # An error too large in what the estimate did not look at; these are below 2**33.
         return [(inf, Predictor(0, (), mean))]
-    raw_signs = saved < SIGN_SHARE * bits
-    return [(bits, replace(way, raw_signs=raw_signs)) for way in ranked if found[way] < inf]
+    return [(bits, way) for way in ranked if found[way] < inf]
 
 
 def linear_predictor(indices: Indices, difference: int, base: int) -> tuple[Predictor, list[int]]:
@@ -202,16 +193,16 @@ def recursion(r: list[float], orders: int) -> tuple[list[int], list[float]]:
 
 def estimate(
     indices: Indices, predictor: Predictor, extent: int, *, counted: bool = False
-) -> tuple[float, float]:
-    """(bits, those that modelling the signs saves), all samples being within ``extent`` of 0.
+) -> float:
+    """Bits of a packet, all samples being within ``extent`` of 0.
 
-    The bits are those of Laplacian prediction errors whose scale is that of their block, infinite
+    They are those of Laplacian prediction errors whose scale is that of their block, infinite
     where one of them cannot be coded (SPEC RNG-003, LPC-005). ``counted``: signs and repeats by
     what their models make of them, which takes longer; else a sign is a bit.
     """
     c = predictor.coefficients
     if c is None:
-        return inf, 0.0
+        return inf
     counts = np.zeros(15, np.int64)
     stride = 1 if counted or indices.size < LONG else STRIDE
     if compiled is not None:
@@ -222,17 +213,17 @@ def estimate(
     else:
         cost = cost_of(indices, predictor, c, counts, stride, counted=counted)
     if cost < 0:
-        return inf, 0.0
+        return inf
     header = COEFFICIENT_COST * len(c)
     if not counted:
         whole, rest = divmod(indices.size, stride * PIECE)
         seen = whole * PIECE + min(rest, PIECE)
-        return (cost / 256 + int(counts[-1])) * indices.size / seen + header, 0.0
+        return (cost / 256 + int(counts[-1])) * indices.size / seen + header
     pairs = counts[:-1].reshape(7, 2).tolist()
     saved = sum(saving(*pair) for pair in pairs[:3])
     # What is modelled takes what raw bits would, less what that saves.
     marks = sum(sum(pair) - saving(*pair) for pair in pairs[3:])
-    return cost / 256 + int(counts[-1]) - saved + marks + header, saved
+    return cost / 256 + int(counts[-1]) - saved + marks + header
 
 
 def cost_of(

@@ -14,7 +14,8 @@ from fractions import Fraction
 import numpy as np
 
 from ..codecs.grids import LpcParameters
-from ..codecs.knots_coded import CodedKnotParameters, encode_knots
+from ..codecs.knots import KnotParameters
+from ..codecs.knots_coded import encode_knots
 from ..container.track import Track
 from ..deadband import Deadband
 from .grids import Indices, grid_within, levels_of, places
@@ -60,7 +61,7 @@ def code_held_levels(
     source: Source, base: Track, bound: Bound, smallest: int | None
 ) -> Coded | None:
     grid = grid_within(bound)
-    parameters = CodedKnotParameters("hold", grid)
+    parameters = KnotParameters("hold", grid, adaptive=True)
     return code_with(
         source, base, parameters, lambda x: column(fewest_held(x[:, 0], grid, bound)), smallest
     )
@@ -72,7 +73,7 @@ def code_lines(source: Source, base: Track, bound: Bound, smallest: int | None) 
     if max(np.abs(end).max() for end in tube_of(ends, bound)) > COUNT_BOUND:
         return None
     grid = grid_within(bound, HALF)
-    parameters = CodedKnotParameters("linear", grid)
+    parameters = KnotParameters("linear", grid, adaptive=True)
     return code_with(
         source, base, parameters, lambda x: column(fewest_joined(x[:, 0], grid, bound)), smallest
     )
@@ -85,13 +86,13 @@ def column(knots: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
 def code_with(
     source: Source,
     base: Track,
-    parameters: CodedKnotParameters,
+    parameters: KnotParameters,
     find: Callable[[Indices], tuple[Indices, Indices]],
     smallest: int | None,
 ) -> Coded | None:
-    """KNTE packets; ``find`` gives ticks [knots] and indices [knots, components]. None as soon as
-    they are not below ``smallest``."""
-    coded = Coded(replace(base, codec="KNTE", parameters=parameters.build()))
+    """Packets with adaptive coding; ``find`` gives ticks [knots] and indices [knots, components].
+    None as soon as they are not below ``smallest``."""
+    coded = Coded(replace(base, codec="KNOT", parameters=parameters.build()))
     found = ((span, *find(rows)) for span, rows in source.pieces(source.counts))
     packets = (
         (span, encode_knots(ticks, indices, parameters.interpolation))
@@ -101,7 +102,7 @@ def code_with(
 
 
 def code_held(source: Source, base: Track, bound: Bound) -> Coded:
-    """KNOT packets of one channel: where there are few knots, varints are as short."""
+    """Packets of one channel in varints: where there are few knots, these are as short."""
 
     def find(rows: Indices) -> tuple[Indices, Indices]:
         return column(fewest_hold(*tube_of(rows[:, 0], bound)))
@@ -133,7 +134,7 @@ def vector_ways(source: Source, bound: Bound) -> list[Way]:
 
 def code_points(source: Source, base: Track, bound: Bound, smallest: int | None) -> Coded | None:
     grid = held_grid(bound)
-    parameters = CodedKnotParameters("hold", grid)
+    parameters = KnotParameters("hold", grid, adaptive=True)
     return code_with(
         source, base, parameters, lambda rows: held_vectors(rows, grid, bound), smallest
     )
@@ -141,7 +142,7 @@ def code_points(source: Source, base: Track, bound: Bound, smallest: int | None)
 
 def code_joined(source: Source, base: Track, bound: Bound, smallest: int | None) -> Coded | None:
     grid = joined_grid(bound)
-    parameters = CodedKnotParameters("linear", grid)
+    parameters = KnotParameters("linear", grid, adaptive=True)
     return code_with(
         source, base, parameters, lambda rows: joined_vectors(rows, grid, bound), smallest
     )
@@ -155,7 +156,7 @@ def vector_steps(rows: Indices, band: Deadband) -> tuple[Indices, Indices]:
 def code_plain(
     source: Source, base: Track, find: Callable[[Indices], tuple[Indices, Indices]]
 ) -> Coded:
-    """KNOT packets, held."""
+    """Packets in varints, held."""
     return plain_knots(
         base, "hold", 1, ((span, *find(rows)) for span, rows in source.pieces(source.counts))
     )

@@ -36,7 +36,7 @@ from .split import low_pass
 ENCODE_LEVEL = LEVELS[2]
 """The bounds that hold for any track while the file's level is not decided yet."""
 
-QUANTUM_SHARE = 4
+STEP_SHARE = 4
 """Knot values are multiples of a quarter of the floor: an eighth of the floor away at most."""
 
 FINER_BITS, FINER = 8, 32
@@ -199,12 +199,12 @@ def code_knots(
 ) -> Coded:
     """Knots of ``slow`` [ticks, components]: the paper's rule, samples joined by lines."""
     hold = settings.interpolation == "hold"
-    quantum = whole_counts(Fraction(min(band.floor), QUANTUM_SHARE), STEP_LIMIT)
+    step = whole_counts(Fraction(min(band.floor), STEP_SHARE), STEP_LIMIT)
     pieces = []
     for span, rows in source.pieces(slow):
         ticks = select_knots(rows, band, keep_last=not hold)
-        pieces.append((span, ticks, knot_values(rows, ticks, quantum)))
-    return plain_knots(track, settings.interpolation, quantum, pieces)
+        pieces.append((span, ticks, knot_values(rows, ticks, step)))
+    return plain_knots(track, settings.interpolation, step, pieces)
 
 
 def code_steps(source: Source, bound: Bound, track: Track, pack: Packing = smaller_knots) -> Coded:

@@ -19,8 +19,8 @@ Buffer = bytes | bytearray | NDArray[Any]
 
 
 class Loop(Protocol):
-    """(packet, coefficients int32, difference, repeats, raw signs, base, limit, cross int64 or
-    none, indices int64) -> (status, bytes of the packet read or written); the last argument, or for
+    """(packet, coefficients int32, difference, repeats, base, limit, cross int64 or none,
+    indices int64) -> (status, bytes of the packet read or written); the last argument, or for
     encoding the first, is filled.
     """
 
@@ -30,7 +30,6 @@ class Loop(Protocol):
         coefficients: Buffer,
         difference: int,
         repeats: bool,
-        raw_signs: bool,
         base: int,
         limit: int,
         cross: Buffer,
@@ -75,18 +74,20 @@ class FewestJoined(Protocol):
 
 
 class KnotsDecode(Protocol):
-    """(packet, quantum, components, lines, largest tick, largest value, least and largest count,
-    int64 [2 * components], int32 [ticks * components]) -> whether it keeps the rules of SPEC 9.1;
-    the last argument is filled with counts, the one before is used up."""
+    """(packet, components, lines, largest index, step, zero, magnitudes of a deadband's grid int64
+    or none, least and largest count, int64 [2 * components], int32 [ticks * components]) -> whether
+    it keeps the rules of SPEC 9.1; the last argument is filled with counts, the one before is used
+    up."""
 
     def __call__(
         self,
         packet: Buffer,
-        quantum: int,
         components: int,
         lines: bool,
-        tick_limit: int,
-        bound: int,
+        limit: int,
+        step: int,
+        zero: int,
+        levels: Buffer,
         low: int,
         high: int,
         values: Buffer,
@@ -193,22 +194,20 @@ class DeadbandLevels(Protocol):
 
 
 class CorrectionLoop(Protocol):
-    """(coded bytes, bits, ids int32 or none, widths uint8, corrections int64, zeros to work in,
-    int64, two for each id, shift) -> (status, bytes and bits read or written); the corrections
-    are filled, or for encoding the first two.
+    """(coded bytes, ids int32 or none, corrections int64, zeros to work in, int64, two for each
+    id, shift) -> (status, bytes read or written); the corrections are filled, or for encoding the
+    bytes.
     """
 
     def __call__(
         self,
         coded: Buffer,
-        bits: Buffer,
         ids: Buffer,
-        widths: Buffer,
         corrections: Buffer,
         work: Buffer,
         shift: int,
         /,
-    ) -> tuple[int, int, int]: ...
+    ) -> tuple[int, int]: ...
 
 
 class Estimate(Protocol):

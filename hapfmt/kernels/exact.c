@@ -1,12 +1,12 @@
 /* The hot loops of LPCX (SPEC 9.7); the readable twin is hapfmt/codecs/exact.py.
 
-   The input is hostile. ids are checked to be below their number; a field has at most 63 bits, and is
-   read only where the bits hold it; what is remembered are at most as many nodes as samples. */
+   The input is hostile. ids are checked to be below their number; 53 raw bits at most are taken at
+   once; what is remembered are at most as many nodes as samples. */
 #include "kernels.h"
 
 #include "coder.h"
 
-enum { BAD_BITS = 6, LENGTHS = 64, ABSOLUTE = 255, HIGH_BITS = 10, REMEMBERED = 32 };
+enum { LENGTHS = 64, HIGH_BITS = 10, REMEMBERED = 32 };
 enum { FRESH = 0, SAME = 1, KNOWN = 2 };
 
 typedef struct {
@@ -14,11 +14,6 @@ typedef struct {
     int64_t last, *values;
     int32_t nodes, *links, *heads; /* links and heads: one more than a node, 0 for none */
 } correction_model;
-
-typedef struct {
-    uint8_t *bytes;
-    int64_t size, used; /* bytes there are, bits that were passed */
-} bit_field;
 
 static void corrections_init(correction_model *m, int64_t *work, int64_t span)
 {
@@ -94,42 +89,8 @@ static inline int high_bits(int length, int shift)
     return high < 0 ? 0 : high;
 }
 
-static inline uint64_t get_field(bit_field *f, int size)
-{
-    uint64_t field = 0;
-    int64_t at_byte = f->used >> 3;
-    int at_bit = (int)(f->used & 7);
-    if (at_byte + 8 <= f->size && at_bit + size <= 64) {
-        for (int i = 0; i < 8; i++) field = field << 8 | f->bytes[at_byte + i];
-        f->used += size;
-        return field << at_bit >> (64 - size);
-    }
-    for (int left = size; left > 0;) {
-        int at = (int)(f->used & 7), take = 8 - at < left ? 8 - at : left;
-        uint8_t byte = f->bytes[f->used >> 3];
-        field = field << take | (uint64_t)(byte >> (8 - at - take) & ((1 << take) - 1));
-        f->used += take;
-        left -= take;
-    }
-    return field;
-}
-
-static inline void put_field(bit_field *f, int size, uint64_t field)
-{
-    for (int left = size; left > 0;) {
-        int at = (int)(f->used & 7), take = 8 - at < left ? 8 - at : left;
-        uint8_t part = (uint8_t)(field >> (left - take) & ((1u << take) - 1));
-        if (f->used >> 3 < f->size) {
-            uint8_t *byte = &f->bytes[f->used >> 3];
-            *byte = (uint8_t)((at ? *byte : 0) | part << (8 - at - take));
-        }
-        f->used += take;
-        left -= take;
-    }
-}
-
-static int decode_corrections(decoder *c, bit_field *f, correction_model *m, const int32_t *ids,
-                              const uint8_t *widths, int64_t *out, int64_t span, int shift)
+static int decode_corrections(decoder *c, correction_model *m, const int32_t *ids, int64_t *out,
+                              int64_t span, int shift)
 {
     for (int64_t t = 0; t < span; t++) {
         if (overrun(c)) return BAD_END;
@@ -157,34 +118,28 @@ static int decode_corrections(decoder *c, bit_field *f, correction_model *m, con
         }
         int length = 0;
         while (length < LENGTHS - 1 && get_bit(c, &m->lengths[length])) length++;
-        if (widths[t] != ABSOLUTE) length = (widths[t] - length) & (LENGTHS - 1);
         int size = length - high_bits(length, shift);
         uint64_t high = get_tree(c, m->highs, length - size);
-        if (f->used + size > 8 * f->size) return BAD_BITS;
         out[t] = 0;
         if (size) {
-            uint64_t field = get_field(f, size), top = (uint64_t)1 << (size - 1);
+            uint64_t field = get_raw(c, size), top = (uint64_t)1 << (size - 1);
             high |= (uint64_t)1 << (length - size);
             out[t] = (int64_t)(high << (size - 1) | (field & (top - 1)));
             if (field & top) out[t] = -out[t];
         }
         if (ids) remember(m, id, out[t]);
     }
-    if (check_end(c)) return BAD_END;
-    int spare = (int)(-f->used & 7);
-    if (f->size != (f->used + 7) / 8) return BAD_BITS;
-    return f->size && f->bytes[f->size - 1] & ((1 << spare) - 1) ? BAD_BITS : DONE;
+    return check_end(c);
 }
 
-static int encode_corrections(encoder *c, bit_field *f, correction_model *m, const int32_t *ids,
-                              const uint8_t *widths, const int64_t *in, int64_t span,
-                              int shift, int64_t *written)
+static int encode_corrections(encoder *c, correction_model *m, const int32_t *ids,
+                              const int64_t *in, int64_t span, int shift, int64_t *written)
 {
     *written = 0;
     for (int64_t t = 0; t < span; t++) {
         int32_t id = ids ? ids[t] : 0;
         int found = 0;
-        if (in[t] == INT64_MIN) return BAD_BITS;
+        if (in[t] == INT64_MIN) return BAD_ERROR;
         if (ids) {
             bit_model *models = meet(m, id);
             int32_t *link = &m->heads[id];
@@ -208,26 +163,22 @@ static int encode_corrections(encoder *c, bit_field *f, correction_model *m, con
         }
         uint64_t magnitude = (uint64_t)(in[t] < 0 ? -in[t] : in[t]);
         int length = bit_length(magnitude), size = length - high_bits(length, shift);
-        int symbol = widths[t] == ABSOLUTE ? length : (widths[t] - length) & (LENGTHS - 1);
-        for (int i = 0; i < symbol; i++) put_bit(c, 1, &m->lengths[i]);
-        if (symbol < LENGTHS - 1) put_bit(c, 0, &m->lengths[symbol]);
+        for (int i = 0; i < length; i++) put_bit(c, 1, &m->lengths[i]);
+        if (length < LENGTHS - 1) put_bit(c, 0, &m->lengths[length]);
         if (size) {
             uint64_t top = (uint64_t)1 << (size - 1), rest = magnitude ^ (uint64_t)1 << (length - 1);
             put_tree(c, m->highs, rest >> (size - 1), length - size);
-            put_field(f, size, (in[t] < 0 ? top : 0) | (rest & (top - 1)));
+            put_raw(c, (in[t] < 0 ? top : 0) | (rest & (top - 1)), size);
         }
     }
     *written = encoder_finish(c);
-    return *written > c->size || (f->used + 7) / 8 > f->size ? NO_ROOM : DONE;
+    return *written > c->size ? NO_ROOM : DONE;
 }
 
-static int fits(const Py_buffer *ids, const Py_buffer *widths, const Py_buffer *corrections,
-                const Py_buffer *work)
+static int fits(const Py_buffer *ids, const Py_buffer *corrections, const Py_buffer *work)
 {
-    int64_t span = widths->len;
-    int right = ids->len % 4 == 0 && (uintptr_t)ids->buf % 4 == 0 &&
-                corrections->len == 8 * span && (uintptr_t)corrections->buf % 8 == 0 &&
-                (uintptr_t)work->buf % 8 == 0;
+    int64_t span = corrections->len / 8;
+    int right = whole(ids, 4) && whole(corrections, 8) && whole(work, 8);
     if (!ids->len) return right;
     right = right && ids->len == 4 * span && work->len == 16 * span && span <= INT32_MAX;
     const int32_t *names = ids->buf;
@@ -235,20 +186,19 @@ static int fits(const Py_buffer *ids, const Py_buffer *widths, const Py_buffer *
     return right;
 }
 
-/* (coded, bits, ids int32 or none, widths uint8, corrections int64, work int64 of zeros, shift)
-   -> (status, bytes read or written, bits read or written) */
+/* (coded, ids int32 or none, corrections int64, work int64 of zeros, shift)
+   -> (status, bytes read or written) */
 static PyObject *run_corrections(PyObject *args, int decoding)
 {
-    Py_buffer coded, bits, ids, widths, corrections, work;
+    Py_buffer coded, ids, corrections, work;
     int shift, status = NO_ROOM;
-    if (!PyArg_ParseTuple(args, decoding ? "y*y*y*y*w*w*i" : "w*w*y*y*y*w*i", &coded, &bits, &ids,
-                          &widths, &corrections, &work, &shift))
+    if (!PyArg_ParseTuple(args, decoding ? "y*y*w*w*i" : "w*y*y*w*i", &coded, &ids, &corrections,
+                          &work, &shift))
         return NULL;
     PyObject *result = NULL;
     correction_model m;
-    bit_field f = {bits.buf, bits.len, 0};
-    int64_t span = widths.len, size = 0;
-    if (shift < 0 || shift >= LENGTHS || !fits(&ids, &widths, &corrections, &work))
+    int64_t span = corrections.len / 8, size = 0;
+    if (shift < 0 || shift >= LENGTHS || !fits(&ids, &corrections, &work))
         PyErr_SetString(PyExc_ValueError, "not arrays of corrections");
     else {
         const int32_t *names = ids.len ? ids.buf : NULL;
@@ -257,22 +207,18 @@ static PyObject *run_corrections(PyObject *args, int decoding)
         if (decoding) {
             decoder d;
             decoder_init(&d, coded.buf, coded.len);
-            status = decode_corrections(&d, &f, &m, names, widths.buf, corrections.buf, span,
-                                        shift);
+            status = decode_corrections(&d, &m, names, corrections.buf, span, shift);
             size = (bits_taken(&d) - 15) / 8;
         } else {
             encoder e;
             encoder_init(&e, coded.buf, coded.len);
-            status = encode_corrections(&e, &f, &m, names, widths.buf, corrections.buf, span,
-                                        shift, &size);
+            status = encode_corrections(&e, &m, names, corrections.buf, span, shift, &size);
         }
         Py_END_ALLOW_THREADS
-        result = Py_BuildValue("iLL", status, (long long)size, (long long)f.used);
+        result = Py_BuildValue("iL", status, (long long)size);
     }
     PyBuffer_Release(&coded);
-    PyBuffer_Release(&bits);
     PyBuffer_Release(&ids);
-    PyBuffer_Release(&widths);
     PyBuffer_Release(&corrections);
     PyBuffer_Release(&work);
     return result;

@@ -48,7 +48,7 @@ INLINE void learn(scale_state *s, uint64_t magnitude, int negative)
     s->t++;
 }
 
-INLINE int put_integer(encoder *e, models *m, scale_state *s, int64_t value, int raw_signs)
+INLINE int put_integer(encoder *e, models *m, scale_state *s, int64_t value)
 {
     int context, h = scale(s, &context), negative = value < 0;
     uint64_t u = (uint64_t)(negative ? -value : value), w = u >> h;
@@ -64,16 +64,15 @@ INLINE int put_integer(encoder *e, models *m, scale_state *s, int64_t value, int
         put_raw(e, u, h);
     } else
         put_raw(e, u - ((uint64_t)edges[k] << h), extra[k] + h);
-    if (raw_signs) put_some(e, (uint64_t)negative, u != 0);
-    else put_bit_if(e, negative, &m->signs[u ? s->g + 1 : 3], u != 0);
+    put_bit_if(e, negative, &m->signs[u ? s->g + 1 : 3], u != 0);
     learn(s, u, negative);
     return DONE;
 }
 
-INLINE int get_integer(decoder *d, models *m, scale_state *s, int64_t *value, int raw_signs)
+INLINE int get_integer(decoder *d, models *m, scale_state *s, int64_t *value)
 {
     int context, h = scale(s, &context);
-    int k = get_symbol(d, &m->tables[context]), negative = 0;
+    int k = get_symbol(d, &m->tables[context]), negative;
     uint64_t u;
     if (RARE(k == ESCAPE)) {
         int length = get_symbol(d, &m->lengths);
@@ -81,23 +80,15 @@ INLINE int get_integer(decoder *d, models *m, scale_state *s, int64_t *value, in
         uint64_t w = ((uint64_t)1 << length | get_raw(d, length)) + edges[ESCAPE] - 1;
         if (w >> (ERROR_BITS - h)) return BAD_ERROR;
         u = w << h | get_raw(d, h);
-        if (raw_signs) negative = (int)get_raw(d, 1);
     } else {
         int bits = extra[k] + h;
         uint64_t word = raw_word(d);
         u = ((uint64_t)edges[k] << h) + (word & (((uint64_t)1 << bits) - 1));
         if (RARE(u >> ERROR_BITS)) return BAD_ERROR;
-        if (raw_signs) {
-            /* But for k = 0 the place of the next raw bits needs not wait for these. */
-            int some = k > 0;
-            if (RARE(!some && h)) some = u != 0;
-            negative = (int)(word >> bits) & some;
-            bits += some;
-        }
         d->raw += bits;
     }
     /* A model of its own for no sign at all: that is quicker than a branch. */
-    if (!raw_signs) negative = get_bit_if(d, &m->signs[u ? s->g + 1 : 3], u != 0);
+    negative = get_bit_if(d, &m->signs[u ? s->g + 1 : 3], u != 0);
     *value = negative ? -(int64_t)u : (int64_t)u;
     learn(s, u, negative);
     return DONE;

@@ -1,15 +1,15 @@
-/* KNOT in C: packets to clamped counts, and the varints of packets. The readable twins are
+/* KNOT in varints: packets to clamped counts, and the varints of packets. The readable twins are
    hapfmt/codecs/knots.py and varints.py.
 
    The input of the decoder is hostile. What breaks a rule is left to the twin, which says which one;
-   here it is only told from what does not. Widths: values stay within ``bound`` * quantum <= 2^32, a
-   difference is below 2^35, ticks end at 2^24. */
+   here it is only told from what does not. Widths: an index is within ``limit`` <= 2^32 before it is
+   used, a difference is below 2^35, ticks end at 2^24. */
 #include "kernels.h"
 
 #include "lines.h"
 
 enum { GROUPS = 8 };
-static const int64_t FAR = (int64_t)1 << 36, COUNT_BOUND = (int64_t)1 << 32;
+static const int64_t FAR = (int64_t)1 << 36;
 
 typedef struct {
     const uint8_t *at, *end;
@@ -28,21 +28,23 @@ static inline int64_t get_varint(reader *r)
 }
 
 typedef struct {
-    int64_t quantum, bound, span;
+    int64_t span;
+    places places;
     shape shape;
 } plan;
 
 static void fill(const plan *p, int64_t from, int64_t stop, const int64_t *values, int32_t *out)
 {
     for (int c = 0; c < p->shape.components; c++)
-        hold(&p->shape, from, stop, c, values[c] * p->quantum, out);
+        hold(&p->shape, from, stop, c, count_of(&p->places, values[c]), out);
 }
 
 static void draw(const plan *p, int64_t from, int64_t stop, int64_t run, const int64_t *before,
                  const int64_t *after, int32_t *out)
 {
     for (int c = 0; c < p->shape.components; c++)
-        line(&p->shape, from, stop, run, c, before[c] * p->quantum, after[c] * p->quantum, out);
+        line(&p->shape, from, stop, run, c, count_of(&p->places, before[c]),
+             count_of(&p->places, after[c]), out);
 }
 
 static int get_values(reader *r, const plan *p, int64_t *values)
@@ -51,17 +53,15 @@ static int get_values(reader *r, const plan *p, int64_t *values)
         int64_t number = get_varint(r);
         if (number < 0 || number >= FAR) return 0;
         values[c] += (number >> 1) ^ -(number & 1);
-        if (values[c] > p->bound || values[c] < -p->bound) return 0;
+        if (values[c] > p->places.limit || values[c] < -p->places.limit) return 0;
     }
     return 1;
 }
 
 /* 1, or 0 where a rule is broken. ``values``: two rows of components, zeros. */
-static int decode(const plan *p, reader r, int linear, int64_t tick_limit, int64_t *values,
-                  int32_t *out)
+static int decode(const plan *p, reader r, int linear, int64_t *values, int32_t *out)
 {
     int64_t *before = values, *after = values + p->shape.components, tick = 0;
-    int lines = 0;
     if (!get_values(&r, p, after)) return 0;
     while (r.at < r.end) {
         int64_t gap = get_varint(&r), last = tick;
@@ -69,49 +69,41 @@ static int decode(const plan *p, reader r, int linear, int64_t tick_limit, int64
         before = after;
         after = other;
         memcpy(after, before, (size_t)p->shape.components * sizeof *after);
-        if (gap < 1 || gap > TICK_LIMIT || !get_values(&r, p, after)) return 0;
+        if (gap < 1 || gap >= p->span - tick || !get_values(&r, p, after)) return 0;
         tick += gap;
-        if (!linear) {
-            if (tick >= p->span) return 0;
-            fill(p, last, tick, before, out);
-            continue;
-        }
-        if (last >= p->span - 1 || tick > tick_limit) return 0;
-        draw(p, last, tick < p->span - 1 ? tick : p->span, gap, before, after, out);
-        lines = 1;
+        if (linear) draw(p, last, tick, gap, before, after, out);
+        else fill(p, last, tick, before, out);
     }
-    if (lines) return tick >= p->span - 1;
     fill(p, tick, p->span, after, out);
-    return 1;
+    return !linear || !tick || tick == p->span - 1;
 }
 
-/* (packet, quantum, components, lines, largest tick, largest value, least and largest count,
-   zeros int64 [2 * components], counts int32 [ticks * components]) -> whether it was decoded */
+/* (packet, components, lines, largest index, step, zero, magnitudes of a deadband's grid int64 or
+   none, least and largest count, zeros int64 [2 * components], counts int32 [ticks * components])
+   -> whether it was decoded */
 static PyObject *knots_decode(PyObject *self, PyObject *args)
 {
-    Py_buffer data, values, out;
+    Py_buffer data, levels, values, out;
     int linear, decoded = 0;
-    long long tick_limit, quantum, bound;
     plan p;
     (void)self;
-    if (!PyArg_ParseTuple(args, "y*LipLLLLw*w*", &data, &quantum, &p.shape.components, &linear,
-                          &tick_limit, &bound, &p.shape.low, &p.shape.high, &values, &out))
+    if (!PyArg_ParseTuple(args, "y*ipLLLy*LLw*w*", &data, &p.shape.components, &linear,
+                          &p.places.limit, &p.places.step, &p.places.zero, &levels, &p.shape.low,
+                          &p.shape.high, &values, &out))
         return NULL;
     p.span = rows_of(&p.shape, &out);
     int fits = p.span > 0 && values.len % 16 == 0 && values.len / 16 == p.shape.components &&
-               (uintptr_t)values.buf % 8 == 0 && quantum > 0 && quantum <= COUNT_BOUND &&
-               bound >= 0 && bound <= COUNT_BOUND / quantum && tick_limit <= TICK_LIMIT;
+               (uintptr_t)values.buf % 8 == 0 && places_fit(&p.places, &levels);
     if (fits) {
-        p.quantum = quantum;
-        p.bound = bound;
         reader r = {data.buf, (const uint8_t *)data.buf + data.len};
         Py_BEGIN_ALLOW_THREADS
         memset(values.buf, 0, (size_t)values.len);
-        decoded = decode(&p, r, linear, tick_limit, values.buf, out.buf);
+        decoded = decode(&p, r, linear, values.buf, out.buf);
         Py_END_ALLOW_THREADS
     } else
         PyErr_SetString(PyExc_ValueError, "not the limits of a packet of knots, or not its room");
     PyBuffer_Release(&data);
+    PyBuffer_Release(&levels);
     PyBuffer_Release(&values);
     PyBuffer_Release(&out);
     return fits ? PyBool_FromLong(decoded) : NULL;

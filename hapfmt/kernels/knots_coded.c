@@ -1,4 +1,4 @@
-/* The loops of KNTE (SPEC 9.6); the readable twin is hapfmt/codecs/knots_coded.py.
+/* The loops of adaptively coded knots (SPEC 9.6); the readable twin is hapfmt/codecs/knots_coded.py.
 
    The decoder's input is hostile: an index is within ``limit`` <= 2^32 before it is used, a
    difference has at most 34 bits, a tick is below the span before anything is written. */
@@ -9,7 +9,6 @@
 
 enum { BAD_LENGTH = 7, BAD_TICK = 8, GAP_BITS = 24, VALUE_BITS = 34 };
 static const int64_t FARTHEST = (int64_t)1 << 48; /* ticks whose differences do not overflow */
-static const int64_t INDEX_LIMIT = (int64_t)1 << 32;
 
 typedef struct {
     bit_model lengths[VALUE_BITS + 1], seconds[VALUE_BITS + 1];
@@ -45,16 +44,10 @@ INLINE int64_t get_magnitude(decoder *d, magnitude *m, int most)
 
 typedef struct {
     shape shape;
-    int64_t span, further, limit, step, zero;
-    const int64_t *levels; /* of the deadband grid, limit + 1; NULL on the uniform one */
+    places places;
+    int64_t span, further;
     int linear;
 } knot_plan;
-
-static inline int64_t count_of(const knot_plan *p, int64_t index)
-{
-    if (!p->levels) return p->zero + index * p->step;
-    return index < 0 ? p->zero - p->levels[-index] : p->zero + p->levels[index];
-}
 
 /* ``row``: indices of the last knot; ``counts``: what they stand for; ``signs``: of the last
    differences, zeros. */
@@ -65,7 +58,7 @@ static int decode_knots(decoder *d, const knot_plan *p, int64_t *row, int64_t *c
     int64_t tick = 0;
     int components = p->shape.components;
     knots_init(&m);
-    for (int c = 0; c < components; c++) counts[c] = count_of(p, row[c]);
+    for (int c = 0; c < components; c++) counts[c] = count_of(&p->places, row[c]);
     for (int64_t left = p->further; left-- > 0;) {
         if (RARE(overrun(d))) return BAD_END;
         int64_t from = tick, stop;
@@ -85,10 +78,10 @@ static int decode_knots(decoder *d, const knot_plan *p, int64_t *row, int64_t *c
             int negative = u ? get_bit(d, &m.signs[signs[c] + 1]) : 0;
             row[c] += negative ? -u : u;
             signs[c] = (u != 0) - 2 * negative;
-            inside &= row[c] <= p->limit && row[c] >= -p->limit;
+            inside &= row[c] <= p->places.limit && row[c] >= -p->places.limit;
             if (RARE(!inside)) continue;
             int64_t before = counts[c];
-            counts[c] = count_of(p, row[c]);
+            counts[c] = count_of(&p->places, row[c]);
             if (p->linear) line(&p->shape, from, stop, tick - from, c, before, counts[c], out);
             else hold(&p->shape, from, stop, c, before, out);
         }
@@ -100,26 +93,15 @@ static int decode_knots(decoder *d, const knot_plan *p, int64_t *row, int64_t *c
     return p->further ? check_end(d) : DONE;
 }
 
-static int grid_fits(const knot_plan *p, const Py_buffer *levels)
-{
-    if (p->limit < 0 || p->limit > INDEX_LIMIT || p->zero < INT32_MIN || p->zero > INT32_MAX)
-        return 0;
-    if (!levels->len) return p->step > 0 && p->step <= INDEX_LIMIT / (p->limit ? p->limit : 1);
-    if (levels->len / 8 <= p->limit) return 0;
-    for (int64_t i = 0; i <= p->limit; i++)
-        if (p->levels[i] < 0 || p->levels[i] > 2 * INDEX_LIMIT) return 0;
-    return 1;
-}
-
-static int plan_fits(const knot_plan *p, const Py_buffer *levels, const Py_buffer *first,
+static int plan_fits(knot_plan *p, const Py_buffer *levels, const Py_buffer *first,
                      const Py_buffer *work)
 {
-    if (!whole(levels, 8) || !whole(first, 8) || !whole(work, 8) || p->span < 1 || p->further < 0 ||
-        p->further >= p->span || work->len != 2 * first->len || !grid_fits(p, levels))
+    if (!whole(first, 8) || !whole(work, 8) || p->span < 1 || p->further < 0 ||
+        p->further >= p->span || work->len != 2 * first->len || !places_fit(&p->places, levels))
         return 0;
     const int64_t *row = first->buf;
     for (int c = 0; c < p->shape.components; c++)
-        if (row[c] > p->limit || row[c] < -p->limit) return 0;
+        if (row[c] > p->places.limit || row[c] < -p->places.limit) return 0;
     return 1;
 }
 
@@ -129,22 +111,19 @@ static int plan_fits(const knot_plan *p, const Py_buffer *levels, const Py_buffe
 static PyObject *coded_knots_decode(PyObject *self, PyObject *args)
 {
     Py_buffer coded, levels, first, work, out;
-    long long further, limit, step, zero;
+    long long further;
     knot_plan p;
     int status = DONE;
     int64_t size = 0;
     PyObject *result = NULL;
     (void)self;
-    if (!PyArg_ParseTuple(args, "y*pLLLLy*LLw*w*w*", &coded, &p.linear, &further, &limit, &step,
-                          &zero, &levels, &p.shape.low, &p.shape.high, &first, &work, &out))
+    if (!PyArg_ParseTuple(args, "y*pLLLLy*LLw*w*w*", &coded, &p.linear, &further, &p.places.limit,
+                          &p.places.step, &p.places.zero, &levels, &p.shape.low, &p.shape.high,
+                          &first, &work, &out))
         return NULL;
     p.shape.components = first.len / 8 <= INT32_MAX / 4 ? (int)(first.len / 8) : 0;
     p.span = rows_of(&p.shape, &out);
     p.further = further;
-    p.limit = limit;
-    p.step = step;
-    p.zero = zero;
-    p.levels = levels.len ? levels.buf : NULL;
     if (plan_fits(&p, &levels, &first, &work)) {
         int64_t *space = work.buf;
         decoder d;
@@ -188,7 +167,7 @@ static int encode_knots(encoder *e, const int64_t *ticks, const int64_t *indices
     knot_model m;
     knots_init(&m);
     for (int64_t i = 0; i < knots * components; i++)
-        if (indices[i] > INDEX_LIMIT || indices[i] < -INDEX_LIMIT) return BAD_INDEX;
+        if (indices[i] > FARTHEST_INDEX || indices[i] < -FARTHEST_INDEX) return BAD_INDEX;
     for (int64_t k = 0; k < knots; k++)
         if (ticks[k] < 0 || ticks[k] > FARTHEST) return BAD_TICK;
     for (int64_t k = 1; k < knots; k++) {

@@ -25,6 +25,34 @@ static int64_t rows_of(const shape *s, const Py_buffer *out)
     return rows <= TICK_LIMIT ? rows : 0;
 }
 
+/* Which count each index from -limit to limit stands for. */
+typedef struct {
+    long long limit, step, zero;
+    const int64_t *levels; /* of a deadband's grid, limit + 1; NULL on the uniform one */
+} places;
+
+static const int64_t FARTHEST_INDEX = (int64_t)1 << 32;
+
+static inline int64_t count_of(const places *p, int64_t index)
+{
+    if (!p->levels) return p->zero + index * p->step;
+    return index < 0 ? p->zero - p->levels[-index] : p->zero + p->levels[index];
+}
+
+/* Takes the levels, and says whether all counts are below 2^34. */
+static int places_fit(places *p, const Py_buffer *levels)
+{
+    p->levels = levels->len ? levels->buf : NULL;
+    if (!whole(levels, 8) || p->limit < 0 || p->limit > FARTHEST_INDEX || p->zero < INT32_MIN ||
+        p->zero > INT32_MAX)
+        return 0;
+    if (!levels->len) return p->step > 0 && p->step <= FARTHEST_INDEX / (p->limit ? p->limit : 1);
+    if (levels->len / 8 <= p->limit) return 0;
+    for (int64_t i = 0; i <= p->limit; i++)
+        if (p->levels[i] < 0 || p->levels[i] > 2 * FARTHEST_INDEX) return 0;
+    return 1;
+}
+
 static inline int64_t clamp(int64_t x, int64_t low, int64_t high)
 {
     return x < low ? low : x > high ? high : x;

@@ -38,7 +38,7 @@ static int sound(const task *t, int64_t grids)
 static int usual(const habit *h)
 {
     int fits = h->order >= 0 && h->order <= ORDERS && h->difference >= 0 &&
-               h->difference <= DIFFERENCES && !(h->way & ~(REPEATS | RAW_SIGNS | RICE)) &&
+               h->difference <= DIFFERENCES && !(h->way & ~(REPEATS | RICE)) &&
                (!(h->way & RICE) || h->way == RICE);
     for (int i = 0; fits && i < h->order; i++) fits = h->reflections[i] > -128;
     return fits;
@@ -174,8 +174,8 @@ static int64_t look(habit *h, int before, const row *r, const choice *ways, desk
     int64_t least = 0;
     tried[count++] = best_guess(r, ways);
     if (mostly_repeats(r)) {
-        tried[count] = with_repeats(tried, r);
-        count++;
+        tried[count] = tried[0];
+        tried[count++].way |= REPEATS;
     }
     if (before) tried[count++] = *h;
     for (int i = 0; i < count; i++) {

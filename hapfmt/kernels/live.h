@@ -8,11 +8,11 @@
 
 #include "rice.h"
 
-enum { REPEATS = 8, RAW_SIGNS = 32, RICE = 128, HEADER = 2 + ORDERS + 8 };
+enum { REPEATS = 8, RICE = 128, HEADER = 2 + ORDERS + 8 };
 enum { COEFFICIENT_COST = 8, LONG = 6000, STRIDE = 3 };
 static const int WEIGHED_ORDERS[] = {1, 2, 3, 4, 6, 8, 12, 16, 20, 24, 28, 32};
 static const int TRIED_ORDERS[] = {3, 8, 20};
-static const double NOISE = 1e-9, SIGN_SHARE = 0.002, REPEAT_SHARE = 0.02;
+static const double NOISE = 1e-9, REPEAT_SHARE = 0.02;
 
 /* A predictor but for its base. */
 typedef struct {
@@ -56,7 +56,6 @@ static plan plan_of(const habit *h, const row *r)
     p.difference = h->difference;
     p.order = h->order;
     p.repeats = (h->way & REPEATS) != 0;
-    p.raw_signs = (h->way & RAW_SIGNS) != 0;
     p.base = h->difference ? r->first : r->mean;
     p.limit = INDEX_LIMIT;
     p.span = r->count;
@@ -74,14 +73,13 @@ static double saving(int64_t a, int64_t b)
 }
 
 /* estimate() of predict.py; infinite where an error cannot be coded. */
-static double bits_of(const habit *h, const row *r, int counted, double *saved)
+static double bits_of(const habit *h, const row *r, int counted)
 {
     int64_t counts[COUNTS];
     plan p = plan_of(h, r);
     int64_t base = p.base < 0 ? -p.base : p.base;
     int stride = counted || r->count < LONG ? 1 : STRIDE;
     p.limit = base > r->extent ? base : r->extent;
-    *saved = 0;
     int64_t cost = valid(&p) ? estimate(&p, counted, stride, r->indices, counts) : -1;
     if (cost < 0) return HUGE_VAL;
     double header = COEFFICIENT_COST * p.order;
@@ -91,13 +89,13 @@ static double bits_of(const habit *h, const row *r, int counted, double *saved)
         if (stride == 1) seen = r->count;
         return ((double)cost / 256 + (double)counts[COUNTS - 1]) * (double)r->count / (double)seen + header;
     }
-    double marks = 0;
+    double marks = 0, saved = 0;
     for (int i = 0; i < 7; i++) {
         double less = saving(counts[2 * i], counts[2 * i + 1]);
-        if (i < 3) *saved += less;
+        if (i < 3) saved += less;
         else marks += (double)(counts[2 * i] + counts[2 * i + 1]) - less;
     }
-    return (double)cost / 256 + (double)counts[COUNTS - 1] - *saved + marks + header;
+    return (double)cost / 256 + (double)counts[COUNTS - 1] - saved + marks + header;
 }
 
 static void shorten(habit *h, int order, const int32_t *sines)
@@ -133,17 +131,17 @@ static int reflect(const row *r, int difference, const choice *ways, habit *h, i
     return there;
 }
 
-/* The best by its estimate, with signs as suits it. */
+/* The best by its estimate. */
 static habit best_guess(const row *r, const choice *ways)
 {
     habit best, tried, all = {0};
-    double least = HUGE_VAL, before = HUGE_VAL, chosen = HUGE_VAL, saved;
+    double least = HUGE_VAL, before = HUGE_VAL, chosen = HUGE_VAL;
     int some = 0, there = 0;
     memset(&best, 0, sizeof best);
     for (int g = 0; g <= DIFFERENCES; g++) {
         memset(&tried, 0, sizeof tried);
         tried.difference = g;
-        double bits = bits_of(&tried, r, 0, &saved);
+        double bits = bits_of(&tried, r, 0);
         if (bits < least) {
             least = bits;
             best = tried;
@@ -156,7 +154,7 @@ static habit best_guess(const row *r, const choice *ways)
         if (!found) continue;
         habit whole = tried;
         shorten(&tried, order, ways->sines);
-        double bits = bits_of(&tried, r, 0, &saved);
+        double bits = bits_of(&tried, r, 0);
         if (bits < least) {
             least = bits;
             best = tried;
@@ -171,30 +169,14 @@ static habit best_guess(const row *r, const choice *ways)
     for (size_t i = 0; some && i < sizeof TRIED_ORDERS / sizeof *TRIED_ORDERS; i++) {
         tried = all;
         shorten(&tried, TRIED_ORDERS[i] < there ? TRIED_ORDERS[i] : there, ways->sines);
-        double bits = bits_of(&tried, r, 0, &saved);
+        double bits = bits_of(&tried, r, 0);
         if (bits < least) {
             least = bits;
             best = tried;
         }
     }
-    double bits = bits_of(&best, r, 1, &saved);
-    if (bits == HUGE_VAL) {
-        memset(&best, 0, sizeof best);
-        return best;
-    }
-    if (saved < SIGN_SHARE * bits) best.way = RAW_SIGNS;
+    if (bits_of(&best, r, 1) == HUGE_VAL) memset(&best, 0, sizeof best);
     return best;
-}
-
-/* The same predictor with unchanged samples coded as such. */
-static habit with_repeats(const habit *h, const row *r)
-{
-    habit other = *h;
-    double saved;
-    other.way |= REPEATS;
-    double bits = bits_of(&other, r, 1, &saved);
-    other.way = REPEATS | (saved < SIGN_SHARE * bits ? RAW_SIGNS : 0);
-    return other;
 }
 
 static int mostly_repeats(const row *r)

@@ -1,4 +1,4 @@
-/* A block of counts as the fewest knots within its deadband: a packet of KNTE. The readable twin is
+/* A block of counts as the fewest knots within its deadband: a packet of KNOT. The readable twin is
    pack_knots() of hapfmt/encoder/live_knots.py.
 
    Counts lie within 33 bits, widths within 49: a tube is cut to 2^32, as wide as knots may lie. */

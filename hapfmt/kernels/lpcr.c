@@ -4,8 +4,7 @@
 
 #include "search.h"
 
-/* (bytes or writable buffer, coefficients int32, difference, repeats, raw signs, base, limit, cross
-   int64, as many as indices or none, indices int64) -> (status, bytes read or written) */
+/* (bytes or writable buffer, coefficients int32, difference, repeats, base, limit, cross int64, as many as indices or none, indices int64) -> (status, bytes read or written) */
 static PyObject *run(PyObject *args, int decoding)
 {
     Py_buffer data, coefficients, cross, indices;
@@ -13,9 +12,9 @@ static PyObject *run(PyObject *args, int decoding)
     int status = NO_ROOM;
     long long base, limit;
     int64_t size = 0;
-    const char *format = decoding ? "y*y*ippLLy*w*" : "w*y*ippLLy*y*";
+    const char *format = decoding ? "y*y*ipLLy*w*" : "w*y*ipLLy*y*";
     if (!PyArg_ParseTuple(args, format, &data, &coefficients, &p.difference, &p.repeats,
-                          &p.raw_signs, &base, &limit, &cross, &indices))
+                          &base, &limit, &cross, &indices))
         return NULL;
     PyObject *result = NULL;
     models *m = PyMem_Malloc(sizeof *m);

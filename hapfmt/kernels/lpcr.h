@@ -16,7 +16,7 @@ enum { RING = 1024, PIECE = 1024 };
 static const int64_t INDEX_LIMIT = (int64_t)1 << 32, CROSS_LIMIT = (int64_t)1 << 54;
 
 typedef struct {
-    int difference, order, repeats, raw_signs;
+    int difference, order, repeats;
     int64_t base, limit, span;
     const int32_t *coefficients;
     const int64_t *cross; /* what other components say of each sample, or NULL */
@@ -101,7 +101,7 @@ INLINE int64_t predict_real(const filter *f, const double *next, int width)
 
 /* ``kind`` of the history: 0 none, 1 integers, else doubles, so many of them. */
 INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int64_t *out, int kind,
-                     int repeats, int raw_signs, int crossed)
+                     int repeats, int crossed)
 {
     int64_t sums[DIFFERENCES + 1] = {0}, history[ORDERS + RING];
     double real_history[ORDERS + RING];
@@ -127,7 +127,7 @@ INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int6
             sums[g] = fresh;
         } else {
             int64_t e, fresh;
-            int status = get_integer(d, m, &scales, &e, raw_signs);
+            int status = get_integer(d, m, &scales, &e);
             if (RARE(status)) return status;
             fresh = e;
             if (crossed) fresh += p->cross[t];
@@ -153,11 +153,8 @@ INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int6
     return check_end(d);
 }
 
-#define DECODE(kind)                                                                              \
-    (p->repeats ? (p->raw_signs ? decode_as(d, m, p, f, out, kind, 1, 1, 0)                       \
-                                : decode_as(d, m, p, f, out, kind, 1, 0, 0))                      \
-                : (p->raw_signs ? decode_as(d, m, p, f, out, kind, 0, 1, 0)                       \
-                                : decode_as(d, m, p, f, out, kind, 0, 0, 0)))
+#define DECODE(kind) \
+    (p->repeats ? decode_as(d, m, p, f, out, kind, 1, 0) : decode_as(d, m, p, f, out, kind, 0, 0))
 
 static int decode_plain(decoder *d, models *m, const plan *p, const filter *f, int64_t *out)
 {
@@ -173,13 +170,13 @@ static int decode_real(decoder *d, models *m, const plan *p, const filter *f, in
 
 static int decode_wide(decoder *d, models *m, const plan *p, const filter *f, int64_t *out)
 {
-    return decode_as(d, m, p, f, out, 1, p->repeats, p->raw_signs, 0);
+    return decode_as(d, m, p, f, out, 1, p->repeats, 0);
 }
 
 static int decode_crossed(decoder *d, models *m, const plan *p, const filter *f, int64_t *out)
 {
     int kind = !p->order ? 0 : f->real ? f->width : 1;
-    return decode_as(d, m, p, f, out, kind, p->repeats, p->raw_signs, 1);
+    return decode_as(d, m, p, f, out, kind, p->repeats, 1);
 }
 
 static int decode(decoder *d, models *m, const plan *p, int64_t *out)
@@ -238,8 +235,7 @@ static void prediction_errors(const plan *p, const int64_t *indices, int64_t *ou
     }
 }
 
-INLINE int encode_as(encoder *coder, models *m, const plan *p, const int64_t *indices, int repeats,
-                     int raw_signs)
+INLINE int encode_as(encoder *coder, models *m, const plan *p, const int64_t *indices, int repeats)
 {
     filter f;
     int64_t y[ORDERS + PIECE] = {0}, e[PIECE];
@@ -260,7 +256,7 @@ INLINE int encode_as(encoder *coder, models *m, const plan *p, const int64_t *in
                 recent = 2 * same + (recent >> 1);
                 if (same) continue;
             }
-            int status = put_integer(coder, m, &scales, e[i], raw_signs);
+            int status = put_integer(coder, m, &scales, e[i]);
             if (RARE(status)) return status;
         }
     }
@@ -271,9 +267,7 @@ static int encode(encoder *e, models *m, const plan *p, const int64_t *indices, 
 {
     int status;
     if (!within(indices, p->span, p->limit)) return BAD_INDEX;
-    status = p->repeats ? encode_as(e, m, p, indices, 1, p->raw_signs)
-             : p->raw_signs ? encode_as(e, m, p, indices, 0, 1)
-                            : encode_as(e, m, p, indices, 0, 0);
+    status = p->repeats ? encode_as(e, m, p, indices, 1) : encode_as(e, m, p, indices, 0);
     if (status) return status;
     *written = encoder_finish(e);
     return *written > e->size ? NO_ROOM : DONE;

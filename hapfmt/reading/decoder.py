@@ -14,7 +14,6 @@ from ..codecs.events import CodedEvent, parse_events
 from ..codecs.exact import ExactParameters, decode_counts, decode_exact
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters
-from ..codecs.knots_coded import CodedKnotParameters
 from ..codecs.quantised import QuanParameters
 from ..codecs.raw import RawParameters, decode_raw
 from ..container.cluster import Packet
@@ -23,14 +22,7 @@ from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Level
 from ..recording import Span, append_span
 
-Parameters = (
-    KnotParameters
-    | QuanParameters
-    | RawParameters
-    | LpcParameters
-    | CodedKnotParameters
-    | ExactParameters
-)
+Parameters = KnotParameters | QuanParameters | RawParameters | LpcParameters | ExactParameters
 
 
 CODEBOOKS = 128
@@ -69,8 +61,6 @@ class TrackDecoder:
                 return self.parse_codebook()
             if track.codec == "LPCR":
                 return LpcParameters.parse(track.parameters, self.level, track.offset)
-            if track.codec == "KNTE":
-                return CodedKnotParameters.parse(track.parameters, self.level, track.offset)
             if track.codec == "LPCX":
                 return self.parse_exact()
             return RawParameters.parse(track.parameters, track.number_format, track.offset)
@@ -135,17 +125,14 @@ class TrackDecoder:
                 self.check_range(counts, packet.offset, "EXA-003")
                 return counts.astype(np.int32)[:, None]
             if isinstance(parameters, KnotParameters):
-                return knots.decode_within(
+                adaptive = parameters.adaptive
+                within = knots_coded.decode_within if adaptive else knots.decode_within
+                return within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
                     track.count_min, track.count_max,
                 )  # fmt: skip
             if isinstance(parameters, LpcParameters):
                 return components.decode_within(
-                    packet.data, parameters, packet.span, size, self.level, packet.offset,
-                    track.count_min, track.count_max,
-                )  # fmt: skip
-            if isinstance(parameters, CodedKnotParameters):
-                return knots_coded.decode_within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
                     track.count_min, track.count_max,
                 )  # fmt: skip

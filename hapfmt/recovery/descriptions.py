@@ -16,8 +16,8 @@ from ..reading.catalogue import Catalogue
 from ..reading.decoder import TrackDecoder
 from ..reading.packets import PacketPass
 
-EMPTY = b"\0\1"
-"""Parameters of KNOT: hold, quantum 1. A track without packets needs no others."""
+EMPTY = b"\0\0\0\1\0"
+"""Parameters of KNOT: hold, varints, step 1. A track without packets needs no others."""
 LOST_LABEL = "(lost)"
 LOST_RESIDUAL = "the description of this HF track was lost"
 LOST_CHANNEL = "the description of this channel was lost"

@@ -7,8 +7,8 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs.knots import parse_knots
-from ..codecs.knots_coded import CodedKnotParameters, decode_indices, parse_start
+from ..codecs.knots import KnotParameters, parse_knots
+from ..codecs.knots_coded import decode_indices, parse_start
 from ..container.cluster import Packet
 from ..container.track import Track
 from ..errors import FormatError
@@ -21,7 +21,7 @@ SHOWN = 600
 PACKETS = 4096
 """More packets than this hold too many knots to show."""
 CODED = 5000
-"""A KNTE packet with more knots is not decoded to show a few of them."""
+"""A packet of more coded knots is not decoded to show a few of them."""
 
 
 def knots_within(
@@ -29,9 +29,7 @@ def knots_within(
 ) -> NDArray[np.int64] | None:
     """Ticks of the knots in [start, stop), ascending; None where they are too many to show, or the
     channel is not coded in knots."""
-    tracks = {
-        part.track.id: part.track for part in ref.parts if part.track.codec in ("KNOT", "KNTE")
-    }
+    tracks = {part.track.id: part.track for part in ref.parts if part.track.codec == "KNOT"}
     if not tracks:
         return None
     ranges = {id_: tick_range(track.rate, start, stop) for id_, track in tracks.items()}
@@ -57,9 +55,9 @@ def knots_within(
 def ticks_of(packet: Packet, track: Track, reader: Reader) -> NDArray[np.int64] | None:
     level, components = reader.catalogue.level, len(track.components)
     try:
-        if track.codec == "KNOT":
+        parameters = KnotParameters.parse(track.parameters, level, track.offset)
+        if not parameters.adaptive:
             return parse_knots(packet.data, components, packet.offset)[0] + packet.start
-        parameters = CodedKnotParameters.parse(track.parameters, level, track.offset)
         limit = parameters.grid.index_limit(level.count_bound)
         row = packet.data, packet.span, components, limit, packet.offset
         if parse_start(*row)[1] > CODED:

@@ -119,8 +119,18 @@ def decode(module: Any, ask: Asked, parameters: Any) -> NDArray[np.int32] | None
 def knot(data: bytes) -> None:
     ask = asked(data)
     parameters = ask and settled(knots.KnotParameters.parse, ask.parameters, ask.level, AT)
-    if ask and parameters and decode(knots, ask, parameters) is not None:
-        assert knots.build_knots(*knots.parse_knots(ask.packet, ask.width, AT)) == ask.packet
+    if not ask or not parameters:
+        return
+    if not parameters.adaptive:
+        if decode(knots, ask, parameters) is not None:
+            assert knots.build_knots(*knots.parse_knots(ask.packet, ask.width, AT)) == ask.packet
+        return
+    if decode(knots_coded, ask, parameters) is None:
+        return
+    limit = parameters.grid.index_limit(ask.level.count_bound)
+    way = parameters.interpolation
+    ticks, rows = knots_coded.decode_indices(ask.packet, way, ask.span, ask.width, limit, AT)
+    assert knots_coded.encode_knots(ticks, rows, way) == ask.packet
 
 
 def quan(data: bytes) -> None:
@@ -164,18 +174,6 @@ def lpcr(data: bytes) -> None:
         assert predicted.encode_predicted(indices, predictor) == ask.packet
 
 
-def knte(data: bytes) -> None:
-    ask = asked(data)
-    kind = knots_coded.CodedKnotParameters
-    parameters = ask and settled(kind.parse, ask.parameters, ask.level, AT)
-    if not ask or not parameters or decode(knots_coded, ask, parameters) is None:
-        return
-    limit = parameters.grid.index_limit(ask.level.count_bound)
-    way = parameters.interpolation
-    ticks, rows = knots_coded.decode_indices(ask.packet, way, ask.span, ask.width, limit, AT)
-    assert knots_coded.encode_knots(ticks, rows, way) == ask.packet
-
-
 AFFINES = (
     Affine(1, 0, 10),
     Affine(1, 0, 1 << 40),
@@ -197,11 +195,9 @@ def lpcx(data: bytes) -> None:
     doubles = both(lambda: exact.decode_exact(ask.packet, parameters, affine, counts, AT))
     if doubles is None:
         return
-    for recall, relative in ((False, False), (True, True)):
+    for recall in (False, True):
         try:
-            rest = exact.encode_exact(
-                doubles, parameters, affine, counts, recall=recall, relative=relative
-            )
+            rest = exact.encode_exact(doubles, parameters, affine, counts, recall=recall)
         except ValueError:
             continue  # a correction of 2^63 has no code but with z = 63
         coded, _, _ = exact.split_packet(ask.packet, AT)
@@ -226,7 +222,8 @@ def of_knot() -> Iterable[bytes]:
             packet = knots.build_knots(ticks, wave(4, width))
             yield given(parameters, packet, 32, width)
         yield given(parameters, f.svarint(5), 1000, level=2)
-    yield given(f.knot_parameters(1, 1), knots.build_knots(np.array([0, 9]), wave(2)), 5)
+    yield given(f.knot_parameters(1, 1), knots.build_knots(np.array([0, 9]), wave(2)), 10)
+    yield from of_coded_knots()
 
 
 def of_quan() -> Iterable[bytes]:
@@ -260,7 +257,7 @@ def of_rawb() -> Iterable[bytes]:
 
 PREDICTORS = (
     predicted.Predictor(),
-    predicted.Predictor(2, raw_signs=True),
+    predicted.Predictor(2),
     predicted.Predictor(1, (60, -20), 3),
     predicted.Predictor(0, (90, -70, 10), -4, repeats=True),
     predicted.Predictor(1, rice=True),
@@ -293,35 +290,37 @@ def made(reference: tuple[int, tuple[int, int, int]]) -> Any:
     return Reference(*reference)
 
 
-def of_knte() -> Iterable[bytes]:
+def of_coded_knots() -> Iterable[bytes]:
     for way, name in enumerate(knots.INTERPOLATIONS):
         for grid in ({}, {"grid": 1, "step": 20, "kn": 1, "kd": 10}):
-            parameters = f.knte_parameters(way, **grid)
+            parameters = f.coded_knot_parameters(way, **grid)
             for width in (1, 2):
                 ticks = np.array([0, 4, 9, 12, 31])
                 rows = wave(5, width) // 4
                 yield given(parameters, knots_coded.encode_knots(ticks, rows, name), 32, width)
-        yield given(f.knte_parameters(way), b"\x09", 7)
+        yield given(f.coded_knot_parameters(way), b"\x09", 7)
 
 
 def of_lpcx() -> Iterable[bytes]:
     counts = wave(30, scale=20)[:, 0]
     coded = predicted.encode_indices(counts, predicted.Predictor(1))
     rng = np.random.default_rng(1)
-    for rule, digits in ((0, 0), (1, 0), (2, 0), (3, 2), (4, 5)):
+    for rule, digits in ((0, 0), (1, 0), (2, 1), (2, 5)):
         parameters = ExactParameters(rule, digits)
         doubles = parameters.values(counts, AFFINES[0])
         moved = doubles + rng.normal(0, 1e-12, 30) * (rng.random(30) < 0.5)
         for recall in (False, True):
-            rest = exact.encode_exact(
-                moved, parameters, AFFINES[0], counts, recall=recall, relative=recall
-            )
+            rest = exact.encode_exact(moved, parameters, AFFINES[0], counts, recall=recall)
             packet = f.varint(len(coded)) + coded + rest
             yield given(f.lpcx_parameters(rule, digits), packet, 30)
+    bent = (1 / 3, 0.1, -1e-7, 1e-14)
+    cubic = ExactParameters(3, 0, bent)
+    doubles = np.nextafter(cubic.values(counts, AFFINES[0]), 9)
+    rest = exact.encode_exact(doubles, cubic, AFFINES[0], counts, recall=True)
+    packet = f.varint(len(coded)) + coded + rest
+    yield given(f.lpcx_parameters(3, 0, bytes(2), bent), packet, 30)
     noise = rng.normal(0, 1, 30)
-    rest = exact.encode_exact(
-        noise, ExactParameters(), AFFINES[1], counts, recall=False, relative=True
-    )
+    rest = exact.encode_exact(noise, ExactParameters(), AFFINES[1], counts, recall=False)
     yield given(f.lpcx_parameters(), f.varint(len(coded)) + coded + rest, 30, 2, level=2)
 
 
@@ -330,6 +329,5 @@ DECODERS = [
     Target("quan", quan, of_quan),
     Target("rawb", rawb, of_rawb),
     Target("lpcr", lpcr, of_lpcr),
-    Target("knte", knte, of_knte),
     Target("lpcx", lpcx, of_lpcx),
 ]

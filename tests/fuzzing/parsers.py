@@ -218,7 +218,7 @@ def of_series() -> Iterable[bytes]:
         f.trak(f.HOLD + texts_ + rest, track_count=3),
         f.trak(f.HOLD + texts_ + rest + more, track_count=3, count_min=-128, count_max=127),
         f.trak(
-            f.tlv(5, f.setups([(b"KNOT", [b"\0\1"]), (b"LPCR", [b"\0\1\0"])], [0, 1, 1])),
+            f.tlv(5, f.setups([(b"KNOT", [f.knot_parameters()]), (b"LPCR", [b"\0\1\0"])], [0, 1, 1])),
             track_count=3,
         ),
         f.trak(kind=2, base=0),

@@ -3,7 +3,6 @@ import { Reader } from './bytes.js';
 import { broken, unsupported } from './error.js';
 import { decodeEvents } from './evnt.js';
 import { decodeKnot, parseKnot } from './knot.js';
-import { decodeKnte, parseKnte } from './knte.js';
 import { decodeLpcr, parseLpcr } from './lpcr.js';
 import { decodeLpcx, parseLpcx } from './lpcx.js';
 import { decodeQuan, parseQuan } from './quan.js';
@@ -16,7 +15,6 @@ const COUNT_CODECS = {
   QUAN: { parse: parseQuan, decode: decodeQuan },
   RAWB: { parse: parseRawb, decode: decodeRawbCounts },
   LPCR: { parse: parseLpcr, decode: decodeLpcr },
-  KNTE: { parse: parseKnte, decode: decodeKnte },
   LPCX: { parse: parseLpcx, decode: decodeLpcx },
 };
 export const CODECS = [...Object.keys(COUNT_CODECS), 'EVNT'];

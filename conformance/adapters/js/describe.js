@@ -78,7 +78,7 @@ function payloadOf(track, tlvs) {
   return Uint8Array.from(bytes);
 }
 
-const KNOT_PARAMETERS = [0, 1];
+const KNOT_PARAMETERS = [0, 0, 0, 1, 0];
 
 function emptyTrack(id, kind, componentCount, [rateNum, rateDen], channel, base, tlvs) {
   const track = {

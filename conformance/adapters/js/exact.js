@@ -1,10 +1,8 @@
 // The value v of a count, by the rules of LPCX (9.7).
-import { clamp } from './integers.js';
 
 const RULE_QUOTIENT = 0;
 const RULE_PRODUCT = 1;
-const RULE_BINARY32 = 2;
-const RULE_DECIMALS = 3;
+const RULE_CUBIC = 3;
 const POWER_BOUND = 22; // 10^22 is the last power of ten that is a binary64 number
 
 // n / d rounded to the nearest integer, ties to even, d > 0.
@@ -24,20 +22,17 @@ function decimalExponent(n, d) {
   return p;
 }
 
-function decimal(count, { A, B, D }, rule, digits) {
+function significant(count, { A, B, D }, digits) {
   const n = BigInt(count) * BigInt(A) + BigInt(B);
   if (n === 0n) return 0;
   const d = BigInt(D);
-  let k = digits;
-  if (rule !== RULE_DECIMALS) k = Math.min(digits - 1 - decimalExponent(n < 0n ? -n : n, d), POWER_BOUND);
+  const k = Math.min(digits - 1 - decimalExponent(n < 0n ? -n : n, d), POWER_BOUND);
   const s = k >= 0 ? roundHalfEven(n * 10n ** BigInt(k), d) : roundHalfEven(n, d * 10n ** BigInt(-k));
-  if (s === 0n) return 0;
-  if (s >= 1n << 53n || s <= -(1n << 53n)) return (count * A + B) / D;
   return k >= 0 ? Number(s) / Number(10n ** BigInt(k)) : Number(s) * Number(10n ** BigInt(-k));
 }
 
 // A function that gives v for a count of the declared range.
-export function valueRule(rule, digits, calibration) {
+export function valueRule(rule, digits, calibration, coefficients) {
   const { A, B, D } = calibration;
   const quotient = (count) => (count * A + B) / D;
   switch (rule) {
@@ -47,19 +42,17 @@ export function valueRule(rule, digits, calibration) {
       const b = B / D;
       return (count) => count * a + b;
     }
-    case RULE_BINARY32: return (count) => Math.fround(quotient(count));
+    case RULE_CUBIC: {
+      const [c0, c1, c2, c3] = coefficients;
+      return (count) => ((c3 * count + c2) * count + c1) * count + c0 + 0; // + 0: not -0
+    }
     default: {
       const known = new Map(); // once for each distinct count of a packet (Annex A)
       return (count) => {
         let v = known.get(count);
-        if (v === undefined) known.set(count, (v = decimal(count, calibration, rule, digits)));
+        if (v === undefined) known.set(count, (v = significant(count, calibration, digits)));
         return v;
       };
     }
   }
-}
-
-// w of flag relative: about the number of bits that fill the cell of a count, E the exponent field of its value.
-export function cellBits(lengthA, lengthD, E, z) {
-  return Math.max(clamp(lengthA - lengthD + 1075 - E, 0, 63) - z, 0);
 }

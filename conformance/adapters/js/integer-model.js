@@ -26,9 +26,8 @@ for (let c = 0; c < CONTEXTS; c++) {
 const FIRST_Y = Int32Array.from({ length: 16 }, (_, i) => (i < 15 ? 4096 * (15 - i) : 2));
 
 export class IntegerModel {
-  constructor(range, rawSigns = false) {
+  constructor(range) {
     this.range = range;
-    this.rawSigns = rawSigns;
     this.Z = FIRST_Z.slice();
     this.Y = FIRST_Y.slice();
     this.G = bitModels(3);
@@ -70,7 +69,7 @@ export class IntegerModel {
       if (u >= MAGNITUDE_BOUND) this.tooLarge();
     }
     let negative = 0;
-    if (u > 0) negative = this.rawSigns ? range.raw(1) : range.bit(this.G, this.g + 1);
+    if (u > 0) negative = range.bit(this.G, this.g + 1);
     this.g = u === 0 ? 0 : negative ? -1 : 1;
     this.learn(u);
     return negative ? -u : u;

@@ -15,7 +15,7 @@ const CONTEXTS = Uint16Array.from({ length: 2048 }, (_, S) => {
 
 // Puts integers at out[from], ... and gives the place behind the last one: `to`, or before an integer that is not small.
 export function runSmall(model, out, from, to) {
-  const { range, Z, G, rawSigns } = model;
+  const { range, Z, G } = model;
   const { buffer, size } = range;
   const end = PAD + size - 1;
   let { f, s, t, g } = model;
@@ -81,28 +81,23 @@ export function runSmall(model, out, from, to) {
     if (u === 0) {
       g = 0;
     } else {
-      if (rawSigns) {
-        negative = (buffer[end - (rawBits >> 3)] >> (rawBits & 7)) & 1;
-        rawBits++;
-      } else { // RangeDecoder.bit
-        const m = Math.imul(width, probability(G, g + 1)) >>> 16;
-        if (x < m) {
-          negative = 1;
-          width = m;
-        } else {
-          x -= m;
-          width -= m;
-        }
-        if (width < 32768) {
-          const bits = Math.clz32(width) - 16;
-          const p = PAD + (position >> 3);
-          const word = (buffer[p] << 24) | (buffer[p + 1] << 16) | (buffer[p + 2] << 8);
-          width <<= bits;
-          x = (x << bits) | ((word << (position & 7)) >>> (32 - bits));
-          position += bits;
-        }
-        learnBit(G, g + 1, negative);
+      const m = Math.imul(width, probability(G, g + 1)) >>> 16; // RangeDecoder.bit
+      if (x < m) {
+        negative = 1;
+        width = m;
+      } else {
+        x -= m;
+        width -= m;
       }
+      if (width < 32768) {
+        const bits = Math.clz32(width) - 16;
+        const p = PAD + (position >> 3);
+        const word = (buffer[p] << 24) | (buffer[p + 1] << 16) | (buffer[p + 2] << 8);
+        width <<= bits;
+        x = (x << bits) | ((word << (position & 7)) >>> (32 - bits));
+        position += bits;
+      }
+      learnBit(G, g + 1, negative);
       g = negative ? -1 : 1;
     }
     if (position - 15 + rawBits > 8 * size) range.endsTooEarly();

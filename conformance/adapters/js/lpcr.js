@@ -18,7 +18,7 @@ function readComponentHeader(reader, component) {
   reader.requirement = 'LPC-006';
   const flags = reader.u8();
   const header = {
-    g: flags & 7, repeats: (flags & 8) !== 0, constant: (flags & 16) !== 0, rawSigns: (flags & 32) !== 0,
+    g: flags & 7, repeats: (flags & 8) !== 0, constant: (flags & 16) !== 0,
     rice: (flags & 128) !== 0, k: [], references: [], base: 0,
   };
   const m = reader.u8();
@@ -26,7 +26,8 @@ function readComponentHeader(reader, component) {
     broken('LPC-004', `difference order ${header.g}, prediction order ${m}`, start);
   }
   if (header.constant && (flags !== 16 || m > 0)) broken('LPC-004', 'a constant with other flags', start);
-  if (header.rice && flags & 0x68) broken('LPC-010', 'Rice codes with other flags', start);
+  if (flags & 32) broken('LPC-004', 'bit 5 of the flags is 1', start);
+  if (header.rice && flags & 0x48) broken('LPC-010', 'Rice codes with other flags', start);
   for (let i = 0; i < m; i++) {
     header.k.push(reader.i8());
     if (header.k[i] < -127) broken('LPC-004', 'a reflection coefficient of -128', reader.offset - 1);
@@ -55,7 +56,7 @@ function decodeErrors(header, bytes, span, offset, e, repeated) {
     return;
   }
   const range = new RangeDecoder(bytes, offset);
-  const model = new IntegerModel(range, header.rawSigns);
+  const model = new IntegerModel(range);
   if (header.repeats) {
     const Q = bitModels(4);
     let before = 0; // 2 * r1 + r2

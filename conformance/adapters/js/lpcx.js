@@ -1,16 +1,16 @@
 // LPCX (9.7): counts by LPCR, and the corrections that lead from their values to the source's binary64 numbers.
-import { BitReader } from './bits.js';
 import { Reader } from './bytes.js';
 import { broken } from './error.js';
-import { cellBits, valueRule } from './exact.js';
+import { valueRule } from './exact.js';
 import { UniformGrid } from './grid.js';
-import { bitLength } from './integers.js';
 import { limitsOf } from './limits.js';
 import { decodeIndices } from './lpcr.js';
 import { RangeDecoder, bitModels } from './range.js';
 
 const LIST_BOUND = 32;
-const RULE_BOUND = 4;
+const RULE_BOUND = 3;
+const RULE_CUBIC = 3;
+const COEFFICIENT_BOUND = 2 ** 900;
 
 export function parseLpcx(reader, track) {
   const { offset } = reader;
@@ -21,9 +21,18 @@ export function parseLpcx(reader, track) {
   const digits = reader.u8();
   if (reader.bytes(2).some((byte) => byte !== 0)) broken('HED-005', 'reserved bytes that are not 0', offset + 2);
   if (rule > RULE_BOUND) broken('EXA-002', `rule ${rule}`, offset);
-  const [least, most] = rule === 3 ? [0, 22] : rule === 4 ? [1, 15] : [0, 0];
+  const [least, most] = rule === 2 ? [1, 15] : [0, 0];
   if (digits < least || digits > most) broken('EXA-002', `rule ${rule} with ${digits} digits`, offset);
-  return { rule, digits };
+  const coefficients = [];
+  if (rule === RULE_CUBIC) {
+    const bytes = reader.bytes(32);
+    const view = new DataView(bytes.buffer, bytes.byteOffset, 32);
+    for (let i = 0; i < 4; i++) {
+      coefficients.push(view.getFloat64(8 * i, true));
+      if (!(Math.abs(coefficients[i]) < COEFFICIENT_BOUND)) broken('EXA-008', `the coefficient ${coefficients[i]}`, offset + 4 + 8 * i);
+    }
+  }
+  return { rule, digits, coefficients };
 }
 
 // Numbers of 64 bits are two halves of 32 here, in the order of the memory: lower, upper.
@@ -58,27 +67,22 @@ export function movePlace(halves, at, lower, upper, z) {
 }
 
 class Corrections {
-  constructor(track, flags, z, coded, fields, codedOffset) {
-    const { A, D } = track.calibrations[0];
+  constructor(flags, z, coded, codedOffset) {
     this.recall = (flags & 1) !== 0;
-    this.relative = (flags & 2) !== 0;
     this.z = z;
     this.range = new RangeDecoder(coded, codedOffset);
-    this.fields = new BitReader(fields);
     this.R = bitModels(3 * LIST_BOUND);
     this.T = bitModels(63);
     this.X = bitModels(1024);
     this.lists = new Map(); // count -> lower and upper half of each correction, the last one first
     this.before = null;
-    this.lengthA = bitLength(Math.abs(A));
-    this.lengthD = bitLength(D);
     this.lower = 0; // the correction that was decoded last
     this.upper = 0;
   }
 
-  next(count, E) {
+  next(count) {
     if (!this.recall) {
-      this.inFull(E);
+      this.inFull();
       return;
     }
     const { range, R } = this;
@@ -101,7 +105,7 @@ class Corrections {
       }
       return;
     }
-    this.inFull(E);
+    this.inFull();
     if (known === undefined) {
       this.lists.set(count, [this.lower, this.upper]);
     } else {
@@ -116,11 +120,10 @@ class Corrections {
     this.lower = (this.lower << n) | bits;
   }
 
-  inFull(E) {
-    const { range, T, X, z, fields } = this;
-    let u = 0;
-    while (u < 63 && range.bit(T, u) === 1) u++;
-    const L = this.relative ? (cellBits(this.lengthA, this.lengthD, E, z) - u) & 63 : u;
+  inFull() {
+    const { range, T, X, z } = this;
+    let L = 0;
+    while (L < 63 && range.bit(T, L) === 1) L++;
     this.upper = this.lower = 0;
     if (L === 0) return;
     this.lower = 1;
@@ -131,54 +134,46 @@ class Corrections {
       j = 2 * j + b;
       this.push(b, 1);
     }
-    const negative = fields.bit();
-    for (let left = L - e - 1; left > 0;) {
-      const n = Math.min(left, 24);
-      this.push(fields.take(n), n);
-      left -= n;
-    }
-    if (negative) {
+    // The lowest L - e - 1 bits, at most 52: raw bits, the lowest first.
+    const n0 = Math.min(L - e - 1, 24);
+    const n1 = Math.min(L - e - 1 - n0, 24);
+    const n2 = L - e - 1 - n0 - n1;
+    const b0 = range.raw(n0);
+    const b1 = range.raw(n1);
+    this.push(range.raw(n2), n2);
+    this.push(b1, n1);
+    this.push(b0, n0);
+    if (range.raw(1)) {
       this.lower = -this.lower | 0;
       this.upper = this.lower === 0 ? -this.upper | 0 : ~this.upper;
-    }
-  }
-
-  finish(offset, size) {
-    this.range.finish();
-    const { fields } = this;
-    if (fields.position > fields.size) broken('EXA-005', 'fields of corrections are missing', offset + size);
-    if (fields.usedBytes !== fields.bytes.length || !fields.filledWithZeros) {
-      broken('EXA-005', 'more than fill bits after the last field', offset + size);
     }
   }
 }
 
 function readExact(track, reader, counts) {
-  const { rule, digits } = track.setup;
+  const { rule, digits, coefficients } = track.setup;
   const span = counts.length;
   const exact = new BigUint64Array(span);
   const values = new Float64Array(exact.buffer);
   const halves = new Int32Array(exact.buffer);
-  const valueOf = valueRule(rule, digits, track.calibrations[0]);
+  const valueOf = valueRule(rule, digits, track.calibrations[0], coefficients);
   for (let t = 0; t < span; t++) values[t] = valueOf(counts[t]);
   if (reader.left === 0) return exact;
 
   const { offset } = reader;
   reader.requirement = 'EXA-004';
   const flags = reader.u8();
-  if (flags > 3) broken('EXA-004', `flags ${flags}`, offset);
+  if (flags > 1) broken('EXA-004', `flags ${flags}`, offset);
   const z = reader.u8();
   if (z > 63) broken('EXA-004', `steps of 2^${z}`, offset);
-  const coded = reader.bytes(reader.varint());
   const at = reader.offset;
-  const fields = reader.bytes(reader.left);
-  const corrections = new Corrections(track, flags, z, coded, fields, at - coded.length);
+  const corrections = new Corrections(flags, z, reader.bytes(reader.left), at);
   for (let t = 0; t < span; t++) {
-    corrections.next(counts[t], (halves[2 * t + UPPER] >>> 20) & 2047);
+    corrections.next(counts[t]);
     const { lower, upper } = corrections;
     if (lower !== 0 || upper !== 0) movePlace(halves, 2 * t, lower, upper, z);
   }
-  corrections.finish(at, fields.length);
+  corrections.range.finish();
   return exact;
 }
 

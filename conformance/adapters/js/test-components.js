@@ -59,8 +59,8 @@ function bitsOfNumber(v) {
   return bits64(view.getBigUint64(0));
 }
 
-function knots(c, parameters, codec) {
-  const track = trackOf(codec, parameters, c);
+function knots(c, parameters) {
+  const track = trackOf('KNOT', parameters, c);
   const { numbers } = decodePacket(track, bytesOf(c.packet), 0, c.span);
   const counts = columns(numbers, c.components);
   const seen = c.knots?.filter(([tick]) => tick < c.span).map(([tick]) => [tick, counts.map((row) => row[tick])]);
@@ -154,7 +154,7 @@ export const components = {
   },
   'integer-model'(c) {
     const range = new RangeDecoder(bytesOf(c.coded));
-    const model = new IntegerModel(range, c.raw_signs);
+    const model = new IntegerModel(range);
     const steps = c.steps.map(() => {
       const context = model.context();
       const { h } = model;
@@ -168,10 +168,10 @@ export const components = {
     return { steps };
   },
   knot(c) {
-    return knots(c, putVar([INTERPOLATIONS.indexOf(c.interpolation)], c.quantum), 'KNOT');
+    return knots(c, putVar([INTERPOLATIONS.indexOf(c.interpolation), 0, 0], c.step).concat(0));
   },
-  knte(c) {
-    return knots(c, [INTERPOLATIONS.indexOf(c.interpolation), 0, 1, 0], 'KNTE');
+  'coded-knots'(c) {
+    return knots(c, [INTERPOLATIONS.indexOf(c.interpolation), 1, 0, 1, 0]);
   },
   codebook(c) {
     const { direct_levels: M, run_classes: R, escape_classes: C } = c;
@@ -246,7 +246,8 @@ export const components = {
   },
   'exact-values'(c) {
     const [A, B, D] = c.calibration.map(Number);
-    const valueOf = valueRule(c.rule, c.digits, { A, B, D });
+    const coefficients = c.coefficients && [...new Float64Array(BigUint64Array.from(c.coefficients, (hex) => BigInt(`0x${hex}`)).buffer)];
+    const valueOf = valueRule(c.rule, c.digits, { A, B, D }, coefficients);
     return { values: c.counts.map((count) => bitsOfNumber(valueOf(count))) };
   },
   places(c) {

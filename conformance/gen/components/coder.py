@@ -248,12 +248,12 @@ ROWS = (
 )
 
 
-def integer_case(name: str, row: list[int], raw_signs: bool) -> Case:
-    coder, model = Range(), Integers(raw_signs)
+def integer_case(name: str, row: list[int]) -> Case:
+    coder, model = Range(), Integers()
     for e in row:
         model.code(coder, e)
     coded = coder.finish()
-    coder, model, steps = Range(coded), Integers(raw_signs), []
+    coder, model, steps = Range(coded), Integers(), []
     for e in row:
         c, h = place(model)
         assert model.code(coder, None) == e
@@ -262,7 +262,7 @@ def integer_case(name: str, row: list[int], raw_signs: bool) -> Case:
             [e, c, h, model.f, model.s, model.t, coder.width, coder.x, coder.n, len(coder.raw)]
         )
     coder.finish()
-    return {"name": name, "raw_signs": raw_signs, "coded": coded, "steps": steps}
+    return {"name": name, "coded": coded, "steps": steps}
 
 
 def place(model: Integers) -> tuple[int, int]:
@@ -278,12 +278,7 @@ def integer_model() -> Component:
     rows = [*ROWS, ("noise", [rng.bell(25) for _ in range(60)])]
     rows.append(("noise of growing size", [rng.bell(3**i // 2**i) for i in range(50)]))
     rows.append(("noise, then rest", [rng.bell(400) for _ in range(20)] + [0] * 20))
-    cases = [integer_case(name, list(row), False) for name, row in rows]
-    cases += [
-        integer_case(f"{name}, raw signs", list(row), True)
-        for name, row in rows
-        if name in {"minus one", "each bucket, negative", "noise", "largest"}
-    ]
+    cases = [integer_case(name, list(row)) for name, row in rows]
     cases.append(too_large())
     return Component(
         "integer-model",
@@ -305,7 +300,6 @@ def too_large() -> Case:
     except BrokenRule as broken:
         return {
             "name": "2^34",
-            "raw_signs": False,
             "coded": coder.finish(),
             "steps": [],
             "error": broken.args[0],

@@ -1,4 +1,4 @@
-"""Clauses 9.1 and 9.6: knots, stored and coded, and the lines between them."""
+"""Clauses 9.1 and 9.6: knots in varints and coded adaptively, and the lines between them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from page import BrokenRule, signed, varint
 
 from .component import Case, Component, also, tried
 
-BOUND, LAST_TICK = 2**24, 2**24
+BOUND = 2**24
 
 Knots = list[tuple[int, list[int]]]
 
 
-def parse(data: bytes, linear: bool, quantum: int, span: int, width: int) -> Knots:
-    """(tick, counts) of each knot of a packet of KNOT at level 1."""
+def parse(data: bytes, linear: bool, step: int, span: int, width: int) -> Knots:
+    """(tick, indices) of each knot of a packet in varints at level 1."""
     out: Knots = []
     at, tick, row = 0, 0, [0] * width
     try:
@@ -32,9 +32,9 @@ def parse(data: bytes, linear: bool, quantum: int, span: int, width: int) -> Kno
                     raise BrokenRule("KNT-002")
                 number, at = varint(data, at)
                 row[i] += signed(number)
-            if any(abs(value) * quantum > BOUND for value in row):
-                raise BrokenRule("KNT-004")
-            out.append((tick, [value * quantum for value in row]))
+            if any(abs(index) * step > BOUND for index in row):
+                raise BrokenRule("LPC-003")
+            out.append((tick, list(row)))
     except BrokenRule as broken:
         if broken.args[0] == "CNV-002" and len(data) > 0 and data[-1] >= 128:
             raise BrokenRule("KNT-002", "CNV-002") from None
@@ -42,10 +42,9 @@ def parse(data: bytes, linear: bool, quantum: int, span: int, width: int) -> Kno
     if not out:
         raise BrokenRule("KNT-002")
     ticks = [tick for tick, _ in out]
-    if not linear and ticks[-1] >= span:
+    if ticks[-1] >= span:
         raise BrokenRule("KNT-005")
-    ends = span - 1 <= ticks[-1] <= LAST_TICK
-    if linear and len(out) > 1 and (not ends or ticks[-2] >= span - 1):
+    if linear and len(out) > 1 and ticks[-1] != span - 1:
         raise BrokenRule("KNT-006")
     return out
 
@@ -84,40 +83,38 @@ def plain_knots() -> Component:
         ("a line upwards with ties", "linear", 1, 9, stored((0, [0]), (8, [4]))),
         ("below 0, thirds", "linear", 1, 7, stored((0, [-1]), (3, [-2]), (6, [-9]))),
         ("lines, two components", "linear", 1, 80, stored(*many, (79, [0, 0])), 2),
-        ("the last knot beyond the span", "linear", 1, 5, stored((0, [0]), (100, [33]))),
-        ("the last knot at the farthest", "linear", 1, 4, stored((0, [5]), (2**24, [-(2**24)]))),
         ("the largest counts", "linear", 1, 9, stored((0, [2**24]), (8, [-(2**24)]))),
-        ("the largest quantum", "hold", 2**24, 2, stored((0, [1]), (1, [-1]))),
+        ("the largest step", "hold", 2**24, 2, stored((0, [1]), (1, [-1]))),
         ("every tick a knot", "linear", 1, 4, stored((0, [3]), (1, [-3]), (2, [9]), (3, [0]))),
-        ("two knots in a span of one tick", "linear", 1, 1, stored((0, [3]), (5, [9]))),
         ("no knot", "hold", 1, 4, b""),
         ("two of three components", "hold", 1, 4, stored((0, [1, 2])), 3),
         ("a tick without a value", "hold", 1, 4, stored((0, [1])) + b"\1"),
         ("ends within a varint", "hold", 1, 4, stored((0, [1])) + b"\1\x80"),
         ("the same tick again", "hold", 1, 4, stored((0, [1])) + b"\0\2"),
         ("too large a count", "hold", 1, 4, stored((0, [2**24 + 1]))),
-        ("too large with its quantum", "hold", 25, 4, stored((0, [2**20]))),
+        ("too large with its step", "hold", 25, 4, stored((0, [2**20]))),
         ("held, at the end of the span", "hold", 1, 4, stored((0, [1]), (4, [2]))),
         ("a line that ends early", "linear", 1, 9, stored((0, [1]), (7, [2]))),
-        ("two knots at or behind the end", "linear", 1, 5, stored((0, [1]), (4, [2]), (9, [3]))),
-        ("a last knot too far", "linear", 1, 5, stored((0, [1]), (2**24 + 1, [2]))),
+        ("a knot behind the end", "linear", 1, 5, stored((0, [1]), (4, [2]), (9, [3]))),
+        ("two knots in a span of one tick", "linear", 1, 1, stored((0, [3]), (5, [9]))),
     ]
     cases = []
-    for name, interpolation, quantum, span, data, *width in rows:
+    for name, interpolation, step, span, data, *width in rows:
         count, linear = (width or [1])[0], interpolation == "linear"
 
-        def run(data=data, linear=linear, quantum=quantum, span=span, count=count) -> Case:
-            knots = parse(data, linear, quantum, span, count)
-            counts = drawn(knots, linear, span)
-            assert counts == page_knots.decode(data, count, span, int(linear), quantum)
-            return {"knots": knots, "counts": counts}
+        def run(data=data, linear=linear, step=step, span=span, count=count) -> Case:
+            knots = parse(data, linear, step, span, count)
+            scaled = [(tick, [index * step for index in row]) for tick, row in knots]
+            counts = drawn(scaled, linear, span)
+            assert counts == page_knots.decode(data, count, span, int(linear), step)
+            return {"knots": scaled, "counts": counts}
 
         cases.append(
             tried(
                 {
                     "name": name,
                     "interpolation": interpolation,
-                    "quantum": quantum,
+                    "step": step,
                     "span": span,
                     "components": count,
                     "packet": data,
@@ -128,10 +125,10 @@ def plain_knots() -> Component:
     return Component(
         "knot",
         "9.1",
-        ("KNT-002", "KNT-003", "KNT-004", "KNT-005", "KNT-006", "CNV-001", "COD-001"),
-        "Packets of KNOT at level 1: knots as [tick, [count of each component]], and the counts "
-        "of each "
-        "component before they are clamped.",
+        ("KNT-002", "KNT-003", "KNT-005", "KNT-006", "LPC-003", "CNV-001", "COD-001"),
+        "Packets of KNOT in varints at level 1, on the uniform grid of `step` and zero 0: knots as "
+        "[tick, [count of each component]], and the counts of each component before they are "
+        "clamped.",
         also(
             cases,
             {
@@ -217,12 +214,12 @@ def coded_knots() -> Component:
             )
         )
     return Component(
-        "knte",
+        "coded-knots",
         "9.6",
         ("KTE-002", "KTE-003", "KTE-004", "LPC-003", "RNG-001", "COD-001", "CNV-001"),
-        "Packets of KNTE on the uniform grid of step 1 and zero 0 at level 1: knots as [tick, "
-        "[index of "
-        "each component]], and where the span is short the counts of each component.",
+        "Packets of KNOT with adaptive coding, on the uniform grid of step 1 and zero 0 at level "
+        "1: knots as [tick, [index of each component]], and where the span is short the counts of "
+        "each component.",
         also(
             cases,
             {

@@ -44,8 +44,8 @@ def packets() -> Component:
         ("repeats", bytes.fromhex("08000e3f27c2e600"), 9),
         ("Rice", bytes.fromhex("8200000c88888880"), 8),
         (
-            "two coefficients, raw signs",
-            bytes.fromhex("20 02 78 92 00 23 71 8C 90 6D B7 20 01 3E BC EA"),
+            "two coefficients",
+            bytes.fromhex("00 02 78 92 00 23 71 C5 67 48 C1 49 18 A0 59 9A"),
             13,
         ),
         (
@@ -62,9 +62,8 @@ def packets() -> Component:
         ("a base", e([x + 5000 for x in slow], base=5000), 60),
         ("a negative base", e([x - 5000 for x in slow], base=-5000), 60),
         ("repeats, held", e(held, repeats=True), 60),
-        ("repeats with coefficients", e(held, ks=ks, repeats=True, raw_signs=True), 60),
+        ("repeats with coefficients", e(held, ks=ks, repeats=True), 60),
         ("repeats with differences", e(held, g=3, repeats=True), 60),
-        ("raw signs", e(slow, g=1, raw_signs=True), 60),
         ("equal, and not constant", e([4] * 9, base=4), 9),
         ("Rice with coefficients", e(slow, g=1, ks=ks, rice=True, widths=(5, 3)), 60),
         ("Rice, zero blocks", e([0] * 64 + [1, -1], rice=True, widths=(0, 0, 1)), 66),
@@ -160,7 +159,7 @@ def broken(slow: list[int]) -> Iterator[tuple]:
     for name, flags in (
         ("differences", 0x11),
         ("repeats", 0x18),
-        ("raw signs", 0x30),
+        ("bit 5", 0x30),
         ("references", 0x50),
         ("Rice", 0x90),
     ):
@@ -168,7 +167,8 @@ def broken(slow: list[int]) -> Iterator[tuple]:
     yield "constant with a coefficient", bytes.fromhex("1001010a"), 4
     yield "constant, bytes left over", bytes.fromhex("10000a00"), 4
     yield "Rice with repeats", bytes.fromhex("88000c88"), 8
-    yield "Rice with raw signs", bytes.fromhex("a0000c88"), 8
+    yield "bit 5 of the flags", bytes.fromhex("20000016"), 2
+    yield "Rice with bit 5", bytes.fromhex("a0000c88"), 8
     yield "the predictor is too large", bytes([0, 32, *([127] * 32), 0]), 4
     yield "the base is not on the grid", bytes.fromhex("10008208"), 4, 1, 512
     yield "an index is not on the grid", e([0, 600], last=2**24), 2, 1, 512

@@ -1,9 +1,11 @@
-"""SPEC 9.4 to 9.7: adaptive and Rice coding, packets of LPCR, KNTE and LPCX."""
+"""SPEC 9.4 to 9.7: adaptive and Rice coding, packets of LPCR, coded knots, LPCX."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from math import inf, nan
+from typing import Any
 
 import broken
 import forge as f
@@ -29,7 +31,7 @@ def described(raw: bytes, codec: bytes = b"LPCR") -> bytes:
 def filled(indices: list[int]) -> bytes:
     """A component packet with a 1 just behind its front, where zeros belong."""
     coder = page.Range()
-    page.code_samples(coder, len(indices), 0, [], 0, False, False, BOUND, indices)
+    page.code_samples(coder, len(indices), 0, [], 0, False, BOUND, indices)
     whole = bytearray(coder.finish())
     room = 8 * len(whole) - len(coder.raw)
     fronts = [coder.n - r for r in (15, 14) if holds(coder, r)]
@@ -158,8 +160,7 @@ COMPONENTS = [
      vector(FIRST + b"\x40\0\1\0\0\0")),
     ("rice-with-repeats", "LPC-010", "Rice codes stand with the flag repeats.",
      predicted(b"\x88\0\0\x80")),
-    ("rice-with-raw-signs", "LPC-010", "Rice codes stand with the flag raw signs.",
-     predicted(b"\xA0\0\0\x80")),
+    ("lpcr-flag-5", "LPC-004", "Bit 5 of the flags is 1.", predicted(b"\x20\0\0\x16")),
     ("rice-width-below-0", "LPC-011", "The first width is -1.", predicted(b"\x80\0\0\x40")),
     ("rice-width-32", "LPC-011", "The first width is 32.",
      predicted(b"\x80\0\0" + bytes(6) + b"\x08\0")),
@@ -173,11 +174,11 @@ COMPONENTS = [
      predicted(page.encode([BOUND + 1], rice=True, forge=True, widths=(20,)))),
 ]  # fmt: skip
 
-points = partial(packed, b"KNTE")
+points = partial(packed, b"KNOT")
 
 
 def held(packet: bytes, span: int = 2, **grid: int) -> bytes:
-    return points(f.knte_parameters(**grid), packet, span)
+    return points(f.coded_knot_parameters(**grid), packet, span)
 
 
 def knots(*rows: tuple[int, int], span: int = 2, linear: bool = False) -> bytes:
@@ -186,19 +187,9 @@ def knots(*rows: tuple[int, int], span: int = 2, linear: bool = False) -> bytes:
 
 
 KNOTS = [
-    ("coded-knots-parameters-cut-short", ("COD-002", "CNV-002"), "KNTE has no grid.",
-     described(b"\0", b"KNTE")),
-    ("coded-knots-parameters-and-a-byte", "COD-002", "A byte follows the parameters of KNTE.",
-     described(f.knte_parameters() + b"\0", b"KNTE")),
-    ("coded-knots-interpolation-2", "KTE-001", "The interpolation is 2.",
-     described(f.knte_parameters(2), b"KNTE")),
-    ("coded-knots-grid-2", "LPC-002", "The grid is 2.",
-     described(f.knte_parameters(grid=2, kn=1, kd=10), b"KNTE")),
-    ("coded-knots-step-0", "LPC-002", "The step of a uniform grid is 0.",
-     described(f.knte_parameters(step=0), b"KNTE")),
-    ("coded-knots-none", "CNV-002", "A packet of KNTE is empty.", held(b""), None, 2),
+    ("coded-knots-none", "CNV-002", "A packet of coded knots is empty.", held(b""), None, 2),
     ("coded-knots-component-missing", "CNV-002", "The second component has no first index.",
-     packed(b"KNTE", f.knte_parameters(), b"\0", 2, component_count=2), None, 2),
+     packed(b"KNOT", f.coded_knot_parameters(), b"\0", 2, component_count=2), None, 2),
     ("coded-knots-first-index-too-high", "LPC-003", "The first index is 2^24 + 1.",
      held(f.svarint(BOUND + 1))),
     ("coded-knots-no-more", "KTE-002", "The number of further knots, f, is 0.", held(b"\0\0")),
@@ -211,7 +202,7 @@ KNOTS = [
      held(b"\0\2" + knots((0, 0), (2, 1), span=3)[2:], 3)),
     ("coded-knots-line-without-room", "KTE-004",
      "A knot stands where the last one of a line has its place.",
-     points(f.knte_parameters(1), knots((0, 0), (3, 1), (4, 2), span=4, linear=True), 4)),
+     points(f.coded_knot_parameters(1), knots((0, 0), (3, 1), (4, 2), span=4, linear=True), 4)),
     ("coded-knots-index-too-high", "LPC-003", "The second index is 2^24 + 1.",
      held(knots((0, 0), (1, BOUND + 1)))),
     ("coded-knots-and-a-byte", "RNG-001", "A byte follows the coded bytes.",
@@ -224,7 +215,7 @@ COUNTS = b"\3\x10\0\x0a"
 """Counts of a packet of LPCX: all 5."""
 
 
-def exact(packet: bytes, *parameters: int, **given: object) -> bytes:
+def exact(packet: bytes, *parameters: Any, **given: object) -> bytes:
     return packed(b"LPCX", f.lpcx_parameters(*parameters), packet, **given)
 
 
@@ -233,14 +224,14 @@ def beside(rest: bytes, span: int = 1) -> bytes:
     return exact(COUNTS + rest, span=span)
 
 
-def corrected(length: int, fields: bytes, more: bytes = b"") -> bytes:
+def corrected(length: int) -> bytes:
     """One correction of so many bits."""
     coder = page.Range()
     models = [page.Bit() for _ in range(length + 1)]
     for i in range(min(length + 1, 63)):
         coder.code(models[i], int(i < length))
-    coded = coder.finish() + more
-    return b"\0\0" + f.varint(len(coded)) + coded + fields
+    coder.number(length, 0)
+    return b"\0\0" + coder.finish()
 
 
 EXACT = [
@@ -258,13 +249,24 @@ EXACT = [
      exact(COUNTS, tlvs=f.tlv(16, f.deadband())), [FIVES]),
     ("exact-with-deviation", "EXA-001", "A track of LPCX has a deviation.",
      exact(COUNTS, tlvs=f.tlv(18, f.deviation(1, 1))), [FIVES]),
-    ("exact-rule-5", "EXA-002", "The rule is 5.", exact(COUNTS, 5), [FIVES]),
+    ("exact-rule-4", "EXA-002", "The rule is 4.", exact(COUNTS, 4), [FIVES]),
+    ("exact-cubic-with-digits", "EXA-002", "The rule is 3 and digits 1.",
+     exact(COUNTS, 3, 1, bytes(2), (0, 1, 0, 0)), [FIVES]),
+    ("exact-coefficient-missing", "COD-002", "The rule is 3, with three coefficients.",
+     described(f.lpcx_parameters(3, 0, bytes(2), (0, 1, 0)), b"LPCX")),
+    ("exact-coefficient-too-many", "COD-002", "The rule is 3, with five coefficients.",
+     described(f.lpcx_parameters(3, 0, bytes(2), (0, 1, 0, 0, 0)), b"LPCX")),
+    *[(f"exact-coefficient-{name}", "EXA-008", f"A coefficient is {what}.",
+       exact(COUNTS, 3, 0, bytes(2), (0, 1, 0, each)), [FIVES])
+      for name, what, each in (("infinite", "infinite", inf), ("nan", "no number", nan),
+                               ("of-2-to-900", "2^900", 2.0**900),
+                               ("below-minus-2-to-900", "-2^900", -(2.0**900)))],
     ("exact-quotient-with-digits", "EXA-002", "The rule is 0 and digits 1.",
      exact(COUNTS, 0, 1), [FIVES]),
-    ("exact-23-decimals", "EXA-002", "The rule is 3 and digits 23.",
-     exact(COUNTS, 3, 23), [FIVES]),
-    ("exact-no-significant-digit", "EXA-002", "The rule is 4 and digits 0.",
-     exact(COUNTS, 4, 0), [FIVES]),
+    ("exact-no-significant-digit", "EXA-002", "The rule is 2 and digits 0.",
+     exact(COUNTS, 2, 0), [FIVES]),
+    ("exact-16-significant-digits", "EXA-002", "The rule is 2 and digits 16.",
+     exact(COUNTS, 2, 16), [FIVES]),
     ("exact-reserved", "HED-005", "A reserved byte of LPCX is 1.",
      exact(COUNTS, 0, 0, b"\0\1"), [FIVES]),
     ("exact-of-no-bytes", "CNV-002", "A packet of LPCX is empty.", exact(b""), None, 2),
@@ -278,23 +280,14 @@ EXACT = [
         ("exact-flags-alone", ("EXA-004", "CNV-002"), "A packet ends behind the flags.",
          beside(b"\0")),
         ("exact-flag", "EXA-004", "An undefined flag is set.",
-         beside(b"\4" + corrected(1, b"\0")[1:])),
+         beside(b"\2" + corrected(1)[1:])),
         ("exact-shift-64", "EXA-004", "Corrections are counted in steps of 2^64.",
-         beside(b"\0\x40" + corrected(1, b"\0")[2:])),
-        ("exact-coded-past-the-packet", "EXA-004", "The coded bytes are longer than the packet.",
-         beside(b"\0\0\1")),
+         beside(b"\0\x40" + corrected(1)[2:])),
         ("exact-coded-and-a-byte", "RNG-001", "A byte follows the coded bytes.",
-         beside(corrected(1, b"\0", b"\0"))),
-        ("exact-field-missing", "EXA-005", "A correction of one bit has no field.",
-         beside(corrected(1, b""))),
-        ("exact-field-cut-short", "EXA-005", "A correction of nine bits has eight.",
-         beside(corrected(9, b"\0"))),
-        ("exact-fields-and-a-byte", "EXA-005", "A byte follows the fields.",
-         beside(corrected(1, b"\0\0"))),
-        ("exact-fields-without-correction", "EXA-005", "A field is there for no correction.",
-         beside(corrected(0, b"\0"))),
-        ("exact-fields-filled-with-ones", "EXA-005", "The bits that fill the last byte are 1.",
-         beside(corrected(1, b"\1"))),
+         beside(corrected(1) + b"\0")),
+        ("exact-coded-cut-short", "RNG-001", "A correction of 60 bits has 52.",
+         beside(corrected(60)[:-1])),
+        ("exact-coded-empty", "RNG-001", "No byte is coded.", beside(b"\0\0")),
     ]],
 ]  # fmt: skip
 

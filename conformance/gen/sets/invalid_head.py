@@ -44,8 +44,8 @@ VARINTS = [
      knots(b"\x8A" + b"\x80" * 6 + b"\0"), None, NONCONFORMING),
     ("packet-size-not-minimal", "CNV-003", "A packet size of 1 is stored as 81 00.",
      table(b"\1", b"\x81\0"), KEPT),
-    ("quantum-not-minimal", "CNV-003", "The quantum 1 is stored as 81 00.",
-     described(f.tlv(1, b"\0\x81\0")), KEPT),
+    ("step-not-minimal", "CNV-003", "The step 1 is stored as 81 00.",
+     described(f.tlv(1, b"\0\0\0\x81\0\0")), KEPT),
 ]  # fmt: skip
 
 TEXTS = [

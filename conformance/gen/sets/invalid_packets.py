@@ -13,8 +13,8 @@ from broken import described, packed
 from case import Case
 
 
-def held(packet: bytes, span: int = 4, **quantum: int) -> bytes:
-    return packed(b"KNOT", f.knot_parameters(0, **quantum), packet, span)
+def held(packet: bytes, span: int = 4, **grid: int) -> bytes:
+    return packed(b"KNOT", f.knot_parameters(0, **grid), packet, span)
 
 
 def lines(packet: bytes, span: int = 4, **given: int) -> bytes:
@@ -24,38 +24,40 @@ def lines(packet: bytes, span: int = 4, **given: int) -> bytes:
 BOUND = 2**24
 KNOTS = [
     ("parameters-missing", "COD-002", "A track of KNOT has no TLV 1.", described(b"")),
-    ("knots-parameters-cut-short", ("COD-002", "CNV-002"), "KNOT has no quantum.",
-     described(f.tlv(1, b"\0"))),
+    ("knots-parameters-cut-short", ("COD-002", "CNV-002"), "KNOT has no grid.",
+     described(f.tlv(1, b"\0\0"))),
     ("knots-parameters-and-a-byte", "COD-002", "A byte follows the parameters of KNOT.",
-     described(f.tlv(1, b"\0\1\0"))),
+     described(f.tlv(1, f.knot_parameters() + b"\0"))),
     ("knots-interpolation-2", "KNT-001", "The interpolation is 2.",
      described(f.tlv(1, f.knot_parameters(2)))),
-    ("knots-quantum-0", "KNT-001", "The quantum is 0.", held(f.KNOT_DATA, quantum=0)),
-    ("knots-quantum-above-level-1", ("KNT-001", "LIM-001"), "The quantum is 2^24 + 1.",
-     held(b"\0", quantum=BOUND + 1)),
+    ("knots-coding-2", "KNT-001", "The coding is 2.", held(f.KNOT_DATA, coding=2)),
+    ("knots-grid-2", "LPC-002", "The grid is 2.", held(f.KNOT_DATA, grid=2, kn=1, kd=10)),
+    ("knots-step-0", "LPC-002", "The step of a uniform grid is 0.", held(f.KNOT_DATA, step=0)),
+    ("knots-step-above-level-1", ("LPC-002", "LIM-001"), "The step is 2^24 + 1.",
+     held(b"\0", step=BOUND + 1)),
     ("knots-none", "KNT-002", "A packet of KNOT is empty.", held(b"")),
     ("knots-value-missing", ("KNT-002", "CNV-002"), "The second knot has a tick and no value.",
      held(b"\0\1")),
     ("knots-value-of-a-component-missing", ("KNT-002", "CNV-002"),
      "The second of two components has no value.", described(packet=b"\0", component_count=2)),
     ("knots-at-one-tick", "KNT-003", "The difference of two ticks is 0.", held(b"\0\0\0")),
-    ("knots-count-too-high", "KNT-004", "A knot's count is 2^24 + 1.",
+    ("knots-index-too-high", "LPC-003", "A knot's index is 2^24 + 1.",
      held(f.svarint(BOUND + 1))),
-    ("knots-count-too-high-by-steps", "KNT-004", "The second knot's count is 2^24 + 1.",
+    ("knots-index-too-high-by-a-difference", "LPC-003", "The second knot's index is 2^24 + 1.",
      held(f.svarint(BOUND) + b"\1" + f.svarint(1))),
-    ("knots-count-too-high-by-quantum", "KNT-004", "2 times the quantum 2^23 + 1 is too much.",
-     held(f.svarint(2), quantum=2**23 + 1)),
-    ("knots-product-of-2-to-64", "KNT-004", "A value times the quantum is 2^64, 0 in 64 bits.",
-     held(f.svarint(2**44), quantum=2**20)),
-    ("knots-differences-add-up", "KNT-004", "Differences add up to more than 2^53.",
+    ("knots-index-too-high-by-step", "LPC-003", "2 times the step 2^23 + 1 is too much.",
+     held(f.svarint(2), step=2**23 + 1)),
+    ("knots-product-of-2-to-64", "LPC-003", "An index times the step is 2^64, 0 in 64 bits.",
+     held(f.svarint(2**44), step=2**20)),
+    ("knots-differences-add-up", "LPC-003", "Differences add up to more than 2^53.",
      held(f.svarint(2**52 - 1) + (b"\1" + f.svarint(2**52 - 1)) * 2)),
     ("knots-held-at-the-end", "KNT-005", "A held knot stands at the tick of the packet's end.",
      held(b"\0\4\0")),
     ("knots-line-ends-early", "KNT-006", "The last knot of a line stands at tick 2 of 4.",
      lines(b"\0\2\0")),
-    ("knots-line-goes-on", "KNT-006", "A knot of a line follows one at the last tick.",
+    ("knots-line-goes-on", "KNT-005", "A knot of a line follows one at the last tick.",
      lines(b"\0\3\0\1\0")),
-    ("knots-line-too-long", "KNT-006", "The last knot of a line stands at tick 2^24 + 1.",
+    ("knots-line-too-long", "KNT-005", "The last knot of a line stands at tick 2^24 + 1.",
      lines(b"\0" + f.varint(BOUND + 1) + b"\0")),
 ]  # fmt: skip
 

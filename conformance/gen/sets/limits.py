@@ -104,9 +104,9 @@ ALLOWED = [
     ("range-of-32-bits", "At level 2 a range has 32 bits.", both(-(2**32), 2**32, **WIDE), ENDS_32),
     ("range-of-32-bits-for-hf", "At level 2 the range of an HF track has 32 bits.",
      residual(2, 32), [*ENDS_32, track([LOW, HIGH], 1)]),
-    ("quantum-of-2-to-24", "At level 1 the quantum is 2^24.",
+    ("knot-step-of-2-to-24", "At level 1 the step of knots is 2^24.",
      both(-1, 1, tlvs=f.tlv(1, f.knot_parameters(0, 2**24)), **SPAN_24), ENDS_24),
-    ("quantum-of-2-to-31", "At level 2 the quantum is 2^31.",
+    ("knot-step-of-2-to-31", "At level 2 the step of knots is 2^31.",
      both(-2, 2, tlvs=f.tlv(1, f.knot_parameters(0, 2**31)), **WIDE), ENDS_32),
     ("levels-of-2-to-25", "At level 1 levels times the step are -2^25 and 2^25.",
      packed(b"QUAN", THREE, b"\x98", 2, **SPAN_24), ENDS_24),
@@ -137,9 +137,9 @@ ALLOWED = [
 ]  # fmt: skip
 
 FORBIDDEN = [
-    ("quantum-above-level-2", ("KNT-001", "LIM-001"), "At level 2 the quantum is 2^31 + 1.",
+    ("knot-step-above-level-2", ("LPC-002", "LIM-001"), "At level 2 the step of knots is 2^31 + 1.",
      both(0, 0, tlvs=f.tlv(1, f.knot_parameters(0, 2**31 + 1)), **WIDE)),
-    ("knot-above-level-2", "KNT-004", "At level 2 a knot's count is 2^32 + 1.",
+    ("knot-above-level-2", "LPC-003", "At level 2 a knot's index is 2^32 + 1.",
      both(0, 2**32 + 1, **WIDE)),
     ("step-above-level-2", ("LPC-002", "LIM-001"), "At level 2 the step is 2^31 + 1.",
      packed(b"LPCR", f.lpcr_parameters(step=2**31 + 1), b"\x10\0\0", **WIDE)),
@@ -183,7 +183,7 @@ PROMISES = [
             component_count=255)),
     ("knots-of-2-to-22-ticks", ("RNG-001", "KTE-003", "LPC-003"),
      "A packet of four coded bytes promises a knot for each of 2^22 ticks.",
-     packed(b"KNTE", f.knte_parameters(), b"\0" + f.varint(2**22 - 1) + bytes(4), 2**22)),
+     packed(b"KNOT", f.coded_knot_parameters(), b"\0" + f.varint(2**22 - 1) + bytes(4), 2**22)),
     ("repeats-of-2-to-22-ticks", ("RNG-001", "LPC-003", "RNG-003"),
      "A packet of four coded bytes stands for 2^22 ticks that repeat.",
      packed(b"LPCR", f.lpcr_parameters(), b"\x08\0\0" + bytes(4), 2**22)),

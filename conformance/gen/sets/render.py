@@ -164,14 +164,16 @@ def channels() -> Iterator[Case]:
 
 
 def lattice(counts: Sequence[int], affine: Affine, rule: int, digits: int = 0, *, id: int = 0,
-            low: int = NARROW[0], high: int = NARROW[1]) -> Track:  # fmt: skip
+            low: int = NARROW[0], high: int = NARROW[1],
+            coefficients: Sequence[float] = ()) -> Track:  # fmt: skip
     """LPCX with nothing behind the counts: the values of the rule."""
     coded = page.encode(list(counts))
     body = page.varint_bytes(len(coded)) + coded
-    found, words = page_exact.decode(body, len(counts), affine, rule, digits)
+    found, words = page_exact.decode(body, len(counts), affine, rule, digits, c=coefficients)
     assert found == list(counts)
     return Track(
-        id=id, channel=id, codec="LPCX", parameters=f.lpcx_parameters(rule, digits),
+        id=id, channel=id, codec="LPCX",
+        parameters=f.lpcx_parameters(rule, digits, bytes(2), coefficients),
         tlvs=f.tlv(3, f.calibration(*affine)), calibration=affine, low=low, high=high,
         packets=[Packet(0, list(counts), body, exact=words)],
     )  # fmt: skip
@@ -180,14 +182,6 @@ def lattice(counts: Sequence[int], affine: Affine, rule: int, digits: int = 0, *
 def fused(count: int, affine: Affine) -> Fraction:
     a, b, d = affine
     return rounded(count * rounded(Fraction(a, d)) + rounded(Fraction(b, d)))
-
-
-def beside_tie(m: int, e: int) -> Affine:
-    """Count 0 is e / 2^74, about, from m / 2^24, which lies between two numbers of binary32."""
-    d = 2**50 + -e * pow(m, -1, 2**24) % 2**24
-    affine = (1, (d * m + e) // 2**24, d)
-    assert single(0, affine) != page_exact.value(0, *affine, 2, 0)
-    return affine
 
 
 def exact() -> Iterator[Case]:
@@ -216,44 +210,49 @@ def exact() -> Iterator[Case]:
         "exact-product-quotient", "Rule 1 is not the quotient.", rules,
         lattice(unlike(tenths, 1, 0, 2, tenth), tenths, 1),
     )  # fmt: skip
-    yield render(
-        "exact-binary32", "Rule 2 is not the quotient.", rules,
-        lattice(unlike(tenths, 2, 0, 3, tenth), tenths, 2),
-    )  # fmt: skip
-    above, below = beside_tie(2**24 + 1, 1), beside_tie(2**24 + 3, -1)
-    yield render(
-        "exact-binary32-twice",
-        "Rule 2 rounds to binary64, which makes a tie, and that to binary32.",
-        rules, lattice(list(range(-3, 4)), above, 2), lattice(list(range(-3, 4)), below, 2, id=1),
-    )  # fmt: skip
-    ties = list(range(-15, 16))
-    yield render(
-        "exact-decimals-ties", "Rule 3: half an integer goes to the even one, below zero too.",
-        rules, lattice(ties, (1, 0, 2), 3, 0), lattice(ties, (5, 0, 1000), 3, 2, id=1),
-    )  # fmt: skip
+    bent = (1 / 3, 0.1, -1e-7, 1e-14)
+    c = [Fraction(each) for each in bent]
 
-    def scaled(count: int, affine: Affine) -> Fraction:
-        """The quotient first, times 1000, to an integer, over 1000: in doubles."""
-        a, b, d = affine
-        return rounded(Fraction(round(rounded(rounded(Fraction(count * a + b, d)) * 1000)), 1000))
+    def fused_cubic(x: int) -> Fraction:
+        return rounded(rounded(rounded(c[3] * x + c[2]) * x + c[1]) * x + c[0])
 
-    half = (1, 0, 2000)
-    yield render(
-        "exact-decimals-in-integers", "Rule 3 takes s from integers, not from a rounded quotient.",
-        rules, lattice(unlike(half, 3, 3, 4, scaled), half, 3, 3),
-    )  # fmt: skip
+    def at_once(x: int) -> Fraction:
+        return rounded(c[0] + c[1] * x + c[2] * x**2 + c[3] * x**3)
+
+    def by_powers(x: int) -> Fraction:
+        square = rounded(Fraction(x * x))
+        parts = rounded(c[1] * x), rounded(c[2] * square), rounded(c[3] * rounded(square * x))
+        return rounded(rounded(rounded(c[0] + parts[0]) + parts[1]) + parts[2])
+
+    def bends(wrong: Callable[[int], Fraction], seed: int) -> list[int]:
+        luck, found = Luck(seed), []
+        while len(found) < WANTED:
+            count = luck.between(-(10**6), 10**6)
+            if wrong(count) != page_exact.value(count, 1, 0, 10, 3, 0, bent):
+                found.append(count)
+        return found
+
+    for seed, (name, about, wrong) in enumerate((
+        ("fused", "no fused multiply-add", fused_cubic),
+        ("at-once", "not only at the end", at_once),
+        ("powers", "in this order, not by powers of the count", by_powers),
+    )):  # fmt: skip
+        yield render(
+            f"exact-cubic-{name}", f"Rule 3 rounds each product and each sum: {about}.",
+            ["EXA-007", "EXA-008"], lattice(bends(wrong, seed), (1, 0, 10), 3, coefficients=bent),
+        )  # fmt: skip
     tens = [10**p + i for p in range(7) for i in (-1, 0, 1)]
     yield render(
-        "exact-digits-at-tens", "Rule 4 beside powers of ten: 9.9996 has four digits as 10.00.",
+        "exact-digits-at-tens", "Rule 2 beside powers of ten: 9.9996 has four digits as 10.00.",
         rules,
-        lattice(tens, (1, 0, 10), 4, 4), lattice([-n for n in tens], (1, 0, 1000), 4, 1, id=1),
-        lattice(tens, (99_996, 0, 10**7), 4, 4, id=2),
+        lattice(tens, (1, 0, 10), 2, 4), lattice([-n for n in tens], (1, 0, 1000), 2, 1, id=1),
+        lattice(tens, (99_996, 0, 10**7), 2, 4, id=2),
     )  # fmt: skip
     yield render(
-        "exact-digits-above-the-point", "Rule 4 with k below 0: digits in front of the point.",
-        rules, lattice([12_345, 12_355, -12_345, 99_950, 5, 0, 8_388_607], (1000, 0, 1), 4, 3),
+        "exact-digits-above-the-point", "Rule 2 with k below 0: digits in front of the point.",
+        rules, lattice([12_345, 12_355, -12_345, 99_950, 5, 0, 8_388_607], (1000, 0, 1), 2, 3),
     )  # fmt: skip
     yield render(
-        "exact-digits-most", "Rule 4 of values below 10^-7: k is at most 22.",
-        rules, lattice([1, -1, 3, 12_345, 0], (1, 0, 2**52 + 1), 4, 15),
+        "exact-digits-most", "Rule 2 of values below 10^-7: k is at most 22.",
+        rules, lattice([1, -1, 3, 12_345, 0], (1, 0, 2**52 + 1), 2, 15),
     )  # fmt: skip

@@ -84,7 +84,7 @@ def cases() -> Iterator[Case]:
         words, more,
     )  # fmt: skip
     tenths = f.tlv(3, f.calibration(1, 0, 10))
-    exact = bytes.fromhex("06 00 00 06 01 4C 46 01 00 02 63 A0 00")
+    exact = bytes.fromhex("06 00 00 06 01 4C 46 01 00 63 A0")
     far = [0.1, 0.2, 0.30000000000000004, 0.30000000000000004, 0.7000000000000001]
     far.append(0.30000000000000004)
     yield uncommon(

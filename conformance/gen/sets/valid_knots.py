@@ -10,6 +10,7 @@ import forge as f
 import page_knots
 from case import Case
 from facts import Packet, Track, case_of
+from lpcr import Grid
 from page_knots import HOLD, LINEAR
 from page_numbers import rdiv
 
@@ -19,21 +20,38 @@ valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
 
 
-def packet(knots: Any, rows: list, interpolation: int = HOLD, *, start: int = 0, quantum: int = 1,
+def packet(knots: Any, rows: list, interpolation: int = HOLD, *, start: int = 0, step: int = 1,
            clamped: tuple[int, int] = (-100, 100), bound: int = 2**24) -> Packet:  # fmt: skip
     """``knots``: (tick, value, or values of the components). The page must say ``rows`` too."""
     knots = [(tick, list(v) if isinstance(v, tuple) else [v]) for tick, v in knots]
     body, width = page_knots.encode(knots), len(knots[0][1])
-    found = page_knots.decode(body, width, len(rows), interpolation, quantum, bound)
+    found = page_knots.decode(body, width, len(rows), interpolation, step, bound)
     low, high = clamped
     held = [tuple(max(low, min(high, each)) for each in row) for row in zip(*found, strict=True)]
     assert held == [row if isinstance(row, tuple) else (row,) for row in rows], (held, rows)
     return Packet(start, rows, body)
 
 
-def track(*packets: Packet, interpolation: int = HOLD, quantum: int = 1, **fields: Any) -> Track:
+def track(*packets: Packet, interpolation: int = HOLD, step: int = 1, **fields: Any) -> Track:
     return Track(
-        parameters=f.knot_parameters(interpolation, quantum), packets=packets, **fields
+        parameters=f.knot_parameters(interpolation, step), packets=packets, **fields
+    )  # fmt: skip
+
+
+def on_grid(knots: list[tuple[int, int]], span: int, grid: Grid, interpolation: int, *,
+            low: int, high: int, id: int = 0) -> Track:  # fmt: skip
+    """Knots in varints whose values are indices of any grid."""
+    body = page_knots.encode([(tick, [index]) for tick, index in knots])
+    assert page_knots.parse(body, 1, span, interpolation, grid.last)
+    found = page_knots.between(
+        [(tick, grid.count(index)) for tick, index in knots], span, interpolation
+    )
+    return Track(
+        parameters=f.knot_parameters(
+            interpolation, grid.step, grid=int(grid.kn > 0), zero=grid.zero, kn=grid.kn, kd=grid.kd
+        ),
+        packets=[Packet(0, [max(low, min(high, count)) for count in found], body)],
+        low=low, high=high, id=id, channel=id,
     )  # fmt: skip
 
 
@@ -100,12 +118,14 @@ def cases() -> Iterator[Case]:
         ),
     )  # fmt: skip
     yield valid(
-        "knot-linear-beyond",
-        "The last knot lies beyond the span: the line runs on, only ticks of the span are there.",
-        ["KNT-006"],
-        track(
-            packet([(0, 0), (2, 20), (12, -80)], [0, 10, 20, 10, 0], LINEAR), interpolation=LINEAR
-        ),
+        "knot-grids",
+        "Knots in varints on a uniform grid with a zero, and on the grid of a deadband.",
+        ["KNT-001", "LPC-003", "CNV-001"],
+        on_grid([(0, -4), (7, 9), (9, 9), (12, -10)], 13, Grid(5, 3), LINEAR, low=-60, high=60),
+        on_grid([(0, 9), (2, -9), (5, 6), (6, 0)], 9, Grid(20, -10, 1, 10), HOLD,
+                low=-1000, high=1000, id=1),
+        on_grid([(0, 9), (4, -8), (11, 1)], 12, Grid(20, -10, 1, 10), LINEAR,
+                low=-1000, high=1000, id=2),
     )  # fmt: skip
     yield valid(
         "knot-linear-single", "With linear interpolation too a single knot is a constant.",
@@ -113,10 +133,10 @@ def cases() -> Iterator[Case]:
         track(packet([(0, 9)], [9] * 5, LINEAR), interpolation=LINEAR),
     )  # fmt: skip
     yield valid(
-        "knot-quantum", "Values times the quantum are interpolated, not values.", ["CNV-001"],
+        "knot-step", "Counts are interpolated, not indices.", ["CNV-001"],
         track(
-            packet([(0, 1), (4, 2)], [25, 31, 38, 44, 50], LINEAR, quantum=25),
-            interpolation=LINEAR, quantum=25,
+            packet([(0, 1), (4, 2)], [25, 31, 38, 44, 50], LINEAR, step=25),
+            interpolation=LINEAR, step=25,
         ),
     )  # fmt: skip
     yield valid(
@@ -152,24 +172,15 @@ def cases() -> Iterator[Case]:
             packet([(0, -50)], [-50] * 3, start=5),
         ),
     )  # fmt: skip
-    yield uncommon(
-        "knot-linear-two-ticks-far", "Two ticks of a line whose other end is 2^24 ticks away.",
-        ["KNT-006", "CNV-001"],
-        track(packet([(0, 77), (2**24, -77)], [77, 77], LINEAR), interpolation=LINEAR),
-    )  # fmt: skip
+    far = [-(2**24) + rdiv(2**25 * tick, 1000) for tick in range(1001)]
     yield uncommon(
         "knot-linear-far",
-        "Lines over 2^24 ticks, one from a count bound to the other, beyond the declared range.",
-        ["KNT-004", "CNV-001"],
+        "A line from one count bound to the other, beyond the declared range on both sides.",
+        ["LPC-003", "CNV-001", "DEC-001"],
         track(
             packet(
-                [(0, -(2**24)), (2**24, 2**24)],
-                [max(-(2**23), -(2**24) + 2 * tick) for tick in range(3)], LINEAR,
-                clamped=(-(2**23), 2**23 - 1),
-            ),
-            packet(
-                [(0, 2**23 - 1), (2**24 - 1, 2 - 2**23)],
-                [2**23 - 1, 2**23 - 2, 2**23 - 3, 2**23 - 4], LINEAR, start=3,
+                [(0, -(2**24)), (1000, 2**24)],
+                [max(-(2**23), min(2**23 - 1, count)) for count in far], LINEAR,
                 clamped=(-(2**23), 2**23 - 1),
             ),
             low=-(2**23), high=2**23 - 1, interpolation=LINEAR,
@@ -182,8 +193,8 @@ def cases() -> Iterator[Case]:
         ["LIM-001", "CNV-001"],
         track(
             packet(
-                [(0, -(2**31)), (2**24, 2**31 - 1)],
-                [-(2**31), -(2**31) + 256, -(2**31) + 512, -(2**31) + 768], LINEAR,
+                [(0, -(2**31)), (3, 2**31 - 1)],
+                [-(2**31), -715827883, 715827882, 2**31 - 1], LINEAR,
                 clamped=(-(2**31), 2**31 - 1), bound=2**32,
             ),
             packet(
@@ -200,14 +211,14 @@ def cases() -> Iterator[Case]:
         track(packet(list(enumerate(rows)), rows)),
     )  # fmt: skip
     yield uncommon(
-        "knot-largest-quantum", "A quantum of 2^24 at level 1, and values of 1 and -1.",
-        ["KNT-001", "KNT-004", "DEC-001"],
+        "knot-largest-step", "A step of 2^24 at level 1, and indices of 1 and -1.",
+        ["LPC-002", "LPC-003", "DEC-001"],
         track(
             packet(
-                [(0, 1), (1, -1), (2, 0)], [2**23 - 1, -(2**23), 0], quantum=2**24,
+                [(0, 1), (1, -1), (2, 0)], [2**23 - 1, -(2**23), 0], step=2**24,
                 clamped=(-(2**23), 2**23 - 1),
             ),
-            quantum=2**24, low=-(2**23), high=2**23 - 1,
+            step=2**24, low=-(2**23), high=2**23 - 1,
         ),
     )  # fmt: skip
     yield uncommon(

@@ -1,4 +1,4 @@
-"""KNTE (SPEC 9.6)."""
+"""Adaptive coding of knots (SPEC 9.6)."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ def coded(body: bytes, knots: Any, span: int, interpolation: int = HOLD, *, star
 def track(*packets: Packet, interpolation: int = HOLD, grid: Grid = PLAIN,
           clamped: Range = COMMON, **fields: Any) -> Track:  # fmt: skip
     low, high = clamped
-    parameters = bytes([interpolation]) + grid.parameters
+    parameters = bytes([interpolation, 1]) + grid.parameters
     return Track(
-        codec="KNTE", parameters=parameters, packets=packets, low=low, high=high, **fields
+        codec="KNOT", parameters=parameters, packets=packets, low=low, high=high, **fields
     )  # fmt: skip
 
 
@@ -71,18 +71,18 @@ def examples() -> Iterator[Case]:
     wide = [coded(bytes.fromhex("02 04 01 1C 00 80 5C"), [(0, [1, 2]), (5, [1, -300])], 20,
                   clamped=(-400, 400))]  # fmt: skip
     yield valid(
-        "knte-examples", "The packets that the page of KNTE shows.", ["RNG-001", "KTE-002"],
+        "coded-knots-examples", "The packets that the page shows.", ["RNG-001", "KTE-002"],
         track(*held),
         track(*lines, interpolation=LINEAR, id=1, channel=1),
         track(*wide, id=2, channel=2, width=2, clamped=(-400, 400)),
     )  # fmt: skip
     yield valid(
-        "knte-constant", "The first indices alone, hold and linear.", ["KTE-002"],
+        "coded-knots-constant", "The first indices alone, hold and linear.", ["KTE-002"],
         track(packet([(0, (3, -70))], 5), width=2),
         track(packet([(0, 99)], 5, LINEAR), interpolation=LINEAR, id=1, channel=2),
     )  # fmt: skip
     yield valid(
-        "knte-linear-two",
+        "coded-knots-linear-two",
         "Linear with one more knot: its tick is the last one, and is not coded.", ["KTE-004"],
         track(
             packet([(0, -9), (1, 30)], 2, LINEAR),
@@ -97,15 +97,16 @@ def magnitudes() -> Iterator[Case]:
     ticks = sorted({luck.between(1, 399) for _ in range(70)})
     held = [(0, 0)] + [(tick, luck.between(-90, 90)) for tick in ticks]
     yield valid(
-        "knte-hold", "Some 60 held knots.", ["KTE-004", "RNG-001"],
+        "coded-knots-hold", "Some 60 held knots.", ["KTE-004", "RNG-001"],
         track(packet(held, 400)),
     )  # fmt: skip
     yield valid(
-        "knte-linear", "Some 60 knots joined by lines, the last one on the last tick.", ["KTE-004"],
+        "coded-knots-linear",
+        "Some 60 knots joined by lines, the last one on the last tick.", ["KTE-004"],
         track(packet(held, ticks[-1] + 1, LINEAR), interpolation=LINEAR),
     )  # fmt: skip
     yield valid(
-        "knte-three-components", "Each component has signs of its own; gaps are shared.",
+        "coded-knots-three-components", "Each component has signs of its own; gaps are shared.",
         ["KTE-004"],
         track(
             packet(
@@ -116,22 +117,23 @@ def magnitudes() -> Iterator[Case]:
         ),
     )  # fmt: skip
     yield valid(
-        "knte-every-tick", "A knot on every tick, some with a difference of 0.", ["KTE-004"],
+        "coded-knots-every-tick", "A knot on every tick, some with a difference of 0.", ["KTE-004"],
         track(packet([(tick, tick // 3 % 5) for tick in range(40)], 40)),
     )  # fmt: skip
     doubling = [2**b - 1 for b in range(14)] + [2**13]
     gaps = [(sum(doubling[: i + 1]) + i, (-1) ** i * i) for i in range(len(doubling))]
     yield valid(
-        "knte-long-gaps", "Gaps of every bit length from 0 to 14.", ["KTE-003"],
+        "coded-knots-long-gaps", "Gaps of every bit length from 0 to 14.", ["KTE-003"],
         track(packet(gaps, gaps[-1][0] + 5)),
     )  # fmt: skip
     far = [(0, 0), *((i + 1, (-1) ** i * (2**i)) for i in range(23)), (30, 2**24), (31, -(2**24))]
     yield valid(
-        "knte-large-differences", "Differences of every bit length, up to 26 bits.", ["KTE-003"],
+        "coded-knots-large-differences",
+        "Differences of every bit length, up to 26 bits.", ["KTE-003"],
         track(packet(far, 40, clamped=WIDE), clamped=WIDE),
     )  # fmt: skip
     yield uncommon(
-        "knte-level-2", "Differences of 34 bits between the bounds of level 2.",
+        "coded-knots-level-2", "Differences of 34 bits between the bounds of level 2.",
         ["KTE-003", "LIM-001"],
         track(
             packet(
@@ -143,7 +145,8 @@ def magnitudes() -> Iterator[Case]:
         level=2,
     )  # fmt: skip
     yield uncommon(
-        "knte-longest-gap", "One gap of nearly 2^16 ticks after many short ones.", ["KTE-003"],
+        "coded-knots-longest-gap",
+        "One gap of nearly 2^16 ticks after many short ones.", ["KTE-003"],
         track(packet([*((t, t % 2) for t in range(20)), (65_000, 3)], 65_001)),
     )  # fmt: skip
 
@@ -151,7 +154,8 @@ def magnitudes() -> Iterator[Case]:
 def grids() -> Iterator[Case]:
     grid = Grid(step=5, zero=3)
     yield valid(
-        "knte-uniform-grid", "Counts of the grid are joined by lines, not indices.", ["CNV-001"],
+        "coded-knots-uniform-grid",
+        "Counts of the grid are joined by lines, not indices.", ["CNV-001"],
         track(
             packet([(0, -4), (7, 9), (9, 9), (12, -10)], 13, LINEAR, grid=grid),
             interpolation=LINEAR, grid=grid,
@@ -159,7 +163,8 @@ def grids() -> Iterator[Case]:
     )  # fmt: skip
     band = Grid(step=20, zero=-10, kn=1, kd=10)
     yield valid(
-        "knte-deadband-grid", "Knots on the grid of a deadband, held and with lines.", ["LPC-003"],
+        "coded-knots-deadband-grid",
+        "Knots on the grid of a deadband, held and with lines.", ["LPC-003"],
         track(
             packet([(0, 9), (2, -9), (5, 6), (6, 0)], 9, grid=band, clamped=WIDE),
             grid=band, clamped=WIDE,
@@ -170,7 +175,8 @@ def grids() -> Iterator[Case]:
         ),
     )  # fmt: skip
     yield valid(
-        "knte-clamped", "Lines through knots beyond the declared range are clamped, not the knots.",
+        "coded-knots-clamped",
+        "Lines through knots beyond the declared range are clamped, not the knots.",
         ["DEC-001"],
         track(
             packet([(0, -50), (10, 50)], 11, LINEAR, clamped=(-30, 20)),

@@ -35,7 +35,7 @@ def examples() -> Iterator[Case]:
         ("02 00 00 2F 58 15 20", squares),
         ("08 00 0E 3F 27 C2 E6 00", [7, 7, 7, 9, 9, 9, 9, -3, -3]),
         ("82 00 00 0C 88 88 88 80", squares),
-        ("20 02 78 92 00 23 71 8C 90 6D B7 20 01 3E BC EA", wave),
+        ("00 02 78 92 00 23 71 C5 67 48 C1 49 18 A0 59 9A", wave),
     ]
     packets, start = [], 0
     for body, indices in rows:
@@ -71,7 +71,7 @@ def predictors() -> Iterator[Case]:
     packets = []
     for k in (sign * k for k in range(1, 128) for sign in (1, -1)):
         two = [2**22 - 1, (k * 32749) % 4001 - 2000]
-        coding = Coding(ks=(k,), raw_signs=True)
+        coding = Coding(ks=(k,))
         packets.append(packet(two, coding=coding, start=2 * len(packets), clamped=WIDE))
     yield valid(
         "lpcr-sine-table", "Packets of one coefficient: every entry of the sine table, + and -.",
@@ -130,10 +130,6 @@ def predictors() -> Iterator[Case]:
             packet(steps * 2, coding=Coding(1, ks=(70, -20), repeats=True), start=100),
         ),
     )  # fmt: skip
-    yield valid(
-        "lpcr-raw-signs", "Signs as raw bits, from the back of the coded bytes.", ["RNG-001"],
-        track(packet(walk(5, 70, 25), coding=Coding(1, raw_signs=True))),
-    )  # fmt: skip
 
 
 def coder() -> Iterator[Case]:
@@ -172,7 +168,7 @@ def coder() -> Iterator[Case]:
     packets, start = [], 0
     for span in [1] * 24 + [2] * 16 + [3] * 12:
         indices = [luck.choice((0, 0, 1, -1, 5, -60)) for _ in range(span)]
-        packets.append(packet(indices, start=start, coding=Coding(raw_signs=start % 3 == 0)))
+        packets.append(packet(indices, start=start))
         start += span
     yield valid(
         "lpcr-short-packets", "52 packets of one to three ticks: every way for bytes to end.",

@@ -124,14 +124,14 @@ def cases() -> Iterator[Case]:
         track(coded(page.encode_packet(parts), [8] * 60, first, third), width=3),
     )  # fmt: skip
     yield valid(
-        "references-repeats", "Repeats and raw signs in a component with a reference.",
+        "references-repeats", "Repeats in a component with a reference.",
         ["LPC-007", "RNG-001"],
         track(
             packet(
                 [5, 5, 9, 9, 9, 1, 1, -4, -4, -4, 0, 3], [5, 5, 8, 8, 8, 8, 2, -4, -4, -3, 0, 3],
                 coding=[
                     ALONE,
-                    Coding(repeats=True, raw_signs=True, references=((0, 0, 64, 0),)),
+                    Coding(repeats=True, references=((0, 0, 64, 0),)),
                 ],
             ),
             width=2,
