@@ -299,7 +299,7 @@ class TestEdges:
     def test_knots_lie_between_the_least_and_the_largest_count(self, knots, top):
         task = Task(-100, 100, WHOLE, Deadband(0, 1, (6,), (0,)), knots, 5)
         packet = packets_of(np.repeat([0, top], 9), task)
-        parameters = CodedKnotParameters(knots, WHOLE)
+        parameters = KnotParameters(knots, WHOLE, adaptive=True)
         y = decode_coded_knots(packet, parameters, 18, 1, LEVELS[2], 0)[:, 0]
         assert set(y.tolist()) == {top // 2}
 
@@ -309,7 +309,7 @@ class TestEdges:
         """Counts at 0 and ``step``: within 3 of each other up to 6."""
         task = Task(-100, 100, WHOLE, Deadband(0, 1, (4,), (0,)), knots, 3)
         packet = packets_of(np.repeat([0, step], 9), task)
-        parameters = CodedKnotParameters(knots, WHOLE)
+        parameters = KnotParameters(knots, WHOLE, adaptive=True)
         y = decode_coded_knots(packet, parameters, 18, 1, LEVELS[2], 0)[:, 0]
         assert (len(set(y.tolist())) == 1) is (step == 6)
 
