@@ -11,6 +11,7 @@ from ..atomic import refuse
 from ..errors import ParameterError
 from .common import (
     echo_json,
+    file_id_option,
     force_option,
     input_of,
     json_option,
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     help="The sum, the slow part, or the texture alone.",
 )
 @output_format_option
+@file_id_option
 @threads_option
 @memory_option
 @force_option
@@ -64,6 +66,7 @@ def decode(
     stop: Fraction | None,
     band: str,
     output_format: str | None,
+    file_id: int | None,
     force: bool,
     as_json: bool,
     threads: int | None,
@@ -86,7 +89,7 @@ def decode(
         refuse(target, force)
     refuse_span(start, stop)
     with (
-        Reader(input_of(source), threads=threads, limits=max_memory) as reader,
+        Reader(input_of(source), threads=threads, limits=max_memory, file_id=file_id) as reader,
         progress("decoding") as advance,
     ):
         names = parse_channels(channels, [ref.label for ref in reader.channels])

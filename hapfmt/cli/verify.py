@@ -12,6 +12,7 @@ from .bounds import amount, bound_text
 from .common import (
     counted,
     echo_json,
+    file_id_option,
     input_format_option,
     input_of,
     json_option,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 @click.option("--against", metavar="ORIGINAL", help="The recording that FILE was encoded from.")
 @input_format_option
 @click.option("--rate", help="Samples per second of ORIGINAL, if the file does not say.")
+@file_id_option
 @threads_option
 @memory_option
 @verbose_option
@@ -46,6 +48,7 @@ def verify(
     against: str | None,
     input_format: str | None,
     rate: str | None,
+    file_id: int | None,
     verbose: bool,
     as_json: bool,
     threads: int | None,
@@ -67,7 +70,12 @@ def verify(
     original = load_recording(against, input_format, rate, max_memory)[0] if against else None
     with progress("verifying") as advance:
         report = check(
-            input_of(file), against=original, limits=max_memory, progress=advance, threads=threads
+            input_of(file),
+            against=original,
+            file_id=file_id,
+            limits=max_memory,
+            progress=advance,
+            threads=threads,
         )
     if as_json:
         echo_json(report.as_json())

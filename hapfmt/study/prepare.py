@@ -175,7 +175,7 @@ def encode(reference: Recording, condition: Condition, path: Path) -> None:
     settings = Settings.of(
         given.pop("preset", "paper" if of_paper else "perceptual"), **given, smallest=False
     )
-    write(recording, path, settings, canonical=0, force=True)
+    write(recording, path, settings, canonical="content", force=True)
 
 
 def low_passed(channel: Channel, cutoff_hz: float) -> Channel:
