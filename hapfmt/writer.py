@@ -88,11 +88,11 @@ def write(
     ``preset="near-lossless", max_error="0.1%"``; or give whole ``settings``.
 
     ``canonical`` is the file id of canonical mode: the same input gives the same bytes. "content"
-    takes it from what is encoded. Use one number for one file only, since the id keeps parts of
-    other files out. Otherwise the id, and the UUID of a recording that has none, are random. An
-    existing path is refused unless ``force``. ``progress`` is called with (channels done, channels in all). ``threads``
-    code channels; None: as many as HAPFMT_THREADS says, else as there are CPUs, one where the work
-    is small. The bytes do not depend on it.
+    takes it from what is encoded. Give each file a number of its own: it keeps parts of other files
+    out. Otherwise the id, and the UUID of a recording that has none, are random. An existing path
+    is refused unless ``force``. ``progress`` is called with (channels done, channels in all).
+    ``threads`` code channels; None: as many as HAPFMT_THREADS says, else as there are CPUs, one
+    where the work is small. The bytes do not depend on it.
 
     Raises ParameterError where the recording does not fit the format.
     """

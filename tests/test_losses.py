@@ -30,7 +30,7 @@ def file_of(*clusters, **changes) -> bytes:
     for number, (type_, payload, *_) in enumerate(chunks):
         times = (starts[number - 2], stops[number - 2]) if type_ == "DATA" else (0, 0)
         entries.append((type_, at, *times))
-        at += 32 + len(payload)
+        at += f.HEADER + len(payload)
     duration = max(stops) * 10**6
     return f.closed(*chunks, ahead={"entries": entries}, duration_ns=duration, **changes)
 
@@ -81,7 +81,7 @@ def test_a_chunk_that_was_no_cluster_costs_no_samples():
     at = 8
     for number, (type_, payload, *_) in enumerate(chunks):
         entries[number] = (type_, at, *entries[number][2:])
-        at += 32 + len(payload)
+        at += f.HEADER + len(payload)
     assert len(places) == len(entries)
     data = f.closed(*chunks, ahead={"entries": entries})
     bad = flipped(data, payload_of(data, "aTTc") - 10)

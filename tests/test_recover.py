@@ -53,7 +53,7 @@ def flipped(data: bytes, at: int) -> bytes:
 def payload_of(data: bytes, type_: str, number: int = 0) -> int:
     """Offset of a payload."""
     refs = [ref for ref in from_walk(BytesSource(data)).chunks if ref.type == type_]
-    return refs[number].offset + 32
+    return refs[number].offset + f.HEADER
 
 
 def test_an_intact_file_comes_back_the_same():
@@ -285,7 +285,7 @@ class TestOtherChunks:
         data = f.minimal(("mETa", b"{}", {"flags": 1}))
         good, done = recovered(data)
         assert done.exit_code == 0
-        at = payload_of(good, "mETa") - 32
+        at = payload_of(good, "mETa") - f.HEADER
         assert good[at + 22 : at + 24] == b"\1\0"
 
 
@@ -452,7 +452,7 @@ def test_a_digest_that_packets_were_appended_to_is_no_damage():
     channel = hapfmt.Channel(x, 1000, calibration=hapfmt.Calibration(1, 0, 10), label="f")
     hapfmt.write(hapfmt.Recording((channel,)), out, settings, canonical=f.FILE_ID)
     whole = out.getvalue()
-    data = whole[: payload_of(whole, "iNDX") - 32]
+    data = whole[: payload_of(whole, "iNDX") - f.HEADER]
     with hapfmt.Reader(whole) as reader:
         sequence = len(reader.catalogue.chunks)
     again = dict(zip(("track", "start", "span", "data"), packets(whole)[0], strict=True))

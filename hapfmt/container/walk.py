@@ -112,10 +112,16 @@ def find_header(source: Source, start: int, file_id: int | None) -> int | None:
 
 
 def walk(
-    source: Source, findings: list[Finding], file_id: int | None, *, after: Chunk | None = None
+    source: Source,
+    findings: list[Finding],
+    file_id: int | None = None,
+    *,
+    after: Chunk | None = None,
 ) -> Iterator[Chunk]:
     """Every chunk with this file id that can be found, or those after one; what is wrong is
-    appended to ``findings`` on the way. ``file_id`` None: the file has no header at all."""
+    appended to ``findings`` on the way. ``file_id`` None: the one that ``identify`` gives."""
+    if file_id is None:
+        file_id = after.header.file_id if after else identify(source)
     position = after.stop if after else len(SIGNATURE)
     if after is None and source.read_at(0, len(SIGNATURE)) != SIGNATURE:
         findings.append(

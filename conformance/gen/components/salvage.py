@@ -265,8 +265,8 @@ def choices() -> Component:
         "`payload_size` of "
         "the header, and the offset where the walk finds the next header, all counted from the "
         "payload. "
-        "Tracks 0 to 7 are described, the level is 1, the file id 7. `kept`: the packets, as [offset of the "
-        "entry, of "
+        "Tracks 0 to 7 are described, the level is 1, the file id 7. `kept`: the packets, as "
+        "[offset of the entry, of "
         "the packet, track, size, start, span], in order of their entries.", cases,
     )  # fmt: skip
 

@@ -88,7 +88,9 @@ def cuts() -> Iterator[Case]:
     yield wrecked(
         "cut-behind-header", "Cut right behind the header of a cluster.",
         ["REC-003", "REC-012", "VRD-002"], "crash/cut-payload", DATA[:stop], kept=TWO_CLUSTERS,
-        damages=[("truncated", THIRD.at, w.HEADER), ("bad-table", stop, 0), ("not-closed", stop, 0)],
+        damages=[
+            ("truncated", THIRD.at, w.HEADER), ("bad-table", stop, 0), ("not-closed", stop, 0),
+        ],
         lost=THIRD_ON,
     )  # fmt: skip
     stop = THIRD.at + 31

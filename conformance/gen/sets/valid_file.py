@@ -9,7 +9,7 @@ from typing import Any
 import examples
 import forge as f
 from case import Case
-from facts import Event, Layer, Packet, Track, case_of, closed_at, digest, nanoseconds, recording
+from facts import Event, Layer, Packet, Track, case_of, closed_at, digest, nanoseconds
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
