@@ -145,7 +145,7 @@ def test_report():
     assert report["damages"][1]["lost"] == [
         {"track": 1, "channels": [1], "start": 4, "stop": 8, "start_s": 0.004, "stop_s": 0.008}
     ]
-    assert (report["lost"], report["byte_count"]) == ([], 32 + 1 + 3 * 13)
+    assert (report["lost"], report["byte_count"]) == ([], f.HEADER + 1 + 3 * 13)
     assert report["channels"] == [
         {"channel": n, "label": "", "lost_ticks": 4 * (n == 1), "lost_s": 0.004 * (n == 1)}
         for n in range(3)

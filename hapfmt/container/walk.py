@@ -192,8 +192,6 @@ def identify(source: Source) -> int | None:
     not even in front (SPEC REC-013); None where there is no header."""
     votes: dict[int, Vote] = {}
     work = WORK_BASE + WORK_FACTOR * source.size
-    if (lone := lone_id(source)) is not None:
-        return lone
     position = find_header(source, 0, None)
     while position is not None:
         chunk = read_chunk(source, position)
@@ -211,20 +209,6 @@ def identify(source: Source) -> int | None:
         position = find_header(source, whole_stop if sure else position + 1, None)
     ranked = sorted((each.clusters, each.chunks, each.first, id_) for id_, each in votes.items())
     return ranked[-1][-1] if ranked else None
-
-
-def lone_id(source: Source) -> int | None:
-    """The id of a file whose headers follow one another to its end: ``identify`` gives it too, but
-    takes the CRC of every payload."""
-    position, before = len(SIGNATURE), None
-    if source.read_at(0, position) != SIGNATURE:
-        return None
-    while position < source.size:
-        header = header_at(source, position, before.file_id if before else None)
-        if header is None or (before and header.sequence != before.sequence + 1):
-            return None
-        position, before = position + HEADER_SIZE + header.payload_size, header
-    return before.file_id if before and position == source.size else None
 
 
 def follows(source: Source, header: ChunkHeader, stop: int) -> bool:

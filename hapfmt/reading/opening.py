@@ -14,6 +14,7 @@ from ..container.walk import Chunk, Finding, header_at, identify, read_chunk, wa
 from ..container.wire import HEADER_SIZE, SIGNATURE, SYNC
 from ..errors import FormatError, HapfmtError, UnsupportedError
 from ..limits import LEVELS, Limits
+from ..verdict import HARMLESS
 from .catalogue import Catalogue, ChunkRef
 
 MS = 10**6
@@ -214,9 +215,30 @@ def from_walk(
     """Every chunk that can be found, in the order of the file; damage becomes findings.
 
     A broken rule is raised where there is no damage anywhere, else, and where the caller is
-    ``tolerant``, it counts as damage (clause 14). ``file_id`` None: that of most of the file.
+    ``tolerant``, it counts as damage (clause 14). ``file_id`` None: that of most of the file
+    (REC-013), which is that of the first chunk where nothing is wrong.
     """
-    file_id = identify(source) if file_id is None else file_id
+    if file_id is not None:
+        return walked(source, limits, file_id, tolerant=tolerant)
+    first = header_at(source, FIRST_OFFSET, None)
+    if first is None or source.read_at(0, FIRST_OFFSET) != SIGNATURE:
+        return walked(source, limits, identify(source), tolerant=tolerant)
+    try:
+        found = walked(source, limits, first.file_id, tolerant=tolerant)
+        if all(finding.code in HARMLESS for finding in found.findings):
+            return found
+        chosen = identify(source)
+    except HapfmtError:
+        chosen = identify(source)
+        if chosen == first.file_id:
+            raise
+    return found if chosen == first.file_id else walked(source, limits, chosen, tolerant=tolerant)
+
+
+def walked(
+    source: Source, limits: Limits | None, file_id: int | None, *, tolerant: bool
+) -> Catalogue:
+    """The chunks with one file id."""
     catalogue = Catalogue(source, limits or Limits(), file_id, tolerant=tolerant)
     catalogue.findings = Bounded(catalogue.check_records)
     broken: list[tuple[Chunk, FormatError]] = []
@@ -234,7 +256,7 @@ def from_walk(
         raise unknown_part(catalogue) or broken[0][1]
     if broken and not tolerant:
         # What stands before the first damage is held to no more than what stands behind it.
-        return from_walk(source, limits, tolerant=True, file_id=file_id)
+        return walked(source, limits, file_id, tolerant=True)
     for chunk, fault in broken:
         lose_chunk(catalogue, chunk, fault)
     if catalogue.damaged:
