@@ -21,7 +21,7 @@ JOB = {
         {"label": "a", "rate": [1000, 1], "format": "counts", "calibration": [1, 0, 1],
          "spans": [[0, 300], [400, 500]], "numbers": "a.raw"}
     ],
-    "mode": "deadband", "k": [1, 10], "floor": 3, "guaranteed": True, "file_id": 9,
+    "mode": "deadband", "k": [1, 10], "floor": 3, "guaranteed": True, "file_id": "0x0000000000000009",
     "cluster_s": [1, 10],
 }  # fmt: skip
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 import zlib
-from collections import Counter
 
 import forge as f
 import pytest
@@ -86,21 +85,20 @@ def slow_walk(data: bytes) -> list[tuple[int, bool]]:
         return whole and f.file_crc(payload(p), id_at(p)) == number(p + 28, 4)
 
     def identify() -> int | None:
-        clusters: Counter[int] = Counter()
-        chunks: Counter[int] = Counter()
+        votes: dict[int, int] = {}
         first: dict[int, int] = {}
         at = 0
         while later := [p for p in headers if p >= at]:
             p, end = later[0], later[0] + 36 + size(later[0])
             first.setdefault(id_at(p), p)
-            chunks[id_at(p)] += intact(p)
-            if data[p + 4 : p + 8] == b"DATA":
-                half = 2 * held(payload(p), id_at(p)) >= size(p)
-                clusters[id_at(p)] += intact(p) or half
+            vote = 36 + size(p) if intact(p) else 0
+            if data[p + 4 : p + 8] == b"DATA" and not intact(p):
+                vote = held(payload(p), id_at(p))
+            votes[id_at(p)] = votes.get(id_at(p), 0) + vote
             follows = valid(end, id_at(p)) and number(end + 16, 4) == number(p + 16, 4) + 1
             skip = intact(p) or data[p + 4 : p + 8] == b"aTTc" or end == len(data) or follows
             at = end if skip else p + 1
-        return max(first, key=lambda id_: (clusters[id_], chunks[id_], first[id_]), default=None)
+        return max(first, key=lambda id_: (votes[id_], first[id_]), default=None)
 
     headers = [p for p in range(len(data)) if valid(p, None)]
     id_ = identify()

@@ -177,38 +177,26 @@ def walk(
         suspect_from = None if intact else payload_offset
 
 
-@dataclass
-class Vote:
-    """What speaks for a file id."""
-
-    clusters: int = 0
-    chunks: int = 0
-    first: int = 0
-    """Offset of the first header that has it."""
-
-
 def identify(source: Source) -> int | None:
     """The file id that most of the file belongs to, so that a block of another file does no harm,
     not even in front (SPEC REC-013); None where there is no header."""
-    votes: dict[int, Vote] = {}
+    # Bytes that hold under each id, in the order of their first headers.
+    votes: dict[int, int] = {}
     work = WORK_BASE + WORK_FACTOR * source.size
     position = find_header(source, 0, None)
     while position is not None:
         chunk = read_chunk(source, position)
         assert chunk is not None
-        header, whole_stop = chunk.header, chunk.stop
+        header, stop = chunk.header, chunk.stop
         work = spend(work, chunk)
-        vote = votes.setdefault(header.file_id, Vote(first=position))
-        vote.chunks += chunk.intact
+        held = HEADER_SIZE + header.payload_size if chunk.intact else 0
         if header.type == "DATA" and not chunk.intact:
             work = spend(work, chunk, TABLE_WORK)
-            vote.clusters += 2 * held_size(chunk.payload, header.seed) >= header.payload_size
-        elif header.type == "DATA":
-            vote.clusters += 1
-        sure = chunk.intact or header.type == "aTTc" or follows(source, header, whole_stop)
-        position = find_header(source, whole_stop if sure else position + 1, None)
-    ranked = sorted((each.clusters, each.chunks, each.first, id_) for id_, each in votes.items())
-    return ranked[-1][-1] if ranked else None
+            held = held_size(chunk.payload, header.seed)
+        votes[header.file_id] = votes.get(header.file_id, 0) + held
+        sure = chunk.intact or header.type == "aTTc" or follows(source, header, stop)
+        position = find_header(source, stop if sure else position + 1, None)
+    return max(reversed(votes), key=votes.__getitem__, default=None)
 
 
 def follows(source: Source, header: ChunkHeader, stop: int) -> bool:

@@ -113,32 +113,26 @@ export function walk(bytes) {
   return { fileId, signed, chunks, damages, meter };
 }
 
-// The id that has the most clusters, then the most chunks, then the last first header (REC-013).
+// The id under which most bytes hold; of several the one whose first header stands last (REC-013).
 function identify(bytes, payloadHolds, meter) {
-  const votes = new Map();
+  const votes = new Map(); // in the order of their first headers
   for (let from = 0; ;) {
     const header = findHeader(bytes, from, () => true);
     if (!header) break;
     const { fileId, type, position, payloadStart, payloadSize, end, sequence } = header;
-    if (!votes.has(fileId)) votes.set(fileId, { clusters: 0, chunks: 0, first: position });
-    const vote = votes.get(fileId);
     const intact = payloadHolds(header);
-    if (intact) vote.chunks++;
-    let cluster = type === 'DATA' && intact;
+    let held = intact ? HEADER_SIZE + payloadSize : 0;
     if (type === 'DATA' && !intact) {
       meter.take(8 * (end - payloadStart), position);
-      cluster = 2 * heldSize(bytes, header) >= payloadSize;
+      held = heldSize(bytes, header);
     }
-    if (cluster) vote.clusters++;
+    votes.set(fileId, (votes.get(fileId) ?? 0) + held);
     const stop = payloadStart + payloadSize;
     const next = stop < bytes.length ? readHeader(bytes, stop) : null;
     const follows = next !== null && next.fileId === fileId && next.sequence === sequence + 1;
     from = intact || type === 'aTTc' || stop === bytes.length || follows ? stop : position + 1;
   }
   let best = null;
-  for (const [fileId, vote] of votes) {
-    const order = best === null ? 1 : vote.clusters - best.clusters || vote.chunks - best.chunks || vote.first - best.first;
-    if (order > 0) best = { fileId, ...vote };
-  }
-  return best && best.fileId;
+  for (const [fileId, held] of votes) if (best === null || held >= votes.get(best)) best = fileId;
+  return best;
 }

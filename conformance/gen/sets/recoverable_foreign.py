@@ -107,22 +107,23 @@ def blocks() -> Iterator[Case]:
 
 def choices() -> Iterator[Case]:
     """Which id is that of the file (procedure identify)."""
-    one = w.lay(HEAD, THREE, *w.clusters(0), HEAD, THREE)
-    other = other_of(one, {2: w.clusters(0)[0]})
+    long = [w.packet(track, 0, 100) for track in range(3)]
+    one = w.lay(HEAD, THREE, long, HEAD, THREE)
+    other = other_of(one, {2: long})
     place = one.of("DATA")
     last = one.row(2, 0)
     tail = w.over(one.data, last.at, other[last.at :])
     yield wrecked(
         "cluster-cut-by-another-file",
         "From the last packet of the only cluster on, all is of another file. More of its chunks "
-        "are intact, but half of the cluster holds.",
-        RULES, "framing/other-file", tail, kept={0: ((0, 4),), 1: ((0, 4),), 2: ()},
+        "are intact, but more bytes of this file hold.",
+        RULES, "framing/other-file", tail, kept={0: ((0, 100),), 1: ((0, 100),), 2: ()},
         damages=[
             ("bad-payload", place.at, place.size), ("bad-packet", last.at, last.size),
             ("garbage", place.stop, len(tail) - place.stop), ("other-file", place.stop, 0),
             ("not-closed", len(tail), 0),
         ],
-        lost=[(2, 0, None), (0, 4, None), (1, 4, None)],
+        lost=[(2, 0, None), (0, 100, None), (1, 100, None)],
     )  # fmt: skip
     large = w.lay(HEAD, THREE, [w.packet(0, 0, 200)], *w.clusters(200))
     place, row = large.of("DATA"), large.row(0, 0)
