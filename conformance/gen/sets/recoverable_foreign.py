@@ -125,22 +125,22 @@ def choices() -> Iterator[Case]:
         ],
         lost=[(2, 0, None), (0, 100, None), (1, 100, None)],
     )  # fmt: skip
-    large = w.lay(HEAD, THREE, [w.packet(0, 0, 200)], *w.clusters(200))
+    large = w.lay(HEAD, THREE, [w.packet(0, 0, 1000)], *w.clusters(1000))
     place, row = large.of("DATA"), large.row(0, 0)
     small = b"".join(
         f.chunk("DATA", f.cluster(w.packet(0, n), file_id=OTHER_ID), n, file_id=OTHER_ID)
-        for n in range(4)
+        for n in range(24)
     )
     at = row.at + 50
     yield wrecked(
         "chunks-of-another-file-within",
-        "A packet is overwritten by four chunks of another file. They are not counted, since the "
+        "A packet is overwritten by 24 chunks of another file. They are not counted, since the "
         "next header stands where the damaged payload ends.",
         RULES, "framing/other-file", w.over(large.data, at, small),
-        kept={0: ((200, 204),), 1: ((200, 204),), 2: ((200, 204),)},
+        kept=dict.fromkeys(range(3), ((1000, 1004),)),
         damages=[
             ("bad-payload", place.at, place.size), ("other-file", at, 0),
             ("bad-table", place.payload, place.size - f.HEADER),
         ],
-        lost=[(track, 0, 200) for track in range(3)],
+        lost=[(track, 0, 1000) for track in range(3)],
     )  # fmt: skip
