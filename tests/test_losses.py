@@ -67,6 +67,15 @@ def test_a_missing_cluster_costs_its_own_time(cluster):
 GAPS = file_of([row(0, 0), row(1, 0)], [row(1, 100)], [row(2, 200)], [row(0, 300), row(2, 300)])
 
 
+def test_clusters_of_equal_times():
+    """An entry of an index speaks of the chunk with its sequence number, whatever its times."""
+    data = file_of([row(0, 0)], [row(1, 0)], [row(2, 0)])
+    for cluster in range(3):
+        at = payload_of(data, "DATA", cluster)
+        assert lost(flipped(data, at + 1)) == [(cluster, 0, 4)]
+        assert lost(flipped(data, at - 10)) == [(cluster, 0, 4)]
+
+
 def test_the_index_says_when():
     """A gap that stands in no cluster is not lost."""
     second = payload_of(GAPS, "DATA", 1)

@@ -269,6 +269,16 @@ def missing() -> Iterator[Case]:
         ["CHK-005", "HED-001"], "framing/missing", w.without(DATA, 8, TRAK_PLACE.at),
         damages=[("missing-chunk", 8, 0), ("missing-head", 8, 0)],
     )  # fmt: skip
+    alike = w.lay(HEAD, THREE, [w.packet(0, 0, 12)], [w.packet(1, 0, 12)], [w.packet(2, 0, 12)])
+    place = alike.of("DATA", 0)
+    yield wrecked(
+        "missing-of-equal-times",
+        "Three clusters have the same times, and the first one is missing: the sequence numbers tell "
+        "which one the index lists.",
+        ["CHK-005", "REC-003", "REC-012"], "framing/missing",
+        w.without(alike.data, place.at, place.stop), kept={0: (), 1: ALL, 2: ALL},
+        damages=[("missing-chunk", place.at, 0)], lost=[(0, 0, 12)],
+    )  # fmt: skip
     apart = w.lay(HEAD, THREE, *w.clusters(0, 40, 80), close=False)
     place = apart.of("DATA", 1)
     yield wrecked(
