@@ -273,8 +273,8 @@ def missing() -> Iterator[Case]:
     place = alike.of("DATA", 0)
     yield wrecked(
         "missing-of-equal-times",
-        "Three clusters have the same times, and the first one is missing: the sequence numbers tell "
-        "which one the index lists.",
+        "Three clusters have the same times, and the first one is missing: the sequence numbers "
+        "tell which one the index lists.",
         ["CHK-005", "REC-003", "REC-012"], "framing/missing",
         w.without(alike.data, place.at, place.stop), kept={0: (), 1: ALL, 2: ALL},
         damages=[("missing-chunk", place.at, 0)], lost=[(0, 0, 12)],
