@@ -13,7 +13,7 @@ from .container.salvage import salvage_cluster
 from .container.series import parse_series
 from .container.source import Source
 from .container.track import TrackTable, paired
-from .container.walk import Finding, find_header, read_chunk
+from .container.walk import Finding, read_chunk
 from .container.wire import HEADER_SIZE
 from .errors import HapfmtError, ParameterError
 from .live.file import LiveFile, SyncPolicy, open_live
@@ -21,7 +21,7 @@ from .reading.catalogue import Catalogue, ChunkRef
 from .reading.opening import open_catalogue
 from .verdict import HARMLESS
 
-TAIL = frozenset({"truncated", "bad-payload", "garbage"})
+TAIL = frozenset({"truncated", "bad-payload", "garbage", "other-file"})
 """What is found where the writing stopped."""
 
 NOTHING_IN = frozenset({"HEAD", "TRAK", "iNDX", "fOOT"})
@@ -153,7 +153,7 @@ def check_tail(catalogue: Catalogue, findings: Sequence[Finding], end: int) -> N
                 f"{found.size} bytes at its end belong to no chunk; {RECOVER}",
                 offset=found.offset,
             )
-        if found.code == "garbage" and find_header(source, found.offset, None) is not None:
+        if found.code == "other-file":
             raise ParameterError("another file follows its end", offset=found.offset)
 
 
@@ -171,9 +171,8 @@ def salvage(catalogue: Catalogue, end: int) -> list[Packet | None]:
     if chunk is None or not chunk.header.known:
         return []
     sizes = (chunk.header.payload_size, len(chunk.payload))
-    items = salvage_cluster(
-        chunk.payload, catalogue.tracks, catalogue.level, chunk.payload_offset, sizes
-    )
+    tracks, level, at = catalogue.tracks, catalogue.level, chunk.payload_offset
+    items = salvage_cluster(chunk.payload, tracks, level, at, chunk.header.seed, sizes)
     return [item if isinstance(item, Packet) else None for item in items]
 
 

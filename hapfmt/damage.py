@@ -19,6 +19,7 @@ SHORTEST = Fraction(1, 10**9)
 WORDS = {
     "bad-signature": "wrong first bytes",
     "garbage": "foreign bytes",
+    "other-file": "parts of another file",
     "duplicate-chunk": "a chunk twice",
     "missing-chunk": "missing chunks",
     "out-of-order": "chunks in the wrong order",
@@ -134,6 +135,7 @@ def told(catalogue: Catalogue, lost: Sequence[LostSpan]) -> list[str]:
         places = "1 place" if areas == 1 else f"{areas} places"
         size = damaged_bytes(found, catalogue.source.size)
         lines.append(f"damage in {places}, {size} bytes: {', '.join(kinds)}")
+    lines += [f"{each.message} (--file-id)" for each in found if each.code == "other-file"]
     losses = lost_lines(catalogue, lost)
     lines += losses
     if found and not losses:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 from uuid import UUID
 
@@ -34,7 +34,7 @@ def dump(
     """One JSON object for each chunk, then one with the findings; ``counts`` decodes packets."""
     catalogue = open_catalogue(source, scan=True, limits=limits)
     findings: list[Finding] = []
-    for chunk in walk(source, findings):
+    for chunk in walk(source, findings, catalogue.file_id):
         entry: dict[str, Any] = {
             "offset": chunk.offset,
             "intact": chunk.intact,
@@ -60,7 +60,7 @@ def content(catalogue: Catalogue, chunk: Chunk, counts: bool) -> dict[str, Any]:
     if not chunk.intact or not chunk.header.known:
         return {"sha256": hashlib.sha256(payload).hexdigest()}
     if kind == "HEAD":
-        head = parse_head(payload, chunk.header, at)
+        head = parse_head(payload, at)
         uuid = str(UUID(bytes=head.uuid)) if head.uuid else None
         return {"head": {**vars(head), "uuid": uuid}}
     if kind == "TRAK":
@@ -103,14 +103,9 @@ def clock_json(chunk: Chunk) -> dict[str, Any]:
 
 
 def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[str, Any]]:
-    if chunk.intact:
-        packets: list[Any] = parse_cluster(
-            chunk.payload, catalogue.tracks, catalogue.level, chunk.payload_offset
-        )
-    else:
-        packets = list(
-            salvage_cluster(chunk.payload, catalogue.tracks, catalogue.level, chunk.payload_offset)
-        )
+    read: Callable[..., Iterable[Any]] = parse_cluster if chunk.intact else salvage_cluster
+    tracks, level, seed = catalogue.tracks, catalogue.level, chunk.header.seed
+    packets = read(chunk.payload, tracks, level, chunk.payload_offset, seed)
     out = []
     told = 0
     for packet in packets:

@@ -9,7 +9,7 @@ from .codecs.events import parse_events
 from .container.cluster import Packet, entry_size, parse_cluster
 from .container.salvage import salvage_cluster
 from .container.source import Source
-from .container.walk import Finding, walk
+from .container.walk import Chunk, Finding, walk
 from .container.wire import HEADER_SIZE, SIGNATURE
 from .errors import FormatError
 from .integers import parse_varint
@@ -93,12 +93,12 @@ def measure(source: Source, limits: Limits | None = None) -> Usage:
         )
     causes = usage.causes
     findings: list[Finding] = []
-    for chunk in walk(source, findings):
+    for chunk in walk(source, findings, catalogue.file_id):
         if not chunk.intact and chunk.header.type != "DATA":
             continue
         causes["chunk headers"] += HEADER_SIZE
         if chunk.header.type == "DATA":
-            size = add_packets(usage, catalogue, chunk.payload, chunk.intact)
+            size = add_packets(usage, catalogue, chunk)
             causes["packet tables"] += (len(chunk.payload) - size) if chunk.intact else 0
             continue
         cause = chunk.header.type if chunk.header.type in causes else "other chunks"
@@ -109,18 +109,12 @@ def measure(source: Source, limits: Limits | None = None) -> Usage:
     return usage
 
 
-def add_packets(usage: Usage, catalogue: Catalogue, payload: bytes, intact: bool) -> int:
+def add_packets(usage: Usage, catalogue: Catalogue, chunk: Chunk) -> int:
     """Book the packets of one DATA payload; returns their bytes."""
     try:
-        packets = (
-            parse_cluster(payload, catalogue.tracks, catalogue.level, 0)
-            if intact
-            else [
-                item
-                for item in salvage_cluster(payload, catalogue.tracks, catalogue.level, 0)
-                if isinstance(item, Packet)
-            ]
-        )
+        read = parse_cluster if chunk.intact else salvage_cluster
+        items = read(chunk.payload, catalogue.tracks, catalogue.level, 0, chunk.header.seed)
+        packets = [item for item in items if isinstance(item, Packet)]
     except FormatError:
         packets = []
     for packet in packets:

@@ -78,15 +78,16 @@ def verify(
     limits: Limits | None = None,
     progress: Callable[[int, int], None] | None = None,
     threads: int | None = None,
+    file_id: int | None = None,
 ) -> Report:
     """Check everything the SPEC says of a file; with ``against`` its contracts as well.
 
     Raises only OSError, and ParameterError where ``against`` does not belong to the file.
-    ``threads``: as for a Reader.
+    ``threads``, ``file_id``: as for a Reader.
     """
     report = Report()
     try:
-        reader = Reader(file, limits=limits, threads=threads)
+        reader = Reader(file, limits=limits, threads=threads, file_id=file_id)
     except (FormatError, UnsupportedError, LimitError) as error:
         report.error = error
         report.exit_code = report.file_code = verdict_of(error=error)

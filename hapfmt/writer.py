@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import uuid
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 from .arrays import Units, recording_of
 from .atomic import refuse, target
-from .container.cluster import Packet
+from .container.cluster import Packet, entry_fields
 from .container.extras import Attachment, build_attachment, build_metadata
 from .container.filewriter import FileWriter
-from .container.track import Track
+from .container.series import build_series
+from .container.track import Track, series_of
+from .container.wire import check_file_id
 from .convert import refuse_foreign
 from .encoder.encode import Decision, Encoded, encode
 from .encoder.settings import INPUT, INPUT_SIZE, Settings, alias_note, lossy_preset, renamed
@@ -65,7 +68,7 @@ def write(
     units: Units | None = None,
     transpose: bool | None = None,
     preset: str | None = None,
-    canonical: int | None = None,
+    canonical: int | Literal["content"] | None = None,
     force: bool = False,
     progress: Callable[[int, int], None] | None = None,
     threads: int | None = None,
@@ -86,11 +89,12 @@ def write(
     ``preset`` and any field of :class:`hapfmt.Settings` choose the encoding, such as
     ``preset="near-lossless", max_error="0.1%"``; or give whole ``settings``.
 
-    ``canonical`` is the file id of canonical mode: the same input gives the same bytes; otherwise
-    the id, and the UUID of a recording that has none, are random. An existing path is refused
-    unless ``force``. ``progress`` is called with (channels done, channels in all). ``threads``
-    code channels; None: as many as HAPFMT_THREADS says, else as there are CPUs, one where the work
-    is small. The bytes do not depend on it.
+    ``canonical`` is the file id of canonical mode: the same input gives the same bytes. "content"
+    takes it from what is encoded. Give each file a number of its own: it keeps parts of other files
+    out. Otherwise the id, and the UUID of a recording that has none, are random. An existing path
+    is refused unless ``force``. ``progress`` is called with (channels done, channels in all).
+    ``threads`` code channels; None: as many as HAPFMT_THREADS says, else as there are CPUs, one
+    where the work is small. The bytes do not depend on it.
 
     Raises ParameterError where the recording does not fit the format.
     """
@@ -110,8 +114,7 @@ def write(
     if isinstance(file, (str, os.PathLike)):
         refuse_foreign(file)
     recording = recording_of(recording, rate, labels=labels, units=units, transpose=transpose)
-    if canonical is not None and not 0 <= canonical < 1 << 32:
-        raise ParameterError("the file id must be between 0 and 2^32 - 1")
+    check_file_id(None if canonical == "content" else canonical)
     if isinstance(file, (str, os.PathLike)):
         refuse(os.fspath(file), force)
     encoded = encode(recording, settings, progress=progress, threads=threads)
@@ -134,6 +137,8 @@ def write(
     layers, events = layers_of(recording, len(encoded.tracks), cluster)
     tracks = [*encoded.tracks, *layers]
     own_uuid = recording.uuid or (uuid.uuid4() if canonical is None else None)
+    if canonical == "content":
+        canonical = content_id(tracks, encoded.packets + events, extras)
     with target(file, force) as stream:
         out = FileWriter(
             stream,
@@ -158,6 +163,17 @@ def write(
         recording.sample_count,
         tuple(encoded.decisions),
     )
+
+
+def content_id(tracks: Sequence[Track], packets: Sequence[Packet], extras: Sequence[bytes]) -> int:
+    """A file id from all that a file says."""
+    digest = hashlib.sha256()
+    parts = [build_series(series) for series in series_of(tracks)] + list(extras)
+    for packet in packets:
+        parts += [entry_fields(packet), packet.data]
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "little") + part)
+    return int.from_bytes(digest.digest()[:8], "little")
 
 
 def layers_of(

@@ -30,7 +30,7 @@ from hapfmt.codecs.sine import SINES
 from hapfmt.codecs.values import ordered, unordered, values_of
 from hapfmt.container.tlv import parse_strings
 from hapfmt.container.track import Affine
-from hapfmt.container.wire import crc32
+from hapfmt.container.wire import crc32, seed_of
 from hapfmt.errors import FormatError
 from hapfmt.integers import build_svarint, build_varint, clamp, parse_svarint, parse_varint, rdiv
 from hapfmt.limits import LEVELS
@@ -64,6 +64,11 @@ def clamped(case):
 
 def checksum(case):
     return {"crc": crc32(bytes.fromhex(case["bytes"]))}
+
+
+def file_checksum(case):
+    seed = seed_of(int(case["file_id"], 0))
+    return {"crc": crc32(bytes.fromhex(case["bytes"]), seed)}
 
 
 def strings(case):

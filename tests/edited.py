@@ -124,7 +124,9 @@ def packets_of(data: bytes) -> list[Packet]:
     for ref in catalogue.data:
         chunk = read_chunk(source, ref.offset)
         assert chunk is not None
-        found += parse_cluster(chunk.payload, catalogue.tracks, catalogue.level, 0)
+        found += parse_cluster(
+            chunk.payload, catalogue.tracks, catalogue.level, 0, chunk.header.seed
+        )
     return found
 
 

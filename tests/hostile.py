@@ -184,7 +184,7 @@ def index_entries(size: Size) -> bytes:
     count = ((1 << 24) - 28) // 5 if size is WHOLE else size.chunks
     body = f.file(head(), f.TRACK_0, ("aTTc", b"\1a\0" + bytes(count)))
     payload = f.index([], count=count) + b"HEAD\0" + b"HEAD\1" * (count - 1)
-    stop = len(body) + 32 + len(payload) + 64
+    stop = len(body) + f.HEADER + len(payload) + f.FOOT
     return body + f.chunk("iNDX", payload, 3) + f.chunk("fOOT", f.foot(len(body), stop, 0, 1), 4)
 
 
@@ -206,7 +206,9 @@ def bad_payloads(size: Size) -> bytes:
 def nested(_size: Size) -> bytes:
     """Headers that each promise all that follows."""
     count = 1 << 16
-    parts = [f.chunk("xXxx", NONE, i + 1, size=32 * (count - i - 1), crc=1) for i in range(count)]
+    parts = [
+        f.chunk("xXxx", NONE, i + 1, size=f.HEADER * (count - i - 1), crc=1) for i in range(count)
+    ]
     return f.file(head()) + b"".join(parts)
 
 

@@ -32,6 +32,7 @@ from hapfmt.recording import Calibration, Channel, Deviation, Recording, Span
 
 u16s = st.sampled_from([0, 1, 255, 256, 65535]) | st.integers(0, 65535)
 u32s = st.sampled_from([0, 1, 2**31, 2**32 - 1]) | st.integers(0, 2**32 - 1)
+u64s = st.sampled_from([0, 7, 2**32, 2**64 - 1]) | st.integers(0, 2**64 - 1)
 i64s = st.sampled_from([0, -1, 2**63 - 1, -(2**63)]) | st.integers(-(2**63), 2**63 - 1)
 varints = st.sampled_from(
     [0, 1, 127, 128, 300, 16383, 16384, 2**32, 2**49 - 1, 2**49, 2**53 - 1]
@@ -56,7 +57,7 @@ chunk_types = st.sampled_from(["HEAD", "TRAK", "DATA", "iNDX", "fOOT", "mETa"]) 
     "abyzABYZ", min_size=4, max_size=4
 )
 chunk_headers = st.builds(
-    ChunkHeader, chunk_types, u32s, u32s, st.integers(0, 2**24), u16s, u16s, u32s
+    ChunkHeader, chunk_types, u64s, u32s, st.integers(0, 2**24), u16s, u16s, u32s
 )
 uuids = st.none() | st.binary(min_size=16, max_size=16).filter(any)
 
@@ -66,7 +67,6 @@ def heads(draw):
     known = draw(st.booleans())
     return Head(
         draw(st.sampled_from([1, 2])),
-        draw(u32s),
         draw(uuids),
         draw(i64s) if known else None,
         draw(st.integers(0, 2**64 - 2)) if known else 0,

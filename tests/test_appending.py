@@ -463,14 +463,14 @@ class TestRefusals:
     def test_damage_before_the_end(self, tmp_path: Path):
         first = next(c for c in chunks(WHOLE) if c.header.type == "DATA")
         for place in (first.offset + 3, first.payload_offset + 30, first.payload_offset + 1):
-            data = bytearray(WHOLE[:-64])
+            data = bytearray(WHOLE[: -f.FOOT])
             data[place] ^= 1
             self.refused(tmp_path / "a", bytes(data), ParameterError, "run: hapfmt recover")
         for place in (0, 40):
-            data = bytearray(WHOLE[:-64])
+            data = bytearray(WHOLE[: -f.FOOT])
             data[place] ^= 1
             self.refused(tmp_path / "a", bytes(data), ParameterError, "run: hapfmt recover|HEAD is")
-        missing = WHOLE[: first.offset] + WHOLE[first.stop : -64]
+        missing = WHOLE[: first.offset] + WHOLE[first.stop : -f.FOOT]
         self.refused(tmp_path / "a", missing, ParameterError, "missing-chunk")
 
     def test_an_unknown_critical_chunk(self, tmp_path: Path):
@@ -481,7 +481,7 @@ class TestRefusals:
         self.refused(tmp_path / "a", data, UnsupportedError, "major version 2")
 
     def test_another_file_behind_it(self, tmp_path: Path):
-        other = f.closed(("HEAD", f.head(file_id=99), {"file_id": 99}))
+        other = f.closed(("HEAD", f.head()), file_id=99)
         self.refused(tmp_path / "a", WHOLE + other, ParameterError, "another file")
 
     def test_more_rubbish_than_a_writer_leaves(self, tmp_path: Path):
@@ -552,7 +552,7 @@ def test_what_was_written_in_parts_reads_as_if_at_once(tmp_path_factory, steps):
                     path.write_bytes(data[:-3])
                 if how == "zeros":
                     data = path.read_bytes()
-                    path.write_bytes(data[:-64] + bytes(5000))
+                    path.write_bytes(data[: -f.FOOT] + bytes(5000))
                 more = open_append(path, sync=NEVER)
                 file, writer, _ = more
                 assert more.ends() == ends == track_ends(more.catalogue)

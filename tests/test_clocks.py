@@ -195,7 +195,7 @@ class TestFile:
         for type_, payload, *_ in chunks:
             wrong = {"mETa": "cLOk", "cLOk": "aaaa"}.get(type_, type_)
             rows.append((wrong, at, 0, f.LATE_MS if type_ == "DATA" else 0))
-            at += 32 + len(payload)
+            at += f.HEADER + len(payload)
         assert len(Reader(f.closed(*chunks, ahead={"entries": rows})).clocks) == len(SEEN)
 
     def test_broken_rules_are_part_of_the_damage(self):

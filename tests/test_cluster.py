@@ -23,6 +23,7 @@ from hapfmt.container.cluster import (
 )
 from hapfmt.container.salvage import salvage_cluster
 from hapfmt.container.track import Component, Track
+from hapfmt.container.wire import seed_of
 from hapfmt.errors import FormatError
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDecoder
@@ -30,6 +31,7 @@ from hapfmt.reading.decoder import TrackDecoder
 pytestmark = pytest.mark.capped
 
 ONE = LEVELS[1]
+SEED = seed_of(f.FILE_ID)
 TRACKS = {id_: Track(id_, "full", "KNOT", Fraction(1000), id_, (Component(),)) for id_ in range(3)}
 
 
@@ -56,9 +58,9 @@ def test_comes_back(packets):
     DAT-002: Entries MUST stand in increasing order of (track, start).
     DAT-005: The packets MUST fill the rest of the payload to its last byte.
     """
-    payload = build_cluster(packets)
+    payload = build_cluster(packets, SEED)
     assert payload == f.cluster(*fields(packets))
-    back = parse_cluster(payload, TRACKS, ONE, 1000)
+    back = parse_cluster(payload, TRACKS, ONE, 1000, SEED)
     assert fields(back) == fields(packets)
     assert all(payload[p.offset - 1000 :].startswith(p.data) for p in back)
     sizes = sum(entry_size(p) + len(p.data) for p in packets)
@@ -68,14 +70,16 @@ def test_comes_back(packets):
 @given(clusters(), st.data())
 def test_any_flip_is_reported(packets, data):
     """
-    DAT-004: `packet_crc` MUST be the CRC-32 of the four varints of its entry followed by the bytes of the packet.
+    DAT-004: `packet_crc` MUST be the file CRC of the four varints of its entry followed by the bytes of the packet.
     """
-    payload = bytearray(build_cluster(packets))
+    payload = bytearray(build_cluster(packets, SEED))
     bit = data.draw(st.integers(0, 8 * len(payload) - 1))
     payload[bit // 8] ^= 1 << bit % 8
     with pytest.raises(FormatError):
-        parse_cluster(bytes(payload), TRACKS, ONE, 0)
-    kept = [p for p in salvage_cluster(bytes(payload), TRACKS, ONE, 0) if isinstance(p, Packet)]
+        parse_cluster(bytes(payload), TRACKS, ONE, 0, SEED)
+    kept = [
+        p for p in salvage_cluster(bytes(payload), TRACKS, ONE, 0, SEED) if isinstance(p, Packet)
+    ]
     assert all(row in fields(packets) for row in fields(kept))
     table = len(payload) - sum(len(p.data) for p in packets)
     if bit // 8 >= table:
@@ -85,12 +89,12 @@ def test_any_flip_is_reported(packets, data):
 @given(clusters(), st.data())
 def test_salvage_never_invents(packets, data):
     """
-    REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC differs.
+    REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC or file id differs.
     """
-    payload = bytearray(build_cluster(packets))
+    payload = bytearray(build_cluster(packets, SEED))
     at = data.draw(st.integers(0, len(payload) - 1))
     payload[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))
-    for item in salvage_cluster(bytes(payload), TRACKS, ONE, 0):
+    for item in salvage_cluster(bytes(payload), TRACKS, ONE, 0, SEED):
         if isinstance(item, Packet):
             assert fields([item])[0] in fields(packets)
 
@@ -100,7 +104,9 @@ def test_one_wrong_size_costs_one_packet():
     packets = [(0, 4 * i, 4, bytes([i] * 5)) for i in range(4)]
     payload = bytearray(f.cluster(*packets))
     payload[1 + 8 + 1] ^= 1
-    kept = [p for p in salvage_cluster(bytes(payload), TRACKS, ONE, 0) if isinstance(p, Packet)]
+    kept = [
+        p for p in salvage_cluster(bytes(payload), TRACKS, ONE, 0, SEED) if isinstance(p, Packet)
+    ]
     assert fields(kept) == packets[:1] + packets[2:]
 
 
@@ -109,16 +115,16 @@ def test_salvage_keeps_the_limit_of_samples():
     DAT-009: Over all packets of a cluster, `span` times the component count of the track, for a packet of events its size in bytes, MUST add up to at most what the level allows; a decoder checks it before it takes memory.
     """
     payload = f.cluster(*[(0, i << 22, 1 << 22, b"") for i in range(2)])
-    kept = [p for p in salvage_cluster(payload, TRACKS, ONE, 0) if isinstance(p, Packet)]
+    kept = [p for p in salvage_cluster(payload, TRACKS, ONE, 0, SEED) if isinstance(p, Packet)]
     assert fields(kept) == [(0, 0, 1 << 22, b"")]
 
 
 @given(st.binary(max_size=40))
 def test_any_bytes(data):
     try:
-        assert build_cluster(parse_cluster(data, TRACKS, ONE, 0)) == data
+        assert build_cluster(parse_cluster(data, TRACKS, ONE, 0, SEED), SEED) == data
     except FormatError:
-        list(salvage_cluster(data, TRACKS, ONE, 0))
+        list(salvage_cluster(data, TRACKS, ONE, 0, SEED))
 
 
 @pytest.mark.parametrize(
@@ -139,8 +145,8 @@ def test_promises_take_no_memory(payload):
     """
     tracemalloc.start()
     with pytest.raises(FormatError):
-        parse_cluster(payload, TRACKS, ONE, 0)
-    list(salvage_cluster(payload, TRACKS, ONE, 0))
+        parse_cluster(payload, TRACKS, ONE, 0, SEED)
+    list(salvage_cluster(payload, TRACKS, ONE, 0, SEED))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1 << 18
@@ -224,7 +230,7 @@ def test_salvage_finds_what_the_page_finds(packets, data):
     """
     REC-002: A recovering reader MUST find at least the chunks and packets that the procedure below finds.
     """
-    payload = bytearray(build_cluster(packets))
+    payload = bytearray(build_cluster(packets, SEED))
     for _ in range(data.draw(st.integers(1, 3))):
         at = data.draw(st.integers(0, len(payload) - 1))
         payload[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))
@@ -232,7 +238,7 @@ def test_salvage_finds_what_the_page_finds(packets, data):
             return
     kept = {
         (item.track, item.start, item.span, item.data)
-        for item in salvage_cluster(bytes(payload), TRACKS, ONE, 0)
+        for item in salvage_cluster(bytes(payload), TRACKS, ONE, 0, SEED)
         if isinstance(item, Packet)
     }
     assert len(kept) >= len(placed_by_size(bytes(payload)))
@@ -242,7 +248,7 @@ def test_salvage_finds_what_the_page_finds(packets, data):
 @given(clusters(), st.integers(0, 1 << 30), st.sampled_from(["flip", "delete", "insert"]))
 def test_one_wrong_byte_costs_one_packet(packets, place, kind):
     """Wherever it is; one more where packets are so short that they may stand anywhere."""
-    payload = bytearray(build_cluster(packets))
+    payload = bytearray(build_cluster(packets, SEED))
     size, place = len(payload), place % len(payload)
     if kind == "flip":
         payload[place] ^= 0x80
@@ -252,7 +258,7 @@ def test_one_wrong_byte_costs_one_packet(packets, place, kind):
         payload.insert(place, 0x81)
     region = bytes(payload) + f.SYNC
     sizes = [size, len(payload)] if len(payload) != size else [size]
-    found = salvage_cluster(region[: max(sizes)], TRACKS, ONE, 0, sizes)
+    found = salvage_cluster(region[: max(sizes)], TRACKS, ONE, 0, SEED, sizes)
     kept = [item for item in found if isinstance(item, Packet)]
     if all(len(packet.data) >= 4 for packet in packets):
         assert len(kept) >= len(packets) - 1

@@ -19,6 +19,7 @@ from component_programs import (
     division,
     evnt,
     exact_values,
+    file_checksum,
     first_probabilities,
     grid,
     integer_model,
@@ -45,6 +46,7 @@ from hapfmt.container.cluster import parse_cluster, parse_count, parse_entry
 from hapfmt.container.lists import round_up
 from hapfmt.container.salvage import Salvage
 from hapfmt.container.track import Track
+from hapfmt.container.wire import seed_of
 from hapfmt.deadband import Deadband
 from hapfmt.errors import FormatError
 from hapfmt.limits import LEVELS
@@ -53,6 +55,7 @@ from hapfmt.reading.seconds import tick_range
 
 ROOM = Path(make_components.ROOM)
 LEVEL = LEVELS[1]
+SEED = seed_of(7)
 
 
 def test_as_made():
@@ -69,7 +72,7 @@ class AnyTrack(dict):
 
 def cluster(case):
     payload = bytes.fromhex(case["payload"])
-    packets = parse_cluster(payload, AnyTrack(), LEVEL, 0)
+    packets = parse_cluster(payload, AnyTrack(), LEVEL, 0, SEED)
     _, position = parse_count(payload, LEVEL, 0)
     entries = []
     for packet in packets:
@@ -90,7 +93,7 @@ def salvage(case):
     tracks = {id_: AnyTrack()[id_] for id_ in range(8)}
     rows = [
         [kept.place, kept.at, kept.entry.track, kept.entry.size, kept.entry.start, kept.entry.span]
-        for kept in Salvage(payload, tracks, LEVEL, ends).run()
+        for kept in Salvage(payload, tracks, LEVEL, SEED, ends).run()
     ]
     return {"kept": rows}
 
@@ -161,7 +164,8 @@ def digest(case):
 
 PROGRAMS = {
     "varint": varint, "svarint": svarint, "division": division, "clamp": clamped,
-    "crc32": checksum, "strings": strings, "bit-model": bit_model, "symbol-model": symbol_model,
+    "crc32": checksum, "file-crc": file_checksum,
+    "strings": strings, "bit-model": bit_model, "symbol-model": symbol_model,
     "first-probabilities": first_probabilities, "range-coder": range_coder,
     "integer-model": integer_model, "knot": knot, "coded-knots": coded_knots,
     "codebook": codebook, "quan": quan, "rawb": rawb, "evnt": evnt, "sine": sine, "predictor": predictor, "grid": grid, "rice": rice,

@@ -27,7 +27,7 @@ TRACK = {
     "rate": [1000, 1], "spans": [[0, 3], [9, 10]], "numbers": "a.raw",
 }  # fmt: skip
 HEAD = {
-    "major": 1, "minor": 0, "level": 1, "file_id": 7, "uuid": None, "epoch_ns": None,
+    "major": 1, "minor": 0, "level": 1, "file_id": "0x0000000000000007", "uuid": None, "epoch_ns": None,
     "epoch_uncertainty_ns": None,
 }  # fmt: skip
 REPORT = {
@@ -43,7 +43,10 @@ EXPECT = {
     "needs": {"codecs": ["KNOT"], "level": 1},
     "exit": {"decode": 0, "verify": 0},
     "verdict": "intact",
-    "decode": {"head": {"file_id": 7}, "tracks": [TRACK | {"numbers": numbers(COUNTS)}]},
+    "decode": {
+        "head": {"file_id": "0x0000000000000007"},
+        "tracks": [TRACK | {"numbers": numbers(COUNTS)}],
+    },
     "verify": {"damages": [], "lost": []},
 }
 
@@ -111,7 +114,7 @@ def test_an_adapter_that_does_well(room, tmp_path):
         ({"decode": None}, "decode.json: expected a JSON object, found no file"),
         ({"decode": "{"}, "decode.json: expected a JSON object, found what is none"),
         ({"decode": {"head": HEAD, "tracks": []}}, "tracks: expected 1 entries, found 0 entries"),
-        ({"decode": {"head": HEAD | {"file_id": 8}, "tracks": [TRACK]}}, "head.file_id: expected 7, found 8"),
+        ({"decode": {"head": HEAD | {"file_id": "0x0000000000000008"}, "tracks": [TRACK]}}, "head.file_id: expected 0x0000000000000007, found 0x0000000000000008"),
         ({"decode": {"head": HEAD, "tracks": [TRACK | {"rate": [1, 0]}]}}, "decode.json.tracks[0].rate[1]: expected a number from 1 to"),
         ({"decode": {"head": HEAD, "tracks": [TRACK | {"spans": [[0, 4]]}]}}, "spans: expected [[0, 3], [9, 10]], found [[0, 4]]"),
         ({"verify": REPORT | {"verdict": "damaged"}}, "verdict: expected that of exit code 0, intact, found damaged"),

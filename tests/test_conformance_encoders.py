@@ -21,7 +21,7 @@ JOB = {
         {"label": "a", "rate": [1000, 1], "format": "counts", "calibration": [1, 0, 1],
          "spans": [[0, 300], [400, 500]], "numbers": "a.raw"}
     ],
-    "mode": "deadband", "k": [1, 10], "floor": 3, "guaranteed": True, "file_id": 9,
+    "mode": "deadband", "k": [1, 10], "floor": 3, "guaranteed": True, "file_id": "0x0000000000000009",
     "cluster_s": [1, 10],
 }  # fmt: skip
 
@@ -60,7 +60,7 @@ class TestEncoders:
             ("deadband", "wide", "bounded-error by hapfmt: channels [0], tick"),
             ("lossless", "one more", "strict-verify by hapfmt: exit code: expected 0 (intact), found 3"),
             ("deadband", "random id", "reencode-stable: a second run: expected the same bytes, found others from 16"),
-            ("deadband", "random id", "file id: expected 9, found"),
+            ("deadband", "random id", "file id: expected 0x0000000000000009, found"),
             ("deadband", "no index", "index-complete: index: expected every chunk, in order, found at"),
             ("deadband", "no footer", "index-complete: index: expected every chunk, in order, found no fOOT"),
             ("deadband", "refuse", "not tested: 1 cases for want of an encoder that does this job"),

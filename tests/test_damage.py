@@ -27,7 +27,7 @@ TWO = f.closed(
     ("DATA", f.cluster((0, 3, 2, b"\x08"), (1, 4, 1, b"\x0b"))),
     duration_ns=5_000_000,
 )
-"""Two channels, two clusters, a gap: 516 bytes."""
+"""Two channels, two clusters, a gap: 540 bytes."""
 
 CLEAN = samples(TWO)
 
@@ -65,9 +65,9 @@ def check(data: bytes, clean: dict) -> None:
 @pytest.mark.parametrize("part", range(8))
 def test_every_flip(part):
     """
-    REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC differs.
+    REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC or file id differs.
     REC-003: A reader that does not stop at the first damage MUST report every stretch of bytes that was lost, and every span, as far as the packets around it tell.
-    CHK-002: `header_crc` MUST be the CRC-32 of bytes 0 to 27 of the header, and a reader MUST use no field of a header whose CRC differs.
+    CHK-002: `header_crc` MUST be the CRC-32 of bytes 0 to 31 of the header, and a reader MUST use no field of a header whose CRC differs.
     """
     for at in range(part, len(TWO), 8):
         for bit in range(8):
@@ -94,7 +94,7 @@ def test_every_prefix():
         check(TWO[:size], CLEAN)
 
 
-@pytest.mark.parametrize("junk", [b"\0", f.SYNC, TWO[8:40]])
+@pytest.mark.parametrize("junk", [b"\0", f.SYNC, TWO[8:44]])
 def test_every_insertion(junk):
     for at in range(0, len(TWO), 3):
         check(TWO[:at] + junk + TWO[at:], CLEAN)
@@ -105,7 +105,7 @@ def test_every_insertion(junk):
 )
 def test_any_damage_of_any_file(recording, settings, band, data):
     """
-    REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC differs.
+    REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC or file id differs.
     """
     out = io.BytesIO()
     hapfmt.write(recording, out, settings, canonical=f.FILE_ID)

@@ -64,7 +64,7 @@ class TestRefusals:
         elif fault == "cut":
             data = data[: len(data) // 2]
         elif fault == "open":
-            data = data[:-64]
+            data = data[: -forge.FOOT]
         else:
             data = bytearray(forge.minimal(("XXXx", b"")))
         out = tmp_path / "out.hapf"
@@ -503,7 +503,7 @@ def test_an_index_that_points_elsewhere() -> None:
     chunks = [("HEAD", forge.head()), forge.TRACK_0, forge.DATA_0]
     body = forge.file(*chunks, ("iNDX", payload))
     data = body + forge.chunk(
-        "fOOT", forge.foot(len(forge.file(*chunks)), len(body) + 64, 1, 1, 4_000_000), 4
+        "fOOT", forge.foot(len(forge.file(*chunks)), len(body) + forge.FOOT, 1, 1, 4_000_000), 4
     )
     whole, _ = subset(data, None, 0, 1)
     assert len(packets_of(whole)) == 1

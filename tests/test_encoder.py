@@ -74,7 +74,7 @@ class TestAnyRecording:
 
     @given(recordings(), encoder_settings())
     def test_canonical_bytes(self, recording, settings):
-        """WRT-002: In canonical mode the file id is an input, no time of day, host, user or random number enters the file, and the same input and settings MUST give the same bytes with the same encoder version."""
+        """WRT-002: In canonical mode the file id is an input or follows from the content, no time of day, host, user or random number enters the file, and the same input and settings MUST give the same bytes with the same encoder version."""
         assert encoded(recording, settings) == encoded(recording, settings)
 
 

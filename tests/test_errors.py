@@ -56,7 +56,7 @@ def test_file_layer(fault):
     FIL-001: A file MUST begin with the signature.
     FIL-002: The first chunk MUST start at offset 8, and each other chunk directly after the payload of the one before it.
     CHK-001: The sync word MUST be `F9 48 8B 1C`.
-    CHK-002: `header_crc` MUST be the CRC-32 of bytes 0 to 27 of the header, and a reader MUST use no field of a header whose CRC differs.
+    CHK-002: `header_crc` MUST be the CRC-32 of bytes 0 to 31 of the header, and a reader MUST use no field of a header whose CRC differs.
     CHK-006: The type MUST be four ASCII letters; a header with another type is no header.
     CHK-008: The payload MUST NOT be longer than the level allows (clause 15).
     """
@@ -68,7 +68,6 @@ def test_head(fault):
     """
     HED-001: `HEAD` MUST be the first chunk.
     HED-002: `HEAD` MUST hold the fixed layout and then whole TLVs.
-    HED-003: `file_id` in `HEAD` MUST equal that of its header.
     HED-004: `level` MUST be 1 or 2; a reader reports another level as *unsupported*.
     HED-005: Bytes called `reserved`, here and in every other layout, MUST be 0.
     """
@@ -115,7 +114,7 @@ def test_clusters(fault):
     DAT-001: `packet_count` MUST be at least 1 and at most what the level allows.
     DAT-002: Entries MUST stand in increasing order of (track, start).
     DAT-003: `span` MUST be at least 1 and at most what the level allows, and `start + span` at most 2^48.
-    DAT-004: `packet_crc` MUST be the CRC-32 of the four varints of its entry followed by the bytes of the packet.
+    DAT-004: `packet_crc` MUST be the file CRC of the four varints of its entry followed by the bytes of the packet.
     DAT-005: The packets MUST fill the rest of the payload to its last byte.
     DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file, but for tracks of kind events.
     DAT-008: A packet MUST belong to a track that is described.

@@ -254,7 +254,7 @@ class TestWriting:
 
     def test_canonical(self):
         """
-        WRT-002: In canonical mode the file id is an input, no time of day, host, user or random number enters the file, and the same input and settings MUST give the same bytes with the same encoder version.
+        WRT-002: In canonical mode the file id is an input or follows from the content, no time of day, host, user or random number enters the file, and the same input and settings MUST give the same bytes with the same encoder version.
         """
         recording = self.recording(Event(0, "a", layer="q"), Event(0, "b", layer="p"))
         assert written(recording) == written(recording)

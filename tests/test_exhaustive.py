@@ -84,7 +84,7 @@ def cases(data: bytes, kind: str) -> Iterator[bytes]:
 def test_every_single_fault(name, kind):
     """
     VRD-002: A file that was not closed MUST NOT be called intact.
-    REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC differs.
+    REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC or file id differs.
     REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, with the same track id, start, span and bytes, and no other.
     """
     bands = ("full", "lf") if name in ("residual", "perceptual") else ("full",)

@@ -38,7 +38,7 @@ from hapfmt.reading.reader import Reader
 pytestmark = pytest.mark.capped
 
 HEAD = ("HEAD", f.head())
-DATA_AT = 88 + 32 + len(f.TRACK_0[1])
+DATA_AT = 88 + f.HEADER + len(f.TRACK_0[1])
 i64 = st.integers(-(2**63), 2**63 - 1)
 u64 = st.integers(0, 2**64 - 1)
 
@@ -46,7 +46,7 @@ u64 = st.integers(0, 2**64 - 1)
 @st.composite
 def indexes(draw):
     # Chunks stand at least a header apart.
-    gaps = draw(st.lists(st.integers(32, 2**50), max_size=4))
+    gaps = draw(st.lists(st.integers(f.HEADER, 2**50), max_size=4))
     offsets = list(accumulate(gaps, initial=draw(st.integers(8, 2**50))))[: len(gaps)]
     types = st.sampled_from(["HEAD", "TRAK", "DATA", "mETa"])
     ms = st.integers(0, 2**53 - 1)
@@ -115,8 +115,8 @@ def test_times_beyond_their_range():
 def two_indexes(**changes) -> bytes:
     """HEAD, TRAK, DATA, index of all; DATA, index of that, footer."""
     out = f.file(HEAD, f.TRACK_0, f.DATA_0)
-    second = 8 + 32 + 48
-    third = second + 32 + len(f.TRACK_0[1])
+    second = 8 + f.HEADER + len(f.head())
+    third = second + f.HEADER + len(f.TRACK_0[1])
     first_index = len(out)
     rows = [("HEAD", 8, 0, 0), ("TRAK", second, 0, 0), ("DATA", third, 0, 10**9)]
     out += f.chunk("iNDX", f.index(rows), 3)
@@ -125,7 +125,7 @@ def two_indexes(**changes) -> bytes:
     given_ = {"covers_from": first_index, "previous": first_index} | changes
     last_index = len(out)
     out += f.chunk("iNDX", f.index([("DATA", data, 0, 10**9)], **given_), 5)
-    return out + f.chunk("fOOT", f.foot(last_index, len(out) + 64, 2, 1, 8_000_000), 6)
+    return out + f.chunk("fOOT", f.foot(last_index, len(out) + f.FOOT, 2, 1, 8_000_000), 6)
 
 
 class TestChains:
@@ -148,7 +148,7 @@ class TestChains:
         assert not open_catalogue(BytesSource(data)).indexed
 
     def test_previous_is_no_index(self):
-        third = 8 + 32 + 48 + 32 + len(f.TRACK_0[1])
+        third = 8 + f.HEADER + len(f.head()) + f.HEADER + len(f.TRACK_0[1])
         data = f.minimal(
             ahead={"entries": [("DATA", third, 0, 10**12)], "covers_from": third, "previous": third}
         )
@@ -212,7 +212,7 @@ class TestAHint:
     @pytest.mark.parametrize("closed", [True, False])
     def test_no_entry(self, closed):
         data = f.minimal(ahead={"entries": ()})
-        data = data if closed else data[:-64]
+        data = data if closed else data[: -f.FOOT]
         assert not open_catalogue(BytesSource(data)).indexed
         assert samples(data, start=0) == samples(f.minimal())
 
@@ -242,7 +242,7 @@ class TestFooter:
 
     def test_without_an_index(self):
         body = f.file(HEAD, f.TRACK_0, f.DATA_0)
-        foot = f.foot(0, len(body) + 64, 1, 1, f.DURATION_NS)
+        foot = f.foot(0, len(body) + f.FOOT, 1, 1, f.DURATION_NS)
         assert rule(body + f.chunk("fOOT", foot, 3)) == ("nonconforming", "FOT-002")
 
     def test_closes_the_file(self):
@@ -251,8 +251,8 @@ class TestFooter:
         VRD-002: A file that was not closed MUST NOT be called intact.
         """
         data = f.minimal()
-        assert rule(data[:-64]) == ("damaged", "FIL-003")
-        assert samples(data[:-64]) == samples(data)
+        assert rule(data[: -f.FOOT]) == ("damaged", "FIL-003")
+        assert samples(data[: -f.FOOT]) == samples(data)
 
     def test_the_last_counts(self):
         """Appended: a second footer after more packets."""
@@ -263,7 +263,7 @@ class TestFooter:
         rows += [("DATA", len(first), 0, 10**9)]
         out += f.chunk("iNDX", f.index(rows), 6)
         assert rule(out)[0] == "damaged"
-        out += f.chunk("fOOT", f.foot(at, len(out) + 64, 2, 1, 8_000_000), 7)
+        out += f.chunk("fOOT", f.foot(at, len(out) + f.FOOT, 2, 1, 8_000_000), 7)
         assert rule(out) == ("intact", None)
         assert len(samples(out)) == 8
 
@@ -300,7 +300,7 @@ class TestWriter:
         for cut in (len(long_file) // 2, len(long_file) - 1):
             found = Reader(long_file[:cut]).catalogue.data
             assert [ref.offset for ref in found] == [
-                r.offset for r in whole if r.offset + 32 <= cut
+                r.offset for r in whole if r.offset + f.HEADER <= cut
             ]
 
 

@@ -233,7 +233,7 @@ class TestWrites:
             writer = FileWriter(file)
             writer.describe([TRACK])
             writer.cluster(packets(0))
-            with size_limit(file.size + 140), pytest.raises(OSError):
+            with size_limit(file.size + 152), pytest.raises(OSError):
                 writer.cluster(packets(1, 100))
             assert writer.unwritten == packets(1, 100)
             assert file.lost_size > 2000

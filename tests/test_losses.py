@@ -30,7 +30,7 @@ def file_of(*clusters, **changes) -> bytes:
     for number, (type_, payload, *_) in enumerate(chunks):
         times = (starts[number - 2], stops[number - 2]) if type_ == "DATA" else (0, 0)
         entries.append((type_, at, *times))
-        at += 32 + len(payload)
+        at += f.HEADER + len(payload)
     duration = max(stops) * 10**6
     return f.closed(*chunks, ahead={"entries": entries}, duration_ns=duration, **changes)
 
@@ -67,6 +67,15 @@ def test_a_missing_cluster_costs_its_own_time(cluster):
 GAPS = file_of([row(0, 0), row(1, 0)], [row(1, 100)], [row(2, 200)], [row(0, 300), row(2, 300)])
 
 
+def test_clusters_of_equal_times():
+    """An entry of an index speaks of the chunk with its sequence number, whatever its times."""
+    data = file_of([row(0, 0)], [row(1, 0)], [row(2, 0)])
+    for cluster in range(3):
+        at = payload_of(data, "DATA", cluster)
+        assert lost(flipped(data, at + 1)) == [(cluster, 0, 4)]
+        assert lost(flipped(data, at - 10)) == [(cluster, 0, 4)]
+
+
 def test_the_index_says_when():
     """A gap that stands in no cluster is not lost."""
     second = payload_of(GAPS, "DATA", 1)
@@ -81,7 +90,7 @@ def test_a_chunk_that_was_no_cluster_costs_no_samples():
     at = 8
     for number, (type_, payload, *_) in enumerate(chunks):
         entries[number] = (type_, at, *entries[number][2:])
-        at += 32 + len(payload)
+        at += f.HEADER + len(payload)
     assert len(places) == len(entries)
     data = f.closed(*chunks, ahead={"entries": entries})
     bad = flipped(data, payload_of(data, "aTTc") - 10)
@@ -145,7 +154,7 @@ def test_report():
     assert report["damages"][1]["lost"] == [
         {"track": 1, "channels": [1], "start": 4, "stop": 8, "start_s": 0.004, "stop_s": 0.008}
     ]
-    assert (report["lost"], report["byte_count"]) == ([], 32 + 1 + 3 * 13)
+    assert (report["lost"], report["byte_count"]) == ([], f.HEADER + 1 + 3 * 13)
     assert report["channels"] == [
         {"channel": n, "label": "", "lost_ticks": 4 * (n == 1), "lost_s": 0.004 * (n == 1)}
         for n in range(3)

@@ -127,8 +127,8 @@ def test_a_gap_is_proven():
     reader.source = reader.catalogue.source = source
     reader.read("gap", 0, 2)
     first, second, third = (ref.offset for ref in reader.catalogue.data[:3])
-    assert (first + 32, second - first - 32) in source.seen
-    assert (second + 32, third - second - 32) in source.seen
+    assert (first + f.HEADER, second - first - f.HEADER) in source.seen
+    assert (second + f.HEADER, third - second - f.HEADER) in source.seen
 
 
 def hidden(cluster: int, row: int) -> bytes:
@@ -201,7 +201,7 @@ def outcome(data: bytes, channel: int, start, stop) -> tuple[dict | None, set[in
 def test_every_flip_in_the_clusters(channel, monkeypatch):
     """The same samples as from whole payloads; what is missing is reported."""
     refs = Reader(DATA).catalogue.data
-    places = range(refs[0].offset, refs[-1].offset + 32 + 90)
+    places = range(refs[0].offset, refs[-1].offset + f.HEADER + 90)
     for at in places:
         bad = bytearray(DATA)
         bad[at] ^= 1 << at % 8
@@ -279,7 +279,7 @@ class TestFalseIndexes:
         rows = []
         for type_, payload, *_ in self.CHUNKS:
             rows.append((type_, at, 0, f.LATE_MS if type_ == "DATA" else 0))
-            at += 32 + len(payload)
+            at += f.HEADER + len(payload)
         return rows
 
     def file(self, rows) -> bytes:
@@ -316,15 +316,15 @@ class TestFalseIndexes:
         """Chunks within chunks, each of which promises all that follows: nothing is read again and
         again, whatever an index says."""
         count = 5000
-        inner = b"".join(f.chunk(kind, b"", 9, size=32 * (count - i)) for i in range(count))
+        inner = b"".join(f.chunk(kind, b"", 9, size=f.HEADER * (count - i)) for i in range(count))
         before = [("HEAD", f.head()), f.TRACK_0]
         body = f.file(*before, ("aTTc", f.strings("a", "") + inner))
         first = len(body) - len(inner)
         rows = [("HEAD", 8, 0, 0), ("TRAK", 88, 0, 0)]
-        rows += [(kind, first + 32 * i, 0, 9 * (kind == "DATA")) for i in range(count)]
+        rows += [(kind, first + f.HEADER * i, 0, 9 * (kind == "DATA")) for i in range(count)]
         data = body + f.chunk("iNDX", f.index(rows), 10)
         if closed:
-            data += f.chunk("fOOT", f.foot(len(body), len(data) + 64, 1, 1, 0), 11)
+            data += f.chunk("fOOT", f.foot(len(body), len(data) + f.FOOT, 1, 1, 0), 11)
         source = Counting(data)
         catalogue = open_catalogue(source)
         with Reader(data) as reader:

@@ -428,7 +428,7 @@ class TestStrict:
 
     def test_not_closed_raises(self):
         with pytest.raises(FormatError, match="not-closed"):
-            hapfmt.read(f.minimal()[:-64])
+            hapfmt.read(f.minimal()[: -f.FOOT])
 
     def test_an_error_names_the_file(self, tmp_path):
         path = tmp_path / "a.hapf"

@@ -19,7 +19,7 @@ WHOLE = f.closed(
     ("HEAD", f.head()), f.TRACK_0, *[("DATA", f.cluster(row)) for row in ROWS],
     duration_ns=16_000_000,
 )  # fmt: skip
-OPEN = WHOLE[: payload_of(WHOLE, "iNDX") - 32]
+OPEN = WHOLE[: payload_of(WHOLE, "iNDX") - f.HEADER]
 
 
 @pytest.fixture

@@ -66,7 +66,7 @@ def fresh(request):
 
 def size_of(data: bytes, kinds: str) -> int:
     chunks = Reader(data, scan=True).catalogue.chunks
-    return sum(ref.size + 32 for ref in chunks if ref.type in kinds.split())
+    return sum(ref.size + f.HEADER for ref in chunks if ref.type in kinds.split())
 
 
 def same(a: hapfmt.Recording, b: hapfmt.Recording) -> bool:

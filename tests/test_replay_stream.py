@@ -198,7 +198,7 @@ class TestFalseIndex:
         for number, (type_, payload, *_) in enumerate(chunks):
             times = (4 * (number - 2), 4 * (number - 1)) if type_ == "DATA" else (0, 0)
             places.append((type_, offset, *times))
-            offset += 32 + len(payload)
+            offset += f.HEADER + len(payload)
         lie = list(places)
         type_, where, *times = lie[2 + at]
         lie[2 + at] = (type_, where + 1, *times)
@@ -218,7 +218,7 @@ class TestFalseIndex:
         for number, (type_, payload, *_) in enumerate(chunks):
             times = (4 * (number - 2), 4 * (number - 1)) if type_ == "DATA" else (0, 0)
             entries.append((type_, offset + (number == 5), *times))
-            offset += 32 + len(payload)
+            offset += f.HEADER + len(payload)
         del entries[3]
         data = f.closed(*chunks, ahead={"entries": entries}, duration_ns=16_000_000)
         with Reader(data) as reader:
@@ -240,7 +240,7 @@ class TestFalseIndex:
         offsets, offset = [], 8
         for _, payload, *_ in chunks:
             offsets.append(offset)
-            offset += 32 + len(payload)
+            offset += f.HEADER + len(payload)
         entries = [("HEAD", offsets[0], 0, 0), ("TRAK", offsets[1], 0, 0)]
         entries += [("DATA", offsets[2], 0, 4), ("DATA", offsets[4] - 1, 4, 8)]
         data = f.closed(*chunks, ahead={"entries": entries}, duration_ns=8_000_000)

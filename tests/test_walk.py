@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule, samples
+from page import BrokenRule, varint
 
 from hapfmt.container.source import BytesSource
 from hapfmt.container.walk import BLOCK_SIZE, Finding, find_header, walk
@@ -24,36 +25,83 @@ ATTACHED = f.closed(("HEAD", f.head()), ("aTTc", f.strings("a", "") + DATA), f.T
 """A whole file, of the same file id, inside an attachment."""
 
 
+def held(payload: bytes, file_id: int) -> int:
+    """Bytes of the packets that hold one after the other behind the table, and of their entries."""
+    rows = []
+    try:
+        count, at = varint(payload, 0)
+        if not 1 <= count <= 1 << 17:
+            return 0
+        for _ in range(count):
+            begin, fields = at, []
+            for _ in range(4):
+                value, at = varint(payload, at)
+                fields.append(value)
+            if at + 4 > len(payload):
+                return 0
+            rows.append((payload[begin:at], *fields[1:], payload[at : at + 4]))
+            at += 4
+    except BrokenRule:
+        return 0
+    found = 0
+    for row, size, start, span, crc in rows:
+        body = payload[at : at + size]
+        at += size
+        kept = 1 <= span <= 1 << 24 and start + span <= 1 << 48 and len(body) == size
+        if kept and f.file_crc(row + body, file_id).to_bytes(4, "little") == crc:
+            found += len(row) + 4 + size
+    return found
+
+
 def slow_walk(data: bytes) -> list[tuple[int, bool]]:
     """(offset, intact) of the chunks that SPEC's procedure uses, in its own words."""
 
+    def number(p: int, size: int) -> int:
+        return int.from_bytes(data[p : p + size], "little")
+
     def valid(p: int, id_: int | None) -> bool:
-        h = data[p : p + 32]
+        h = data[p : p + 36]
         return (
-            len(h) == 32
+            len(h) == 36
             and h[:4] == f.SYNC
-            and zlib.crc32(h[:28]) == int.from_bytes(h[28:], "little")
+            and zlib.crc32(h[:32]) == number(p + 32, 4)
             and h[4:8].isalpha()
             and h[4:8].isascii()
-            and int.from_bytes(h[16:20], "little") <= 1 << 24
-            and id_ in (None, int.from_bytes(h[8:12], "little"))
+            and size(p) <= 1 << 24
+            and id_ in (None, id_at(p))
         )
 
+    def id_at(p: int) -> int:
+        return number(p + 8, 8)
+
     def size(p: int) -> int:
-        return int.from_bytes(data[p + 16 : p + 20], "little")
+        return number(p + 20, 4)
+
+    def payload(p: int) -> bytes:
+        return data[p + 36 : p + 36 + size(p)]
 
     def intact(p: int) -> bool:
-        payload = data[p + 32 : p + 32 + size(p)]
-        crc = int.from_bytes(data[p + 24 : p + 28], "little")
-        return len(payload) == size(p) and zlib.crc32(payload) == crc
+        whole = len(payload(p)) == size(p)
+        return whole and f.file_crc(payload(p), id_at(p)) == number(p + 28, 4)
 
-    def id_at(p: int) -> int:
-        return int.from_bytes(data[p + 8 : p + 12], "little")
+    def identify() -> int | None:
+        votes: dict[int, int] = {}
+        first: dict[int, int] = {}
+        at = 0
+        while later := [p for p in headers if p >= at]:
+            p, end = later[0], later[0] + 36 + size(later[0])
+            first.setdefault(id_at(p), p)
+            vote = 36 + size(p) if intact(p) else 0
+            if data[p + 4 : p + 8] == b"DATA" and not intact(p):
+                vote = held(payload(p), id_at(p))
+            votes[id_at(p)] = votes.get(id_at(p), 0) + vote
+            follows = valid(end, id_at(p)) and number(end + 16, 4) == number(p + 16, 4) + 1
+            skip = intact(p) or data[p + 4 : p + 8] == b"aTTc" or end == len(data) or follows
+            at = end if skip else p + 1
+        return max(first, key=lambda id_: (votes[id_], first[id_]), default=None)
 
     headers = [p for p in range(len(data)) if valid(p, None)]
-    heads = [p for p in headers if data[p + 4 : p + 8] == b"HEAD" and intact(p)]
-    first = [8] if 8 in headers else heads[:1] or headers[:1]
-    id_ = id_at(first[0]) if first else None
+    id_ = identify()
     position = 8 if data[:8] == f.SIGNATURE else 0
     seen: set[int] = set()
     suspect: int | None = None
@@ -68,15 +116,15 @@ def slow_walk(data: bytes) -> list[tuple[int, bool]]:
                 return used
             position, suspect = later[0], None
             continue
-        at, position = position, min(position + 32 + size(position), len(data))
-        sequence = int.from_bytes(data[at + 12 : at + 16], "little")
+        at, position = position, min(position + 36 + size(position), len(data))
+        sequence = number(at + 16, 4)
         if sequence in seen:
-            suspect = at + 32
+            suspect = at + 36
             continue
         used.append((at, intact(at)))
         if intact(at):
             seen.add(sequence)
-        suspect = None if intact(at) else at + 32
+        suspect = None if intact(at) else at + 36
 
 
 def fast_walk(data: bytes) -> tuple[list[tuple[int, bool]], list[Finding]]:
@@ -117,7 +165,7 @@ def test_finds_what_the_page_finds(data):
 
 
 @given(
-    st.binary(max_size=100) | st.lists(st.sampled_from([f.SYNC, DATA[8:40], b"\0"])).map(b"".join)
+    st.binary(max_size=100) | st.lists(st.sampled_from([f.SYNC, DATA[8:44], b"\0"])).map(b"".join)
 )
 def test_any_bytes(data):
     assert fast_walk(data)[0] == slow_walk(data)
@@ -132,8 +180,8 @@ def test_every_byte_is_a_chunk_or_reported(data):
     covered = bytearray(len(data))
     covered[:8] = b"\1" * 8
     for at, intact in chunks:
-        size = int.from_bytes(data[at + 16 : at + 20], "little")
-        covered[at : at + 32 + (size if intact else 0)] = b"\1" * (32 + (size if intact else 0))
+        size = f.HEADER + (int.from_bytes(data[at + 20 : at + 24], "little") if intact else 0)
+        covered[at : at + size] = b"\1" * size
     for finding in findings:
         covered[finding.offset : finding.offset + finding.size] = b"\1" * finding.size
     assert all(covered[: len(data)])
@@ -146,7 +194,7 @@ def test_an_attached_file_is_content():
 
 
 @pytest.mark.parametrize("edge", [BLOCK_SIZE, 2 * BLOCK_SIZE])
-@pytest.mark.parametrize("shift", range(-5, 34))
+@pytest.mark.parametrize("shift", range(-5, 38))
 def test_a_header_across_the_edge_of_a_block(edge, shift):
     chunk = f.chunk("mETa", b"{}", 0)
     at = edge - shift
@@ -193,7 +241,7 @@ def nested(count: int) -> bytes:
     """Headers that each promise all that follows."""
     out = b""
     for sequence in range(count, 0, -1):
-        size = 32 * (count - sequence)
+        size = f.HEADER * (count - sequence)
         out = f.chunk("aaaa", b"", sequence, size=size, crc=1) + out
     return f.file(("HEAD", f.head())) + out
 

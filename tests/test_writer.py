@@ -13,6 +13,7 @@ import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.container.source import BytesSource
 from hapfmt.container.walk import walk
+from hapfmt.container.wire import HEADER_SIZE
 from hapfmt.reading.opening import open_catalogue
 from hapfmt.scenes.stylus import simulate
 
@@ -44,7 +45,7 @@ def test_chunks_are_written_in_one_piece():
     stream = Pieces()
     hapfmt.write(simulate("sand", 1.0), stream)
     chunks = list(walk(BytesSource(stream.getvalue()), []))
-    assert stream.sizes == [8, *(32 + chunk.header.payload_size for chunk in chunks)]
+    assert stream.sizes == [8, *(HEADER_SIZE + chunk.header.payload_size for chunk in chunks)]
 
 
 def test_file_ids_are_random_outside_canonical_mode():
@@ -53,7 +54,7 @@ def test_file_ids_are_random_outside_canonical_mode():
     for _ in range(8):
         stream = io.BytesIO()
         hapfmt.write(Recording(()), stream)
-        ids.add(open_catalogue(BytesSource(stream.getvalue())).head.file_id)
+        ids.add(open_catalogue(BytesSource(stream.getvalue())).file_id)
     assert len(ids) == 8
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from hapfmt.conformance.verbs import main
 from hapfmt.container import filewriter
+from hapfmt.container.wire import HEADER_SIZE
 
 
 def other_job(deed, path, folder):
@@ -43,7 +44,7 @@ def encode(deed, job, target):
         code = main(["encode", str(other_job(deed, Path(job), Path(folder))), target])
     if deed == "no footer":
         path = Path(target)
-        path.write_bytes(path.read_bytes()[:-64])
+        path.write_bytes(path.read_bytes()[: -HEADER_SIZE - 32])
     return code
 
 

@@ -1,8 +1,10 @@
 """Faults in one file: wrong samples that are delivered, how many come back, and what recover makes.
 
-python tools/faults.py [--trials N] [--quick] [--many]      default 1000 of each kind
+python tools/faults.py [--trials N] [--quick] [--many] [--foreign]      default 1000 of each kind
 
 --quick: 50 of each kind. --many: a recorder's file too, 22 channels at 1 kHz in clusters of 1 s.
+--foreign: tactile arrays too, of 16, 64 and 200 mostly silent channels, and all of them with parts
+of a second recording of the same set-up in place of their own.
 """
 
 from __future__ import annotations
@@ -21,11 +23,14 @@ import numpy as np
 from measured import print_origin, print_table
 
 import hapfmt
+from hapfmt.container.source import BytesSource
+from hapfmt.container.walk import walk
 from hapfmt.scenes.stylus import simulate
 from hapfmt.verifier import verify
 
 SECONDS, RATE = 60.0, 8000
 CLUSTER = Fraction(1, 2)
+TAXELS, TAXEL_RATE, TAXEL_SECONDS = (16, 64, 200), 100, 300
 Rng = np.random.Generator
 Fault = Callable[[bytes, Rng], bytes]
 
@@ -83,35 +88,137 @@ FAULTS: dict[str, Fault] = {
 }
 
 
+BLOCK, MOST_BLOCKS = 4096, 16
+Foreign = Callable[[bytes, bytes, Rng], bytes]
+"""Parts of the second file in the first."""
+
+
+def pasted(data: bytes, other: bytes, to: int, source: int, blocks: int) -> bytes:
+    """So many blocks of the other file, block for block."""
+    part = other[BLOCK * source : BLOCK * (source + blocks)]
+    part = part[: len(data) - BLOCK * to]
+    return data[: BLOCK * to] + part + data[BLOCK * to + len(part) :]
+
+
+def some(data: bytes, rng: Rng) -> int:
+    """1 to 16 blocks, a quarter of the file at most: most of it is still its own."""
+    return int(rng.integers(1, max(min(MOST_BLOCKS, len(data) // BLOCK // 4), 1) + 1))
+
+
+def same_blocks(data: bytes, other: bytes, rng: Rng) -> bytes:
+    blocks = some(data, rng)
+    at = int(rng.integers(max(min(len(data), len(other)) // BLOCK - blocks, 1)))
+    return pasted(data, other, at, at, blocks)
+
+
+def other_blocks(data: bytes, other: bytes, rng: Rng) -> bytes:
+    blocks = some(data, rng)
+    at, source = (int(rng.integers(max(len(each) // BLOCK - blocks, 1))) for each in (data, other))
+    return pasted(data, other, at, source, blocks)
+
+
+def first_blocks(data: bytes, other: bytes, rng: Rng) -> bytes:
+    return pasted(data, other, 0, 0, some(data, rng))
+
+
+def last_blocks(data: bytes, other: bytes, rng: Rng) -> bytes:
+    """The end of the other file, from a block of its own, at the end."""
+    blocks = some(data, rng)
+    at = max(len(data) // BLOCK - blocks, 0)
+    source = max(len(other) // BLOCK - blocks, 0)
+    return data[: BLOCK * at] + other[BLOCK * source :]
+
+
+def foreign_payload(data: bytes, other: bytes, rng: Rng) -> bytes:
+    """The payload of a cluster of the other file behind a header of this one."""
+    mine, theirs = clusters_of(data), clusters_of(other)
+    place = int(rng.integers(len(mine)))
+    source = place if place < len(theirs) and rng.integers(2) else int(rng.integers(len(theirs)))
+    start, stop = mine[place]
+    begin, end = theirs[source]
+    return data[:start] + other[begin:end] + data[stop:]
+
+
+@cache
+def clusters_of(data: bytes) -> list[tuple[int, int]]:
+    """Where the payloads of DATA chunks stand."""
+    chunks = walk(BytesSource(data), [])
+    return [(c.payload_offset, c.stop) for c in chunks if c.header.type == "DATA"]
+
+
+FOREIGN: dict[str, Foreign] = {
+    "blocks of another file, same place": same_blocks,
+    "blocks of another file, other place": other_blocks,
+    "first blocks of another file": first_blocks,
+    "last blocks of another file": last_blocks,
+    "payload of another file": foreign_payload,
+}
+
+
 @dataclass(frozen=True)
 class Case:
-    """A file and what it holds."""
+    """A file and what it holds, and a second recording of the same set-up."""
 
     name: str
+    about: str
     data: bytes
     clean: hapfmt.Recording
+    other: bytes
 
 
-def built(name: str, channels: list[hapfmt.Channel], preset: str, cluster: Fraction) -> Case:
-    stream = io.BytesIO()
-    labelled = [
-        hapfmt.Channel(c.stored, c.rate_exact, c.coverage, c.calibration, f"force {i}", c.unit)
-        for i, c in enumerate(channels)
-    ]
-    settings = hapfmt.Settings.of(preset, cluster=cluster)
-    hapfmt.write(hapfmt.Recording(tuple(labelled)), stream, settings, canonical=1)
-    return Case(name, stream.getvalue(), hapfmt.read(stream.getvalue()))
+def built(
+    name: str,
+    about: str,
+    channels: Callable[[int], list[hapfmt.Channel]],
+    settings: hapfmt.Settings,
+) -> Case:
+    """``channels``: of the first recording or of the second."""
+    files = []
+    for number in (0, 1):
+        labelled = [
+            hapfmt.Channel(c.stored, c.rate_exact, c.coverage, c.calibration, f"force {i}", c.unit)
+            for i, c in enumerate(channels(number))
+        ]
+        stream = io.BytesIO()
+        hapfmt.write(hapfmt.Recording(tuple(labelled)), stream, settings, canonical=1 + number)
+        files.append(stream.getvalue())
+    data, other = files
+    return Case(name, about, data, hapfmt.read(data), other)
+
+
+def forces(number: int) -> list[hapfmt.Channel]:
+    pairs = (("sand", 1 + 10 * number), ("cork", 2 + 10 * number))
+    return [simulate(t, SECONDS, seed, RATE).channels[0] for t, seed in pairs]
+
+
+def many_forces(number: int) -> list[hapfmt.Channel]:
+    seeds = range(100 * number, 100 * number + 22)
+    return [simulate("cork", SECONDS, seed, 1000).channels[0] for seed in seeds]
+
+
+def taxels(count: int, number: int) -> list[hapfmt.Channel]:
+    """An array of which one element in eight is touched."""
+    rng = np.random.default_rng(number)
+    ticks = TAXEL_RATE * TAXEL_SECONDS
+    counts = np.zeros((count, ticks), np.int32)
+    touched = rng.choice(count, max(count // 8, 2), replace=False)
+    counts[touched] = np.cumsum(rng.integers(-3, 4, (touched.size, ticks)), axis=1)
+    return [hapfmt.Channel(row, TAXEL_RATE) for row in counts]
 
 
 @cache
 def case(name: str) -> Case:
     if name == "many":
-        seeds = range(22)
-        channels = [simulate("cork", SECONDS, seed, 1000).channels[0] for seed in seeds]
-        return built(name, channels, "lossless", Fraction(1))
-    pairs = (("sand", 1), ("cork", 2))
-    channels = [simulate(t, SECONDS, seed, RATE).channels[0] for t, seed in pairs]
-    return built(name, channels, "perceptual", CLUSTER)
+        about = f"{SECONDS:.0f} s, 22 channels at 1000 Hz, clusters of 1 s"
+        settings = hapfmt.Settings.of("lossless", cluster=Fraction(1))
+        return built(name, about, many_forces, settings)
+    if name.startswith("taxels"):
+        count = int(name.split()[1])
+        about = f"{TAXEL_SECONDS} s, {count} taxels at {TAXEL_RATE} Hz, one in eight is touched"
+        settings = hapfmt.Settings.of("lossless")
+        return built(name, about, lambda number: taxels(count, number), settings)
+    about = f"{SECONDS:.0f} s, 2 channels at {RATE} Hz, clusters of {float(CLUSTER)} s"
+    return built(name, about, forces, hapfmt.Settings.of("perceptual", cluster=CLUSTER))
 
 
 @dataclass
@@ -120,6 +227,8 @@ class Trial:
 
     right: int = 0
     wrong: int = 0
+    unnamed: int = 0
+    """Samples that are missing of a channel that is described, and that no lost span names."""
     reported: bool = True
     refused: bool = False
     """By recover."""
@@ -136,6 +245,7 @@ def attempt(clean: hapfmt.Recording, data: bytes) -> Trial:
         with hapfmt.Reader(data, threads=1) as reader:
             back = reader.read()
             trial.reported = bool(reader.findings)
+            trial.unnamed = unnamed(clean, reader, back)
     except hapfmt.HapfmtError:
         pass
     if back is not None:
@@ -167,6 +277,26 @@ def compare(clean: hapfmt.Recording, back: hapfmt.Recording) -> tuple[int, int]:
     return right, wrong
 
 
+def unnamed(clean: hapfmt.Recording, reader: hapfmt.Reader, back: hapfmt.Recording) -> int:
+    if {finding.code for finding in reader.findings} == {"not-closed"}:
+        # A cut between two chunks: nobody knows what followed.
+        return 0
+    by_label = {channel.label: channel for channel in clean.channels}
+    missing = 0
+    for ref, channel in zip(reader.channels, back.channels, strict=True):
+        original = by_label.get(channel.label)
+        if original is None:
+            continue
+        known = np.zeros(original.stored.size, bool)
+        spans = [(start, start + values.size) for start, values in channel.segments()]
+        tracks = {track.id for track in ref.tracks}
+        spans += [(span.start, span.stop) for span in reader.lost if span.track in tracks]
+        for start, stop in spans:
+            known[start:stop] = True
+        missing += int((~known).sum())
+    return missing
+
+
 def equal(a: hapfmt.Recording, b: hapfmt.Recording) -> bool:
     """Whether each channel has the same samples at the same ticks; lost channels have none."""
     rest = {channel.label: channel for channel in b.channels}
@@ -186,7 +316,10 @@ def run(job: tuple[str, str, int]) -> list[str]:
     rng = np.random.default_rng(7)
     done = []
     for _ in range(trials):
-        broken = FAULTS[kind](found.data, rng)
+        if kind in FAULTS:
+            broken = FAULTS[kind](found.data, rng)
+        else:
+            broken = FOREIGN[kind](found.data, found.other, rng)
         if broken != found.data:
             done.append(attempt(found.clean, broken))
     shares = [trial.right / found.clean.sample_count for trial in done]
@@ -196,6 +329,7 @@ def run(job: tuple[str, str, int]) -> list[str]:
         sum(trial.wrong for trial in done),
         silent,
         sum(not trial.reported for trial in done),
+        sum(trial.unnamed for trial in done),
         f"{100 * np.mean(shares):.2f}",
         f"{100 * np.min(shares):.2f}",
         sum(trial.refused for trial in done),
@@ -210,20 +344,21 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=1000)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--many", action="store_true")
+    parser.add_argument("--foreign", action="store_true")
     options = parser.parse_args()
     trials = 50 if options.quick else options.trials
     print_origin()
     headers = ["fault", "trials", "wrong samples", "of them silent", "faults not reported",
-               "recovered %", "worst %", "refused by recover", "not intact after recover",
-               "other samples after recover"]  # fmt: skip
-    for name in ["pair", "many"] if options.many else ["pair"]:
+               "losses not named", "recovered %", "worst %", "refused by recover",
+               "not intact after recover", "other samples after recover"]  # fmt: skip
+    names = ["pair", "many"] if options.many else ["pair"]
+    names += [f"taxels {count}" for count in TAXELS] if options.foreign else []
+    kinds = [*FAULTS, *FOREIGN] if options.foreign else list(FAULTS)
+    for name in names:
         found = case(name)
-        what = "22 channels at 1000 Hz, clusters of 1 s"
-        if name == "pair":
-            what = f"2 channels at {RATE} Hz, clusters of {float(CLUSTER)} s"
-        print(f"\n{SECONDS:.0f} s, {what}, {len(found.data)} bytes, {trials} trials of each kind\n")
+        print(f"\n{found.about}, {len(found.data)} bytes, {trials} trials of each kind\n")
         with ProcessPoolExecutor(2) as pool:
-            rows = list(pool.map(run, [(name, kind, trials) for kind in FAULTS]))
+            rows = list(pool.map(run, [(name, kind, trials) for kind in kinds]))
         print_table(headers, rows)
 
 

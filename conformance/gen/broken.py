@@ -23,9 +23,9 @@ REFUSED = {"COD", "DAT-009", "EVT", "EXA", "KNT", "KTE", "LIM", "LPC", "QNT", "R
 """Rules that a decoder keeps (SPEC 16): it refuses what breaks one."""
 
 HEAD, TRACK, DATA = ("HEAD", f.head()), f.TRACK_0, f.DATA_0
-TRACK_AT = 8 + 32 + len(HEAD[1])
-DATA_AT = TRACK_AT + 32 + len(TRACK[1])
-END = DATA_AT + 32 + len(DATA[1])
+TRACK_AT = 8 + f.HEADER + len(HEAD[1])
+DATA_AT = TRACK_AT + f.HEADER + len(TRACK[1])
+END = DATA_AT + f.HEADER + len(DATA[1])
 """Offset of the chunk after HEAD, TRACK, DATA."""
 
 

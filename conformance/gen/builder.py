@@ -9,6 +9,7 @@ import zlib
 Field = tuple[bytes, str]
 SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
 SYNC = bytes.fromhex("F9488B1C")
+HEADER = 36
 COLUMNS = 16
 
 
@@ -86,12 +87,12 @@ class File:
         header = [
             raw(SYNC, "sync word"),
             raw(type_.encode(), f"type {type_}"),
-            u32(self.file_id, "file id"),
+            u64(self.file_id, "file id"),
             u32(self.sequence, f"sequence number {self.sequence}"),
             u32(len(body), f"payload size {len(body)}"),
             u16(track, "no track" if track == 0xFFFF else f"track {track}"),
             u16(0, "flags"),
-            u32(zlib.crc32(body), "CRC-32 of the payload"),
+            u32(file_crc(body, self.file_id), "file CRC of the payload"),
         ]
         header.append(u32(zlib.crc32(joined(header)), "CRC-32 of the header"))
         self.offsets.setdefault(type_, self.offset)
@@ -108,7 +109,6 @@ class File:
                 u8(0, "reserved"),
                 u32(0, "incompatible features: none"),
                 u32(0, "compatible features: none"),
-                u32(self.file_id, "file id"),
                 raw(bytes(16), "no UUID"),
                 i64(0, "epoch: not known"),
                 u64((1 << 64) - 1, "epoch uncertainty: not known"),
@@ -144,7 +144,7 @@ class File:
             "fOOT",
             [
                 u64(at, f"index at offset {at}"),
-                u64(self.offset + 64, "offset of the end of this chunk"),
+                u64(self.offset + HEADER + 32, "offset of the end of this chunk"),
                 u32(len(data), "number of DATA chunks"),
                 u32(tracks, "number of tracks"),
                 i64(stop, f"duration {stop} ns"),
@@ -152,7 +152,13 @@ class File:
         )
 
 
-def packet(track: int, start: int, body: list[Field], span: int) -> tuple[list[Field], list[Field]]:
+def file_crc(data: bytes, file_id: int) -> int:
+    return zlib.crc32(file_id.to_bytes(8, "little") + data)
+
+
+def packet(
+    track: int, start: int, body: list[Field], span: int, file_id: int
+) -> tuple[list[Field], list[Field]]:
     """A row of the packet table, and the packet."""
     entry = [
         varint(track, f"packet of track {track}"),
@@ -160,7 +166,7 @@ def packet(track: int, start: int, body: list[Field], span: int) -> tuple[list[F
         varint(start, f"start tick {start}"),
         varint(span, f"{span} ticks"),
     ]
-    entry.append(u32(zlib.crc32(joined(body), zlib.crc32(joined(entry))), "packet CRC"))
+    entry.append(u32(file_crc(joined(entry + body), file_id), "packet CRC"))
     return entry, body
 
 

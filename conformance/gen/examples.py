@@ -77,7 +77,7 @@ def hold() -> tuple[File, dict[str, object]]:
         varint(3, "next knot 3 ticks later"),
         svarint(1, "index 1 more: 5, count 125"),
     ]
-    f.chunk("DATA", cluster([packet(0, 0, body, 8)]))
+    f.chunk("DATA", cluster([packet(0, 0, body, 8, f.file_id)]))
     f.close([(at, 0, 8_000_000)], [("HEAD", 8), ("TRAK", f.offsets["TRAK"])], 1)
     return f, {"0": [{"start": 0, "counts": [[100]] * 3 + [[125]] * 5}]}
 
@@ -147,10 +147,10 @@ def residual() -> tuple[File, dict[str, object]]:
     texture = [bits("110 10 111 0 1", "0, 1, -1, a run of 3; 6 bits fill the byte")]
     silence = [bits("0 0", "a run of 2; 6 bits fill the byte")]
     rows = [
-        packet(0, 0, knots, 6),
-        packet(0, 8, later, 2),
-        packet(1, 0, texture, 6),
-        packet(1, 8, silence, 2),
+        packet(0, 0, knots, 6, f.file_id),
+        packet(0, 8, later, 2, f.file_id),
+        packet(1, 0, texture, 6, f.file_id),
+        packet(1, 8, silence, 2, f.file_id),
     ]
     f.chunk("DATA", cluster(rows))
     listed = [("HEAD", 8), ("TRAK", f.offsets["TRAK"]), ("TRAK", second)]
@@ -222,8 +222,8 @@ def marks() -> tuple[File, dict[str, object]]:
         raw("µm".encode(), "'µm'"),
     ]
     rows = [
-        packet(0, 0, [svarint(1, "a single knot: constant 1")], 4),
-        packet(1, 1500, events, 501),
+        packet(0, 0, [svarint(1, "a single knot: constant 1")], 4, f.file_id),
+        packet(1, 1500, events, 501, f.file_id),
     ]
     f.chunk("DATA", cluster(rows))
     clock = f.offset

@@ -153,7 +153,7 @@ def closed_at(chunks: Sequence[Any], times: Sequence[tuple[int, int]], duration_
     for type_, payload, *_ in chunks:
         start, stop = left.pop(0) if type_ == "DATA" else (0, 0)
         entries.append((type_, at, start, stop))
-        at += 32 + len(payload)
+        at += f.HEADER + len(payload)
     ahead = {"entries": entries} | footer.pop("ahead", {})
     return f.closed(*chunks, ahead=ahead, **({"duration_ns": duration_ns} | footer))
 

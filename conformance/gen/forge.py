@@ -10,6 +10,10 @@ SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
 SYNC = bytes.fromhex("F9488B1C")
 NONE = 0xFFFF
 FILE_ID = 7
+HEADER = 36
+"""Bytes of a chunk header."""
+FOOT = HEADER + 32
+"""Bytes of a fOOT chunk."""
 DURATION_NS = 4_000_000
 """Of files whose last packet ends at tick 4 of 1 kHz, as DATA_0 does."""
 
@@ -37,12 +41,16 @@ def pack(layout: str, defaults: dict, given: dict) -> bytes:
     return struct.pack("<" + layout, *(defaults | given).values())
 
 
+def file_crc(data: bytes, file_id: int = FILE_ID) -> int:
+    return zlib.crc32(file_id.to_bytes(8, "little") + data)
+
+
 def chunk(type_: str, payload: bytes, sequence: int, *, size=None, track=NONE, flags=0, crc=None,
           header_crc=None, file_id=FILE_ID, sync=SYNC) -> bytes:  # fmt: skip
     size = len(payload) if size is None else size
-    crc = zlib.crc32(payload) if crc is None else crc
+    crc = file_crc(payload, file_id) if crc is None else crc
     header = struct.pack(
-        "<4s4sIIIHHI", sync, type_.encode(), file_id, sequence, size, track, flags, crc
+        "<4s4sQIIHHI", sync, type_.encode(), file_id, sequence, size, track, flags, crc
     )
     header_crc = zlib.crc32(header) if header_crc is None else header_crc
     return header + header_crc.to_bytes(4, "little") + payload
@@ -51,9 +59,9 @@ def chunk(type_: str, payload: bytes, sequence: int, *, size=None, track=NONE, f
 def head(tlvs: bytes = b"", **given) -> bytes:
     fields = {
         "major": 1, "minor": 0, "level": 1, "reserved": 0, "incompat": 0, "compat": 0,
-        "file_id": FILE_ID, "uuid": bytes(16), "epoch_ns": 0, "epoch_uncertainty_ns": 2**64 - 1,
+        "uuid": bytes(16), "epoch_ns": 0, "epoch_uncertainty_ns": 2**64 - 1,
     }  # fmt: skip
-    return pack("BBBBIII16sqQ", fields, given) + tlvs
+    return pack("BBBBII16sqQ", fields, given) + tlvs
 
 
 def tlv(type_: int, value: bytes) -> bytes:
@@ -168,15 +176,19 @@ def clock_map(points, name: str = "pc", count: int | None = None) -> bytes:
     return out
 
 
-def entry(track: int, size: int, start: int, span: int, body: bytes = b"", crc=None) -> bytes:
+def entry(track: int, size: int, start: int, span: int, body: bytes = b"", crc=None,
+          file_id: int = FILE_ID) -> bytes:  # fmt: skip
     fields = varint(track) + varint(size) + varint(start) + varint(span)
-    crc = zlib.crc32(fields + body) if crc is None else crc
+    crc = file_crc(fields + body, file_id) if crc is None else crc
     return fields + crc.to_bytes(4, "little")
 
 
-def cluster(*packets: tuple[int, int, int, bytes]) -> bytes:
+def cluster(*packets: tuple[int, int, int, bytes], file_id: int = FILE_ID) -> bytes:
     """DATA payload of (track, start, span, bytes)."""
-    rows = [entry(track, len(body), start, span, body) for track, start, span, body in packets]
+    rows = [
+        entry(track, len(body), start, span, body, file_id=file_id)
+        for track, start, span, body in packets
+    ]
     return varint(len(packets)) + b"".join(rows) + b"".join(body for *_, body in packets)
 
 
@@ -196,35 +208,37 @@ def foot(index_offset: int, stop_offset: int, data_count: int, track_count: int,
     return struct.pack("<QQIIq", index_offset, stop_offset, data_count, track_count, duration_ns)
 
 
-def file(*chunks: Chunk | tuple[str, bytes]) -> bytes:
+def file(*chunks: Chunk | tuple[str, bytes], file_id: int = FILE_ID) -> bytes:
     """The signature, then (type, payload, changes to the header) one after the other."""
     out = [SIGNATURE]
     for sequence, (type_, payload, *changes) in enumerate(chunks):
-        given = {"sequence": sequence} | (changes[0] if changes else {})
+        given = {"sequence": sequence, "file_id": file_id} | (changes[0] if changes else {})
         out.append(chunk(type_, payload, **given))
     return b"".join(out)
 
 
-def closed(*chunks: Chunk | tuple[str, bytes], ahead: dict | None = None, **changes) -> bytes:
+def closed(*chunks: Chunk | tuple[str, bytes], ahead: dict | None = None,
+           file_id: int = FILE_ID, **changes) -> bytes:  # fmt: skip
     """``file`` with a true index and footer; ``changes`` to the footer, ``ahead`` to the index."""
-    body = file(*chunks)
+    body = file(*chunks, file_id=file_id)
     at, rows, tracks = len(SIGNATURE), [], set()
     for type_, payload, *given in chunks:
         rows.append((type_, at, 0, LATE_MS if type_ == "DATA" else 0))
         if type_ == "TRAK":
             first = given[0].get("track", 0) if given else 0
             tracks |= set(range(first, first + payload[0]))
-        at += 32 + len(payload)
+        at += HEADER + len(payload)
     given = {"entries": rows} | (ahead or {})
-    body += chunk("iNDX", index(**given), len(chunks))
+    body += chunk("iNDX", index(**given), len(chunks), file_id=file_id)
     fields = {
         "index_offset": at,
-        "stop_offset": len(body) + 64,
+        "stop_offset": len(body) + FOOT,
         "data_count": sum(type_ == "DATA" for type_, *_ in chunks),
         "track_count": len(tracks),
         "duration_ns": DURATION_NS if any(type_ == "DATA" for type_, *_ in chunks) else 0,
     }
-    return body + chunk("fOOT", foot(**(fields | changes)), len(chunks) + 1)
+    payload = foot(**(fields | changes))
+    return body + chunk("fOOT", payload, len(chunks) + 1, file_id=file_id)
 
 
 KNOT_DATA = svarint(5)

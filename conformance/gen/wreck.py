@@ -19,7 +19,7 @@ Damage = tuple[str, int, int]
 Lost = tuple[int, int, int | None]
 Chunk = tuple[str, bytes] | tuple[str, bytes, dict[str, Any]] | list[Packet]
 
-HEADER = 32
+HEADER = f.HEADER
 MS = 10**6
 
 
@@ -147,7 +147,7 @@ def lay(*chunks: Chunk, close: bool = True, skip: Sequence[int] = ()) -> Laid:
     if close:
         index = len(data)
         add("iNDX", f.index(listed), {}, ())
-        stop = len(data) + HEADER + 32
+        stop = len(data) + f.FOOT
         add("fOOT", f.foot(index, stop, clusters, len(numbers_), stop_tick * MS), {}, ())
     return Laid(bytes(data), tuple(places))
 

@@ -80,7 +80,7 @@ types:
     seq:
       - id: header
         type: chunk_header
-        doc: 32 bytes, the same for ever.
+        doc: 36 bytes, the same for ever.
       - id: payload
         size: header.payload_size
         type:
@@ -108,7 +108,7 @@ types:
         encoding: ASCII
         doc: Chunk type; the cases of its letters are the property bits (5.2).
       - id: file_id
-        type: u4
+        type: u8
         doc: File id, the same in every chunk of the file.
       - id: sequence
         type: u4
@@ -124,10 +124,10 @@ types:
         doc: Bits 0 to 7 critical, 8 to 15 ancillary; 0 in version 1.0.
       - id: payload_crc
         type: u4
-        doc: CRC-32 of the payload.
+        doc: File CRC of the payload (clause 2).
       - id: header_crc
         type: u4
-        doc: CRC-32 of the 28 bytes before it.
+        doc: CRC-32 of the 32 bytes before it.
   head:
     doc: Version, level, and what the file says of itself as a whole.
     doc-ref: SPEC.md 6.1
@@ -150,9 +150,6 @@ types:
       - id: compat
         type: u4
         doc: Compatible feature bits, none defined in 1.0.
-      - id: file_id
-        type: u4
-        doc: File id, as in every chunk header.
       - id: uuid
         size: 16
         doc: UUID of the recording in network order; all 0 means none.
@@ -561,7 +558,7 @@ types:
         doc: Number of ticks.
       - id: packet_crc
         type: u4
-        doc: CRC-32 of the four varints, followed by the packet.
+        doc: File CRC of the four varints, followed by the packet.
   event_packet:
     doc: Packet of codec EVNT; which packets these are says the description of their track.
     doc-ref: SPEC.md 9.9

@@ -11,23 +11,27 @@ WALK = "container.walk:walk"
 LEARN = "reading.catalogue:Catalogue.learn"
 RUN = "container.salvage:Salvage.run"
 EXIT = "verdict:verdict_of"
-PAYLOAD_HOLDS = "crc32(payload) == header.payload_crc"
+PAYLOAD_HOLDS = "crc32(payload, header.seed) == header.payload_crc"
+IDENTIFY = "container.walk:identify"
+STRANGERS = "container.walk:Strangers.within"
 
 MUTANTS = (
     mutant(
         "header-crc-ignored",
         "The CRC of a chunk header is not looked at.",
         "CHK-002 REC-001",
-        Edit(HEADER, ' or data[28:] != crc32(data[:28]).to_bytes(4, "little")', ""),
-        Edit("container.wire:parse_header", "if raw.header_crc != crc32(data[:28]):", "if False:"),
+        Edit(HEADER, " or data[CRC_OFFSET:] != crc", ""),
+        Edit(
+            "container.wire:parse_header",
+            "if raw.header_crc != crc32(data[:CRC_OFFSET]):",
+            "if False:",
+        ),
     ),
     mutant(
         "payload-crc-ignored",
         "The CRC of a payload is not looked at.",
         "CHK-003 REC-001",
-        Edit(WALK, f"whole and {PAYLOAD_HOLDS}", "whole"),
-        Edit("container.walk:read_chunk", f" and {PAYLOAD_HOLDS}", ""),
-        Edit("reading.packets:PacketPass.whole", f" and {PAYLOAD_HOLDS}", ""),
+        Edit("container.walk:holds", f" and {PAYLOAD_HOLDS}", ""),
     ),
     mutant(
         "packet-crc-ignored",
@@ -35,12 +39,12 @@ MUTANTS = (
         "DAT-004 REC-001",
         Edit(
             "container.salvage:Salvage.holds",
-            " or crc32(data, crc32(entry.fields)) != entry.crc",
+            " or packet_crc(self.seed, entry.fields, data) != entry.crc",
             "",
         ),
         Edit(
             "container.cluster:parse_cluster",
-            "if crc32(data, crc32(entry.fields)) != entry.crc:",
+            "if packet_crc(seed, entry.fields, data) != entry.crc:",
             "if False:",
         ),
     ),
@@ -55,14 +59,49 @@ MUTANTS = (
         ),
     ),
     mutant(
+        "packet-crc-without-file-id",
+        "The CRC of a packet is a plain CRC-32: packets of other files hold.",
+        "DAT-004 CHK-004",
+        Edit("container.cluster:packet_crc", "crc32(fields, seed)", "crc32(fields)"),
+    ),
+    mutant(
+        "payload-crc-without-file-id",
+        "The CRC of a payload is a plain CRC-32.",
+        "CHK-003",
+        Edit("container.walk:holds", "crc32(payload, header.seed)", "crc32(payload)"),
+    ),
+    mutant(
         "file-id-of-first-header",
-        "Where the first header is lost the file id is that of any header, not of a HEAD.",
-        "CHK-004 REC-002",
+        "The file id is that of the first header, whatever follows.",
+        "REC-013",
         Edit(
-            "container.walk:choose_file_id",
-            'if header.type == "HEAD" and header.payload_size < HEAD_SIZE_LIMIT and chunk.intact:',
-            "if False:",
+            IDENTIFY,
+            "max(reversed(votes), key=votes.__getitem__, default=None)",
+            "next(iter(votes), None)",
         ),
+    ),
+    mutant(
+        "file-id-by-number-of-chunks",
+        "Each chunk has one vote for the file id, however long it is.",
+        "REC-013",
+        Edit(
+            IDENTIFY,
+            "held = HEADER_SIZE + header.payload_size if chunk.intact else 0",
+            "held = int(chunk.intact)",
+        ),
+        Edit(IDENTIFY, "held = held_size(chunk.payload, header.seed)", "held = 0"),
+    ),
+    mutant(
+        "file-id-from-within",
+        "Chunks within a damaged payload always choose the file id too.",
+        "REC-013",
+        Edit(IDENTIFY, " or follows(source, header, stop)", ""),
+    ),
+    mutant(
+        "other-files-not-told",
+        "Nobody is told of the ids of other files.",
+        "REC-013",
+        Edit(STRANGERS, "if header.file_id not in self.known:", "if False:"),
     ),
     mutant(
         "resync-skips-edges",
@@ -201,8 +240,8 @@ MUTANTS = (
         "REC-003 REC-012",
         Edit(
             "reading.timeline:Timeline.between",
-            "if low >= high:",
-            "return UNKNOWN\n    if low >= high:",
+            "if not lost:",
+            "return UNKNOWN\n    if not lost:",
         ),
     ),
     mutant(

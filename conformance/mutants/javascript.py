@@ -97,10 +97,25 @@ MUTANTS = (
         Edit("walk.js", "(h) => h.fileId === fileId)", "() => true)"),
     ),
     javascript(
+        "file-id-of-53-bits",
+        "A file id is kept as a Number, whose last bits are lost.",
+        "CHK-004",
+        Edit(
+            "chunk.js",
+            "idText(u32(bytes, p + 12), u32(bytes, p + 8))",
+            "`0x${(u32(bytes, p + 12) * 2 ** 32 + u32(bytes, p + 8)).toString(16)"
+            ".padStart(16, '0')}`",
+        ),
+    ),
+    javascript(
         "header-crc-ignored",
         "The CRC of a chunk header is not looked at.",
         "CHK-002 REC-001",
-        Edit("chunk.js", "if (u32(bytes, p + 28) !== crc32(bytes, p, p + 28)) return null;", ""),
+        Edit(
+            "chunk.js",
+            "if (u32(bytes, p + CRC_AT) !== crc32(bytes, p, p + CRC_AT)) return null;",
+            "",
+        ),
     ),
     javascript(
         "order-of-the-file",

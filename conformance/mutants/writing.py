@@ -150,8 +150,18 @@ MUTANTS = (
         "DAT-004",
         Edit(
             "container.cluster:build_cluster",
-            "crc32(packet.data, crc32(fields))",
-            "crc32(packet.data)",
+            "packet_crc(seed, fields, packet.data)",
+            'packet_crc(seed, b"", packet.data)',
+        ),
+    ),
+    encoder(
+        "packet-crc-without-file-id-written",
+        "The CRC of a packet does not begin with the file id.",
+        "DAT-004",
+        Edit(
+            "container.cluster:build_cluster",
+            "packet_crc(seed, fields, packet.data)",
+            "packet_crc(0, fields, packet.data)",
         ),
     ),
     encoder(
@@ -166,8 +176,8 @@ MUTANTS = (
         "WRT-002",
         Edit(
             f"{WRITER}.__init__",
-            "secrets.randbits(32) if file_id is None else file_id",
-            "secrets.randbits(32)",
+            "secrets.randbits(64) if file_id is None else file_id",
+            "secrets.randbits(64)",
         ),
     ),
     encoder(

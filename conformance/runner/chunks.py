@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
 SYNC = bytes.fromhex("F9488B1C")
-HEADER_SIZE = 32
+HEADER_SIZE = 36
 FIRST_OFFSET = 8
 
 
@@ -36,10 +36,11 @@ def chunks(data: bytes) -> list[Chunk]:
         if len(header) < HEADER_SIZE or header[:4] != SYNC:
             raise ValueError(f"no chunk at {position}")
         type_, file_id, sequence, size, _, _, payload_crc, header_crc = struct.unpack(
-            "<4sIIIHHII", header[4:]
+            "<4sQIIHHII", header[4:]
         )
         payload = data[position + HEADER_SIZE : position + HEADER_SIZE + size]
-        if zlib.crc32(header[:28]) != header_crc or zlib.crc32(payload) != payload_crc:
+        payload_found = zlib.crc32(file_id.to_bytes(8, "little") + payload)
+        if zlib.crc32(header[:32]) != header_crc or payload_found != payload_crc:
             raise ValueError(f"a CRC-32 of the chunk at {position} differs")
         if len(payload) < size or sequence != len(found):
             raise ValueError(f"chunk {sequence} at {position}, {len(payload)} of {size} bytes")

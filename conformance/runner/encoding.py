@@ -113,8 +113,8 @@ def check_index(data: bytes) -> Step:
 
 def check_identity(job: Job, data: bytes) -> Step:
     """The file id that canonical mode was given."""
-    wanted, found = job.told["file_id"], chunks(data)[0].file_id
-    differences = [Difference("file id", str(wanted), str(found))] if wanted != found else []
+    wanted, found = job.told["file_id"], f"0x{chunks(data)[0].file_id:016x}"
+    differences = [Difference("file id", wanted, found)] if wanted != found else []
     return Step("encode, file id", differences=differences)
 
 

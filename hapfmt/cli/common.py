@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 
 from ..atomic import refuse
+from ..container.wire import FILE_ID_LIMIT
 from ..damage import told
 from ..errors import ParameterError
 from ..limits import Limits
@@ -180,6 +181,36 @@ class ShareType(click.ParamType[Fraction]):
             return share(value)
         except ParameterError as error:
             self.fail(error.message, param, ctx)
+
+
+class FileIdType(click.ParamType["int | str"]):
+    """A number below 2^64; ``content`` too where a whole recording is encoded."""
+
+    name = "file id"
+
+    def __init__(self, *, content: bool = False) -> None:
+        self.content = content
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> int | str:
+        if value == "content" and self.content:
+            return "content"
+        try:
+            found = value if isinstance(value, int) else int(value, 0)
+        except ValueError:
+            found = -1
+        if not 0 <= found < FILE_ID_LIMIT:
+            self.fail(f"{value!r} is not a number between 0 and 2^64 - 1", param, ctx)
+        return found
+
+
+file_id_option = click.option(
+    "--file-id",
+    type=FileIdType(),
+    metavar="ID",
+    help="Of a file with parts of others, read the one with this id. [the one most of it has]",
+)
 
 
 class FractionType(click.ParamType[Fraction]):

@@ -12,6 +12,7 @@ from ..errors import ParameterError
 from .common import (
     contents,
     echo_json,
+    file_id_option,
     force_option,
     input_of,
     json_option,
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     help="The sum, the slow part, or the texture alone.",
 )
 @output_format_option()
+@file_id_option
 @threads_option
 @memory_option
 @force_option
@@ -66,6 +68,7 @@ def decode(
     stop: Fraction | None,
     band: str,
     output_format: str | None,
+    file_id: int | None,
     force: bool,
     as_json: bool,
     threads: int | None,
@@ -88,7 +91,7 @@ def decode(
         refuse(target, force)
     refuse_span(start, stop)
     with (
-        Reader(input_of(source), threads=threads, limits=max_memory) as reader,
+        Reader(input_of(source), threads=threads, limits=max_memory, file_id=file_id) as reader,
         progress("decoding") as advance,
     ):
         names = parse_channels(channels, [ref.label for ref in reader.channels])

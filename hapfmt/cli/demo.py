@@ -152,7 +152,7 @@ def run(recording: Recording, name: str, options: dict[str, Any]) -> Outcome:
     stream = io.BytesIO()
     began = time.perf_counter()
     settings = Settings.of(preset, **given, **options)
-    summary = write(recording, stream, settings, canonical=0)
+    summary = write(recording, stream, settings, canonical="content")
     encoded = time.perf_counter()
     data = stream.getvalue()
     with Reader(data) as reader:

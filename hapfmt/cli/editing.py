@@ -10,7 +10,7 @@ import click
 
 from ..errors import ParameterError
 from ..numbers import exact
-from .common import counted, echo_json, input_of, output_option
+from .common import FileIdType, counted, echo_json, input_of, output_option
 from .screen import note, say
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 canonical_option = click.option(
     "--canonical",
-    type=click.IntRange(0, (1 << 32) - 1),
+    type=FileIdType(),
     metavar="FILE_ID",
     help="The same input gives the same bytes; FILE_ID replaces the random file id.",
 )

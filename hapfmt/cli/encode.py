@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -15,6 +15,7 @@ from .common import (
     HAPF,
     AmountType,
     BitsType,
+    FileIdType,
     FractionType,
     PresetType,
     ShareType,
@@ -152,9 +153,10 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 @input_format_option
 @click.option(
     "--canonical",
-    type=click.IntRange(0, (1 << 32) - 1),
-    metavar="FILE_ID",
-    help="The same input gives the same bytes; FILE_ID replaces the random file id.",
+    type=FileIdType(content=True),
+    metavar="ID",
+    help="The same input gives the same bytes. ID replaces the random file id: a number, or "
+    '"content" to take it from what is encoded.',
 )
 @click.option("-v", "--verbose", is_flag=True, help="Say how each channel was coded, and why.")
 @threads_option
@@ -168,7 +170,7 @@ def encode(
     rate: str | None,
     transpose: bool | None,
     input_format: str | None,
-    canonical: int | None,
+    canonical: int | Literal["content"] | None,
     force: bool,
     as_json: bool,
     threads: int | None,

@@ -13,6 +13,7 @@ import click
 
 from ..container.source import open_source
 from ..container.track import Contract, Track
+from ..container.wire import id_text
 from ..limits import Limits
 from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError
 from ..reading.opening import open_catalogue
@@ -101,7 +102,7 @@ def describe(catalogue: Catalogue) -> dict[str, Any]:
         "file_size": catalogue.source.size,
         "version": f"{head.major}.{head.minor}" if head else None,
         "level": catalogue.level.number,
-        "file_id": head.file_id if head else None,
+        "file_id": None if catalogue.file_id is None else id_text(catalogue.file_id),
         "uuid": str(UUID(bytes=head.uuid)) if head and head.uuid else None,
         "epoch_ns": head.epoch_ns if head else None,
         "epoch_uncertainty_ns": head.epoch_uncertainty_ns if head else None,

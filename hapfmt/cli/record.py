@@ -20,6 +20,7 @@ from ..errors import ParameterError
 from . import screen
 from .common import (
     AmountType,
+    FileIdType,
     FractionType,
     PresetType,
     ShareType,
@@ -103,7 +104,7 @@ LOST = 3
 @click.option("--clock-maps", is_flag=True, help="Fit a map to each clock at the end.")
 @click.option(
     "--canonical",
-    type=click.IntRange(0, (1 << 32) - 1),
+    type=FileIdType(),
     metavar="FILE_ID",
     help="The same input gives the same bytes; FILE_ID replaces the random file id.",
 )

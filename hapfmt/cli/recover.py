@@ -8,7 +8,9 @@ import click
 
 from ..errors import ParameterError
 from .common import (
+    FileIdType,
     echo_json,
+    file_id_option,
     force_option,
     input_of,
     json_option,
@@ -35,10 +37,11 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--canonical",
-    type=click.IntRange(0, (1 << 32) - 1),
+    type=FileIdType(),
     metavar="ID",
     help="File id of canonical mode: the same input gives the same bytes.",
 )
+@file_id_option
 @memory_option
 @force_option
 @verbose_option
@@ -48,6 +51,7 @@ def recover(
     target: str | None,
     in_place: bool,
     canonical: int | None,
+    file_id: int | None,
     force: bool,
     verbose: bool,
     as_json: bool,
@@ -69,7 +73,11 @@ def recover(
 
         with progress("recovering") as advance:
             done = recover_in_place(
-                source, canonical=canonical, limits=max_memory, progress=advance
+                source,
+                canonical=canonical,
+                file_id=file_id,
+                limits=max_memory,
+                progress=advance,
             )
     else:
         from ..recovery.recover import recover as run
@@ -80,6 +88,7 @@ def recover(
                 input_of(source),
                 output_of(target),
                 canonical=canonical,
+                file_id=file_id,
                 force=force,
                 limits=max_memory,
                 progress=advance,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shlex
 import sys
-import zlib
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from fractions import Fraction
@@ -294,7 +294,8 @@ def recording(
     head = reader.catalogue.head
     source = head.uuid.hex() if head and head.uuid else None
     told = {**played, "source_uuid": source}
-    canonical = zlib.crc32(json.dumps([told, profile.text]).encode()) if dry_run else None
+    content = json.dumps([told, profile.text]).encode()
+    canonical = int.from_bytes(hashlib.sha256(content).digest()[:8], "little") if dry_run else None
     return RecordSink(target, profile, metadata=told, force=force, canonical=canonical)
 
 

@@ -12,6 +12,7 @@ from .bounds import amount, bound_text
 from .common import (
     counted,
     echo_json,
+    file_id_option,
     input_format_option,
     input_of,
     json_option,
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 @input_format_option
 @click.option("--rate", help="Samples per second of ORIGINAL, if the file does not say.")
 @transpose_option
+@file_id_option
 @threads_option
 @memory_option
 @verbose_option
@@ -50,6 +52,7 @@ def verify(
     input_format: str | None,
     rate: str | None,
     transpose: bool | None,
+    file_id: int | None,
     verbose: bool,
     as_json: bool,
     threads: int | None,
@@ -74,7 +77,12 @@ def verify(
         original, _ = load_recording(against, input_format, rate, max_memory, transpose=transpose)
     with progress("verifying") as advance:
         report = check(
-            input_of(file), against=original, limits=max_memory, progress=advance, threads=threads
+            input_of(file),
+            against=original,
+            file_id=file_id,
+            limits=max_memory,
+            progress=advance,
+            threads=threads,
         )
     if as_json:
         echo_json(report.as_json())

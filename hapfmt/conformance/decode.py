@@ -12,7 +12,7 @@ from ..container.clocks import parse_clock, parse_map
 from ..container.layout import TRAK
 from ..container.track import Track
 from ..container.walk import read_chunk
-from ..container.wire import read_fields
+from ..container.wire import id_text, read_fields
 from ..reading.assembly import Assembly, Band
 from ..reading.catalogue import Catalogue, ChannelRef, ChunkRef
 from ..reading.reader import Reader
@@ -80,14 +80,14 @@ def known(catalogue: Catalogue) -> list[Track]:
 
 def head_json(catalogue: Catalogue) -> dict[str, Any] | None:
     head = catalogue.head
-    if head is None:
+    if head is None or catalogue.file_id is None:
         return None
     dated = head.epoch_ns is not None
     return {
         "major": head.major,
         "minor": head.minor,
         "level": head.level,
-        "file_id": head.file_id,
+        "file_id": id_text(catalogue.file_id),
         "uuid": head.uuid.hex() if head.uuid else None,
         "epoch_ns": str(head.epoch_ns) if dated else None,
         "epoch_uncertainty_ns": str(head.epoch_uncertainty_ns) if dated else None,

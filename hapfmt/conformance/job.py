@@ -86,5 +86,6 @@ def encode_job(path: str, target: str) -> int:
     if "cluster_s" in job:
         given["cluster"] = Fraction(*job["cluster_s"])
     settings = Settings.of(**given)
-    write(recording, target, settings, canonical=job.get("file_id"), force=True)
+    file_id = int(job["file_id"], 0) if "file_id" in job else None
+    write(recording, target, settings, canonical=file_id, force=True)
     return 0

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def index_chain(
-    source: Source, offset: int, file_id: int, limits: Limits | None = None
+    source: Source, offset: int, file_id: int | None, limits: Limits | None = None
 ) -> list[tuple[int, Index]]:
     """Offsets and indexes, oldest first, of the chain that ends at ``offset``."""
     limits, listed = limits or Limits(), 0
@@ -45,7 +45,7 @@ def index_chain(
 def chain_of(catalogue: Catalogue, entries: Sequence[IndexEntry]) -> list[tuple[int, Index]]:
     """The chain that a file ends with; empty where there is none, or it does not list
     ``entries``."""
-    source, file_id = catalogue.source, catalogue.head.file_id if catalogue.head else 0
+    source, file_id = catalogue.source, catalogue.file_id
     if catalogue.indexed and catalogue.foot:
         return index_chain(source, catalogue.foot.index_offset, file_id)
     parts: list[tuple[int, Index]] = []
@@ -61,7 +61,7 @@ def chain_of(catalogue: Catalogue, entries: Sequence[IndexEntry]) -> list[tuple[
 def last_sequence(catalogue: Catalogue) -> int:
     """Of a file without damage: an index lists neither itself nor what follows it."""
     source = catalogue.source
-    file_id = catalogue.head.file_id if catalogue.head else None
+    file_id = catalogue.file_id
     position, sequence = max(ref.offset for ref in catalogue.chunks), 0
     while (header := header_at(source, position, file_id)) is not None:
         sequence = header.sequence

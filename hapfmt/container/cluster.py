@@ -51,12 +51,17 @@ def entry_fields(packet: Packet) -> bytes:
     )
 
 
-def build_cluster(packets: Sequence[Packet]) -> bytes:
+def packet_crc(seed: int, fields: bytes, data: bytes) -> int:
+    """Of an entry and its packet (SPEC DAT-004); ``seed``: where the file CRC starts."""
+    return crc32(data, crc32(fields, seed))
+
+
+def build_cluster(packets: Sequence[Packet], seed: int) -> bytes:
     """The DATA payload; packets in order of (track, start)."""
     table, body = [build_varint(len(packets))], []
     for packet in packets:
         fields = entry_fields(packet)
-        table += [fields, crc32(packet.data, crc32(fields)).to_bytes(4, "little")]
+        table += [fields, packet_crc(seed, fields, packet.data).to_bytes(4, "little")]
         body.append(packet.data)
     return b"".join(table + body)
 
@@ -98,7 +103,7 @@ def check_entry(entry: Entry, level: Level) -> None:
 
 
 def parse_cluster(
-    payload: bytes, tracks: Mapping[int, Track], level: Level, base: int
+    payload: bytes, tracks: Mapping[int, Track], level: Level, base: int, seed: int
 ) -> list[Packet]:
     """All packets of an intact DATA payload that stands at ``base``, every rule checked."""
     count, position = parse_count(payload, level, base)
@@ -125,7 +130,7 @@ def parse_cluster(
             raise TruncatedError(
                 "a packet runs past its cluster", requirement="DAT-005", offset=entry.offset
             )
-        if crc32(data, crc32(entry.fields)) != entry.crc:
+        if packet_crc(seed, entry.fields, data) != entry.crc:
             raise ChecksumError("packet CRC differs", requirement="DAT-004", offset=entry.offset)
         packets.append(Packet(entry.track, entry.start, entry.span, data, base + position))
         position += entry.size

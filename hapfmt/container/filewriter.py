@@ -32,7 +32,7 @@ from .index import (
 )
 from .series import build_series
 from .track import Track, complete, series_of, silent_tracks
-from .wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk
+from .wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk, seed_of
 
 if TYPE_CHECKING:
     from ..reading.catalogue import Catalogue
@@ -88,21 +88,26 @@ class FileWriter:
     ) -> None:
         head = Head(
             level.number,
-            secrets.randbits(32) if file_id is None else file_id,
             recording_uuid.bytes if recording_uuid else None,
             epoch_ns,
             epoch_uncertainty_ns,
         )
-        self.begin(stream, head, head.build(), clock)
+        file_id = secrets.randbits(64) if file_id is None else file_id
+        self.begin(stream, head, head.build(), file_id, clock)
         self.put(SIGNATURE)
         self.chunk("HEAD", self.head_payload)
 
     def begin(
-        self, stream: Stream, head: Head, payload: bytes, clock: Callable[[], float] | None
+        self,
+        stream: Stream,
+        head: Head,
+        payload: bytes,
+        file_id: int,
+        clock: Callable[[], float] | None,
     ) -> None:
         self.stream = stream
         self.head, self.head_payload = head, payload
-        self.level, self.file_id = head.limits, head.file_id
+        self.level, self.file_id = head.limits, file_id
         self.offset = self.sequence = 0
         self.tracks: dict[int, Track] = {}
         self.series: list[tuple[int, bytes]] = []
@@ -131,9 +136,9 @@ class FileWriter:
         clock: Callable[[], float] | None = None,
     ) -> FileWriter:
         """Goes on where a file without damage ends; ``stream`` writes there (SPEC WRT-006)."""
-        assert catalogue.head is not None
+        assert catalogue.head is not None and catalogue.file_id is not None
         self = cls.__new__(cls)
-        self.begin(stream, catalogue.head, catalogue.head_payload, clock)
+        self.begin(stream, catalogue.head, catalogue.head_payload, catalogue.file_id, clock)
         self.offset = catalogue.source.size
         self.tracks = dict(catalogue.tracks)
         self.series = list(catalogue.table.payloads.items())
@@ -270,7 +275,7 @@ class FileWriter:
             ends[rate] = min(low, packet.start), max(high, packet.stop)
         start = min(Fraction(low * d, n) for (n, d), (low, _) in ends.items())
         stop = max(Fraction(high * d, n) for (n, d), (_, high) in ends.items())
-        payload = build_cluster(packets)
+        payload = build_cluster(packets, seed_of(self.file_id))
         self.chunk("DATA", payload, times=(floor_ms(start), ceil_ms(stop)))
         self.data_count += 1
         self.stop = max(self.stop, stop)

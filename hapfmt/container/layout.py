@@ -25,13 +25,13 @@ SYNC = b"\xf9H\x8b\x1c"
 CHUNK_HEADER = Struct(
     "sync" / Bytes(4) * "sync word F9 48 8B 1C",
     "type" / Bytes(4) * "chunk type, four ASCII letters; their cases are the property bits",
-    "file_id" / Int32ul * "file id, the same in every chunk of the file",
+    "file_id" / Int64ul * "file id, the same in every chunk of the file",
     "sequence" / Int32ul * "sequence number: 0 for the first chunk, one more for each next",
     "payload_size" / Int32ul * "size of the payload in bytes",
     "track" / Int16ul * "track id the chunk speaks of; 0xFFFF where it speaks of none",
     "flags" / Int16ul * "bits 0-7 critical, bits 8-15 ancillary; all 0 in version 1.0",
-    "payload_crc" / Int32ul * "CRC-32 of the payload",
-    "header_crc" / Int32ul * "CRC-32 of the 28 bytes before it",
+    "payload_crc" / Int32ul * "file CRC of the payload",
+    "header_crc" / Int32ul * "CRC-32 of the 32 bytes before it",
 )
 
 HEAD = Struct(
@@ -41,7 +41,6 @@ HEAD = Struct(
     "reserved" / Int8ul * "0",
     "incompat" / Int32ul * "incompatible feature bits, none defined in 1.0",
     "compat" / Int32ul * "compatible feature bits, none defined in 1.0",
-    "file_id" / Int32ul * "file id, as in every chunk header",
     "uuid" / Bytes(16) * "UUID of the recording in network order; all 0: none",
     "epoch_ns" / Int64sl * "UTC of tick 0, nanoseconds since 1970-01-01T00:00:00Z",
     "epoch_uncertainty_ns" / Int64ul * "its uncertainty; all 1: the epoch is not known",

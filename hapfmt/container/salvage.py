@@ -7,10 +7,17 @@ from dataclasses import dataclass
 
 from ..errors import FormatError
 from ..integers import build_varint
-from ..limits import Level
-from .cluster import Entry, Packet, check_entry, parse_cluster, parse_count, parse_entry
+from ..limits import LEVELS, Level
+from .cluster import (
+    Entry,
+    Packet,
+    check_entry,
+    packet_crc,
+    parse_cluster,
+    parse_count,
+    parse_entry,
+)
 from .track import Track
-from .wire import crc32
 
 PLACES = 1 << 16
 """Offsets at which the last entry is looked for."""
@@ -70,9 +77,15 @@ class Salvage:
     """The entries of one damaged payload that have a packet."""
 
     def __init__(
-        self, payload: bytes, tracks: Mapping[int, Track], level: Level, stops: Sequence[int]
+        self,
+        payload: bytes,
+        tracks: Mapping[int, Track],
+        level: Level,
+        seed: int,
+        stops: Sequence[int],
     ) -> None:
         self.payload = payload
+        self.seed = seed
         self.tracks = tracks
         self.level = level
         self.stops = stops
@@ -135,7 +148,7 @@ class Salvage:
 
     def holds(self, entry: Entry, at: int) -> bool:
         data = self.payload[at : at + entry.size]
-        if len(data) != entry.size or crc32(data, crc32(entry.fields)) != entry.crc:
+        if len(data) != entry.size or packet_crc(self.seed, entry.fields, data) != entry.crc:
             return False
         try:
             check_entry(entry, self.level)
@@ -255,10 +268,21 @@ class Salvage:
         return entry if entry.track in self.tracks else None
 
 
-def is_cluster(payload: bytes, tracks: Mapping[int, Track], level: Level) -> bool:
+def held_size(payload: bytes, seed: int) -> int:
+    """Bytes of the packets that hold, and of their entries; they are placed one after the other
+    from the end of the table on."""
+    salvage = Salvage(payload, {}, LEVELS[2], seed, ())
+    if salvage.table_stop is not None:
+        salvage.forwards(salvage.table_stop)
+    return sum(
+        placed.row_stop - placed.place + placed.entry.size for placed in salvage.found.values()
+    )
+
+
+def is_cluster(payload: bytes, tracks: Mapping[int, Track], level: Level, seed: int) -> bool:
     """Whether every packet holds, to the last byte."""
     try:
-        for _ in parse_cluster(payload, tracks, level, 0):
+        for _ in parse_cluster(payload, tracks, level, 0, seed):
             pass
     except FormatError:
         return False
@@ -270,13 +294,14 @@ def salvage_cluster(
     tracks: Mapping[int, Track],
     level: Level,
     base: int,
+    seed: int,
     sizes: Sequence[int] = (),
 ) -> Iterator[Packet | Hole]:
     """Packets whose CRC holds, in order of the table, and where others are missing.
 
     ``sizes`` are those that the payload may have: by its header, and up to the next one.
     """
-    salvage = Salvage(payload, tracks, level, sizes or (len(payload),))
+    salvage = Salvage(payload, tracks, level, seed, sizes or (len(payload),))
     found = salvage.run()
     before: Placed | None = None
     samples = 0

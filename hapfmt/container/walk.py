@@ -7,15 +7,25 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ..errors import FormatError, LimitError
+from .salvage import held_size
 from .source import Source
-from .wire import HEADER_SIZE, SIGNATURE, SYNC, ChunkHeader, crc32, parse_header
+from .wire import (
+    CRC_OFFSET,
+    HEADER_SIZE,
+    SIGNATURE,
+    SYNC,
+    ChunkHeader,
+    crc32,
+    id_text,
+    parse_header,
+)
 
 FIRST_BLOCK, BLOCK_SIZE = 1 << 8, 1 << 16
 """Bytes looked at in one go when scanning for a header, doubling from the first to the second:
 where headers stand close, each costs little."""
 
-HEAD_SIZE_LIMIT = 1 << 12
-"""A HEAD larger than this is not looked into when choosing the file id."""
+TABLE_WORK = 8
+"""Reading the table of a damaged cluster costs at most so many times the CRC of its payload."""
 
 WORK_FACTOR, WORK_BASE = 16, 1 << 26
 """A file made of headers that each promise the rest of it would take time in the square of its
@@ -60,7 +70,8 @@ class Chunk:
 def header_at(source: Source, offset: int, file_id: int | None) -> ChunkHeader | None:
     """The valid header at ``offset``, or None."""
     data = source.read_at(offset, HEADER_SIZE)
-    if data[:4] != SYNC or data[28:] != crc32(data[:28]).to_bytes(4, "little"):
+    crc = crc32(data[:CRC_OFFSET]).to_bytes(4, "little")
+    if data[:4] != SYNC or data[CRC_OFFSET:] != crc:
         return None
     try:
         header = parse_header(data, offset)
@@ -75,8 +86,13 @@ def read_chunk(source: Source, offset: int, file_id: int | None = None) -> Chunk
     if header is None:
         return None
     payload = source.read_at(offset + HEADER_SIZE, header.payload_size)
-    intact = len(payload) == header.payload_size and crc32(payload) == header.payload_crc
-    return Chunk(header, offset, payload, intact)
+    return Chunk(header, offset, payload, holds(header, payload))
+
+
+def holds(header: ChunkHeader, payload: bytes) -> bool:
+    """Whether the payload is whole and its CRC right (SPEC CHK-003)."""
+    whole = len(payload) == header.payload_size
+    return whole and crc32(payload, header.seed) == header.payload_crc
 
 
 def find_header(source: Source, start: int, file_id: int | None) -> int | None:
@@ -95,17 +111,25 @@ def find_header(source: Source, start: int, file_id: int | None) -> int | None:
     return None
 
 
-def walk(source: Source, findings: list[Finding], *, after: Chunk | None = None) -> Iterator[Chunk]:
-    """Every chunk that can be found, or those after one; what is wrong is appended to ``findings``
-    on the way."""
+def walk(
+    source: Source,
+    findings: list[Finding],
+    file_id: int | None = None,
+    *,
+    after: Chunk | None = None,
+) -> Iterator[Chunk]:
+    """Every chunk with this file id that can be found, or those after one; what is wrong is
+    appended to ``findings`` on the way. ``file_id`` None: the one that ``identify`` gives."""
+    if file_id is None:
+        file_id = after.header.file_id if after else identify(source)
     position = after.stop if after else len(SIGNATURE)
     if after is None and source.read_at(0, len(SIGNATURE)) != SIGNATURE:
         findings.append(
             Finding("bad-signature", 0, len(SIGNATURE), "the signature differs", "FIL-001")
         )
         position = 0
-    file_id = choose_file_id(source)
     seen: set[int] = set()
+    others = Strangers(source, file_id)
     last = after.header.sequence if after else -1
     suspect_from: int | None = None
     work = WORK_BASE + WORK_FACTOR * source.size
@@ -121,6 +145,7 @@ def walk(source: Source, findings: list[Finding], *, after: Chunk | None = None)
                         "garbage", position, stop - position, "bytes that are no chunk", "FIL-002"
                     )
                 )
+                findings += others.within(position, stop)
             if found is None:
                 return
             position, suspect_from = found, None
@@ -138,43 +163,79 @@ def walk(source: Source, findings: list[Finding], *, after: Chunk | None = None)
             findings.append(order_finding(header.sequence, last, offset))
         last = header.sequence
         payload = source.read_at(payload_offset, header.payload_size)
-        whole = len(payload) == header.payload_size
-        intact = whole and crc32(payload) == header.payload_crc
+        intact = holds(header, payload)
         chunk = Chunk(header, offset, payload, intact)
         work = spend(work, chunk)
-        if not intact:
-            findings.append(payload_finding(header, offset, position - offset, whole))
-        else:
+        if intact:
             seen.add(header.sequence)
+        else:
+            whole = len(payload) == header.payload_size
+            findings.append(payload_finding(header, offset, position - offset, whole))
+            if header.type != "aTTc":
+                findings += others.within(payload_offset, position)
         yield chunk
         suspect_from = None if intact else payload_offset
 
 
-def choose_file_id(source: Source) -> int | None:
-    """The id of the header at offset 8; if that does not hold, of the first intact HEAD, so that
-    a piece of another file in front does no harm; else of the first header there is. Headers
-    within the payload of an intact chunk are those of an attached file."""
-    header = header_at(source, len(SIGNATURE), None)
-    if header is not None:
-        return header.file_id
-    first: int | None = None
-    position = find_header(source, 0, None)
+def identify(source: Source) -> int | None:
+    """The file id that most of the file belongs to, so that a block of another file does no harm,
+    not even in front (SPEC REC-013); None where there is no header."""
+    # Bytes that hold under each id, in the order of their first headers.
+    votes: dict[int, int] = {}
     work = WORK_BASE + WORK_FACTOR * source.size
+    position = find_header(source, 0, None)
     while position is not None:
         chunk = read_chunk(source, position)
         assert chunk is not None
-        header = chunk.header
-        first = header.file_id if first is None else first
-        if header.type == "HEAD" and header.payload_size < HEAD_SIZE_LIMIT and chunk.intact:
-            return header.file_id
+        header, stop = chunk.header, chunk.stop
         work = spend(work, chunk)
-        position = find_header(source, chunk.stop if chunk.intact else position + 1, None)
-    return first
+        held = HEADER_SIZE + header.payload_size if chunk.intact else 0
+        if header.type == "DATA" and not chunk.intact:
+            work = spend(work, chunk, TABLE_WORK)
+            held = held_size(chunk.payload, header.seed)
+        votes[header.file_id] = votes.get(header.file_id, 0) + held
+        sure = chunk.intact or header.type == "aTTc" or follows(source, header, stop)
+        position = find_header(source, stop if sure else position + 1, None)
+    return max(reversed(votes), key=votes.__getitem__, default=None)
 
 
-def spend(work: int, chunk: Chunk) -> int:
+def follows(source: Source, header: ChunkHeader, stop: int) -> bool:
+    """Whether the chunk ends at ``stop`` although its payload is damaged: the next one stands
+    there, or the file ends."""
+    after = header_at(source, stop, header.file_id)
+    return stop == source.size or (after is not None and after.sequence == header.sequence + 1)
+
+
+class Strangers:
+    """The ids of other files, each told once (SPEC, ``strangers``)."""
+
+    def __init__(self, source: Source, file_id: int | None) -> None:
+        self.source = source
+        self.file_id = file_id
+        self.known = {file_id}
+        self.searched = 0
+        """No byte is searched twice: chunks may lie in chunks."""
+
+    def within(self, start: int, stop: int) -> Iterator[Finding]:
+        """Of the headers that begin within these bytes."""
+        position = find_header(self.source, max(start, self.searched), None)
+        self.searched = max(self.searched, stop)
+        while position is not None and position < stop:
+            header = header_at(self.source, position, None)
+            assert header is not None
+            if header.file_id not in self.known:
+                self.known.add(header.file_id)
+                message = (
+                    f"a chunk of another file with the id {id_text(header.file_id)}; "
+                    f"this file has the id {id_text(self.file_id or 0)}"
+                )
+                yield Finding("other-file", position, 0, message, "REC-013")
+            position = find_header(self.source, position + 1, None)
+
+
+def spend(work: int, chunk: Chunk, times: int = 1) -> int:
     """What is left of the bytes that checksums may be taken of (REC-005)."""
-    work -= HEADER_SIZE + len(chunk.payload)
+    work -= HEADER_SIZE + times * len(chunk.payload)
     if work < 0:
         raise LimitError(
             "too many chunks inside damaged chunks", requirement="REC-005", offset=chunk.offset

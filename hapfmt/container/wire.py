@@ -16,11 +16,19 @@ from typing import Any
 
 from construct import Bytes, Struct
 
-from ..errors import ChecksumError, FormatError, TruncatedError, UnsupportedError
+from ..errors import (
+    ChecksumError,
+    FormatError,
+    ParameterError,
+    TruncatedError,
+    UnsupportedError,
+)
 from ..limits import LEVELS, Level
 from .layout import CHUNK_HEADER, HEAD, SIGNATURE, SYNC
 
-HEADER_SIZE = 32
+HEADER_SIZE = 36
+CRC_OFFSET = HEADER_SIZE - 4
+FILE_ID_LIMIT = 1 << 64
 NO_TRACK = 0xFFFF
 MAJOR, MINOR = 1, 0
 KNOWN_INCOMPAT = 0
@@ -30,11 +38,37 @@ KNOWN_TYPES = frozenset(
     {"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "mETa", "aTTc", "dGST", "cLOk", "cMAp"}
 )
 
-__all__ = ["HEADER_SIZE", "SIGNATURE", "SYNC", "ChunkHeader", "Head", "build_chunk", "crc32"]
+__all__ = [
+    "HEADER_SIZE",
+    "SIGNATURE",
+    "SYNC",
+    "ChunkHeader",
+    "Head",
+    "build_chunk",
+    "check_file_id",
+    "crc32",
+    "id_text",
+    "seed_of",
+]
 
 
 def crc32(data: bytes, start: int = 0) -> int:
     return zlib.crc32(data, start)
+
+
+def check_file_id(file_id: int | None) -> None:
+    if file_id is not None and not 0 <= file_id < FILE_ID_LIMIT:
+        raise ParameterError("the file id must be between 0 and 2^64 - 1")
+
+
+def id_text(file_id: int) -> str:
+    """As messages and JSON show it: JSON numbers of 64 bits are not exact everywhere."""
+    return f"0x{file_id:016x}"
+
+
+def seed_of(file_id: int) -> int:
+    """Where a file CRC starts: the CRC-32 of the file id (SPEC clause 2)."""
+    return zlib.crc32(file_id.to_bytes(8, "little"))
 
 
 @cache
@@ -92,6 +126,11 @@ class ChunkHeader:
     payload_crc: int
 
     @property
+    def seed(self) -> int:
+        """Where the CRCs of the payload and of its packets start."""
+        return seed_of(self.file_id)
+
+    @property
     def critical(self) -> bool:
         return self.type[0].isupper()
 
@@ -113,18 +152,18 @@ class ChunkHeader:
                 "payload_crc": self.payload_crc,
                 "header_crc": 0,
             },
-        )[:28]
+        )[:CRC_OFFSET]
         return head + crc32(head).to_bytes(4, "little")
 
 
 def parse_header(data: bytes, offset: int) -> ChunkHeader:
-    """The chunk header in ``data`` (32 bytes or more), which stands at ``offset`` in the file."""
+    """The chunk header in ``data`` (36 bytes or more), which stands at ``offset`` in the file."""
     raw = parse_fixed(CHUNK_HEADER, data, 0, "FIL-002", offset)
     if raw.sync != SYNC:
         raise FormatError(
             "no sync word where a chunk should start", requirement="CHK-001", offset=offset
         )
-    if raw.header_crc != crc32(data[:28]):
+    if raw.header_crc != crc32(data[:CRC_OFFSET]):
         raise ChecksumError("chunk header CRC differs", requirement="CHK-002", offset=offset)
     if not (raw.type.isascii() and raw.type.isalpha()):
         raise FormatError("chunk type is not four letters", requirement="CHK-006", offset=offset)
@@ -150,7 +189,8 @@ def build_chunk(
     flags: int = 0,
 ) -> bytes:
     """A whole chunk, header and payload."""
-    header = ChunkHeader(type_, file_id, sequence, len(payload), track, flags, crc32(payload))
+    crc = crc32(payload, seed_of(file_id))
+    header = ChunkHeader(type_, file_id, sequence, len(payload), track, flags, crc)
     return header.build() + payload
 
 
@@ -159,7 +199,6 @@ class Head:
     """SPEC 6.1; ``epoch_ns`` is None where the epoch is not known, ``uuid`` where there is none."""
 
     level: int
-    file_id: int
     uuid: bytes | None = None
     epoch_ns: int | None = None
     epoch_uncertainty_ns: int = 0
@@ -183,7 +222,6 @@ class Head:
                 "reserved": 0,
                 "incompat": self.incompat,
                 "compat": self.compat,
-                "file_id": self.file_id,
                 "uuid": self.uuid or bytes(16),
                 "epoch_ns": self.epoch_ns if known else 0,
                 "epoch_uncertainty_ns": self.epoch_uncertainty_ns if known else UNKNOWN_EPOCH,
@@ -191,7 +229,7 @@ class Head:
         )
 
 
-def parse_head(payload: bytes, header: ChunkHeader, offset: int) -> Head:
+def parse_head(payload: bytes, offset: int) -> Head:
     """The HEAD payload, which stands at ``offset`` in the file."""
     from .tlv import parse_tlvs
 
@@ -206,10 +244,6 @@ def parse_head(payload: bytes, header: ChunkHeader, offset: int) -> Head:
         raise UnsupportedError(f"level {raw.level}", requirement="HED-004", offset=offset + 2)
     if raw.reserved:
         raise FormatError("reserved byte is not 0", requirement="HED-005", offset=offset + 3)
-    if raw.file_id != header.file_id:
-        raise FormatError(
-            "file id differs from the header's", requirement="HED-003", offset=offset + 12
-        )
     unknown = [t for t in parse_tlvs(payload, size_of(HEAD), offset) if t % 2]
     if unknown:
         raise UnsupportedError(
@@ -218,7 +252,6 @@ def parse_head(payload: bytes, header: ChunkHeader, offset: int) -> Head:
     known = raw.epoch_uncertainty_ns != UNKNOWN_EPOCH
     return Head(
         raw.level,
-        raw.file_id,
         raw.uuid if any(raw.uuid) else None,
         raw.epoch_ns if known else None,
         raw.epoch_uncertainty_ns if known else 0,

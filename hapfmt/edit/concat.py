@@ -9,6 +9,7 @@ from datetime import UTC, datetime, timedelta
 from fractions import Fraction
 
 from ..container.extras import build_metadata
+from ..container.wire import check_file_id
 from ..errors import ParameterError
 from ..numbers import exact
 from ..reading.seconds import Seconds
@@ -20,7 +21,6 @@ from .making import (
     Making,
     Output,
     another,
-    check_canonical,
     name_of,
     opened,
     refuse_output,
@@ -56,7 +56,7 @@ def concat(
     Raises as :func:`subset` does, ParameterError also where channels do not go together, or packets
     of one channel overlap.
     """
-    check_canonical(canonical)
+    check_file_id(canonical)
     refuse_output(out, force)
     if not files:
         raise ParameterError("nothing to concatenate")

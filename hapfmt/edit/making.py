@@ -279,11 +279,6 @@ def name_of(file: Output) -> str | None:
     return os.fspath(file) if isinstance(file, (str, os.PathLike)) else None
 
 
-def check_canonical(canonical: int | None) -> None:
-    if canonical is not None and not 0 <= canonical < 1 << 32:
-        raise ParameterError("the file id must be between 0 and 2^32 - 1")
-
-
 def another(head: Head, shift: Fraction, canonical: int | None) -> Head:
     """The head of a recording of its own, whose tick 0 is ``shift`` seconds after that of
     ``head``: another UUID, and the epoch moved along."""

@@ -12,6 +12,7 @@ from fractions import Fraction
 from ..container.cluster import Packet
 from ..container.extras import build_metadata
 from ..container.track import Component, Track
+from ..container.wire import check_file_id
 from ..errors import ParameterError
 from ..reading.seconds import Seconds
 from .extras import combined
@@ -19,7 +20,6 @@ from .making import (
     Edited,
     Making,
     Output,
-    check_canonical,
     name_of,
     opened,
     refuse_output,
@@ -52,7 +52,7 @@ def merge(
 
     Raises as :func:`subset` does.
     """
-    check_canonical(canonical)
+    check_file_id(canonical)
     refuse_output(out, force)
     if not files:
         raise ParameterError("nothing to merge")

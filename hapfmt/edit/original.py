@@ -187,14 +187,13 @@ class Original(Closing):
                 progress(done + 1, len(refs))
 
     def cluster(self, ref: ChunkRef) -> list[Packet]:
-        chunk = read_chunk(self.source, ref.offset, self.head.file_id)
+        chunk = read_chunk(self.source, ref.offset, self.catalogue.file_id)
         if chunk is None or not chunk.intact or chunk.header.type != "DATA":
             message = "checksum error in the payload of a DATA chunk"
             raise self.damaged(ChecksumError, message, ref.offset)
         try:
-            return parse_cluster(
-                chunk.payload, self.tracks, self.catalogue.level, chunk.payload_offset
-            )
+            level, at = self.catalogue.level, chunk.payload_offset
+            return parse_cluster(chunk.payload, self.tracks, level, at, chunk.header.seed)
         except FormatError as error:
             raise error.at(path=self.source.path) from None
 
@@ -204,7 +203,7 @@ class Original(Closing):
         for ref in self.catalogue.chunks:
             if (ref.type in DESCRIBED and ref.known) or (ref.offset > first) != behind:
                 continue
-            chunk = read_chunk(self.source, ref.offset, self.head.file_id)
+            chunk = read_chunk(self.source, ref.offset, self.catalogue.file_id)
             if chunk is None or not chunk.intact or chunk.header.type != ref.type:
                 message = f"checksum error in the payload of a {ref.type} chunk"
                 raise self.damaged(ChecksumError, message, ref.offset)

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from fractions import Fraction
 
 from ..container.cluster import Packet
+from ..container.wire import FILE_ID_LIMIT, check_file_id
 from ..errors import ParameterError
 from ..numbers import exact
 from ..reading.seconds import Seconds
-from .making import Edited, check_canonical, refuse_output
+from .making import Edited, refuse_output
 from .original import Advance, Input, Original, open_original
 from .subset import Window, choose, title, write_part
 
@@ -38,7 +39,7 @@ def split(
 
     Raises as :func:`subset` does.
     """
-    check_canonical(canonical)
+    check_file_id(canonical)
     if (every is None) == (not at):
         raise ParameterError("give either every or at")
     step = None if every is None else exact(every)
@@ -60,7 +61,7 @@ def split(
                     f"part {number} of {title(original)}: {float(start)} s to "
                     f"{'the end' if stop is None else f'{float(stop)} s'}",
                     notes, to_zero=to_zero, force=force,
-                    canonical=None if canonical is None else (canonical + number) % (1 << 32),
+                    canonical=None if canonical is None else (canonical + number) % FILE_ID_LIMIT,
                 )
             )  # fmt: skip
             if progress:

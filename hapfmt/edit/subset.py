@@ -9,6 +9,7 @@ from typing import NamedTuple
 from ..container.cluster import Packet
 from ..container.extras import build_metadata
 from ..container.track import Track
+from ..container.wire import check_file_id
 from ..errors import ParameterError
 from ..limits import LEVELS
 from ..numbers import exact
@@ -20,7 +21,6 @@ from .making import (
     Making,
     Output,
     another,
-    check_canonical,
     name_of,
     opened,
     refuse_output,
@@ -65,7 +65,7 @@ def subset(
     Raises ChecksumError or TruncatedError, with exit code 3, where the file is damaged or was not
     closed, and ParameterError where no channel would be left or ``start`` is behind the end.
     """
-    check_canonical(canonical)
+    check_file_id(canonical)
     refuse_output(out, force)
     if band not in BANDS:
         raise ParameterError(f"band is one of {', '.join(BANDS)}")

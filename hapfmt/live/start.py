@@ -16,6 +16,7 @@ from ..container.clocks import ClockObservation
 from ..container.extras import build_metadata
 from ..container.filewriter import FileWriter
 from ..container.track import Track, missing_channels
+from ..container.wire import check_file_id
 from ..encoder.live import LiveEncoder
 from ..encoder.settings import Settings
 from ..errors import ParameterError
@@ -69,8 +70,7 @@ class Options:
             self.hold = self.cluster + 2 * self.patience
         self.hold = None if self.hold is None else exact(self.hold)
         if self.canonical is not None:
-            if not 0 <= self.canonical < 1 << 32:
-                raise ParameterError("the file id must be between 0 and 2^32 - 1")
+            check_file_id(self.canonical)
             if self.hold is not None or self.append:
                 raise ParameterError(
                     "canonical mode cannot use the time of day or append to a file"

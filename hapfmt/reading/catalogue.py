@@ -120,6 +120,8 @@ class Catalogue:
 
     source: Source
     limits: Limits = field(default_factory=Limits)
+    file_id: int | None = None
+    """None where there is no chunk."""
     head: Head | None = None
     table: TrackTable = field(default_factory=TrackTable)
     chunks: list[ChunkRef] = field(default_factory=list)
@@ -206,10 +208,6 @@ class Catalogue:
         stop = max((chunk.stop_ns or 0 for chunk in self.data), default=0)
         return Fraction(min(stop, NS_LIMIT), 10**9)
 
-    @property
-    def file_id(self) -> int | None:
-        return self.head.file_id if self.head else None
-
     @cached_property
     def attachments(self) -> dict[str, Attachment]:
         """By name; a name that comes again gets a number. FalseIndexError where an index lies."""
@@ -234,7 +232,9 @@ class Catalogue:
                 ref.checked(chunk.header if chunk else None)
             if chunk is not None and ref.limit is not None and not chunk.intact:
                 message = "checksum error in the payload of an aTTc chunk"
-                self.lose("bad-payload", ref.offset, len(chunk.payload) + 32, message, "CHK-003")
+                self.lose(
+                    "bad-payload", ref.offset, len(chunk.payload) + HEADER_SIZE, message, "CHK-003"
+                )
             if chunk is not None and chunk.intact and chunk.header.known:
                 at = chunk.payload_offset
                 try:
@@ -291,10 +291,9 @@ class Catalogue:
         """Whether chunks of these types stand wherever an index says that they do (IDX-003)."""
         if not self.indexed:
             return True
-        file_id = self.head.file_id if self.head else None
         for ref in self.chunks:
             if ref.type in types:
-                header = header_at(self.source, ref.offset, file_id)
+                header = header_at(self.source, ref.offset, self.file_id)
                 if header is None or header.type != ref.type:
                     return False
         return True
@@ -357,7 +356,7 @@ class Catalogue:
                 raise FormatError(
                     "HEAD is not the first chunk", requirement="HED-001", offset=chunk.offset
                 )
-            self.head = parse_head(chunk.payload, chunk.header, chunk.payload_offset)
+            self.head = parse_head(chunk.payload, chunk.payload_offset)
             self.head_payload = chunk.payload
         elif chunk.payload != self.head_payload:
             raise FormatError(

@@ -124,7 +124,7 @@ class Follower(Closing):
         findings: list[Finding] = []
         told = 0
         waiting: list[Chunk] = []
-        for chunk in walk(self.source, findings, after=self.last):
+        for chunk in walk(self.source, findings, self.file_id, after=self.last):
             waiting.append(chunk)
             if not chunk.intact:
                 continue
@@ -174,11 +174,11 @@ class Follower(Closing):
         first = read_chunk(self.source, FIRST_OFFSET)
         if first is None or not first.intact:
             return False
-        self.file_id = first.header.file_id
+        self.file_id = self.catalogue.file_id = first.header.file_id
         return True
 
     def start_at_index(self, file_id: int) -> None:
-        catalogue = Catalogue(self.source, indexed=True)
+        catalogue = Catalogue(self.source, file_id=file_id, indexed=True)
         try:
             index = learn_checkpoint(catalogue, file_id)
         except FormatError:
@@ -246,16 +246,17 @@ class Follower(Closing):
 
     def packets(self, chunk: Chunk) -> Iterator[Packet]:
         catalogue, at = self.catalogue, chunk.payload_offset
+        tracks, level, seed = catalogue.tracks, catalogue.level, chunk.header.seed
         if catalogue.unsupported:
             raise catalogue.unsupported
         if chunk.intact:
             try:
-                yield from parse_cluster(chunk.payload, catalogue.tracks, catalogue.level, at)
+                yield from parse_cluster(chunk.payload, tracks, level, at, seed)
                 return
             except FormatError as error:
                 if not catalogue.damaged:
                     raise error.at(path=self.path) from None
-        for item in salvage_cluster(chunk.payload, catalogue.tracks, catalogue.level, at):
+        for item in salvage_cluster(chunk.payload, tracks, level, at, seed):
             if isinstance(item, Packet):
                 yield item
 

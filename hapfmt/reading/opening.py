@@ -10,10 +10,11 @@ from ..container.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
 from ..container.series import check_range
 from ..container.source import Source
 from ..container.track import unsupported_track
-from ..container.walk import Chunk, Finding, header_at, read_chunk, walk
+from ..container.walk import Chunk, Finding, header_at, identify, read_chunk, walk
 from ..container.wire import HEADER_SIZE, SIGNATURE, SYNC
 from ..errors import FormatError, HapfmtError, UnsupportedError
 from ..limits import LEVELS, Limits
+from ..verdict import HARMLESS
 from .catalogue import Catalogue, ChunkRef
 
 MS = 10**6
@@ -41,27 +42,34 @@ class Bounded(list[Finding]):
 
 
 def open_catalogue(
-    source: Source, *, scan: bool = False, limits: Limits | None = None
+    source: Source,
+    *,
+    scan: bool = False,
+    limits: Limits | None = None,
+    file_id: int | None = None,
 ) -> Catalogue:
-    """By the index where there is one and it holds, else by walking; ``scan`` always walks."""
+    """By the index where there is one and it holds, else by walking; ``scan`` always walks.
+
+    ``file_id``: of a file with parts of others, which one is read.
+    """
     limits = limits or Limits()
     try:
         if not scan:
-            found = from_index(source, limits)
+            found = from_index(source, limits, file_id)
             if found is not None:
                 return found
-        return from_walk(source, limits)
+        return from_walk(source, limits, file_id=file_id)
     except HapfmtError as error:
         raise error.at(path=source.path) from None
 
 
-def from_index(source: Source, limits: Limits) -> Catalogue | None:
+def from_index(source: Source, limits: Limits, file_id: int | None = None) -> Catalogue | None:
     """By the index of a closed file, or the last one of a file that was not closed; None where
     anything about it is not as it should be (IDX-003)."""
     if source.size < FIRST_OFFSET + FOOT_SIZE or source.read_at(0, FIRST_OFFSET) != SIGNATURE:
         return None
     try:
-        first = read_chunk(source, FIRST_OFFSET)
+        first = read_chunk(source, FIRST_OFFSET, file_id)
         if first is None or not first.intact or first.header.type != "HEAD":
             return None
         last = read_chunk(source, source.size - FOOT_SIZE, first.header.file_id)
@@ -73,9 +81,10 @@ def from_index(source: Source, limits: Limits) -> Catalogue | None:
 
 
 def from_foot(source: Source, chunk: Chunk, limits: Limits) -> Catalogue | None:
-    catalogue = Catalogue(source, limits, indexed=True)
+    file_id = chunk.header.file_id
+    catalogue = Catalogue(source, limits, file_id, indexed=True)
     catalogue.foot = parse_foot(chunk.payload, chunk.payload_offset)
-    offset, file_id = catalogue.foot.index_offset, chunk.header.file_id
+    offset = catalogue.foot.index_offset
     return catalogue if learn_listed(catalogue, offset, file_id) else None
 
 
@@ -84,11 +93,11 @@ def from_checkpoint(source: Source, file_id: int, limits: Limits) -> Catalogue |
 
     Only where nothing but the end of the last chunk is missing.
     """
-    catalogue = Catalogue(source, limits, indexed=True)
+    catalogue = Catalogue(source, limits, file_id, indexed=True)
     index = learn_checkpoint(catalogue, file_id)
     if index is None:
         return None
-    for chunk in walk(source, catalogue.findings, after=index):
+    for chunk in walk(source, catalogue.findings, file_id, after=index):
         catalogue.foot = None
         found = catalogue.learn(chunk) if chunk.intact else None
         catalogue.chunks.append(found or ref_of(chunk))
@@ -196,16 +205,44 @@ def index_entries(
     return [entry for entries in reversed(kept) for entry in entries]
 
 
-def from_walk(source: Source, limits: Limits | None = None, *, tolerant: bool = False) -> Catalogue:
+def from_walk(
+    source: Source,
+    limits: Limits | None = None,
+    *,
+    tolerant: bool = False,
+    file_id: int | None = None,
+) -> Catalogue:
     """Every chunk that can be found, in the order of the file; damage becomes findings.
 
     A broken rule is raised where there is no damage anywhere, else, and where the caller is
-    ``tolerant``, it counts as damage (clause 14).
+    ``tolerant``, it counts as damage (clause 14). ``file_id`` None: that of most of the file
+    (REC-013), which is that of the first chunk where nothing is wrong.
     """
-    catalogue = Catalogue(source, limits or Limits(), tolerant=tolerant)
+    if file_id is not None:
+        return walked(source, limits, file_id, tolerant=tolerant)
+    first = header_at(source, FIRST_OFFSET, None)
+    if first is None or source.read_at(0, FIRST_OFFSET) != SIGNATURE:
+        return walked(source, limits, identify(source), tolerant=tolerant)
+    try:
+        found = walked(source, limits, first.file_id, tolerant=tolerant)
+        if all(finding.code in HARMLESS for finding in found.findings):
+            return found
+        chosen = identify(source)
+    except HapfmtError:
+        chosen = identify(source)
+        if chosen == first.file_id:
+            raise
+    return found if chosen == first.file_id else walked(source, limits, chosen, tolerant=tolerant)
+
+
+def walked(
+    source: Source, limits: Limits | None, file_id: int | None, *, tolerant: bool
+) -> Catalogue:
+    """The chunks with one file id."""
+    catalogue = Catalogue(source, limits or Limits(), file_id, tolerant=tolerant)
     catalogue.findings = Bounded(catalogue.check_records)
     broken: list[tuple[Chunk, FormatError]] = []
-    for chunk in walk(source, catalogue.findings):
+    for chunk in walk(source, catalogue.findings, file_id):
         ref = ref_of(chunk)
         catalogue.check_records()
         catalogue.foot = None
@@ -219,7 +256,7 @@ def from_walk(source: Source, limits: Limits | None = None, *, tolerant: bool = 
         raise unknown_part(catalogue) or broken[0][1]
     if broken and not tolerant:
         # What stands before the first damage is held to no more than what stands behind it.
-        return from_walk(source, limits, tolerant=True)
+        return walked(source, limits, file_id, tolerant=True)
     for chunk, fault in broken:
         lose_chunk(catalogue, chunk, fault)
     if catalogue.damaged:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 from ..container.cluster import Packet, parse_cluster, parse_count, parse_entry
 from ..container.salvage import Hole, is_cluster, salvage_cluster
-from ..container.walk import header_at, read_chunk
-from ..container.wire import HEADER_SIZE, ChunkHeader, crc32
+from ..container.walk import header_at, holds, read_chunk
+from ..container.wire import HEADER_SIZE, ChunkHeader
 from ..errors import ChecksumError, FormatError
 from .catalogue import Catalogue, ChunkRef
 from .losses import Losses
@@ -170,7 +170,7 @@ class PacketPass:
         instead."""
         source = self.catalogue.source
         listed = ref.limit is not None
-        header = header_at(source, ref.offset, self.catalogue.file_id if listed else None)
+        header = header_at(source, ref.offset, self.catalogue.file_id)
         if listed:
             ref.checked(header)
         if header is None:
@@ -203,7 +203,7 @@ class PacketPass:
         listed = ref.limit is not None
         if listed and not self.goes_on(rows, ranges, ref.stop_ns):
             return None
-        packets = read_packets(source, wanted)
+        packets = read_packets(source, wanted, header.seed)
         if packets is not None and listed:
             self.unproven = ref
         return packets
@@ -245,13 +245,13 @@ class PacketPass:
     def whole(
         self, ref: ChunkRef, header: ChunkHeader, state: Progress, ranges: Ranges
     ) -> Iterator[Packet]:
-        catalogue = self.catalogue
+        catalogue, seed = self.catalogue, header.seed
         at, size = ref.offset + HEADER_SIZE, header.payload_size
         payload = catalogue.source.read_at(at, size)
-        intact = len(payload) == size and crc32(payload) == header.payload_crc
+        intact = holds(header, payload)
         if intact:
             try:
-                yield from parse_cluster(payload, catalogue.tracks, catalogue.level, at)
+                yield from parse_cluster(payload, catalogue.tracks, catalogue.level, at, seed)
                 return
             except FormatError as error:
                 if not catalogue.damaged:
@@ -265,8 +265,8 @@ class PacketPass:
         payload, sizes = self.region(ref, payload, size)
         if not intact and ref.limit is None and ref.offset == self.offsets[-1]:
             state.last = ref
-        items = list(salvage_cluster(payload, catalogue.tracks, catalogue.level, at, sizes))
-        if not intact and self.foreign(payload[:size], items, state):
+        items = list(salvage_cluster(payload, catalogue.tracks, catalogue.level, at, seed, sizes))
+        if not intact and self.foreign(payload[:size], items, state, seed):
             self.suspect(state, ranges, ref.offset, ref)
         for item in items:
             if isinstance(item, Packet):
@@ -274,7 +274,9 @@ class PacketPass:
             else:
                 self.lose_packets(item, ref, len(payload), state, ranges)
 
-    def foreign(self, payload: bytes, items: Sequence[Packet | Hole], state: Progress) -> bool:
+    def foreign(
+        self, payload: bytes, items: Sequence[Packet | Hole], state: Progress, seed: int
+    ) -> bool:
         """Whether a damaged payload may hold bytes of another cluster, so that nothing in it tells
         what is missing: chunks are missing behind it, or none stands there, its packets are in the
         way of others, or it is whole, and yet not what its header speaks of."""
@@ -286,14 +288,14 @@ class PacketPass:
                 late = item.stop > state.ahead.get(item.track, item.stop)
                 if late or item.start < lines[item.track][0].stop:
                     return True
-        return is_cluster(payload, self.catalogue.tracks, self.catalogue.level)
+        return is_cluster(payload, self.catalogue.tracks, self.catalogue.level, seed)
 
     def ahead(self, following: Sequence[ChunkRef]) -> dict[int, int]:
         """Where the packets of the next chunk start, by track: damage may have brought bytes of
         another cluster, and its packets hold too."""
         if not following or following[0].start_ns is None:
             return {}
-        chunk = read_chunk(self.catalogue.source, following[0].offset)
+        chunk = read_chunk(self.catalogue.source, following[0].offset, self.catalogue.file_id)
         firsts: dict[int, int] = {}
         if chunk is not None and chunk.intact:
             count, position = parse_count(chunk.payload, self.catalogue.level, 0)

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ..container.cluster import Entry, Packet, parse_count, parse_entry
+from ..container.cluster import Entry, Packet, packet_crc, parse_count, parse_entry
 from ..container.source import Source
 from ..container.track import Track
-from ..container.wire import HEADER_SIZE, ChunkHeader, crc32
+from ..container.wire import HEADER_SIZE, ChunkHeader
 from ..errors import FormatError
 from ..integers import parse_varint
 from ..limits import TICK_LIMIT, Level
@@ -92,7 +92,7 @@ def parse_table(
     return [(parse_entry(part, row, base)[0], base + position + at) for row, at in rows]
 
 
-def read_packets(source: Source, rows: Sequence[Row]) -> list[Packet] | None:
+def read_packets(source: Source, rows: Sequence[Row], seed: int) -> list[Packet] | None:
     """The packets of rows in order of their places; neighbours in one reading. None where a CRC
     differs."""
     packets: list[Packet] = []
@@ -108,7 +108,7 @@ def read_packets(source: Source, rows: Sequence[Row]) -> list[Packet] | None:
         part = source.read_at(start, stop - start)
         for entry, at in run:
             data = part[at - start : at - start + entry.size]
-            if len(data) != entry.size or crc32(data, crc32(entry.fields)) != entry.crc:
+            if len(data) != entry.size or packet_crc(seed, entry.fields, data) != entry.crc:
                 return None
             packets.append(Packet(entry.track, entry.start, entry.span, data, at))
     return packets

@@ -58,6 +58,9 @@ class Reader(Closing):
     ``mapped``: a local file as a mapping, which saves copies; if somebody cuts the file meanwhile,
     the process dies. A text with :// or :: in front is a URL for fsspec (extra "remote"), of which
     only what is needed is read; ``spool``: the whole of it, first.
+
+    ``file_id``: of a file with parts of others, which one is read; None: the one that most of it
+    belongs to. A finding *other-file* names the ids.
     """
 
     def __init__(
@@ -70,18 +73,23 @@ class Reader(Closing):
         scan: bool = False,
         mapped: bool = False,
         spool: bool = False,
+        file_id: int | None = None,
     ) -> None:
+        self.file_id = file_id
         self.limits = limits or Limits()
         self.strict = strict
         self.threads = threads
         self.source = open_source(file, mapped=mapped, spool=spool)
         self.lost: list[LostSpan] = []
         try:
-            self.catalogue: Catalogue = open_catalogue(self.source, scan=scan, limits=self.limits)
+            self.catalogue: Catalogue = self.opened(scan=scan)
         except BaseException:
             self.source.close()
             raise
         self.refuse_damage()
+
+    def opened(self, *, scan: bool) -> Catalogue:
+        return open_catalogue(self.source, scan=scan, limits=self.limits, file_id=self.file_id)
 
     def close(self) -> None:
         self.source.close()
@@ -152,7 +160,7 @@ class Reader(Closing):
     def scan(self) -> None:
         """Walk through the whole file, so that every byte is checked."""
         if self.catalogue.indexed:
-            self.catalogue = open_catalogue(self.source, scan=True, limits=self.limits)
+            self.catalogue = self.opened(scan=True)
             self.refuse_damage()
 
     def refuse_damage(self) -> None:

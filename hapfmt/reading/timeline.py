@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Mapping, Sequence
+from itertools import accumulate
 from typing import NamedTuple
 
-from ..container.index import FIRST_OFFSET, MS_LIMIT, Index, ceil_ms, floor_ms, parse_index
+from ..container.index import FIRST_OFFSET, MS_LIMIT, Index, parse_index
 from ..container.walk import read_chunk
 from ..errors import FormatError
-from ..numbers import exact
 from .catalogue import Catalogue, ChunkRef
 
 ANYWHERE = 1 << 63
@@ -28,26 +28,27 @@ NOTHING = Times(0, 0)
 
 
 class Timeline:
-    """What indexes say of the DATA chunks, matched with those that are intact by their times."""
+    """What indexes say of the DATA chunks, by their sequence numbers."""
 
     def __init__(self, catalogue: Catalogue, refs: Sequence[ChunkRef]) -> None:
-        self.refs = refs
-        self.listed: list[tuple[int, int]] = []
+        known = [None if ref.start_ns is None else ref.sequence for ref in refs]
+        self.before = list(accumulate([None, *known], newest))
+        """Before each of the chunks, the sequence number of the last one that is intact."""
+        self.after = list(accumulate([None, *reversed(known)], newest))[::-1]
+        """That of the first one from there on."""
+        self.listed: dict[int, tuple[int, int]] = {}
         """Milliseconds of the DATA chunks, of all from some one on."""
-        self.whole = False
-        """Whether from the first one."""
+        self.first: int | None = None
+        """The sequence number from which on all chunks are listed."""
         self.end = 0
         """Where the last index stands: nothing says what came after it."""
         self.read(catalogue)
-        self.matched = self.match()
-        """(place among ``refs``, place in ``listed``), both growing."""
+        self.numbers = sorted(self.listed)
 
     def read(self, catalogue: Catalogue) -> None:
-        listed: dict[int, tuple[int, int]] = {}
-        before: tuple[int, Index] | None = None
-        feet = 0
+        types = {ref.sequence: ref.type for ref in catalogue.chunks if ref.sequence is not None}
+        last = -1
         for ref in catalogue.chunks:
-            feet += ref.type == "fOOT"
             chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "iNDX" else None
             if chunk is None or not chunk.intact or not chunk.header.known:
                 continue
@@ -55,59 +56,53 @@ class Timeline:
                 index = parse_index(chunk.payload, ANYWHERE, chunk.payload_offset)
             except FormatError:
                 continue
-            if index.covers_from == FIRST_OFFSET:
-                self.whole = True
-            elif before is None or not follows(before, chunk.header.sequence - feet, index):
-                self.whole, listed = False, {}
-            before, self.end, feet = (chunk.header.sequence, index), ref.offset, 0
-            for entry in index.entries:
+            numbers = sequences(index, chunk.header.sequence, types)
+            if numbers is None:
+                continue
+            first = numbers[0] if numbers else chunk.header.sequence
+            if self.first is None or first > last + 1:
+                self.first, self.listed = first, {}
+            self.first = min(self.first, first)
+            last, self.end = chunk.header.sequence, ref.offset
+            for entry, number in zip(index.entries, numbers, strict=True):
                 if entry.type == "DATA":
-                    listed[entry.offset] = entry.start_ms, entry.stop_ms
-        self.listed = [listed[offset] for offset in sorted(listed)]
+                    self.listed[number] = entry.start_ms, entry.stop_ms
         if catalogue.foot is not None:
             self.end = ANYWHERE
 
-    def match(self) -> list[tuple[int, int]]:
-        places: dict[tuple[int, int], list[int]] = {}
-        for place, times in enumerate(self.listed):
-            places.setdefault(times, []).append(place)
-        found: list[tuple[int, int]] = []
-        last = -1
-        for number, ref in enumerate(self.refs):
-            if ref.start_ns is None or ref.stop_ns is None:
-                continue
-            second = exact(10**9)
-            times = floor_ms(exact(ref.start_ns) / second), ceil_ms(exact(ref.stop_ns) / second)
-            known = places.get(times, [])
-            at = bisect_right(known, last)
-            if at < len(known):
-                last = known[at]
-                found.append((number, last))
-        return found
-
     def between(self, number: int, offset: int) -> Times:
         """Times of the DATA chunks that are lost, or damaged, around the chunk with this number
-        among ``refs``, or just before it; ``offset``: of the damage."""
-        at = bisect_right(self.matched, (number, -1))
-        low = self.matched[at - 1][1] + 1 if at else 0
-        if at < len(self.matched):
-            high = self.matched[at][1]
-        elif offset <= self.end:
-            high = len(self.listed)
-        else:
+        among the chunks, or just before it; ``offset``: of the damage."""
+        before, high = self.before[number], self.after[number]
+        low = -1 if before is None else before
+        if self.first is None or low + 1 < self.first or (high is None and offset > self.end):
             return UNKNOWN
-        if not self.listed or (not at and not self.whole):
-            return UNKNOWN
-        if low >= high:
+        stop = len(self.numbers) if high is None else bisect_left(self.numbers, high)
+        lost = self.numbers[bisect_right(self.numbers, low) : stop]
+        if not lost:
             return NOTHING
-        times = self.listed[low:high]
-        stop = max(stop for _, stop in times)
-        return Times(min(start for start, _ in times), stop if stop < MS_LIMIT else None)
+        times = [self.listed[each] for each in lost]
+        latest = max(stop for _, stop in times)
+        return Times(min(start for start, _ in times), latest if latest < MS_LIMIT else None)
 
 
-def follows(before: tuple[int, Index], sequence: int, index: Index) -> bool:
-    """Whether an index lists every chunk since the one before it: its entries fill the sequence
-    numbers between them."""
-    last = before[1].entries[-1].offset if before[1].entries else before[1].covers_from
-    newer = sum(entry.offset > last for entry in index.entries)
-    return newer == sequence - before[0] - 1
+def newest(last: int | None, number: int | None) -> int | None:
+    return last if number is None else number
+
+
+def sequences(index: Index, own: int, types: Mapping[int, str]) -> list[int] | None:
+    """The sequence numbers of the chunks that an index lists: all before it but iNDX and fOOT, so
+    that they are told from behind. None where the chunks that were found contradict."""
+    numbers = []
+    number = own
+    for entry in reversed(index.entries):
+        number -= 1
+        while types.get(number) in ("iNDX", "fOOT"):
+            number -= 1
+        if number < 0 or types.get(number, entry.type) != entry.type:
+            return None
+        numbers.append(number)
+    if index.covers_from == FIRST_OFFSET and number != 0:
+        # An index or a footer between them was not found.
+        return None
+    return numbers[::-1]

@@ -35,6 +35,7 @@ def recover_in_place(
     path: str | os.PathLike[str],
     *,
     canonical: int | None = None,
+    file_id: int | None = None,
     limits: Limits | None = None,
     progress: Progress | None = None,
 ) -> Recovery:
@@ -49,7 +50,7 @@ def recover_in_place(
     name = os.fspath(path)
     with open_live(name):
         # A file that grows would seem to be damaged.
-        catalogue, done, tail = survey(name, limits or Limits(), progress)
+        catalogue, done, tail = survey(name, file_id, limits or Limits(), progress)
     if not done.findings and done.exit_code in (0, 4) and keeps_rules(name, limits or Limits()):
         return done
     # Appending copies the packets of a cut chunk without decoding them.
@@ -60,7 +61,7 @@ def recover_in_place(
             done.file_size = Path(name).stat().st_size
             done.mended = "end"
             return done
-    return rewrite(name, canonical, limits or Limits(), progress)
+    return rewrite(name, canonical, file_id, limits or Limits(), progress)
 
 
 def keeps_rules(name: str, limits: Limits) -> bool:
@@ -75,12 +76,12 @@ def keeps_rules(name: str, limits: Limits) -> bool:
 
 
 def survey(
-    name: str, limits: Limits, progress: Progress | None
+    name: str, file_id: int | None, limits: Limits, progress: Progress | None
 ) -> tuple[Catalogue, Recovery, bool]:
     """What a recovery would find, and whether all of it lies at the end."""
     source = open_source(name)
     try:
-        catalogue = from_walk(source, limits, tolerant=True)
+        catalogue = from_walk(source, limits, tolerant=True, file_id=file_id)
         walked = [found for found in catalogue.findings if found.code not in HARMLESS]
         end = min((found.offset for found in walked), default=source.size)
         done = Copy(catalogue, cast(BinaryIO, Sink()), 0, limits, progress).run()
@@ -98,7 +99,11 @@ def survey(
 
 
 def rewrite(
-    name: str, canonical: int | None, limits: Limits, progress: Progress | None
+    name: str,
+    canonical: int | None,
+    file_id: int | None,
+    limits: Limits,
+    progress: Progress | None,
 ) -> Recovery:
     target = Path(os.path.realpath(name))
     kept = target.with_name(target.name + DAMAGED)
@@ -111,7 +116,7 @@ def rewrite(
         with atomic_write(beside) as stream:
             source = open_source(target)
             try:
-                catalogue = from_walk(source, limits, tolerant=True)
+                catalogue = from_walk(source, limits, tolerant=True, file_id=file_id)
                 done = write_checked(catalogue, stream, canonical, limits, progress)
             finally:
                 source.close()

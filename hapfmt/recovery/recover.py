@@ -19,7 +19,7 @@ from ..container.cluster import Packet, entry_size
 from ..container.filewriter import FileWriter
 from ..container.source import SPOOL_SIZE, Source, StreamSource, open_source
 from ..container.walk import Finding, read_chunk
-from ..container.wire import SIGNATURE
+from ..container.wire import SIGNATURE, check_file_id
 from ..damage import damage_report, told
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Limits
@@ -86,6 +86,7 @@ def recover(
     into: str | os.PathLike[str] | BinaryIO,
     *,
     canonical: int | None = None,
+    file_id: int | None = None,
     force: bool = False,
     limits: Limits | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -93,21 +94,21 @@ def recover(
     """Write all that can be read of ``file`` into a new file that is intact.
 
     Packets are copied bit for bit, those that do not decode are left out; what is missing stays a
-    gap. ``canonical`` is the file id, otherwise it is random. An existing path is refused unless
-    ``force``. ``progress`` is called with (clusters done, clusters in all).
+    gap. ``canonical`` is the file id, otherwise it is random. ``file_id``: of a file with parts of
+    others, which one is read; None: the one that most of it belongs to. An existing path is refused
+    unless ``force``. ``progress`` is called with (clusters done, clusters in all).
 
     Raises FormatError where ``file`` is not a hapf file at all, UnsupportedError where its version
     or a feature bit is unknown: then nothing is written.
     """
-    if canonical is not None and not 0 <= canonical < 1 << 32:
-        raise ParameterError("the file id must be between 0 and 2^32 - 1")
+    check_file_id(canonical)
     if isinstance(into, (str, os.PathLike)):
         refuse(os.fspath(into), force)
         if isinstance(file, (str, os.PathLike)) and Path(into).exists():
             refuse_same(file, into)
     source = open_source(file)
     try:
-        catalogue = from_walk(source, limits, tolerant=True)
+        catalogue = from_walk(source, limits, tolerant=True, file_id=file_id)
         with target(into, force) as stream:
             if isinstance(into, (str, os.PathLike)):
                 return write_checked(catalogue, stream, canonical, limits or Limits(), progress)
@@ -296,7 +297,7 @@ class Copy:
 
     def costs(self, finding: Finding) -> bool:
         """Whether it may have taken something that is not written anew."""
-        if finding.code in HARMLESS or finding.code == "bad-signature":
+        if finding.code in HARMLESS or finding.code in ("bad-signature", "other-file"):
             return False
         if finding.code in ("missing-chunk", "missing-head"):
             return True

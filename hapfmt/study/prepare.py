@@ -174,7 +174,7 @@ def encode(reference: Recording, condition: Condition, path: Path) -> None:
     of_paper = {"bits", "step", "interpolation"} & given.keys()
     preset, given = renamed(given.pop("preset", "paper" if of_paper else "perceptual"), given)
     settings = Settings.of(preset, **given, smallest=False)
-    write(recording, path, settings, canonical=0, force=True)
+    write(recording, path, settings, canonical="content", force=True)
 
 
 def low_passed(channel: Channel, cutoff_hz: float) -> Channel:

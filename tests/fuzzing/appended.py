@@ -13,7 +13,7 @@ from hapfmt.reading.reader import Reader
 from hapfmt.verifier import Report, verify
 
 from .files import LIMITS, of_file
-from .mend import mend_file
+from .mend import SIZE, mend_file
 from .target import Target, settled
 
 
@@ -58,7 +58,7 @@ def of_append() -> Iterable[bytes]:
     for data in of_file():
         yield data
     yield data[: len(data) // 2]
-    yield data[:-64]
+    yield data[: -SIZE - 32]
     yield data + bytes(100)
 
 

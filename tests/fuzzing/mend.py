@@ -8,7 +8,9 @@ from typing import NamedTuple
 
 SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
 SYNC = bytes.fromhex("F9488B1C")
-HEADER = struct.Struct("<4s4sIIIHHII")
+HEADER = struct.Struct("<4s4sQIIHHII")
+SIZE = HEADER.size
+CRC_AT = SIZE - 4
 
 
 class Part(NamedTuple):
@@ -34,7 +36,11 @@ def varint_at(data: bytes, at: int) -> tuple[int, int] | None:
     return None
 
 
-def mend_cluster(payload: bytes) -> bytes:
+def file_crc(data: bytes, file_id: int) -> int:
+    return zlib.crc32(file_id.to_bytes(8, "little") + data)
+
+
+def mend_cluster(payload: bytes, file_id: int = 7) -> bytes:
     """The CRC of every packet that lies within the payload."""
     out = bytearray(payload)
     found = varint_at(payload, 0)
@@ -56,18 +62,18 @@ def mend_cluster(payload: bytes) -> bytes:
         at += 4
     for begin, crc_at, size in rows:
         body = payload[at : at + size]
-        crc = zlib.crc32(body, zlib.crc32(payload[begin:crc_at]))
+        crc = file_crc(payload[begin:crc_at] + body, file_id)
         out[crc_at : crc_at + 4] = crc.to_bytes(4, "little")
         at += size
     return bytes(out)
 
 
 def mend_header(data: bytes) -> bytes:
-    """The sync word and the CRC of the first 32 bytes."""
-    if len(data) < 32:
+    """The sync word and the CRC of the first 36 bytes."""
+    if len(data) < SIZE:
         return data
-    head = SYNC + data[4:28]
-    return head + zlib.crc32(head).to_bytes(4, "little") + data[32:]
+    head = SYNC + data[4:CRC_AT]
+    return head + zlib.crc32(head).to_bytes(4, "little") + data[SIZE:]
 
 
 def parts_of(data: bytes) -> list[Part]:
@@ -76,13 +82,13 @@ def parts_of(data: bytes) -> list[Part]:
     parts = []
     at = 8
     while at < len(data):
-        raw = data[at : at + 32].ljust(32, b"\0")
+        raw = data[at : at + SIZE].ljust(SIZE, b"\0")
         _, type_, file_id, sequence, size, track, flags, _, _ = HEADER.unpack(raw)
-        stop = at + 32 + size
+        stop = at + SIZE + size
         if stop > len(data) or (stop < len(data) and data[stop : stop + 4] != SYNC):
-            found = data.find(SYNC, at + 32)
+            found = data.find(SYNC, at + SIZE)
             stop = len(data) if found < 0 else found
-        parts.append(Part(type_, file_id, sequence, track, flags, data[at + 32 : stop]))
+        parts.append(Part(type_, file_id, sequence, track, flags, data[at + SIZE : stop]))
         at = stop
     return parts
 
@@ -96,18 +102,16 @@ def build(parts: list[Part]) -> bytes:
     for sequence, part in enumerate(parts):
         payload = part.payload
         if part.type == b"DATA":
-            payload = mend_cluster(payload)
-        elif part.type == b"HEAD" and len(payload) >= 16:
-            payload = payload[:12] + file_id.to_bytes(4, "little") + payload[16:]
+            payload = mend_cluster(payload, file_id)
         elif part.type == b"iNDX":
             index_at = len(out)
         elif part.type == b"fOOT" and len(payload) == 32:
-            ends = struct.pack("<QQ", index_at, len(out) + 64)
+            ends = struct.pack("<QQ", index_at, len(out) + SIZE + 32)
             payload = ends + payload[16:]
         header = HEADER.pack(
             SYNC, part.type, file_id, sequence, len(payload), part.track, part.flags,
-            zlib.crc32(payload), 0,
-        )[:28]  # fmt: skip
+            file_crc(payload, file_id), 0,
+        )[:CRC_AT]  # fmt: skip
         out += header + zlib.crc32(header).to_bytes(4, "little") + payload
     return bytes(out)
 

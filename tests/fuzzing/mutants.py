@@ -22,7 +22,7 @@ from hapfmt.recovery.recover import recover
 from hapfmt.verifier import verify
 
 from .files import LIMITS, of_file
-from .mend import Part, build, parts_of, varint_at
+from .mend import SIZE, Part, build, parts_of, varint_at
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 VECTORS = ROOT / "conformance" / "vectors"
@@ -224,7 +224,7 @@ def written_anew(data: bytes, error: HapfmtError) -> bool:
         return True
     at = 8
     for part in parts_of(data):
-        stop = at + 32 + len(part.payload)
+        stop = at + SIZE + len(part.payload)
         if at <= (error.offset or 0) <= stop and part.type in (b"HEAD", b"iNDX", b"fOOT"):
             return True
         at = stop

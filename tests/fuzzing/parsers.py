@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable
-from zlib import crc32
 
 import forge as f
 
@@ -25,7 +24,7 @@ from hapfmt.container.source import BytesSource
 from hapfmt.container.tlv import build_strings, build_tlvs, parse_strings, parse_tlvs
 from hapfmt.container.track import TrackTable
 from hapfmt.container.walk import Finding, walk
-from hapfmt.container.wire import ChunkHeader, parse_head, parse_header
+from hapfmt.container.wire import parse_head, parse_header, seed_of
 from hapfmt.integers import parse_varint
 from hapfmt.limits import LEVELS
 
@@ -33,6 +32,7 @@ from .mend import mend_cluster, mend_header
 from .target import Target, outcome, settled
 
 AT = 100
+SEED = seed_of(f.FILE_ID)
 OWN_OFFSET = 1 << 40
 """Where an index stands, so that any offset may come before it."""
 
@@ -45,14 +45,13 @@ TABLE.add(parse_series(f.trak(track_count=9, first_channel=300), 2, LEVELS[1], 0
 def header(data: bytes) -> None:
     found = settled(parse_header, data, AT)
     if found is not None:
-        assert found.build() == data[:32]
+        assert found.build() == data[: f.HEADER]
 
 
 def head(data: bytes) -> None:
-    stands = ChunkHeader("HEAD", int.from_bytes(data[12:16], "little"), 0, len(data), 0xFFFF, 0, 0)
-    found = settled(parse_head, data, stands, AT)
+    found = settled(parse_head, data, AT)
     if found is not None:
-        assert parse_head(found.build(), stands, AT) == found
+        assert parse_head(found.build(), AT) == found
 
 
 def tlvs(data: bytes) -> None:
@@ -87,12 +86,12 @@ def series(data: bytes) -> None:
 
 def cluster(data: bytes) -> None:
     for level in LEVELS.values():
-        found = settled(parse_cluster, data, TABLE.tracks, level, AT)
-        saved = list(salvage_cluster(data, TABLE.tracks, level, AT))
+        found = settled(parse_cluster, data, TABLE.tracks, level, AT, SEED)
+        saved = list(salvage_cluster(data, TABLE.tracks, level, AT, SEED))
         packets = [item for item in saved if isinstance(item, Packet)]
         assert all(packet.track in TABLE.tracks for packet in packets)
         if found is not None:
-            assert build_cluster(found) == data
+            assert build_cluster(found, SEED) == data
             assert saved == found
 
 
@@ -191,12 +190,13 @@ def chunks(data: bytes) -> None:
 def mend_chunks(data: bytes) -> bytes:
     """Each header that stands behind a sync word; payload CRCs too, where the payload fits."""
     out, at = bytearray(data), data.find(f.SYNC)
-    while 0 <= at <= len(out) - 32:
-        size = int.from_bytes(out[at + 16 : at + 20], "little")
-        body = bytes(out[at + 32 : at + 32 + size])
-        if len(body) == size and size < 1 << 16 and out[at + 22] & 1 == 0:
-            out[at + 24 : at + 28] = crc32(body).to_bytes(4, "little")
-        out[at : at + 32] = mend_header(bytes(out[at : at + 32]))
+    while 0 <= at <= len(out) - f.HEADER:
+        size = int.from_bytes(out[at + 20 : at + 24], "little")
+        body = bytes(out[at + f.HEADER : at + f.HEADER + size])
+        if len(body) == size and size < 1 << 16 and out[at + 26] & 1 == 0:
+            file_id = int.from_bytes(out[at + 8 : at + 16], "little")
+            out[at + 28 : at + 32] = f.file_crc(body, file_id).to_bytes(4, "little")
+        out[at : at + f.HEADER] = mend_header(bytes(out[at : at + f.HEADER]))
         at = bytes(out).find(f.SYNC, at + 1)
     return bytes(out)
 

@@ -13,6 +13,7 @@
 #include <string.h>
 
 enum { ERROR = 1, NONCONFORMING = 2, DAMAGED = 3, UNSUPPORTED = 4 }; /* clause 14 */
+enum { HEADER = 36 }; /* bytes of a chunk header */
 enum { TRACKS = 65534, COMPONENTS = 255, CLUSTER = 1 << 22, SPAN = 1 << 24, PACKETS = 1 << 14 };
 enum { BOUND = 1 << 24 }; /* of counts, and of steps (15) */
 
@@ -99,26 +100,25 @@ static int64_t rdiv(int64_t n, int64_t d) {
 
 /* -- descriptions (6.1 to 6.3) -- */
 
-static void head(Bytes in, FILE *json, uint32_t file_id) {
-    const uint8_t *at = take(&in, 48);
-    int dated = number(at + 40, 8) != UINT64_MAX, named = 0;
+static void head(Bytes in, FILE *json, uint64_t file_id) {
+    const uint8_t *at = take(&in, 44);
+    int dated = number(at + 36, 8) != UINT64_MAX, named = 0;
     if (at[0] != 1 || number(at + 4, 4)) stop(UNSUPPORTED, "another version [VER-002]");
     if (at[2] != 1) stop(UNSUPPORTED, "level %d [HED-004]", at[2]);
-    if (number(at + 12, 4) != file_id) stop(NONCONFORMING, "another file id [HED-003]");
     while (in.at < in.end) {
         const uint8_t *tlv = take(&in, 4);
         if (tlv[0] & 1) stop(UNSUPPORTED, "a critical TLV in HEAD [TLV-003]");
         take(&in, (size_t)number(tlv + 2, 2));
     }
-    fprintf(json, "{\"head\": {\"major\": 1, \"minor\": %d, \"level\": 1, \"file_id\": %" PRIu32,
-            at[1], file_id);
-    for (int i = 0; i < 16; i++) named |= at[16 + i];
+    fprintf(json, "{\"head\": {\"major\": 1, \"minor\": %d, \"level\": 1, "
+            "\"file_id\": \"0x%016" PRIx64 "\"", at[1], file_id);
+    for (int i = 0; i < 16; i++) named |= at[12 + i];
     fputs(named ? ", \"uuid\": \"" : ", \"uuid\": null", json);
-    for (int i = 0; i < 16 && named; i++) fprintf(json, "%02x", at[16 + i]);
+    for (int i = 0; i < 16 && named; i++) fprintf(json, "%02x", at[12 + i]);
     if (named) fputc('"', json);
     if (dated)
         fprintf(json, ", \"epoch_ns\": \"%" PRId64 "\", \"epoch_uncertainty_ns\": \"%" PRIu64 "\"}",
-                (int64_t)number(at + 32, 8), number(at + 40, 8));
+                (int64_t)number(at + 28, 8), number(at + 36, 8));
     else
         fputs(", \"epoch_ns\": null, \"epoch_uncertainty_ns\": null}", json);
 }
@@ -368,7 +368,7 @@ static void deliver(Track *track, unsigned id, int64_t start, int64_t span, int6
     if (fclose(out)) stop(ERROR, "%s cannot be written", path);
 }
 
-static void cluster(Bytes in) {
+static void cluster(Bytes in, uint32_t seed) {
     typedef struct { int64_t track, size, start, span; const uint8_t *row, *crc; } Entry;
     int64_t count = varint(&in), samples = 0;
     if (count < 1 || count > PACKETS) stop(NONCONFORMING, "how many packets [DAT-001]");
@@ -392,7 +392,7 @@ static void cluster(Bytes in) {
         Entry *e = entries + i;
         Track *track = tracks + e->track;
         Bytes packet = {take(&in, (size_t)e->size), in.at};
-        uint32_t crc = crc32(0, e->row, (size_t)(e->crc - e->row));
+        uint32_t crc = crc32(seed, e->row, (size_t)(e->crc - e->row));
         if (crc32(crc, packet.at, (size_t)e->size) != number(e->crc, 4))
             stop(NONCONFORMING, "a packet's CRC [DAT-004]");
         if (!track->known) continue;
@@ -418,25 +418,28 @@ static int known_type(const uint8_t *type) {
 static void walk(Bytes in, FILE *json) {
     static const uint8_t signature[] = {0x8F, 'H', 'A', 'P', '\r', '\n', 0x1A, '\n'};
     static const uint8_t sync[] = {0xF9, 0x48, 0x8B, 0x1C};
-    uint32_t file_id = 0, sequence = 0;
+    uint64_t file_id = 0;
+    uint32_t sequence = 0;
     int closed = 0;
     if (in.end - in.at < 8 || memcmp(in.at, signature, 8)) stop(NONCONFORMING, "no signature");
-    for (in.at += 8; in.end - in.at >= 32; sequence++) {
+    for (in.at += 8; in.end - in.at >= HEADER; sequence++) {
         const uint8_t *h = in.at;
-        size_t size = (size_t)number(h + 16, 4);
-        if (memcmp(h, sync, 4) || crc32(0, h, 28) != number(h + 28, 4)) break;
-        if ((size_t)(in.end - h - 32) < size || crc32(0, h + 32, size) != number(h + 24, 4)) break;
-        if (number(h + 12, 4) != sequence || (sequence && number(h + 8, 4) != file_id)) break;
-        file_id = (uint32_t)number(h + 8, 4);
-        in.at += 32 + size;
+        size_t size = (size_t)number(h + 20, 4);
+        uint32_t seed = crc32(0, h + 8, 8); /* a file CRC goes on from here */
+        if (memcmp(h, sync, 4) || crc32(0, h, 32) != number(h + 32, 4)) break;
+        if ((size_t)(in.end - h - HEADER) < size) break;
+        if (crc32(seed, h + HEADER, size) != number(h + 28, 4)) break;
+        if (number(h + 16, 4) != sequence || (sequence && number(h + 8, 8) != file_id)) break;
+        file_id = number(h + 8, 8);
+        in.at += HEADER + size;
         closed = !memcmp(h + 4, "fOOT", 4);
-        Bytes payload = {h + 32, h + 32 + size};
-        int known = known_type(h + 4) && !h[22];
+        Bytes payload = {h + HEADER, h + HEADER + size};
+        int known = known_type(h + 4) && !h[26];
         if (!known && !(h[4] & 32)) stop(UNSUPPORTED, "unknown critical chunk [CHK-009]");
         if (!sequence && memcmp(h + 4, "HEAD", 4)) stop(NONCONFORMING, "no HEAD [HED-001]");
         if (!sequence) head(payload, json, file_id);
-        if (known && !memcmp(h + 4, "TRAK", 4)) describe(payload, (unsigned)number(h + 20, 2));
-        if (known && !memcmp(h + 4, "DATA", 4)) cluster(payload);
+        if (known && !memcmp(h + 4, "TRAK", 4)) describe(payload, (unsigned)number(h + 24, 2));
+        if (known && !memcmp(h + 4, "DATA", 4)) cluster(payload, seed);
     }
     if (!sequence) stop(NONCONFORMING, "no chunk");
     if (in.at < in.end || !closed) outcome = DAMAGED;

@@ -3,7 +3,8 @@ import { crc32 } from './crc32.js';
 import { LIMITS } from './limits.js';
 
 export const SIGNATURE = Uint8Array.of(0x8f, 0x48, 0x41, 0x50, 0x0d, 0x0a, 0x1a, 0x0a);
-export const HEADER_SIZE = 32;
+export const HEADER_SIZE = 36;
+const CRC_AT = HEADER_SIZE - 4;
 export const NO_TRACK = 0xffff;
 const SYNC = [0xf9, 0x48, 0x8b, 0x1c];
 const KNOWN = new Set(['HEAD', 'TRAK', 'DATA', 'iNDX', 'fOOT', 'mETa', 'aTTc', 'dGST', 'cLOk', 'cMAp']);
@@ -17,6 +18,24 @@ const isLetter = (byte) => (byte >= 65 && byte <= 90) || (byte >= 97 && byte <= 
 
 const u16 = (bytes, p) => bytes[p] | (bytes[p + 1] << 8);
 const u32 = (bytes, p) => (bytes[p] | (bytes[p + 1] << 8) | (bytes[p + 2] << 16) | (bytes[p + 3] << 24)) >>> 0;
+
+// A file id is kept as the text that decode.json shows: a Number does not hold 64 bits.
+const word = (value) => value.toString(16).padStart(8, '0');
+const idText = (high, low) => `0x${word(high)}${word(low)}`;
+
+export function randomId() {
+  const [high, low] = globalThis.crypto.getRandomValues(new Uint32Array(2));
+  return idText(high, low); // WRT-005
+}
+
+function idBytes(fileId) {
+  const bytes = new Uint8Array(8);
+  new DataView(bytes.buffer).setBigUint64(0, BigInt(fileId), true);
+  return bytes;
+}
+
+// Where a file CRC starts (clause 2): the CRC of the file id.
+export const seedOf = (fileId) => crc32(idBytes(fileId));
 
 // There are few types and many chunks: each name is made once.
 const types = new Map();
@@ -38,19 +57,20 @@ export function readHeader(bytes, position) {
   if (p + HEADER_SIZE > bytes.length) return null;
   for (let i = 0; i < 4; i++) if (bytes[p + i] !== SYNC[i]) return null;
   for (let i = 4; i < 8; i++) if (!isLetter(bytes[p + i])) return null;
-  if (u32(bytes, p + 28) !== crc32(bytes, p, p + 28)) return null;
-  const payloadSize = u32(bytes, p + 16);
+  if (u32(bytes, p + CRC_AT) !== crc32(bytes, p, p + CRC_AT)) return null;
+  const payloadSize = u32(bytes, p + 20);
   if (payloadSize > PAYLOAD_BOUND) return null;
   const payloadStart = p + HEADER_SIZE;
   return {
     position,
     type: typeAt(bytes, p + 4),
-    fileId: u32(bytes, p + 8),
-    sequence: u32(bytes, p + 12),
+    fileId: idText(u32(bytes, p + 12), u32(bytes, p + 8)),
+    seed: crc32(bytes, p + 8, p + 16),
+    sequence: u32(bytes, p + 16),
     payloadSize,
-    track: u16(bytes, p + 20),
-    flags: u16(bytes, p + 22),
-    payloadCrc: u32(bytes, p + 24),
+    track: u16(bytes, p + 24),
+    flags: u16(bytes, p + 26),
+    payloadCrc: u32(bytes, p + 28),
     payloadStart,
     end: Math.min(payloadStart + payloadSize, bytes.length),
     whole: payloadStart + payloadSize <= bytes.length,
@@ -86,13 +106,13 @@ export function makeChunk({ type, fileId, sequence, track = NO_TRACK, flags = 0 
   const view = new DataView(bytes.buffer);
   bytes.set(SYNC, 0);
   for (let i = 0; i < 4; i++) bytes[4 + i] = type.charCodeAt(i);
-  view.setUint32(8, fileId, true);
-  view.setUint32(12, sequence, true);
-  view.setUint32(16, payload.length, true);
-  view.setUint16(20, track, true);
-  view.setUint16(22, flags, true);
-  view.setUint32(24, crc32(payload), true);
-  view.setUint32(28, crc32(bytes, 0, 28), true);
+  bytes.set(idBytes(fileId), 8);
+  view.setUint32(16, sequence, true);
+  view.setUint32(20, payload.length, true);
+  view.setUint16(24, track, true);
+  view.setUint16(26, flags, true);
+  view.setUint32(28, crc32(payload, 0, payload.length, seedOf(fileId)), true);
+  view.setUint32(CRC_AT, crc32(bytes, 0, CRC_AT), true);
   bytes.set(payload, HEADER_SIZE);
   return bytes;
 }

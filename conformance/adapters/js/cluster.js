@@ -78,9 +78,10 @@ export function keepsTimes(entry, limits) {
   return entry.span >= 1 && entry.span <= limits.spanBound && entry.start + entry.span <= TICK_BOUND;
 }
 
-export function hasCrc(bytes, entry, offset) {
+// DAT-004; seed: where the file CRC starts.
+export function hasCrc(bytes, entry, offset, seed) {
   return offset + entry.size <= bytes.length
-    && crc32(bytes, offset, offset + entry.size, crc32(bytes, entry.at, entry.rowEnd - 4)) === entry.crc;
+    && crc32(bytes, offset, offset + entry.size, crc32(bytes, entry.at, entry.rowEnd - 4, seed)) === entry.crc;
 }
 
 // DAT-009 counts samples; of events, bytes.

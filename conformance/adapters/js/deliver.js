@@ -57,7 +57,7 @@ function readCluster({ bytes, chunk, allTracks, limits, meter, note }) {
     if (!faults.length) {
       const kept = placePackets(table.entries, table.tableEnd).map(packetOf);
       for (const packet of kept) {
-        if (hasCrc(bytes, packet, packet.offset)) continue;
+        if (hasCrc(bytes, packet, packet.offset, chunk.seed)) continue;
         packet.left = true;
         note(new HapfError('broken', 'DAT-004', 'the CRC of a packet differs', packet.rowEnd - 4), chunk, false, packet);
       }

@@ -1,6 +1,7 @@
 // The verb `encode`: a job of conformance/README.md as a file (clause 13). Each channel is a track of its own: counts
 // by LPCR, without loss or on the grid of a contract, words as they are.
 import { putVarint } from './bytes.js';
+import { randomId } from './chunk.js';
 import { crc32 } from './crc32.js';
 import { TrackDigest } from './digest.js';
 import { encodeEvents } from './encode-events.js';
@@ -14,10 +15,10 @@ export const MODES = ['lossless', 'deadband'];
 
 const CHUNK_BYTES = 2 ** 19;
 
-function rowOf({ track, start, span, bytes }) {
+function rowOf({ track, start, span, bytes }, seed) {
   const row = [];
   for (const value of [track, bytes.length, start, span]) putVarint(row, value);
-  const crc = crc32(bytes, 0, bytes.length, crc32(Uint8Array.from(row)));
+  const crc = crc32(bytes, 0, bytes.length, crc32(Uint8Array.from(row), 0, row.length, seed));
   return [...row, ...le(crc, 4)];
 }
 
@@ -25,7 +26,7 @@ function rowOf({ track, start, span, bytes }) {
 function writeCluster(writer, packets, tracks) {
   const table = [];
   putVarint(table, packets.length);
-  for (const packet of packets) table.push(...rowOf(packet));
+  for (const packet of packets) table.push(...rowOf(packet, writer.seed));
   const payload = new Uint8Array(table.length + packets.reduce((sum, { bytes }) => sum + bytes.length, 0));
   payload.set(table);
   let at = table.length;
@@ -63,12 +64,11 @@ function writeClusters(writer, packets, tracks, limits) {
   return count;
 }
 
-function headOf(level, fileId) {
-  const payload = new Uint8Array(48);
+function headOf(level) {
+  const payload = new Uint8Array(44);
   const view = new DataView(payload.buffer);
   payload.set([1, 0, level]);
-  view.setUint32(12, fileId, true);
-  view.setBigUint64(40, 2n ** 64n - 1n, true); // the epoch is not known
+  view.setBigUint64(36, 2n ** 64n - 1n, true); // the epoch is not known
   return payload;
 }
 
@@ -95,9 +95,8 @@ export function encodeJob(job, read) {
   for (const layer of job.events ?? []) tracks.push(layerTrack(tracks.length, layer));
   if (tracks.length > TRACK_BOUND) refuse('too many tracks');
 
-  const fileId = job.file_id ?? globalThis.crypto.getRandomValues(new Uint32Array(1))[0]; // WRT-005
-  const writer = new Writer(fileId);
-  writer.write('HEAD', headOf(limits.level, fileId));
+  const writer = new Writer(job.file_id ?? randomId());
+  writer.write('HEAD', headOf(limits.level));
   tracks.forEach((track, id) => writer.write('TRAK', describe(track), { track: id }));
   if (job.metadata) writer.write('mETa', new TextEncoder().encode(writeJson(job.metadata)));
 

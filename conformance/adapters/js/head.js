@@ -3,7 +3,7 @@ import { Reader } from './bytes.js';
 import { broken, unsupported } from './error.js';
 import { LIMITS } from './limits.js';
 
-const HEAD_SIZE = 48;
+const HEAD_SIZE = 44;
 
 // All TLVs to the end: [{ type, value, offset }], offset being that of the value.
 export function readTlvs(reader) {
@@ -37,9 +37,8 @@ export function readHead(bytes, chunk) {
   if (!(level in LIMITS)) unsupported('HED-004', `level ${level}`, at + 2);
   if (reader.left < HEAD_SIZE - 8) broken('HED-002', 'HEAD is too short', at);
   const compat = reader.u32();
-  const fileId = reader.u32();
   const head = {
-    major, minor, level, compat, fileId,
+    major, minor, level, compat, fileId: chunk.fileId,
     uuid: reader.bytes(16), epochNs: reader.i64(), epochUncertaintyNs: reader.u64(),
   };
   const faults = [];
@@ -56,6 +55,5 @@ export function readHead(bytes, chunk) {
     if (tlv.type % 2 === 1) unsupported('TLV-003', `unknown critical TLV ${tlv.type} in HEAD`, tlv.offset - 4);
   }
   if (reserved !== 0) attempt(() => broken('HED-005', 'a reserved byte is not 0', at + 3));
-  if (fileId !== chunk.fileId) attempt(() => broken('HED-003', 'another file id than that of the header', at + 12));
   return { head, faults };
 }

@@ -245,6 +245,8 @@ function align(file, index) {
     entries.push({ ...entry, sequence });
   }
   entries.reverse();
+  // The first chunk of a file is chunk 0.
+  if (index.coversFrom === 8 && entries.length && entries[0].sequence !== 0) return { first: Infinity, last: -Infinity, entries: [] };
   const first = index.coversFrom === 8 ? 0 : entries[0]?.sequence ?? index.chunk.sequence;
   return { first, last: index.chunk.sequence, entries };
 }

@@ -1,6 +1,7 @@
 // Recovering a file (12.3): a writer of what was found.
 import { putVarint } from './bytes.js';
-import { isCritical, isSafeToCopy } from './chunk.js';
+import { isCritical, isSafeToCopy, randomId } from './chunk.js';
+import { crc32 } from './crc32.js';
 import { descriptionsOf } from './describe.js';
 import { INDEX_STRETCH, durationNs, packetMs } from './indexes.js';
 import { samplesOf } from './cluster.js';
@@ -16,8 +17,8 @@ export function recoverFile(bytes, { fileId } = {}) {
   const file = verifyFile(bytes, { recovering: true });
   if (file.refused) return { bytes: null, report: reportOf(file), verdict: file.verdict };
   const { descriptions, kept } = descriptionsOf(file);
-  const writer = new Writer(fileId ?? globalThis.crypto.getRandomValues(new Uint32Array(1))[0]);
-  writer.write('HEAD', headPayload(file, writer.fileId));
+  const writer = new Writer(fileId ?? randomId());
+  writer.write('HEAD', headPayload(file));
   for (const { track, payload } of descriptions) writer.write('TRAK', payload, { track });
 
   const packets = file.packets.filter((packet) => kept.has(packet.track) && !packet.broken);
@@ -33,7 +34,7 @@ export function recoverFile(bytes, { fileId } = {}) {
     const payload = file.bytes.subarray(chunk.payloadStart, chunk.end);
     const { type, track, flags } = chunk;
     if (chunk.known && type === 'DATA') {
-      for (const cluster of clustersOf(byChunk.get(chunk) ?? [], file)) {
+      for (const cluster of clustersOf(byChunk.get(chunk) ?? [], file, writer.seed)) {
         writer.write('DATA', cluster.payload, { times: cluster.times });
         dataCount++;
       }
@@ -56,27 +57,26 @@ export function recoverFile(bytes, { fileId } = {}) {
 }
 
 // HEAD keeps UUID, epoch and level; the file id is a new one.
-function headPayload(file, fileId) {
+function headPayload(file) {
   const { head, headChunk } = file;
   const harmed = headChunk && file.notes.some((note) => note.chunk === headChunk);
-  const payload = headChunk && !harmed ? file.bytes.slice(headChunk.payloadStart, headChunk.end) : new Uint8Array(48);
+  const payload = headChunk && !harmed ? file.bytes.slice(headChunk.payloadStart, headChunk.end) : new Uint8Array(44);
   const view = new DataView(payload.buffer);
   if (!headChunk) {
     payload.set([1, 0, 2]);
-    view.setBigUint64(40, 2n ** 64n - 1n, true);
+    view.setBigUint64(36, 2n ** 64n - 1n, true);
   } else if (harmed) {
     payload.set([1, head.minor, head.level]);
     view.setUint32(8, head.compat, true);
-    payload.set(head.uuid, 16);
-    view.setBigInt64(32, head.epochNs, true);
-    view.setBigUint64(40, head.epochUncertaintyNs, true);
+    payload.set(head.uuid, 12);
+    view.setBigInt64(28, head.epochNs, true);
+    view.setBigUint64(36, head.epochUncertaintyNs, true);
   }
-  view.setUint32(12, fileId, true);
   return payload;
 }
 
 // The packets of one cluster, in as many chunks as the limits of the level call for.
-function* clustersOf(packets, file) {
+function* clustersOf(packets, file, seed) {
   const { payloadBound, packetBound, sampleBound } = file.limits;
   const sorted = [...packets].sort((a, b) => a.track - b.track || a.start - b.start);
   let group = [];
@@ -88,20 +88,25 @@ function* clustersOf(packets, file) {
     const last = group[group.length - 1];
     const same = last && last.track === packet.track && last.start === packet.start;
     if (group.length && (same || size + room > payloadBound || group.length >= packetBound || samples + more > sampleBound)) {
-      yield clusterOf(group, file);
+      yield clusterOf(group, file, seed);
       [group, size, samples] = [[], 8, 0];
     }
     group.push(packet);
     size += room;
     samples += more;
   }
-  if (group.length) yield clusterOf(group, file);
+  if (group.length) yield clusterOf(group, file, seed);
 }
 
-function clusterOf(packets, file) {
+function clusterOf(packets, file, seed) {
   const count = [];
   putVarint(count, packets.length);
-  const rows = packets.map((packet) => file.bytes.subarray(packet.at, packet.rowEnd));
+  const rows = packets.map((packet) => {
+    const row = file.bytes.slice(packet.at, packet.rowEnd);
+    const fields = crc32(row, 0, row.length - 4, seed);
+    new DataView(row.buffer).setUint32(row.length - 4, crc32(packet.bytes, 0, packet.size, fields), true);
+    return row;
+  });
   const parts = [Uint8Array.from(count), ...rows, ...packets.map((packet) => packet.bytes)];
   const payload = new Uint8Array(parts.reduce((sum, part) => sum + part.length, 0));
   let at = 0;

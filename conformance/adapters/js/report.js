@@ -3,7 +3,7 @@ import { SIGNATURE } from './chunk.js';
 import { findLosses, spanOf } from './lost.js';
 
 export const EXIT_CODES = { intact: 0, nonconforming: 2, damaged: 3, unsupported: 4 };
-const NO_LOSS = new Set(['bad-signature', 'out-of-order', 'not-closed']);
+const NO_LOSS = new Set(['bad-signature', 'other-file', 'out-of-order', 'not-closed']);
 const WRITTEN_ANEW = new Set(['iNDX', 'fOOT']);
 
 const merelyOpen = (file) => file.damages.every(({ code }) => code === 'not-closed');

@@ -1,5 +1,6 @@
 // The procedure `salvage` of clause 12.1: the packets of a DATA chunk that is damaged.
-import { hasCrc, keepsTimes, readEntry, readTable } from './cluster.js';
+import { hasCrc, keepsTimes, placePackets, readEntry, readTable } from './cluster.js';
+import { LIMITS } from './limits.js';
 
 const REACH = 65536;
 // The entries begin within the first bytes: packet_count has three at most.
@@ -20,7 +21,7 @@ export function salvage(bytes, chunk, tracks, limits, meter) {
     if (offset < payload || !keepsTimes(entry, limits) || offset + entry.size > limit) return false;
     budget.left -= entry.size + 16;
     meter.take(entry.size + 16, payload);
-    return budget.left >= 0 && hasCrc(bytes, entry, offset);
+    return budget.left >= 0 && hasCrc(bytes, entry, offset, chunk.seed);
   };
   const context = { bytes, payload, ends, limit, holds, tracks, budget, meter };
 
@@ -40,6 +41,16 @@ export function salvage(bytes, chunk, tracks, limits, meter) {
   const rows = new Set(kept.map((entry) => entry.at));
   const allRead = table.tableEnd !== null && table.entries.every((entry) => rows.has(entry.at));
   return { kept, table, holes, payloadEnd: Math.min(byHeader, bytes.length), limit, allRead };
+}
+
+// For `identify`: bytes of the packets that hold one after the other from the end of the table, and of their entries.
+export function heldSize(bytes, { payloadStart, end, seed }) {
+  const { entries, tableEnd } = readTable(bytes, payloadStart, end);
+  if (tableEnd === null) return 0;
+  const placed = placePackets(entries, tableEnd);
+  const fits = (entry) => keepsTimes(entry, LIMITS[2]) && entry.offset + entry.size <= end;
+  const held = placed.filter((entry) => fits(entry) && hasCrc(bytes, entry, entry.offset, seed));
+  return held.reduce((sum, entry) => sum + entry.rowEnd - entry.at + entry.size, 0);
 }
 
 export const bytesOf = (kept) => kept.reduce((sum, entry) => sum + entry.size, 0);

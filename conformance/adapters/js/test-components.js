@@ -2,6 +2,7 @@
 // form as the case has it. What throws a HapfError is compared with `error`.
 import { Reader } from './bytes.js';
 import { decodeEvents, decodePacket, parseParameters } from './codecs.js';
+import { seedOf } from './chunk.js';
 import { crc32 } from './crc32.js';
 import { TrackDigest } from './digest.js';
 import { valueRule } from './exact.js';
@@ -102,6 +103,10 @@ export const components = {
   },
   crc32(c) {
     return { crc: crc32(bytesOf(c.bytes)) };
+  },
+  'file-crc'(c) {
+    const bytes = bytesOf(c.bytes);
+    return { crc: crc32(bytes, 0, bytes.length, seedOf(c.file_id)) };
   },
   'bit-model'(c) {
     const models = bitModels(1);

@@ -1,5 +1,6 @@
 // Checks of conformance/components that speak of chunks and times, as in test-components.js.
 import { readClock, readMap } from './ancillary.js';
+import { seedOf } from './chunk.js';
 import { hasCrc, placePackets, readTable, tableFaults } from './cluster.js';
 import { checkContracts } from './contract.js';
 import { broken } from './error.js';
@@ -11,6 +12,7 @@ import { firstTick, secondsOf, tickOfTime, timeOfTick } from './times.js';
 const bytesOf = (text) => Uint8Array.from(text.match(/../g) ?? [], (pair) => parseInt(pair, 16));
 const LEVEL = limitsOf(1);
 const NO_TRACK = 0xffff;
+const SEED = seedOf('0x0000000000000007');
 
 const everyTrack = { get: () => ({ kind: 'full', componentCount: 1 }), has: () => true };
 
@@ -31,12 +33,12 @@ export const containers = {
     const [fault] = tableFaults(table, 0, bytes.length, everyTrack, LEVEL);
     if (fault) throw fault;
     const packets = placePackets(table.entries, table.tableEnd);
-    for (const packet of packets) if (!hasCrc(bytes, packet, packet.offset)) broken('DAT-004', 'the CRC differs', packet.at);
+    for (const packet of packets) if (!hasCrc(bytes, packet, packet.offset, SEED)) broken('DAT-004', 'the CRC differs', packet.at);
     return { entries: packets.map(({ track, size, start, span, crc, offset }) => ({ track, size, start, span, crc, offset })) };
   },
   salvage(c) {
     const bytes = bytesOf(c.bytes);
-    const chunk = { payloadStart: 0, payloadSize: c.payload_size, next: c.next_header };
+    const chunk = { payloadStart: 0, payloadSize: c.payload_size, next: c.next_header, seed: SEED };
     const { kept } = salvage(bytes, chunk, firstTracks(8), LEVEL, { take() {} });
     return { kept: kept.map(({ at, offset, track, size, start, span }) => [at, offset, track, size, start, span]) };
   },

@@ -2,6 +2,7 @@
 import { HEADER_SIZE, beginsWithSignature, findHeader, readHeader } from './chunk.js';
 import { crc32 } from './crc32.js';
 import { unsupported } from './error.js';
+import { heldSize } from './salvage.js';
 
 const MEBIBYTE = 2 ** 20;
 // Each chunk and each damage is kept: a reader's own bound (clause 17).
@@ -29,7 +30,7 @@ export function walk(bytes) {
   const payloadHolds = (header) => {
     const start = header.position + HEADER_SIZE;
     meter.take(Math.min(header.payloadSize, size - start), header.position);
-    return start + header.payloadSize <= size && crc32(bytes, start, start + header.payloadSize) === header.payloadCrc;
+    return start + header.payloadSize <= size && crc32(bytes, start, start + header.payloadSize, header.seed) === header.payloadCrc;
   };
   const report = (code, offset, length, message, requirement) => {
     if (damages.length >= CHUNK_BOUND) unsupported('LIM-003', 'too many damages', offset);
@@ -37,10 +38,26 @@ export function walk(bytes) {
   };
 
   const signed = beginsWithSignature(bytes);
-  const fileId = fileIdOf(bytes, payloadHolds);
+  const fileId = identify(bytes, payloadHolds, meter);
   if (fileId === null) return { fileId, signed, chunks, damages, meter };
   let position = signed ? 8 : 0;
   if (!signed) report('bad-signature', 0, 8, 'the signature is damaged', 'FIL-001');
+
+  // Each other id once. Chunks may lie in chunks: no byte is searched twice.
+  const known = new Set([fileId]);
+  let searched = 0;
+  const strangers = (start, stop) => {
+    for (let from = Math.max(start, searched); ;) {
+      const header = findHeader(bytes, from, () => true);
+      if (!header || header.position >= stop) break;
+      if (!known.has(header.fileId)) {
+        known.add(header.fileId);
+        report('other-file', header.position, 0, `a chunk of the file ${header.fileId}; this one is ${fileId}`, 'REC-013');
+      }
+      from = header.position + 1;
+    }
+    searched = Math.max(searched, stop);
+  };
 
   const seen = new Set();
   let last = -1;
@@ -52,7 +69,10 @@ export function walk(bytes) {
       if (position >= size && suspectFrom === null) break;
       const next = findHeader(bytes, suspectFrom ?? position, (h) => h.fileId === fileId);
       const stop = next ? next.position : size;
-      if (stop > position) report('garbage', position, stop - position, 'bytes that are no chunk', 'FIL-002');
+      if (stop > position) {
+        report('garbage', position, stop - position, 'bytes that are no chunk', 'FIL-002');
+        strangers(position, stop);
+      }
       const previous = chunks[chunks.length - 1];
       if (previous && previous.next === undefined) previous.next = next ? next.position : null;
       if (!next) break;
@@ -81,6 +101,7 @@ export function walk(bytes) {
         whole ? 'the payload differs from its CRC' : 'the payload is cut short', 'CHK-003');
       chunk.damage = damages[damages.length - 1];
       chunk.damage.chunk = chunk;
+      if (chunk.type !== 'aTTc') strangers(payloadStart, end);
     } else {
       seen.add(header.sequence);
     }
@@ -92,18 +113,26 @@ export function walk(bytes) {
   return { fileId, signed, chunks, damages, meter };
 }
 
-// That of the header at 8; else, of the valid headers that stand in no payload of an intact chunk before them, of the
-// first intact HEAD with a small payload, else of the first.
-function fileIdOf(bytes, payloadHolds) {
-  const at8 = readHeader(bytes, 8);
-  if (at8) return at8.fileId;
-  let first = null;
+// The id under which most bytes hold; of several the one whose first header stands last (REC-013).
+function identify(bytes, payloadHolds, meter) {
+  const votes = new Map(); // in the order of their first headers
   for (let from = 0; ;) {
     const header = findHeader(bytes, from, () => true);
-    if (!header) return first;
-    first ??= header.fileId;
+    if (!header) break;
+    const { fileId, type, position, payloadStart, payloadSize, end, sequence } = header;
     const intact = payloadHolds(header);
-    if (intact && header.type === 'HEAD' && header.payloadSize < 4096) return header.fileId;
-    from = header.position + (intact ? HEADER_SIZE + header.payloadSize : 1);
+    let held = intact ? HEADER_SIZE + payloadSize : 0;
+    if (type === 'DATA' && !intact) {
+      meter.take(8 * (end - payloadStart), position);
+      held = heldSize(bytes, header);
+    }
+    votes.set(fileId, (votes.get(fileId) ?? 0) + held);
+    const stop = payloadStart + payloadSize;
+    const next = stop < bytes.length ? readHeader(bytes, stop) : null;
+    const follows = next !== null && next.fileId === fileId && next.sequence === sequence + 1;
+    from = intact || type === 'aTTc' || stop === bytes.length || follows ? stop : position + 1;
   }
+  let best = null;
+  for (const [fileId, held] of votes) if (best === null || held >= votes.get(best)) best = fileId;
+  return best;
 }

@@ -1,6 +1,6 @@
 // Writing chunks (5.1), the index (6.5) and the end of a file (6.6).
 import { putVarint } from './bytes.js';
-import { HEADER_SIZE, SIGNATURE, makeChunk } from './chunk.js';
+import { HEADER_SIZE, SIGNATURE, makeChunk, seedOf } from './chunk.js';
 
 const INDEX_STRETCH = 4 * 2 ** 20;
 const INDEX_ROOM = 2 ** 19;
@@ -9,6 +9,7 @@ const MS_BOUND = 2n ** 53n - 1n;
 export class Writer {
   constructor(fileId) {
     this.fileId = fileId;
+    this.seed = seedOf(fileId);
     this.parts = [SIGNATURE];
     this.offset = SIGNATURE.length;
     this.sequence = 0;

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import struct
-import zlib
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -41,7 +40,7 @@ def parse(data: bytes) -> Case:
         raise BrokenRule("DAT-005")
     entries = []
     for track, size, start, span, crc, text in rows:
-        if zlib.crc32(text + data[at : at + size]) != crc:
+        if f.file_crc(text + data[at : at + size]) != crc:
             raise BrokenRule("DAT-004")
         entries.append(
             {"track": track, "size": size, "start": start, "span": span, "crc": crc, "offset": at}
@@ -98,8 +97,8 @@ def tables() -> Component:
         "cluster",
         "6.4",
         ("DAT-001", "DAT-002", "DAT-003", "DAT-004", "DAT-005", "DAT-009"),
-        "Payloads of DATA at level 1, every track described, with one component: the rows of the "
-        "table, with the offset of each packet in the payload.",
+        "Payloads of DATA at level 1 under the file id 7, every track described, with one "
+        "component: the rows of the table, with the offset of each packet in the payload.",
         also(cases, {"no bytes": ["DAT-001"], "more packets than level 1 has": ["DAT-005"]}),
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator
 
+import forge as f
 from page import (
     BrokenRule,
     clamp,
@@ -198,6 +199,28 @@ def checksums() -> Component:
     )
 
 
+def file_checksums() -> Component:
+    nine = b"123456789"
+    rows = (
+        ("the check of clause 2", 7, nine),
+        ("no bytes", 7, b""),
+        ("file id 0", 0, nine),
+        ("the largest file id", 2**64 - 1, nine),
+        ("a file id of 33 bits", 2**32 + 7, nine),
+        ("a file id of 64 bits", 0x0123456789ABCDEF, bytes(range(256))),
+    )
+    return Component(
+        "file-crc",
+        "2",
+        ("CHK-003", "DAT-004"),
+        "`crc`: the file CRC of `bytes` under `file_id`.",
+        [
+            {"name": name, "file_id": f"0x{id_:016x}", "bytes": data, "crc": f.file_crc(data, id_)}
+            for name, id_, data in rows
+        ],
+    )
+
+
 def parse_strings(data: bytes, count: int) -> list[str]:
     """The texts of ``count`` components."""
     out: list[str] = []
@@ -277,4 +300,5 @@ def components() -> Iterator[Component]:
     yield divisions()
     yield clamps()
     yield checksums()
+    yield file_checksums()
     yield strings()

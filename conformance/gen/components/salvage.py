@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -59,7 +58,7 @@ class Salvage:
             return False
         fields = self.payload[entry.at : entry.stop - 4]
         good = 1 <= entry.span <= 2**24 and entry.start + entry.span <= 2**48
-        return good and zlib.crc32(fields + data) == entry.crc
+        return good and f.file_crc(fields + data) == entry.crc
 
     def run(self) -> list[tuple[Entry, int]]:
         """(entry, offset of its packet) of those kept, in order of the entries."""
@@ -266,8 +265,8 @@ def choices() -> Component:
         "`payload_size` of "
         "the header, and the offset where the walk finds the next header, all counted from the "
         "payload. "
-        "Tracks 0 to 7 are described, the level is 1. `kept`: the packets, as [offset of the "
-        "entry, of "
+        "Tracks 0 to 7 are described, the level is 1, the file id 7. `kept`: the packets, as "
+        "[offset of the entry, of "
         "the packet, track, size, start, span], in order of their entries.", cases,
     )  # fmt: skip
 

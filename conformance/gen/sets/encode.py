@@ -79,7 +79,7 @@ def job(
         signed = each["format"] in ("counts", "int64")
         files[raw] = struct.pack(f"<{len(values)}{'q' if signed else 'Q'}", *values)
         listed.append({n: v for n, v in each.items() if n != "values"} | {"numbers": raw})
-    told = {"channels": listed, "mode": mode} | more | {"file_id": 7}
+    told = {"channels": listed, "mode": mode} | more | {"file_id": f"0x{7:016x}"}
     data = {"job.json": (json.dumps(told, indent=1, ensure_ascii=False) + "\n").encode()} | files
     rules = {"lossless": ["DBC-004"], "deadband": ["DBC-002"], "split": ["DBC-002", "WRT-003"]}
     expect = {

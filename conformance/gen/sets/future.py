@@ -35,7 +35,7 @@ VERSIONS = [
     ("major-0", "VER-002", "The major version is 0.", headed(major=0)),
     ("major-255-and-another-head", "VER-002",
      "Another major version, with another level, file id and reserved byte.",
-     headed(major=255, level=9, reserved=1, file_id=8)),
+     headed(major=255, level=9, reserved=1)),
     ("major-2-of-other-chunks", "VER-002", "Another major version, with empty chunks.",
      f.file(("HEAD", f.head(major=2)), ("TRAK", b""), ("iNDX", b""), ("fOOT", b""))),
     ("incompat-bit-0", "VER-002", "Bit 0 of incompat is set.", headed(incompat=1)),

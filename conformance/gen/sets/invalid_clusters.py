@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator
 
 import broken
@@ -21,7 +20,7 @@ def clusters(*payloads: bytes, span: int = 4, tracks: int = 1) -> bytes:
     listed, at = list(RIGHT[:2]), DATA_AT
     for payload in payloads:
         listed.append(("DATA", at, 0, max(LATE, span)))
-        at += 32 + len(payload)
+        at += f.HEADER + len(payload)
     rows = [("DATA", payload) for payload in payloads]
     ahead = {"entries": listed}
     return f.closed(HEAD, described, *rows, ahead=ahead, duration_ns=lasting(span))
@@ -49,7 +48,7 @@ CLUSTERS = [
     ("packet-crc-differs", "DAT-004", "The CRC of a packet differs, that of its chunk is right.",
      clusters(b"\1" + f.entry(0, 1, 0, 4, f.KNOT_DATA, crc=0) + f.KNOT_DATA), None, 2),
     ("packet-crc-of-the-bytes-alone", "DAT-004", "The CRC of a packet leaves out its entry.",
-     clusters(b"\1" + f.entry(0, 1, 0, 4, crc=zlib.crc32(f.KNOT_DATA)) + f.KNOT_DATA), None, 2),
+     clusters(b"\1" + f.entry(0, 1, 0, 4, crc=f.file_crc(f.KNOT_DATA)) + f.KNOT_DATA), None, 2),
     ("packets-and-a-byte", "DAT-005", "A byte follows the last packet.",
      clusters(held((0, 0, 4)) + b"\0"), KEPT),
     ("packet-past-the-payload", "DAT-005", "A packet has a byte more than is left.",
@@ -86,7 +85,7 @@ def listing(*entries: tuple, count: int | None = None, covers_from: int = 8, pre
     payload = f.index(entries, count=count, covers_from=covers_from, previous=previous) + more
     payload = payload[: len(payload) - cut]
     body = f.file(HEAD, TRACK, DATA) + f.chunk("iNDX", payload, 3)
-    return body + f.chunk("fOOT", f.foot(END, len(body) + 64, 1, 1, f.DURATION_NS), 4)
+    return body + f.chunk("fOOT", f.foot(END, len(body) + f.FOOT, 1, 1, f.DURATION_NS), 4)
 
 
 def second_index(previous: int, covers_from: int = END) -> bytes:
@@ -94,7 +93,7 @@ def second_index(previous: int, covers_from: int = END) -> bytes:
     body = f.file(HEAD, TRACK, DATA) + f.chunk("iNDX", f.index(RIGHT), 3)
     at = len(body)
     body += f.chunk("iNDX", f.index((), covers_from=covers_from, previous=previous), 4)
-    return body + f.chunk("fOOT", f.foot(at, len(body) + 64, 1, 1, f.DURATION_NS), 5)
+    return body + f.chunk("fOOT", f.foot(at, len(body) + f.FOOT, 1, 1, f.DURATION_NS), 5)
 
 
 INDEXES = [
@@ -126,9 +125,9 @@ INDEXES = [
     ("index-previous-is-data", "IDX-004", "The index before is a DATA chunk.",
      second_index(DATA_AT), KEPT),
     ("index-previous-is-itself", "IDX-004", "An index names itself as the one before.",
-     second_index(END + 32 + len(f.index(RIGHT))), KEPT),
+     second_index(END + f.HEADER + len(f.index(RIGHT))), KEPT),
     ("index-previous-not-covered", "IDX-004", "The index before stands before covers_from.",
-     second_index(END, END + 32 + len(f.index(RIGHT))), KEPT),
+     second_index(END, END + f.HEADER + len(f.index(RIGHT))), KEPT),
     ("index-starts-too-late", "IDX-006", "An index says that DATA starts at 1 ms, not at 0.",
      listing(*RIGHT[:2], ("DATA", DATA_AT, 1, LATE)), KEPT),
     ("index-stops-too-early", "IDX-006", "An index says that DATA ends at 3 ms, not at 4.",
@@ -139,7 +138,7 @@ INDEXES = [
 def footer(payload: bytes) -> bytes:
     """The usual file with another footer."""
     whole = f.minimal()
-    return whole[:-64] + f.chunk("fOOT", payload, 4)
+    return whole[: -f.FOOT] + f.chunk("fOOT", payload, 4)
 
 
 SIZE = len(f.minimal())
@@ -157,7 +156,7 @@ FOOTERS = [
      f.closed(HEAD, TRACK, DATA, ("iNDX", f.index(RIGHT)), index_offset=END,
               ahead={"entries": [], "covers_from": END, "previous": END}), KEPT),
     ("footer-without-index", "FOT-002", "No index stands before the footer.",
-     f.file(HEAD, TRACK, DATA, ("fOOT", f.foot(0, END + 64, 1, 1, f.DURATION_NS))), KEPT),
+     f.file(HEAD, TRACK, DATA, ("fOOT", f.foot(0, END + f.FOOT, 1, 1, f.DURATION_NS))), KEPT),
     ("footer-other-clusters", "FOT-003", "The footer counts two DATA chunks of one.",
      f.minimal(data_count=2), KEPT),
     ("footer-other-tracks", "FOT-003", "The footer counts no track.",
@@ -165,7 +164,7 @@ FOOTERS = [
     ("footer-other-duration", "FOT-003", "The footer says a nanosecond less.",
      f.minimal(duration_ns=f.DURATION_NS - 1), KEPT),
     ("footer-duration-rounded-down", "FOT-003", "The footer rounds 4 ticks of 3 Hz down.",
-     described(rate_num=3)[:-64] + f.chunk("fOOT", f.foot(END, SIZE, 1, 1, 1_333_333_333), 4),
+     described(rate_num=3)[:-f.FOOT] + f.chunk("fOOT", f.foot(END, SIZE, 1, 1, 1_333_333_333), 4),
      KEPT),
     ("footer-counts-one-track-twice", "FOT-003", "The footer counts a TRAK chunk and its copy.",
      f.closed(HEAD, TRACK, DATA, TRACK, track_count=2), KEPT),

@@ -205,7 +205,7 @@ def zeros(count: int) -> bytes:
 def one_payload(size: int, level: int) -> Callable[[], bytes]:
     """An attachment so large that an index stands before it (IDX-005)."""
     before = f.index([*FAR[:2], ("DATA", DATA_AT, 0, f.LATE_MS)])
-    entries = [("aTTc", END + 32 + len(before), 0, 0)]
+    entries = [("aTTc", END + f.HEADER + len(before), 0, 0)]
     return lambda: f.closed(
         ("HEAD", f.head(level=level)), TRACK, f.DATA_0, ("iNDX", before),
         ("aTTc", f.strings("a", "") + bytes(size - 3)),
@@ -216,8 +216,9 @@ def one_payload(size: int, level: int) -> Callable[[], bytes]:
 def unlisted(size: int) -> Callable[[], bytes]:
     """Chunks of so many bytes before the index, those of the usual file among them."""
     left = size - (END - 8)
-    sizes = [2**20 + 32] * 3 + [left - 3 * (2**20 + 32)]
-    return lambda: f.minimal(*[("aTTc", f.strings("a", "") + bytes(n - 32 - 3)) for n in sizes])
+    sizes = [2**20 + f.HEADER] * 3 + [left - 3 * (2**20 + f.HEADER)]
+    contents = [f.strings("a", "") + bytes(n - f.HEADER - 3) for n in sizes]
+    return lambda: f.minimal(*[("aTTc", content) for content in contents])
 
 
 def rows(count: int, level: int) -> Callable[[], bytes]:
@@ -248,7 +249,8 @@ def many(width: int, count: int, tlvs: bytes = f.HOLD) -> bytes:
 
 def nested(count: int) -> bytes:
     """Headers that each promise all that follows."""
-    body = [f.chunk("xXxx", b"", i + 1, size=32 * (count - i - 1), crc=1) for i in range(count)]
+    sizes = [f.HEADER * (count - i - 1) for i in range(count)]
+    body = [f.chunk("xXxx", b"", i + 1, size=size, crc=1) for i, size in enumerate(sizes)]
     return f.file(HEAD) + b"".join(body)
 
 

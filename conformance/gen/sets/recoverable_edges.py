@@ -15,8 +15,8 @@ BAIT = f.SYNC + f.SYNC[:3] + f.SYNC[:2] + f.SYNC[:1]
 
 def cases() -> Iterator[Case]:
     for edge, shift in (
-        (4096, 1), (4096, 2), (4096, 3), (4096, 4), (4096, 17), (4096, 31),
-        (32768, 2), (32768, 31),
+        (4096, 1), (4096, 2), (4096, 3), (4096, 4), (4096, 17), (4096, 35),
+        (32768, 2), (32768, 35),
     ):  # fmt: skip
         yield across(edge, shift, from_start=False)
     for edge, shift in ((4096, 2), (8192, 3), (32768, 1)):
@@ -27,7 +27,7 @@ def across(edge: int, shift: int, *, from_start: bool) -> Case:
     """``shift`` bytes of a header stand before the edge, which is counted from where the scan
     starts or from the start of the file."""
     begin = len(w.lay(HEAD, THREE, *w.clusters(0), close=False).data)
-    scan = begin + 32
+    scan = begin + w.HEADER
     at = (scan if from_start else 0) + edge - shift
     name = f.strings("a", "")
     filler = at - scan - len(name) + 1

@@ -88,7 +88,9 @@ def cuts() -> Iterator[Case]:
     yield wrecked(
         "cut-behind-header", "Cut right behind the header of a cluster.",
         ["REC-003", "REC-012", "VRD-002"], "crash/cut-payload", DATA[:stop], kept=TWO_CLUSTERS,
-        damages=[("truncated", THIRD.at, 32), ("bad-table", stop, 0), ("not-closed", stop, 0)],
+        damages=[
+            ("truncated", THIRD.at, w.HEADER), ("bad-table", stop, 0), ("not-closed", stop, 0),
+        ],
         lost=THIRD_ON,
     )  # fmt: skip
     stop = THIRD.at + 31
@@ -118,12 +120,12 @@ def ends() -> Iterator[Case]:
             ["FIL-002", "REC-003"], "crash/zeros", data + bytes(512),
             damages=[("garbage", len(data), 512), *extra], lost=lost,
         )  # fmt: skip
-    data = f.cluster(*w.clusters(12)[0])
-    other = f.file(("HEAD", f.head(file_id=9), {"file_id": 9}), ("DATA", data, {"file_id": 9}))
+    data = f.cluster(*w.clusters(12)[0], file_id=9)
+    other = f.file(("HEAD", f.head()), ("DATA", data), file_id=9)
     yield wrecked(
         "other-file-behind", "Another file stands behind this one.",
         ["CHK-004", "FIL-002"], "framing/other-file", DATA + other,
-        damages=[("garbage", END, len(other))],
+        damages=[("garbage", END, len(other)), ("other-file", END + 8, 0)],
     )  # fmt: skip
     track = STEADY.chunk("TRAK")
     for name, at, where in (

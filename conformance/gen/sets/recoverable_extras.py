@@ -132,13 +132,8 @@ def told(name: str, content: bytes) -> dict[str, Any]:
 
 
 def attached_file() -> Iterator[Case]:
-    other = f.SIGNATURE + b"".join(
-        f.chunk(type_, payload, number, file_id=9, **given)
-        for number, (type_, payload, given) in enumerate([
-            ("HEAD", f.head(file_id=9), {}), ("TRAK", f.trak(), {"track": 0}),
-            ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA)), {}),
-        ])
-    )  # fmt: skip
+    data = f.cluster((0, 0, 4, f.KNOT_DATA), file_id=9)
+    other = f.file(HEAD, ("TRAK", f.trak(), {"track": 0}), ("DATA", data), file_id=9)
     laid = w.lay(HEAD, THREE, file_of("other.hapf", other), *w.clusters(0, 4, 8))
     yield wrecked(
         "head-lost-before-an-attached-file",
@@ -197,14 +192,9 @@ def nested() -> Iterator[Case]:
             *[("duplicate-chunk", begin + each.at, each.size) for each in inner.places],
         ],
     )  # fmt: skip
-    strange = b"".join(
-        f.chunk(type_, payload, number, file_id=9, **given)
-        for number, (type_, payload, given) in enumerate([
-            ("HEAD", f.head(file_id=9), {}), ("TRAK", f.trak(), {"track": 0}),
-            ("DATA", f.cluster(w.packet(0, 100)), {}), ("mETa", b'{"a":1}', {}),
-        ])
-    )  # fmt: skip
-    content = f.strings("a", "") + f.SIGNATURE + strange
+    data = f.cluster(w.packet(0, 100), file_id=9)
+    track, meta = ("TRAK", f.trak(), {"track": 0}), ("mETa", b'{"a":1}')
+    content = f.strings("a", "") + f.file(HEAD, track, ("DATA", data), meta, file_id=9)
     laid = w.lay(*outer, ("aTTc", content), *w.clusters(4, 8))
     place = laid.of("aTTc")
     yield wrecked(

@@ -13,7 +13,7 @@ COUNT = 12_000
 def nested() -> bytes:
     """Each promises all that follows, and its payload CRC differs."""
     row = [
-        f.chunk("aaaa", b"", number, size=32 * (COUNT - number), crc=1)
+        f.chunk("aaaa", b"", number, size=f.HEADER * (COUNT - number), crc=1)
         for number in range(1, COUNT + 1)
     ]  # fmt: skip
     return f.file(("HEAD", f.head())) + b"".join(row)

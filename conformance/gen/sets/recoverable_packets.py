@@ -80,11 +80,11 @@ def packets() -> Iterator[Case]:
             ("bad-payload", THIRD.at, THIRD.size), hole(last.at, last.stop),
         ], lost=[(1, 0, 4), (2, 8, 12)],
     )  # fmt: skip
-    everything = w.over(DATA, SECOND.payload, bytes(SECOND.size - 32))
+    everything = w.over(DATA, SECOND.payload, bytes(SECOND.size - w.HEADER))
     yield wrecked(
         "nothing-left", "The whole payload is zeros: no packet can be read.",
         RULES, "transmission/burst", everything, kept=without_second(0, 1, 2),
-        damages=[BAD, ("bad-table", SECOND.payload, SECOND.size - 32)], lost=second(0, 1, 2),
+        damages=[BAD, ("bad-table", SECOND.payload, SECOND.size - w.HEADER)], lost=second(0, 1, 2),
     )  # fmt: skip
 
 
@@ -246,7 +246,7 @@ def small() -> Iterator[Case]:
         kept={0: ((0, 1), (2, 3))},
         damages=[
             ("bad-payload", place.at, place.size),
-            ("bad-table", place.payload, place.size - 32),
+            ("bad-table", place.payload, place.size - w.HEADER),
         ], lost=[(0, 1, 2)],
     )  # fmt: skip
     two = ("TRAK", f.trak(track_count=2), {"track": 0})
@@ -259,7 +259,7 @@ def small() -> Iterator[Case]:
         w.over(pairs.data, place.payload, b"\3"), kept=dict.fromkeys(range(2), ((0, 3),)),
         damages=[
             ("bad-payload", place.at, place.size),
-            ("bad-table", place.payload, place.size - 32),
+            ("bad-table", place.payload, place.size - w.HEADER),
         ], recover=[0, 3],
     )  # fmt: skip
     zeros = f.tlv(1, f.quan_parameters(b"\x10", m=0))

@@ -49,31 +49,35 @@ def fronts() -> Iterator[Case]:
         ["FIL-001", "REC-002"], "transmission/added-bytes", b"HTTP/1.1 200 OK\r\n\r\n" + DATA,
         damages=[("bad-signature", 0, 8), ("garbage", 0, 19 + 8)],
     )  # fmt: skip
-    alien = f.chunk("DATA", f.cluster((0, 0, 4, w.knots(1, 0, 4))), 2, file_id=9)
+    alien = f.chunk("DATA", f.cluster((0, 0, 4, w.knots(1, 0, 4)), file_id=9), 2, file_id=9)
     yield wrecked(
         "chunk-of-another-file-in-front",
-        "A chunk of another file stands in front: the file id is that of the first intact HEAD.",
+        "A chunk of another file stands in front: the file id is that of most chunks.",
         ["CHK-004", "REC-002"], "framing/other-file", alien + DATA,
-        damages=[("bad-signature", 0, 8), ("garbage", 0, len(alien) + 8)],
+        damages=[
+            ("bad-signature", 0, 8), ("garbage", 0, len(alien) + 8), ("other-file", 0, 0),
+        ],
     )  # fmt: skip
-    long = f.chunk("HEAD", f.head(f.tlv(2, bytes(4096)), file_id=9), 0, file_id=9)
+    front = f.chunk("HEAD", f.head(), 0, file_id=9)
     yield wrecked(
-        "long-head-in-front",
-        "A HEAD of 4096 bytes or more, of another file, does not choose the file id.",
-        ["CHK-004", "REC-002"], "framing/other-file", b"\0" + long + DATA,
-        damages=[("bad-signature", 0, 8), ("garbage", 0, 1 + len(long) + 8)],
+        "head-of-another-file-in-front",
+        "HEAD of another file stands in front and does not choose the file id.",
+        ["CHK-004", "REC-002", "REC-013"], "framing/other-file", b"\0" + front + DATA,
+        damages=[
+            ("bad-signature", 0, 8), ("garbage", 0, 1 + len(front) + 8), ("other-file", 1, 0),
+        ],
     )  # fmt: skip
 
 
 def heads() -> Iterator[Case]:
     yield wrecked(
         "no-head-header", "The header of HEAD is damaged and there is no copy of it.",
-        ["CHK-002", "HED-001", "REC-002"], "transmission/bit-flip", w.flip(DATA, 8 + 28),
+        ["CHK-002", "HED-001", "REC-002"], "transmission/bit-flip", w.flip(DATA, 8 + 32),
         damages=[("garbage", 8, 80), ("missing-chunk", TRAK_PLACE.at, 0), ("missing-head", 8, 0)],
     )  # fmt: skip
     yield wrecked(
         "no-head-payload", "The payload of HEAD is damaged: limits of level 2, no epoch.",
-        ["CHK-003", "HED-001"], "transmission/bit-flip", w.flip(DATA, HEAD_PLACE.payload + 32),
+        ["CHK-003", "HED-001"], "transmission/bit-flip", w.flip(DATA, HEAD_PLACE.payload + 28),
         damages=[("bad-payload", 8, 80), ("missing-head", 8, 0)],
     )  # fmt: skip
     twice = w.lay(HEAD, THREE, *w.clusters(0, 4, 8), HEAD, THREE)
@@ -95,7 +99,10 @@ def heads() -> Iterator[Case]:
         "file-id-not-of-a-stranger",
         "The header of HEAD is damaged, and a chunk of another file stands before its copy.",
         ["CHK-002", "CHK-004"], "framing/other-file", data,
-        damages=[("garbage", 8, 80 + len(stranger)), ("missing-chunk", behind, 0)],
+        damages=[
+            ("garbage", 8, 80 + len(stranger)), ("other-file", TRAK_PLACE.at, 0),
+            ("missing-chunk", behind, 0),
+        ],
     )  # fmt: skip
     told = f.head(uuid=bytes(range(16)), epoch_ns=-5, epoch_uncertainty_ns=1000)
     known = w.lay(("HEAD", told), THREE, *w.clusters(0, 4, 8))
@@ -129,11 +136,11 @@ def between() -> Iterator[Case]:
         ["CHK-002", "REC-001"], "framing/false-sync", w.with_bytes(DATA, at, false),
         damages=[("garbage", at, len(false))],
     )  # fmt: skip
-    alien = f.chunk("DATA", f.cluster(w.packet(0, 4)), 3, file_id=9)
+    alien = f.chunk("DATA", f.cluster(w.packet(0, 4), file_id=9), 3, file_id=9)
     yield wrecked(
         "chunk-of-another-file-between", "A chunk with another file id is not read.",
         ["CHK-004"], "framing/other-file", w.with_bytes(DATA, at, alien),
-        damages=[("garbage", at, len(alien))],
+        damages=[("garbage", at, len(alien)), ("other-file", at, 0)],
     )  # fmt: skip
     skipped = w.lay(HEAD, THREE, *w.clusters(0, 4, 8), skip=(3,))
     for name, about, rule, chunk in (
@@ -152,9 +159,9 @@ def between() -> Iterator[Case]:
 def headers() -> Iterator[Case]:
     for name, place, about in (
         ("sync", 2, "A bit of the sync word is wrong"),
-        ("sequence", 12, "A bit of the sequence number is wrong"),
-        ("size", 16, "A bit of the payload size is wrong"),
-        ("crc", 31, "A bit of the header CRC is wrong"),
+        ("sequence", 16, "A bit of the sequence number is wrong"),
+        ("size", 20, "A bit of the payload size is wrong"),
+        ("crc", 35, "A bit of the header CRC is wrong"),
     ):
         yield wrecked(
             f"header-flip-{name}", f"{about}: the whole cluster is lost, and found to be.",
@@ -184,7 +191,7 @@ def repeats() -> Iterator[Case]:
         "duplicate-over-the-next",
         "The payload of a chunk with a number that there was is looked through.",
         ["CHK-005", "REC-002"], "framing/duplicate", w.with_bytes(DATA, THIRD.at, header + b"abc"),
-        damages=[("duplicate-chunk", THIRD.at, 32 + THIRD.size)],
+        damages=[("duplicate-chunk", THIRD.at, w.HEADER + THIRD.size)],
     )  # fmt: skip
     row = STEADY.row(1, 4)
     shorter = w.without(w.with_bytes(DATA, SECOND.stop, STEADY.chunk("DATA", 0)), row.at)
@@ -218,7 +225,7 @@ def repeats() -> Iterator[Case]:
         w.flip(w.with_bytes(late.data, THIRD.stop, again), len(late.data) + len(again) - 1),
         damages=[
             *[("overlap", THIRD.stop + row.at - SECOND.at, row.size) for row in SECOND.rows],
-            ("bad-payload", len(late.data) + len(again) - 64, 64),
+            ("bad-payload", len(late.data) + len(again) - f.FOOT, f.FOOT),
             ("not-closed", len(late.data) + len(again), 0),
         ],
     )  # fmt: skip
@@ -261,6 +268,16 @@ def missing() -> Iterator[Case]:
         "missing-head", "The chunk HEAD is missing: UUID and epoch are lost.",
         ["CHK-005", "HED-001"], "framing/missing", w.without(DATA, 8, TRAK_PLACE.at),
         damages=[("missing-chunk", 8, 0), ("missing-head", 8, 0)],
+    )  # fmt: skip
+    alike = w.lay(HEAD, THREE, [w.packet(0, 0, 12)], [w.packet(1, 0, 12)], [w.packet(2, 0, 12)])
+    place = alike.of("DATA", 0)
+    yield wrecked(
+        "missing-of-equal-times",
+        "Three clusters have the same times, and the first one is missing: the sequence numbers "
+        "tell which one the index lists.",
+        ["CHK-005", "REC-003", "REC-012"], "framing/missing",
+        w.without(alike.data, place.at, place.stop), kept={0: (), 1: ALL, 2: ALL},
+        damages=[("missing-chunk", place.at, 0)], lost=[(0, 0, 12)],
     )  # fmt: skip
     apart = w.lay(HEAD, THREE, *w.clusters(0, 40, 80), close=False)
     place = apart.of("DATA", 1)

@@ -110,7 +110,7 @@ def attachments() -> Iterator[Case]:
     )  # fmt: skip
     inner = Track(packets=[Packet(0, [9] * 8, f.svarint(9))])
     for name, file_id in (("same-id", f.FILE_ID), ("other-id", 99)):
-        nested = recording(inner, head=f.head(file_id=file_id))
+        nested = recording(inner)
         if file_id != f.FILE_ID:
             nested = renamed(inner, file_id)
         yield valid(
@@ -131,10 +131,9 @@ def attachments() -> Iterator[Case]:
 
 
 def renamed(track: Track, file_id: int) -> bytes:
-    rows = [("HEAD", f.head(file_id=file_id)), track.chunk]
-    rows.append(("DATA", f.cluster(*((0, p.start, p.span, p.body) for p in track.packets))))
-    chunks = [(t, p, *(changes or [{}])) for t, p, *changes in rows]
-    return f.file(*((t, p, given | {"file_id": file_id}) for t, p, given in chunks))
+    packets = ((0, p.start, p.span, p.body) for p in track.packets)
+    data = f.cluster(*packets, file_id=file_id)
+    return f.file(("HEAD", f.head()), track.chunk, ("DATA", data), file_id=file_id)
 
 
 def dgst(*digests: bytes, track: int = 0) -> f.Chunk:
@@ -204,7 +203,7 @@ def unknown() -> Iterator[Case]:
         ["CHK-010"],
         FIVES,
         file={"before": [("abCd", b"?"), ("abCD", b""), ("aBCd", f.SYNC * 3)]},
-        unknown=[["abCd", at], ["abCD", at + 33], ["aBCd", at + 65]],
+        unknown=[["abCd", at], ["abCD", at + f.HEADER + 1], ["aBCd", at + 2 * f.HEADER + 1]],
     )  # fmt: skip
     yield uncommon(
         "unknown-small-third-letter", "A small third letter of an unknown ancillary chunk.",

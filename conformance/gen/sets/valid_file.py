@@ -9,7 +9,7 @@ from typing import Any
 import examples
 import forge as f
 from case import Case
-from facts import Event, Layer, Packet, Track, case_of, closed_at, digest, nanoseconds, recording
+from facts import Event, Layer, Packet, Track, case_of, closed_at, digest, nanoseconds
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
@@ -65,10 +65,14 @@ def annex() -> Iterator[Case]:
         )  # fmt: skip
 
 
+def identity(file_id: int) -> str:
+    return f"0x{file_id:016x}"
+
+
 def known(**members: Any) -> dict[str, Any]:
     """The member ``head``."""
     return {
-        "major": 1, "minor": 0, "level": 1, "file_id": 7, "uuid": None, "epoch_ns": None,
+        "major": 1, "minor": 0, "level": 1, "file_id": identity(7), "uuid": None, "epoch_ns": None,
         "epoch_uncertainty_ns": None,
     } | members  # fmt: skip
 
@@ -101,10 +105,10 @@ def heads() -> Iterator[Case]:
         "head-level-2", "A file of level 2 that level 1 would do for.", ["HED-004", "LIM-001"],
         FIVES, level=2, head=known(level=2),
     )  # fmt: skip
-    for name, file_id in (("zero", 0), ("all-ones", 2**32 - 1)):
+    for name, file_id in (("zero", 0), ("all-ones", 2**64 - 1), ("of-33-bits", 2**32 + 7)):
         yield uncommon(
-            f"file-id-{name}", "A file id like any other.", ["CHK-004", "HED-003"],
-            FIVES, data=with_id(file_id), head=known(file_id=file_id),
+            f"file-id-{name}", "A file id like any other.", ["CHK-003", "CHK-004", "DAT-004"],
+            FIVES, data=with_id(file_id), head=known(file_id=identity(file_id)),
         )  # fmt: skip
     yield uncommon(
         "no-tracks", "A head, an index and a footer.", ["FIL-003", "FOT-003"],
@@ -113,21 +117,10 @@ def heads() -> Iterator[Case]:
 
 
 def with_id(file_id: int) -> bytes:
-    """The minimal file, chunk by chunk under another file id."""
-    out, at, data = f.SIGNATURE, 8, recording(FIVES)
-    while at < len(data):
-        size = int.from_bytes(data[at + 16 : at + 20], "little")
-        payload = data[at + 32 : at + 32 + size]
-        type_, track = (
-            data[at + 4 : at + 8].decode(),
-            int.from_bytes(data[at + 20 : at + 22], "little"),
-        )
-        if type_ == "HEAD":
-            payload = f.head(file_id=file_id)
-        sequence = int.from_bytes(data[at + 12 : at + 16], "little")
-        out += f.chunk(type_, payload, sequence, track=track, file_id=file_id)
-        at += 32 + size
-    return out
+    """The minimal file under another file id."""
+    data = f.cluster((0, 0, 4, f.KNOT_DATA), file_id=file_id)
+    chunks = [("HEAD", f.head(), {}), f.TRACK_0, ("DATA", data, {})]
+    return f.closed(*chunks, file_id=file_id)
 
 
 def piece(start: int, value: int, span: int = 4, cluster: int = 0) -> Packet:
@@ -216,7 +209,7 @@ class Growing:
         self.add("iNDX", f.index(rows, covers_from=covers_from, previous=previous))
 
     def foot(self, duration_ns: int) -> None:
-        stop = len(self.data) + 64
+        stop = len(self.data) + f.FOOT
         self.add("fOOT", f.foot(self.indexes[-1], stop, self.clusters, self.tracks, duration_ns))
 
 
