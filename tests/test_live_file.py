@@ -258,7 +258,9 @@ class TestWrites:
 
     def test_descriptions_cut_in_two_are_not_closed(self, tmp_path: Path):
         """Although index and footer would find room."""
-        low = Track(0, "lf", "KNOT", Fraction(1), 0, TRACK.components, TRACK.parameters, count_max=9)
+        low = Track(
+            0, "lf", "KNOT", Fraction(1), 0, TRACK.components, TRACK.parameters, count_max=9
+        )
         high = replace(low, id=1, kind="hf", base=0, provenance="x" * 500)
         with create_live(tmp_path / "a") as file:
             writer = FileWriter(file)
