@@ -84,7 +84,7 @@ class TestPackets:
     @given(cases)
     def test_as_the_page_says(self, case):
         """
-        LPC-004: g MUST be at most 4, at most 1 where m > 0; m at most 32; k[i] at least -127; and of a constant component packet g, m and the other flags 0.
+        LPC-004: g MUST be at most 4, at most 1 where m > 0; m at most 32; k[i] at least -127; bit 5 of the flags 0; and of a constant component packet g, m and the other flags 0.
         LPC-006: A component packet MUST hold at least `flags`, `m` and m coefficients.
         """
         indices, predictor = case
