@@ -161,7 +161,8 @@ def unpack(payload: bytes, level: Level, offset: int) -> tuple[bytes, int]:
     size, start = parse_varint(payload, 0, offset)
     if not size:
         return payload[start:], offset + start
-    level.check("payload_size", size, "TRK-020", offset)
+    # As it is it fits a payload too, behind a byte.
+    level.check("payload_size", size + 1, "TRK-020", offset)
     return inflate(payload[start:], size, "TRK-020", "TRK-020", offset + start), offset
 
 
