@@ -153,21 +153,26 @@ def squeezed(payload: bytes, kind: int = deflate.DYNAMIC) -> bytes:
     return varint(len(plain)) + deflate.deflate(plain, kind)
 
 
+def plain(payload: bytes) -> bytes:
+    """The payload of TRAK with its tracks as they are; empty where that cannot be read."""
+    if payload[:1] == b"\0":
+        return payload
+    start = 1 + next((i for i, byte in enumerate(payload) if byte < 128), 0)
+    try:
+        return b"\0" + zlib.decompressobj(-15).decompress(payload[start:])
+    except zlib.error:
+        return b""
+
+
 def tracks_in(payload: bytes) -> int:
     """How many a TRAK payload describes, as far as it can be read."""
-    plain = payload[1:]
-    if payload[:1] != b"\0":
-        start = 1 + next((i for i, byte in enumerate(payload) if byte < 128), 0)
-        try:
-            plain = zlib.decompressobj(-15).decompress(payload[start:])
-        except zlib.error:
-            plain = b""
+    rows = plain(payload)[1:]
     at = count = 0
-    while at + 28 <= len(plain):
-        left = plain[at]
+    while at + 28 <= len(rows):
+        left = rows[at]
         at += 28
         for _ in range(left):
-            at += 4 + int.from_bytes(plain[at + 2 : at + 4], "little")
+            at += 4 + int.from_bytes(rows[at + 2 : at + 4], "little")
         count += 1
     return max(count, 1)
 

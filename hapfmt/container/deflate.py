@@ -8,8 +8,10 @@ from bisect import bisect_right
 from ..errors import FormatError
 
 SHORTEST, LONGEST, WINDOW = 3, 258, 1 << 15
-TRIES = 64
+TRIES = 32
 """Places with the same three bytes that are looked at, the nearest first."""
+MARKED = 16
+"""Of what is repeated, so many places are remembered: the next repetition starts there too."""
 END, FIRST_LENGTH = 256, 257
 
 
@@ -80,7 +82,7 @@ def deflate(data: bytes) -> bytes:
             out.append(hold & 0xFF)
             hold >>= 8
             held -= 8
-        for place in range(at, at + max(length, 1)):
+        for place in range(at, at + min(max(length, 1), MARKED)):
             seen.setdefault(data[place : place + SHORTEST], []).append(place)
         at += max(length, 1)
     return bytes(out) + hold.to_bytes((held + WORDS[END][1] + 7) // 8, "little")
@@ -98,8 +100,10 @@ def longest(data: bytes, at: int, places: list[int]) -> tuple[int, int]:
     best = distance = 0
     most = min(LONGEST, len(data) - at)
     for place in reversed(places[-TRIES:]):
-        if at - place > WINDOW or most < SHORTEST:
+        if best == most or at - place > WINDOW:
             break
+        if data[place + best] != data[at + best]:
+            continue
         length = SHORTEST
         while length < most and data[place + length] == data[at + length]:
             length += 1
