@@ -152,7 +152,7 @@ def test_a_track_whose_parameters_are_wrong_is_left_out(payload):
     assert done.exit_code == 3
     assert verify(good).verdict == "intact"
     assert {channel for channel, _ in samples(good)} == {1}
-    assert second in described(good)
+    assert any(payload.startswith(second) for payload in described(good))
 
 
 def test_descriptions_are_copied():
