@@ -8,9 +8,9 @@ from types import TracebackType
 from typing import Any
 
 from .container.cluster import Packet, parse_count, parse_entry
+from .container.description import parse_description
 from .container.filewriter import FileWriter
 from .container.salvage import salvage_cluster
-from .container.series import parse_series
 from .container.source import Source
 from .container.track import TrackTable, paired
 from .container.walk import Finding, read_chunk
@@ -200,7 +200,7 @@ def described(catalogue: Catalogue, refs: Sequence[ChunkRef]) -> TrackTable:
             continue
         first, at = chunk.header.track, chunk.payload_offset
         if table.is_new(first, chunk.payload, at):
-            table.add(parse_series(chunk.payload, first, catalogue.level, at))
+            table.add(parse_description(chunk.payload, first, catalogue.level, at))
     return table
 
 

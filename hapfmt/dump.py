@@ -9,10 +9,10 @@ from uuid import UUID
 
 from .container.clocks import parse_clock, parse_map
 from .container.cluster import Packet, parse_cluster
+from .container.description import parse_description
 from .container.extras import parse_attachment, parse_metadata
 from .container.index import parse_foot, parse_index
 from .container.salvage import salvage_cluster
-from .container.series import parse_series
 from .container.source import Source
 from .container.track import Component, Track
 from .container.walk import Chunk, Finding, walk
@@ -64,8 +64,8 @@ def content(catalogue: Catalogue, chunk: Chunk, counts: bool) -> dict[str, Any]:
         uuid = str(UUID(bytes=head.uuid)) if head.uuid else None
         return {"head": {**vars(head), "uuid": uuid}}
     if kind == "TRAK":
-        series = parse_series(payload, chunk.header.track, catalogue.level, at)
-        return {"tracks": [track_json(track) for track in series]}
+        tracks = parse_description(payload, chunk.header.track, catalogue.level, at)
+        return {"tracks": [track_json(track) for track in tracks]}
     if kind == "iNDX":
         index = parse_index(payload, chunk.offset, at)
         entries = [entry._asdict() for entry in index.entries]

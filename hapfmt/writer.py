@@ -14,10 +14,10 @@ from typing import Any, BinaryIO, Literal
 from .arrays import Units, recording_of
 from .atomic import refuse, target
 from .container.cluster import Packet, entry_fields
+from .container.description import build_track
 from .container.extras import Attachment, build_attachment, build_metadata
 from .container.filewriter import FileWriter
-from .container.series import build_series
-from .container.track import Track, series_of
+from .container.track import Track
 from .container.wire import check_file_id
 from .convert import refuse_foreign
 from .encoder.encode import Decision, Encoded, encode
@@ -168,7 +168,7 @@ def write(
 def content_id(tracks: Sequence[Track], packets: Sequence[Packet], extras: Sequence[bytes]) -> int:
     """A file id from all that a file says."""
     digest = hashlib.sha256()
-    parts = [build_series(series) for series in series_of(tracks)] + list(extras)
+    parts = [build_track(track) for track in tracks] + list(extras)
     for packet in packets:
         parts += [entry_fields(packet), packet.data]
     for part in parts:

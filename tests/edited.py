@@ -9,6 +9,7 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
+import forge
 import numpy as np
 
 import hapfmt
@@ -135,6 +136,11 @@ def chunks_of(data: bytes, type_: str) -> list[bytes]:
     refs = open_catalogue(source, scan=True).chunks
     chunks = [read_chunk(source, ref.offset) for ref in refs if ref.type == type_]
     return [chunk.payload for chunk in chunks if chunk]
+
+
+def described(data: bytes) -> list[bytes]:
+    """The payloads of TRAK, their tracks as they are."""
+    return [forge.plain(payload) for payload in chunks_of(data, "TRAK")]
 
 
 def by_label(data: bytes) -> dict[tuple[tuple[str, ...], bool], list[tuple[int, int, bytes]]]:

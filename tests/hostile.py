@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import forge as f
@@ -76,7 +76,13 @@ def one(
     )
 
 
-def deflated(size: int) -> bytes:
+def deflated(data: bytes) -> bytes:
+    packer = zlib.compressobj(9, wbits=-15)
+    return packer.compress(data) + packer.flush()
+
+
+def zeros(size: int) -> bytes:
+    """A packet of RAWB."""
     packer = zlib.compressobj(9, wbits=-15)
     block = bytes(1 << 20)
     parts = [packer.compress(block[: size - at]) for at in range(0, size, len(block))]
@@ -103,37 +109,32 @@ def recalled(span: int) -> bytes:
     return b"\3" + CONSTANT + rest
 
 
-def series(
-    size: Size, payload: Callable[[int, int], bytes]
-) -> Iterator[tuple[str, bytes, dict[str, Any]]]:
-    """As many tracks as may be, 255 in a chunk; payload: (first, count)."""
-    for first in range(0, size.tracks, 255):
-        yield "TRAK", payload(first, min(255, size.tracks - first)), {"track": first}
+def many_tracks(size: Size, tlvs: Callable[[int], bytes], packet: bytes, **given: Any) -> bytes:
+    """As many as may be, 255 in a chunk, with a packet of one tick each."""
 
+    def payload(numbers: range) -> bytes:
+        plain = b"".join(f.track(tlvs(i), first_channel=i, **given) for i in numbers)
+        return f.varint(len(plain)) + deflated(plain)
 
-def many_tracks(
-    size: Size, tlvs: Callable[[int, int], bytes], packet: bytes, **given: Any
-) -> bytes:
-    """With a packet of one tick each."""
-
-    def payload(first: int, count: int) -> bytes:
-        return f.trak(tlvs(first, count), track_count=count, first_channel=first, **given)
-
+    runs = [range(i, min(i + 255, size.tracks)) for i in range(0, size.tracks, 255)]
     rows = [(i, 0, 1, packet) for i in range(size.tracks)]
-    chunks = [head(), *series(size, payload), ("DATA", f.cluster(*rows))]
-    return f.closed(*chunks, track_count=size.tracks, duration_ns=10**6)
+    chunks = [("TRAK", payload(run), {"track": run[0]}) for run in runs]
+    return f.closed(
+        head(), *chunks, ("DATA", f.cluster(*rows)),
+        track_count=size.tracks, duration_ns=10**6,
+    )  # fmt: skip
 
 
 def texts(size: Size) -> bytes:
-    """Each with every text of 254 bytes, said once for all."""
+    """Each with every text of 254 bytes."""
     names = b"".join(f.tlv(type_, f.strings("a" * 254)) for type_ in (2, 4, 6, 8, 10, 12, 14))
-    return many_tracks(size, lambda _first, _count: f.HOLD + names, FIVE)
+    return many_tracks(size, lambda _number: f.HOLD + names, FIVE)
 
 
 def codebooks(size: Size) -> bytes:
     """Each with a codebook of 4096 symbols."""
     parameters = f.quan_parameters(bytes([0xCC]) * 2048, m=2047, r=1)
-    return many_tracks(size, lambda _first, _count: f.tlv(1, parameters), b"\0\0", codec=b"QUAN")
+    return many_tracks(size, lambda _number: f.tlv(1, parameters), b"\0\0", codec=b"QUAN")
 
 
 def own_codebooks(size: Size) -> bytes:
@@ -145,11 +146,8 @@ def own_codebooks(size: Size) -> bytes:
         even = nibbles + [0] * (len(nibbles) % 2)
         return bytes(16 * a + b for a, b in zip(even[::2], even[1::2], strict=True))
 
-    def tlvs(first: int, count: int) -> bytes:
-        setups = [
-            f.quan_parameters(book(first + i), m=2047, step=1 + first + i) for i in range(count)
-        ]
-        return f.tlv(5, f.setups([(b"QUAN", setups)], range(count)))
+    def tlvs(number: int) -> bytes:
+        return f.tlv(1, f.quan_parameters(book(number), m=2047, step=1 + number))
 
     return many_tracks(size, tlvs, b"\0", codec=b"QUAN")
 
@@ -157,10 +155,8 @@ def own_codebooks(size: Size) -> bytes:
 def grids(size: Size) -> bytes:
     """Each with a deadband's grid of its own."""
 
-    def tlvs(first: int, count: int) -> bytes:
-        steps = range(first + 1, first + count + 1)
-        setups = [f.lpcr_parameters(1, step=step, kn=1, kd=1024) for step in steps]
-        return f.tlv(5, f.setups([(b"LPCR", setups)], range(count)))
+    def tlvs(number: int) -> bytes:
+        return f.tlv(1, f.lpcr_parameters(1, step=number + 1, kn=1, kd=1024))
 
     return many_tracks(size, tlvs, b"\x10\0\0", codec=b"LPCR")
 
@@ -271,11 +267,11 @@ FILES: dict[str, Callable[[Size], bytes]] = {
     "KNOT of 16 components": lambda s: one(s, b"KNOT", f.knot_parameters(), FIVE * 16, width=16),
     "QUAN": lambda s: one(s, b"QUAN", f.quan_parameters(b"\x10"), NONE),
     "RAWB": lambda s: one(
-        s, b"RAWB", f.raw_parameters(4), lambda n: deflated(4 * n), packets=2
+        s, b"RAWB", f.raw_parameters(4), lambda n: zeros(4 * n), packets=2
     ),
-    "RAWB of one byte": lambda s: one(s, b"RAWB", f.raw_parameters(1), deflated),
+    "RAWB of one byte": lambda s: one(s, b"RAWB", f.raw_parameters(1), zeros),
     "RAWB of words": lambda s: one(
-        s, b"RAWB", f.raw_parameters(8), lambda n: deflated(8 * n), **WORDS
+        s, b"RAWB", f.raw_parameters(8), lambda n: zeros(8 * n), **WORDS
     ),
     "LPCR": lambda s: one(s, b"LPCR", LPCR, CONSTANT),
     "LPCR of 16 components": lambda s: one(

@@ -127,51 +127,54 @@ def contracts(draw, size):
 
 
 @st.composite
-def series(draw, level=LEVELS[2]):
+def described(draw, level=LEVELS[2]):
     """Tracks that one TRAK chunk describes, alike or each on its own; the codec parameters are
     those of the codec."""
-    track_count = draw(st.sampled_from([1, 2, 5]))
+    first, alike = draw(st.integers(0, 60000)), draw(st.booleans())
+    tracks = []
+    for i in range(draw(st.sampled_from([1, 2, 5]))):
+        if not tracks or not alike:
+            track = draw(one_track(level))
+        numbers = {"id": first + i, "first_channel": draw(st.integers(0, 60000))}
+        tracks.append(replace(track, **numbers))
+    return tracks
+
+
+@st.composite
+def one_track(draw, level=LEVELS[2]):
     size = draw(st.sampled_from([1, 2, 3]))
     kind = draw(st.sampled_from(["full", "lf", "hf"]))
     words = kind == "full" and draw(st.booleans())
     bits = level.residual_bits if kind == "hf" else level.count_bits
     number_format = draw(st.sampled_from(sorted(WORD_SIZES))) if words else "counts"
-    first = draw(st.integers(0, 60000))
-    alike, in_order = draw(st.booleans()), draw(st.booleans())
-    places = draw(st.permutations(range(track_count))) if not in_order else range(track_count)
-    channel, rate, provenance = draw(st.integers(0, 60000)), draw(rates), draw(texts)
-    tracks = []
-    for i in range(track_count):
-        if not tracks or not alike:
-            codec, parameters = "RAWB", RawParameters(WORD_SIZES.get(number_format, 1))
-            if not words:
-                codec, parameters = draw(codec_parameters(level))
-            low, high = (0, 0) if words else draw(ranges(bits))
-            described = [draw(components((low, high))) for _ in range(size)]
-            if kind == "hf":
-                described = [Component()] * size
-            if words:
-                described = [Component(label=each.label, unit=each.unit) for each in described]
-            contract = None if words else draw(st.none() | contracts(size))
-        tracks.append(
-            Track(
-                id=first + i,
-                kind=kind,
-                codec=codec,
-                rate=rate,
-                first_channel=channel + places[i] * size,
-                components=tuple(described),
-                parameters=parameters.build(),
-                number_format=number_format,
-                count_min=low,
-                count_max=high,
-                base=i if kind == "hf" else None,
-                continues=None if kind == "hf" else draw(st.none() | st.integers(0, 65533)),
-                contract=contract,
-                provenance=provenance,
-            )
-        )
-    return tracks
+    codec, parameters = "RAWB", RawParameters(WORD_SIZES.get(number_format, 1))
+    if not words:
+        codec, parameters = draw(codec_parameters(level))
+    low, high = (0, 0) if words else draw(ranges(bits))
+    known = [draw(components((low, high))) for _ in range(size)]
+    if kind == "hf":
+        known = [Component()] * size
+    if words:
+        known = [Component(label=each.label, unit=each.unit) for each in known]
+    linked = draw(st.integers(0, 65533))
+    return Track(
+        id=0,
+        kind=kind,
+        codec=codec,
+        rate=draw(rates),
+        first_channel=0,
+        components=tuple(known),
+        parameters=parameters.build(),
+        number_format=number_format,
+        count_min=low,
+        count_max=high,
+        base=linked if kind == "hf" else None,
+        continues=None if kind == "hf" else draw(st.sampled_from([None, linked])),
+        contract=None if words else draw(st.none() | contracts(size)),
+        provenance=draw(texts),
+        unknown=tuple(sorted(draw(st.dictionaries(st.sampled_from([20, 24, 0x8000]),
+                                                  st.binary(max_size=9))).items())),
+    )  # fmt: skip
 
 
 @st.composite

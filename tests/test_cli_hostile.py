@@ -133,7 +133,7 @@ def test_faults(name, tmp_path):
     judge(FAULTY[name], tmp_path)
 
 
-PAYLOADS = {"head": "HEAD", "series": "TRAK", "cluster": "DATA", "metadata": "mETa"}
+PAYLOADS = {"head": "HEAD", "tracks": "TRAK", "cluster": "DATA", "metadata": "mETa"}
 
 
 @pytest.mark.parametrize("name", PAYLOADS)
@@ -141,7 +141,7 @@ def test_payloads_in_a_file(name, tmp_path):
     """Every input of a parser where a file has it."""
     for path in sorted((CORPUS / name).iterdir()):
         data = path.read_bytes()
-        payload = data[3:] if name == "series" else data
+        payload = data[3:] if name == "tracks" else data
         parts = {"HEAD": f.head(), "TRAK": f.trak(), "DATA": f.DATA_0[1], "mETa": b"{}"}
         parts[PAYLOADS[name]] = payload
         chunks = [

@@ -395,7 +395,7 @@ class TestVerb:
         path = tmp_path / "d.hapf"
         path.write_bytes(
             f.minimal(
-                ("TRAK", f.trak(f.HOLD + f.tlv(11, b"\1")), {"track": 1}),
+                ("TRAK", f.trak(continues=0), {"track": 1}),
                 ("cLOk", f.clock([(0, 0, 0)]), {"track": 0}),
                 ("cLOk", f.clock([(1000, 10**9, 0)]), {"track": 1}),
             )

@@ -255,7 +255,7 @@ class TestTlv:
     @given(st.lists(strategies.texts, min_size=1, max_size=4))
     def test_string_lists(self, items):
         """
-        TLV-004: A list MUST have one entry, which speaks for all, or one entry for each component of each track: the components of the first track, then those of the second, and so on; ranges, channels and continued tracks have one entry for each track, always; the list of deadband contracts, which speak of whole tracks, has one entry or one for each track.
+        TLV-004: A list MUST have one entry, which speaks for all components of the track, or one entry for each.
         CNV-004: Text MUST be well-formed UTF-8 (RFC 3629) without U+0000.
         """
         assert parse_strings(f.strings(*items), len(items), 0) == tuple(items)

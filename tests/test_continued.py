@@ -34,10 +34,6 @@ LEVELS_OF_ONE = f.tlv(1, f.quan_parameters(b"\x22\x22", m=1, r=1))
 """Two bits each: 00 is level 0, 01 is 1, 10 is -1, 11 x a run of 2 + x."""
 
 
-def continues(*numbers):
-    return f.tlv(11, b"".join(map(f.varint, numbers)))
-
-
 def labelled(label):
     return f.HOLD + f.tlv(2, f.strings(label))
 
@@ -45,8 +41,8 @@ def labelled(label):
 PARTS = [
     ("TRAK", f.trak(labelled("first"), kind=1), {"track": 0}),
     ("TRAK", f.trak(LEVELS_OF_ONE, kind=2, base=0, codec=b"QUAN"), {"track": 1}),
-    ("TRAK", f.trak(labelled("second") + continues(1), count_max=7), {"track": 2}),
-    ("TRAK", f.trak(labelled("third") + continues(3), kind=1), {"track": 3}),
+    ("TRAK", f.trak(labelled("second"), continues=0, count_max=7), {"track": 2}),
+    ("TRAK", f.trak(labelled("third"), continues=2, kind=1), {"track": 3}),
     ("TRAK", f.trak(LEVELS_OF_ONE, kind=2, base=3, codec=b"QUAN"), {"track": 4}),
 ]
 """LF and HF, then full band of a smaller range, then LF and HF again."""
@@ -90,11 +86,11 @@ class TestOneChannel:
 
     def test_deviations(self):
         first = f.tlv(18, f.deviation(0.5, 0.25))
-        second = continues(1) + f.tlv(18, f.deviation(1.0, 0.125))
+        second = f.tlv(18, f.deviation(1.0, 0.125))
         data = f.closed(
             HEAD,
             ("TRAK", f.trak(f.HOLD + first), {"track": 0}),
-            ("TRAK", f.trak(f.HOLD + second), {"track": 1}),
+            ("TRAK", f.trak(f.HOLD + second, continues=0), {"track": 1}),
             ("DATA", f.cluster((0, 0, 2, f.KNOT_DATA), (1, 2, 2, f.KNOT_DATA))),
         )
         assert Reader(data).read().channels[0].deviation == Deviation(1.0, 0.25)
@@ -106,7 +102,7 @@ class TestOneChannel:
         data = f.closed(
             HEAD,
             ("TRAK", f.trak(raw, **fields), {"track": 0}),
-            ("TRAK", f.trak(raw + continues(1), **fields), {"track": 1}),
+            ("TRAK", f.trak(raw, continues=0, **fields), {"track": 1}),
             ("DATA", f.cluster((0, 0, 1, b"\0" + words[0]), (1, 3, 1, b"\0" + words[1]))),
         )
         (channel,) = Reader(data).read().channels
@@ -235,7 +231,7 @@ class TestDamage:
     SMALL = f.closed(
         HEAD,
         ("TRAK", f.trak(), {"track": 0}),
-        ("TRAK", f.trak(f.HOLD + continues(1)), {"track": 1}),
+        ("TRAK", f.trak(continues=0), {"track": 1}),
         ("DATA", f.cluster((0, 0, 2, f.KNOT_DATA))),
         ("DATA", f.cluster((1, 3, 1, f.KNOT_DATA))),
     )
@@ -288,8 +284,8 @@ class TestDamage:
 
     def test_strangers_are_left_out(self):
         """A track of the same channel that does not fit what is left."""
-        other = ("TRAK", f.trak(f.HOLD + continues(9), rate_num=7), {"track": 5})
-        twin = ("TRAK", f.trak(f.HOLD + continues(1)), {"track": 6})
+        other = ("TRAK", f.trak(continues=8, rate_num=7), {"track": 5})
+        twin = ("TRAK", f.trak(continues=0), {"track": 6})
         data = f.closed(HEAD, *PARTS, *DATA) + b"x"
         assert by_tick(data) == FULL
         bad = f.file(HEAD, ("aaaa", b"x", {"crc": 0}), *PARTS, other, twin, *DATA)
@@ -318,12 +314,10 @@ class TestUnknown:
     )
     def test_that_does_not_fit(self, fields, tmp_path):
         two = ("TRAK", f.trak(component_count=2), {"track": 0})
-        tlvs = continues(1) + f.tlv(
-            16, f.deadband(entries=[(1, 0)] * fields.get("component_count", 2))
-        )
+        tlvs = f.tlv(16, f.deadband(entries=[(1, 0)] * fields.get("component_count", 2)))
         strange = (
             "TRAK",
-            f.trak(tlvs, **({"component_count": 2, "codec": b"MDCT"} | fields)),
+            f.trak(tlvs, **({"component_count": 2, "codec": b"MDCT", "continues": 0} | fields)),
             {"track": 1},
         )
         data = f.closed(
@@ -341,7 +335,7 @@ class TestUnknown:
             )
 
     def test_that_fits(self):
-        strange = ("TRAK", f.trak(continues(1), codec=b"MDCT"), {"track": 1})
+        strange = ("TRAK", f.trak(b"", continues=0, codec=b"MDCT"), {"track": 1})
         data = f.closed(HEAD, f.TRACK_0, strange, f.DATA_0)
         assert verify(data).verdict == "unsupported"
         assert samples(data) is None
@@ -364,7 +358,7 @@ class TestTold:
         assert [row["continues"] for row in rows] == [None, None, 0, 2, None]
 
 
-def test_a_series_of_tracks_that_continue_one_another():
+def test_tracks_of_one_chunk_that_continue_one_another():
     one = Track(0, "full", "KNOT", Fraction(1000), 0, (Component(),), f.knot_parameters())
     out = io.BytesIO()
     writer = FileWriter(out, file_id=f.FILE_ID)

@@ -18,6 +18,7 @@ from edited import (
     assert_same,
     chunks_of,
     counts,
+    described,
     made,
     packets_of,
     plain,
@@ -245,22 +246,28 @@ def two_tracks(*more: Any) -> bytes:
 
 
 class TestDescriptions:
-    def test_unknown_tlvs_of_a_series_that_stays_whole(self) -> None:
-        series = forge.trak(
-            track_count=2, tlvs=forge.HOLD + forge.tlv(20, b"weights") + forge.tlv(98, b"?")
-        )
-        data = forge.closed(("HEAD", forge.head()), ("TRAK", series, {"track": 0}), forge.DATA_0)
+    def test_unknown_tlvs_stay(self) -> None:
+        tlvs = forge.HOLD + forge.tlv(20, b"weights") + forge.tlv(98, b"?")
+        both = forge.trak(tlvs, track_count=2)
+        data = forge.closed(("HEAD", forge.head()), ("TRAK", both, {"track": 0}), forge.DATA_0)
         whole, edited = subset(data)
-        assert chunks_of(whole, "TRAK") == [series] and edited.notes == []
-        first, edited = subset(data, [1])
-        assert chunks_of(first, "TRAK") == [forge.trak()]
-        assert edited.notes == ["TLVs 20, 98 of track 0 left out: not known here"]
+        assert described(whole) == [both] and edited.notes == []
+        second, edited = subset(data, [1])
+        assert described(second) == [forge.trak(tlvs)] and edited.notes == []
         moved, edited = merge([made("lossless"), data], times="same")
-        assert chunks_of(moved, "TRAK")[1] == forge.trak(
-            track_count=2, first_channel=3, tlvs=series[28:]
-        )
-        for file in (whole, first, moved):
+        assert described(moved)[1] == forge.trak(tlvs, track_count=2, first_channel=3)
+        for file in (whole, second, moved):
             assert_intact(file)
+
+    def test_unknown_tlvs_of_a_track_whose_kind_changes(self) -> None:
+        hf = forge.tracks(
+            forge.track(forge.HOLD + forge.tlv(98, b"?"), kind=1), forge.track(kind=2, base=0)
+        )
+        data = forge.closed(("HEAD", forge.head()), ("TRAK", hf, {"track": 0}), forge.DATA_0)
+        slow, edited = subset(data, band="lf")
+        assert tracks_of(slow)[0].unknown == ()
+        assert "TLVs 98 of track 0 left out: not known here" in edited.notes
+        assert_intact(slow)
 
     def test_unknown_tlvs_of_head(self) -> None:
         data = forge.closed(("HEAD", forge.head(forge.tlv(98, b"?"))), forge.TRACK_0, forge.DATA_0)
@@ -269,11 +276,10 @@ class TestDescriptions:
         assert_intact(part)
 
     def test_channels_in_any_order(self) -> None:
-        firsts = forge.tlv(9, b"\x02\x00\x01")
-        series = forge.trak(track_count=3, first_channel=2, tlvs=forge.HOLD + firsts)
-        data = forge.closed(("HEAD", forge.head()), ("TRAK", series, {"track": 0}), forge.DATA_0)
+        three = forge.tracks(*(forge.track(first_channel=number) for number in (2, 0, 1)))
+        data = forge.closed(("HEAD", forge.head()), ("TRAK", three, {"track": 0}), forge.DATA_0)
         whole, _ = subset(data)
-        assert chunks_of(whole, "TRAK") == [series]
+        assert described(whole) == [three]
         part, _ = subset(data, [0, 2])
         assert [t.first_channel for t in tracks_of(part).values()] == [1, 0]
         for file in (whole, part, merge([data, data], times="same")[0]):
@@ -286,7 +292,7 @@ class TestDescriptions:
             ("DATA", forge.cluster((0, 0, 4, b"coded"))),
         )  # fmt: skip
         part, _ = subset(data)
-        assert chunks_of(part, "TRAK") == [track]
+        assert described(part) == [track]
         assert packets_of(part)[0].data == b"coded"
         assert hapfmt.verify(part).exit_code == UNSUPPORTED
 

@@ -15,8 +15,8 @@ import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.codecs.knots import KnotParameters
 from hapfmt.codecs.quantised import QuanParameters
+from hapfmt.container.description import build_track, chunks_of
 from hapfmt.container.lists import round_up
-from hapfmt.container.track import series_of
 from hapfmt.encoder.codebook import choose_codebook
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.groups import share_lattice
@@ -349,8 +349,8 @@ def test_what_does_not_fit_the_format_is_refused(channel):
         encoded(Recording((channel,)))
 
 
-def test_channels_of_a_rate_share_one_series():
-    """Whatever their codecs, ranges, steps and order; HF tracks follow in the order of their bases."""
+def test_all_tracks_share_one_chunk():
+    """Whatever they have of their own; HF tracks follow in the order of their bases."""
     rng = np.random.default_rng(3)
     t = np.arange(600)
     shapes = [np.rint(900 * np.sin(t / 40)), rng.normal(0, 50, 600), 0 * t + 7, 30 * (t // 100)]
@@ -363,8 +363,8 @@ def test_channels_of_a_rate_share_one_series():
     ]  # fmt: skip
     for preset in ("perceptual", "lossless", "paper"):
         made = encode(Recording(tuple(channels)), Settings.of(preset))
-        series = list(series_of(made.tracks))
-        assert len(series) == len({(t.kind, t.rate) for t in made.tracks})
+        records = [(track, build_track(track)) for track in made.tracks]
+        assert [part for _, part in chunks_of(records)] == [made.tracks]
         bases = [track.base for track in made.tracks if track.kind == "hf"]
         assert bases == [track.id for track in made.tracks if track.kind == "lf"]
         back = hapfmt.read(encoded(Recording(tuple(channels)), Settings.of(preset)))

@@ -79,7 +79,7 @@ def test_tlv(fault):
     """
     TLV-001: TLVs MUST stand in strictly increasing order of their type.
     TLV-002: A TLV MUST end within its chunk, and no byte may be left over after the last one.
-    TLV-004: A list MUST have one entry, which speaks for all, or one entry for each component of each track: the components of the first track, then those of the second, and so on; ranges, channels and continued tracks have one entry for each track, always; the list of deadband contracts, which speak of whole tracks, has one entry or one for each track.
+    TLV-004: A list MUST have one entry, which speaks for all components of the track, or one entry for each.
     TLV-005: Both numbers of a deviation MUST be finite and not negative, and `largest` at most `declared`.
     TLV-007: A value that is a list MUST end with the last byte of its last entry.
     """
@@ -89,21 +89,17 @@ def test_tlv(fault):
 @each("TRK")
 def test_tracks(fault):
     """
-    TRK-002: `track_count`, `component_count`, `rate_num`, `rate_den` MUST be at least 1, and `track_count * component_count` at most 255.
+    TRK-002: There MUST be at least one track, and `component_count`, `rate_num`, `rate_den` be at least 1; all tracks of a chunk together have at most 255 components.
     TRK-003: Track ids MUST be at most 65533, and a track MUST be described once; a repeated `TRAK` chunk is equal to the first in every byte of its payload.
     TRK-005: `count_min` MUST be at most `count_max`, and both MUST fit the width that the level allows for the kind (clause 15).
     TRK-006: A track whose number format is not counts MUST be of kind full band, with codec `RAWB`, count_min and count_max 0, no calibration and no deadband contract.
-    TRK-007: An HF track MUST name a base track that is described before it, is of kind LF, and has the same component count, rate (as a ratio) and first channel; no two HF tracks have the same base.
-    TRK-008: `base` MUST be 0xFFFF in tracks of other kinds.
+    TRK-007: `linked` of an HF track MUST name its base track, which is described before it, is of kind LF, and has the same component count, rate (as a ratio) and first channel; no two HF tracks have the same base.
     TRK-009: An HF track MUST carry no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base.
     TRK-012: In a closed file every track of kind LF MUST be the base of an HF track; an LF part that stands alone is of kind full band.
     TRK-010: Channel numbers MUST be different for different components, but for those of tracks that continue one another, and those of all tracks that are not HF together are 0, 1, 2 ... without a hole once the file is closed; the highest is 65534, and tracks of kind events have none.
-    TRK-013: Setups MUST stand only where TLV 1 does not, with at least one codec, at least one setup for each, no more setups than tracks, and the place of one of them for each track; the codec of the first track is `codec`.
-    TRK-014: There MUST be one range for each track, each w of this table, and `count_min` and `count_max` the lowest and the highest of all ranges.
-    TRK-015: There MUST be one number for each track, the first of them `first_channel`.
-    TRK-016: A track that continues another MUST be of kind full band or LF, and the other one too, described before it under a smaller id, with the same component count, channel numbers, rate (as a ratio), number format, calibrations and units; no two tracks continue the same one.
+    TRK-016: A continued track MUST be of kind full band or LF, described before under a smaller id, and have the same component count, channel numbers, rate (as a ratio), number format, calibrations and units as the track that continues it; no two tracks continue the same one.
     TRK-017: The packets of a track that continues another MUST come after all packets of that other one, in time and within the file, and those of its HF track after all packets of the other one's HF track.
-    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min and count_max 0, `first_channel` 0xFFFF, and of the TLVs of 6.2 no others than 2, 14 and 22; no track of another kind has that codec.
+    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min and count_max 0, `first_channel` and `linked` 0xFFFF, and of the TLVs of 6.2 no others than 2, 14 and 22; no track of another kind has that codec.
     """
     assert_reported(fault)
 
@@ -154,7 +150,7 @@ def test_values_and_contracts(fault):
     """
     VAL-001: D MUST be at least 1, A MUST NOT be 0, and `|A|` and `|B|` are less than 2^52.
     VAL-002: `|count * A|` and `|count * A + B|` MUST be at most 2^53 for every count of the declared range of the track, and `|count * A|` also for that of its HF track.
-    DBC-001: `kn` and `kd` MUST be less than 2^16, every `floor` at least 1 and less than 2^32, every `zero` a signed number of 32 bits, and undefined flag bits 0.
+    DBC-001: `kn` MUST be less than 2^16, `kd` at least 1 and less than 2^16, every `floor` at least 1 and less than 2^32, every `zero` a signed number of 32 bits, and undefined flag bits 0.
     """
     assert_reported(fault)
 

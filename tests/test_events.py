@@ -65,7 +65,7 @@ def told(data, **asked):
 
 class TestLayer:
     """
-    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min and count_max 0, `first_channel` 0xFFFF, and of the TLVs of 6.2 no others than 2, 14 and 22; no track of another kind has that codec.
+    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min and count_max 0, `first_channel` and `linked` 0xFFFF, and of the TLVs of 6.2 no others than 2, 14 and 22; no track of another kind has that codec.
     EVT-003: `size` MUST be at most 65535, and `channel` at most 65535 and in a closed file 0 or the number of a channel that there is.
     """
 

@@ -421,7 +421,7 @@ class TestLimits:
 class TestStrict:
     def test_damage_raises(self, residual_file):
         bad = bytearray(residual_file)
-        bad[0x12B] ^= 1
+        bad[0x14B] ^= 1
         with pytest.raises(FormatError, match="bad-payload"):
             hapfmt.read(bytes(bad))
         assert Reader(bytes(bad)).read().channels[0].coverage != ()

@@ -234,7 +234,7 @@ class TestFalseIndex:
             ("HEAD", f.head()),
             ("TRAK", f.trak(), {"track": 0}),
             ("DATA", f.cluster((0, 0, 4, f.svarint(1)))),
-            ("TRAK", f.trak(f.HOLD + f.tlv(11, f.varint(1))), {"track": 1}),
+            ("TRAK", f.trak(continues=0), {"track": 1}),
             ("DATA", f.cluster((1, 4, 4, f.svarint(2)))),
         ]
         offsets, offset = [], 8

@@ -1,8 +1,10 @@
-"""Clause 6.3: TRAK; what of a track is unknown, and what a series shares."""
+"""Clause 6.3: TRAK; what of a track is unknown, and what tracks of one chunk share."""
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import zlib
 from dataclasses import replace
 
 import forge as f
@@ -13,9 +15,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule, samples
 
+from hapfmt.container.deflate import deflate, inflate
+from hapfmt.container.description import (
+    CHUNK_SIZE,
+    build_description,
+    build_track,
+    chunks_of,
+    parse_description,
+    split,
+)
 from hapfmt.container.lists import round_up
-from hapfmt.container.series import build_series, parse_series
-from hapfmt.container.track import Component, Contract, series_of
+from hapfmt.container.track import Component, Contract
 from hapfmt.errors import HapfmtError, ParameterError, UnsupportedError
 from hapfmt.limits import LEVELS
 from hapfmt.reading.reader import Reader
@@ -24,6 +34,7 @@ from hapfmt.verifier import verify
 pytestmark = pytest.mark.capped
 
 HEAD = ("HEAD", f.head())
+DIGEST = "ba68d73ab1a5748cbc8414e95651a92427fa7aa337c76f827e5b7e6a536ccbde"
 LF = ("TRAK", f.trak(kind=1), {"track": 0})
 
 
@@ -31,99 +42,119 @@ def hf(tlvs=f.HOLD, **fields):
     return ("TRAK", f.trak(tlvs, **({"kind": 2, "base": 0} | fields)), {"track": 1})
 
 
-@given(strategies.series())
+@given(strategies.described())
 def test_comes_back(tracks):
     """
-    TRK-002: `track_count`, `component_count`, `rate_num`, `rate_den` MUST be at least 1, and `track_count * component_count` at most 255.
+    TRK-002: There MUST be at least one track, and `component_count`, `rate_num`, `rate_den` be at least 1; all tracks of a chunk together have at most 255 components.
     TRK-005: `count_min` MUST be at most `count_max`, and both MUST fit the width that the level allows for the kind (clause 15).
     VAL-001: D MUST be at least 1, A MUST NOT be 0, and `|A|` and `|B|` are less than 2^52.
     VAL-002: `|count * A|` and `|count * A + B|` MUST be at most 2^53 for every count of the declared range of the track, and `|count * A|` also for that of its HF track.
-    TRK-013: Setups MUST stand only where TLV 1 does not, with at least one codec, at least one setup for each, no more setups than tracks, and the place of one of them for each track; the codec of the first track is `codec`.
-    TRK-014: There MUST be one range for each track, each w of this table, and `count_min` and `count_max` the lowest and the highest of all ranges.
-    TRK-015: There MUST be one number for each track, the first of them `first_channel`.
     TLV-005: Both numbers of a deviation MUST be finite and not negative, and `largest` at most `declared`.
-    DBC-001: `kn` and `kd` MUST be less than 2^16, every `floor` at least 1 and less than 2^32, every `zero` a signed number of 32 bits, and undefined flag bits 0.
+    DBC-001: `kn` MUST be less than 2^16, `kd` at least 1 and less than 2^16, every `floor` at least 1 and less than 2^32, every `zero` a signed number of 32 bits, and undefined flag bits 0.
     """
-    back = parse_series(build_series(tracks), tracks[0].id, LEVELS[2], 0)
+    back = parse_description(build_description(tracks), tracks[0].id, LEVELS[2], 0)
     assert back == tracks
 
 
-@given(strategies.series(LEVELS[1]))
-def test_series_are_cut_and_joined(tracks):
-    """One series for all that share a rate, whatever else they have of their own."""
-    other = replace(tracks[-1], id=tracks[-1].id + 1, provenance=tracks[-1].provenance + "!")
-    series = list(series_of([*tracks, other]))
-    assert series == [tracks, [other]]
-    assert [track for part in series for track in part] == [*tracks, other]
-    for part in series:
-        assert parse_series(build_series(part), part[0].id, LEVELS[1], 0) == part
+def parts_of(tracks):
+    return list(chunks_of((track, build_track(track)) for track in tracks))
 
 
-def test_a_series_is_at_most_255_components():
-    track = parse_series(f.trak(component_count=100), 0, LEVELS[1], 0)[0]
+@given(strategies.described(LEVELS[1]))
+def test_tracks_of_one_chunk(tracks):
+    """Ids that follow on make one chunk, whatever else differs; a hole in them begins another."""
+    far = replace(tracks[-1], id=tracks[-1].id + 2)
+    found = parts_of([*tracks, far])
+    assert [part for _, part in found] == [tracks, [far]]
+    for payload, part in found:
+        assert parse_description(payload, part[0].id, LEVELS[1], 0) == part
+        assert split(payload, LEVELS[1], 0) == [build_track(track) for track in part]
+
+
+def test_a_chunk_is_at_most_255_components():
+    track = parse_description(f.trak(component_count=100), 0, LEVELS[1], 0)[0]
     tracks = [replace(track, id=i, first_channel=100 * i) for i in range(5)]
-    assert [len(series) for series in series_of(tracks)] == [2, 2, 1]
+    assert [len(part) for _, part in parts_of(tracks)] == [2, 2, 1]
 
 
-def test_a_series_is_cut_where_its_setups_grow_too_long():
-    track = parse_series(f.trak(codec=b"QUAN"), 0, LEVELS[1], 0)[0]
+def test_a_chunk_is_cut_where_its_tracks_grow_too_long():
+    track = parse_description(f.trak(codec=b"QUAN"), 0, LEVELS[1], 0)[0]
     tracks = [
         replace(track, id=i, first_channel=i, parameters=bytes([i]) * 2000) for i in range(70)
     ]
-    cut = list(series_of(tracks))
-    assert [len(part) for part in cut] == [32, 32, 6]
-    for part in cut:
-        assert parse_series(build_series(part), part[0].id, LEVELS[1], 0) == part
+    cut = parts_of(tracks)
+    assert [len(part) for _, part in cut] == [32, 32, 6]
+    assert sum(len(build_track(track)) for track in cut[0][1]) <= CHUNK_SIZE
+    for payload, part in cut:
+        assert parse_description(payload, part[0].id, LEVELS[1], 0) == part
+
+
+class TestDeflate:
+    """
+    TRK-020: `plain_size` MUST be less than the largest payload of the level (clause 15), and a DEFLATE stream stand for as many bytes, be whole, and end with the payload; a decoder stops inflating at `plain_size`.
+    """
+
+    @given(st.binary(max_size=300), st.integers(0, 400))
+    def test_any_bytes_come_back(self, data, gap):
+        for plain in (data, data * 40, data + bytes(gap) + data):
+            stream = deflate(plain)
+            assert zlib.decompress(stream, -15) == plain
+            assert inflate(stream, len(plain), "TRK-020", "TRK-020", 0) == plain
+
+    def test_long_and_far_repeats(self):
+        noise = np.random.default_rng(1).integers(0, 256, 40_000, np.uint8).tobytes()
+        for plain in (bytes(70_000), noise + noise[:500], noise[:32_768] * 2, noise * 2):
+            assert zlib.decompress(deflate(plain), -15) == plain
+
+    def test_the_stream_is_the_same_everywhere(self):
+        """A digest of what was written here once: no library has a say in it."""
+        plain = f.trak(track_count=40)[1:]
+        digest = hashlib.sha256(deflate(plain)).hexdigest()
+        assert digest == DIGEST
+
+    def test_the_shorter_form_is_written(self):
+        noise = f.tlv(1, hashlib.sha256(b"").digest())
+        (alone,) = parse_description(f.trak(noise, codec=b"QUAN"), 0, LEVELS[1], 0)
+        many = [replace(alone, id=i, first_channel=i) for i in range(200)]
+        assert build_description([alone]) == f.trak(noise, codec=b"QUAN")
+        assert len(build_description(many)) < 2000 < 28 * 200
+
+    @pytest.mark.parametrize("kind", [0, 1, 2])
+    def test_each_kind_of_block(self, kind):
+        payload = f.trak(track_count=9)
+        squeezed = f.squeezed(payload, kind)
+        assert [
+            replace(track, offset=0) for track in parse_description(squeezed, 0, LEVELS[1], 0)
+        ] == (parse_description(payload, 0, LEVELS[1], 0))
 
 
 class TestOfTheirOwn:
-    """What the tracks of one series need not share, byte by byte."""
+    """What tracks and components have, byte by byte."""
 
-    def test_setups(self):
-        book = f.setups([(b"QUAN", [b"ab"]), (b"KNOT", [b"", b"c"])], [0, 2, 1, 2])
-        payload = f.trak(f.tlv(5, book), codec=b"QUAN", track_count=4)
-        tracks = parse_series(payload, 0, LEVELS[1], 0)
-        assert [(t.codec, t.parameters) for t in tracks] == [
-            ("QUAN", b"ab"), ("KNOT", b"c"), ("KNOT", b""), ("KNOT", b"c"),
-        ]  # fmt: skip
-        first_come = f.setups([(b"QUAN", [b"ab"]), (b"KNOT", [b"c", b""])], [0, 1, 2, 1])
-        again = f.trak(f.tlv(5, first_come), codec=b"QUAN", track_count=4)
-        assert build_series(tracks) == again
-
-    def test_an_unknown_setup_is_that_track_s_alone(self):
-        book = f.setups([(b"KNOT", [f.knot_parameters()]), (b"MDCT", [b""])], [0, 1])
-        tracks = parse_series(f.trak(f.tlv(5, book), track_count=2), 0, LEVELS[1], 0)
+    def test_an_unknown_codec_is_that_track_s_alone(self):
+        payload = f.tracks(f.track(), f.track(codec=b"MDCT", first_channel=1))
+        tracks = parse_description(payload, 0, LEVELS[1], 0)
         assert [track.unsupported is None for track in tracks] == [True, False]
 
-    def test_ranges(self):
-        listed = bytes([8, 64 + 7, 255]) + f.svarint(-5) + f.varint(6)
-        payload = f.trak(f.HOLD + f.tlv(7, listed), track_count=3, count_min=-128, count_max=255)
-        tracks = parse_series(payload, 0, LEVELS[1], 0)
-        assert [(t.count_min, t.count_max) for t in tracks] == [(0, 255), (-128, 127), (-5, 1)]
-        assert build_series(tracks) == payload
-
-    def test_channels(self):
-        payload = f.trak(f.HOLD + f.tlv(9, bytes([4, 0, 2])), track_count=3, component_count=2,
-                         first_channel=4)  # fmt: skip
-        tracks = parse_series(payload, 0, LEVELS[1], 0)
-        assert [list(track.channels) for track in tracks] == [[4, 5], [0, 1], [2, 3]]
-        assert build_series(tracks) == payload
+    def test_an_unknown_tlv_is_kept(self):
+        payload = f.trak(f.HOLD + f.tlv(20, b"weights") + f.tlv(0x8000, b""))
+        (track,) = parse_description(payload, 0, LEVELS[1], 0)
+        assert track.unknown == ((20, b"weights"), (0x8000, b""))
+        assert build_track(track) == payload[1:]
 
     def test_contracts(self):
-        listed = f.deadband(1, 10, 2, [(20, -3), (1, 0)]) + b"\0"
-        payload = f.trak(f.HOLD + f.tlv(16, listed), track_count=2, component_count=2)
-        tracks = parse_series(payload, 0, LEVELS[1], 0)
-        assert [t.contract for t in tracks] == [
-            Contract(1, 10, False, True, (20, 1), (-3, 0)), None,
-        ]  # fmt: skip
-        assert build_series(tracks) == payload
+        contract = f.deadband(1, 10, 2, [(20, -3), (1, 0)])
+        payload = f.trak(f.HOLD + f.tlv(16, contract), component_count=2)
+        (track,) = parse_description(payload, 0, LEVELS[1], 0)
+        assert track.contract == Contract(1, 10, False, True, (20, 1), (-3, 0))
+        assert build_track(track) == payload[1:]
 
     def test_deviations(self):
         listed = f.deviation(0.5, 0.25) + f.deviation(0, 0)
-        payload = f.trak(f.HOLD + f.tlv(18, listed), track_count=2)
-        tracks = parse_series(payload, 0, LEVELS[1], 0)
-        assert [t.components[0].deviation for t in tracks] == [(0.5, 0.25), None]
-        assert build_series(tracks) == payload
+        payload = f.trak(f.HOLD + f.tlv(18, listed), component_count=2)
+        (track,) = parse_description(payload, 0, LEVELS[1], 0)
+        assert [each.deviation for each in track.components] == [(0.5, 0.25), None]
+        assert build_track(track) == payload[1:]
 
 
 @given(st.floats(0, 2.0**128 - 2.0**104) | st.floats(0, 1e-40))
@@ -139,20 +170,20 @@ def test_deviations_that_no_file_holds(x):
         round_up(x)
 
 
-@given(strategies.series(), st.data())
+@given(strategies.described(), st.data())
 def test_mutated(tracks, data):
-    payload = bytearray(build_series(tracks))
+    payload = bytearray(build_description(tracks))
     at = data.draw(st.integers(0, len(payload) - 1))
     payload[at : at + data.draw(st.integers(0, 2))] = data.draw(st.binary(max_size=2))
     with contextlib.suppress(HapfmtError):
-        parse_series(bytes(payload), 0, LEVELS[1], 0)
+        parse_description(bytes(payload), 0, LEVELS[1], 0)
 
 
 @given(st.binary(max_size=60))
 def test_any_bytes(data):
-    for payload in (data, f.trak(data)):
+    for payload in (data, f.trak(data), b"\x30" + data):
         with contextlib.suppress(HapfmtError):
-            parse_series(payload, 0, LEVELS[1], 0)
+            parse_description(payload, 0, LEVELS[1], 0)
 
 
 class TestUnknownParts:
@@ -186,8 +217,7 @@ class TestUnknownParts:
 
 class TestResiduals:
     """
-    TRK-007: An HF track MUST name a base track that is described before it, is of kind LF, and has the same component count, rate (as a ratio) and first channel; no two HF tracks have the same base.
-    TRK-008: `base` MUST be 0xFFFF in tracks of other kinds.
+    TRK-007: `linked` of an HF track MUST name its base track, which is described before it, is of kind LF, and has the same component count, rate (as a ratio) and first channel; no two HF tracks have the same base.
     TRK-009: An HF track MUST carry no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base.
     """
 
@@ -258,8 +288,8 @@ class TestChannelNumbers:
         assert rule(data) == ("intact", None)
         assert samples(data) == {(1, tick): 5 for tick in range(4)}
 
-    def test_within_a_series(self):
-        tracks = parse_series(
+    def test_within_a_chunk(self):
+        tracks = parse_description(
             f.trak(track_count=3, component_count=2, kind=2, base=7, first_channel=4),
             9,
             LEVELS[1],
@@ -293,5 +323,5 @@ class TestWords:
 
 
 def test_an_absent_unit_is_1():
-    (track,) = parse_series(f.trak(), 0, LEVELS[1], 0)
+    (track,) = parse_description(f.trak(), 0, LEVELS[1], 0)
     assert track.components == (Component(unit="1"),)

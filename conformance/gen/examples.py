@@ -39,7 +39,8 @@ def hold() -> tuple[File, dict[str, object]]:
     f.chunk(
         "TRAK",
         [
-            u8(1, "one track"),
+            varint(0, "the tracks as they are"),
+            u8(4, "4 TLVs"),
             u8(1, "one component"),
             u8(0, "kind: full band"),
             u8(0, "number format: counts"),
@@ -49,7 +50,7 @@ def hold() -> tuple[File, dict[str, object]]:
             i32(0, "lowest count 0"),
             i32(255, "highest count 255"),
             u16(0, "channel 0"),
-            u16(0xFFFF, "no base track"),
+            u16(0xFFFF, "linked to no track"),
             u16(1, "TLV 1, codec parameters"),
             u16(5, "5 bytes"),
             u8(0, "hold"),
@@ -89,7 +90,8 @@ def residual() -> tuple[File, dict[str, object]]:
     f.chunk(
         "TRAK",
         [
-            u8(1, "one track"),
+            varint(0, "the tracks as they are"),
+            u8(1, "one TLV"),
             u8(1, "one component"),
             u8(1, "kind: LF"),
             u8(0, "number format: counts"),
@@ -99,7 +101,7 @@ def residual() -> tuple[File, dict[str, object]]:
             i32(-32, "lowest count -32"),
             i32(31, "highest count 31"),
             u16(0, "channel 0"),
-            u16(0xFFFF, "no base track"),
+            u16(0xFFFF, "linked to no track"),
             u16(1, "TLV 1, codec parameters"),
             u16(5, "5 bytes"),
             u8(1, "linear"),
@@ -107,14 +109,7 @@ def residual() -> tuple[File, dict[str, object]]:
             u8(0, "uniform grid"),
             varint(1, "step 1"),
             svarint(0, "zero 0"),
-        ],
-        track=0,
-    )
-    second = f.offset
-    f.chunk(
-        "TRAK",
-        [
-            u8(1, "one track"),
+            u8(1, "one TLV"),
             u8(1, "one component"),
             u8(2, "kind: HF"),
             u8(0, "number format: counts"),
@@ -124,7 +119,7 @@ def residual() -> tuple[File, dict[str, object]]:
             i32(-2, "lowest count -2"),
             i32(1, "highest count 1: level 1 times step 2 is clamped to it"),
             u16(0, "channel 0"),
-            u16(0, "base track 0"),
+            u16(0, "base: track 0"),
             u16(1, "TLV 1, codec parameters"),
             u16(10, "10 bytes"),
             u32(2, "step 2"),
@@ -133,7 +128,7 @@ def residual() -> tuple[File, dict[str, object]]:
             u8(0, "C = 0"),
             raw(bytes.fromhex("3231"), "lengths 3 2 3 1: code words 110, 10, 111, 0"),
         ],
-        track=1,
+        track=0,
     )
     at = f.offset
     knots = [
@@ -153,7 +148,7 @@ def residual() -> tuple[File, dict[str, object]]:
         packet(1, 8, silence, 2, f.file_id),
     ]
     f.chunk("DATA", cluster(rows))
-    listed = [("HEAD", 8), ("TRAK", f.offsets["TRAK"]), ("TRAK", second)]
+    listed = [("HEAD", 8), ("TRAK", f.offsets["TRAK"])]
     f.close([(at, 0, 20_000_000)], listed, 2)
     full = [[10], [9], [3], [9], [13], [17]]
     return f, {"0": [{"start": 0, "counts": full}, {"start": 8, "counts": [[17], [17]]}]}
@@ -166,7 +161,8 @@ def marks() -> tuple[File, dict[str, object]]:
     f.chunk(
         "TRAK",
         [
-            u8(1, "one track"),
+            varint(0, "the tracks as they are"),
+            u8(1, "one TLV"),
             u8(1, "one component"),
             u8(0, "kind: full band"),
             u8(0, "number format: counts"),
@@ -176,7 +172,7 @@ def marks() -> tuple[File, dict[str, object]]:
             i32(0, "lowest count 0"),
             i32(1, "highest count 1"),
             u16(0, "channel 0"),
-            u16(0xFFFF, "no base track"),
+            u16(0xFFFF, "linked to no track"),
             u16(1, "TLV 1, codec parameters"),
             u16(5, "5 bytes"),
             u8(0, "hold"),
@@ -184,14 +180,7 @@ def marks() -> tuple[File, dict[str, object]]:
             u8(0, "uniform grid"),
             varint(1, "step 1"),
             svarint(0, "zero 0"),
-        ],
-        track=0,
-    )
-    second = f.offset
-    f.chunk(
-        "TRAK",
-        [
-            u8(1, "one track"),
+            u8(1, "one TLV"),
             u8(1, "one component"),
             u8(3, "kind: events"),
             u8(0, "number format: counts"),
@@ -201,12 +190,12 @@ def marks() -> tuple[File, dict[str, object]]:
             i32(0, "lowest count 0"),
             i32(0, "highest count 0"),
             u16(0xFFFF, "no channel"),
-            u16(0xFFFF, "no base track"),
+            u16(0xFFFF, "linked to no track"),
             u16(2, "TLV 2, label"),
             u16(6, "6 bytes"),
             raw(b"\x05touch", "the layer 'touch'"),
         ],
-        track=1,
+        track=0,
     )
     at = f.offset
     events = [
@@ -242,7 +231,7 @@ def marks() -> tuple[File, dict[str, object]]:
         ],
         track=0,
     )
-    listed = [("HEAD", 8), ("TRAK", f.offsets["TRAK"]), ("TRAK", second), ("cLOk", clock)]
+    listed = [("HEAD", 8), ("TRAK", f.offsets["TRAK"]), ("cLOk", clock)]
     f.close([(at, 0, 4_000_000)], listed, 2)
     told = [[1500, 0, None, "go"], [2000, 1000, 0, "µm"]]
     seen = [[0, 5_000_000_000, 1000], [4, 5_004_000_160, 1000]]

@@ -120,9 +120,11 @@ def milliseconds(start: int, stop: int, rate: tuple[int, int]) -> tuple[int, int
 
 def recording(*tracks: Track, layers: Sequence[Layer] = (), before: Sequence[Any] = (),
               more: Sequence[Any] = (), head: bytes | None = None, level: int = 1,
-              late: Sequence[int] = (), **footer: Any) -> bytes:  # fmt: skip
+              late: Sequence[int] = (), squeeze: int | None = None,
+              **footer: Any) -> bytes:  # fmt: skip
     """HEAD, TRAK chunks, ``before``, the clusters, ``more``, a true index and the footer.
-    ``late``: ids of tracks that are described only after cluster 0."""
+    ``late``: ids of tracks that are described only after cluster 0. ``squeeze``: kind of block of
+    the DEFLATE streams that describe the others."""
     rows, stops, times = [], [0], {}
     for track in tracks:
         rows += [(p.cluster, track.id, p.start, p.span, p.body) for p in track.packets]
@@ -135,13 +137,25 @@ def recording(*tracks: Track, layers: Sequence[Layer] = (), before: Sequence[Any
         begin, end = milliseconds(start, start + span, rate)
         a, b = times.get(cluster, (begin, end))
         times[cluster] = min(a, begin), max(b, end)
-    described = [track for track in (*tracks, *layers) if getattr(track, "described", True)]
+    late_ones = [track.chunk for track in (*tracks, *layers) if track.id in late]
     chunks: list[Any] = [("HEAD", f.head(level=level) if head is None else head)]
-    chunks += [track.chunk for track in described if track.id not in late] + list(before)
+    for track in (*tracks, *layers):
+        if getattr(track, "joined", False):
+            type_, payload, header = chunks[-1]
+            chunks[-1] = (type_, payload + track.record, header)
+        elif track.id not in late:
+            chunks.append(track.chunk)
+    if squeeze is not None:
+        chunks = [
+            (type_, f.squeezed(payload, squeeze), *more_) if type_ == "TRAK" else
+            (type_, payload, *more_)
+            for type_, payload, *more_ in chunks
+        ]  # fmt: skip
+    chunks += before
     for number in sorted(times):
         chunks.append(("DATA", f.cluster(*sorted(row[1:] for row in rows if row[0] == number))))
         if number == 0:
-            chunks += [track.chunk for track in described if track.id in late]
+            chunks += late_ones
     chunks += more
     return closed_at(chunks, [times[number] for number in sorted(times)], max(stops), **footer)
 

@@ -6,6 +6,8 @@ import struct
 import zlib
 from collections.abc import Sequence
 
+import deflate
+
 SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
 SYNC = bytes.fromhex("F9488B1C")
 NONE = 0xFFFF
@@ -85,15 +87,6 @@ def deadband(kn: int = 1, kd: int = 10, flags: int = 0, entries=((1, 0),)) -> by
     return varint(kd) + varint(kn) + bytes([flags]) + b"".join(pairs)
 
 
-def setups(codecs, places) -> bytes:
-    """Value of TLV 5: [(codec, [parameters])], and the place of each track's setup."""
-    out = varint(len(codecs))
-    for codec, parameters in codecs:
-        out += codec + varint(len(parameters))
-        out += b"".join(varint(len(each)) + each for each in parameters)
-    return out + b"".join(map(varint, places))
-
-
 def knot_parameters(interpolation: int = 0, step: int = 1, *, coding: int = 0, grid: int = 0,
                     zero: int = 0, kn: int = 0, kd: int = 1) -> bytes:  # fmt: skip
     lines = bytes([interpolation, coding])
@@ -127,13 +120,74 @@ def lpcx_parameters(rule: int = 0, digits: int = 0, reserved: bytes = bytes(2),
 HOLD = tlv(1, knot_parameters())
 
 
-def trak(tlvs: bytes = HOLD, **given) -> bytes:
+def track(tlvs: bytes = HOLD, **given) -> bytes:
+    """A track within TRAK; ``base`` or ``continues`` is the track that it is linked to."""
     fields = {
-        "track_count": 1, "component_count": 1, "kind": 0, "number_format": 0, "codec": b"KNOT",
-        "rate_num": 1000, "rate_den": 1, "count_min": -100, "count_max": 100,
-        "first_channel": 0, "base": NONE,
+        "tlv_count": tlvs_in(tlvs), "component_count": 1, "kind": 0, "number_format": 0,
+        "codec": b"KNOT", "rate_num": 1000, "rate_den": 1, "count_min": -100, "count_max": 100,
+        "first_channel": 0, "linked": NONE,
     }  # fmt: skip
+    for name in ("base", "continues"):
+        if name in given:
+            given["linked"] = given.pop(name)
     return pack("BBBB4sIIiiHH", fields, given) + tlvs
+
+
+def tlvs_in(tlvs: bytes) -> int:
+    """How many begin there."""
+    at = count = 0
+    while at + 4 <= len(tlvs):
+        at += 4 + int.from_bytes(tlvs[at + 2 : at + 4], "little")
+        count += 1
+    return count
+
+
+def trak(tlvs: bytes = HOLD, *, track_count: int = 1, **given) -> bytes:
+    """The payload of several tracks that are alike but for their channels and bases."""
+    rows, wide = [], given.get("component_count", 1)
+    for i in range(track_count):
+        own = dict(given)
+        if given.get("kind") != 3:
+            own["first_channel"] = given.get("first_channel", 0) + i * wide
+        if given.get("base", NONE) != NONE:
+            own["base"] = given["base"] + i
+        rows.append(track(tlvs, **own))
+    return tracks(*rows)
+
+
+def tracks(*records: bytes) -> bytes:
+    """The payload of TRAK, as it is."""
+    return b"\0" + b"".join(records)
+
+
+def squeezed(payload: bytes, kind: int = deflate.DYNAMIC) -> bytes:
+    """The same, as a DEFLATE stream."""
+    plain = payload[1:]
+    return varint(len(plain)) + deflate.deflate(plain, kind)
+
+
+def plain(payload: bytes) -> bytes:
+    """The payload of TRAK with its tracks as they are; empty where that cannot be read."""
+    if payload[:1] == b"\0":
+        return payload
+    start = 1 + next((i for i, byte in enumerate(payload) if byte < 128), 0)
+    try:
+        return b"\0" + zlib.decompressobj(-15).decompress(payload[start:])
+    except zlib.error:
+        return b""
+
+
+def tracks_in(payload: bytes) -> int:
+    """How many a TRAK payload describes, as far as it can be read."""
+    rows = plain(payload)[1:]
+    at = count = 0
+    while at + 28 <= len(rows):
+        left = rows[at]
+        at += 28
+        for _ in range(left):
+            at += 4 + int.from_bytes(rows[at + 2 : at + 4], "little")
+        count += 1
+    return max(count, 1)
 
 
 def layer(tlvs: bytes = b"", **given) -> bytes:
@@ -221,12 +275,12 @@ def closed(*chunks: Chunk | tuple[str, bytes], ahead: dict | None = None,
            file_id: int = FILE_ID, **changes) -> bytes:  # fmt: skip
     """``file`` with a true index and footer; ``changes`` to the footer, ``ahead`` to the index."""
     body = file(*chunks, file_id=file_id)
-    at, rows, tracks = len(SIGNATURE), [], set()
+    at, rows, described = len(SIGNATURE), [], set()
     for type_, payload, *given in chunks:
         rows.append((type_, at, 0, LATE_MS if type_ == "DATA" else 0))
         if type_ == "TRAK":
             first = given[0].get("track", 0) if given else 0
-            tracks |= set(range(first, first + payload[0]))
+            described |= set(range(first, first + tracks_in(payload)))
         at += HEADER + len(payload)
     given = {"entries": rows} | (ahead or {})
     body += chunk("iNDX", index(**given), len(chunks), file_id=file_id)
@@ -234,7 +288,7 @@ def closed(*chunks: Chunk | tuple[str, bytes], ahead: dict | None = None,
         "index_offset": at,
         "stop_offset": len(body) + FOOT,
         "data_count": sum(type_ == "DATA" for type_, *_ in chunks),
-        "track_count": len(tracks),
+        "track_count": len(described),
         "duration_ns": DURATION_NS if any(type_ == "DATA" for type_, *_ in chunks) else 0,
     }
     payload = foot(**(fields | changes))

@@ -47,10 +47,9 @@ class Event(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Track:
-    """``parameters``: of the codec (TLV 1). ``tlvs``: those behind it. ``trak``: the whole payload
-    of the TRAK chunk, where the fields do not say it; ``described``: False where the chunk of
-    another track of its series describes this one too. ``about``: label, unit and so on, of all
-    components or of each. ``calibration``: (A, B, D), of all components or of each."""
+    """``parameters``: of the codec (TLV 1). ``tlvs``: those behind it. ``joined``: the chunk of the
+    track before it describes this one too. ``about``: label, unit and so on, of all components or
+    of each. ``calibration``: (A, B, D), of all components or of each."""
 
     id: int = 0
     codec: str = "KNOT"
@@ -64,8 +63,8 @@ class Track:
     base: int | None = None
     parameters: bytes | None = f.knot_parameters()
     tlvs: bytes = b""
-    trak: bytes | None = None
-    described: bool = True
+    continues: int | None = None
+    joined: bool = False
     packets: Sequence[Packet] = ()
     about: dict[str, str] | Sequence[dict[str, str]] = field(default_factory=dict)
     calibration: Any = None
@@ -75,24 +74,26 @@ class Track:
         return self.number_format != "counts"
 
     @property
+    def record(self) -> bytes:
+        first = b"" if self.parameters is None else f.tlv(1, self.parameters)
+        linked = self.base if self.continues is None else self.continues
+        return f.track(
+            first + self.tlvs,
+            component_count=self.width,
+            kind=KINDS.index(self.kind),
+            number_format=FORMATS.index(self.number_format),
+            codec=self.codec.encode(),
+            rate_num=self.rate[0],
+            rate_den=self.rate[1],
+            count_min=0 if self.words else self.low,
+            count_max=0 if self.words else self.high,
+            first_channel=self.channel,
+            linked=f.NONE if linked is None else linked,
+        )
+
+    @property
     def chunk(self) -> f.Chunk:
-        payload = self.trak
-        if payload is None:
-            first = b"" if self.parameters is None else f.tlv(1, self.parameters)
-            payload = f.trak(
-                first + self.tlvs,
-                component_count=self.width,
-                kind=KINDS.index(self.kind),
-                number_format=FORMATS.index(self.number_format),
-                codec=self.codec.encode(),
-                rate_num=self.rate[0],
-                rate_den=self.rate[1],
-                count_min=0 if self.words else self.low,
-                count_max=0 if self.words else self.high,
-                first_channel=self.channel,
-                base=f.NONE if self.base is None else self.base,
-            )
-        return "TRAK", payload, {"track": self.id}
+        return "TRAK", f.tracks(self.record), {"track": self.id}
 
     def rows(self) -> dict[int, tuple[int, ...]]:
         """The numbers of each tick."""

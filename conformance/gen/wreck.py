@@ -138,7 +138,7 @@ def lay(*chunks: Chunk, close: bool = True, skip: Sequence[int] = ()) -> Laid:
         given = rest[0] if rest else {}
         if type_ == "TRAK":
             first = given.get("track", 0)
-            numbers_ |= set(range(first, first + payload[0]))
+            numbers_ |= set(range(first, first + f.tracks_in(payload)))
         if type_ == "iNDX":
             add(type_, payload or f.index(listed), given, ())
         else:

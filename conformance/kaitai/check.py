@@ -25,8 +25,7 @@ sys.path.insert(0, str(HERE))
 import plain  # noqa: E402
 
 PARAMETERS = {
-    "Parameters": {"codec"}, "Setups": {"track_count"}, "Setup": {"codec"},
-    "ContractList": {"component_count"}, "Contract": {"component_count"},
+    "Parameters": {"codec"}, "Contract": {"component_count"},
     "Observation": {"number"}, "Point": {"number"},
 }  # fmt: skip
 """What types are given, in place of what they read."""
@@ -105,8 +104,9 @@ def check(module: ModuleType, data: bytes) -> list[str]:
     kinds = {}
     for each in wanted["chunks"]:
         if each["header"]["type"] == "TRAK":
-            for i in range(each["payload"]["track_count"]):
-                kinds[each["header"]["track"] + i] = each["payload"]["kind"]
+            tracks = each["payload"].get("tracks", {"tracks": []})["tracks"]
+            for id_, track in enumerate(tracks, each["header"]["track"]):
+                kinds[id_] = track["kind"]
     for each in wanted["chunks"]:
         if each["header"]["type"] == "DATA":
             rows = zip(each["payload"]["entries"], each["payload"]["packets"], strict=True)

@@ -177,19 +177,41 @@ types:
         size: size
         doc: The value.
   trak:
-    doc: A series of tracks that share a description.
+    doc: Tracks; their ids follow on from the track id of the header.
     doc-ref: SPEC.md 6.3
     seq:
-      - id: track_count
+      - id: plain_size
+        type: varint
+        doc: 0 for tracks as they are, else the bytes that the DEFLATE stream stands for.
+      - id: tracks
+        size-eos: true
+        type: tracks
+        if: plain_size.value == 0
+        doc: The tracks.
+      - id: stream
+        size-eos: true
+        if: plain_size.value != 0
+        doc: DEFLATE stream (RFC 1951) of what is to be read as type tracks.
+  tracks:
+    seq:
+      - id: tracks
+        type: track
+        repeat: eos
+        doc: One after the other.
+  track:
+    doc: The description of a track.
+    doc-ref: SPEC.md 6.3
+    seq:
+      - id: tlv_count
         type: u1
-        doc: Tracks described, with consecutive ids from the header's track id.
+        doc: TLVs that follow.
       - id: component_count
         type: u1
-        doc: Components of each track.
+        doc: Components.
       - id: kind
         type: u1
         enum: kind
-        doc: The band of the tracks.
+        doc: The band of the track.
       - id: number_format
         type: u1
         enum: number_format
@@ -198,7 +220,7 @@ types:
         type: str
         size: 4
         encoding: ASCII
-        doc: Codec; with setups that of the first track.
+        doc: Codec.
       - id: rate_num
         type: u4
         doc: Numerator of the rate in ticks per second.
@@ -207,19 +229,20 @@ types:
         doc: Denominator of the rate.
       - id: count_min
         type: s4
-        doc: Declared range of a decoded count, lowest of all tracks.
+        doc: Declared range of a decoded count, lowest.
       - id: count_max
         type: s4
-        doc: Declared range of a decoded count, highest of all tracks.
+        doc: Declared range of a decoded count, highest.
       - id: first_channel
         type: u2
-        doc: Channel number of the first component; the others follow on, unless listed.
-      - id: base
+        doc: Channel number of the first component; the others follow on.
+      - id: linked
         type: u2
-        doc: For HF the id of the first track's base track; else 0xFFFF.
+        doc: For HF the id of its base track; else of the track that it continues, or 0xFFFF.
       - id: tlvs
-        type: trak_tlv
-        repeat: eos
+        type: track_tlv
+        repeat: expr
+        repeat-expr: tlv_count
         doc: In strictly increasing order of their types.
     enums:
       kind:
@@ -234,7 +257,7 @@ types:
         3: binary16
         4: binary32
         5: binary64
-  trak_tlv:
+  track_tlv:
     seq:
       - id: type
         type: u2
@@ -251,16 +274,12 @@ types:
             2: string_list
             3: calibration_list
             4: string_list
-            5: setups(_parent.track_count)
             6: string_list
-            7: range_list
             8: string_list
-            9: varint_list
             10: string_list
-            11: varint_list
             12: string_list
             14: string_list
-            16: contract_list(_parent.component_count)
+            16: contract(_parent.component_count)
             18: deviation_list
             22: text
         doc: The value; bytes where the type is not known.
@@ -270,13 +289,6 @@ types:
         type: str
         size-eos: true
         doc: One UTF-8 text.
-  varint_list:
-    doc: Channels (TLV 9), or continued tracks (TLV 11), one number for each track.
-    seq:
-      - id: numbers
-        type: varint
-        repeat: eos
-        doc: Channel number of the first component; or 0, or 1 + the id of the track continued.
   parameters:
     doc: Codec parameters of the tracks.
     doc-ref: SPEC.md clause 9
@@ -397,89 +409,9 @@ types:
       - id: d
         type: varint
         doc: D, at least 1.
-  setups:
-    doc: Codec and codec parameters of each track, where they differ.
-    doc-ref: SPEC.md 6.3
-    params:
-      - id: track_count
-        type: u1
-        doc: Tracks of the series.
-    seq:
-      - id: codec_count
-        type: varint
-        doc: How many codecs.
-      - id: codecs
-        type: setup_codec
-        repeat: expr
-        repeat-expr: codec_count.value
-        doc: Codecs with their setups.
-      - id: places
-        type: varint
-        repeat: expr
-        repeat-expr: track_count
-        doc: For each track the place of its setup among all of them, from 0 on.
-  setup_codec:
-    seq:
-      - id: codec
-        type: str
-        size: 4
-        encoding: ASCII
-        doc: Codec.
-      - id: setup_count
-        type: varint
-        doc: How many setups it has.
-      - id: setups
-        type: setup(codec)
-        repeat: expr
-        repeat-expr: setup_count.value
-        doc: Its setups.
-  setup:
-    params:
-      - id: codec
-        type: str
-        doc: Codec whose parameters these are.
-    seq:
-      - id: size
-        type: varint
-        doc: Bytes of the parameters.
-      - id: parameters
-        size: size.value
-        type: parameters(codec)
-        doc: Codec parameters.
-  range_list:
-    doc: The declared range of each track.
-    doc-ref: SPEC.md 6.3
-    seq:
-      - id: entries
-        type: range
-        repeat: eos
-        doc: One for each track.
-  range:
-    seq:
-      - id: w
-        type: u1
-        doc: b for 0 to 2^b - 1; 64 + b for -2^b to 2^b - 1; 255 where the ends follow.
-      - id: lowest
-        type: svarint
-        if: w == 255
-        doc: Lowest count.
-      - id: above
-        type: varint
-        if: w == 255
-        doc: Highest count minus lowest.
-  contract_list:
+  contract:
     doc: How far a reconstruction may lie from the input.
     doc-ref: SPEC.md clause 11
-    params:
-      - id: component_count
-        type: u1
-        doc: Components of each track.
-    seq:
-      - id: entries
-        type: contract(component_count)
-        repeat: eos
-        doc: One for all tracks, or one for each.
-  contract:
     params:
       - id: component_count
         type: u1
@@ -487,19 +419,17 @@ types:
     seq:
       - id: kd
         type: varint
-        doc: Denominator of the Weber fraction; 0 means no contract, and the entry ends here.
+        doc: Denominator of the Weber fraction.
       - id: kn
         type: varint
-        if: kd.value > 0
         doc: Numerator of the Weber fraction.
       - id: flags
         type: u1
-        if: kd.value > 0
         doc: Bit 0 vector form, bit 1 guaranteed; others 0.
       - id: components
         type: contract_component
         repeat: expr
-        repeat-expr: 'kd.value > 0 ? component_count : 0'
+        repeat-expr: component_count
         doc: One for each component of the track.
   contract_component:
     seq:

@@ -107,7 +107,15 @@ def head(c: Cursor) -> Plain:
 
 
 def trak(c: Cursor) -> Plain:
-    fixed = c.fixed("TRAK")
+    out: Plain = {"plain_size": c.varint()}
+    rest = c.take(c.left)
+    if out["plain_size"]:
+        return out | {"stream": rest}
+    return out | {"tracks": whole(rest, lambda c: {"tracks": c.until_end(track)})}
+
+
+def track(c: Cursor) -> Plain:
+    fixed = c.fixed("track")
     fixed["codec"] = fixed["codec"].decode()
 
     def tlv(c: Cursor) -> Plain:
@@ -115,7 +123,7 @@ def trak(c: Cursor) -> Plain:
         value, read = c.take(fields["size"]), VALUES.get(fields["type"])
         return fields | {"value": whole(value, lambda c: read(c, fixed)) if read else value}
 
-    return fixed | {"tlvs": c.until_end(tlv)}
+    return fixed | {"tlvs": c.times(fixed["tlv_count"], tlv)}
 
 
 def parameters(c: Cursor, track: Plain) -> Plain:
@@ -148,49 +156,10 @@ def calibrations(c: Cursor, _: Plain) -> Plain:
     return {"entries": c.until_end(lambda c: {"a": c.svarint(), "b": c.svarint(), "d": c.varint()})}
 
 
-def setups(c: Cursor, track: Plain) -> Plain:
-    def codec(c: Cursor) -> Plain:
-        name, count = c.text(4), c.varint()
-
-        def setup(c: Cursor) -> Plain:
-            size = c.varint()
-            value = whole(c.take(size), lambda c: parameters(c, {"codec": name}))
-            return {"size": size, "parameters": value}
-
-        return {"codec": name, "setup_count": count, "setups": c.times(count, setup)}
-
-    count = c.varint()
-    return {
-        "codec_count": count,
-        "codecs": c.times(count, codec),
-        "places": c.times(track["track_count"], Cursor.varint),
-    }
-
-
-def ranges(c: Cursor, _: Plain) -> Plain:
-    def entry(c: Cursor) -> Plain:
-        w = c.u8()
-        return {"w": w} | ({"lowest": c.svarint(), "above": c.varint()} if w == 255 else {})
-
-    return {"entries": c.until_end(entry)}
-
-
-def numbers(c: Cursor, _: Plain) -> Plain:
-    return {"numbers": c.until_end(Cursor.varint)}
-
-
-def contracts(c: Cursor, track: Plain) -> Plain:
-    def entry(c: Cursor) -> Plain:
-        kd = c.varint()
-        if kd == 0:
-            return {"kd": 0, "components": []}
-        out: Plain = {"kd": kd, "kn": c.varint(), "flags": c.u8()}
-        rows = c.times(
-            track["component_count"], lambda c: {"floor": c.varint(), "zero": c.svarint()}
-        )
-        return out | {"components": rows}
-
-    return {"entries": c.until_end(entry)}
+def contract(c: Cursor, track: Plain) -> Plain:
+    out: Plain = {"kd": c.varint(), "kn": c.varint(), "flags": c.u8()}
+    rows = c.times(track["component_count"], lambda c: {"floor": c.varint(), "zero": c.svarint()})
+    return out | {"components": rows}
 
 
 def deviations(c: Cursor, _: Plain) -> Plain:
@@ -261,8 +230,8 @@ PAYLOADS = {
     "dGST": lambda c: {"digests": c.until_end(lambda c: c.take(32))},
 }  # fmt: skip
 VALUES = {
-    1: parameters, 3: calibrations, 5: setups, 7: ranges, 9: numbers, 11: numbers, 16: contracts,
-    18: deviations, 22: text, **dict.fromkeys((2, 4, 6, 8, 10, 12, 14), strings),
+    1: parameters, 3: calibrations, 16: contract, 18: deviations, 22: text,
+    **dict.fromkeys((2, 4, 6, 8, 10, 12, 14), strings),
 }  # fmt: skip
 PARAMETERS = {
     "KNOT": knot, "QUAN": quan, "RAWB": lambda c: c.fixed("RAWB parameters"), "LPCR": grid,

@@ -109,7 +109,7 @@ MUTANTS = (
         "A channel without a unit has the unit '' instead of '1'.",
         "TLV-004",
         Edit(
-            "container.series:parse_components",
+            "container.description:parse_components",
             "named = {name",
             'named = {"unit": ""} | {name',
         ),

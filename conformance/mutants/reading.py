@@ -120,25 +120,46 @@ MUTANTS = (
         Edit("reading.assembly:join", "if len(parts) == 1:", "if True:"),
     ),
     mutant(
-        "ranges-ignored",
-        "The list of ranges is ignored: every track has that of the layout.",
-        "TRK-014",
-        Edit("container.series:ranges_of", "return ranges", "return [hull] * len(ranges)"),
-    ),
-    mutant(
-        "channels-follow-on",
-        "The list of channel numbers is ignored.",
-        "TRK-015 TRK-010",
-        Edit("container.series:channels_of", "if CHANNELS in tlvs:", "if False:"),
-    ),
-    mutant(
-        "setups-of-the-first",
-        "Every track has the setup of the first.",
-        "TRK-013",
+        "range-of-the-first",
+        "Every track of a chunk has the range of the first.",
+        "TRK-005 DEC-001",
         Edit(
-            "container.lists:parse_setups",
-            "chosen.append(setups[index])",
-            "chosen.append(setups[0])",
+            "container.description:parse_description",
+            "return list(parse_tracks(plain, first_id, level, base, offset))",
+            "tracks = list(parse_tracks(plain, first_id, level, base, offset))\n"
+            "        low, high = tracks[0].count_min, tracks[0].count_max\n"
+            "        from dataclasses import replace\n"
+            "        return [replace(track, count_min=low, count_max=high) for track in tracks]",
+        ),
+    ),
+    mutant(
+        "ids-do-not-follow-on",
+        "All tracks of a chunk have the id of its header.",
+        "TRK-003 TRK-010",
+        Edit(
+            "container.description:parse_tracks",
+            "id_, (raw, tlvs, start) in enumerate(parse_records(plain, base), first_id)",
+            "id_, (raw, tlvs, start) in ((first_id, row) for row in parse_records(plain, base))",
+        ),
+    ),
+    mutant(
+        "descriptions-longer-than-told",
+        "A DEFLATE stream of tracks may stand for more bytes than it says.",
+        "TRK-020",
+        Edit(
+            "container.description:unpack",
+            'inflate(payload[start:], size, "TRK-020", "TRK-020", offset + start)',
+            "__import__('zlib').decompressobj(-15).decompress(payload[start:])",
+        ),
+    ),
+    mutant(
+        "a-byte-after-the-tracks",
+        "What follows the last track is skipped.",
+        "TLV-002",
+        Edit(
+            "container.description:parse_records",
+            "while position < len(plain) or not components:",
+            "while position + 28 <= len(plain) or not components:",
         ),
     ),
     mutant(
@@ -190,8 +211,8 @@ MUTANTS = (
         "An unknown critical TLV is skipped.",
         "TLV-003",
         Edit(
-            "container.series:find_unsupported",
-            "if type_ % 2 and type_ not in CRITICAL",
+            "container.description:find_unsupported",
+            "if type_ % 2 and type_ not in KNOWN",
             "if False",
         ),
         Edit(HEAD, "if t % 2]", "if False]"),
@@ -201,8 +222,8 @@ MUTANTS = (
         "An unknown ancillary TLV makes a track unsupported.",
         "TLV-003",
         Edit(
-            "container.series:find_unsupported",
-            "if type_ % 2 and type_ not in CRITICAL",
+            "container.description:find_unsupported",
+            "if type_ % 2 and type_ not in KNOWN",
             "if type_ > 22",
         ),
     ),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..container.deflate import inflate
 from ..container.layout import RAWB_PARAMETERS
 from ..container.track import WORD_SIZES
 from ..container.wire import parse_fixed
@@ -101,17 +102,4 @@ def unpack(data: bytes, expected: int, offset: int) -> bytes:
         return data[1:]
     if data[0] != DEFLATE:
         raise FormatError(f"raw method {data[0]}", requirement="RAW-002", offset=offset)
-    unpacker = zlib.decompressobj(-zlib.MAX_WBITS)
-    try:
-        planes = unpacker.decompress(data[1:], expected + 1)
-    except zlib.error as error:
-        raise FormatError(f"DEFLATE: {error}", requirement="RAW-004", offset=offset + 1) from None
-    if len(planes) != expected:
-        raise FormatError(
-            "DEFLATE stream of another length", requirement="RAW-003", offset=offset + 1
-        )
-    if not unpacker.eof or unpacker.unused_data:
-        raise FormatError(
-            "DEFLATE stream does not end with its packet", requirement="RAW-004", offset=offset + 1
-        )
-    return planes
+    return inflate(data[1:], expected, "RAW-003", "RAW-004", offset + 1)

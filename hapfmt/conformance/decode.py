@@ -9,10 +9,11 @@ from typing import Any
 
 from ..codecs.events import CodedEvent
 from ..container.clocks import parse_clock, parse_map
-from ..container.layout import TRAK
+from ..container.description import split
+from ..container.layout import TRACK
 from ..container.track import Track
 from ..container.walk import read_chunk
-from ..container.wire import id_text, read_fields
+from ..container.wire import HEADER_SIZE, id_text, read_fields
 from ..reading.assembly import Assembly, Band
 from ..reading.catalogue import Catalogue, ChannelRef, ChunkRef
 from ..reading.reader import Reader
@@ -96,7 +97,10 @@ def head_json(catalogue: Catalogue) -> dict[str, Any] | None:
 
 def stored_rate(catalogue: Catalogue, track: Track) -> list[int]:
     """As it stands in the file, not reduced."""
-    raw = read_fields(TRAK, catalogue.source.read_at(track.offset, 28), 0)
+    chunk = read_chunk(catalogue.source, track.offset - HEADER_SIZE)
+    assert chunk is not None
+    records = split(chunk.payload, catalogue.level, track.offset)
+    raw = read_fields(TRACK, records[track.id - chunk.header.track], 0)
     return [raw.rate_num, raw.rate_den]
 
 

@@ -16,6 +16,7 @@ from ..limits import LEVELS, Level
 from .chain import chain_of, copied_tracks, last_sequence
 from .clocks import ClockMap, ClockObservation, build_clocks, build_map
 from .cluster import Packet, build_cluster, entry_size
+from .description import Record, build_track, chunks_of
 from .extras import Attachment, build_attachment, build_metadata
 from .index import (
     FIRST_OFFSET,
@@ -30,8 +31,7 @@ from .index import (
     ceil_ns,
     floor_ms,
 )
-from .series import build_series
-from .track import Track, complete, series_of, silent_tracks
+from .track import Track, complete, silent_tracks
 from .wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk, seed_of
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class FileWriter:
         self.level, self.file_id = head.limits, file_id
         self.offset = self.sequence = 0
         self.tracks: dict[int, Track] = {}
-        self.series: list[tuple[int, bytes]] = []
+        self.descriptions: list[tuple[int, bytes]] = []
         self.copied: set[int] = set()
         """First track ids of TRAK chunks that stand in the file twice, NO_TRACK for HEAD."""
         self.entries: list[IndexEntry] = []
@@ -141,7 +141,7 @@ class FileWriter:
         self.begin(stream, catalogue.head, catalogue.head_payload, catalogue.file_id, clock)
         self.offset = catalogue.source.size
         self.tracks = dict(catalogue.tracks)
-        self.series = list(catalogue.table.payloads.items())
+        self.descriptions = list(catalogue.table.payloads.items())
         self.entries = [
             IndexEntry(
                 ref.type,
@@ -209,15 +209,15 @@ class FileWriter:
             self.entries.append(entry)
 
     def describe(self, tracks: Sequence[Track]) -> None:
-        """TRAK chunks for tracks in order of their ids."""
-        for series in series_of(tracks):
-            self.describe_as(build_series(series), series)
+        """TRAK chunks, as few as hold them in this order."""
+        self.describe_as((track, build_track(track)) for track in tracks)
 
-    def describe_as(self, payload: bytes, series: Sequence[Track]) -> None:
-        """A TRAK chunk with these very bytes, which describe ``series``."""
-        self.chunk("TRAK", payload, series[0].id)
-        self.series.append((series[0].id, payload))
-        self.tracks.update((track.id, track) for track in series)
+    def describe_as(self, records: Iterable[Record]) -> None:
+        """The same with these very bytes for each track."""
+        for payload, tracks in chunks_of(records):
+            self.chunk("TRAK", payload, tracks[0].id)
+            self.descriptions.append((tracks[0].id, payload))
+            self.tracks.update((track.id, track) for track in tracks)
 
     def metadata(self, metadata: dict[str, object]) -> None:
         self.chunk("mETa", build_metadata(metadata))
@@ -350,7 +350,7 @@ class FileWriter:
     def copy(self) -> None:
         """HEAD and TRAK again (SPEC 6.1), each once in the life of a file."""
         copies = [("HEAD", NO_TRACK, self.head_payload)]
-        copies += [("TRAK", track, payload) for track, payload in self.series]
+        copies += [("TRAK", track, payload) for track, payload in self.descriptions]
         copies = [copy for copy in copies if copy[1] not in self.copied]
         if COPY_SHARE * sum(len(payload) + HEADER_SIZE for *_, payload in copies) <= self.offset:
             for type_, track, payload in copies:

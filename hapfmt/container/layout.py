@@ -46,20 +46,18 @@ HEAD = Struct(
     "epoch_uncertainty_ns" / Int64ul * "its uncertainty; all 1: the epoch is not known",
 )
 
-TRAK = Struct(
-    "track_count" / Int8ul * "tracks described, with consecutive ids from the header's track id",
-    "component_count" / Int8ul * "components of each track",
+TRACK = Struct(
+    "tlv_count" / Int8ul * "TLVs that follow",
+    "component_count" / Int8ul * "components",
     "kind" / Int8ul * "0 full band, 1 LF, 2 HF residual, 3 events",
     "number_format" / Int8ul * "0 counts, 1 int64, 2 uint64, 3 binary16, 4 binary32, 5 binary64",
-    "codec" / Bytes(4) * "codec, four ASCII characters; with setups that of the first track",
+    "codec" / Bytes(4) * "codec, four ASCII characters",
     "rate_num" / Int32ul * "numerator of the rate in ticks per second",
     "rate_den" / Int32ul * "denominator of the rate",
-    "count_min" / Int32sl * "declared range of a decoded count, lowest of all tracks",
-    "count_max" / Int32sl * "declared range of a decoded count, highest of all tracks",
-    "first_channel"
-    / Int16ul
-    * "channel number of the first component; the others follow on, unless listed",
-    "base" / Int16ul * "HF: id of the first track's base track; else 0xFFFF",
+    "count_min" / Int32sl * "declared range of a decoded count, lowest",
+    "count_max" / Int32sl * "declared range of a decoded count, highest",
+    "first_channel" / Int16ul * "channel number of the first component; the others follow on",
+    "linked" / Int16ul * "HF: id of its base track; else of the track that it continues, or 0xFFFF",
 )
 
 TLV = Struct(
@@ -107,9 +105,9 @@ LPCX_PARAMETERS = Struct(
 TABLES: dict[str, Construct] = {
     "chunk header": CHUNK_HEADER,
     "HEAD": HEAD,
-    "TRAK": TRAK,
     "TLV": TLV,
     "deviation": DEVIATION,
+    "track": TRACK,
     "iNDX": INDEX,
     "fOOT": FOOT,
     "QUAN parameters": QUAN_PARAMETERS,

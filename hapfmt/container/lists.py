@@ -1,26 +1,19 @@
-"""The lists within TRAK's TLVs, but for texts (SPEC 6.2, 6.3, clauses 8 and 11)."""
+"""What TLVs of a track hold beside texts (SPEC 6.2, clauses 8 and 11)."""
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 from ..errors import FormatError, ParameterError, TruncatedError
 from ..integers import build_svarint, build_varint, parse_svarint, parse_varint
 from ..limits import AFFINE_LIMIT, FRACTION_LIMIT, SINGLE_MAX, ZERO_LIMIT
 from .layout import DEVIATION
-from .tlv import share
-from .track import Affine, Contract, Track
+from .track import Affine, Contract
 
 T = TypeVar("T")
-Range = tuple[int, int]
-Setup = tuple[bytes, bytes]
-"""A codec and its parameters."""
-
-SIGNED, WIDTHS, LISTED = 64, 32, 255
-"""Codes of TLV 7: b and 64 + b for whole bits, b < 32; 255: the ends follow."""
 FLOOR_LIMIT = 1 << 32
 VECTOR, GUARANTEED = 1, 2
 
@@ -86,125 +79,10 @@ def parse_calibration(cursor: Cursor) -> Affine:
     return affine
 
 
-# TLV 5
-
-
-def build_setups(tracks: Sequence[Track]) -> bytes:
-    """Setups codec by codec, both in the order in which they come first."""
-    codecs: dict[str, dict[bytes, int]] = {}
-    for track in tracks:
-        codecs.setdefault(track.codec, {}).setdefault(track.parameters, 0)
-    out = bytearray(build_varint(len(codecs)))
-    number = 0
-    for codec, setups in codecs.items():
-        out += codec.encode("latin-1") + build_varint(len(setups))
-        for parameters in setups:
-            out += build_varint(len(parameters)) + parameters
-            setups[parameters] = number
-            number += 1
-    for track in tracks:
-        out += build_varint(codecs[track.codec][track.parameters])
-    return bytes(out)
-
-
-def parse_setups(value: bytes, offset: int, count: int) -> list[Setup]:
-    """The setup of each of ``count`` tracks."""
-    cursor = Cursor(value, offset)
-    setups: list[Setup] = []
-    for _ in range(some(cursor, count)):
-        codec = cursor.take(4)
-        number = some(cursor, count - len(setups))
-        setups += [(codec, cursor.take(cursor.varint())) for _ in range(number)]
-    chosen = []
-    for _ in range(count):
-        at, index = cursor.place, cursor.varint()
-        if index >= len(setups):
-            raise FormatError(f"no setup {index}", requirement="TRK-013", offset=at)
-        chosen.append(setups[index])
-    cursor.end()
-    return chosen
-
-
-def some(cursor: Cursor, most: int) -> int:
-    """A number of codecs or setups."""
-    at, number = cursor.place, cursor.varint()
-    if not 1 <= number <= most:
-        raise FormatError(
-            "no codec, no setup, or more of them than tracks", requirement="TRK-013", offset=at
-        )
-    return number
-
-
-# TLV 7
-
-
-def build_range(low: int, high: int) -> bytes:
-    bits = high.bit_length()
-    if bits < WIDTHS and (low, high) == (0, (1 << bits) - 1):
-        return bytes([bits])
-    if bits < WIDTHS and (low, high) == (-(1 << bits), (1 << bits) - 1):
-        return bytes([SIGNED + bits])
-    return bytes([LISTED]) + build_svarint(low) + build_varint(high - low)
-
-
-def parse_ranges(value: bytes, offset: int, count: int) -> list[Range]:
-    cursor = Cursor(value, offset)
-    ranges = [parse_range(cursor) for _ in range(count)]
-    cursor.end()
-    return ranges
-
-
-def parse_range(cursor: Cursor) -> Range:
-    at, code = cursor.place, cursor.take(1)[0]
-    if code == LISTED:
-        low = cursor.svarint()
-        return low, low + cursor.varint()
-    signed, bits = divmod(code, SIGNED)
-    if signed > 1 or bits >= WIDTHS:
-        raise FormatError(f"range code {code}", requirement="TRK-014", offset=at)
-    return -(1 << bits) if signed else 0, (1 << bits) - 1
-
-
-# TLV 9
-
-
-def build_channels(firsts: Sequence[int]) -> bytes:
-    return b"".join(map(build_varint, firsts))
-
-
-def parse_channels(value: bytes, offset: int, count: int) -> list[int]:
-    return parse_numbers(value, offset, count)
-
-
-def parse_numbers(value: bytes, offset: int, count: int) -> list[int]:
-    cursor = Cursor(value, offset)
-    numbers = [cursor.varint() for _ in range(count)]
-    cursor.end()
-    return numbers
-
-
-# TLV 11
-
-
-def build_continued(continued: Sequence[int | None]) -> bytes:
-    return b"".join(build_varint(0 if id_ is None else id_ + 1) for id_ in continued)
-
-
-def parse_continued(value: bytes, offset: int, count: int) -> list[int | None]:
-    """For each track the id of the one that it continues."""
-    return [number - 1 if number else None for number in parse_numbers(value, offset, count)]
-
-
 # TLV 16
 
 
-def build_contracts(contracts: Sequence[Contract | None]) -> bytes:
-    return b"".join(build_contract(contract) for contract in share(contracts))
-
-
-def build_contract(contract: Contract | None) -> bytes:
-    if contract is None:
-        return bytes(1)
+def build_contract(contract: Contract) -> bytes:
     flags = contract.vector * VECTOR | contract.guaranteed * GUARANTEED
     out = build_varint(contract.kd) + build_varint(contract.kn) + bytes([flags])
     for floor, zero in zip(contract.floor, contract.zero, strict=True):
@@ -212,17 +90,18 @@ def build_contract(contract: Contract | None) -> bytes:
     return out
 
 
-def parse_contract(cursor: Cursor, size: int) -> Contract | None:
+def parse_contract(value: bytes, offset: int, size: int) -> Contract:
     """Of a track with ``size`` components."""
-    at, kd = cursor.place, cursor.varint()
-    if kd == 0:
-        return None
-    kn, flags = cursor.varint(), cursor.take(1)[0]
+    cursor = Cursor(value, offset)
+    kd, kn, flags = cursor.varint(), cursor.varint(), cursor.take(1)[0]
     pairs = [(cursor.varint(), cursor.svarint()) for _ in range(size)]
-    fits = max(kn, kd) < FRACTION_LIMIT and flags <= VECTOR | GUARANTEED
+    cursor.end()
+    fits = kd and max(kn, kd) < FRACTION_LIMIT and flags <= VECTOR | GUARANTEED
     fits = fits and all(1 <= floor < FLOOR_LIMIT for floor, _ in pairs)
     if not fits or any(not -ZERO_LIMIT <= zero < ZERO_LIMIT for _, zero in pairs):
-        raise FormatError("a deadband that is out of its bounds", requirement="DBC-001", offset=at)
+        raise FormatError(
+            "a deadband that is out of its bounds", requirement="DBC-001", offset=offset
+        )
     return Contract(
         kn,
         kd,

@@ -16,31 +16,31 @@ STRING_SIZE, SAME = 0xFE, 0xFF
 """Texts are at most 254 bytes; a length of 255 stands for the text before."""
 
 
-def parse_tlvs(payload: bytes, position: int, base: int) -> dict[int, tuple[int, bytes]]:
-    """{type: (file offset of the value, value)} from ``position`` to the end of the payload."""
-    found: dict[int, tuple[int, bytes]] = {}
-    last = -1
+Tlvs = dict[int, tuple[int, bytes]]
+"""{type: (file offset of the value, value)}"""
+
+
+def parse_tlvs(payload: bytes, position: int, base: int) -> Tlvs:
+    """All from ``position`` to the end of the payload."""
+    found: Tlvs = {}
     while position < len(payload):
-        if len(payload) - position < TLV_SIZE:
-            raise FormatError(
-                "bytes left over after the last TLV", requirement="TLV-002", offset=base + position
-            )
-        head = read_fields(TLV, payload, position)
-        if head.type <= last:
-            raise FormatError(
-                "TLV types not increasing", requirement="TLV-001", offset=base + position
-            )
-        start = position + TLV_SIZE
-        if head.size > len(payload) - start:
-            raise FormatError(
-                "a TLV runs past the end of its chunk",
-                requirement="TLV-002",
-                offset=base + position,
-            )
-        found[head.type] = (base + start, payload[start : start + head.size])
-        last = head.type
-        position = start + head.size
+        position = parse_tlv(payload, position, base, found)
     return found
+
+
+def parse_tlv(payload: bytes, position: int, base: int, found: Tlvs) -> int:
+    """Adds the next one; returns where it ends."""
+    at = base + position
+    start = position + TLV_SIZE
+    if start > len(payload):
+        raise FormatError("bytes left over after the last TLV", requirement="TLV-002", offset=at)
+    head = read_fields(TLV, payload, position)
+    if found and head.type <= next(reversed(found)):
+        raise FormatError("TLV types not increasing", requirement="TLV-001", offset=at)
+    if head.size > len(payload) - start:
+        raise FormatError("a TLV runs past the end of its chunk", requirement="TLV-002", offset=at)
+    found[head.type] = (base + start, payload[start : start + head.size])
+    return start + int(head.size)
 
 
 def build_tlvs(values: dict[int, bytes]) -> bytes:

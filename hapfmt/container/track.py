@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
@@ -14,11 +14,8 @@ KINDS = ("full", "lf", "hf", "events")
 NUMBER_FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64")
 WORD_SIZES = {"int64": 8, "uint64": 8, "binary16": 2, "binary32": 4, "binary64": 8}
 CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "LPCX", "EVNT")
-SERIES_SIZE = 255
-SETUP_SIZE = 12
-"""Bytes of a setup beside its parameters, at most."""
-VALUE_SIZE = 0xFFFF
-"""Of a TLV."""
+COMPONENTS = 255
+"""Of a track, and of all tracks of a TRAK chunk, at most (TRK-002)."""
 
 
 class Affine(NamedTuple):
@@ -78,6 +75,8 @@ class Track:
     contract: Contract | None = None
     provenance: str = ""
     unsupported: str | None = None
+    unknown: tuple[tuple[int, bytes], ...] = ()
+    """TLVs that are not known here, by their types."""
     offset: int = 0
     """Offset of the TRAK payload in the file."""
 
@@ -91,14 +90,6 @@ class Track:
         """What a packet of so many ticks and bytes counts in a cluster (DAT-009)."""
         return size if self.kind == "events" else span * len(self.components)
 
-    @property
-    def shared(self) -> tuple[object, ...]:
-        """What all tracks of a series have in common."""
-        return (
-            self.kind, self.rate, len(self.components), self.number_format, self.provenance,
-            self.base is None, self.unsupported,
-        )  # fmt: skip
-
     def fits(self, before: Track) -> bool:
         """Whether this track can continue another one (TRK-016)."""
         return (
@@ -109,32 +100,6 @@ class Track:
             and [(c.calibration, c.unit) for c in self.components]
             == [(c.calibration, c.unit) for c in before.components]
         )
-
-    def follows(self, before: Track) -> bool:
-        """Whether this track can continue the series that ends with ``before``."""
-        return (
-            self.shared == before.shared
-            and self.id == before.id + 1
-            and (self.base is None or before.base is None or self.base == before.base + 1)
-        )
-
-
-def series_of(tracks: Sequence[Track]) -> Iterator[list[Track]]:
-    """Tracks in order of their ids, cut into series that one TRAK chunk can describe."""
-    series: list[Track] = []
-    room = 0
-    for track in tracks:
-        weight = len(track.parameters) + SETUP_SIZE
-        fits = (len(series) + 1) * len(track.components) <= SERIES_SIZE and weight <= room
-        if series and not (fits and track.follows(series[-1])):
-            yield series
-            series = []
-        if not series:
-            room = VALUE_SIZE
-        series.append(track)
-        room -= weight
-    if series:
-        yield series
 
 
 def complete(tracks: Iterable[Track]) -> bool:
@@ -212,10 +177,10 @@ class TrackTable:
             f"track {id_} described twice, differently", requirement="TRK-003", offset=offset
         )
 
-    def add(self, series: Sequence[Track], *, damaged: bool = False) -> None:
+    def add(self, tracks: Sequence[Track], *, damaged: bool = False) -> None:
         """``damaged``: an HF track may have lost its base, a track the one it continues; both are
         kept."""
-        for track in series:
+        for track in tracks:
             if track.id in self.tracks:
                 raise self.twice(track.id, track.offset)
             if track.kind == "hf":
@@ -229,7 +194,7 @@ class TrackTable:
                 raise FormatError(
                     f"channel number of track {track.id} is taken",
                     requirement="TRK-010",
-                    offset=track.offset + 24,
+                    offset=track.offset,
                 )
             else:
                 self.channels.update(track.channels)
@@ -304,12 +269,12 @@ class TrackTable:
             raise FormatError(
                 f"HF track {track.id} does not match its base track {track.base}",
                 requirement="TRK-007",
-                offset=track.offset + 26,
+                offset=track.offset,
             )
         reach = max(abs(track.count_min), abs(track.count_max))
         if base and reach * max(abs(c.calibration.a) for c in base.components) > EXACT_LIMIT:
             raise FormatError(
                 "count * A above 2^53 within the declared range of an HF track",
                 requirement="VAL-002",
-                offset=track.offset + 16,
+                offset=track.offset,
             )

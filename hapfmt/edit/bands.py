@@ -19,7 +19,9 @@ def slow_alone(track: Track, residual: Track) -> Track:
     size = len(track.components)
     known = residual.contract or Contract(0, 1, False, False, (0,) * size, (0,) * size)
     floor = tuple(min(floor + reach_of(residual), FLOOR_LIMIT) for floor in known.floor)
-    return replace(track, kind="full", contract=known._replace(guaranteed=False, floor=floor))
+    return replace(
+        track, kind="full", unknown=(), contract=known._replace(guaranteed=False, floor=floor)
+    )
 
 
 def residual_alone(track: Track, residual: Track) -> Track:
@@ -34,4 +36,6 @@ def residual_alone(track: Track, residual: Track) -> Track:
     size = len(components)
     floor = residual.contract.floor if residual.contract else (1,) * size
     contract = Contract(0, 1, False, False, floor, (0,) * size)
-    return replace(residual, kind="full", base=None, components=components, contract=contract)
+    return replace(
+        residual, kind="full", base=None, unknown=(), components=components, contract=contract
+    )

@@ -9,7 +9,6 @@ from fractions import Fraction
 from ..container.track import Affine, Component, Track
 from ..errors import ParameterError, UnsupportedError
 from ..limits import LAST_TRACK_ID
-from .describing import unknown_tlvs
 from .original import Original, ticks_of
 from .plan import LAST_CHANNEL, Place, Plan
 
@@ -28,8 +27,6 @@ class Joining:
         """Which of them each channel number belongs to."""
         self.residuals: dict[int, int] = {}
         self.layers: dict[tuple[str, object], int] = {}
-        self.foreign: set[int] = set()
-        """Tracks with TLVs that are not known here: they stay as they are."""
         self.labels: dict[int, str] = {}
         self.notes: list[str] = []
         self.added: list[tuple[dict[int, int], dict[int, int], range]] = []
@@ -48,12 +45,6 @@ class Joining:
     def add(self, original: Original) -> None:
         """The next file."""
         numbers = self.match(original)
-        foreign = {
-            track.id
-            for payload, tracks in original.series
-            if unknown_tlvs(payload)
-            for track in tracks
-        }
         bases = {track.base: track for track in original.tracks.values() if track.base is not None}
         before, ids = len(self.tracks), {}
         for track in original.tracks.values():
@@ -69,14 +60,13 @@ class Joining:
                 ids[track.id] = self.layer(moved)
             elif track.base is None:
                 residual = bases.get(track.id)
-                ids[track.id] = self.go_on(moved, residual, track.id in foreign, original)
+                ids[track.id] = self.go_on(moved, residual, original)
             elif ids[track.base] in self.residuals:
                 ids[track.id] = self.residuals[ids[track.base]]
                 self.widen(ids[track.id], track)
             else:
                 ids[track.id] = self.new(replace(moved, base=ids[track.base]))
                 self.residuals[ids[track.base]] = ids[track.id]
-        self.foreign |= {ids[old] for old in foreign}
         self.added.append((ids, numbers, range(before, len(self.tracks))))
 
     def match(self, original: Original) -> dict[int, int]:
@@ -132,7 +122,7 @@ class Joining:
             self.layers[key] = self.new(track)
         return self.layers[key]
 
-    def go_on(self, track: Track, residual: Track | None, foreign: bool, original: Original) -> int:
+    def go_on(self, track: Track, residual: Track | None, original: Original) -> int:
         """The id under which a channel's track goes on."""
         chain = self.chains.setdefault(track.first_channel, [])
         if not chain:
@@ -148,7 +138,8 @@ class Joining:
         if residual is not None and theirs is not None:
             mine.append((residual, self.tracks[theirs]))
         alike = (residual is None) == (theirs is None) and all(joinable(a, b) for a, b in mine)
-        if alike and not foreign and last.id not in self.foreign:
+        # Nobody knows what a TLV that is not known here speaks of.
+        if alike and not any(one.unknown for pair in mine for one in pair):
             self.widen(last.id, track)
             return last.id
         chain.append(self.new(replace(track, continues=last.id)))

@@ -23,7 +23,6 @@ from ..errors import FormatError, ParameterError
 from ..limits import TICK_LIMIT, Level
 from ..reading.seconds import Seconds
 from .clocks import TYPES, moved_clock
-from .describing import describe
 from .original import NS, Advance, Original, has_channels
 from .plan import Place, Plan
 from .renumber import renumbered
@@ -100,8 +99,13 @@ class Making:
             self.edited.notes.append(text)
 
     def describe(self, original: Original, plan: Plan) -> None:
-        for note in describe(self.out, original.series, plan.places):
-            self.note(note)
+        for old, place in plan.places.items():
+            lost = set(original.tracks[old].unknown) - set(place.track.unknown)
+            if lost:
+                listed = ", ".join(str(type_) for type_, _ in sorted(lost))
+                self.note(f"TLVs {listed} of track {old} left out: not known here")
+        tracks = {place.track.id: place.track for place in plan.places.values()}
+        self.out.describe(list(tracks.values()))
         if parse_tlvs(original.catalogue.head_payload, HEAD.sizeof(), 0):
             self.note("TLVs of HEAD left out: not known here")
 

@@ -82,15 +82,6 @@ class Original(Closing):
         return self.catalogue.tracks
 
     @property
-    def series(self) -> list[tuple[bytes, list[Track]]]:
-        """Each TRAK payload and its tracks, in the order of the file."""
-        payloads = self.catalogue.table.payloads
-        found: dict[int, list[Track]] = {}
-        for track in self.tracks.values():
-            found.setdefault(track.offset, []).append(track)
-        return [(payloads[tracks[0].id], tracks) for tracks in found.values()]
-
-    @property
     def attachments(self) -> dict[str, Attachment]:
         """By name; where the index is wrong, the whole file is read."""
         try:

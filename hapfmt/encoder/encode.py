@@ -476,14 +476,9 @@ def encode_floating(channel: Channel, spans: tuple[Span, ...], first_channel: in
 
 
 def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:
-    """Ids: the base tracks, those together that can share a series, then the HF tracks in the
-    order of their bases."""
-    places: dict[tuple[object, ...], list[Unit]] = {}
-    for unit in units:
-        places.setdefault(unit.base.track.shared, []).append(unit)
-    ordered = [unit for alike in places.values() for unit in alike]
-    numbered: list[tuple[Coded, int | None]] = [(unit.base, None) for unit in ordered]
-    numbered += [(unit.residual, id_) for id_, unit in enumerate(ordered) if unit.residual]
+    """Ids: the base tracks, then the HF tracks in the order of their bases."""
+    numbered: list[tuple[Coded, int | None]] = [(unit.base, None) for unit in units]
+    numbered += [(unit.residual, id_) for id_, unit in enumerate(units) if unit.residual]
     tracks: list[Track] = []
     packets: list[Packet] = []
     for id_, (coded, base) in enumerate(numbered):

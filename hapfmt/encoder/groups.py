@@ -8,7 +8,7 @@ from math import gcd, lcm
 
 import numpy as np
 
-from ..container.track import SERIES_SIZE
+from ..container.track import COMPONENTS
 from ..contract import nearest_counts
 from ..errors import ParameterError
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT
@@ -66,8 +66,8 @@ def why_apart(members: Sequence[Channel]) -> str | None:
     first = members[0]
     if len({channel.axis for channel in members}) != len(members):
         return "two have the same axis"
-    if len(members) > SERIES_SIZE:
-        return f"more than {SERIES_SIZE} axes"
+    if len(members) > COMPONENTS:
+        return f"more than {COMPONENTS} axes"
     for name, field in (("rate", "rate_exact"), ("coverage", "coverage"), ("unit", "unit")):
         if any(getattr(channel, field) != getattr(first, field) for channel in members):
             return f"they differ in {name}"

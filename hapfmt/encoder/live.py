@@ -196,7 +196,7 @@ class LiveEncoder:
         return found
 
     def begin(self, blocks: Sequence[Block]) -> list[Track]:
-        """The tracks of those channels that are new, those together that can share a chunk.
+        """The tracks of those channels that are new.
 
         ``encode`` does so by itself. A channel of counts may be begun before it has samples, by a
         block of one sample, whichever; one that never has any is described so at the end.
@@ -206,11 +206,7 @@ class LiveEncoder:
             if block.channel not in self.lanes and block.channel not in new:
                 new[block.channel] = self.lane_of(block)
         self.lanes |= new
-        alike: dict[tuple[object, ...], list[Lane]] = {}
-        for lane in new.values():
-            if lane.track.id < 0:
-                alike.setdefault(lane.track.shared, []).append(lane)
-        return [self.number(lane) for lanes in alike.values() for lane in lanes]
+        return [self.number(lane) for lane in new.values() if lane.track.id < 0]
 
     def number(self, lane: Lane) -> Track:
         if self.next_track > LAST_TRACK_ID:

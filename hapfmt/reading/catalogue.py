@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, TypeVar
 
 from ..container.clocks import ClockMap, ClockObservation, parse_clock, parse_map
 from ..container.cluster import parse_count, parse_entry
+from ..container.description import described_size, parse_description
 from ..container.extras import Attachment, parse_attachment, parse_metadata
 from ..container.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
-from ..container.series import parse_series
 from ..container.source import Source
 from ..container.track import Contract, Track, TrackTable
 from ..container.walk import Chunk, Finding, header_at, read_chunk
@@ -25,6 +25,8 @@ from ..limits import LEVELS, Level, Limits
 from ..verdict import HARMLESS, verdict_of
 
 T = TypeVar("T")
+COMPONENT_SIZE = 1 << 10
+"""Bytes of a description that count as a component."""
 
 
 class FalseIndexError(FormatError):
@@ -333,10 +335,13 @@ class Catalogue:
         self.level.check("payload_size", header.payload_size, "LIM-001", chunk.offset)
         if header.type == "TRAK":
             if self.table.is_new(header.track, chunk.payload, offset):
-                series = parse_series(chunk.payload, header.track, self.level, offset)
-                self.component_count += sum(len(track.components) for track in series)
+                tracks = parse_description(chunk.payload, header.track, self.level, offset)
+                weight = sum(len(track.components) for track in tracks)
+                # Few bytes of DEFLATE can describe a component with many.
+                weight = max(weight, described_size(chunk.payload) // COMPONENT_SIZE)
+                self.component_count += weight
                 self.limits.check_components(self.component_count)
-                self.table.add(series, damaged=self.damaged)
+                self.table.add(tracks, damaged=self.damaged)
         elif header.type == "mETa":
             self.metadata_size += len(chunk.payload)
             self.limits.check_metadata(self.metadata_size, offset)

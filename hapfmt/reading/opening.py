@@ -6,8 +6,8 @@ from bisect import bisect_right
 from collections.abc import Callable
 
 from ..container.chain import index_chain
+from ..container.description import check_range
 from ..container.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
-from ..container.series import check_range
 from ..container.source import Source
 from ..container.track import unsupported_track
 from ..container.walk import Chunk, Finding, header_at, identify, read_chunk, walk

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 
-from ..container.series import build_series
-from ..container.track import KINDS, SERIES_SIZE, Component, Track, TrackTable, series_of
+from ..container.description import Record, build_track, split
+from ..container.track import COMPONENTS, Component, Track, TrackTable
 from ..container.walk import read_chunk
 from ..container.wire import HEADER_SIZE
 from ..errors import FormatError
@@ -26,23 +26,13 @@ EVERYTHING = (0, 1 << 62)
 """All ticks."""
 
 
-@dataclass(frozen=True)
-class Described:
-    """One TRAK chunk to write."""
-
-    payload: bytes
-    tracks: Sequence[Track]
-
-
-def describe(catalogue: Catalogue) -> tuple[list[Described], list[Track]]:
-    """TRAK chunks for all that can be kept, bases first; and the tracks that stand for lost ones,
-    without packets: also of channels that an event speaks of."""
-    kept = rejoined(usable(catalogue))
-    series = list(copied(catalogue, kept))
-    series.sort(key=lambda part: (part.tracks[0].kind == "hf", part.tracks[0].id))
-    described = {track.id: track for part in series for track in part.tracks}
-    places = placeholders(described, catalogue)
-    return [*series, *(Described(build_series(run), run) for run in series_of(places))], places
+def describe(catalogue: Catalogue) -> tuple[list[Record], list[Track]]:
+    """All tracks that can be kept, HF last; and the tracks that stand for lost ones, without
+    packets: also of channels that an event speaks of."""
+    kept = dict(copied(catalogue, rejoined(usable(catalogue))))
+    places = placeholders({track.id: track for track in kept}, catalogue)
+    kept |= {track: build_track(track) for track in places}
+    return sorted(kept.items(), key=lambda part: (part[0].kind == "hf", part[0].id)), places
 
 
 def usable(catalogue: Catalogue) -> dict[int, Track]:
@@ -69,20 +59,20 @@ def rejoined(kept: dict[int, Track]) -> dict[int, Track]:
     return out
 
 
-def copied(catalogue: Catalogue, kept: dict[int, Track]) -> Iterator[Described]:
-    """The series as they stand, byte for byte where all of their tracks are kept."""
+def copied(catalogue: Catalogue, kept: dict[int, Track]) -> Iterator[Record]:
+    """The tracks as they stand, byte for byte, but for those that continue another one now."""
     by_chunk: dict[int, list[Track]] = {}
     for track in kept.values():
         by_chunk.setdefault(track.offset, []).append(track)
     for offset, tracks in by_chunk.items():
         chunk = read_chunk(catalogue.source, offset - HEADER_SIZE)
-        same = all(track is catalogue.tracks[track.id] for track in tracks)
-        if chunk is not None and chunk.payload[0] == len(tracks) and same:
-            yield Described(chunk.payload, tracks)
-            continue
+        assert chunk is not None
+        records = split(chunk.payload, catalogue.level, offset)
         for track in tracks:
-            if track.kind in KINDS and track.unsupported is None:
-                yield Described(build_series([track]), [track])
+            if track is catalogue.tracks[track.id]:
+                yield track, records[track.id - chunk.header.track]
+            elif track.unsupported is None:
+                yield track, build_track(track)
 
 
 def placeholders(described: dict[int, Track], catalogue: Catalogue) -> list[Track]:
@@ -137,7 +127,7 @@ def missing_channels(described: dict[int, Track], highest: int) -> Iterator[tupl
     }
     run: list[int] = []
     for number in range(max(*numbers, highest, -1) + 1):
-        if number in numbers or len(run) == SERIES_SIZE:
+        if number in numbers or len(run) == COMPONENTS:
             if run:
                 yield run[0], len(run)
             run = []

@@ -181,7 +181,7 @@ class Copy:
         self.progress = progress
         self.done = Recovery()
         self.types = {ref.offset: ref.type for ref in catalogue.chunks if ref.known}
-        series, self.places = describe(catalogue)
+        described, self.places = describe(catalogue)
         head = catalogue.head
         self.writer = FileWriter(
             stream,
@@ -191,8 +191,7 @@ class Copy:
             epoch_ns=head.epoch_ns if head else None,
             epoch_uncertainty_ns=head.epoch_uncertainty_ns if head else 0,
         )
-        for part in series:
-            self.writer.describe_as(part.payload, part.tracks)
+        self.writer.describe_as(described)
         empty = {track.id for track in self.places}
         self.tracks = {id_: t for id_, t in self.writer.tracks.items() if id_ not in empty}
         self.decoders = {

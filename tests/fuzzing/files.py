@@ -146,7 +146,7 @@ def of_file() -> Iterable[bytes]:
         ("HEAD", f.head()),
         f.TRACK_0,
         ("TRAK", f.layer(f.tlv(2, f.strings("by hand"))), {"track": 1}),
-        ("TRAK", f.trak(f.HOLD + f.tlv(11, f.varint(1))), {"track": 2}),
+        ("TRAK", f.trak(continues=0), {"track": 2}),
         ("cLOk", f.clock([(0, 10**18, 5), (9, 10**18 + 10**7, 0)]), {"track": 0}),
         ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA), (1, 0, 4, f.event(1, "a", 2, 1) + f.event(2)))),
         ("DATA", f.cluster((1, 0, 2, f.event(0, "later")), (2, 4, 4, f.KNOT_DATA))),

@@ -11,6 +11,7 @@ from hapfmt.codecs.events import build_events, parse_events
 from hapfmt.codecs.varints import build_varints, parse_varints
 from hapfmt.container.clocks import build_clocks, build_map, parse_clock, parse_map
 from hapfmt.container.cluster import Packet, build_cluster, parse_cluster
+from hapfmt.container.description import build_description, parse_description
 from hapfmt.container.extras import (
     build_attachment,
     build_metadata,
@@ -19,7 +20,6 @@ from hapfmt.container.extras import (
 )
 from hapfmt.container.index import build_foot, build_index, parse_foot, parse_index
 from hapfmt.container.salvage import salvage_cluster
-from hapfmt.container.series import build_series, parse_series
 from hapfmt.container.source import BytesSource
 from hapfmt.container.tlv import build_strings, build_tlvs, parse_strings, parse_tlvs
 from hapfmt.container.track import TrackTable
@@ -37,9 +37,9 @@ OWN_OFFSET = 1 << 40
 """Where an index stands, so that any offset may come before it."""
 
 TABLE = TrackTable()
-TABLE.add(parse_series(f.trak(), 0, LEVELS[1], 0))
-TABLE.add(parse_series(f.trak(component_count=200, first_channel=1), 1, LEVELS[1], 0))
-TABLE.add(parse_series(f.trak(track_count=9, first_channel=300), 2, LEVELS[1], 0))
+TABLE.add(parse_description(f.trak(), 0, LEVELS[1], 0))
+TABLE.add(parse_description(f.trak(component_count=200, first_channel=1), 1, LEVELS[1], 0))
+TABLE.add(parse_description(f.trak(track_count=9, first_channel=300), 2, LEVELS[1], 0))
 
 
 def header(data: bytes) -> None:
@@ -68,20 +68,20 @@ def texts(data: bytes) -> None:
         assert parse_strings(build_strings(found), count, AT) == found
 
 
-def series(data: bytes) -> None:
+def tracks(data: bytes) -> None:
     """First the level and the id of the first track."""
     if len(data) < 3:
         return
     level, first = LEVELS[1 + data[0] % 2], int.from_bytes(data[1:3], "little")
-    found = settled(parse_series, data[3:], first, level, 0)
+    found = settled(parse_description, data[3:], first, level, 0)
     if found is None:
         return
     settled(TrackTable().add, found)
     settled(TrackTable().add, found, damaged=True)
     if all(track.unsupported is None for track in found):
-        built = build_series(found)
-        assert parse_series(built, first, level, 0) == found
-        assert build_series(parse_series(built, first, level, 0)) == built
+        built = build_description(found)
+        assert parse_description(built, first, level, 0) == found
+        assert build_description(parse_description(built, first, level, 0)) == built
 
 
 def cluster(data: bytes) -> None:
@@ -206,21 +206,19 @@ def of_head() -> Iterable[bytes]:
     yield f.head(f.tlv(2, b"x"), epoch_uncertainty_ns=5, uuid=bytes(range(16)), level=2)
 
 
-def of_series() -> Iterable[bytes]:
+def of_tracks() -> Iterable[bytes]:
     texts_ = f.tlv(2, f.strings("force_x", "y", "z")) + f.tlv(3, f.calibration(1, -5, 1000) * 3)
     rest = f.tlv(4, f.strings("N")) + f.tlv(6, f.strings("force") + b"\xff\xff")
-    more = f.tlv(7, b"\x47\x07" + b"\xff" + f.svarint(-128) + f.varint(255))
-    more += f.tlv(8, f.strings("x", "y", "z")) + f.tlv(9, b"\0\4\2") + f.tlv(10, f.strings("hand"))
-    more += f.tlv(16, f.deadband(flags=3)) + f.tlv(18, f.deviation(1.0, 0.5))
+    more = f.tlv(8, f.strings("x", "y", "z")) + f.tlv(10, f.strings("hand"))
+    more += f.tlv(16, f.deadband(flags=3, entries=[(1, 0)] * 3)) + f.tlv(18, f.deviation(1.0, 0.5))
     more += f.tlv(22, b"measured")
     plain = [
         f.trak(),
-        f.trak(f.HOLD + texts_ + rest, track_count=3),
-        f.trak(f.HOLD + texts_ + rest + more, track_count=3, count_min=-128, count_max=127),
-        f.trak(
-            f.tlv(5, f.setups([(b"KNOT", [f.knot_parameters()]), (b"LPCR", [b"\0\1\0"])], [0, 1, 1])),
-            track_count=3,
-        ),
+        f.trak(f.HOLD + texts_ + rest, component_count=3),
+        f.trak(f.HOLD + texts_ + rest + more, component_count=3, track_count=2),
+        f.squeezed(f.trak(f.HOLD + texts_ + rest + more, component_count=3, track_count=2)),
+        f.squeezed(f.trak(), 1),
+        f.tracks(f.track(), f.track(continues=0), f.track(kind=1), f.track(kind=2, base=2)),
         f.trak(kind=2, base=0),
         f.trak(kind=1, component_count=2),
         f.trak(f.tlv(1, f.raw_parameters(8)), number_format=5, codec=b"RAWB", count_min=0, count_max=0),
@@ -281,7 +279,7 @@ PARSERS = [
     Target("head", head, of_head, size=200),
     Target("tlvs", tlvs, lambda: [f.tlv(1, b"abc") + f.tlv(2, b""), f.tlv(4, bytes(9))], size=300),
     Target("texts", texts, lambda: [b"\1" + f.strings("ab"), b"\3\1a\xff\2bc"], size=300),
-    Target("series", series, of_series, size=700),
+    Target("tracks", tracks, of_tracks, size=700),
     Target("cluster", cluster, of_cluster, mend_cluster, 400),
     Target("index", index, of_index, size=300),
     Target("foot", foot, lambda: [f.foot(1, 164, 2, 3, 4), struct.pack("<QQIIq", 2**64 - 1, 132, 0, 0, -1)], size=40),

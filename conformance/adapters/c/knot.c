@@ -14,7 +14,7 @@
 
 enum { ERROR = 1, NONCONFORMING = 2, DAMAGED = 3, UNSUPPORTED = 4 }; /* clause 14 */
 enum { HEADER = 36 }; /* bytes of a chunk header */
-enum { TRACKS = 65534, COMPONENTS = 255, CLUSTER = 1 << 22, SPAN = 1 << 24, PACKETS = 1 << 14 };
+enum { TRACKS = 65534, COMPONENTS = 255, CLUSTER = 1 << 22, SPAN = 1 << 24, PACKETS = 1 << 14, PAYLOAD = 1 << 20 };
 enum { BOUND = 1 << 24 }; /* of counts, and of steps (15) */
 
 typedef struct { const uint8_t *at, *end; } Bytes;
@@ -162,75 +162,158 @@ static void set_up(Track *track, const uint8_t *codec, Bytes in) {
     if (in.at < in.end) stop(NONCONFORMING, "codec parameters are too long [COD-002]");
 }
 
-static void setups(Track *track, int count, Bytes in) { /* TLV 5 */
-    struct { const uint8_t *codec; Bytes parameters; } found[COMPONENTS];
-    int64_t all = 0;
-    for (int64_t codecs = varint(&in); codecs > 0; codecs--) {
-        const uint8_t *codec = take(&in, 4);
-        for (int64_t left = varint(&in); left > 0; left--, all++) {
-            size_t size = (size_t)varint(&in);
-            const uint8_t *at = take(&in, size);
-            if (all >= count) stop(NONCONFORMING, "more setups than tracks [TRK-013]");
-            found[all].codec = codec;
-            found[all].parameters = (Bytes){at, at + size};
+/* -- DEFLATE (RFC 1951): what TRAK may be packed as -- */
+
+typedef struct { const uint8_t *at, *end; uint32_t hold; int held; } Bits;
+typedef struct { uint16_t count[16], symbol[288]; } Code;
+
+static unsigned bits(Bits *in, int size) { /* at most 16 */
+    while (in->held < size) {
+        if (in->at >= in->end) stop(NONCONFORMING, "a DEFLATE stream that is cut [TRK-020]");
+        in->hold |= (uint32_t)*in->at++ << in->held;
+        in->held += 8;
+    }
+    unsigned value = in->hold & ((1u << size) - 1);
+    in->hold >>= size;
+    in->held -= size;
+    return value;
+}
+
+static Code code_of(const uint8_t *lengths, int size) {
+    Code code = {{0}, {0}};
+    int left = 1, start[16] = {0};
+    for (int i = 0; i < size; i++) code.count[lengths[i]]++;
+    code.count[0] = 0;
+    for (int n = 1; n < 16; n++)
+        if ((left = 2 * left - code.count[n]) < 0) stop(NONCONFORMING, "no code [TRK-020]");
+    for (int n = 1; n < 15; n++) start[n + 1] = start[n] + code.count[n];
+    for (int i = 0; i < size; i++)
+        if (lengths[i]) code.symbol[start[lengths[i]]++] = (uint16_t)i;
+    return code;
+}
+
+static int symbol(Bits *in, const Code *code) {
+    int word = 0, first = 0, index = 0;
+    for (int n = 1; n < 16; n++) {
+        word |= (int)bits(in, 1);
+        if (word - first < code->count[n]) return code->symbol[index + word - first];
+        index += code->count[n];
+        first = (first + code->count[n]) << 1;
+        word <<= 1;
+    }
+    stop(NONCONFORMING, "no code word [TRK-020]");
+    return 0;
+}
+
+static void codes(Bits *in, int fixed, Code *literal, Code *distance) {
+    static const uint8_t order[] = {16, 17, 18, 0, 8,  7, 9,  6, 10, 5,
+                                    11, 4,  12, 3, 13, 2, 14, 1, 15};
+    uint8_t lengths[320] = {0};
+    int literals = 288, distances = 30;
+    if (fixed) {
+        for (int i = 0; i < 318; i++)
+            lengths[i] = i < 144 ? 8 : i < 256 ? 9 : i < 280 ? 7 : i < 288 ? 8 : 5;
+    } else {
+        literals = (int)bits(in, 5) + 257;
+        distances = (int)bits(in, 5) + 1;
+        int count = (int)bits(in, 4) + 4;
+        if (literals > 286 || distances > 30) stop(NONCONFORMING, "too many symbols [TRK-020]");
+        for (int i = 0; i < count; i++) lengths[order[i]] = (uint8_t)bits(in, 3);
+        Code of_lengths = code_of(lengths, 19);
+        memset(lengths, 0, sizeof lengths);
+        for (int i = 0; i < literals + distances;) {
+            int one = symbol(in, &of_lengths), times = 1;
+            if (one == 16 && !i) stop(NONCONFORMING, "nothing to repeat [TRK-020]");
+            if (one > 15) times = one == 18 ? 11 + (int)bits(in, 7) : 3 + (int)bits(in, one - 14);
+            if (i + times > literals + distances) stop(NONCONFORMING, "too many lengths [TRK-020]");
+            one = one < 16 ? one : one == 16 ? lengths[i - 1] : 0;
+            while (times--) lengths[i++] = (uint8_t)one;
         }
     }
-    for (int i = 0; i < count; i++) {
-        int64_t place = varint(&in);
-        if (place >= all) stop(NONCONFORMING, "no such setup [TRK-013]");
-        set_up(track + i, found[place].codec, found[place].parameters);
-    }
+    *literal = code_of(lengths, literals);
+    *distance = code_of(lengths + literals, distances);
 }
 
-static void ranges(Track *track, int count, Bytes in) { /* TLV 7 */
-    for (int i = 0; i < count; i++) {
-        int w = *take(&in, 1);
-        if (w == 255) {
-            track[i].low = svarint(&in);
-            track[i].high = track[i].low + varint(&in);
-        } else if ((w & ~64) < 32) {
-            track[i].low = w & 64 ? -((int64_t)1 << (w & 31)) : 0;
-            track[i].high = ((int64_t)1 << (w & 31)) - 1;
-        } else
-            stop(NONCONFORMING, "no such range [TRK-014]");
+static void inflate(Bits in, uint8_t *out, size_t size) { /* to exactly `size` bytes */
+    size_t filled = 0;
+    for (unsigned last = 0; !last;) {
+        last = bits(&in, 1);
+        unsigned kind = bits(&in, 2);
+        if (kind == 3) stop(NONCONFORMING, "no kind of block [TRK-020]");
+        if (!kind) {
+            bits(&in, in.held & 7);
+            size_t left = bits(&in, 16);
+            if ((bits(&in, 16) ^ left) != 0xFFFF || left > size - filled)
+                stop(NONCONFORMING, "a stored block [TRK-020]");
+            while (left--) out[filled++] = (uint8_t)bits(&in, 8);
+            continue;
+        }
+        Code literal, distance;
+        codes(&in, kind == 1, &literal, &distance);
+        for (int one; (one = symbol(&in, &literal)) != 256;) {
+            size_t length = 1, back = 0;
+            if (one > 256 && one < 286) {
+                int n = one - 257, more = n < 8 || n == 28 ? 0 : (n - 4) / 4;
+                length = n < 8 ? (size_t)n + 3 : n == 28 ? 258 : ((size_t)(4 + n % 4) << more) + 3;
+                length += bits(&in, more);
+                n = symbol(&in, &distance);
+                more = n < 4 ? 0 : (n - 2) / 2;
+                back = (n < 4 ? (size_t)n + 1 : ((size_t)(2 + n % 2) << more) + 1) + bits(&in, more);
+            }
+            if (length > size - filled || back > filled || one > 285)
+                stop(NONCONFORMING, "a repetition that is too long [TRK-020]");
+            if (!back) out[filled++] = (uint8_t)one;
+            else for (; length--; filled++) out[filled] = out[filled - back];
+        }
     }
+    if (filled < size || in.at < in.end) stop(NONCONFORMING, "another size [TRK-020]");
 }
 
-static void describe(Bytes in, unsigned first) {
-    const uint8_t *at = take(&in, 28);
-    int count = at[0], components = at[1], critical = 0, has_setup = 0;
-    Track *track = tracks + first;
-    if (first + (unsigned)count > TRACKS || !count || !components || count * components > COMPONENTS)
-        stop(NONCONFORMING, "how many tracks and components [TRK-002, TRK-003]");
-    if (track->described) return; /* a copy (TRK-003) */
-    for (int i = 0; i < count; i++) {
-        Track *one = track + i;
-        one->described = 1;
-        one->components = components;
-        one->kind = at[2];
-        one->format = at[3];
-        one->rate[0] = (uint32_t)number(at + 8, 4);
-        one->rate[1] = (uint32_t)number(at + 12, 4);
-        one->low = (int32_t)(uint32_t)number(at + 16, 4);
-        one->high = (int32_t)(uint32_t)number(at + 20, 4);
-    }
-    while (in.at < in.end) {
-        const uint8_t *tlv = take(&in, 4);
+/* -- tracks (6.3) -- */
+
+static void describe_one(Bytes *in, Track *track) {
+    const uint8_t *at = take(in, 28);
+    int critical = 0, has_setup = 0;
+    track->described = 1;
+    track->components = at[1];
+    track->kind = at[2];
+    track->format = at[3];
+    track->rate[0] = (uint32_t)number(at + 8, 4);
+    track->rate[1] = (uint32_t)number(at + 12, 4);
+    track->low = (int32_t)(uint32_t)number(at + 16, 4);
+    track->high = (int32_t)(uint32_t)number(at + 20, 4);
+    memcpy(track->codec, at + 4, 4);
+    for (int left = at[0]; left > 0; left--) {
+        const uint8_t *tlv = take(in, 4);
         unsigned type = (unsigned)number(tlv, 2);
         size_t size = (size_t)number(tlv + 2, 2);
-        Bytes value = {take(&in, size), NULL};
+        Bytes value = {take(in, size), NULL};
         value.end = value.at + size;
-        has_setup |= type == 1 || type == 5;
-        for (int i = 0; type == 1 && i < count; i++) set_up(track + i, at + 4, value);
-        if (type == 5) setups(track, count, value);
-        if (type == 7) ranges(track, count, value);
-        critical |= type & 1 && type > 11;
+        if (type == 1) set_up(track, at + 4, value);
+        has_setup |= type == 1;
+        critical |= type & 1 && type > 3;
     }
-    for (int i = 0; i < count; i++) {
-        if (!has_setup) memcpy(track[i].codec, at + 4, 4);
-        if (critical || at[2] > 2 || at[3]) track[i].known = 0;
-        if (!track[i].known) outcome = UNSUPPORTED; /* TRK-004, TRK-011, TLV-003 */
+    if (critical || track->kind > 2 || track->format || !has_setup) track->known = 0;
+    if (!track->known) outcome = UNSUPPORTED; /* TRK-004, TRK-011, TLV-003 */
+}
+
+static void describe(Bytes in, unsigned id) {
+    int64_t size = varint(&in);
+    uint8_t *plain = NULL;
+    if (id < TRACKS && tracks[id].described) return; /* a copy (TRK-003) */
+    if (size >= PAYLOAD) stop(NONCONFORMING, "tracks that are too long [TRK-020]");
+    if (size) {
+        plain = room_for(NULL, (size_t)size, 1);
+        inflate((Bits){in.at, in.end, 0, 0}, plain, (size_t)size);
+        in = (Bytes){plain, plain + size};
     }
+    for (int components = 0; !components || in.at < in.end; id++) {
+        if (id >= TRACKS) stop(NONCONFORMING, "too many tracks [TRK-003]");
+        describe_one(&in, tracks + id);
+        if (!tracks[id].components || (components += tracks[id].components) > COMPONENTS)
+            stop(NONCONFORMING, "how many components [TRK-002]");
+    }
+    free(plain);
 }
 
 /* -- adaptive coding (9.4): bit models and raw bits -- */

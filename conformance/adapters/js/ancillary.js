@@ -42,7 +42,7 @@ export function readDigests(bytes, chunk, allTracks, tracks, damaged) {
       if (damaged) continue;
       broken('DGS-001', `a digest of track ${id}, which is not described`, offset);
     }
-    if (!damaged && track.series.chunk.position > chunk.position) {
+    if (!damaged && track.description.chunk.position > chunk.position) {
       broken('DGS-001', `a digest of track ${id}, which is described behind it`, offset);
     }
     if (track.kind === 'events') broken('DGS-004', `a digest of track ${id} of kind events`, offset);
@@ -54,7 +54,7 @@ export function readDigests(bytes, chunk, allTracks, tracks, damaged) {
 function clockTrack(chunk, allTracks, damaged) {
   if (chunk.track === 0xffff) return null;
   const track = allTracks.get(chunk.track);
-  const behind = track && !damaged && track.series.chunk.position > chunk.position;
+  const behind = track && !damaged && track.description.chunk.position > chunk.position;
   if (!track || behind || track?.kind === 'events') {
     broken('CLK-005', `track ${chunk.track} has no clock`, chunk.position + 20);
   }

@@ -111,7 +111,7 @@ function leaveOut({ cluster, allTracks, tracks, limits, note, damages, bytes }) 
     if (!track) leave('DAT-008', `a packet of track ${packet.track}, which is not described`);
     else if (!usable) leave(track.fault?.requirement ?? track.left, `a packet of track ${packet.track}, whose description breaks a rule`);
     if (packet.left) continue;
-    if (track.series.chunk.position > chunk.position) {
+    if (track.description.chunk.position > chunk.position) {
       note(new HapfError('broken', 'TRK-001', `a packet of track ${packet.track} before its description`, packet.at), chunk, true);
     }
     samples += samplesOf(packet, track);

@@ -1,10 +1,8 @@
-// TRAK chunks that a recoverer writes (12.3): those it keeps, those it takes apart, those it makes up.
-import { putSvarint, putVarint } from './bytes.js';
+// TRAK chunks that a recoverer writes (12.3): tracks that it keeps, and those that it makes up.
+import { limitsOf } from './limits.js';
 import { NONE } from './trak.js';
 
-const KINDS = { full: 0, lf: 1, hf: 2, events: 3 };
-const FORMATS = { counts: 0, int64: 1, uint64: 2, binary16: 3, binary32: 4, binary64: 5 };
-const STRINGS = { 2: 'labels', 4: 'units', 6: 'quantities', 8: 'axes', 10: 'groups', 12: 'bodySites', 14: 'devices' };
+const KINDS = { full: 0, hf: 2 };
 const LOST = '(lost)';
 
 function strings(list) {
@@ -16,78 +14,62 @@ function strings(list) {
   return out;
 }
 
-function float32(value) {
-  return new Uint8Array(new Float32Array([value]).buffer);
-}
-
-// The TLVs of one track out of a series of several.
-function tlvsOf(track, continues) {
-  const { tlvs } = track.series;
-  const values = new Map();
-  if (track.parameters !== null) values.set(1, track.parameters);
-  if (track.kind !== 'hf') {
-    for (const [type, name] of Object.entries(STRINGS)) if (tlvs.has(+type)) values.set(+type, strings(track[name]));
-    if (tlvs.has(3)) {
-      const list = [];
-      for (const { A, B, D } of track.calibrations) {
-        putSvarint(list, A);
-        putSvarint(list, B);
-        putVarint(list, D);
-      }
-      values.set(3, list);
-    }
-    if (tlvs.has(18)) values.set(18, track.deviations.flatMap(({ declared, largest }) => [...float32(declared), ...float32(largest)]));
-  }
-  if (continues !== null) {
-    const list = [];
-    putVarint(list, 1 + continues);
-    values.set(11, list);
-  }
-  if (track.contract) {
-    const { kd, kn, vector, guaranteed, floors, zeros } = track.contract;
-    const list = [];
-    putVarint(list, kd);
-    putVarint(list, kn);
-    list.push((vector ? 1 : 0) + (guaranteed ? 2 : 0));
-    floors.forEach((floor, i) => {
-      putVarint(list, floor);
-      putSvarint(list, zeros[i]);
-    });
-    values.set(16, list);
-  }
-  if (tlvs.has(22)) values.set(22, tlvs.get(22).value);
-  return values;
-}
-
-function payloadOf(track, tlvs) {
+// A track as the payload of TRAK has it.
+function recordOf(track, tlvs) {
   const fixed = new Uint8Array(28);
   const view = new DataView(fixed.buffer);
-  fixed.set([1, track.componentCount, KINDS[track.kind], FORMATS[track.numberFormat]]);
+  fixed.set([tlvs.length, track.componentCount, KINDS[track.kind], 0]);
   for (let i = 0; i < 4; i++) fixed[4 + i] = track.codec.charCodeAt(i);
   view.setUint32(8, track.rateNum, true);
   view.setUint32(12, track.rateDen, true);
-  view.setInt32(16, track.countMin, true);
-  view.setInt32(20, track.countMax, true);
-  view.setUint16(24, track.kind === 'events' ? NONE : track.channels[0], true);
+  view.setUint16(24, track.channel, true);
   view.setUint16(26, track.base ?? NONE, true);
   const bytes = [...fixed];
-  for (const type of [...tlvs.keys()].sort((a, b) => a - b)) {
-    const value = tlvs.get(type);
-    bytes.push(type & 255, type >> 8, value.length & 255, value.length >> 8, ...value);
-  }
+  for (const [type, value] of tlvs) bytes.push(type & 255, type >> 8, value.length & 255, value.length >> 8, ...value);
   return Uint8Array.from(bytes);
+}
+
+// The same track, continuing another one, or none.
+function relinked({ record, continues }) {
+  const copy = record.slice();
+  new DataView(copy.buffer).setUint16(26, continues ?? NONE, true);
+  return copy;
 }
 
 const KNOT_PARAMETERS = [0, 0, 0, 1, 0];
 
 function emptyTrack(id, kind, componentCount, [rateNum, rateDen], channel, base, tlvs) {
-  const track = {
-    kind, componentCount, rateNum, rateDen, base, codec: 'KNOT', numberFormat: 'counts', countMin: 0, countMax: 0, channels: [channel],
-  };
-  return { track: id, payload: payloadOf(track, new Map([[1, KNOT_PARAMETERS], ...tlvs])), ids: [id] };
+  const track = { kind, componentCount, rateNum, rateDen, base, codec: 'KNOT', channel };
+  return { id, componentCount, record: recordOf(track, [[1, KNOT_PARAMETERS], ...tlvs]) };
 }
 
-// REC-007, REC-008: -> [{ track, payload }], each base and each track that is continued before those that need it.
+// The payloads of TRAK for tracks in this order: { track, payload, ids }.
+function payloadsOf(list, bound) {
+  const out = [];
+  let last = null;
+  for (const { id, componentCount, record } of list) {
+    const fits = last && id === last.ids.at(-1) + 1 && last.components + componentCount <= 255 && last.size + record.length <= bound;
+    if (!fits) {
+      last = { track: id, ids: [], records: [], components: 0, size: 1 };
+      out.push(last);
+    }
+    last.ids.push(id);
+    last.records.push(record);
+    last.components += componentCount;
+    last.size += record.length;
+  }
+  return out.map(({ track, ids, records, size }) => {
+    const payload = new Uint8Array(size);
+    let at = 1;
+    for (const record of records) {
+      payload.set(record, at);
+      at += record.length;
+    }
+    return { track, payload, ids };
+  });
+}
+
+// REC-007, REC-008: -> [{ track, payload, ids }], each base and each track that is continued before those that need it.
 export function descriptionsOf(file) {
   const kept = new Set();
   for (const track of file.allTracks.values()) {
@@ -95,13 +77,11 @@ export function descriptionsOf(file) {
   }
   const before = [];
   const residuals = [];
-  for (const series of file.series) {
-    const tracks = series.tracks.filter(({ id }) => kept.has(id));
-    const list = series.kind === 'hf' ? residuals : before;
-    const declared = (track) => (series.tlvs.has(11) ? continuedAsRead(track) : null);
-    const whole = tracks.length === series.trackCount && (series.unsupported || tracks.every((t) => t.continues === declared(t)));
-    if (whole) list.push({ track: series.firstId, payload: series.payload, ids: tracks.map(({ id }) => id) });
-    else for (const track of tracks) list.push({ track: track.id, payload: payloadOf(track, tlvsOf(track, track.continues)), ids: [track.id] });
+  for (const track of file.allTracks.values()) {
+    if (!kept.has(track.id)) continue;
+    const same = track.strange || track.kind === 'hf' || track.continues === track.continuesAsRead;
+    const record = same ? track.record : relinked(track);
+    (track.kind === 'hf' ? residuals : before).push({ id: track.id, componentCount: track.componentCount, record });
   }
   const taken = new Set([...file.allTracks.keys(), ...file.held.map((packet) => packet.track)]);
   let free = 0;
@@ -115,14 +95,13 @@ export function descriptionsOf(file) {
     const id = kept.has(track.id) ? newId() : null;
     if (id !== null) residuals.push(emptyTrack(id, 'hf', track.componentCount, [track.rateNum, track.rateDen], track.channels[0], track.id, []));
   }
-  const byId = (a, b) => a.track - b.track;
-  return { descriptions: [...before.sort(byId), ...residuals.sort(byId)], kept };
+  const byId = (a, b) => a.id - b.id;
+  const all = [...before.sort(byId), ...residuals.sort(byId)];
+  return { descriptions: payloadsOf(all, limitsOf(file.level).payloadBound), kept };
 }
 
-const continuedAsRead = (track) => track.continuesAsRead ?? null;
-
 function addLostChannels(file, kept, newId, list) {
-  if (file.series.some((series) => series.unsupported)) return;
+  if ([...file.allTracks.values()].some((track) => track.strange)) return;
   const there = new Set();
   for (const track of file.allTracks.values()) {
     if (kept.has(track.id) && track.kind !== 'hf') for (const channel of track.channels) there.add(channel);

@@ -179,7 +179,7 @@ export function describe(track) {
   }
   if (band) tlvs.set(16, band.contract);
   const payload = [
-    1, 1, KINDS[kind], FORMATS.indexOf(track.numberFormat), ...new TextEncoder().encode(track.codec),
+    0, tlvs.size, 1, KINDS[kind], FORMATS.indexOf(track.numberFormat), ...new TextEncoder().encode(track.codec),
     ...le(track.rateNum, 4), ...le(track.rateDen, 4), ...le(track.countMin >>> 0, 4), ...le(track.countMax >>> 0, 4),
     ...le(track.channels[0] ?? NO_TRACK, 2), ...le(NO_TRACK, 2),
   ];

@@ -16,7 +16,7 @@ const NOTE_BOUND = 2 ** 19;
 
 export function openFile(bytes, { recovering = false } = {}) {
   const file = {
-    bytes, head: null, level: 2, tracks: new Map(), allTracks: new Map(), series: [], packets: [], held: [], clusters: [],
+    bytes, head: null, level: 2, tracks: new Map(), allTracks: new Map(), descriptions: [], packets: [], held: [], clusters: [],
     clocks: [], maps: [], metadata: null, attachments: [], unknown: [], digests: [], indexes: [], chunks: [],
     damages: [], lost: [], lostResiduals: [], lostBases: [], findings: [], notes: [], channels: [],
     closed: false, damaged: false, recovering, refused: null, criticalUnknown: false, verdict: null,
@@ -141,7 +141,7 @@ function checkTrackCount(file) {
   for (const track of file.lostBases) {
     if (!file.damaged && !file.recovering) continue;
     file.damages.push({
-      code: 'lost-base', offset: track.series.chunk.position, size: 0, requirement: 'TRK-007', track: track.id,
+      code: 'lost-base', offset: track.description.chunk.position, size: 0, requirement: 'TRK-007', track: track.id,
       message: `track ${track.base}, the base of track ${track.id}, is not described`,
     });
   }

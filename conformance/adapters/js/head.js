@@ -5,21 +5,22 @@ import { LIMITS } from './limits.js';
 
 const HEAD_SIZE = 44;
 
-// All TLVs to the end: [{ type, value, offset }], offset being that of the value.
-export function readTlvs(reader) {
+// The next TLV, of a type above `before`: { type, value, offset }, offset being that of the value.
+export function readTlv(reader, before) {
+  const at = reader.offset;
+  if (reader.left < 4) broken('TLV-002', 'a piece of a TLV', at);
+  const type = reader.u16();
+  const size = reader.u16();
+  if (type <= before) broken('TLV-001', `TLV ${type} behind ${before}`, at);
+  if (size > reader.left) broken('TLV-002', `TLV ${type} passes the end of its chunk`, at);
+  const offset = reader.offset;
+  return { type, value: reader.bytes(size), offset };
+}
+
+// All to the end.
+function readTlvs(reader) {
   const tlvs = [];
-  let before = -1;
-  while (reader.left > 0) {
-    const at = reader.offset;
-    if (reader.left < 4) broken('TLV-002', 'a piece of a TLV', at);
-    const type = reader.u16();
-    const size = reader.u16();
-    if (type <= before) broken('TLV-001', `TLV ${type} behind ${before}`, at);
-    if (size > reader.left) broken('TLV-002', `TLV ${type} passes the end of its chunk`, at);
-    const offset = reader.offset;
-    tlvs.push({ type, value: reader.bytes(size), offset });
-    before = type;
-  }
+  while (reader.left > 0) tlvs.push(readTlv(reader, tlvs.at(-1)?.type ?? -1));
   return tlvs;
 }
 

@@ -60,7 +60,7 @@ export function judgeRecovery(file, dropped) {
     if (!chunk || !['bad-chunk', 'bad-payload', 'truncated'].includes(code)) return false;
     if (WRITTEN_ANEW.has(chunk.type)) return true;
     if (chunk.type === 'HEAD') return file.head !== null && chunk !== file.headChunk;
-    if (chunk.type === 'TRAK') return file.allTracks.has(chunk.track) && !file.series.some((one) => one.chunk === chunk);
+    if (chunk.type === 'TRAK') return file.allTracks.has(chunk.track) && !file.descriptions.some((one) => one.chunk === chunk);
     // Whatever of its packets is missing has a damage of its own.
     return chunk.type === 'DATA' && code !== 'truncated';
   };

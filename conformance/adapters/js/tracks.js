@@ -8,29 +8,29 @@ const sameRate = (a, b) => BigInt(a.rateNum) * BigInt(b.rateDen) === BigInt(b.ra
 const sameList = (a, b) => a.length === b.length && a.every((v, i) => v === b[i]);
 const sameCalibrations = (a, b) => a.every((v, i) => v.A === b[i].A && v.B === b[i].B && v.D === b[i].D);
 
-// -> { series, tracks, allTracks, lostBases, lostResiduals }. `note(error, chunk, soft)` takes what breaks a rule;
+// -> { descriptions, tracks, allTracks, lostBases, lostResiduals }. `note(error, chunk, soft)` takes what breaks a rule;
 // soft: what is not held against a file with damage (12.1). In `tracks` are those that are used, in `allTracks`
 // all that were described.
 export function describeTracks(bytes, chunks, level, damaged, note) {
-  const series = readAll(bytes, chunks, level, note);
+  const descriptions = readAll(bytes, chunks, level, note);
   const allTracks = new Map();
-  for (const one of series) for (const track of one.tracks) allTracks.set(track.id, track);
+  for (const one of descriptions) for (const track of one.tracks) allTracks.set(track.id, track);
   const sorted = [...allTracks.values()].sort((a, b) => a.id - b.id);
   const tracks = new Map(sorted.filter((track) => !track.fault).map((track) => [track.id, track]));
-  const context = { tracks, allTracks, damaged, note, series };
+  const context = { tracks, allTracks, damaged, note };
   linkBases(context);
   linkContinued(context);
   checkChannels(context);
   linkChains(tracks);
   const lostBases = [...tracks.values()].filter((track) => track.baseLost);
   const lostResiduals = [...tracks.values()].filter((track) => track.kind === 'lf' && !track.hf && !track.strange);
-  return { series, tracks, allTracks, lostBases, lostResiduals };
+  return { descriptions, tracks, allTracks, lostBases, lostResiduals };
 }
 
 function readAll(bytes, chunks, level, note) {
   const byId = new Map();
-  const series = [];
-  let components = 0;
+  const descriptions = [];
+  let weight = 0;
   for (const chunk of chunks) {
     const payload = bytes.subarray(chunk.payloadStart, chunk.end);
     const known = byId.get(chunk.track);
@@ -39,31 +39,34 @@ function readAll(bytes, chunks, level, note) {
       if (!copy) note(new HapfError('broken', 'TRK-003', `track ${chunk.track} is described otherwise`, chunk.position), chunk);
       continue;
     }
-    const { series: one, faults } = readTrak(bytes, chunk, level);
+    const { description, faults } = readTrak(bytes, chunk, level);
     for (const fault of faults) note(fault, chunk);
-    if (!one) {
+    if (!description) {
       byId.set(chunk.track, { firstId: chunk.track, payload });
       continue;
     }
-    if (one.tracks.some(({ id }) => byId.has(id))) {
+    if (description.tracks.some(({ id }) => byId.has(id))) {
       note(new HapfError('broken', 'TRK-003', 'a track is described twice', chunk.position), chunk);
       continue;
     }
-    components += one.trackCount * one.componentCount;
-    limitDescriptions(components, chunk.position);
-    one.index = series.length;
-    series.push(one);
-    for (const { id } of one.tracks) byId.set(id, one);
+    weight += description.weight;
+    limitDescriptions(weight, chunk.position);
+    description.index = descriptions.length;
+    descriptions.push(description);
+    for (const { id } of description.tracks) byId.set(id, description);
   }
-  return series;
+  return descriptions;
 }
+
+// Whether a track is described after another one.
+const isLater = (a, b) => a.description.index > b.description.index || (a.description === b.description && a.id > b.id);
 
 // TRK-007, TRK-012; calibrations of a residual are those of its base.
 function linkBases({ tracks, allTracks, damaged, note }) {
   for (const track of tracks.values()) {
     if (track.kind !== 'hf' || track.strange) continue;
-    const { chunk } = track.series;
-    const fault = (message, soft) => note(new HapfError('broken', 'TRK-007', message, chunk.payloadStart + 26), chunk, soft);
+    const { chunk } = track.description;
+    const fault = (message, soft) => note(new HapfError('broken', 'TRK-007', message, chunk.payloadStart), chunk, soft);
     const base = tracks.get(track.base);
     if (!base) {
       if (!damaged) fault(`base ${track.base} of track ${track.id} is not described`, true);
@@ -71,7 +74,7 @@ function linkBases({ tracks, allTracks, damaged, note }) {
       continue;
     }
     if (base.strange) continue;
-    if (base.series.index > track.series.index) fault(`base ${track.base} of track ${track.id} is not described before it`, true);
+    if (isLater(base, track)) fault(`base ${track.base} of track ${track.id} is not described before it`, true);
     const fits = base.kind === 'lf' && base.componentCount === track.componentCount && sameRate(base, track)
       && base.channels[0] === track.channels[0];
     if (!fits || base.hf) {
@@ -85,9 +88,9 @@ function linkBases({ tracks, allTracks, damaged, note }) {
     for (const name of ['labels', 'units', 'quantities', 'axes', 'groups', 'bodySites', 'devices']) track[name] = base[name];
     for (const calibration of new Set(base.calibrations)) {
       try {
-        checkCalibration(calibration, base, track, base.series.tlvs.get(3)?.offset ?? base.series.chunk.payloadStart);
+        checkCalibration(calibration, base, track, base.description.chunk.payloadStart);
       } catch (error) {
-        note(error, base.series.chunk);
+        note(error, base.description.chunk);
         tracks.delete(track.id);
         track.left = 'VAL-002';
         base.hf = null;
@@ -97,7 +100,7 @@ function linkBases({ tracks, allTracks, damaged, note }) {
   }
   for (const track of allTracks.values()) {
     if (track.kind === 'lf' && !track.hf && !track.strange) {
-      note(new HapfError('broken', 'TRK-012', `track ${track.id} of kind LF is the base of none`, track.series.chunk.position), track.series.chunk, 'closed');
+      note(new HapfError('broken', 'TRK-012', `track ${track.id} of kind LF is the base of none`, track.description.chunk.position), track.description.chunk, 'closed');
     }
   }
 }
@@ -120,7 +123,7 @@ function leaveOut(tracks, track, requirement) {
 // TRK-016. Where the track between two is lost, they stay one channel (12.1).
 function linkContinued({ tracks, damaged, note }) {
   const leave = (track, message) => {
-    note(new HapfError('broken', 'TRK-016', message, track.series.tlvs.get(11)?.offset ?? track.series.chunk.position), track.series.chunk);
+    note(new HapfError('broken', 'TRK-016', message, track.description.chunk.position), track.description.chunk);
     leaveOut(tracks, track, 'TRK-016');
   };
   for (const track of tracks.values()) {
@@ -129,7 +132,7 @@ function linkContinued({ tracks, damaged, note }) {
     if (other?.strange) continue;
     if (!other) {
       if (!damaged) {
-        note(new HapfError('broken', 'TRK-016', `track ${track.continues} is not described`, track.series.tlvs.get(11).offset), track.series.chunk);
+        note(new HapfError('broken', 'TRK-016', `track ${track.continues} is not described`, track.description.chunk.position), track.description.chunk);
       }
       const left = lastOfChannel(tracks, track);
       if (left && !fits(track, left)) leave(track, `track ${track.id} does not fit track ${left.id}`);
@@ -137,8 +140,8 @@ function linkContinued({ tracks, damaged, note }) {
       if (left && !track.left) left.continuedBy = track;
       continue;
     }
-    if (other.series.index > track.series.index) {
-      note(new HapfError('broken', 'TRK-016', `track ${other.id} is not described before`, track.series.tlvs.get(11).offset), track.series.chunk, true);
+    if (isLater(other, track)) {
+      note(new HapfError('broken', 'TRK-016', `track ${other.id} is not described before`, track.description.chunk.position), track.description.chunk, true);
     }
     if (!fits(track, other)) leave(track, `track ${track.id} does not fit track ${other.id}`);
     else if (other.continuedBy) leave(track, `a second track continues track ${other.id}`);
@@ -156,7 +159,7 @@ function lastOfChannel(tracks, track) {
 }
 
 // TRK-010.
-function checkChannels({ tracks, damaged, note, series }) {
+function checkChannels({ tracks, allTracks, damaged, note }) {
   const owners = new Map();
   for (const track of [...tracks.values()]) {
     if (track.strange || track.kind === 'hf' || track.kind === 'events') continue;
@@ -166,16 +169,16 @@ function checkChannels({ tracks, damaged, note, series }) {
       continue;
     }
     if (track.continues !== null) continue;
-    note(new HapfError('broken', 'TRK-010', `channel ${taken} twice`, track.series.chunk.payloadStart + 24), track.series.chunk);
+    note(new HapfError('broken', 'TRK-010', `channel ${taken} twice`, track.description.chunk.payloadStart), track.description.chunk);
     leaveOut(tracks, track, 'TRK-010');
   }
-  const complete = !series.some((one) => one.unsupported);
+  const complete = ![...allTracks.values()].some((track) => track.strange);
   let next = 0;
   while (owners.has(next)) next++;
   if (owners.size > next && complete && !damaged) {
     const after = [...owners.entries()].filter(([channel]) => channel > next).sort((a, b) => a[0] - b[0])[0];
-    const { chunk } = after[1].series;
-    note(new HapfError('broken', 'TRK-010', `no channel ${next}, but channel ${after[0]}`, chunk.payloadStart + 24), chunk, 'closed');
+    const { chunk } = after[1].description;
+    note(new HapfError('broken', 'TRK-010', `no channel ${next}, but channel ${after[0]}`, chunk.payloadStart), chunk, 'closed');
   }
 }
 

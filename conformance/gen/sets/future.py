@@ -89,7 +89,6 @@ def other(more: bytes = b"", **fields: Any) -> bytes:
     return f.trak(f.tlv(1, b"abc") + more, **({"first_channel": 1} | fields))
 
 
-SETUPS = f.setups([(b"KNOT", [f.knot_parameters()]), (b"NEWC", [b"abc"])], [0, 1])
 CODECS = [
     *[(f"codec-{codec.lower()}", "TRK-011", f"A track has the codec {codec}.",
        beside(other(codec=codec.encode())))
@@ -98,13 +97,13 @@ CODECS = [
      series((f.trak(codec=b"NEWC"), 0))),
     ("codec-without-packets", "TRK-011", "A track of the codec NEWC has no packets.",
      series((f.trak(), 0), (other(codec=b"NEWC"), 1))),
-    ("codec-in-setups", "TRK-011", "The second track of a series has the codec NEWC.",
-     f.closed(HEAD, ("TRAK", f.trak(f.tlv(5, SETUPS), track_count=2), {"track": 0}),
+    ("codec-in-a-chunk", "TRK-011", "The second track of a chunk has the codec NEWC.",
+     f.closed(HEAD, ("TRAK", f.trak() + other(codec=b"NEWC")[1:], {"track": 0}),
               ("DATA", f.cluster((0, 0, 4, CONSTANT), (1, 0, 4, b"abc"))))),
     ("codec-of-hf", "TRK-011", "An HF track has the codec NEWC.",
      beside(other(codec=b"NEWC", kind=2, base=0, first_channel=0), kind=1)),
     ("codec-that-continues", "TRK-011", "A track of the codec NEWC continues one of KNOT.",
-     beside(other(f.tlv(11, b"\1"), codec=b"NEWC", first_channel=0), start=4)),
+     beside(other(continues=0, codec=b"NEWC", first_channel=0), start=4)),
 ]  # fmt: skip
 
 TRACKS = [
@@ -115,7 +114,7 @@ TRACKS = [
       for number in (6, 255)],
     *[(f"track-tlv-{type_}", "TLV-003", f"A track carries a critical TLV of type {type_}.",
        beside(f.trak(f.HOLD + tlvs(type_), first_channel=1), CONSTANT))
-      for type_ in (13, 0x8001, 0xFFFF)],
+      for type_ in (5, 13, 0x8001, 0xFFFF)],
 ]  # fmt: skip
 
 SEVERAL = [

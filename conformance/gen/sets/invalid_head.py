@@ -13,6 +13,8 @@ NOTHING_VALID = ("FIL-001", "HED-001", "FIL-002", "FIL-003")
 SIGNED = ("HED-001", "FIL-001", "FIL-002", "FIL-003")
 
 KEPT = [FIVES]
+THREE = b"\x0a\x0a\x0a"
+"""A packet of three components."""
 
 
 def knots(packet: bytes) -> bytes:
@@ -105,15 +107,17 @@ TLVS = [
      described(f.HOLD + b"\2\0\0")),
     ("tlv-past-the-chunk", "TLV-002", "A TLV is a byte longer than what is left.",
      described(f.HOLD + b"\2\0\1\0")),
-    ("labels-two-for-three", "TLV-004", "Two labels stand for three tracks.",
-     described(f.HOLD + f.tlv(2, f.strings("a", "b")), track_count=3)),
+    ("labels-two-for-three", "TLV-004", "Two labels stand for three components.",
+     described(f.HOLD + f.tlv(2, f.strings("a", "b")), component_count=3, packet=THREE)),
     ("label-missing", ("TLV-004", "TLV-007"), "A list of strings is empty.",
      described(f.HOLD + f.tlv(2, b""))),
-    ("calibrations-two-for-three", "TLV-004", "Two calibrations stand for three tracks.",
-     described(f.HOLD + f.tlv(3, f.calibration(2) * 2), track_count=3)),
-    ("deadbands-two-for-three", "TLV-004", "Two deadband contracts stand for three tracks.",
-     described(f.HOLD + f.tlv(16, f.deadband() * 2), track_count=3)),
-    ("deadbands-none", ("TLV-004", "TLV-007", "CNV-002"), "A list of contracts is empty.",
+    ("calibrations-two-for-three", "TLV-004", "Two calibrations stand for three.",
+     described(f.HOLD + f.tlv(3, f.calibration(2) * 2), component_count=3, packet=THREE)),
+    ("deadband-and-a-byte", "TLV-007", "A byte follows a deadband contract.",
+     described(f.HOLD + f.tlv(16, f.deadband() + b"\0"))),
+    ("deadband-of-kd-0", "DBC-001", "The Weber fraction has the denominator 0.",
+     described(f.HOLD + f.tlv(16, f.deadband(kd=0)))),
+    ("deadband-of-no-byte", ("TLV-007", "CNV-002"), "A contract is empty.",
      described(f.HOLD + f.tlv(16, b""))),
     ("string-past-its-list", ("TLV-002", "TLV-007"), "A string is longer than its TLV.",
      described(f.HOLD + f.tlv(2, b"\2N"))),

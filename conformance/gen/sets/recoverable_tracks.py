@@ -163,7 +163,7 @@ def bands() -> Iterator[Case]:
 
 def continued() -> Iterator[Case]:
     first = Track(id=0, packets=parts(0, 0, 4))
-    second = Track(id=1, tlvs=f.tlv(11, f.varint(1)), packets=parts(1, 8, 12))
+    second = Track(id=1, continues=0, packets=parts(1, 8, 12))
     rows = [[w.packet(0, 0)], [w.packet(0, 4)], [w.packet(1, 8)], [w.packet(1, 12)]]
     laid = w.lay(*described(first, second), *rows)
     for number, left, starts in ((0, second, (0, 4)), (1, first, (8, 12))):

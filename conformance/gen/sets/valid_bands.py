@@ -151,9 +151,9 @@ def descriptions() -> Iterator[Case]:
         hf(stored(0, FAST)),
     )  # fmt: skip
     yield valid(
-        "bands-series", "A series of three LF tracks, and one of HF: bases follow on.",
+        "bands-together", "One chunk describes three LF tracks and three HF tracks.",
         ["TRK-007", "TRK-010"],
-        *series(),
+        *together(),
     )  # fmt: skip
     yield uncommon(
         "bands-rate-as-ratio", "The rate of an HF track is equal as a ratio, not in its numbers.",
@@ -168,18 +168,12 @@ def descriptions() -> Iterator[Case]:
     )  # fmt: skip
 
 
-def series() -> list[Track]:
-    out = []
-    for kind, first, base in ((1, 0, f.NONE), (2, 3, 0)):
-        payload = f.trak(
-            f.tlv(1, f.raw_parameters(1)), track_count=3, kind=kind, codec=b"RAWB", base=base
-        )  # fmt: skip
-        for i in range(3):
-            rows = [each + i for each in (SLOW if kind == 1 else FAST)]
-            given = {"id": first + i, "channel": i, "described": i == 0, "trak": payload}
-            out.append(
-                lf(stored(0, rows), **given)
-                if kind == 1
-                else hf(stored(0, rows[: 6 - i]), base=i, **given)
-            )
+def together() -> list[Track]:
+    """Three LF tracks and three of HF, in one chunk."""
+    out = [
+        lf(stored(0, [each + i for each in SLOW]), id=i, channel=i, joined=i > 0) for i in range(3)
+    ]  # fmt: skip
+    for i in range(3):
+        rows = [each + i for each in FAST][: 6 - i]
+        out.append(hf(stored(0, rows), id=3 + i, channel=i, base=i, joined=True))
     return out

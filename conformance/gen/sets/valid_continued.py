@@ -1,4 +1,4 @@
-"""Tracks that continue one another (SPEC 6.3, TLV 11)."""
+"""Tracks that continue one another (SPEC 6.3)."""
 
 from __future__ import annotations
 
@@ -17,15 +17,11 @@ valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
 
 
-def continues(track: int) -> bytes:
-    return f.tlv(11, f.varint(1 + track))
-
-
 def cases() -> Iterator[Case]:
     knots = Track(packets=[Packet(0, [5] * 4, f.svarint(5))])
     coded = predicted([7, 9, -4, 3], coding=Coding(1), clamped=(-9, 8))
     after = Track(
-        id=1, codec="LPCR", parameters=f.lpcr_parameters(), tlvs=continues(0), low=-9, high=8,
+        id=1, codec="LPCR", parameters=f.lpcr_parameters(), continues=0, low=-9, high=8,
         packets=[coded._replace(start=4, cluster=1)],
     )  # fmt: skip
     yield valid(
@@ -34,10 +30,10 @@ def cases() -> Iterator[Case]:
         knots, after,
     )  # fmt: skip
     gap = Track(
-        id=1, tlvs=continues(0), packets=[Packet(9, [6] * 2, f.svarint(6), 1)], low=-6, high=6
+        id=1, continues=0, packets=[Packet(9, [6] * 2, f.svarint(6), 1)], low=-6, high=6
     )  # fmt: skip
     last = raw(
-        stored(11, [1, 2, 3], cluster=1), stored(20, [4], cluster=2), id=2, tlvs=continues(1)
+        stored(11, [1, 2, 3], cluster=1), stored(20, [4], cluster=2), id=2, continues=1
     )  # fmt: skip
     yield valid(
         "continued-chain", "A channel in three tracks, with gaps between and within them.",
@@ -46,7 +42,7 @@ def cases() -> Iterator[Case]:
     )  # fmt: skip
     first = lf(stored(0, SLOW), low=-100, high=70), hf(stored(0, FAST))
     then = (
-        lf(stored(6, [80, 81, -90], cluster=1), id=2, tlvs=continues(0), low=-91, high=82),
+        lf(stored(6, [80, 81, -90], cluster=1), id=2, continues=0, low=-91, high=82),
         hf(stored(7, [5, -5], cluster=1), id=3, base=2),
     )
     yield valid(
@@ -61,14 +57,14 @@ def cases() -> Iterator[Case]:
         "A full-band track is continued by two bands: asked for LF both give something.",
         ["TRK-016", "DEC-005"],
         whole,
-        lf(stored(3, [10, 20, 30], cluster=1), id=1, tlvs=continues(0)),
+        lf(stored(3, [10, 20, 30], cluster=1), id=1, continues=0),
         hf(stored(3, [1, -1, 1], cluster=1), id=2, base=1),
     )  # fmt: skip
     yield uncommon(
         "continued-bands-then-full", "Two bands are continued by a full-band track.",
         ["TRK-016", "DEC-005"],
         lf(stored(0, [10, 20, 30])), hf(stored(0, [1, -1, 1])),
-        raw(stored(3, [1, 2, 3], cluster=1), id=2, tlvs=continues(0)),
+        raw(stored(3, [1, 2, 3], cluster=1), id=2, continues=0),
     )  # fmt: skip
     planes = b"\0" + b"\1\0" + bytes(12) + b"\0\x80"
     words = Track(
@@ -77,7 +73,7 @@ def cases() -> Iterator[Case]:
     )  # fmt: skip
     more = Track(
         id=1, codec="RAWB", parameters=f.raw_parameters(8), number_format="binary64",
-        tlvs=continues(0), packets=[Packet(2, [1, 2**63], planes, 1)],
+        continues=0, packets=[Packet(2, [1, 2**63], planes, 1)],
     )  # fmt: skip
     yield uncommon(
         "continued-words", "A channel of words goes on in another track.", ["TRK-016"],
@@ -97,7 +93,7 @@ def cases() -> Iterator[Case]:
             ],
         ),
         Track(
-            id=1, tlvs=tenths + continues(0), calibration=(1, 0, 10),
+            id=1, tlvs=tenths, continues=0, calibration=(1, 0, 10),
             packets=[Packet(6, [3] * 2, f.svarint(3), 1)],
         ),
     )  # fmt: skip
@@ -107,21 +103,17 @@ def cases() -> Iterator[Case]:
     )  # fmt: skip
     renamed = Track(
         id=1, packets=[Packet(4, [5] * 4, f.svarint(5), 1)],
-        tlvs=f.tlv(2, f.strings("second")) + continues(0),
+        tlvs=f.tlv(2, f.strings("second")), continues=0,
     )  # fmt: skip
     yield uncommon(
         "continued-described-by-first", "The first track describes the channel, not a later one.",
         ["TRK-018"],
         named, renamed,
     )  # fmt: skip
-    pair = f.trak(
-        f.HOLD + f.tlv(9, bytes([1, 0])) + f.tlv(11, bytes([0, 1])),
-        track_count=2, first_channel=1,
-    )  # fmt: skip
     yield uncommon(
-        "continued-in-series", "A series of two tracks: one continues another, one none.",
-        ["TRK-016", "TLV-004"],
+        "continued-in-a-chunk", "One chunk describes two tracks: one continues another, one none.",
+        ["TRK-016"],
         knots,
-        Track(id=1, channel=1, trak=pair, packets=[Packet(0, [8] * 2, f.svarint(8))]),
-        Track(id=2, described=False, packets=[Packet(4, [9] * 3, f.svarint(9), 1)]),
+        Track(id=1, channel=1, packets=[Packet(0, [8] * 2, f.svarint(8))]),
+        Track(id=2, continues=0, joined=True, packets=[Packet(4, [9] * 3, f.svarint(9), 1)]),
     )  # fmt: skip

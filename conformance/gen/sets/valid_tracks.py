@@ -1,4 +1,4 @@
-"""TRAK: series, what tracks have of their own, texts, calibrations, rates (SPEC 6.2, 6.3, 7, 8)."""
+"""TRAK: tracks of one chunk, texts, calibrations, rates (SPEC 6.2, 6.3, 7, 8)."""
 
 from __future__ import annotations
 
@@ -19,21 +19,15 @@ def fives(start: int = 0, span: int = 4, value: int = 5, cluster: int = 0) -> Pa
     return Packet(start, [value] * span, f.svarint(value), cluster)
 
 
-def series(tlvs: bytes, count: int, *packets: Sequence[Packet], each: Sequence[dict] = (),
-           fields: dict[str, Any] | None = None, **shared: Any) -> list[Track]:  # fmt: skip
+def together(*packets: Sequence[Packet], each: Sequence[dict] = (), **shared: Any) -> list[Track]:
     """The tracks of one TRAK chunk, and the packets of each."""
-    payload = f.trak(tlvs, track_count=count, **(fields or {}))
-    width = (fields or {}).get("component_count", 1)
+    width = shared.get("width", 1)
     return [
         Track(
-            **(
-                {"id": i, "channel": i * width, "width": width, "trak": payload,
-                 "described": i == 0, "packets": packets[i]}
-                | shared
-                | (each[i] if each else {})
-            )
+            **({"id": i, "channel": i * width, "joined": i > 0, "packets": rows}
+               | shared | (each[i] if each else {}))
         )
-        for i in range(count)
+        for i, rows in enumerate(packets)
     ]  # fmt: skip
 
 
@@ -45,85 +39,91 @@ def cases() -> Iterator[Case]:
     yield from numbers()
 
 
+def labelled(text: str) -> dict[str, Any]:
+    return {"tlvs": f.tlv(2, f.strings(text)), "about": {"label": text}}
+
+
 def listed() -> Iterator[Case]:
+    three = together(
+        *([fives(value=v)] for v in (1, 2, 3)), each=[labelled(label) for label in "abc"]
+    )  # fmt: skip
     yield valid(
-        "series", "One TRAK chunk describes three tracks with labels of their own.",
+        "tracks-of-a-chunk", "One TRAK chunk describes three tracks with labels of their own.",
         ["TRK-010", "TLV-004"],
-        *series(
-            f.HOLD + f.tlv(2, f.strings("a", "b", "c")), 3, *([fives(value=v)] for v in (1, 2, 3)),
-            each=[{"about": {"label": label}} for label in "abc"],
+        *three,
+    )  # fmt: skip
+    for kind, name in enumerate(("stored", "fixed", "dynamic")):
+        yield valid(
+            f"tracks-deflated-{name}",
+            f"A DEFLATE stream of one {name} block describes three tracks.",
+            ["TRK-020"],
+            *three, file={"squeeze": kind},
+        )  # fmt: skip
+    many = together(
+        *([] for _ in range(254)), [fives()], each=[labelled(f"sensor {i}") for i in range(255)]
+    )  # fmt: skip
+    yield uncommon(
+        "tracks-deflated-255", "255 tracks in a DEFLATE stream, the last of which has a packet.",
+        ["TRK-002", "TRK-020"],
+        *many, tracks=None, file={"squeeze": 2},
+    )  # fmt: skip
+    yield valid(
+        "tracks-of-any-kind",
+        "One TRAK chunk describes tracks of several codecs, rates, ranges and formats.",
+        ["TRK-002", "DEC-001"],
+        *together(
+            [Packet(0, [3, -9, 30], predicted([1, -3, 10]).body)],
+            [Packet(0, [2, 5, 7], f.svarint(1) + b"\2" + f.svarint(3))],
+            [Packet(0, [1, 2**63], b"\0" + b"\1\0" + bytes(12) + b"\0\x80")],
+            [predicted([7, 8, -9])],
+            each=[
+                {"codec": "LPCR", "parameters": f.lpcr_parameters(step=3)},
+                {"parameters": f.knot_parameters(1, 2), "low": -4, "high": 7, "rate": (50, 1)},
+                {"codec": "RAWB", "parameters": f.raw_parameters(8), "number_format": "int64"},
+                {"codec": "LPCR", "parameters": f.lpcr_parameters()},
+            ],
         ),
     )  # fmt: skip
-    codecs = [(b"LPCR", [f.lpcr_parameters(), f.lpcr_parameters(step=3)]),
-              (b"KNOT", [f.knot_parameters(1, 2)])]  # fmt: skip
     yield valid(
-        "series-setups", "Setups: codec and parameters of each of four tracks.", ["TRK-013"],
-        *series(
-            f.tlv(5, f.setups(codecs, [1, 2, 0, 1])), 4,
-            [Packet(0, [3, -9, 30], predicted([1, -3, 10]).body)],
-            [Packet(0, [2, 5, 8], f.svarint(1) + b"\2" + f.svarint(3))],
-            [predicted([7, 8, -9])],
-            [Packet(0, [-3, -3, 99], predicted([-1, -1, 33]).body)],
-            each=[{"codec": c} for c in ("LPCR", "KNOT", "LPCR", "LPCR")],
-            fields={"codec": b"LPCR"},
+        "tracks-in-another-order", "Channel numbers that do not follow on; components still do.",
+        ["TRK-010"],
+        *together(
+            *([Packet(0, [(v, -v)] * 3, f.svarint(v) + f.svarint(-v))] for v in (1, 2, 3)),
+            each=[{"channel": number} for number in (4, 0, 2)], width=2,
+        ),
+    )  # fmt: skip
+    told = [(2, 0, 1), (1, 3, 10), (-1, 0, 1), (1, 0, 7)]
+    yield valid(
+        "tracks-components", "Lists of two tracks of two components, for each track its own.",
+        ["TLV-004"],
+        *together(
+            *([Packet(0, [(v, v + 1)] * 3, f.svarint(v) + f.svarint(v + 1))] for v in (20, 30)),
+            each=[
+                {"about": [{"label": label} for label in "abcd"[i : i + 2]],
+                 "calibration": told[i : i + 2],
+                 "tlvs": f.tlv(2, f.strings(*"abcd"[i : i + 2]))
+                 + f.tlv(3, b"".join(f.calibration(*row) for row in told[i : i + 2]))}
+                for i in (0, 2)
+            ],
+            width=2,
         ),
     )  # fmt: skip
     yield from ranges()
-    yield valid(
-        "series-channels", "Channel numbers that do not follow on; components still do.",
-        ["TRK-010", "TRK-015", "TLV-004"],
-        *series(
-            f.HOLD + f.tlv(9, bytes([4, 0, 2])), 3,
-            *([Packet(0, [(v, -v)] * 3, f.svarint(v) + f.svarint(-v))] for v in (1, 2, 3)),
-            each=[{"channel": number} for number in (4, 0, 2)],
-            fields={"component_count": 2, "first_channel": 4},
-        ),
-    )  # fmt: skip
-    labels = ["a", "b", "c", "d"]
-    told = [(2, 0, 1), (1, 3, 10), (-1, 0, 1), (1, 0, 7)]
-    lists = f.tlv(2, f.strings(*labels)) + f.tlv(3, b"".join(f.calibration(*row) for row in told))
-    yield valid(
-        "series-components",
-        "Lists of two tracks of two components: those of the first track come first.",
-        ["TLV-004"],
-        *series(
-            f.HOLD + lists, 2,
-            *([Packet(0, [(v, v + 1)] * 3, f.svarint(v) + f.svarint(v + 1))] for v in (20, 30)),
-            each=[
-                {"about": [{"label": label} for label in labels[i : i + 2]],
-                 "calibration": told[i : i + 2]}
-                for i in (0, 2)
-            ],
-            fields={"component_count": 2},
-        ),
-    )  # fmt: skip
 
 
 def ranges() -> Iterator[Case]:
     for name, level, rows, set_ in (
-        ("series-ranges", 1, [
-            (bytes([0]), 0, 0), (bytes([8]), 0, 255), (bytes([23]), 0, 2**23 - 1),
-            (bytes([64]), -1, 0), (bytes([64 + 7]), -128, 127),
-            (bytes([64 + 23]), -(2**23), 2**23 - 1),
-            (bytes([255]) + f.svarint(-1000) + f.varint(1500), -1000, 500),
-            (bytes([255]) + f.svarint(77) + f.varint(0), 77, 77),
-        ], valid),
-        ("series-ranges-level-2", 2, [
-            (bytes([31]), 0, 2**31 - 1), (bytes([64 + 31]), -(2**31), 2**31 - 1),
-            (bytes([255]) + f.svarint(-(2**31)) + f.varint(2**32 - 1), -(2**31), 2**31 - 1),
-        ], uncommon),
-    ):  # fmt: skip
-        low, high = min(a for _, a, _ in rows), max(b for _, _, b in rows)
+        ("ranges", 1, [(0, 0), (0, 255), (-1, 0), (-(2**23), 2**23 - 1), (77, 77)], valid),
+        ("ranges-level-2", 2, [(0, 2**31 - 1), (-(2**31), 2**31 - 1)], uncommon),
+    ):
         far = 2 ** (24 if level == 1 else 32)
-        bodies = [f.svarint(far) + b"\2" + f.svarint(-2 * far) for _ in rows]
+        body = f.svarint(far) + b"\2" + f.svarint(-2 * far)
         yield set_(
             name, "Each track has a range of its own, to which its counts are clamped.",
-            ["TRK-014", "DEC-001"],
-            *series(
-                f.HOLD + f.tlv(7, b"".join(w for w, _, _ in rows)), len(rows),
-                *([Packet(0, [b, b, a], body)]
-                  for body, (_, a, b) in zip(bodies, rows, strict=True)),
-                fields={"count_min": low, "count_max": high},
+            ["TRK-005", "DEC-001"],
+            *together(
+                *([Packet(0, [high, high, low], body)] for low, high in rows),
+                each=[{"low": low, "high": high} for low, high in rows],
             ),
             level=level, file={"head": f.head(level=level)},
         )  # fmt: skip
@@ -197,14 +197,16 @@ def texts() -> Iterator[Case]:
         ["DBC-001"],
         Track(packets=[fives()], tlvs=f.tlv(16, promise)),
     )  # fmt: skip
-    vector = f.deadband(3, 20, 3, [(4, 0), (4, 1), (4, -1)]) + f.varint(0)
-    rows = [[Packet(0, [(v, v, v)] * 2, f.svarint(v) * 3)] for v in (1, 2)]
+    vector = f.deadband(3, 20, 3, [(4, 0), (4, 1), (4, -1)])
+    groups = [f.tlv(10, f.strings(group)) for group in "ab"]
     yield valid(
         "contracts-of-each", "Contracts of two tracks: the vector form, and none.",
         ["DBC-001", "TLV-004", "TLV-007"],
-        *series(
-            f.HOLD + f.tlv(10, f.strings(*"aaabbb")) + f.tlv(16, vector), 2, *rows,
-            each=[{"about": {"group": group}} for group in "ab"], fields={"component_count": 3},
+        *together(
+            *([Packet(0, [(v, v, v)] * 2, f.svarint(v) * 3)] for v in (1, 2)),
+            each=[{"tlvs": groups[0] + f.tlv(16, vector), "about": {"group": "a"}},
+                  {"tlvs": groups[1], "about": {"group": "b"}}],
+            width=3,
         ),
     )  # fmt: skip
     yield valid(
@@ -282,16 +284,4 @@ def numbers() -> Iterator[Case]:
         Track(id=65533, channel=2, packets=[fives(value=1)]),
         Track(id=300, channel=0, packets=[fives(value=2)]),
         Track(id=5, channel=1, packets=[fives(value=3)]),
-    )  # fmt: skip
-    labels = tuple(f"c{i}" for i in range(255))
-    many = series(
-        f.HOLD + f.tlv(2, f.strings(*labels)),
-        255,
-        *([] for _ in range(254)),
-        [fives()],
-        each=[{"about": {"label": label}} for label in labels],
-    )
-    yield uncommon(
-        "tracks-255", "A series of 255 tracks, the last of which has a packet.", ["TRK-002"],
-        *many, tracks=None,
     )  # fmt: skip
