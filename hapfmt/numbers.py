@@ -31,6 +31,11 @@ def exact(value: Any) -> Fraction:
     raise ParameterError(f"{value!r} is not a number")
 
 
+def counted(count: int, what: str) -> str:
+    """1 channel, 2 channels"""
+    return f"{count} {what}" + ("" if count == 1 else "s")
+
+
 def hertz(value: Any) -> Fraction:
     """A rate, as :func:`exact`; but a float such as 1 / 0.003 stands for the simplest fraction
     within 1e-9 of it, where its decimals are too many to be meant."""

@@ -126,3 +126,23 @@ class TestLossyInput:
         recording = hapfmt.Recording((hapfmt.Channel(np.zeros(9), 10),), metadata={"encoder": long})
         hapfmt.write(recording, tmp_path / "a.hapf")
         assert len(hapfmt.read(tmp_path / "a.hapf").metadata["encoder"]) < 400
+
+
+def test_one_is_not_said_in_the_plural(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    said = called("scene", "cork", path, "--seconds", "0.001")
+    assert ", 1 channel, 1 sample; computed" in said.out
+    hapfmt.write(np.zeros(1), tmp_path / "a.hapf", rate=10)
+    said = called("info", tmp_path / "a.hapf", "--follow")
+    assert "1 cluster, " in said.out
+    said = called("recover", tmp_path / "a.hapf", tmp_path / "b.hapf")
+    assert ": 1 packet, 1 sample; nothing lost" in said.out
+
+
+def test_a_layer_has_no_name_in_du_as_in_info(tmp_path: Path) -> None:
+    events = (hapfmt.Event(0, "touch"),)
+    channel = hapfmt.Channel(np.zeros(9), 10)
+    hapfmt.write(hapfmt.Recording((channel,), events=events), tmp_path / "a.hapf")
+    rows = called("du", tmp_path / "a.hapf").out.splitlines()
+    assert [row.split("  ")[0].strip() for row in rows if " events " in row] == ["without a name"]
+    assert any(row.startswith("?") for row in rows)

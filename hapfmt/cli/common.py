@@ -18,7 +18,7 @@ from ..atomic import refuse
 from ..damage import told
 from ..errors import ParameterError
 from ..limits import Limits
-from ..numbers import exact
+from ..numbers import counted, exact
 from ..verdict import DAMAGED, UNSUPPORTED
 from .screen import JOINED, closed, complain, note, raw, say, terminal_text, width_of
 
@@ -257,10 +257,6 @@ def parse_channels(texts: Sequence[str], labels: Sequence[str]) -> list[str] | N
     if not texts:
         return None
     return [part for text in texts for part in ([text] if text in labels else text.split(","))]
-
-
-def counted(count: int, what: str) -> str:
-    return f"{count} {what}" + ("" if count == 1 else "s")
 
 
 def input_of(name: str) -> str | BinaryIO:

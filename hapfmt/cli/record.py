@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 
 from ..errors import ParameterError
+from ..numbers import counted
 from . import screen
 from .common import (
     AmountType,
@@ -186,15 +187,15 @@ def fsync_of(text: str) -> str | float:
 
 def summary(status: Status) -> str:
     return (
-        f"{status.seconds:.6g} s, {status.written} samples, {status.cluster_count} clusters, "
-        f"{status.file_size} bytes"
+        f"{status.seconds:.6g} s, {counted(status.written, 'sample')}, "
+        f"{counted(status.cluster_count, 'cluster')}, {status.file_size} bytes"
     )
 
 
 def dropped(status: Status) -> str:
     """Of the first few channels."""
     parts = [f"{label} {count}" for label, count in list(status.dropped.items())[:10]]
-    return f"dropped {status.dropped_count} samples: {', '.join(parts)}"
+    return f"dropped {counted(status.dropped_count, 'sample')}: {', '.join(parts)}"
 
 
 class ExitSignals:
@@ -295,5 +296,5 @@ class StatusLine:
         status = recorder.status()
         text = f"{summary(status)}, {status.queued_size >> 10} KiB waiting"
         if status.dropped:
-            text += f", {status.dropped_count} samples dropped"
+            text += f", {counted(status.dropped_count, 'sample')} dropped"
         screen.status(text)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..numbers import counted
 from ..verdict import DAMAGED, INTACT, VERDICTS
 from .bounds import amount, bound_text
 from .common import (
-    counted,
     echo_json,
     input_format_option,
     input_of,
@@ -121,7 +121,8 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
                 )
     if report.file_code == DAMAGED and report.damage:
         command = f"hapfmt recover {shlex.quote(file)} OUT"
-        complain(f"to keep these {report.packets} packets, run: {command}")
+        these = "this packet" if report.packets == 1 else f"these {report.packets} packets"
+        complain(f"to keep {these}, run: {command}")
 
 
 def verdict(report: Report) -> str:
