@@ -146,3 +146,25 @@ def test_a_layer_has_no_name_in_du_as_in_info(tmp_path: Path) -> None:
     rows = called("du", tmp_path / "a.hapf").out.splitlines()
     assert [row.split("  ")[0].strip() for row in rows if " events " in row] == ["without a name"]
     assert any(row.startswith("?") for row in rows)
+
+
+@pytest.mark.parametrize("verb", ["encode", "convert"])
+@pytest.mark.parametrize(
+    ("gaps", "said"),
+    [
+        ([[2]], "1 gap with 1 missing sample: it stays a gap"),
+        ([[2, 3, 6]], "2 gaps with 3 missing samples: they stay gaps"),
+        ([[2, 3], []], "1 gap with 2 missing samples, all in ch1: it stays a gap"),
+        ([[4], [1, 2, 6]], "3 gaps with 4 missing samples, most in ch2 (3): they stay gaps"),
+        ([[], []], ""),
+        ([[0, 8]], ""),
+    ],
+)
+def test_gaps_of_the_input_are_told(tmp_path: Path, verb: str, gaps: list, said: str) -> None:
+    x = np.ones((len(gaps), 9))
+    for row, places in zip(x, gaps, strict=True):
+        row[places] = np.nan
+    np.save(tmp_path / "a.npy", x)
+    done = called(verb, tmp_path / "a.npy", tmp_path / "a.hapf", "--rate", 10)
+    notes = [line for line in done.err.splitlines() if " gap" in line]
+    assert (done.code, notes) == (0, [f"note: {said}"] if said else [])

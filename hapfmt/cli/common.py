@@ -402,5 +402,17 @@ def notes_of(recording: Recording) -> list[str]:
 
 
 def tell_notes(recording: Recording) -> None:
+    """What reading the input changed, and its gaps."""
     for each in notes_of(recording):
         note(each)
+    missing = [sum(gap.ticks for gap in channel.gaps) for channel in recording.channels]
+    if not any(missing):
+        return
+    gaps = sum(len(channel.gaps) for channel in recording.channels)
+    most = max(missing)
+    where = ""
+    if len(missing) > 1:
+        name = recording.channels[missing.index(most)].label or f"channel {missing.index(most)}"
+        where = f", all in {name}" if most == sum(missing) else f", most in {name} ({most})"
+    stay = "it stays a gap" if gaps == 1 else "they stay gaps"
+    note(f"{counted(gaps, 'gap')} with {counted(sum(missing), 'missing sample')}{where}: {stay}")
