@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 from terminal import called
 
 import hapfmt
+from hapfmt.convert import FORMATS
+from hapfmt.reading.opening import OTHER_FORMATS
 
 
 def saved(folder: Path, x: np.ndarray, unit: str = "N", name: str = "in.npz") -> Path:
@@ -168,3 +171,40 @@ def test_gaps_of_the_input_are_told(tmp_path: Path, verb: str, gaps: list, said:
     done = called(verb, tmp_path / "a.npy", tmp_path / "a.hapf", "--rate", 10)
     notes = [line for line in done.err.splitlines() if " gap" in line]
     assert (done.code, notes) == (0, [f"note: {said}"] if said else [])
+
+
+class TestOtherFiles:
+    """A file of another format, or an empty one, is refused with the way out."""
+
+    @pytest.mark.parametrize(
+        "verb",
+        [
+            *(["info"], ["verify"], ["du"], ["dump"], ["clocks"], ["meta"], ["attach", "--list"]),
+            *(["info", "--follow"], ["annotate", "--list"]),
+        ],
+        ids=" ".join,
+    )
+    def test_in_every_verb(self, tmp_path: Path, verb: list) -> None:
+        path = tmp_path / "my force.csv"
+        path.write_text("t,x\n0,1\n1,2\n")
+        said = called(verb[0], path, *verb[1:])
+        text = said.out + said.err
+        assert said.code == 2 and "no signature [FIL-001]" in text
+        assert "this is a CSV file; to make a hapf file of it, run:" in text
+        (command,) = [line for line in text.splitlines() if line.startswith("  hapfmt ")]
+        assert called(*shlex.split(command)[1:]).code == 0
+        assert len(hapfmt.read(tmp_path / "my force.hapf")) == 1
+
+    @pytest.mark.parametrize("verb", ["info", "verify"])
+    def test_empty(self, tmp_path: Path, verb: str) -> None:
+        path = tmp_path / "a.hapf"
+        path.touch()
+        said = called(verb, path)
+        assert said.code == 2
+        assert "not a hapf file: the file is empty [FIL-001]" in said.out + said.err
+
+    def test_other_suffixes(self, tmp_path: Path) -> None:
+        assert set(OTHER_FORMATS) == set(FORMATS)
+        path = tmp_path / "a.txt"
+        path.write_text("no")
+        assert called("info", path).err.count("\n") == 1

@@ -202,9 +202,7 @@ def usage(error: click.ClickException) -> int:
 def report(message: str, code: int, more: Sequence[str] = ()) -> int:
     """An error for a person, and for a program where --json was given."""
     with suppress(OSError):
-        screen.complain(message)
-        for line in more:
-            screen.say(line, err=True, whole=line.startswith("  hapfmt "))
+        screen.complain(message, more)
     if "--json" in sys.argv:
         with suppress(OSError):
             screen.raw(json.dumps({"error": "\n".join([message, *more]), "exit_code": code}) + "\n")

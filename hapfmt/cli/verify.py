@@ -93,7 +93,7 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
         + (f", {counted(report.events, 'event')}" if report.events else "")
     )
     if report.error:
-        complain(str(report.error))
+        complain(report.error.line(), report.error.more)
     if verbose:
         tell_some([str(Finding(**finding)) for finding in report.findings])
     tell_some(report.told)
