@@ -208,3 +208,41 @@ class TestOtherFiles:
         path = tmp_path / "a.txt"
         path.write_text("no")
         assert called("info", path).err.count("\n") == 1
+
+
+class TestLabelsAndUnits:
+    """encode and convert take labels and units for inputs that have none, or others."""
+
+    @pytest.mark.parametrize("verb", ["encode", "convert"])
+    @pytest.mark.parametrize("suffix", ["npy", "npz", "csv", "wav"])
+    def test_of_every_format(self, tmp_path: Path, verb: str, suffix: str) -> None:
+        if suffix == "wav":
+            pytest.importorskip("soundfile")
+        x = np.arange(20.0).reshape(2, 10)
+        path, out = tmp_path / f"a.{suffix}", tmp_path / "a.hapf"
+        hapfmt.save(x, path, rate=10, labels=["one", "two"])
+        given = ["--rate", 10] if suffix == "npy" else []
+
+        def described(*more: str) -> list[tuple[str, str]]:
+            said = called(verb, path, out, "--force", *given, *more)
+            assert said.code == 0, said.err
+            back = hapfmt.read(out)
+            assert np.array_equal(back.to_numpy(), x)
+            return [(channel.label, channel.unit) for channel in back]
+
+        assert described("--labels", "ax, ay", "--unit", "m/s^2") == [
+            ("ax", "m/s2"),
+            ("ay", "m/s2"),
+        ]
+        names = [label for label, _ in described()]
+        assert described("--unit", "N,Nmm") == list(zip(names, ["N", "N.mm"], strict=True))
+        said = called(verb, path, tmp_path / "b.hapf", *given, "--labels", "a,b,c")
+        assert said.code == 1 and "--labels names 3 channels, the input has 2" in said.err
+        said = called(verb, path, tmp_path / "b.hapf", *given, "--unit", "N,N,N")
+        assert said.code == 1 and "3 units for 2 channels" in said.err
+
+    def test_a_hapf_file_has_its_own(self, tmp_path: Path) -> None:
+        hapfmt.write(np.zeros(9), tmp_path / "a.hapf", rate=10)
+        for verb, out in (("encode", "b.hapf"), ("convert", "b.npz")):
+            said = called(verb, tmp_path / "a.hapf", tmp_path / out, "--labels", "a")
+            assert said.code == 1 and "--labels and --unit require .npz" in said.err

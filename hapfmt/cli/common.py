@@ -7,6 +7,7 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from math import isfinite
 from pathlib import Path
@@ -19,6 +20,7 @@ from ..damage import told
 from ..errors import ParameterError
 from ..limits import Limits
 from ..numbers import counted, exact
+from ..units import units_for
 from ..verdict import DAMAGED, UNSUPPORTED
 from .screen import JOINED, closed, complain, note, raw, say, terminal_text, width_of
 
@@ -229,6 +231,16 @@ transpose_option = click.option(
     help="--transpose: arrays in .npy and .npz are [samples, channels]. --no-transpose: they are "
     "[channels, samples]. [an array of more rows than columns is refused]",
 )
+labels_option = click.option(
+    "--labels",
+    metavar="A,B,...",
+    help="Labels of the channels, in their order: fx,fy,fz. [as the input names them]",
+)
+unit_option = click.option(
+    "--unit",
+    metavar="UNIT",
+    help="Unit of the channels: one for all, or one for each, as in N,N,mm. [as the input says]",
+)
 start_option = click.option(
     "--start",
     type=FractionType(),
@@ -320,6 +332,8 @@ def load_recording(
     limits: Limits | None = None,
     *,
     transpose: bool | None = None,
+    labels: str | None = None,
+    unit: str | None = None,
 ) -> tuple[Recording, int]:
     """The recording in a file of any format, and the exit code that reading it deserves."""
     from ..convert import read
@@ -327,15 +341,40 @@ def load_recording(
     limits = limits or Limits()
     suffix = suffix_of(name, format_)
     if suffix != HAPF:
-        return read(input_of(name), format=suffix, rate=rate, limits=limits, transpose=transpose), 0
+        recording = read(
+            input_of(name), format=suffix, rate=rate, limits=limits, transpose=transpose
+        )
+        return described(recording, labels, unit), 0
     if transpose is not None:
         raise ParameterError("--transpose requires .npy or .npz input", path=name)
+    if labels is not None or unit is not None:
+        raise ParameterError(
+            "--labels and --unit require .npz, .npy, .csv or .wav input", path=name
+        )
     from ..reading.reader import Reader
 
     with Reader(input_of(name), limits=limits) as reader, progress("decoding") as advance:
         recording = reader.read(progress=advance)
         tell_clocks(reader)
         return recording, tell_losses(reader)
+
+
+def described(recording: Recording, labels: str | None, unit: str | None) -> Recording:
+    """The recording with other labels and units, where they are given."""
+    if labels is None and unit is None:
+        return recording
+    count = len(recording)
+    names = recording.labels if labels is None else [each.strip() for each in labels.split(",")]
+    if len(names) != count:
+        raise ParameterError(
+            f"--labels names {counted(len(names), 'channel')}, the input has {count}"
+        )
+    codes = [c.unit for c in recording] if unit is None else units_for(unit, count)
+    channels = tuple(
+        replace(channel, label=name, unit=code)
+        for channel, name, code in zip(recording, names, codes, strict=True)
+    )
+    return replace(recording, channels=channels)
 
 
 def save_recording(

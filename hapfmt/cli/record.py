@@ -27,7 +27,9 @@ from .common import (
     echo_json,
     force_option,
     json_option,
+    labels_option,
     standard_input,
+    unit_option,
 )
 from .help import Verb
 from .screen import complain, note, say
@@ -58,8 +60,8 @@ LOST = 3
     help="File to read [-, standard input].",
 )
 @click.option("--rate", type=FractionType(), help="Ticks per second of a bare table.")
-@click.option("--labels", help="Channels of a bare table: a,b,c [1,2,3, or as its first line].")
-@click.option("--unit", help="Unit of a bare table, in UCUM [1].")
+@labels_option
+@unit_option
 @click.option("--lsb", type=float, help="Round a bare table to multiples of this step.")
 @click.option(
     "--preset",
