@@ -296,9 +296,8 @@ def _grid_of_index(
     if kind == "f":
         texts = map(repr, index.to_numpy().tolist())
     else:
-        if kind == "M" and index.tz is not None:
-            index = index.tz_convert(None)
-        ns = index.to_numpy().astype(f"{kind}8[ns]").astype(np.int64)
+        plain = index.tz_convert(None) if kind == "M" and index.tz is not None else index
+        ns = plain.to_numpy().astype(f"{kind}8[ns]").astype(np.int64)
         if kind == "M":
             epoch_ns = int(ns[0]) if ns.size else None
             ns = ns - ns[:1]
@@ -307,11 +306,13 @@ def _grid_of_index(
         exponent = zeros - 9
         texts = map(str, (ns // 10**zeros).tolist())
     stamps = Stamps(exponent)
-    for text in texts:
+    for row, text in enumerate(texts):
         try:
             stamps.add(text)
         except ValueError as error:
-            raise ParameterError(f"the index of the DataFrame: {text[:40]!r} {error}") from None
+            raise ParameterError(
+                f"the index of the DataFrame: row {row} ({str(index[row])[:40]}) {error}"
+            ) from None
     grid = stamps.grid(given)
     if grid.epoch_ns is not None:
         epoch_ns = grid.epoch_ns

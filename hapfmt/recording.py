@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from .errors import LimitError, ParameterError, UnknownChannelError
 from .limits import AFFINE_LIMIT, EXACT_LIMIT, TICK_LIMIT
 from .names import matching, unknown
+from .numbers import counted, hertz, tick_range
 from .numbers import exact as to_fraction
-from .numbers import hertz, tick_range
 
 if TYPE_CHECKING:
     from .events import Event
@@ -665,13 +665,13 @@ class Recording:
         return to_xarray(self)
 
     def __repr__(self) -> str:
-        channels, samples = number_of(len(self), "channel"), number_of(self.sample_count, "sample")
+        channels, samples = counted(len(self), "channel"), counted(self.sample_count, "sample")
         lines = [f"Recording: {channels}, {samples}, {_seconds(self)}"]
-        lines[0] += f", {number_of(len(self.events), 'event')}" if self.events else ""
+        lines[0] += f", {counted(len(self.events), 'event')}" if self.events else ""
         shown = self.channels if len(self) <= _SHOWN_CHANNELS else self.channels[:5]
         lines += [
             f"  {number}  {_short(c.label)!r}  {c.stored.size} samples at {c.rate:.6g} Hz  "
-            f"{_short(c.unit)}" + (f"  {number_of(len(c.gaps), 'gap')}" if c.gaps else "")
+            f"{_short(c.unit)}" + (f"  {counted(len(c.gaps), 'gap')}" if c.gaps else "")
             for number, c in enumerate(shown)
         ]
         if len(shown) < len(self):
@@ -737,10 +737,6 @@ def _seconds(recording: Recording) -> str:
 def _short(text: str, size: int = 40) -> str:
     text = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
     return text if len(text) <= size else text[: size - 3] + "..."
-
-
-def number_of(count: int, name: str) -> str:
-    return f"{count} {name}" + "s" * (count != 1)
 
 
 def _whole_ns(value: Any, name: str) -> int:

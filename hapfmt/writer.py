@@ -25,12 +25,16 @@ from .encoder.settings import INPUT, INPUT_SIZE, Settings, alias_note, lossy_pre
 from .errors import ParameterError
 from .events import by_layer, coded, event_packets, layer_track, rate_of
 from .limits import LEVELS
+from .names import unknown
 from .reading.decoder import TrackDecoder, TrackDigest
 from .recording import Rate, Recording
 from .version import __version__
 
 SHOWN = 6
 """Channels that a printed summary names."""
+
+NAMED = ("rate", "labels", "units", "transpose", "canonical", "force", "progress", "threads")
+"""Options of :func:`write` that are no settings."""
 
 
 @dataclass(frozen=True)
@@ -107,10 +111,11 @@ def write(
         try:
             settings = Settings.of(name, **given)
         except TypeError:
-            known = ", ".join(field.name for field in fields(Settings))
-            raise ParameterError(
-                f"{', '.join(options)}: not all of these are settings; there are {known}"
-            ) from None
+            known = [field.name for field in fields(Settings)]
+            odd = next((option for option in options if option not in known), None)
+            if odd is None:
+                raise
+            raise ParameterError(unknown("option", odd, [*known, *NAMED])) from None
     if isinstance(file, (str, os.PathLike)):
         refuse_foreign(file)
     recording = recording_of(recording, rate, labels=labels, units=units, transpose=transpose)

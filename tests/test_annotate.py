@@ -78,7 +78,7 @@ def test_times_between_the_ticks_of_a_layer() -> None:
     data = annotated(made("lossless"), Event(Fraction(1)))
     out = io.BytesIO()
     notes = edit.annotate(data, [Event(Fraction(1, 3), "third"), Event(Fraction(2))], out)
-    assert notes == ["1 events of layer '' moved to the nearest of its 1000000 ticks a second"]
+    assert notes == ["1 event of layer '' moved to the nearest of its 1000000 ticks a second"]
     assert [e.time for e in events_of(out.getvalue())] == [Fraction(333333, 10**6), 1, 2]
     third = annotated(made("lossless"), Event(Fraction(1, 3)))
     assert [e.time for e in events_of(third)] == [Fraction(1, 3)]
@@ -112,7 +112,7 @@ def test_events_follow_their_channels() -> None:
     assert by_label(whole) == by_label(data)
     part, edited = subset(data, ["c"])
     assert events_of(part) == [SCENE[0], replace(SCENE[2], channel=0)]
-    assert edited.notes == ["1 events left out: of channels that are left out"]
+    assert edited.notes == ["1 event left out: of channels that are left out"]
     part, edited = subset(data, ["a", "b"], band="lf")
     assert events_of(part) == SCENE[:2]
     other = annotated(made("paper step", 1, uuid=None), *SCENE)

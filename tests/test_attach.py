@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from edited import assert_intact, assert_same_channel, made, plain, write
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import metadata
+from terminal import called
 
 import hapfmt
 from hapfmt import edit
@@ -154,3 +156,12 @@ def test_a_link_to_nothing_is_not_followed(file: Path) -> None:
     assert not aim.exists()
     edit.extract(file, None, folder, force=True)
     assert aim.read_bytes() == b"as it was"
+
+
+def test_info_lists_the_names_that_attach_lists(file: Path) -> None:
+    new = [Attachment("sheet.txt", "", b"again"), Attachment("sheet.txt", "", b"third")]
+    edit.attach(file, new)
+    listed = json.loads(called("attach", file, "--list", "--json").out)["attachments"]
+    assert [each["name"] for each in listed][-2:] == ["sheet.txt (2)", "sheet.txt (3)"]
+    assert json.loads(called("info", file, "--json").out)["attachments"] == listed
+    assert "attachment: sheet.txt (3) (5 bytes)" in called("info", file).out

@@ -85,6 +85,14 @@ def test_other_columns_need_no_note(tmp_path, names):
     assert (code, err) == (0, "")
 
 
+def test_a_unit_for_each_channel_of_a_table(tmp_path):
+    path = str(tmp_path / "a.hapf")
+    assert run(b"1,2\n", path, "--rate", "10", "--unit", "Nmm,m")[0] == 0
+    assert [channel.unit for channel in hapfmt.read(path)] == ["N.mm", "m"]
+    code, _, err = run(b"1,2\n", path, "--rate", "10", "--unit", "N,m,s", "--force")
+    assert code == 1 and "3 units for 2 channels" in err
+
+
 def test_units_of_a_header_become_codes(tmp_path):
     path = str(tmp_path / "a.hapf")
     header = b'{"channels": [{"label": "a", "rate": 10, "unit": "Nmm"}]}\n1\n'

@@ -409,7 +409,7 @@ class TestDigests:
         assert_intact(path.read_bytes(), digests=3)
         part, edited = subset(path.read_bytes())
         assert_intact(part, digests=2)
-        assert edited.notes == ["digests of 1 tracks left out: they are of other packets, or times"]
+        assert edited.notes == ["digests of 1 track left out: they are of other packets, or times"]
 
     def test_a_part_that_holds_all_of_a_track(self) -> None:
         a, b, _ = waves(3, 1)

@@ -346,6 +346,18 @@ class TestTables:
             Recording.from_array(frame.set_index(pandas.Index([3, 4, 5, 6])), 10)
         assert Recording.from_array(frame.reset_index(drop=True), 10)[0].coverage == (Span(0, 4),)
 
+    def test_a_row_that_is_out_of_order_is_named(self):
+        pandas = pytest.importorskip("pandas")
+        dates = pandas.date_range("2026-01-01", periods=6000, freq="1ms", tz="Asia/Tokyo")
+        order = np.r_[:4174, 4173:6000]
+        frame = pandas.DataFrame({"x": order}, index=dates[order])
+        where = r"row 4174 \(2026-01-01 00:00:04.173000\+09:00\) is not later than the"
+        with pytest.raises(ParameterError, match=where):
+            Recording.from_array(frame)
+        frame.index = order / 1000
+        with pytest.raises(ParameterError, match=r"row 4174 \(4\.173\) is not later than the"):
+            Recording.from_array(frame)
+
     @pytest.mark.parametrize(("first", "epoch_ns"), [(-1.0, None), (1.7e9, 1_700_000_000 * 10**9)])
     def test_moved_times_are_told(self, first, epoch_ns):
         pandas = pytest.importorskip("pandas")
@@ -528,6 +540,9 @@ class TestWrite:
         [
             (np.zeros((1000, 3)), {}, r"1000 x 3, .*pass array\.T, or transpose=True"),
             (np.zeros(5), {"rate": None}, "no rate; give one"),
+            (np.zeros(5), {"rate": "1 kHz"}, "^rate is a number of samples.*, not '1 kHz'$"),
+            (np.zeros(5), {"max_eror": 1}, "no option 'max_eror'; did you mean 'max_error'"),
+            (np.zeros(5), {"unit": "N"}, "no option 'unit'; did you mean 'units'"),
             (np.zeros((2, 3, 4)), {}, "3 dimensions"),
             (np.zeros(()), {}, "0 dimensions"),
             (np.zeros(3, complex), {}, "complex128 values, not real"),

@@ -328,6 +328,27 @@ def test_what_was_lost_is_noted():
     assert hapfmt.Reader(recovered(data)[0]).metadata == {}
 
 
+def test_the_note_names_channels_and_seconds():
+    x = np.random.default_rng(1).normal(size=(3, 20_000))
+    stream = io.BytesIO()
+    hapfmt.write(x, stream, rate=1000, labels=["a", "b", "c"], cluster=1, references=False)
+    data = stream.getvalue()
+    refs = [ref.offset for ref in hapfmt.Reader(data).catalogue.data]
+    few = flipped(data, refs[1] + 4000)
+    good, done = recovered(few)
+    (note,) = hapfmt.Reader(good).metadata["notes"]
+    assert note == "; ".join(
+        [f"recovered from a damaged file: {done.packets} packets kept", *done.told]
+    )
+    assert "from 1 s to 2 s" in note
+    for at in refs[1::2]:
+        data = flipped(data, at + 4000)
+    good, done = recovered(data)
+    (note,) = hapfmt.Reader(good).metadata["notes"]
+    assert len(done.told) > 8 and note.endswith(f"; and {len(done.told) - 6} more")
+    assert hapfmt.verify(good).verdict == "intact"
+
+
 @pytest.mark.parametrize("type_", ["iNDX", "fOOT"])
 def test_what_is_written_anew_is_no_loss(type_):
     data = f.minimal()

@@ -7,6 +7,7 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from math import isfinite
 from pathlib import Path
@@ -19,7 +20,8 @@ from ..container.wire import FILE_ID_LIMIT
 from ..damage import told
 from ..errors import ParameterError
 from ..limits import Limits
-from ..numbers import exact
+from ..numbers import counted, exact
+from ..units import units_for
 from ..verdict import DAMAGED, UNSUPPORTED
 from .screen import JOINED, closed, complain, note, raw, say, terminal_text, width_of
 
@@ -260,6 +262,16 @@ transpose_option = click.option(
     help="--transpose: arrays in .npy and .npz are [samples, channels]. --no-transpose: they are "
     "[channels, samples]. [an array of more rows than columns is refused]",
 )
+labels_option = click.option(
+    "--labels",
+    metavar="A,B,...",
+    help="Labels of the channels, in their order: fx,fy,fz. [as the input names them]",
+)
+unit_option = click.option(
+    "--unit",
+    metavar="UNIT",
+    help="Unit of the channels: one for all, or one for each, as in N,N,mm. [as the input says]",
+)
 start_option = click.option(
     "--start",
     type=FractionType(),
@@ -288,10 +300,6 @@ def parse_channels(texts: Sequence[str], labels: Sequence[str]) -> list[str] | N
     if not texts:
         return None
     return [part for text in texts for part in ([text] if text in labels else text.split(","))]
-
-
-def counted(count: int, what: str) -> str:
-    return f"{count} {what}" + ("" if count == 1 else "s")
 
 
 def input_of(name: str) -> str | BinaryIO:
@@ -355,6 +363,8 @@ def load_recording(
     limits: Limits | None = None,
     *,
     transpose: bool | None = None,
+    labels: str | None = None,
+    unit: str | None = None,
 ) -> tuple[Recording, int]:
     """The recording in a file of any format, and the exit code that reading it deserves."""
     from ..convert import read
@@ -362,15 +372,40 @@ def load_recording(
     limits = limits or Limits()
     suffix = suffix_of(name, format_)
     if suffix != HAPF:
-        return read(input_of(name), format=suffix, rate=rate, limits=limits, transpose=transpose), 0
+        recording = read(
+            input_of(name), format=suffix, rate=rate, limits=limits, transpose=transpose
+        )
+        return described(recording, labels, unit), 0
     if transpose is not None:
         raise ParameterError("--transpose requires .npy or .npz input", path=name)
+    if labels is not None or unit is not None:
+        raise ParameterError(
+            "--labels and --unit require .npz, .npy, .csv or .wav input", path=name
+        )
     from ..reading.reader import Reader
 
     with Reader(input_of(name), limits=limits) as reader, progress("decoding") as advance:
         recording = reader.read(progress=advance)
         tell_clocks(reader)
         return recording, tell_losses(reader)
+
+
+def described(recording: Recording, labels: str | None, unit: str | None) -> Recording:
+    """The recording with other labels and units, where they are given."""
+    if labels is None and unit is None:
+        return recording
+    count = len(recording)
+    names = recording.labels if labels is None else [each.strip() for each in labels.split(",")]
+    if len(names) != count:
+        raise ParameterError(
+            f"--labels names {counted(len(names), 'channel')}, the input has {count}"
+        )
+    codes = [c.unit for c in recording] if unit is None else units_for(unit, count)
+    channels = tuple(
+        replace(channel, label=name, unit=code)
+        for channel, name, code in zip(recording, names, codes, strict=True)
+    )
+    return replace(recording, channels=channels)
 
 
 def save_recording(
@@ -437,5 +472,17 @@ def notes_of(recording: Recording) -> list[str]:
 
 
 def tell_notes(recording: Recording) -> None:
+    """What reading the input changed, and its gaps."""
     for each in notes_of(recording):
         note(each)
+    missing = [sum(gap.ticks for gap in channel.gaps) for channel in recording.channels]
+    if not any(missing):
+        return
+    gaps = sum(len(channel.gaps) for channel in recording.channels)
+    most = max(missing)
+    where = ""
+    if len(missing) > 1:
+        name = recording.channels[missing.index(most)].label or f"channel {missing.index(most)}"
+        where = f", all in {name}" if most == sum(missing) else f", most in {name} ({most})"
+    stay = "it stays a gap" if gaps == 1 else "they stay gaps"
+    note(f"{counted(gaps, 'gap')} with {counted(sum(missing), 'missing sample')}{where}: {stay}")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import ParameterError
+from ..numbers import counted
 from .bounds import amount
 from .common import (
     AmountType,
@@ -148,10 +149,10 @@ def draw(
         raise ParameterError("Nothing to draw: no channel of both has the same rate")
     samples = sum(row.samples for row in found)
     facts = [
-        f"{len(found)} channels" if len(found) != 1 else "1 channel",
+        counted(len(found), "channel"),
         rates([view.channel.rate for view in views]),
         duration(views[0].stop - views[0].start),
-        f"{grouped(samples)} samples in both",
+        f"{grouped(samples)} sample{'s' if samples != 1 else ''} in both",
     ]
     figures = pages(found, views, Words(printable(title), facts, footnotes))
     names = save(figures, output_of(picture), kind_of(picture), force=force)

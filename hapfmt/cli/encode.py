@@ -23,6 +23,7 @@ from .common import (
     force_option,
     input_format_option,
     json_option,
+    labels_option,
     load_recording,
     memory_option,
     output_of,
@@ -32,6 +33,7 @@ from .common import (
     tell_notes,
     threads_option,
     transpose_option,
+    unit_option,
 )
 from .help import Verb
 from .screen import note
@@ -150,6 +152,8 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 @click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track.")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
 @transpose_option
+@labels_option
+@unit_option
 @input_format_option
 @click.option(
     "--canonical",
@@ -169,6 +173,8 @@ def encode(
     preset: str,
     rate: str | None,
     transpose: bool | None,
+    labels: str | None,
+    unit: str | None,
     input_format: str | None,
     canonical: int | Literal["content"] | None,
     force: bool,
@@ -197,7 +203,9 @@ def encode(
     given["felt"] = given["felt"] or None
     preset, given = renamed(preset, given)
     settings = Settings.of(preset, **given)
-    recording, code = load_recording(source, input_format, rate, max_memory, transpose=transpose)
+    recording, code = load_recording(
+        source, input_format, rate, max_memory, transpose=transpose, labels=labels, unit=unit
+    )
     tell_notes(recording)
     if earlier := lossy_preset(recording.metadata.get("encoder")):
         note(f"the input is already lossy ({earlier}); error bounds count from it")

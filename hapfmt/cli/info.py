@@ -15,10 +15,11 @@ from ..container.source import open_source
 from ..container.track import Contract, Track
 from ..container.wire import id_text
 from ..limits import Limits
+from ..numbers import counted
 from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError
 from ..reading.opening import open_catalogue
 from .bounds import bound_text, unit_text
-from .common import counted, echo_json, input_of, json_option, memory_option
+from .common import echo_json, input_of, json_option, memory_option
 from .help import Verb
 from .screen import complain, say
 from .tables import Column, table
@@ -116,8 +117,8 @@ def describe(catalogue: Catalogue) -> dict[str, Any]:
         "clocks": clocks_json(catalogue),
         "metadata": catalogue.metadata,
         "attachments": [
-            {"name": a.name, "media_type": a.media_type, "size": len(a.content)}
-            for a, _ in catalogue.each_attachment()
+            {"name": name, "media_type": a.media_type, "size": len(a.content)}
+            for name, a, _ in catalogue.named_attachments()
         ],
         "unknown_chunks": [header.type for header in catalogue.unknown],
         "unsupported": str(catalogue.unsupported) if catalogue.unsupported else None,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ParameterError
+from ..numbers import counted
 from .common import (
     force_option,
     input_format_option,
@@ -202,7 +203,8 @@ def footnotes(
     lines = told(parts, start, stop)
     missing = sum(view.only_original for view in views)
     if missing:
-        lines.append(f"{missing} samples of the original are missing")
+        verb = "is" if missing == 1 else "are"
+        lines.append(f"{counted(missing, 'sample')} of the original {verb} missing")
     return lines
 
 

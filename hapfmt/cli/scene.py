@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ParameterError
+from ..numbers import counted
 from .common import (
     HAPF,
     PresetType,
@@ -150,8 +151,9 @@ def write_scene(
     elif target != "-":
         say(
             f"{target}: {asked.name or 'scene'}, "
-            f"{float(recording.duration):g} s, {len(recording)} channels, "
-            f"{recording.sample_count} samples; computed {in_words(work)} in {simulated:.2f} s"
+            f"{float(recording.duration):g} s, {counted(len(recording), 'channel')}, "
+            f"{counted(recording.sample_count, 'sample')}; "
+            f"computed {in_words(work)} in {simulated:.2f} s"
         )
     if work.unstable_count:
         note(

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..numbers import counted
 from ..verdict import DAMAGED, INTACT, VERDICTS
 from .bounds import amount, bound_text
 from .common import (
-    counted,
     echo_json,
     file_id_option,
     input_format_option,
@@ -101,7 +101,7 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
         + (f", {counted(report.events, 'event')}" if report.events else "")
     )
     if report.error:
-        complain(str(report.error))
+        complain(report.error.line(), report.error.more)
     if verbose:
         tell_some([str(Finding(**finding)) for finding in report.findings])
     tell_some(report.told)
@@ -129,7 +129,8 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
                 )
     if report.file_code == DAMAGED and report.damage:
         command = f"hapfmt recover {shlex.quote(file)} OUT"
-        complain(f"to keep these {report.packets} packets, run: {command}")
+        these = "this packet" if report.packets == 1 else f"these {report.packets} packets"
+        complain(f"to keep {these}, run: {command}")
 
 
 def verdict(report: Report) -> str:

@@ -77,9 +77,10 @@ class _Lines:
         try:
             line = self._text.readline(_LINE_LIMIT)
         except UnicodeDecodeError as error:
+            after = f"after line {self.number - 1}: " if self.number > 1 else ""
             raise ParameterError(
-                f"after line {self.number - 1}: not UTF-8 text ({error.reason}); save the table as "
-                "UTF-8"
+                f"{after}not UTF-8 text; save the table as UTF-8 "
+                "(iconv -f latin1 -t utf-8 IN > OUT)"
             ) from error
         if len(line) == _LINE_LIMIT and not line.endswith(("\r", "\n")):
             raise ParameterError(f"line {self.number} is longer than {_LINE_LIMIT} characters")
@@ -138,7 +139,9 @@ class _Table:
             self._names.pop()
         if "" in self._names:
             column = self._names.index("")
-            self._refuse("the header gives this column no name", column)
+            index = "; for tables of pandas: to_csv(index=False), or index_label='t [s]' for times"
+            hint = "" if column else index
+            self._refuse(f"the header gives this column no name{hint}", column)
         if len(self._names) > CHANNEL_LIMIT:
             self._refuse(f"{len(self._names)} columns, more than {CHANNEL_LIMIT}")
         self._stamps = self._time_column()
@@ -240,6 +243,8 @@ class _Table:
                 if self._delimiter == "," and len(row) > width:
                     hint = "; if commas are decimal signs, put semicolons between the cells"
                 self._refuse(f"a row of {len(row)} cells, where the header has {width}{hint}")
+            if not self._values:
+                self._refuse_units([cell.strip() for cell in row])
             if self._stamps is not None:
                 self._add_time(self._stamps, row[0].strip())
             self._values.extend(self._row_values(row[first:], first))
@@ -250,6 +255,19 @@ class _Table:
                     f"line {self._lines.number}: the values so far take more than "
                     f"{self._max_memory} bytes; allow more (--max-memory, max_memory=)"
                 )
+
+    def _refuse_units(self, row: list[str]) -> None:
+        """A first row of texts, some of which are units."""
+        texts = [cell for cell in row if cell]
+        if any(_NUMBER.fullmatch(cell) or seconds_of_date(cell) for cell in texts):
+            return
+        codes = [to_ucum(cell) for cell in row]
+        units = [place for place, code in enumerate(codes) if code != "1" and "{" not in code]
+        if units:
+            name, unit = self._names[units[0]], row[units[0]].strip("[]()")
+            self._refuse(
+                f"this looks like a row of units; write them in the header: '{name} [{unit}]'"
+            )
 
     def _row_values(self, row: list[str], first: int) -> list[float]:
         if self._lines.is_plain and not self._commas:

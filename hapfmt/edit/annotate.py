@@ -10,6 +10,7 @@ from ..container.track import Track
 from ..errors import ParameterError
 from ..events import Event, by_layer, coded, event_packets, layer_track, rate_of
 from ..limits import LAST_TRACK_ID
+from ..numbers import counted
 from ..reading.catalogue import Catalogue
 from .appended import appended
 from .making import Output
@@ -56,8 +57,8 @@ def annotate(
             ]
             if between:
                 notes.append(
-                    f"{len(between)} events of layer {layer!r} moved to the nearest of its "
-                    f"{track.rate} ticks a second"
+                    f"{counted(len(between), 'event')} of layer {layer!r} moved to the nearest of "
+                    f"its {track.rate} ticks a second"
                 )
         writer.describe(made)
         writer.cluster(packets)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..convert.csv import may_be_times
 from ..errors import ParameterError
-from ..units import split_name, to_ucum
+from ..units import split_name, to_ucum, units_for
 from .inputs import Input
 from .session import Header, Session, parse_object
 
@@ -47,11 +47,14 @@ class Table:
         given = [split_name(name) for name in names]
         labels = list(self.labels) or [label for label, _ in given]
         labels = labels or [str(number + 1) for number in range(columns)]
-        units = [unit for _, unit in given] or [""] * len(labels)
         if len(labels) != (columns or len(names)):
             raise ParameterError(
                 f"{len(labels)} labels for {columns or len(names)} columns: --labels a,b,c"
             )
+        if self.unit is not None:
+            units = units_for(self.unit, len(labels))
+        else:
+            units = [to_ucum(unit) for _, unit in given] or ["1"] * len(labels)
         notes = []
         if len(names) > 1 and may_be_times(names[0]):
             notes.append(
@@ -60,7 +63,7 @@ class Table:
             )
         return Header(
             [
-                Input(label, self.rate, to_ucum(self.unit or unit), lsb=self.lsb)
+                Input(label, self.rate, unit, lsb=self.lsb)
                 for label, unit in zip(labels, units, strict=True)
             ],
             notes=notes,

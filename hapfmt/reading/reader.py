@@ -25,8 +25,9 @@ from ..errors import (
 from ..events import Event
 from ..limits import Limits
 from ..names import matching, unknown
+from ..numbers import counted
 from ..numbers import exact as exact_number
-from ..recording import Recording, number_of
+from ..recording import Recording
 from ..threads import in_order, thread_count
 from ..verdict import HARMLESS, verdict_of
 from .assembly import BANDS, Assembly, Band, events_of, wanted_tracks
@@ -99,11 +100,11 @@ class Reader(Closing):
         name = "" if self.source.path is None else f" {self.source.path!r}"
         damage = sum(finding.code not in HARMLESS for finding in self.findings)
         facts = [
-            number_of(len(self.channels), "channel"),
+            counted(len(self.channels), "channel"),
             f"{float(self.duration):.6g} s",
             "closed" if self.catalogue.closed else "not closed",
-            *([number_of(damage, "damaged place")] if damage else []),
-            *([number_of(len(self.lost), "lost part")] if self.lost else []),
+            *([counted(damage, "damaged place")] if damage else []),
+            *([counted(len(self.lost), "lost part")] if self.lost else []),
         ]
         return f"Reader{name}: {', '.join(facts)}"
 
