@@ -13,7 +13,8 @@
 #include <string.h>
 
 enum { ERROR = 1, NONCONFORMING = 2, DAMAGED = 3, UNSUPPORTED = 4 }; /* clause 14 */
-enum { TRACKS = 65534, COMPONENTS = 255, CLUSTER = 1 << 22, SPAN = 1 << 24, PACKETS = 1 << 14, PAYLOAD = 1 << 20 };
+enum { TRACKS = 65534, COMPONENTS = 255, PAYLOAD = 1 << 20 };
+enum { CLUSTER = 1 << 22, SPAN = 1 << 24, PACKETS = 1 << 14 };
 
 typedef struct { const uint8_t *at, *end; } Bytes;
 typedef struct { int64_t start, stop; } Span;
