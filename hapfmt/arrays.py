@@ -30,7 +30,7 @@ from .recording import (
     seconds_of,
     spans_of,
 )
-from .units import to_ucum
+from .units import split_name, to_ucum
 
 Units = str | Sequence[str] | Mapping[str, str]
 
@@ -87,14 +87,18 @@ def _recording_of_frame(
     names = columns if labels is None else _for_each(labels, "labels", len(columns))
     codes = _units(units, names)
     known = frame.attrs.get("units") if units is None else None
-    if isinstance(known, Mapping):
+    if units is None and not known:
+        split = [split_name(column.strip()) for column in columns]
+        codes = [code for _, code in split]
+        names = unique([label for label, _ in split], []) if labels is None else names
+    elif isinstance(known, Mapping):
         known = {str(column): unit for column, unit in known.items()}
         codes = [known.get(column, "1") for column in columns]
     elif known is not None:
         codes = _units(known, names)
     rate, ticks, epoch_ns, notes = _grid_of_index(frame.index, rate, frame.attrs.get("epoch_ns"))
     for note in notes:
-        warnings.warn(note, MovedTimesWarning, stacklevel=5)
+        warnings.warn(note, MovedTimesWarning, stacklevel=4)
     return Recording(
         tuple(
             channel_of(
@@ -292,9 +296,8 @@ def _grid_of_index(
     if kind == "f":
         texts = map(repr, index.to_numpy().tolist())
     else:
-        if kind == "M" and index.tz is not None:
-            index = index.tz_convert(None)
-        ns = index.to_numpy().astype(f"{kind}8[ns]").astype(np.int64)
+        plain = index.tz_convert(None) if kind == "M" and index.tz is not None else index
+        ns = plain.to_numpy().astype(f"{kind}8[ns]").astype(np.int64)
         if kind == "M":
             epoch_ns = int(ns[0]) if ns.size else None
             ns = ns - ns[:1]
@@ -303,11 +306,13 @@ def _grid_of_index(
         exponent = zeros - 9
         texts = map(str, (ns // 10**zeros).tolist())
     stamps = Stamps(exponent)
-    for text in texts:
+    for row, text in enumerate(texts):
         try:
             stamps.add(text)
         except ValueError as error:
-            raise ParameterError(f"the index of the DataFrame: {text[:40]!r} {error}") from None
+            raise ParameterError(
+                f"the index of the DataFrame: row {row} ({str(index[row])[:40]}) {error}"
+            ) from None
     grid = stamps.grid(given)
     if grid.epoch_ns is not None:
         epoch_ns = grid.epoch_ns

@@ -42,7 +42,7 @@ class ClockSummary:
     """A clock against the ticks of a track, along one line through all observations.
 
     offset_ns: its time at the first observed tick, minus that of the tick. drift_ppm: how much
-    faster it runs. jitter_ns: half of the observations lie within so many of the line.
+    faster it runs. jitter_ns: half of the observations lie within this distance of the line.
     """
 
     count: int

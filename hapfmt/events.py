@@ -27,7 +27,7 @@ PACKET_SIZE = 1 << 16
 class Event:
     """A text at ``time``, seconds from the zero of the recording, that holds for ``duration``.
 
-    A float stands for its shortest decimal. A file keeps times exactly where their common
+    A float means its shortest decimal. A file keeps times exactly where their common
     denominator is below 2^32, else to the microsecond. An event that is read names its channel by
     the number. channel: the place of a channel in the
     recording, or its label; None: the event speaks of all. layer: events that belong together.

@@ -8,12 +8,13 @@ SHOWN = 30
 """Names that a message lists."""
 
 
-def similar(name: str, known: Iterable[str]) -> str | None:
-    """The known name that a mistyped one most resembles."""
+def similar(name: str, known: Iterable[str], cutoff: float | None = None) -> str | None:
+    """The known name that a mistyped one most resembles; ``cutoff``: least similarity, 0 to 1."""
     from difflib import get_close_matches
 
     names = {each.lower(): each for each in known if each}
-    found = get_close_matches(name.lower(), names, n=1, cutoff=0.6 if len(name) > 3 else 0.5)
+    cutoff = cutoff or (0.6 if len(name) > 3 else 0.5)
+    found = get_close_matches(name.lower(), names, n=1, cutoff=cutoff)
     return names[found[0]] if found else None
 
 

@@ -31,10 +31,20 @@ def exact(value: Any) -> Fraction:
     raise ParameterError(f"{value!r} is not a number")
 
 
+def counted(count: int, what: str) -> str:
+    """1 channel, 2 channels"""
+    return f"{count} {what}" + ("" if count == 1 else "s")
+
+
 def hertz(value: Any) -> Fraction:
     """A rate, as :func:`exact`; but a float such as 1 / 0.003 stands for the simplest fraction
     within 1e-9 of it, where its decimals are too many to be meant."""
-    found = exact(value)
+    try:
+        found = exact(value)
+    except ParameterError:
+        raise ParameterError(
+            f"rate is a number of samples per second, such as 1000 or '44100/7', not {value!r}"
+        ) from None
     is_float = isinstance(value, Real) and not isinstance(value, Rational)
     if not is_float or found <= 0 or max(found.as_integer_ratio()) < 1 << 32:
         return found

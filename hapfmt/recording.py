@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from .errors import LimitError, ParameterError, UnknownChannelError
 from .limits import AFFINE_LIMIT, EXACT_LIMIT, TICK_LIMIT
 from .names import matching, unknown
+from .numbers import counted, hertz, tick_range
 from .numbers import exact as to_fraction
-from .numbers import hertz, tick_range
 
 if TYPE_CHECKING:
     from .events import Event
@@ -31,8 +31,18 @@ if TYPE_CHECKING:
 Rate = Fraction | float | str
 Seconds = Fraction | float
 
+EPOCH_LIMIT = 1 << 63
+"""Nanoseconds: 292 years; HEAD has 64 bits."""
+
 GAPPY_TICKS = 1 << 28
 """Values of one channel with its gaps, 2 GiB, unless the caller says otherwise."""
+
+_OLD_NAMES = {
+    "values": ("stored", "channel.counts or channel.stored"),
+    "physical": ("samples", "channel.samples() or channel.to_numpy()"),
+    "dense": ("filled", "channel.filled() or channel.to_numpy()"),
+}
+"""Of a channel: the attribute that does the same, and the advice."""
 
 _SHOWN_CHANNELS = 6
 _SHOWN_ROWS = 100
@@ -279,23 +289,15 @@ class Channel:
         with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
             return self.stored.astype(np.float64)
 
-    @property
-    def values(self) -> NDArray[Any]:
-        """Deprecated: ``counts``, or ``stored`` where the channel may hold floating point."""
-        _deprecated("channel.values", "channel.counts or channel.stored")
-        return self.stored
+    if not TYPE_CHECKING:  # else every misspelt attribute would pass
 
-    def physical(self) -> NDArray[np.float64]:
-        """Deprecated: ``samples()``, or ``to_numpy()`` with NaN in the gaps."""
-        _deprecated("channel.physical()", "channel.samples() or channel.to_numpy()")
-        return self.samples()
-
-    def dense(
-        self, start: int | None = None, stop: int | None = None, *, limit: int = 1 << 31
-    ) -> NDArray[np.float64]:
-        """Deprecated: ``filled()`` by ticks, ``to_numpy()`` by seconds."""
-        _deprecated("channel.dense()", "channel.filled() or channel.to_numpy()")
-        return self.filled(start, stop, limit=limit)
+        def __getattr__(self, name: str) -> Any:
+            """Old names, which neither dir() nor completion lists."""
+            if name not in _OLD_NAMES:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            same, advice = _OLD_NAMES[name]
+            _deprecated(f"channel.{name}", advice)
+            return getattr(self, same)
 
     def ticks_between(self, start: Seconds | None, stop: Seconds | None) -> tuple[int, int]:
         """The ticks of the seconds [start, stop), no further than from the first sample to the
@@ -439,6 +441,14 @@ class Recording:
                     "Recording.from_array takes arrays and tables"
                 )
             object.__setattr__(self, name, found)
+        if self.epoch_ns is not None:
+            object.__setattr__(self, "epoch_ns", _whole_ns(self.epoch_ns, "epoch_ns"))
+            if not -EPOCH_LIMIT <= self.epoch_ns < EPOCH_LIMIT:
+                raise ParameterError("the epoch lies within 2^63 nanoseconds of 1970")
+        uncertainty = _whole_ns(self.epoch_uncertainty_ns, "epoch_uncertainty_ns")
+        object.__setattr__(self, "epoch_uncertainty_ns", uncertainty)
+        if not 0 <= uncertainty < 2 * EPOCH_LIMIT - 1:
+            raise ParameterError("the uncertainty of the epoch lies between 0 and 2^64 - 2 ns")
 
     @classmethod
     def from_array(
@@ -655,13 +665,13 @@ class Recording:
         return to_xarray(self)
 
     def __repr__(self) -> str:
-        channels, samples = _number(len(self), "channel"), _number(self.sample_count, "sample")
+        channels, samples = counted(len(self), "channel"), counted(self.sample_count, "sample")
         lines = [f"Recording: {channels}, {samples}, {_seconds(self)}"]
-        lines[0] += f", {_number(len(self.events), 'event')}" if self.events else ""
+        lines[0] += f", {counted(len(self.events), 'event')}" if self.events else ""
         shown = self.channels if len(self) <= _SHOWN_CHANNELS else self.channels[:5]
         lines += [
             f"  {number}  {_short(c.label)!r}  {c.stored.size} samples at {c.rate:.6g} Hz  "
-            f"{_short(c.unit)}" + (f"  {_number(len(c.gaps), 'gap')}" if c.gaps else "")
+            f"{_short(c.unit)}" + (f"  {counted(len(c.gaps), 'gap')}" if c.gaps else "")
             for number, c in enumerate(shown)
         ]
         if len(shown) < len(self):
@@ -729,8 +739,15 @@ def _short(text: str, size: int = 40) -> str:
     return text if len(text) <= size else text[: size - 3] + "..."
 
 
-def _number(count: int, name: str) -> str:
-    return f"{count} {name}" + "s" * (count != 1)
+def _whole_ns(value: Any, name: str) -> int:
+    try:
+        return index(value)
+    except TypeError:
+        kind = type(value).__name__
+        raise ParameterError(
+            f"{name} is an integer, in nanoseconds, not {kind}; convert seconds with "
+            "int(seconds * 1e9) and a datetime with int(t.timestamp() * 1e9)"
+        ) from None
 
 
 def _deprecated(old: str, new: str) -> None:

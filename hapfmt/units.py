@@ -10,6 +10,8 @@ from __future__ import annotations
 import re
 from fractions import Fraction
 
+from .errors import ParameterError
+
 MAX_SIZE = 255
 """Bytes of the longest code: a unit is stored behind one length byte."""
 
@@ -124,6 +126,31 @@ def to_ucum(text: str) -> str:
     text = text.translate(_ASCII)
     respelled = _respell(text)
     return respelled if _is_code(respelled) else _annotation(text)
+
+
+def units_for(text: str, count: int) -> list[str]:
+    """Codes of a text that a person gives: one unit for all channels, or one for each."""
+    codes = [to_ucum(each) for each in text.split(",")]
+    if len(codes) == 1:
+        return codes * count
+    if len(codes) != count:
+        raise ParameterError(f"{len(codes)} units for {count} channels: give one, or one for each")
+    return codes
+
+
+def split_name(name: str) -> tuple[str, str]:
+    """Label and unit of a column: 'force [N]' and 'force (N)' -> 'force', 'N'. A label may hold
+    brackets itself; a code holds no space, and what is in parentheses has to be a unit."""
+    if name.endswith(")"):
+        match = re.fullmatch(r"(.*\S) ?\(([^()]*)\)", name, re.DOTALL)
+        if match is not None and match[2].strip() and "{" not in to_ucum(match[2]):
+            return match[1].strip(), match[2]
+        return name, ""
+    if not name.endswith("]"):
+        return name, ""
+    match = re.fullmatch(r"(.*) \[(.*?)\]", f" {name}", re.DOTALL)
+    match = match or re.fullmatch(r"(.*)\[([^][]*)\]", name, re.DOTALL)
+    return (match[1].strip(), match[2]) if match is not None else (name, "")
 
 
 def conversion(given: str, wanted: str) -> Fraction | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import uuid
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
@@ -15,19 +16,22 @@ from .container.cluster import Packet
 from .container.extras import Attachment, build_attachment, build_metadata
 from .container.filewriter import FileWriter
 from .container.track import Track
-from .container.wire import UNKNOWN_EPOCH
 from .convert import refuse_foreign
 from .encoder.encode import Decision, Encoded, encode
-from .encoder.settings import Settings
+from .encoder.settings import INPUT, INPUT_SIZE, Settings, alias_note, lossy_preset, renamed
 from .errors import ParameterError
 from .events import by_layer, coded, event_packets, layer_track, rate_of
 from .limits import LEVELS
+from .names import unknown
 from .reading.decoder import TrackDecoder, TrackDigest
 from .recording import Rate, Recording
 from .version import __version__
 
 SHOWN = 6
 """Channels that a printed summary names."""
+
+NAMED = ("rate", "labels", "units", "transpose", "canonical", "force", "progress", "threads")
+"""Options of :func:`write` that are no settings."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +81,9 @@ def write(
     {label: array [samples]}, or a table of pandas or xarray with a column for each channel. NaN and
     masked values are gaps. Integers of up to 32 bits are kept as counts. Arrays need ``rate``,
     samples per second (1000, 35.618 or "44100/7"); a table may have times as its index: they place
-    the rows, and a MovedTimesWarning tells where they were moved. ``labels``: one text for each
-    channel. ``units``: one text for all channels, one for each, or {label: unit}.
+    the rows, and a MovedTimesWarning tells where they were moved. Columns named "fx [N]" or
+    "fx (N)" give labels and units. ``labels``: one text for each channel. ``units``: one text for
+    all channels, one for each, or {label: unit}.
     An array of more rows than columns is refused, unless there is a label for each row: pass
     ``array.T``, or say ``transpose=True`` or ``False``.
 
@@ -96,26 +101,31 @@ def write(
     if settings is not None and (preset is not None or options):
         raise ParameterError("give settings, or a preset with options, not both")
     if settings is None:
-        given = options if preset is None else {"preset": preset, **options}
+        if preset is not None and (note := alias_note(preset)):
+            warnings.warn(note, DeprecationWarning, stacklevel=2)
+        name, given = renamed("lossless" if preset is None else preset, options)
         try:
-            settings = Settings.of(**given) if given else Settings()
+            settings = Settings.of(name, **given)
         except TypeError:
-            known = ", ".join(field.name for field in fields(Settings))
-            raise ParameterError(
-                f"{', '.join(options)}: not all of these are settings; there are {known}"
-            ) from None
+            known = [field.name for field in fields(Settings)]
+            odd = next((option for option in options if option not in known), None)
+            if odd is None:
+                raise
+            raise ParameterError(unknown("option", odd, [*known, *NAMED])) from None
     if isinstance(file, (str, os.PathLike)):
         refuse_foreign(file)
     recording = recording_of(recording, rate, labels=labels, units=units, transpose=transpose)
     if canonical is not None and not 0 <= canonical < 1 << 32:
         raise ParameterError("the file id must be between 0 and 2^32 - 1")
-    check_epoch(recording)
     if isinstance(file, (str, os.PathLike)):
         refuse(os.fspath(file), force)
     encoded = encode(recording, settings, progress=progress, threads=threads)
-    made_by = f"hapfmt {__version__}: {encoded.settings.describe()}"
     if not isinstance(recording.metadata, dict):
         raise ParameterError("metadata must be a JSON object, a dict in Python")
+    made_by = f"hapfmt {__version__}: {encoded.settings.describe()}"
+    earlier = recording.metadata.get("encoder")
+    if lossy_preset(earlier):
+        made_by += f"{INPUT}{earlier}"[:INPUT_SIZE]
     metadata = {**recording.metadata, "encoder": made_by}
     try:
         attached = [Attachment(name, *rest) for name, rest in recording.attachments.items()]
@@ -153,15 +163,6 @@ def write(
         recording.sample_count,
         tuple(encoded.decisions),
     )
-
-
-def check_epoch(recording: Recording) -> None:
-    """Whether the fields of HEAD can hold it."""
-    low, high = -(1 << 63), (1 << 63) - 1
-    if recording.epoch_ns is not None and not low <= recording.epoch_ns <= high:
-        raise ParameterError("the epoch lies within 2^63 nanoseconds of 1970")
-    if not 0 <= recording.epoch_uncertainty_ns < UNKNOWN_EPOCH:
-        raise ParameterError("the uncertainty of the epoch lies between 0 and 2^64 - 2 ns")
 
 
 def layers_of(

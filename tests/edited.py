@@ -85,17 +85,17 @@ def doubles(seed: int) -> hapfmt.Recording:
 
 
 PRESETS: dict[str, tuple[Any, dict[str, Any]]] = {
-    "default": (plain, {"preset": "paper", "step": "0.2%", "smallest": False}),
-    "default lossless": (plain, {"preset": "paper", "step": "1lsb", "smallest": False}),
-    "default vectors": (vectors, {"preset": "paper", "smallest": False}),
+    "paper step": (plain, {"preset": "paper", "step": "0.2%", "smallest": False}),
+    "paper 1lsb": (plain, {"preset": "paper", "step": "1lsb", "smallest": False}),
+    "paper vectors": (vectors, {"preset": "paper", "smallest": False}),
     "paper": (plain, {"preset": "paper", "bits": 5}),
-    "deadband": (vectors, {"preset": "perceptual", "texture": False, "felt": "all"}),
-    "archive": (plain, {"preset": "lossless"}),
-    "archive alike": (alike, {"preset": "lossless"}),
-    "archive fast": (plain, {"preset": "lossless", "fast": True}),
-    "archive doubles": (doubles, {"preset": "lossless"}),
-    "default doubles": (doubles, {"preset": "near-lossless"}),
-    "auto doubles": (doubles, {"preset": "perceptual", "texture": False}),
+    "perceptual": (vectors, {"preset": "perceptual", "texture": False, "felt": "all"}),
+    "lossless": (plain, {"preset": "lossless"}),
+    "lossless alike": (alike, {"preset": "lossless"}),
+    "lossless fast": (plain, {"preset": "lossless", "fast": True}),
+    "lossless doubles": (doubles, {"preset": "lossless"}),
+    "near-lossless doubles": (doubles, {"preset": "near-lossless"}),
+    "perceptual doubles": (doubles, {"preset": "perceptual", "texture": False}),
 }
 
 

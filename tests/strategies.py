@@ -634,7 +634,7 @@ def encoder_settings(draw):
     )
     given = {}
     if preset in ("perceptual", "paper"):
-        given["k"] = draw(st.sampled_from([Fraction(0), Fraction(1, 10), Fraction(3, 2)]))
+        given["k"] = draw(st.sampled_from([Fraction(0), Fraction(1, 10), Fraction(1)]))
         given["floor"] = draw(floors)
     if preset == "paper":
         given["interpolation"] = draw(st.sampled_from(["hold", "linear"]))

@@ -60,7 +60,7 @@ def key(event: Event) -> tuple[Any, ...]:
 
 @given(st.lists(events, min_size=1, max_size=8), st.integers(0, 8))
 def test_what_was_added_is_read(new: list[Event], cut: int) -> None:
-    data = made("archive")
+    data = made("lossless")
     first = annotated(data, *new[:cut]) if new[:cut] else data
     both = annotated(first, *new[cut:]) if new[cut:] else first
     assert both.startswith(data)
@@ -75,18 +75,18 @@ def test_what_was_added_is_read(new: list[Event], cut: int) -> None:
 
 
 def test_times_between_the_ticks_of_a_layer() -> None:
-    data = annotated(made("archive"), Event(Fraction(1)))
+    data = annotated(made("lossless"), Event(Fraction(1)))
     out = io.BytesIO()
     notes = edit.annotate(data, [Event(Fraction(1, 3), "third"), Event(Fraction(2))], out)
-    assert notes == ["1 events of layer '' moved to the nearest of its 1000000 ticks a second"]
+    assert notes == ["1 event of layer '' moved to the nearest of its 1000000 ticks a second"]
     assert [e.time for e in events_of(out.getvalue())] == [Fraction(333333, 10**6), 1, 2]
-    third = annotated(made("archive"), Event(Fraction(1, 3)))
+    third = annotated(made("lossless"), Event(Fraction(1, 3)))
     assert [e.time for e in events_of(third)] == [Fraction(1, 3)]
 
 
 def test_wrong_events_leave_the_file_as_it_was(tmp_path: Path) -> None:
     path = tmp_path / "a.hapf"
-    path.write_bytes(made("archive"))
+    path.write_bytes(made("lossless"))
     for wrong, message in [
         ([], "nothing to annotate"),
         ([Event(Fraction(1), channel="d")], "channel 'd', which does not exist"),
@@ -95,7 +95,7 @@ def test_wrong_events_leave_the_file_as_it_was(tmp_path: Path) -> None:
     ]:
         with pytest.raises(hapfmt.ParameterError, match=message):
             edit.annotate(path, wrong)
-        assert path.read_bytes() == made("archive")
+        assert path.read_bytes() == made("lossless")
 
 
 SCENE = [
@@ -106,16 +106,16 @@ SCENE = [
 
 
 def test_events_follow_their_channels() -> None:
-    data = annotated(made("default"), *SCENE)
+    data = annotated(made("paper step"), *SCENE)
     whole, edited = subset(data)
     assert events_of(whole) == SCENE and edited.notes == []
     assert by_label(whole) == by_label(data)
     part, edited = subset(data, ["c"])
     assert events_of(part) == [SCENE[0], replace(SCENE[2], channel=0)]
-    assert edited.notes == ["1 events left out: of channels that are left out"]
+    assert edited.notes == ["1 event left out: of channels that are left out"]
     part, edited = subset(data, ["a", "b"], band="lf")
     assert events_of(part) == SCENE[:2]
-    other = annotated(made("default", 1, uuid=None), *SCENE)
+    other = annotated(made("paper step", 1, uuid=None), *SCENE)
     both, _ = merge([data, other], offsets={1: 1})
     moved = [
         replace(e, time=e.time + 1, channel=None if e.channel is None else e.channel + 3)
@@ -127,7 +127,7 @@ def test_events_follow_their_channels() -> None:
 
 
 def test_events_in_parts_and_together_again() -> None:
-    data = annotated(made("archive"), *SCENE)
+    data = annotated(made("lossless"), *SCENE)
     parts = split_up(data, every=1)
     out = io.BytesIO()
     edit.concat(parts, out)
@@ -141,7 +141,7 @@ def test_events_in_parts_and_together_again() -> None:
         [0],
         [],
     ]
-    later = annotated(made("archive", 1, uuid=None, epoch_ns=EPOCH_NS), *SCENE)
+    later = annotated(made("lossless", 1, uuid=None, epoch_ns=EPOCH_NS), *SCENE)
     edit.concat([data, later], out := io.BytesIO())
     assert len(events_of(out.getvalue())) == 6
     assert len([t for t in tracks_of(out.getvalue()).values() if t.kind == "events"]) == 2
@@ -150,7 +150,7 @@ def test_events_in_parts_and_together_again() -> None:
 
 def test_of_recordings_that_had_events(tmp_path: Path) -> None:
     path = tmp_path / "a.hapf"
-    path.write_bytes(write(replace(plain(0), events=tuple(SCENE)), preset="archive"))
+    path.write_bytes(write(replace(plain(0), events=tuple(SCENE)), preset="lossless"))
     edit.annotate(path, [Event(Fraction(3, 2), "later", layer="anna")])
     assert [event.text for event in events_of(path.read_bytes())] == [
         "all",
@@ -162,7 +162,7 @@ def test_of_recordings_that_had_events(tmp_path: Path) -> None:
 
 
 def test_on_the_command_line(tmp_path: Path) -> None:
-    (tmp_path / "a.hapf").write_bytes(made("archive"))
+    (tmp_path / "a.hapf").write_bytes(made("lossless"))
     done = run("annotate", "a.hapf", "--at", "1.25", "first contact", cwd=tmp_path)
     assert done.stdout == b"a.hapf: 1 event added\n", done.stderr
     done = run("annotate", "a.hapf", "--at", "2", "--duration", "0.5", "--channel", "b", "--layer",
@@ -204,7 +204,7 @@ def test_on_the_command_line(tmp_path: Path) -> None:
 
 def test_an_event_after_the_end_is_noted(tmp_path: Path) -> None:
     file = tmp_path / "a.hapf"
-    file.write_bytes(made("archive"))
+    file.write_bytes(made("lossless"))
     end = hapfmt.read(file).duration
     assert edit.annotate(file, [Event(end, "at the end")]) == []
     (note,) = edit.annotate(file, [Event(Fraction(0), "begin"), Event(end + 1, "late")])

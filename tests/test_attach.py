@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from edited import assert_intact, assert_same_channel, made, plain, write
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import metadata
+from terminal import called
 
 import hapfmt
 from hapfmt import edit
@@ -25,7 +27,7 @@ from hapfmt.edit.extras import same
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "a.hapf"
-    path.write_bytes(made("default"))
+    path.write_bytes(made("paper step"))
     return path
 
 
@@ -62,18 +64,18 @@ def test_what_stands_in_the_file_stays(file: Path, in_place: bool) -> None:
 @given(metadata.filter(bool))
 def test_any_metadata(members: dict[str, Any]) -> None:
     out = io.BytesIO()
-    edit.set_metadata(made("archive"), members, out)
+    edit.set_metadata(made("lossless"), members, out)
     found = hapfmt.read(out.getvalue()).metadata
     assert all(same(found[name], value) for name, value in members.items())
     assert_intact(out.getvalue())
 
 
 def test_a_file_that_was_not_closed_is_gone_on_with(file: Path) -> None:
-    file.write_bytes(made("default")[: -(HEADER_SIZE + 32) + 7])
+    file.write_bytes(made("paper step")[: -(HEADER_SIZE + 32) + 7])
     notes = edit.attach(file, [Attachment("a", "", b"a")])
     assert notes == ["appending: 7 bytes at 5323 were cut off, no whole chunk"]
     assert_intact(file.read_bytes())
-    cut = made("default")[:-1500]
+    cut = made("paper step")[:-1500]
     file.write_bytes(cut)
     notes = edit.attach(file, [Attachment("a", "", b"a")])
     assert len(notes) == 1 and notes[0].startswith("appending: ")
@@ -121,7 +123,7 @@ class TestExtract:
         assert [path.read_bytes().decode() for path in found] == names
 
     def test_some_and_again(self, tmp_path: Path) -> None:
-        data = made("default")
+        data = made("paper step")
         (path,) = edit.extract(data, ["sheet.txt"], tmp_path)
         assert path.read_bytes() == b"as it was"
         with pytest.raises(hapfmt.ParameterError, match="already exists"):
@@ -154,3 +156,12 @@ def test_a_link_to_nothing_is_not_followed(file: Path) -> None:
     assert not aim.exists()
     edit.extract(file, None, folder, force=True)
     assert aim.read_bytes() == b"as it was"
+
+
+def test_info_lists_the_names_that_attach_lists(file: Path) -> None:
+    new = [Attachment("sheet.txt", "", b"again"), Attachment("sheet.txt", "", b"third")]
+    edit.attach(file, new)
+    listed = json.loads(called("attach", file, "--list", "--json").out)["attachments"]
+    assert [each["name"] for each in listed][-2:] == ["sheet.txt (2)", "sheet.txt (3)"]
+    assert json.loads(called("info", file, "--json").out)["attachments"] == listed
+    assert "attachment: sheet.txt (3) (5 bytes)" in called("info", file).out

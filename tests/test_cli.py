@@ -72,6 +72,8 @@ def test_help_names_every_verb(room: Path) -> None:
         ("profile check a --device b", "--device was renamed --path"),
         ("encode a b --presett lossless", "did you mean '--preset'"),
         ("info a --from npz", "no option '--from'"),
+        ("encode a b --gains 2", "no option '--gains'\n"),
+        ("verify a --against b --threat 2", "did you mean '--threads'"),
     ],
 )
 def test_options_of_an_earlier_version_name_those_of_today(words: str, name: str) -> None:

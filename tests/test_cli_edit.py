@@ -17,9 +17,9 @@ import hapfmt
 @pytest.fixture
 def room(tmp_path: Path) -> Path:
     """a.hapf and b.hapf, of the same channels; damaged.hapf."""
-    (tmp_path / "a.hapf").write_bytes(made("default"))
-    (tmp_path / "b.hapf").write_bytes(made("default", 1, uuid=None, epoch_ns=None))
-    (tmp_path / "damaged.hapf").write_bytes(made("default")[:-999])
+    (tmp_path / "a.hapf").write_bytes(made("paper step"))
+    (tmp_path / "b.hapf").write_bytes(made("paper step", 1, uuid=None, epoch_ns=None))
+    (tmp_path / "damaged.hapf").write_bytes(made("paper step")[:-999])
     return tmp_path
 
 
@@ -43,9 +43,9 @@ def test_subset(room: Path) -> None:
     code, told = run_json("subset", "a.hapf", "x.hapf", "--band", "hf", "--to-zero", cwd=room)
     assert (code, told["file"], told["start"]) == (0, "x.hapf", 0.0)
     assert [channel["label"] for channel in told["channels"]] == ["a", "b", "c"]
-    piped = run("subset", "-", "-", "--channels", "1", stdin=made("default"), cwd=room)
+    piped = run("subset", "-", "-", "--channels", "1", stdin=made("paper step"), cwd=room)
     assert piped.returncode == 0
-    assert_same(hapfmt.read(piped.stdout), hapfmt.read(made("default"), ["b"]))
+    assert_same(hapfmt.read(piped.stdout), hapfmt.read(made("paper step"), ["b"]))
 
 
 def test_subsets_of_one_file_are_the_same_bytes(room: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 from terminal import called
 
 import hapfmt
+from hapfmt.convert import FORMATS
+from hapfmt.reading.opening import OTHER_FORMATS
 
 
 def saved(folder: Path, x: np.ndarray, unit: str = "N", name: str = "in.npz") -> Path:
@@ -87,3 +90,159 @@ def test_what_another_preset_would_save_is_about_right(tmp_path: Path) -> None:
     assert int(found[2]) == pytest.approx(ratio, rel=0.25) and "floating point" not in last
     assert "floating point" not in " ".join(lines_of(saved(tmp_path, counts(1), name="c.npz"),
                                                      tmp_path / "c.hapf"))  # fmt: skip
+
+
+class TestLossyInput:
+    """The largest error counts from the input: the file and the terminal tell what that was."""
+
+    def test_every_lossy_preset_stays_in_the_metadata(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        x = np.random.default_rng(4).normal(size=2000).cumsum()
+        hapfmt.write(x, tmp_path / "a.hapf", rate=1000, units="N")
+        first = hapfmt.read(tmp_path / "a.hapf").metadata["encoder"]
+        near = ["--preset", "near-lossless", "--max-error", "0.1%"]
+        said = called("encode", "a.hapf", "b.hapf", *near)
+        assert "already lossy" not in said.err and first.endswith(": lossless")
+        second = hapfmt.read(tmp_path / "b.hapf").metadata["encoder"]
+        preset = "near-lossless --max-error 0.1%"
+        assert second == first.replace("lossless", preset)
+        said = called("encode", "b.hapf", "c.hapf", "--preset", "perceptual")
+        note = f"note: the input is already lossy ({preset}); error bounds count from it"
+        assert note in " ".join(said.err.split())
+        third = hapfmt.read(tmp_path / "c.hapf").metadata["encoder"]
+        assert third == f"{first.replace('lossless', 'perceptual')}; input: {second}"
+        hapfmt.write(hapfmt.read(tmp_path / "c.hapf"), tmp_path / "d.hapf")
+        fourth = hapfmt.read(tmp_path / "d.hapf").metadata["encoder"]
+        assert fourth == f"{first}; input: {third}"
+        said = called("encode", "d.hapf", "e.hapf")
+        assert "already lossy (perceptual)" in " ".join(said.err.split())
+
+    @pytest.mark.parametrize("encoder", [3, "", "lossy", "other 1.0: perceptual", "hapfmt 1: x"])
+    def test_other_texts_are_replaced(self, tmp_path, encoder):
+        channel = hapfmt.Channel(np.zeros(9), 10)
+        recording = hapfmt.Recording((channel,), metadata={"encoder": encoder})
+        hapfmt.write(recording, tmp_path / "a.hapf")
+        assert "input" not in hapfmt.read(tmp_path / "a.hapf").metadata["encoder"]
+
+    def test_a_long_text_is_cut(self, tmp_path):
+        long = "hapfmt 1: perceptual --felt " + "x" * 100_000
+        recording = hapfmt.Recording((hapfmt.Channel(np.zeros(9), 10),), metadata={"encoder": long})
+        hapfmt.write(recording, tmp_path / "a.hapf")
+        assert len(hapfmt.read(tmp_path / "a.hapf").metadata["encoder"]) < 400
+
+
+def test_one_is_not_said_in_the_plural(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    said = called("scene", "cork", path, "--seconds", "0.001")
+    assert ", 1 channel, 1 sample; computed" in said.out
+    hapfmt.write(np.zeros(1), tmp_path / "a.hapf", rate=10)
+    said = called("info", tmp_path / "a.hapf", "--follow")
+    assert "1 cluster, " in said.out
+    said = called("recover", tmp_path / "a.hapf", tmp_path / "b.hapf")
+    assert ": 1 packet, 1 sample; nothing lost" in said.out
+
+
+def test_a_layer_has_no_name_in_du_as_in_info(tmp_path: Path) -> None:
+    events = (hapfmt.Event(0, "touch"),)
+    channel = hapfmt.Channel(np.zeros(9), 10)
+    hapfmt.write(hapfmt.Recording((channel,), events=events), tmp_path / "a.hapf")
+    rows = called("du", tmp_path / "a.hapf").out.splitlines()
+    assert [row.split("  ")[0].strip() for row in rows if " events " in row] == ["without a name"]
+    assert any(row.startswith("?") for row in rows)
+
+
+@pytest.mark.parametrize("verb", ["encode", "convert"])
+@pytest.mark.parametrize(
+    ("gaps", "said"),
+    [
+        ([[2]], "1 gap with 1 missing sample: it stays a gap"),
+        ([[2, 3, 6]], "2 gaps with 3 missing samples: they stay gaps"),
+        ([[2, 3], []], "1 gap with 2 missing samples, all in ch1: it stays a gap"),
+        ([[4], [1, 2, 6]], "3 gaps with 4 missing samples, most in ch2 (3): they stay gaps"),
+        ([[], []], ""),
+        ([[0, 8]], ""),
+    ],
+)
+def test_gaps_of_the_input_are_told(tmp_path: Path, verb: str, gaps: list, said: str) -> None:
+    x = np.ones((len(gaps), 9))
+    for row, places in zip(x, gaps, strict=True):
+        row[places] = np.nan
+    np.save(tmp_path / "a.npy", x)
+    done = called(verb, tmp_path / "a.npy", tmp_path / "a.hapf", "--rate", 10)
+    notes = [line for line in done.err.splitlines() if " gap" in line]
+    assert (done.code, notes) == (0, [f"note: {said}"] if said else [])
+
+
+class TestOtherFiles:
+    """A file of another format, or an empty one, is refused with the way out."""
+
+    @pytest.mark.parametrize(
+        "verb",
+        [
+            *(["info"], ["verify"], ["du"], ["dump"], ["clocks"], ["meta"], ["attach", "--list"]),
+            *(["info", "--follow"], ["annotate", "--list"]),
+        ],
+        ids=" ".join,
+    )
+    def test_in_every_verb(self, tmp_path: Path, verb: list) -> None:
+        path = tmp_path / "my force.csv"
+        path.write_text("t,x\n0,1\n1,2\n")
+        said = called(verb[0], path, *verb[1:])
+        text = said.out + said.err
+        assert said.code == 2 and "no signature [FIL-001]" in text
+        assert "this is a CSV file; to make a hapf file of it, run:" in text
+        (command,) = [line for line in text.splitlines() if line.startswith("  hapfmt ")]
+        assert called(*shlex.split(command)[1:]).code == 0
+        assert len(hapfmt.read(tmp_path / "my force.hapf")) == 1
+
+    @pytest.mark.parametrize("verb", ["info", "verify"])
+    def test_empty(self, tmp_path: Path, verb: str) -> None:
+        path = tmp_path / "a.hapf"
+        path.touch()
+        said = called(verb, path)
+        assert said.code == 2
+        assert "not a hapf file: the file is empty [FIL-001]" in said.out + said.err
+
+    def test_other_suffixes(self, tmp_path: Path) -> None:
+        assert set(OTHER_FORMATS) == set(FORMATS)
+        path = tmp_path / "a.txt"
+        path.write_text("no")
+        assert called("info", path).err.count("\n") == 1
+
+
+class TestLabelsAndUnits:
+    """encode and convert take labels and units for inputs that have none, or others."""
+
+    @pytest.mark.parametrize("verb", ["encode", "convert"])
+    @pytest.mark.parametrize("suffix", ["npy", "npz", "csv", "wav"])
+    def test_of_every_format(self, tmp_path: Path, verb: str, suffix: str) -> None:
+        if suffix == "wav":
+            pytest.importorskip("soundfile")
+        x = np.arange(20.0).reshape(2, 10)
+        path, out = tmp_path / f"a.{suffix}", tmp_path / "a.hapf"
+        hapfmt.save(x, path, rate=10, labels=["one", "two"])
+        given = ["--rate", 10] if suffix == "npy" else []
+
+        def described(*more: str) -> list[tuple[str, str]]:
+            said = called(verb, path, out, "--force", *given, *more)
+            assert said.code == 0, said.err
+            back = hapfmt.read(out)
+            assert np.array_equal(back.to_numpy(), x)
+            return [(channel.label, channel.unit) for channel in back]
+
+        assert described("--labels", "ax, ay", "--unit", "m/s^2") == [
+            ("ax", "m/s2"),
+            ("ay", "m/s2"),
+        ]
+        names = [label for label, _ in described()]
+        assert described("--unit", "N,Nmm") == list(zip(names, ["N", "N.mm"], strict=True))
+        said = called(verb, path, tmp_path / "b.hapf", *given, "--labels", "a,b,c")
+        assert said.code == 1 and "--labels names 3 channels, the input has 2" in said.err
+        said = called(verb, path, tmp_path / "b.hapf", *given, "--unit", "N,N,N")
+        assert said.code == 1 and "3 units for 2 channels" in said.err
+
+    def test_a_hapf_file_has_its_own(self, tmp_path: Path) -> None:
+        hapfmt.write(np.zeros(9), tmp_path / "a.hapf", rate=10)
+        for verb, out in (("encode", "b.hapf"), ("convert", "b.npz")):
+            said = called(verb, tmp_path / "a.hapf", tmp_path / out, "--labels", "a")
+            assert said.code == 1 and "--labels and --unit require .npz" in said.err

@@ -313,7 +313,7 @@ class TestPipes:
 
     def test_new_and_prepare(self, room):
         done = run("rate", "--new", "a.toml", "sand.hapf", cwd=room)
-        assert b"1 sessions of 11 conditions" in done.stdout
+        assert b"1 session of 11 conditions" in done.stdout
         assert run("rate", "--new", "a.toml", "sand.hapf", cwd=room).returncode == 1
         said = run("rate", "a.toml", "--prepare", "--json", cwd=room)
         sizes = {

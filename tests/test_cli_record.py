@@ -68,6 +68,39 @@ def test_a_bad_line_ends_with_1_and_keeps_what_came_before(tmp_path):
     assert hapfmt.read(path).channels[0].stored.tolist() == [1, 2]
 
 
+@pytest.mark.parametrize("name", ["time [s]", "t", "Zeit (ms)", "timestamp"])
+def test_a_column_of_times_is_a_channel_with_a_note(tmp_path, name):
+    path = str(tmp_path / "a.hapf")
+    code, _, err = run(f"{name},f [Nmm]\n0,1\n9,2\n".encode(), path, "--rate", "10")
+    said = f"note: column {name!r} is recorded as a channel; hapfmt encode places rows by their"
+    assert code == 0 and said in " ".join(err.split())
+    time, f = hapfmt.read(path)
+    assert time.samples().tolist() == [0, 9] and (f.label, f.unit) == ("f", "N.mm")
+
+
+@pytest.mark.parametrize("names", [b"fx,time [s]", b"f (N),y", b"time"])
+def test_other_columns_need_no_note(tmp_path, names):
+    row = b",".join(b"1" for _ in names.split(b","))
+    code, _, err = run(names + b"\n" + row + b"\n", str(tmp_path / "a.hapf"), "--rate", "10")
+    assert (code, err) == (0, "")
+
+
+def test_a_unit_for_each_channel_of_a_table(tmp_path):
+    path = str(tmp_path / "a.hapf")
+    assert run(b"1,2\n", path, "--rate", "10", "--unit", "Nmm,m")[0] == 0
+    assert [channel.unit for channel in hapfmt.read(path)] == ["N.mm", "m"]
+    code, _, err = run(b"1,2\n", path, "--rate", "10", "--unit", "N,m,s", "--force")
+    assert code == 1 and "3 units for 2 channels" in err
+
+
+def test_units_of_a_header_become_codes(tmp_path):
+    path = str(tmp_path / "a.hapf")
+    header = b'{"channels": [{"label": "a", "rate": 10, "unit": "Nmm"}]}\n1\n'
+    assert run(header, path)[0] == 0 and hapfmt.read(path)[0].unit == "N.mm"
+    assert run(b"1\n", path, "--rate", "10", "--unit", "m/s^2", "--force")[0] == 0
+    assert hapfmt.read(path)[0].unit == "m/s2"
+
+
 @pytest.mark.parametrize(
     ("data", "arguments", "message"),
     [

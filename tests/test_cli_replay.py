@@ -394,7 +394,7 @@ class TestDamage:
         channel = Channel(
             counts, Fraction(100), calibration=STEP, label="a", unit="N", body_site="left hand"
         )
-        hapfmt.write(Recording((channel,)), path, hapfmt.Settings.of("archive", cluster="5"))
+        hapfmt.write(Recording((channel,)), path, hapfmt.Settings.of("lossless", cluster="5"))
         data = bytearray(path.read_bytes())
         with hapfmt.Reader(path) as reader:
             packets = list(reader.packets({0: (0, 1 << 40)}))

@@ -65,7 +65,7 @@ def test_strangers_one_after_the_other(name: str, gap: Fraction | None) -> None:
         joined, edited = concat(files, gap=gap)
     except hapfmt.ParameterError as error:
         # References are for the encoder to choose, recording by recording.
-        assert name == "archive alike" and "--no-references" in str(error)
+        assert name == "lossless alike" and "--no-references" in str(error)
         return
     assert_intact(joined)
     back, offset = hapfmt.read(joined), Fraction(0)
@@ -100,7 +100,7 @@ def packet_count(rows: dict) -> int:
 
 def test_lossless_tracks_share_one_description() -> None:
     """Words, and doubles with exact values, whatever their declared ranges."""
-    files = [made("archive doubles", 0), made("archive doubles", 1, **OTHER)]
+    files = [made("lossless doubles", 0), made("lossless doubles", 1, **OTHER)]
     ranges = [[(t.count_min, t.count_max) for t in tracks_of(file).values()] for file in files]
     joined, _ = concat(files)
     tracks = list(tracks_of(joined).values())
@@ -112,27 +112,27 @@ def test_lossless_tracks_share_one_description() -> None:
 
 
 def test_by_their_epochs() -> None:
-    files = [made("archive"), made("archive", 1, **OTHER)]
+    files = [made("lossless"), made("lossless", 1, **OTHER)]
     joined, edited = concat(files, times="epoch")
     assert edited.offsets == [0, 10] and edited.notes == [
         "digests of 3 tracks left out: they are of other packets, or times"
     ]
     assert_intact(joined)
     assert hapfmt.read(joined).channels[0].gaps[1] == hapfmt.Span(1520, 5000)
-    late = made("archive", 1, epoch_ns=EPOCH_NS + 10 * 10**9 + 300_000)
+    late = made("lossless", 1, epoch_ns=EPOCH_NS + 10 * 10**9 + 300_000)
     _, edited = concat([files[0], late], times="epoch")
     assert edited.offsets == [0, 10]
     assert edited.notes[0].endswith("-0.0003 s from its epoch, to whole ticks")
     with pytest.raises(hapfmt.ParameterError, match="out of the ticks"):
         concat(files[::-1], times="epoch")
     with pytest.raises(hapfmt.ParameterError, match="the epoch is not known: give the offset"):
-        concat([files[0], made("archive", 1, epoch_ns=None)], times="epoch")
+        concat([files[0], made("lossless", 1, epoch_ns=None)], times="epoch")
 
 
 def test_a_channel_that_one_file_lacks_is_a_gap_there() -> None:
     a, b, c = waves(3, 1)
-    one = write(recording(counts("a", a), counts("b", b)), preset="archive")
-    other = write(replace(recording(counts("c", c), counts("b", a)), **OTHER), preset="archive")
+    one = write(recording(counts("a", a), counts("b", b)), preset="lossless")
+    other = write(replace(recording(counts("c", c), counts("b", a)), **OTHER), preset="lossless")
     joined, edited = concat([one, other])
     assert_intact(joined)
     back = hapfmt.read(joined)
@@ -168,7 +168,7 @@ def test_what_does_not_go_together_is_refused_with_what_to_do() -> None:
     with pytest.raises(
         hapfmt.ParameterError, match="channels 1, 2, 3 are coded together with others than"
     ):
-        concat([made("archive"), made("archive alike", uuid=None)])
+        concat([made("lossless"), made("lossless alike", uuid=None)])
     with pytest.raises(hapfmt.ParameterError, match="two packets overlap at 0 s"):
         concat([write(base), write(base)])
     with pytest.raises(hapfmt.ParameterError, match="nothing to concatenate"):
@@ -178,11 +178,11 @@ def test_what_does_not_go_together_is_refused_with_what_to_do() -> None:
 
 
 def test_metadata_of_all_files_is_kept() -> None:
-    one = made("archive")
+    one = made("lossless")
     attachments = {"sheet.txt": ("text/plain", b"another"), "x": ("", b"x")}
     metadata = {"subject": "S2", "n": [1, 2.5, None]}
     changed = replace(plain(1), uuid=None, metadata=metadata, attachments=attachments)
-    other = write(changed, preset="archive")
+    other = write(changed, preset="lossless")
     joined, _ = concat([one, other])
     back = hapfmt.read(joined)
     assert back.metadata["subject"] == "S1" and back.metadata["subject (2)"] == "S2"
@@ -198,7 +198,7 @@ def test_metadata_of_all_files_is_kept() -> None:
 
 def clocked(seed: int, name: bytes, **changes: object) -> bytes:
     """With an observation and a map of a clock, for track 0."""
-    out = io.BytesIO(data := made("archive", seed, **changes))
+    out = io.BytesIO(data := made("lossless", seed, **changes))
     out.seek(len(data))
     writer = FileWriter.resume(out, open_catalogue(BytesSource(data), scan=True))
     for type_ in ("cLOk", "cMAp"):
@@ -228,7 +228,7 @@ def test_maps_of_clocks_hold_for_their_own_file_only() -> None:
 
 
 def test_a_concatenation_can_be_cut_and_concatenated_again() -> None:
-    files = [made("default", 0), made("default", 1, **OTHER)]
+    files = [made("paper step", 0), made("paper step", 1, **OTHER)]
     joined, _ = concat(files)
     assert any(track.continues is not None for track in tracks_of(joined).values())
     again, _ = concat(split_up(joined, every=Fraction(7, 5)))

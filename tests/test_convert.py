@@ -318,14 +318,16 @@ BAD_NPY: dict[str, Callable[[], bytes]] = {
 }
 BAD_NPZ: dict[str, Callable[[], bytes]] = {
     "this is not an .npz archive: File is not a zip": lambda: b"",
-    "no key 'x' .*; there are: 'y'": lambda: npz(y=np.zeros(())),
-    "no key 'x' .*; there are: 'y', 'z'": lambda: npz(y=X, z=X),
-    "no key 'x' .*; there are: 'p', 'q'": lambda: npz(p=X[0], q=X[0][:2]),
+    r"no key 'x' .*; there are: 'y' \(one value\)$": lambda: npz(y=np.zeros(())),
+    r"no key 'x' .*; there are: 'y' \(2 x 3\), 'z' \(2 x 3\)": lambda: npz(y=X, z=X),
+    r"no arrays of one dimension and one length; there are: 'p' \(3\), 'q' \(2\)": lambda: npz(
+        p=X[0], q=X[0][:2]
+    ),
     r"key 'x' has the shape \(True, 10\)": lambda: npz(
         x=npy_header("{'descr':'<f8','fortran_order':False,'shape':(True,10)}")
     ),
     "key 'x' is 1000 x 3, read as 1000 channels.*--transpose": lambda: npz(x=np.zeros((1000, 3))),
-    "there are: 'k0', .*'k7' and 2 more": lambda: npz(**{f"k{i}": X for i in range(10)}),
+    r"there are: 'k0' .*'k7' \(2 x 3\) and 2 more$": lambda: npz(**{f"k{i}": X for i in range(10)}),
     "keys x and x__0 together": lambda: npz(x=X, x__0=X),
     "key 'x' is compressed by a method": lambda: npz(zipfile.ZIP_BZIP2, x=X),
     "key 'x' has the dtype object": lambda: npz(x=npy(np.array([None]), allow_pickle=True)),
@@ -385,6 +387,11 @@ BAD_CSV: dict[str, bytes] = {
     "line 1: unexpected end of data": b't,"x\n0,1\n',
     "line 2: ',' expected after '\"'": b't,x\n"0"1,2\n',
     r"after line \d{4}: not UTF-8 text": b"x\n" + b"1\n" * 5000 + b"\xff\n",
+    r"not UTF-8 text; save the table as UTF-8 \(iconv -f latin1 -t utf-8 IN > OUT\)$": b"t,\xb5\n0,1\n",
+    r"line 2: this looks like a row of units; .*'time \[s\]'$": b"time,Fx\ns,N\n0,1\n",
+    r"line 3: this looks like a row of units; .*'Fx \[N\]'$": b"n,Fx\n#\n-,(N)\n0,1\n",
+    r"'\(none\)' is not a number": b"a,b\n(none),-\n",
+    r"no name; for tables of pandas: to_csv\(index=False\), or index_label": b",x\n0,1\n",
 }
 BAD_WAV: dict[str, Callable[[], bytes]] = {
     "this is not a .wav file: it does not begin with RIFF": lambda: b"",

@@ -126,8 +126,43 @@ def test_worse_jitter_is_refused_unless_a_rate_is_given() -> None:
         table(jittered(0.8))
     recording = table(jittered(0.8), rate=100)
     assert recording.channels[0].coverage == (Span(0, 300),)
-    assert "one tick apart" in recording.metadata["notes"][0]
+    assert "less than a tick apart" in recording.metadata["notes"][0]
     assert "differ from a regular 100 Hz by up to " in recording.metadata["notes"][1]
+
+
+def drifting(gap: int) -> list[str]:
+    """1 kHz whose error adds up, and ``gap`` rows that are missing."""
+    steps = 0.001 * np.random.default_rng(3).normal(1, 0.01, 20_000)
+    times = np.delete(np.cumsum(steps), slice(12_000, 12_000 + gap))
+    return [f"{time:.6f}" for time in times]
+
+
+def test_a_given_rate_keeps_the_gaps_of_times_that_drift() -> None:
+    [channel] = table(drifting(100), rate=1000).channels
+    [gap] = [gap for gap in channel.gaps if gap.ticks > 2]
+    assert abs(gap.ticks - 100) <= 3 and abs(gap.start - 12_000) <= 3
+    assert abs(channel.stop_tick - 20_000) <= 5
+
+
+def test_rows_that_come_in_bursts_keep_their_order_and_their_gap() -> None:
+    arrived = [10 * (row // 10 + 1) + 0.01 * (row % 10) for row in range(1000)]
+    late = [time + 500 * (time > 505) for time in arrived]
+    [channel] = table([f"{time / 1000:.5f}" for time in late], rate=1000).channels
+    assert [gap.ticks for gap in channel.gaps] == [500]
+
+
+@pytest.mark.parametrize("rate", [500, 900])
+def test_a_rate_below_that_of_the_times_is_refused(rate: int) -> None:
+    times = [f"{row / 1000}" for row in range(20_000)]
+    with pytest.raises(ParameterError, match=r"they come at about 1000 Hz\. Give that rate"):
+        table(times, rate=rate)
+
+
+def test_a_rate_above_that_of_the_times_is_noted() -> None:
+    recording = table([f"{row / 1000}" for row in range(100)], rate=2000)
+    assert len(recording.channels[0].gaps) == 99
+    [note] = recording.metadata["notes"]
+    assert note == "the rows come at about 1000 Hz, so most ticks of 2000 Hz are gaps"
 
 
 def test_random_times_are_refused() -> None:

@@ -20,7 +20,7 @@ from edited import (
     packets_of,
     tracks_of,
 )
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import hapfmt
@@ -66,6 +66,7 @@ def test_a_subset_reads_as_the_whole_does(
     file = made(name)
     start, stop = min(a, b), max(a, b) + Fraction(1, 50)
     with hapfmt.Reader(file) as reader:
+        assume(start < reader.duration)
         known = [ref.label for ref in reader.channels]
     chosen = data.draw(st.lists(st.sampled_from(known), min_size=1, unique=True))
     part, edited = subset(file, chosen, start, stop)
@@ -114,7 +115,7 @@ def test_a_band_becomes_channels_of_its_own(name: str, band: str) -> None:
     report = hapfmt.verify(part, against=PRESETS[name][0](0) if band == "lf" else None)
     assert report.exit_code == 0
     assert all(not check.contract.guaranteed for check in report.contracts if check.label in split)
-    if name == "default lossless":
+    if name == "paper 1lsb":
         assert [check.outside for check in report.contracts] == [0] * len(report.contracts)
 
 
@@ -124,6 +125,7 @@ def test_moving_the_start_to_zero_moves_the_epoch(
 ) -> None:
     data = made(name, epoch_ns=EPOCH_NS if known else None)
     start, stop = min(a, b), max(a, b) + Fraction(1, 50)
+    assume(start < hapfmt.read(data).duration)
     moved, edited = subset(data, None, start, stop, to_zero=True)
     kept, before = subset(data, None, start, stop)
     assert_intact(moved)

@@ -9,6 +9,7 @@ from fractions import Fraction
 from functools import cache
 
 import forge
+import pytest
 from edited import made
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,7 +20,7 @@ from hapfmt import edit
 from hapfmt.container.source import BytesSource
 from hapfmt.container.walk import walk
 
-FILES = ["default", "deadband", "archive doubles", "archive alike"]
+FILES = ["paper step", "perceptual", "lossless doubles", "lossless alike"]
 
 
 @cache
@@ -40,7 +41,7 @@ VERBS: list[Callable[[bytes, io.BytesIO], object]] = [
     subset,
     lambda file, out: edit.subset(file, out, [0], band="lf"),
     lambda file, out: edit.concat([file, file], out, gap=1),
-    lambda file, out: edit.merge([file, made("archive")], out, times="same"),
+    lambda file, out: edit.merge([file, made("lossless")], out, times="same"),
     lambda file, out: edit.annotate(file, SCENE, out),
     lambda file, out: edit.set_metadata(file, {"a": 1}, out),
 ]
@@ -80,3 +81,14 @@ def test_any_damage_is_refused(name: str, junk: bytes, data: st.DataObject) -> N
         assert out.getvalue() == b""
         return
     raise AssertionError("a damaged file was copied")
+
+
+def test_an_unknown_residual_of_a_channel_that_is_not_there() -> None:
+    """Its codec is not known, so nothing checked that its base exists."""
+    track = forge.trak(kind=2, codec=b"KN_T", base=9, first_channel=1)
+    data = forge.closed(
+        ("HEAD", forge.head()), forge.TRACK_0, ("TRAK", track, {"track": 1}), forge.DATA_0
+    )
+    for verb in (edit.concat, edit.merge):
+        with pytest.raises(hapfmt.UnsupportedError, match=r"Track 1 refers to (track 9|channel 1)"):
+            verb([data, data], io.BytesIO(), times="same")

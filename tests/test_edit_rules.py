@@ -59,7 +59,7 @@ class TestRefusals:
     @pytest.mark.parametrize("verb", ["subset", "split", "concat", "merge", "attach", "meta"])
     @pytest.mark.parametrize("fault", ["flipped", "cut", "open", "critical"])
     def test_by_every_verb(self, verb: str, fault: str, tmp_path: Any) -> None:
-        data = bytearray(made("archive"))
+        data = bytearray(made("lossless"))
         if fault == "flipped":
             data[len(data) // 2] ^= 1
         elif fault == "cut":
@@ -73,8 +73,8 @@ class TestRefusals:
         given: Any = {
             "subset": lambda: edit.subset(file, out),
             "split": lambda: edit.split(file, f"{tmp_path}/{{}}.hapf", every=1),
-            "concat": lambda: edit.concat([made("archive"), file], out),
-            "merge": lambda: edit.merge([made("archive"), file], out),
+            "concat": lambda: edit.concat([made("lossless"), file], out),
+            "merge": lambda: edit.merge([made("lossless"), file], out),
             "attach": lambda: edit.attach(file, [edit.attachment_of(__file__)], out),
             "meta": lambda: edit.set_metadata(file, {"a": 1}, out),
         }
@@ -87,7 +87,7 @@ class TestRefusals:
 
     def test_damage_that_only_the_copying_meets(self) -> None:
         """By its index a file opens whatever is wrong with its clusters."""
-        data = bytearray(made("archive"))
+        data = bytearray(made("lossless"))
         place = packets_of(bytes(data))[3].offset
         refs = catalogue_of(bytes(data)).data
         data[refs[2].offset + 40 + 0 * place] ^= 1
@@ -124,7 +124,7 @@ class TestRefusals:
         assert_intact(part)
 
     def test_wrong_use(self, tmp_path: Any) -> None:
-        data = made("archive")
+        data = made("lossless")
         wrong = [
             (lambda: subset(data, ["x"]), "no channel 'x'; there are: 0='a', 1='b', 2='c'"),
             (lambda: subset(data, band="mid"), "band is one of"),
@@ -152,7 +152,7 @@ class TestRefusals:
 
     def test_an_output_that_exists(self, tmp_path: Any) -> None:
         path = tmp_path / "a.hapf"
-        path.write_bytes(made("archive"))
+        path.write_bytes(made("lossless"))
         with pytest.raises(hapfmt.ParameterError, match="already exists"):
             edit.subset(path, path)
         edit.subset(path, path, ["a"], force=True)
@@ -254,7 +254,7 @@ class TestDescriptions:
         assert described(whole) == [both] and edited.notes == []
         second, edited = subset(data, [1])
         assert described(second) == [forge.trak(tlvs)] and edited.notes == []
-        moved, edited = merge([made("archive"), data], times="same")
+        moved, edited = merge([made("lossless"), data], times="same")
         assert described(moved)[1] == forge.trak(tlvs, track_count=2, first_channel=3)
         for file in (whole, second, moved):
             assert_intact(file)
@@ -297,7 +297,7 @@ class TestDescriptions:
         assert hapfmt.verify(part).exit_code == UNSUPPORTED
 
     def test_prefixes(self) -> None:
-        one, two = made("default vectors"), made("default vectors", 1, uuid=None)
+        one, two = made("paper vectors"), made("paper vectors", 1, uuid=None)
         both, edited = merge([one, two], prefixes=["l/", ""])
         assert edited.notes == []
         back = hapfmt.read(both)
@@ -312,7 +312,7 @@ class TestTimes:
     """EDT-008: Where ticks move, an editor MUST move a known epoch along, and not keep the UUID, which stands for one recording on one time line."""
 
     def test_offsets(self) -> None:
-        one, two = made("archive"), made("archive", 1, uuid=None)
+        one, two = made("lossless"), made("lossless", 1, uuid=None)
         both, edited = merge([one, two], offsets={0: Fraction(1, 2), 1: 2})
         assert_intact(both)
         back = hapfmt.read(both)
@@ -327,27 +327,27 @@ class TestTimes:
             merge([one, two], offsets={1: 1}, times="same")
 
     def test_by_epoch(self) -> None:
-        one = made("archive", epoch_ns=EPOCH_NS + 2_000_300_000)
-        two = made("archive doubles", 1)
+        one = made("lossless", epoch_ns=EPOCH_NS + 2_000_300_000)
+        two = made("lossless doubles", 1)
         both, edited = merge([one, two], times="epoch")
         assert edited.offsets == [2, 0]
         assert edited.notes[0] == "the input: -0.0003 s from its epoch, to whole ticks"
         assert hapfmt.read(both).epoch_ns == EPOCH_NS
         assert_intact(both)
         with pytest.raises(hapfmt.ParameterError, match="the epoch is not known: give the offset"):
-            merge([one, made("archive", 1, epoch_ns=None)], times="epoch")
+            merge([one, made("lossless", 1, epoch_ns=None)], times="epoch")
 
     def test_files_that_do_not_say(self) -> None:
-        one, two = made("archive"), made("archive", 1, epoch_ns=EPOCH_NS + 5, uuid=None)
+        one, two = made("lossless"), made("lossless", 1, epoch_ns=EPOCH_NS + 5, uuid=None)
         with pytest.raises(hapfmt.ParameterError, match="the files do not say how their times"):
             merge([one, two])
-        alike, _ = merge([one, made("archive", 1, uuid=None)])
+        alike, _ = merge([one, made("lossless", 1, uuid=None)])
         assert hapfmt.read(alike).uuid not in (UUID, None)
         assert len(chunks_of(alike, "dGST")) == 2
         assert_intact(alike, digests=6)
 
     def test_a_canonical_result_has_no_uuid_of_chance(self) -> None:
-        one = made("archive")
+        one = made("lossless")
         twice = [merge([one, one], offsets={1: 1}, canonical=5)[0] for _ in range(2)]
         assert twice[0] == twice[1]
         assert hapfmt.read(twice[0]).uuid is None
@@ -385,7 +385,7 @@ class TestDigests:
     """EDT-007: An editor MUST NOT keep a digest unless every packet of its track, and none besides, stands in the new file, at the same ticks."""
 
     def test_of_what_is_kept_as_a_whole(self) -> None:
-        data = made("default")
+        data = made("paper step")
         count = hapfmt.verify(data).digests
         assert count == 6
         cases = [
@@ -402,19 +402,19 @@ class TestDigests:
 
     def test_of_a_file_that_was_appended_to(self, tmp_path: Any) -> None:
         path = tmp_path / "a.hapf"
-        path.write_bytes(made("archive"))
+        path.write_bytes(made("lossless"))
         first = packets_of(path.read_bytes())[0]
         with open_append(path) as (_, writer, _):
             writer.cluster([replace(first, start=5000)])
         assert_intact(path.read_bytes(), digests=3)
         part, edited = subset(path.read_bytes())
         assert_intact(part, digests=2)
-        assert edited.notes == ["digests of 1 tracks left out: they are of other packets, or times"]
+        assert edited.notes == ["digests of 1 track left out: they are of other packets, or times"]
 
     def test_a_part_that_holds_all_of_a_track(self) -> None:
         a, b, _ = waves(3, 1)
         early = replace(counts("early", a[:100]), coverage=(hapfmt.Span(0, 100),))
-        data = write(recording(early, counts("late", b)), preset="archive", cluster=Fraction(1, 2))
+        data = write(recording(early, counts("late", b)), preset="lossless", cluster=Fraction(1, 2))
         first, second = split_up(data, at=[1])
         assert_intact(first)
         assert_intact(second)
@@ -440,18 +440,20 @@ class TestMetadata:
         assert combined([{"a": value}, {"a": value}]) == {"a": value}
 
     def test_what_happened_is_noted(self) -> None:
-        data = made("archive")
+        data = made("lossless")
         notes = hapfmt.read(subset(data, ["a", "b"], 1, Fraction(5, 2))[0]).metadata["notes"]
         assert notes == ["recorded on a Monday", f"subset of {UUID}: channels 0, 1; 1:2.5 s"]
-        notes = hapfmt.read(merge([data, made("archive", epoch_ns=None)], times="same")[0]).metadata
+        notes = hapfmt.read(
+            merge([data, made("lossless", epoch_ns=None)], times="same")[0]
+        ).metadata
         assert notes["notes"][-1] == f"merged from {UUID}, {UUID}"
 
 
 class TestLevels:
     def test_kept_or_raised(self) -> None:
-        one = made("archive")
+        one = made("lossless")
         big = counts("big", np.array([1 << 24, -5, 7], np.int32), coverage=(hapfmt.Span(0, 3),))
-        two = write(replace(recording(big), uuid=None), preset="archive")
+        two = write(replace(recording(big), uuid=None), preset="lossless")
         assert catalogue_of(one).level.number == 1 and catalogue_of(two).level.number == 2
         both, edited = merge([one, two])
         assert catalogue_of(both).level.number == edited.level == 2
@@ -479,7 +481,7 @@ def test_nothing_but_one_cluster_is_in_memory(tmp_path: Any) -> None:
     words = generator.integers(0, 1 << 63, 2_600_000, dtype=np.uint64)
     channel = hapfmt.Channel(words, Fraction(10_000), label="noise")
     path, out = tmp_path / "a.hapf", tmp_path / "b.hapf"
-    settings = hapfmt.Settings.of("archive", cluster=Fraction(1))
+    settings = hapfmt.Settings.of("lossless", cluster=Fraction(1))
     hapfmt.write(hapfmt.Recording((channel,)), path, settings, canonical=1)
     del words, channel
     edit.subset(path, out, canonical=1)
@@ -494,9 +496,9 @@ def test_nothing_but_one_cluster_is_in_memory(tmp_path: Any) -> None:
 
 
 def test_clusters_stay_as_they_were() -> None:
-    data = made("archive", cluster=Fraction(1, 4))
+    data = made("lossless", cluster=Fraction(1, 4))
     assert len(catalogue_of(subset(data)[0]).data) == len(catalogue_of(data).data) > 10
-    both, _ = merge([data, made("archive", 1, uuid=None)])
+    both, _ = merge([data, made("lossless", 1, uuid=None)])
     times = [ref.start_ns for ref in catalogue_of(both).data]
     assert times == sorted(times)
 
@@ -515,7 +517,7 @@ def test_an_index_that_points_elsewhere() -> None:
 
 def test_original_by_name_and_pipe(tmp_path: Any) -> None:
     path = tmp_path / "x.hapf"
-    path.write_bytes(made("archive"))
+    path.write_bytes(made("lossless"))
     with Original(path) as original:
         assert (original.name, original.stem) == (str(path), "x")
         assert edit.subset(original, io.BytesIO()).packet_count == 21
@@ -540,3 +542,12 @@ def test_recordings_without_samples_or_channels() -> None:
         edited = edit.concat([data, data], out)
         assert_intact(out.getvalue())
         assert edited.start is None and edited.as_json()["start"] is None
+
+
+def test_a_time_range_behind_the_end_is_refused(tmp_path: Any) -> None:
+    out = tmp_path / "out.hapf"
+    with pytest.raises(
+        hapfmt.ParameterError, match=r"^No samples in this time range; .* ends at \d"
+    ):
+        edit.subset(made("lossless"), out, start=1000)
+    assert not out.exists()

@@ -166,6 +166,25 @@ class TestNpz:
             done = run("encode", path, "p.hapf", "--no-transpose", *more, "-f", cwd=tmp_path)
             assert len(hapfmt.read(tmp_path / "p.hapf")) == 1000
 
+    def test_the_original_of_a_file_lies_on_its_side_too(self, tmp_path):
+        tall = np.arange(3000.0).reshape(1000, 3)
+        (tmp_path / "tall.npz").write_bytes(npz(x=tall, fs=10))
+        assert run("encode", "tall.npz", "a.hapf", "--transpose", cwd=tmp_path).returncode == 0
+        for verb in (
+            ("verify", "a.hapf", "--against", "tall.npz"),
+            ("compare", "a.hapf", "tall.npz"),
+            ("compare", "tall.npz", "tall.npz"),
+            ("plot", "a.hapf", "-o", "a.png", "--against", "tall.npz"),
+            ("plot", "tall.npz", "-o", "b.png"),
+        ):
+            done = run(*verb, cwd=tmp_path)
+            assert done.returncode == 1 and "--transpose" in done.stderr
+            done = run(*verb, "--transpose", cwd=tmp_path)
+            assert done.returncode == 0, (verb, done.stderr)
+        for verb in (("verify", "a.hapf"), ("compare", "a.hapf", "a.hapf")):
+            done = run(*verb, "--transpose", cwd=tmp_path)
+            assert done.returncode == 1 and "requires .npy or .npz" in done.stderr
+
 
 def gappy(tmp_path, ticks=150_000_000):
     """A small file with a large gap."""

@@ -232,9 +232,119 @@ def habit(place, value):
     return bytearray(numbers.tobytes())
 
 
+def packets_of(x, task, dtype=np.int64):
+    ((packet, _),) = both([job(np.array(x, dtype), task, Predictor(1))])
+    return packet
+
+
+class TestEdges:
+    """One count within a bound, and one beyond."""
+
+    @pytest.mark.parametrize("dtype", [np.int16, np.int32, np.int64])
+    def test_the_declared_range(self, dtype):
+        x = [-100, 0, 99] * 5
+        assert isinstance(packets_of(x, Task(-100, 99, WHOLE, None), dtype), bytes)
+        for low, high in ((-99, 99), (-100, 98)):
+            assert packets_of(x, Task(low, high, WHOLE, None), dtype) is Missing.OUTSIDE
+
+    @pytest.mark.parametrize("knots", [None, *INTERPOLATIONS])
+    def test_counts_are_clamped_to_the_range(self, knots):
+        """The grid's values are 105 and -105; a decoder makes 100 and -100 of them."""
+        task = Task(-100, 100, LpcParameters(15), Deadband(0, 1, (1,), (0,)), knots, 7)
+        for x in ([0, 99], [0, 100], [0, -99], [0, -100]):
+            assert isinstance(packets_of(np.repeat(x, 9), task), bytes)
+        for x in ([0, 98], [0, -98]):
+            assert packets_of(np.repeat(x, 9), task) is Missing.BROKEN
+
+    @pytest.mark.parametrize("knots", [None, "hold"])
+    def test_a_tenth_of_the_count_and_no_more(self, knots):
+        task = Task(-1000, 1000, LpcParameters(90), Deadband(1, 10, (1,), (0,)), knots, 11)
+        assert isinstance(packets_of(np.repeat([0, 100], 9), task), bytes)
+        assert packets_of(np.repeat([0, 101], 9), task) is Missing.BROKEN
+
+    @pytest.mark.parametrize("knots", [None, *INTERPOLATIONS])
+    def test_the_first_and_the_last_cell(self, knots):
+        grid, band = LpcParameters(3, 0, 1, 10), Deadband(1, 5, (3,), (0,))
+        task = Task(-1000, 1000, grid, band, knots, 3)
+        assert isinstance(packets_of(np.repeat([-1000, 1000], 9), task), bytes)
+
+    @pytest.mark.parametrize("knots", [None, *INTERPOLATIONS])
+    def test_quotients_that_a_product_misses(self, knots):
+        """As a double 49 times 1 / 49 is less than 1."""
+        assert 49 * (1 / 49) < 1
+        band = Deadband(0, 1, (98,), (0,))
+        for step in (49, 98):
+            task = Task(-(1 << 20), 1 << 20, LpcParameters(step), band, knots, step)
+            assert isinstance(packets_of(np.arange(-490, 491, 49), task), bytes)
+
+    def test_indices_of_33_bits(self):
+        far = 1 << 32
+        for x in ([far, 0], [0, far], [-far, 0], [0, -far]):
+            task = Task(-far, far, WHOLE, None)
+            assert isinstance(packets_of(x * 9, task), bytes)
+            beyond = replace(task, grid=LpcParameters(1, -1 if max(x) else 1))
+            assert packets_of(x * 9, beyond) is Missing.NO_CODE
+
+    @pytest.mark.parametrize("knots", INTERPOLATIONS)
+    @pytest.mark.parametrize("slack", [0, 3])
+    def test_knots_of_33_bits(self, knots, slack):
+        """2^32 from the zero of the grid."""
+        far, band = (1 << 32) - 1, Deadband(0, 1, (4,), (0,))
+        for x, zero in (([far - 40, far], -1), ([far], -1), ([-far, 40 - far], 1), ([-far], 1)):
+            task = Task(-far, far, LpcParameters(1, zero), band, knots, slack)
+            assert isinstance(packets_of(np.repeat(x, 9), task), bytes)
+
+    @pytest.mark.parametrize("knots", INTERPOLATIONS)
+    @pytest.mark.parametrize("top", [2, 3])
+    def test_knots_lie_between_the_least_and_the_largest_count(self, knots, top):
+        task = Task(-100, 100, WHOLE, Deadband(0, 1, (6,), (0,)), knots, 5)
+        packet = packets_of(np.repeat([0, top], 9), task)
+        parameters = CodedKnotParameters(knots, WHOLE)
+        y = decode_coded_knots(packet, parameters, 18, 1, LEVELS[2], 0)[:, 0]
+        assert set(y.tolist()) == {top // 2}
+
+    @pytest.mark.parametrize("knots", INTERPOLATIONS)
+    @pytest.mark.parametrize("step", [6, 7, 8])
+    def test_the_slack_is_that_of_the_task(self, knots, step):
+        """Counts at 0 and ``step``: within 3 of each other up to 6."""
+        task = Task(-100, 100, WHOLE, Deadband(0, 1, (4,), (0,)), knots, 3)
+        packet = packets_of(np.repeat([0, step], 9), task)
+        parameters = CodedKnotParameters(knots, WHOLE)
+        y = decode_coded_knots(packet, parameters, 18, 1, LEVELS[2], 0)[:, 0]
+        assert (len(set(y.tolist())) == 1) is (step == 6)
+
+
 class TestRefused:
     def test_as_it_is(self):
         assert call() > 0
+
+    @pytest.mark.parametrize(
+        ("place", "most", "sign"),
+        [
+            (0, 1 << 32, -1), (1, 1 << 32, 1), (2, (1 << 32) - 1, 1), (3, 1 << 32, 1),
+            (3, 1 << 32, -1), (5, 65535, 1), (6, 65535, 1), (7, 1 << 32, 1), (8, 1 << 32, 1),
+            (8, 1 << 32, -1), (10, 1 << 32, 1),
+        ],
+    )  # fmt: skip
+    def test_the_widest_tasks(self, place, most, sign):
+        call(tasks=record(place, sign * most))
+        with pytest.raises(ValueError, match="not blocks of equal length"):
+            call(tasks=record(place, sign * (most + 1)))
+
+    @pytest.mark.parametrize("habits", [habit(0, 4), habit(1, 32)])
+    def test_the_largest_habits(self, habits):
+        call(habits=habits)
+
+    def test_the_largest_tables(self):
+        sines, far = TABLE.copy(), 1 << 33
+        sines[-1] = 32767
+        call(sines=sines, grids=[np.array([[0, far], [5, 9]])])
+        for wrong in ({"sines": sines + 1}, {"grids": [np.array([[0, far + 1], [5, 9]])]}):
+            with pytest.raises(ValueError, match="not blocks of equal length"):
+                call(**wrong)
+        habits = habit(1, 1)
+        habits[-32] = 256 - 127
+        call(habits=habits)
 
     @pytest.mark.parametrize(
         "changed",

@@ -73,6 +73,14 @@ class TestTwins:
         for _ in range(60):
             assert_same(find, *random_tube(rng, kind))
 
+    def test_places_with_one_between_that_no_line_reaches(self, find):
+        """They are two runs of places, not one."""
+        lower = np.array([3, 5, -5, -4, -14, -22, -14])
+        upper = np.array([11, 8, 2, 1, -11, -13, -7])
+        knots = assert_same(find, lower, upper)
+        grid = range(-22, 12)
+        assert knots is not None and (find is fewest_hold or inside(lower, upper, knots, grid))
+
     @pytest.mark.parametrize("width", [0, 1, 3, 40, 2000])
     def test_long_tubes(self, find, width):
         """Long links, long ones beside short ones, and values that no whole count reaches."""
@@ -169,6 +177,11 @@ class TestGrids:
             x = np.resize(levels[1:-1], size)
             assert_same(fewest_linear, x, x, levels)
             assert_same(fewest_linear, x - 2**31, x + 2**31, levels)
+
+    @pytest.mark.parametrize("grid", [range(3, 9), range(0, 2)])
+    def test_a_grid_that_ends_one_beside_the_tube(self, grid):
+        with pytest.raises(ParameterError, match="a value of the grid at every tick"):
+            fewest_linear(np.array([0, 2]), np.array([3, 2]), grid)
 
     @pytest.mark.parametrize("grid", [range(0), range(4, 9), range(0, 9, 3), np.array([0, 3, 9])])
     def test_no_value_within_the_tube(self, grid):

@@ -35,9 +35,11 @@ def peak_of(work: Callable[[], object]) -> int:
 
 
 SETTINGS = {
-    "archive": Settings.of("archive", cluster=10),
+    "lossless": Settings.of("lossless", cluster=10),
     "near-lossless": Settings.of("near-lossless", max_error="1lsb", cluster=10),
-    "deadband": Settings.of("deadband", k=0, floor="2lsb", cluster=10),
+    "perceptual": Settings.of(
+        "perceptual", texture=False, felt="all", k=0, floor="2lsb", cluster=10
+    ),
 }
 
 
@@ -55,7 +57,7 @@ def test_writing_holds_no_second_recording(preset):
 def test_reading_holds_the_samples_once():
     recording = staircase(60)
     stream = io.BytesIO()
-    hapfmt.write(recording, stream, SETTINGS["archive"], canonical=1)
+    hapfmt.write(recording, stream, SETTINGS["lossless"], canonical=1)
     own = recording.channels[0].stored.nbytes
     assert own < peak_of(lambda: hapfmt.read(stream.getvalue())) < 1.25 * own + 2 * MIB
 
@@ -64,7 +66,9 @@ def test_reading_holds_exact_values_once():
     """Beside their counts: three times the bytes of these."""
     x = staircase(20).channels[0].stored * 0.1
     stream = io.BytesIO()
-    hapfmt.write(Recording((Channel(x, Fraction(1000)),)), stream, SETTINGS["archive"], canonical=1)
+    hapfmt.write(
+        Recording((Channel(x, Fraction(1000)),)), stream, SETTINGS["lossless"], canonical=1
+    )
     assert hapfmt.read(stream.getvalue()).channels[0].exact is not None
     own = x.nbytes * 3 // 2
     assert own < peak_of(lambda: hapfmt.read(stream.getvalue())) < 1.25 * own + 2 * MIB
@@ -72,7 +76,7 @@ def test_reading_holds_exact_values_once():
 
 def test_pieces_hold_one_packet():
     stream = io.BytesIO()
-    hapfmt.write(staircase(60), stream, SETTINGS["archive"], canonical=1)
+    hapfmt.write(staircase(60), stream, SETTINGS["lossless"], canonical=1)
 
     def walk() -> None:
         with hapfmt.Reader(stream.getvalue()) as reader:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -18,6 +19,8 @@ from strategies import recordings
 import hapfmt
 from hapfmt import Calibration, Channel, ParameterError, Recording, Settings
 from hapfmt.cli.encode import encode as encode_command
+from hapfmt.cli.record import record as record_command
+from hapfmt.cli.scene import scene as scene_command
 from hapfmt.encoder.encode import Decision
 from hapfmt.encoder.plan import few_values, is_clock, promise_of, quantity_of
 from hapfmt.encoder.settings import ALIASES, PRESETS, alias_note
@@ -80,14 +83,54 @@ class TestNames:
         assert back.samples().tobytes() == channel.samples().tobytes()
 
     @pytest.mark.parametrize("old", sorted(ALIASES))
-    def test_old_names_are_aliases_with_a_note(self, old, tmp_path):
+    def test_old_names_warn_in_python(self, old):
+        """At the line of the caller, since Python shows no others."""
         name, implied = ALIASES[old]
-        assert Settings.of(old) == Settings.of(name, **implied)
         assert alias_note(old).startswith(f"preset {old} is now called {name}")
-        hapfmt.save(Recording((counted(PUSH, "N"),)), tmp_path / "a.npz")
-        paths = [str(tmp_path / "a.npz"), str(tmp_path / "a.hapf")]
-        done = CliRunner().invoke(encode_command, [*paths, "--preset", old])
-        assert done.exit_code == 0 and alias_note(old) in done.stderr
+        given = {"rate": 1000, "units": "N", "canonical": 1}
+        ours, theirs = io.BytesIO(), io.BytesIO()
+        with pytest.warns(DeprecationWarning) as caught:
+            settings = Settings.of(old, digest=True)
+            hapfmt.write(PUSH + NOISE, ours, preset=old, digest=True, **given)
+        assert settings == Settings.of(name, digest=True, **implied)
+        assert [str(one.message) for one in caught] == [alias_note(old)] * 2
+        assert {one.filename for one in caught} == {__file__}
+        hapfmt.write(PUSH + NOISE, theirs, settings, **given)
+        assert ours.getvalue() == theirs.getvalue()
+
+    @pytest.mark.parametrize("old", sorted(ALIASES))
+    @pytest.mark.parametrize("verb", ["encode", "scene", "record"])
+    def test_old_names_are_noted_on_the_command_line(self, verb, old, tmp_path):
+        name, implied = ALIASES[old]
+        if verb == "record" and name == "perceptual":
+            implied = {**implied, "texture": False, "floor": "2lsb"}
+        words = [*(["--no-texture", "--floor", "2lsb"] if "floor" in implied else []),
+                 "--preset", old]  # fmt: skip
+        source, out = str(tmp_path / "a.csv"), str(tmp_path / "a.hapf")
+        x = np.rint(1000 * (PUSH + NOISE)) / 1000
+        Path(source).write_text("\n".join(["f", *map(str, x)]))
+        rate = ["--rate", "1000", "--unit", "N"]
+        command, given = {
+            "encode": (encode_command, [str(tmp_path / "a.npz"), out]),
+            "scene": (scene_command, ["sand", out, "--seconds", "0.5"]),
+            "record": (record_command, [out, "-i", source, *rate, "--lsb", "0.001"]),
+        }[verb]
+        hapfmt.save(x, tmp_path / "a.npz", rate=1000, units="N")
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            done = CliRunner().invoke(command, [*given, *words])
+        assert done.exit_code == 0, done.output
+        assert done.stderr.count(alias_note(old)) == 1
+        assert not [one for one in caught if one.category is DeprecationWarning]
+        made_by = hapfmt.read(out).metadata["encoder"]
+        made_by = made_by.replace(" --cluster 1", "")
+        assert made_by.endswith(f": {Settings.of(name, **implied).describe()}")
+
+    @pytest.mark.parametrize("k", [1.5, "10", "150%", -0.1, Fraction(-1, 9)])
+    def test_a_weber_fraction_is_a_share(self, k):
+        with pytest.raises(ParameterError, match=r"k is a share from 0 to 1, such as 0\.1 or 10%"):
+            Settings.of("perceptual", k=k)
+        assert Settings.of("perceptual", k="100%").k == 1
 
     @pytest.mark.parametrize(
         ("preset", "given", "words"),
@@ -118,6 +161,12 @@ class TestNames:
         assert "silent: nothing above 0.01 N" in quiet.reason
         with pytest.raises(ParameterError, match="does not fit a channel in m"):
             decided(counted(PUSH + NOISE, "m"), Settings.of("near-lossless", max_error="10mN"))
+
+    def test_a_large_offset_leaves_no_room_for_finer_counts(self):
+        x = np.arange(-100, 250, 7, dtype=np.int32)
+        channel = Channel(x, 1000, calibration=Calibration(1, (1 << 52) - 1), unit="N")
+        _, back = decided(channel, Settings.of("perceptual", k=0, floor="0.5lsb", smallest=False))
+        assert np.abs(back.samples() - channel.samples()).max() <= 0.5
 
 
 class TestLossless:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import re
 import subprocess
 import sys
+from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
 
@@ -157,6 +159,49 @@ class TestRecording:
             assert [event.text for event in reader.events(start=1)] == ["long", "x"]
             assert [event.text for event in reader.events(1, 1.5)] == ["long", "x"]
 
+    @pytest.mark.parametrize(
+        ("start", "stop"),
+        [(None, None), (None, 1), (0.5, 1), (0.75, 1), (0.8, 1.2), (1, None), (1.4, 1.5), (1.5, 3)],
+    )
+    @pytest.mark.parametrize("labels", [None, ["fy"]])
+    def test_three_ways_to_select_find_the_same_events(self, start, stop, labels):
+        rec = Recording(
+            tuple(example()),
+            events=(
+                Event(0, "whole", 3),
+                Event(0.5, "long", 1, layer="grip"),
+                Event(0.5, "over", 0.25, channel=1, layer="grip"),
+                Event(0.75, "other", 2, channel=0),
+                Event(1, "mark", channel=1),
+            ),
+        )
+        stream = io.BytesIO()
+        hapfmt.write(rec, stream, cluster=Fraction(1, 4))
+        selected = rec.sel(labels, start, stop).events
+        assert sorted(selected, key=lambda e: e.time) == list(selected)
+        with hapfmt.Reader(stream.getvalue()) as reader:
+            assert reader.read(labels, start, stop).events == selected
+            if labels is None:
+                assert tuple(reader.events(start, stop)) == selected
+            assert not reader.lost and not reader.findings
+        assert hapfmt.read(stream.getvalue(), labels, start, stop).events == selected
+
+    @pytest.mark.parametrize("wrong", [1.7e18, "2026-11-22", datetime(2026, 11, 22, tzinfo=UTC)])
+    def test_an_epoch_is_an_integer(self, wrong):
+        for name in ("epoch_ns", "epoch_uncertainty_ns"):
+            advice = rf"{name} is an integer.*int\(t\.timestamp\(\) \* 1e9\)"
+            with pytest.raises(ParameterError, match=advice):
+                Recording(**{name: wrong})
+        for far in (1 << 63, -(1 << 63) - 1):
+            with pytest.raises(ParameterError, match=r"within 2\^63 nanoseconds"):
+                Recording(epoch_ns=far)
+        for far in (-1, (1 << 64) - 1):
+            with pytest.raises(ParameterError, match=r"between 0 and 2\^64 - 2 ns"):
+                Recording(epoch_ns=0, epoch_uncertainty_ns=far)
+        assert type(Recording(epoch_ns=np.int64(7)).epoch_ns) is int
+        t = datetime(2026, 11, 22, tzinfo=UTC)
+        assert Recording(epoch_ns=int(t.timestamp() * 1e9)).epoch_ns == 1_795_305_600 * 10**9
+
     def test_an_empty_range(self):
         with pytest.raises(ParameterError, match="No samples in this time range"):
             example().sel(start=2, stop=1)
@@ -260,6 +305,34 @@ class TestTables:
         with pytest.raises(ParameterError, match="not a dict"):
             Recording.from_array(np.zeros((2, 5)), 5, labels={"a": 0, "b": 1})
 
+    def test_names_of_columns_hold_units_as_in_a_csv_file(self, tmp_path):
+        pandas = pytest.importorskip("pandas")
+        rec = example().sel(["fx", "fy"])
+        hapfmt.save(rec, tmp_path / "a.csv")
+        frame = pandas.read_csv(tmp_path / "a.csv", index_col=0)
+        assert list(frame.columns) == ["fx [N]", "fy [N]"]
+        back = Recording.from_array(frame)
+        assert [(c.label, c.unit, c.coverage) for c in back] == [
+            (c.label, c.unit, c.coverage) for c in rec
+        ]
+        frame.columns = ["Fx (Nmm)", "Fx [mN]"]
+        codes = [(c.label, c.unit) for c in Recording.from_array(frame)]
+        assert codes == [("Fx", "N.mm"), ("Fx (2)", "mN")]
+
+    def test_what_is_given_beside_the_names_of_columns(self):
+        pandas = pytest.importorskip("pandas")
+        frame = pandas.DataFrame({"fx [N]": [1.0, 2], "finger (left)": [3.0, 4]})
+
+        def named(**given):
+            return [(c.label, c.unit) for c in Recording.from_array(frame, 10, **given)]
+
+        as_they_are = [("fx [N]", "m"), ("finger (left)", "1")]
+        assert named() == [("fx", "N"), ("finger (left)", "1")]
+        assert named(labels=["a", "b"]) == [("a", "N"), ("b", "1")]
+        assert named(units={"fx [N]": "m"}) == as_they_are
+        frame.attrs["units"] = {"fx [N]": "m"}
+        assert named() == as_they_are
+
     def test_the_index_places_the_rows(self):
         pandas = pytest.importorskip("pandas")
         frame = pandas.DataFrame({"x": range(4)}, index=[5.0, 5.1, 5.2, 5.4])
@@ -272,6 +345,18 @@ class TestTables:
         with pytest.raises(ParameterError, match="do not count its rows"):
             Recording.from_array(frame.set_index(pandas.Index([3, 4, 5, 6])), 10)
         assert Recording.from_array(frame.reset_index(drop=True), 10)[0].coverage == (Span(0, 4),)
+
+    def test_a_row_that_is_out_of_order_is_named(self):
+        pandas = pytest.importorskip("pandas")
+        dates = pandas.date_range("2026-01-01", periods=6000, freq="1ms", tz="Asia/Tokyo")
+        order = np.r_[:4174, 4173:6000]
+        frame = pandas.DataFrame({"x": order}, index=dates[order])
+        where = r"row 4174 \(2026-01-01 00:00:04.173000\+09:00\) is not later than the"
+        with pytest.raises(ParameterError, match=where):
+            Recording.from_array(frame)
+        frame.index = order / 1000
+        with pytest.raises(ParameterError, match=r"row 4174 \(4\.173\) is not later than the"):
+            Recording.from_array(frame)
 
     @pytest.mark.parametrize(("first", "epoch_ns"), [(-1.0, None), (1.7e9, 1_700_000_000 * 10**9)])
     def test_moved_times_are_told(self, first, epoch_ns):
@@ -356,6 +441,17 @@ class TestRead:
         with pytest.raises(ParameterError, match=r"'\.h5' is not one of"):
             hapfmt.read(tmp_path / "a.h5")
 
+    @pytest.mark.parametrize("kind", ["array", "table", "list", "recording", "none"])
+    def test_what_is_no_file(self, kind):
+        given = {"array": np.zeros(3), "list": [1, 2], "recording": example(), "none": None}.get(
+            kind
+        )
+        if kind == "table":
+            given = pytest.importorskip("pandas").DataFrame({"x": [1.0, 2.0]})
+        advice = r"hapfmt\.write writes an array or a table.*hapfmt\.Recording\.from_array"
+        with pytest.raises(ParameterError, match=advice):
+            hapfmt.read(given)
+
     def test_a_url(self):
         pytest.importorskip("fsspec")
         import fsspec
@@ -375,6 +471,18 @@ class Pipe(io.BytesIO):
 
 
 class TestOldNames:
+    def test_they_are_not_listed(self):
+        import rlcompleter
+
+        channel = example()["fx"]
+        found = rlcompleter.Completer({"channel": channel}).attr_matches("channel.")
+        listed = {name.removeprefix("channel.").rstrip("()") for name in found}
+        for old in ("values", "physical", "dense"):
+            assert old not in listed and old not in dir(channel) and old not in dir(Channel)
+        assert {"counts", "samples", "filled", "to_numpy"} <= listed
+        with pytest.raises(AttributeError, match="'Channel' object has no attribute 'value'"):
+            _ = channel.value
+
     def test_they_warn(self):
         fx = example()["fx"]
         with pytest.warns(DeprecationWarning, match=r"channel\.values is deprecated"):
@@ -432,6 +540,9 @@ class TestWrite:
         [
             (np.zeros((1000, 3)), {}, r"1000 x 3, .*pass array\.T, or transpose=True"),
             (np.zeros(5), {"rate": None}, "no rate; give one"),
+            (np.zeros(5), {"rate": "1 kHz"}, "^rate is a number of samples.*, not '1 kHz'$"),
+            (np.zeros(5), {"max_eror": 1}, "no option 'max_eror'; did you mean 'max_error'"),
+            (np.zeros(5), {"unit": "N"}, "no option 'unit'; did you mean 'units'"),
             (np.zeros((2, 3, 4)), {}, "3 dimensions"),
             (np.zeros(()), {}, "0 dimensions"),
             (np.zeros(3, complex), {}, "complex128 values, not real"),
@@ -465,6 +576,56 @@ class TestWrite:
         with pytest.raises(ParameterError, match=r"hapf files end in \.hapf"):
             hapfmt.write(np.zeros(3), path, rate=1)
         assert not path.exists()
+
+    def test_the_advice_on_another_format_works_as_it_reads(self, tmp_path):
+        x = np.arange(12.0).reshape(2, 6)
+        given = {"rate": 10, "labels": ["fx", "fy"], "units": "N"}
+        with pytest.raises(ParameterError) as error:
+            hapfmt.write(x, tmp_path / "o.csv", **given)
+        (verb,) = re.findall(r"hapfmt\.(\w+) write", str(error.value))
+        getattr(hapfmt, verb)(x, tmp_path / "o.csv", **given)
+        back = hapfmt.read(tmp_path / "o.csv")
+        assert back.labels == ["fx", "fy"] and [c.unit for c in back] == ["N", "N"]
+        assert np.array_equal(back.to_numpy(), x) and back[0].rate_exact == 10
+        with pytest.raises(ParameterError) as error:
+            hapfmt.save(x, tmp_path / "o.hapf", **given)
+        (verb,) = re.findall(r"hapfmt\.(\w+) write", str(error.value))
+        getattr(hapfmt, verb)(x, tmp_path / "o.hapf", **given)
+        with pytest.raises(ParameterError, match="rate is for arrays"):
+            hapfmt.save(example(), tmp_path / "o.npz", rate=10)
+
+    def test_save_takes_tables(self, tmp_path):
+        pandas = pytest.importorskip("pandas")
+        frame = pandas.DataFrame({"fx": [0.5, 1.5]}, index=[1.0, 1.5])
+        hapfmt.save(frame, tmp_path / "o.npz", units={"fx": "N"})
+        (back,) = hapfmt.read(tmp_path / "o.npz")
+        assert (back.label, back.unit, back.start_tick) == ("fx", "N", 2)
+        frame.index = [1.7e9, 1.7e9 + 0.5]
+        with pytest.warns(MovedTimesWarning) as caught:
+            hapfmt.save(frame, tmp_path / "p.npz")
+            hapfmt.write(frame, tmp_path / "p.hapf")
+        assert {one.filename for one in caught} == {__file__}
+
+
+class TestReader:
+    def test_repr_is_one_line(self, tmp_path):
+        path = tmp_path / "a\x1b.hapf"
+        hapfmt.write(example(), path, cluster=Fraction(1, 4))
+        with hapfmt.Reader(path) as reader:
+            assert repr(reader) == f"Reader {str(path)!r}: 3 channels, 3.005 s, closed"
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 1
+        with hapfmt.Reader(bytes(data)) as reader:
+            reader.read()
+            damage, lost = len(reader.findings), len(reader.lost)
+            assert damage and lost
+            assert re.fullmatch(
+                rf"Reader: 3 channels, 3\.005 s, closed, {damage} damaged places?, "
+                rf"{lost} lost parts?",
+                repr(reader),
+            )
+        with hapfmt.Reader(bytes(data[: len(data) // 2])) as reader:
+            assert ", not closed, 1 damaged place" in repr(reader)
 
 
 def test_the_examples_of_the_docstring(tmp_path, monkeypatch):

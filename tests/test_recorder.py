@@ -167,7 +167,7 @@ def test_the_same_calls_give_the_same_bytes():
 def test_a_recording_written_whole_and_one_written_live_are_equal(tmp_path):
     counts = np.cumsum(np.random.default_rng(3).integers(-4, 5, 30_000))
     whole = Channel(counts, Fraction(1000), calibration=CALIBRATION, label="force", unit="N")
-    hapfmt.write(Recording((whole,)), tmp_path / "whole.hapf", Settings.of("archive"))
+    hapfmt.write(Recording((whole,)), tmp_path / "whole.hapf", Settings.of("lossless"))
     with Recorder(tmp_path / "live.hapf", [counts_input()]) as recorder:
         for at in range(0, 30_000, 17):
             recorder.write("force", counts[at : at + 17])
@@ -233,7 +233,7 @@ def test_refusals():
         ({"append": True, "force": True}, "not both"),
         ({"append": True}, "cannot be appended"),
         ({"queue_size": 0}, "1 byte"),
-        ({"settings": Settings.of("archive", digest=True)}, "whole tracks"),
+        ({"settings": Settings.of("lossless", digest=True)}, "whole tracks"),
         ({"settings": Settings.of("perceptual")}, "needs the whole recording"),
         ({"epoch_ns": 1 << 70}, "epoch"),
         ({"metadata": {"a": float("nan")}}, "JSON"),
@@ -658,9 +658,9 @@ def test_metadata_that_changes_is_written_at_the_end(tmp_path):
 @pytest.mark.parametrize(
     "chosen",
     [
-        Settings.of("archive", fast=True),
-        Settings.of("auto"),
-        Settings.of("deadband", floor="0.02"),
+        Settings.of("lossless", fast=True),
+        Settings.of("perceptual", texture=False),
+        Settings.of("perceptual", texture=False, felt="all", floor="0.02"),
         Settings.of("near-lossless", max_error="2lsb"),
     ],
 )

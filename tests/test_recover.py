@@ -215,7 +215,7 @@ def test_digests():
     x = np.arange(100)
     channels = (hapfmt.Channel(x, 1000, label="a"), hapfmt.Channel(x * x, 1000, label="b"))
     out = io.BytesIO()
-    settings = hapfmt.Settings.of("archive", cluster="0.05", references=False, digest=True)
+    settings = hapfmt.Settings.of("lossless", cluster="0.05", references=False, digest=True)
     hapfmt.write(hapfmt.Recording(channels), out, settings, canonical=1)
     data = out.getvalue()
     (_, before), *_ = [chunk for chunk in chunks(data) if chunk[0] == "dGST"]
@@ -327,6 +327,27 @@ def test_what_was_lost_is_noted():
     assert hapfmt.Reader(recovered(data)[0]).metadata == {}
 
 
+def test_the_note_names_channels_and_seconds():
+    x = np.random.default_rng(1).normal(size=(3, 20_000))
+    stream = io.BytesIO()
+    hapfmt.write(x, stream, rate=1000, labels=["a", "b", "c"], cluster=1, references=False)
+    data = stream.getvalue()
+    refs = [ref.offset for ref in hapfmt.Reader(data).catalogue.data]
+    few = flipped(data, refs[1] + 4000)
+    good, done = recovered(few)
+    (note,) = hapfmt.Reader(good).metadata["notes"]
+    assert note == "; ".join(
+        [f"recovered from a damaged file: {done.packets} packets kept", *done.told]
+    )
+    assert "from 1 s to 2 s" in note
+    for at in refs[1::2]:
+        data = flipped(data, at + 4000)
+    good, done = recovered(data)
+    (note,) = hapfmt.Reader(good).metadata["notes"]
+    assert len(done.told) > 8 and note.endswith(f"; and {len(done.told) - 6} more")
+    assert hapfmt.verify(good).verdict == "intact"
+
+
 @pytest.mark.parametrize("type_", ["iNDX", "fOOT"])
 def test_what_is_written_anew_is_no_loss(type_):
     data = f.minimal()
@@ -417,7 +438,7 @@ def test_events_and_clocks_come_along():
     events = (hapfmt.Event(time=0.25, text="a mark", channel=0), hapfmt.Event(time=0.05, text="b"))
     channel = hapfmt.Channel(x, 1000, calibration=hapfmt.Calibration(1, 0, 10), label="f")
     out = io.BytesIO()
-    settings = hapfmt.Settings.of("archive", cluster="0.1", digest=True)
+    settings = hapfmt.Settings.of("lossless", cluster="0.1", digest=True)
     hapfmt.write(hapfmt.Recording((channel,), events=events), out, settings, canonical=1)
     data = out.getvalue()
     for bad in (data, data + b"\0", flipped(data, payload_of(data, "DATA", 1) + 20)):
@@ -449,7 +470,7 @@ def test_a_channel_of_several_tracks_of_which_one_is_lost(lost):
 def test_a_digest_that_packets_were_appended_to_is_no_damage():
     x = np.arange(40)
     out = io.BytesIO()
-    settings = hapfmt.Settings.of("archive", digest=True)
+    settings = hapfmt.Settings.of("lossless", digest=True)
     channel = hapfmt.Channel(x, 1000, calibration=hapfmt.Calibration(1, 0, 10), label="f")
     hapfmt.write(hapfmt.Recording((channel,)), out, settings, canonical=f.FILE_ID)
     whole = out.getvalue()

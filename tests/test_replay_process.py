@@ -329,7 +329,7 @@ class TestGone:
         monkeypatch.setattr(player, "start", lambda _, stderr: start_other(stderr, code))
         report = played(file)
         assert report.outcome == "failed"
-        assert "what nobody understands" in report.reason
+        assert "an unknown message" in report.reason
 
 
 def start_other(stderr: int | None, code: str | None = None) -> subprocess.Popen[bytes]:

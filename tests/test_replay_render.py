@@ -227,7 +227,7 @@ class TestOnlyWhatIsPlayedIsDecoded:
 
     def test_a_part_of_an_hour(self, decoded):
         """Neither what lies before nor what lies far behind it."""
-        file = file_of(Recording((ramp(100_000),)), Settings.of("archive", cluster=1))
+        file = file_of(Recording((ramp(100_000),)), Settings.of("lossless", cluster=1))
         decoded["packets"].clear()
         with Reader(file) as reader:
             profile = profile_of()

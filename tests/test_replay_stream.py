@@ -311,7 +311,7 @@ class TestLayouts:
             np.arange(4_000_000, dtype=np.int32), Fraction(1000), calibration=MILLI, unit="N"
         )
         slow = Channel(np.array([1, 3], np.int32), Fraction(1, 3600), calibration=MILLI, unit="N")
-        data = file_of(Recording((fast, slow)), Settings.of("archive", cluster=10))
+        data = file_of(Recording((fast, slow)), Settings.of("lossless", cluster=10))
         with Reader(data) as reader:
             routes = tuple(Route(i, i, Fraction(1)) for i in range(2))
             renderer = Renderer(reader, profile_of(2), Assignment(routes), stop=20)
@@ -416,7 +416,7 @@ class TestBounded:
             )
             for _ in range(count)
         ]  # fmt: skip
-        made = encode(Recording(tuple(channels)), Settings.of("archive", cluster=10))
+        made = encode(Recording(tuple(channels)), Settings.of("lossless", cluster=10))
         out = io.BytesIO()
         writer = FileWriter(out, level=LEVELS[2], file_id=1)
         writer.describe(made.tracks)

@@ -243,3 +243,13 @@ def test_codecs_and_decoding_of_small_scenes(tmp_path):
     else:
         assert "extension" in decoding["finding"]
     assert (tmp_path / "codecs-every-measurement.csv").exists()
+
+
+def test_pictures_of_stability() -> None:
+    pytest.importorskip("matplotlib")
+    from matplotlib.figure import Figure as Canvas
+    from report.stability import draw
+
+    panels = Canvas().subplots(2, 2)
+    draw(panels)
+    assert all(panel.lines and panel.get_title() for panel in panels.flat)

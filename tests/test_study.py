@@ -540,7 +540,9 @@ class TestSummary:
             summarise([one, load_answers(tmp_path / "b")])
         with opened(study, prepared, tmp_path / "c", "S3"):
             pass
-        with pytest.raises(ParameterError, match="nobody has answered every question: S3 has 8"):
+        with pytest.raises(
+            ParameterError, match="no subject has answered every question: S3 has 8"
+        ):
             summarise([load_answers(tmp_path / "c")])
         (tmp_path / "d").write_bytes(b"{")
         with pytest.raises(ParameterError, match="not even their first line"):

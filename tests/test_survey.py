@@ -175,7 +175,8 @@ class TestViews:
         rng = np.random.default_rng(1)
         x = np.where(np.arange(8000) < 6000, 1000 * rng.integers(1, 40, 8000), 5000)
         loud = Channel(x.astype(np.int32), Fraction(1000), calibration=LSB, label="loud", unit="N")
-        with Reader(file_of(Recording((loud,)), "deadband", k="0.01", floor=0.01)) as reader:
+        asked = {"texture": False, "felt": "all", "k": "0.01", "floor": 0.01}
+        with Reader(file_of(Recording((loud,)), "perceptual", **asked)) as reader:
             parts = FileParts(reader)
             knotted = parts.refs[0].track.codec in ("KNOT", "KNTE")
             few = survey(parts, Fraction(7), Fraction(8))[0].knots
@@ -218,7 +219,7 @@ class TestViews:
         rng = np.random.default_rng(1)
         counts = rng.integers(-1000, 1000, (27, 3000)).astype(np.int32)
         channels = [Channel(x, Fraction(1000), label=f"c{i}") for i, x in enumerate(counts)]
-        data = bytearray(file_of(Recording(tuple(channels)), "archive"))
+        data = bytearray(file_of(Recording(tuple(channels)), "lossless"))
         data[len(data) // 2] ^= 1
         with Reader(bytes(data)) as reader:
             parts = FileParts(reader)
@@ -232,7 +233,7 @@ class TestViews:
         ]
 
     def test_a_lost_beginning_belongs_to_the_picture(self):
-        data = bytearray(file_of(Recording((force(),)), "archive", cluster=Fraction(2)))
+        data = bytearray(file_of(Recording((force(),)), "lossless", cluster=Fraction(2)))
         with Reader(bytes(data)) as reader:
             data[reader.catalogue.data[0].offset + 200] ^= 1
         with Reader(bytes(data)) as reader:
@@ -362,7 +363,9 @@ def test_an_hour_in_bounded_memory(tmp_path):
         Channel(x, Fraction(1000), calibration=LSB, label=f"f{i}", unit="N") for i in range(8)
     ]
     hapfmt.write(
-        Recording(tuple(channels)), tmp_path / "hour.hapf", hapfmt.Settings.of("archive", fast=True)
+        Recording(tuple(channels)),
+        tmp_path / "hour.hapf",
+        hapfmt.Settings.of("lossless", fast=True),
     )
     with Reader(tmp_path / "hour.hapf") as one, Reader(tmp_path / "hour.hapf") as two:
         views = survey(FileParts(one), spectra=False)

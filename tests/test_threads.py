@@ -50,7 +50,7 @@ def test_the_bytes_do_not_depend_on_threads(preset):
 
 @pytest.mark.parametrize("threads", COUNTS)
 def test_reading_does_not_depend_on_threads(threads):
-    data = written(1, "archive")
+    data = written(1, "lossless")
     one, many = hapfmt.read(data, threads=1), hapfmt.read(data, threads=threads)
     for a, b in zip(one.channels, many.channels, strict=True):
         assert np.array_equal(a.stored, b.stored)
@@ -67,7 +67,7 @@ def test_pieces_come_in_order(threads, monkeypatch):
             tracks = [ref.track for ref in reader.channels]
             return [(p.track.id, p.start, p.numbers.tobytes()) for p in reader.pieces(tracks)]
 
-    data = written(1, "archive")
+    data = written(1, "lossless")
     assert len(pieces(1)) > 12
     assert pieces(threads) == pieces(1)
 
@@ -81,9 +81,9 @@ def test_progress_is_told_in_order_and_in_the_callers_thread(threads):
         told.append((done, total))
         callers.add(threading.get_ident())
 
-    written(threads, "archive", progress=progress)
+    written(threads, "lossless", progress=progress)
     assert told == [(i, 6) for i in range(1, 7)]
-    with hapfmt.Reader(written(1, "archive"), threads=threads) as reader:
+    with hapfmt.Reader(written(1, "lossless"), threads=threads) as reader:
         told.clear()
         reader.read(progress=progress)
     assert told == sorted(told)
@@ -93,7 +93,7 @@ def test_progress_is_told_in_order_and_in_the_callers_thread(threads):
 
 @pytest.mark.parametrize("threads", COUNTS)
 def test_broken_packets_raise_the_first_error(threads):
-    data = written(1, "archive")
+    data = written(1, "lossless")
     errors = set()
     for count in (1, threads):
         # Two packets that break a rule although their CRCs hold: the first one is told.
@@ -120,7 +120,7 @@ class Broken:
 
 
 def test_a_damaged_file_is_read_the_same_way():
-    data = bytearray(written(1, "archive"))
+    data = bytearray(written(1, "lossless"))
     with hapfmt.Reader(bytes(data)) as reader:
         offset = reader.catalogue.data[1].offset
     data[offset + 60] ^= 1
@@ -146,7 +146,7 @@ def test_encoding_raises_the_first_error(threads, monkeypatch):
 
     monkeypatch.setattr(encoding, "encode_unit", broken)
     with pytest.raises(ParameterError, match="channel 1"):
-        written(threads, "archive")
+        written(threads, "lossless")
 
 
 @given(

@@ -71,6 +71,8 @@ RENAMED = {
     "--device": {"check": "--path"},
 }
 """Options that had another name -> verb ("": any other) -> the name of today."""
+OPTION_CUTOFF = 0.7
+"""Similarity of a mistyped option, without its dashes, to the one that is meant."""
 ERROR = 1
 """Usage, input or output, internal error (SPEC clause 14)."""
 
@@ -180,8 +182,9 @@ def explained(error: click.ClickException) -> click.ClickException:
     name = names.get(error.ctx.command.name or "", names.get("", ""))
     known = [each for param in error.ctx.command.params for each in param.opts]
     if name.split(" ")[0] not in known:
-        meant = similar(error.option_name, known)
-        text = f"; did you mean {meant!r}?" if meant else ""
+        bare = {each.lstrip("-"): each for each in known}
+        meant = similar(error.option_name.lstrip("-"), bare, OPTION_CUTOFF)
+        text = f"; did you mean {bare[meant]!r}?" if meant else ""
         return click.UsageError(f"no option {error.option_name!r}{text}", error.ctx)
     return click.UsageError(f"{error.option_name} was renamed {name}", error.ctx)
 
@@ -202,9 +205,7 @@ def usage(error: click.ClickException) -> int:
 def report(message: str, code: int, more: Sequence[str] = ()) -> int:
     """An error for a person, and for a program where --json was given."""
     with suppress(OSError):
-        screen.complain(message)
-        for line in more:
-            screen.say(line, err=True, whole=line.startswith("  hapfmt "))
+        screen.complain(message, more)
     if "--json" in sys.argv:
         with suppress(OSError):
             screen.raw(json.dumps({"error": "\n".join([message, *more]), "exit_code": code}) + "\n")

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ParameterError
+from ..numbers import counted
 from .common import (
     FractionType,
     echo_json,
@@ -91,7 +92,7 @@ def annotate(
         refuse_target(output, force)
     given = input_of(file) if output is not None else file
     notes = edit.annotate(given, events, output and output_of(output), force=force)
-    what = f"{len(events)} event{'s' * (len(events) > 1)} added"
+    what = f"{counted(len(events), 'event')} added"
     tell_added(output or file, what, notes, as_json)
     return 0
 

@@ -7,6 +7,7 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from math import isfinite
 from pathlib import Path
@@ -18,7 +19,8 @@ from ..atomic import refuse
 from ..damage import told
 from ..errors import ParameterError
 from ..limits import Limits
-from ..numbers import exact
+from ..numbers import counted, exact
+from ..units import units_for
 from ..verdict import DAMAGED, UNSUPPORTED
 from .screen import JOINED, closed, complain, note, raw, say, terminal_text, width_of
 
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from ..recording import Recording
 
 HAPF, CSV = ".hapf", ".csv"
+ARRAYS = (".npy", ".npz")
 SHOWN_LINES = 20
 BITS = frozenset(str(bits) for bits in (0, *range(2, 17)))
 LONG_SECONDS = 0.5
@@ -228,6 +231,16 @@ transpose_option = click.option(
     help="--transpose: arrays in .npy and .npz are [samples, channels]. --no-transpose: they are "
     "[channels, samples]. [an array of more rows than columns is refused]",
 )
+labels_option = click.option(
+    "--labels",
+    metavar="A,B,...",
+    help="Labels of the channels, in their order: fx,fy,fz. [as the input names them]",
+)
+unit_option = click.option(
+    "--unit",
+    metavar="UNIT",
+    help="Unit of the channels: one for all, or one for each, as in N,N,mm. [as the input says]",
+)
 start_option = click.option(
     "--start",
     type=FractionType(),
@@ -256,10 +269,6 @@ def parse_channels(texts: Sequence[str], labels: Sequence[str]) -> list[str] | N
     if not texts:
         return None
     return [part for text in texts for part in ([text] if text in labels else text.split(","))]
-
-
-def counted(count: int, what: str) -> str:
-    return f"{count} {what}" + ("" if count == 1 else "s")
 
 
 def input_of(name: str) -> str | BinaryIO:
@@ -307,6 +316,15 @@ def suffix_of(name: str, format_: str | None, default: str | None = None) -> str
     return Path(name).suffix.lower()
 
 
+def refuse_transpose(
+    transpose: bool | None, inputs: Sequence[str | None], format_: str | None
+) -> None:
+    """Without an array among the inputs, --transpose is a mistake of whoever typed it."""
+    if transpose is None or any(name and suffix_of(name, format_) in ARRAYS for name in inputs):
+        return
+    raise ParameterError("--transpose requires .npy or .npz input")
+
+
 def load_recording(
     name: str,
     format_: str | None,
@@ -314,6 +332,8 @@ def load_recording(
     limits: Limits | None = None,
     *,
     transpose: bool | None = None,
+    labels: str | None = None,
+    unit: str | None = None,
 ) -> tuple[Recording, int]:
     """The recording in a file of any format, and the exit code that reading it deserves."""
     from ..convert import read
@@ -321,15 +341,40 @@ def load_recording(
     limits = limits or Limits()
     suffix = suffix_of(name, format_)
     if suffix != HAPF:
-        return read(input_of(name), format=suffix, rate=rate, limits=limits, transpose=transpose), 0
+        recording = read(
+            input_of(name), format=suffix, rate=rate, limits=limits, transpose=transpose
+        )
+        return described(recording, labels, unit), 0
     if transpose is not None:
         raise ParameterError("--transpose requires .npy or .npz input", path=name)
+    if labels is not None or unit is not None:
+        raise ParameterError(
+            "--labels and --unit require .npz, .npy, .csv or .wav input", path=name
+        )
     from ..reading.reader import Reader
 
     with Reader(input_of(name), limits=limits) as reader, progress("decoding") as advance:
         recording = reader.read(progress=advance)
         tell_clocks(reader)
         return recording, tell_losses(reader)
+
+
+def described(recording: Recording, labels: str | None, unit: str | None) -> Recording:
+    """The recording with other labels and units, where they are given."""
+    if labels is None and unit is None:
+        return recording
+    count = len(recording)
+    names = recording.labels if labels is None else [each.strip() for each in labels.split(",")]
+    if len(names) != count:
+        raise ParameterError(
+            f"--labels names {counted(len(names), 'channel')}, the input has {count}"
+        )
+    codes = [c.unit for c in recording] if unit is None else units_for(unit, count)
+    channels = tuple(
+        replace(channel, label=name, unit=code)
+        for channel, name, code in zip(recording, names, codes, strict=True)
+    )
+    return replace(recording, channels=channels)
 
 
 def save_recording(
@@ -357,7 +402,11 @@ def tell_written(target: str, words: str) -> None:
 
 def contents(recording: Recording) -> str:
     """A recording in a few words."""
-    return f"{counted(len(recording), 'channel')}, {float(recording.duration):.6g}{JOINED}s"
+    stop = float(recording.duration)
+    begun = [c.start_tick / c.rate_exact for c in recording.channels if c.stored.size]
+    start = float(min(begun, default=0))
+    times = f"{start:.6g} to {stop:.6g}" if start else f"{stop:.6g}"
+    return f"{counted(len(recording), 'channel')}, {times}{JOINED}s"
 
 
 def tell_clocks(reader: Reader) -> None:
@@ -392,5 +441,17 @@ def notes_of(recording: Recording) -> list[str]:
 
 
 def tell_notes(recording: Recording) -> None:
+    """What reading the input changed, and its gaps."""
     for each in notes_of(recording):
         note(each)
+    missing = [sum(gap.ticks for gap in channel.gaps) for channel in recording.channels]
+    if not any(missing):
+        return
+    gaps = sum(len(channel.gaps) for channel in recording.channels)
+    most = max(missing)
+    where = ""
+    if len(missing) > 1:
+        name = recording.channels[missing.index(most)].label or f"channel {missing.index(most)}"
+        where = f", all in {name}" if most == sum(missing) else f", most in {name} ({most})"
+    stay = "it stays a gap" if gaps == 1 else "they stay gaps"
+    note(f"{counted(gaps, 'gap')} with {counted(sum(missing), 'missing sample')}{where}: {stay}")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from ..errors import ParameterError
+from ..numbers import counted
 from .bounds import amount
 from .common import (
     AmountType,
@@ -19,8 +21,10 @@ from .common import (
     output_of,
     progress,
     refuse_span,
+    refuse_transpose,
     start_option,
     stop_option,
+    transpose_option,
 )
 from .help import Verb
 from .parts import open_parts
@@ -56,6 +60,7 @@ DIFFERENT = 3
 @click.option("--plot", "picture", metavar="PICTURE", help="Draw both: .png .svg .pdf.")
 @input_format_option
 @click.option("--rate", help="Ticks per second, for a file that does not say.")
+@transpose_option
 @memory_option
 @force_option
 @json_option
@@ -69,6 +74,7 @@ def compare(
     picture: str | None,
     input_format: str | None,
     rate: str | None,
+    transpose: bool | None,
     max_memory: Limits,
     force: bool,
     as_json: bool,
@@ -96,10 +102,11 @@ def compare(
         refuse(picture, force)
         new_figure(1, 1)
     refuse_span(start, stop)
-    whole = start is None and stop is None
-    one = open_parts(a, input_format, rate, max_memory, channels, whole=whole)
+    refuse_transpose(transpose, (a, b), input_format)
+    opened = partial(open_parts, whole=start is None and stop is None, transpose=transpose)
+    one = opened(a, input_format, rate, max_memory, channels)
     try:
-        two = open_parts(b, input_format, rate, max_memory, channels, whole=whole)
+        two = opened(b, input_format, rate, max_memory, channels)
         try:
             with progress("comparing") as advance:
                 found, views = run(
@@ -142,10 +149,10 @@ def draw(
         raise ParameterError("Nothing to draw: no channel of both has the same rate")
     samples = sum(row.samples for row in found)
     facts = [
-        f"{len(found)} channels" if len(found) != 1 else "1 channel",
+        counted(len(found), "channel"),
         rates([view.channel.rate for view in views]),
         duration(views[0].stop - views[0].start),
-        f"{grouped(samples)} samples in both",
+        f"{grouped(samples)} sample{'s' if samples != 1 else ''} in both",
     ]
     figures = pages(found, views, Words(printable(title), facts, footnotes))
     names = save(figures, output_of(picture), kind_of(picture), force=force)

@@ -14,6 +14,7 @@ from .common import (
     force_option,
     input_format_option,
     json_option,
+    labels_option,
     load_recording,
     memory_option,
     notes_of,
@@ -26,6 +27,7 @@ from .common import (
     tell_notes,
     tell_written,
     transpose_option,
+    unit_option,
 )
 from .help import Verb
 
@@ -35,6 +37,8 @@ from .help import Verb
 @click.argument("target", metavar="OUT")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
 @transpose_option
+@labels_option
+@unit_option
 @input_format_option
 @output_format_option("hapf")
 @memory_option
@@ -45,6 +49,8 @@ def convert(
     target: str,
     rate: str | None,
     transpose: bool | None,
+    labels: str | None,
+    unit: str | None,
     input_format: str | None,
     output_format: str | None,
     force: bool,
@@ -66,7 +72,9 @@ def convert(
         refuse_target(target, force)
     elif target != "-":
         refuse(target, force)
-    recording, code = load_recording(source, input_format, rate, max_memory, transpose=transpose)
+    recording, code = load_recording(
+        source, input_format, rate, max_memory, transpose=transpose, labels=labels, unit=unit
+    )
     tell_notes(recording)
     if suffix_of(target, output_format) == HAPF:
         from ..encoder.settings import Settings

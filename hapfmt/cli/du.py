@@ -59,7 +59,8 @@ def du(file: str, as_json: bool, max_memory: Limits) -> int:
 
 
 def track_row(track: TrackUsage) -> list[str]:
-    labels = [label or "?" for label in track.labels]
+    nameless = "without a name" if track.kind == "events" else "?"
+    labels = [label or nameless for label in track.labels]
     more = len(labels) - SHOWN_LABELS
     samples = track.sample_count
     return [

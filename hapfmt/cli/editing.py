@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ParameterError
-from ..numbers import exact
-from .common import counted, echo_json, input_of, output_option
+from ..numbers import counted, exact
+from .common import echo_json, input_of, output_option
 from .screen import note, say
 
 if TYPE_CHECKING:

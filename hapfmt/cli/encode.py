@@ -22,6 +22,7 @@ from .common import (
     force_option,
     input_format_option,
     json_option,
+    labels_option,
     load_recording,
     memory_option,
     output_of,
@@ -31,6 +32,7 @@ from .common import (
     tell_notes,
     threads_option,
     transpose_option,
+    unit_option,
 )
 from .help import Verb
 from .screen import note
@@ -149,6 +151,8 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 @click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track.")
 @click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
 @transpose_option
+@labels_option
+@unit_option
 @input_format_option
 @click.option(
     "--canonical",
@@ -167,6 +171,8 @@ def encode(
     preset: str,
     rate: str | None,
     transpose: bool | None,
+    labels: str | None,
+    unit: str | None,
     input_format: str | None,
     canonical: int | None,
     force: bool,
@@ -185,7 +191,7 @@ def encode(
     hapfmt encode f.npy f.hapf --rate 1000 --preset near-lossless --max-error 1%
     cat touch.npz | hapfmt encode - - --input-format npz > touch.hapf
     """
-    from ..encoder.settings import Settings
+    from ..encoder.settings import Settings, lossy_preset, renamed
     from ..writer import write
 
     refuse_target(target, force)
@@ -193,9 +199,14 @@ def encode(
         note(f"{target} will be a hapf file; the usual suffix is {HAPF}")
     given["vectors"] = "required" if vectors else None
     given["felt"] = given["felt"] or None
+    preset, given = renamed(preset, given)
     settings = Settings.of(preset, **given)
-    recording, code = load_recording(source, input_format, rate, max_memory, transpose=transpose)
+    recording, code = load_recording(
+        source, input_format, rate, max_memory, transpose=transpose, labels=labels, unit=unit
+    )
     tell_notes(recording)
+    if earlier := lossy_preset(recording.metadata.get("encoder")):
+        note(f"the input is already lossy ({earlier}); error bounds count from it")
     for place, names in enumerate(vectors):
         recording = with_vector(recording, names.split(","), f"vector {place + 1}")
     began = time.perf_counter()

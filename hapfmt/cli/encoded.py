@@ -8,8 +8,8 @@ from dataclasses import replace as changed
 from itertools import groupby
 from typing import TYPE_CHECKING
 
+from ..numbers import counted
 from .bounds import amount
-from .common import counted
 from .screen import JOINED, say
 from .tables import Column, table
 
@@ -98,7 +98,7 @@ def compared(summary: Summary) -> str:
     """Against the samples as they came."""
     original = sum(each.original_bits * each.sample_count for each in summary.decisions)
     if not original or not summary.file_size:
-        return f"{summary.sample_count} samples"
+        return counted(summary.sample_count, "sample")
     bits = 8 * summary.file_size / summary.sample_count
     came = "float64" if all(d.original_bits == 64 for d in summary.decisions) else "the input"
     ratio = original / (8 * summary.file_size)

@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 from ..errors import ParameterError
+from ..numbers import counted
 from ..reading.follow import Follower
 from .common import echo_json, tell_some
 from .screen import clipped, raw, say, width_of
@@ -63,7 +64,7 @@ def show(found: dict[str, Any], as_json: bool) -> None:
     rate = "-" if found["bytes_per_s"] is None else f"{found['bytes_per_s']:.0f}"
     state = "closed" if found["closed"] else f"last {found['last_cluster_age_s']:.1f} s ago"
     text = (
-        f"{found['duration_s']:.3f} s, {found['cluster_count']} clusters, "
+        f"{found['duration_s']:.3f} s, {counted(found['cluster_count'], 'cluster')}, "
         f"{found['file_size']} bytes, {rate} bytes/s, {state}"
     )
     width = width_of()

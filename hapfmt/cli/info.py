@@ -14,10 +14,11 @@ import click
 from ..container.source import open_source
 from ..container.track import Contract, Track
 from ..limits import Limits
+from ..numbers import counted
 from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError
 from ..reading.opening import open_catalogue
 from .bounds import bound_text, unit_text
-from .common import counted, echo_json, input_of, json_option, memory_option
+from .common import echo_json, input_of, json_option, memory_option
 from .help import Verb
 from .screen import complain, say
 from .tables import Column, table
@@ -115,8 +116,8 @@ def describe(catalogue: Catalogue) -> dict[str, Any]:
         "clocks": clocks_json(catalogue),
         "metadata": catalogue.metadata,
         "attachments": [
-            {"name": a.name, "media_type": a.media_type, "size": len(a.content)}
-            for a, _ in catalogue.each_attachment()
+            {"name": name, "media_type": a.media_type, "size": len(a.content)}
+            for name, a, _ in catalogue.named_attachments()
         ],
         "unknown_chunks": [header.type for header in catalogue.unknown],
         "unsupported": str(catalogue.unsupported) if catalogue.unsupported else None,
@@ -255,6 +256,8 @@ def span_text(catalogue: Catalogue) -> str:
     stop = float(catalogue.duration)
     starts = [chunk.start_ns for chunk in catalogue.data if chunk.start_ns is not None]
     start = min(starts, default=0) / 1e9
+    if not stop and not catalogue.closed:
+        return "of unknown length"
     if not 0 < start < stop:
         return f"{stop:.6g} s"
     return f"{start:.6g} s to {stop:.6g} s ({stop - start:.6g} s)"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import ParameterError
 from ..names import unknown
-from .common import HAPF, input_of, load_recording, parse_channels, suffix_of
+from .common import ARRAYS, HAPF, input_of, load_recording, parse_channels, suffix_of
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -24,13 +24,16 @@ def open_parts(
     *,
     numbers: Sequence[int] | None = None,
     whole: bool = True,
+    transpose: bool | None = None,
 ) -> Parts:
     """``channels``: labels or numbers as a person gives them; ``numbers``: these;
-    ``whole``: all of its time is wanted, so a hapf file is checked from end to end."""
+    ``whole``: all of its time is wanted, so a hapf file is checked from end to end;
+    ``transpose``: for a file of arrays, others ignore it."""
     from ..reading.reader import Reader
     from ..survey.parts import FileParts, RecordingParts
 
-    if suffix_of(name, None if name.lower().endswith(HAPF) else format_) == HAPF:
+    suffix = suffix_of(name, None if name.lower().endswith(HAPF) else format_)
+    if suffix == HAPF:
         reader = Reader(input_of(name), limits=limits)
         try:
             labels = [ref.label for ref in reader.channels]
@@ -38,7 +41,8 @@ def open_parts(
         except BaseException:
             reader.close()
             raise
-    recording, _ = load_recording(name, format_, rate, limits)
+    transpose = transpose if suffix in ARRAYS else None
+    recording, _ = load_recording(name, format_, rate, limits, transpose=transpose)
     labels = [channel.label for channel in recording.channels]
     names: Sequence[str | int] | None = numbers or parse_channels(channels, labels)
     return RecordingParts(recording, None if names is None else places(recording, names))
@@ -59,13 +63,18 @@ def places(recording: Recording, names: Sequence[str | int]) -> list[int]:
 
 
 def matched(
-    parts: Parts, name: str, format_: str | None, rate: str | None, limits: Limits
+    parts: Parts,
+    name: str,
+    format_: str | None,
+    rate: str | None,
+    limits: Limits,
+    transpose: bool | None,
 ) -> Parts:
     """The channels of the file ``name`` that belong to those of ``parts``: of the same places, as
     in ``verify`` (SPEC DBC-003)."""
     numbers = [channel.number for channel in parts.channels]
     try:
-        return open_parts(name, format_, rate, limits, numbers=numbers)
+        return open_parts(name, format_, rate, limits, numbers=numbers, transpose=transpose)
     except ParameterError as error:
         if not error.message.startswith("no channel"):
             raise

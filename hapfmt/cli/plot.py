@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ParameterError
+from ..numbers import counted
 from .common import (
     force_option,
     input_format_option,
@@ -17,10 +18,12 @@ from .common import (
     output_option,
     progress,
     refuse_span,
+    refuse_transpose,
     start_option,
     stop_option,
     tell_losses,
     tell_written,
+    transpose_option,
 )
 from .help import Verb
 from .parts import matched, open_parts
@@ -51,6 +54,7 @@ LINES = 3
 )
 @input_format_option
 @click.option("--rate", help="Samples per second, for a file without a rate.")
+@transpose_option
 @click.option(
     "--output-format",
     "kind",
@@ -70,6 +74,7 @@ def plot(
     against: str | None,
     input_format: str | None,
     rate: str | None,
+    transpose: bool | None,
     kind: str | None,
     max_memory: Limits,
     force: bool,
@@ -102,13 +107,15 @@ def plot(
 
         open_window("hapfmt").destroy()
     refuse_span(start, stop)
+    refuse_transpose(transpose, (file, against), input_format)
+    whole = start is None and stop is None
     parts = open_parts(
-        file, input_format, rate, max_memory, channels, whole=start is None and stop is None
+        file, input_format, rate, max_memory, channels, whole=whole, transpose=transpose
     )
     try:
         original = None
         if against is not None:
-            original = matched(parts, against, input_format, rate, max_memory)
+            original = matched(parts, against, input_format, rate, max_memory, transpose)
         figures = draw(parts, original, file, start, stop, kind == "pdf" or window)
         code = finish(parts, start, stop)
     finally:
@@ -196,7 +203,8 @@ def footnotes(
     lines = told(parts, start, stop)
     missing = sum(view.only_original for view in views)
     if missing:
-        lines.append(f"{missing} samples of the original are missing")
+        verb = "is" if missing == 1 else "are"
+        lines.append(f"{counted(missing, 'sample')} of the original {verb} missing")
     return lines
 
 

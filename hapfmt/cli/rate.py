@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ParameterError
+from ..numbers import counted
 from .common import echo_json, force_option, json_option, progress
 from .help import Verb
 from .screen import complain, document, note, say
@@ -161,8 +162,8 @@ def begun(files: tuple[str, ...], force: bool, as_json: bool) -> int:
                    "conditions": [each.name for each in study.conditions]})  # fmt: skip
     else:
         say(
-            f"{path!s}: {len(study.sessions)} sessions of {len(study.conditions)} "
-            "conditions; edit it, then --prepare"
+            f"{path!s}: {counted(len(study.sessions), 'session')} of "
+            f"{counted(len(study.conditions), 'condition')}; edit it, then --prepare"
         )
     return 0
 
@@ -175,6 +176,11 @@ def made(study: Study, folder: Path | None) -> Prepared:
 
 
 def tell_prepared(study: Study, prepared: Prepared, as_json: bool) -> int:
+    from ..encoder.settings import alias_note
+
+    for each in study.conditions:
+        if text := alias_note(each.preset or ""):
+            note(f"condition {each.name!r}: {text}")
     if as_json:
         rows = [{**s._asdict(), "path": str(s.path), "bits_per_sample": s.bits_per_sample}
                 for s in prepared.stimuli]  # fmt: skip
@@ -343,7 +349,7 @@ def show(summary: Summary) -> None:
 
 
 def people(count: int) -> str:
-    return f"{count} subject{'s' if count != 1 else ''}"
+    return counted(count, "subject")
 
 
 def show_rows(title: str, rows: tuple[Row, ...]) -> None:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 
 from ..errors import ParameterError
+from ..numbers import counted
 from . import screen
 from .common import (
     AmountType,
@@ -26,10 +27,12 @@ from .common import (
     echo_json,
     force_option,
     json_option,
+    labels_option,
     standard_input,
+    unit_option,
 )
 from .help import Verb
-from .screen import complain, say
+from .screen import complain, note, say
 
 if TYPE_CHECKING:
     from ..live.recorder import Recorder
@@ -57,8 +60,8 @@ LOST = 3
     help="File to read [-, standard input].",
 )
 @click.option("--rate", type=FractionType(), help="Ticks per second of a bare table.")
-@click.option("--labels", help="Channels of a bare table: a,b,c [1,2,3, or as its first line].")
-@click.option("--unit", help="Unit of a bare table, in UCUM [1].")
+@labels_option
+@unit_option
 @click.option("--lsb", type=float, help="Round a bare table to multiples of this step.")
 @click.option(
     "--preset",
@@ -131,17 +134,20 @@ def record(
 
     Two kinds of streams, lines of text and binary frames, are described in docs/streams.md.
     """
-    from ..encoder.settings import Settings
+    from ..encoder.settings import Settings, renamed
     from ..live.lines import Table
     from ..live.recorder import Recorder
     from ..live.streams import Stream
 
     given["felt"] = given["felt"] or None
     chosen = ("fast", "max_error", "k", "floor", "felt", "texture")
-    settings = Settings.of(preset, **{name: given.pop(name) for name in chosen})
+    preset, asked = renamed(preset, {name: given.pop(name) for name in chosen})
+    settings = Settings.of(preset, **asked)
     options = {**given, "append": append, "force": force, "fsync": fsync_of(fsync)}
 
     def begin(header: Header) -> Recorder:
+        for each in header.notes:
+            note(each)
         file: str | BinaryIO = sys.stdout.buffer if target == "-" else target
         more = header.given if not append else {}
         return Recorder(file, header.inputs, settings, metadata=header.metadata, **options, **more)
@@ -183,15 +189,15 @@ def fsync_of(text: str) -> str | float:
 
 def summary(status: Status) -> str:
     return (
-        f"{status.seconds:.6g} s, {status.written} samples, {status.cluster_count} clusters, "
-        f"{status.file_size} bytes"
+        f"{status.seconds:.6g} s, {counted(status.written, 'sample')}, "
+        f"{counted(status.cluster_count, 'cluster')}, {status.file_size} bytes"
     )
 
 
 def dropped(status: Status) -> str:
     """Of the first few channels."""
     parts = [f"{label} {count}" for label, count in list(status.dropped.items())[:10]]
-    return f"dropped {status.dropped_count} samples: {', '.join(parts)}"
+    return f"dropped {counted(status.dropped_count, 'sample')}: {', '.join(parts)}"
 
 
 class ExitSignals:
@@ -292,5 +298,5 @@ class StatusLine:
         status = recorder.status()
         text = f"{summary(status)}, {status.queued_size >> 10} KiB waiting"
         if status.dropped:
-            text += f", {status.dropped_count} samples dropped"
+            text += f", {counted(status.dropped_count, 'sample')} dropped"
         screen.status(text)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import ParameterError
+from ..numbers import counted
 from .common import (
     echo_json,
     force_option,
@@ -97,7 +98,7 @@ def show(source: str, target: str, done: Recovery, *, verbose: bool) -> None:
     tell_some([f"{source}: {line}" for line in done.told])
     if done.kept_as:
         complain(f"the damaged file is now {done.kept_as}")
-    line = f"{target}: {done.packets} packets, {done.samples} samples"
+    line = f"{target}: {counted(done.packets, 'packet')}, {counted(done.samples, 'sample')}"
     how = "with loss" if done.exit_code == 3 else "nothing lost"
     if how == "nothing lost" and any(each.code == "not-closed" for each in done.findings):
         how = "nothing lost of what is in the file"

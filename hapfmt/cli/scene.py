@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ParameterError
+from ..numbers import counted
 from .common import (
     HAPF,
     PresetType,
@@ -150,8 +151,9 @@ def write_scene(
     elif target != "-":
         say(
             f"{target}: {asked.name or 'scene'}, "
-            f"{float(recording.duration):g} s, {len(recording)} channels, "
-            f"{recording.sample_count} samples; computed {in_words(work)} in {simulated:.2f} s"
+            f"{float(recording.duration):g} s, {counted(len(recording), 'channel')}, "
+            f"{counted(recording.sample_count, 'sample')}; "
+            f"computed {in_words(work)} in {simulated:.2f} s"
         )
     if work.unstable_count:
         note(
@@ -168,13 +170,13 @@ def write_scene(
 
 def encode_to(recording: Recording, target: str, preset: str, force: bool) -> dict[str, Any]:
     """Writes the file; its size, and its tracks by their kind."""
-    from ..encoder.settings import Settings
+    from ..encoder.settings import Settings, renamed
     from ..writer import write
 
+    preset, implied = renamed(preset, {})
+    settings = Settings.of(preset, **implied)
     with progress("encoding") as advance:
-        summary = write(
-            recording, output_of(target), Settings.of(preset), force=force, progress=advance
-        )
+        summary = write(recording, output_of(target), settings, force=force, progress=advance)
     kinds = Counter("lf + hf" if "quantised" in d.chosen else "full" for d in summary.decisions)
     return {
         "preset": preset,

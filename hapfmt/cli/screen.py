@@ -8,6 +8,7 @@ import io
 import os
 import sys
 import unicodedata
+from collections.abc import Sequence
 from typing import Any, BinaryIO
 
 import click
@@ -50,9 +51,11 @@ def note(text: str) -> None:
     say(f"note: {text}", err=True)
 
 
-def complain(text: str) -> None:
-    """Something that is wrong, on standard error."""
+def complain(text: str, more: Sequence[str] = ()) -> None:
+    """Something that is wrong, on standard error; ``more``: the further lines of an error."""
     say(f"hapfmt: {text}", err=True)
+    for line in more:
+        say(line, err=True, whole=line.startswith("  hapfmt "))
 
 
 def status(text: str) -> None:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..numbers import counted
 from ..verdict import DAMAGED, INTACT, VERDICTS
 from .bounds import amount, bound_text
 from .common import (
-    counted,
     echo_json,
     input_format_option,
     input_of,
@@ -18,8 +18,10 @@ from .common import (
     load_recording,
     memory_option,
     progress,
+    refuse_transpose,
     tell_some,
     threads_option,
+    transpose_option,
     verbose_option,
 )
 from .help import Verb
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
 @click.option("--against", metavar="ORIGINAL", help="The recording that FILE was encoded from.")
 @input_format_option
 @click.option("--rate", help="Samples per second of ORIGINAL, if the file does not say.")
+@transpose_option
 @threads_option
 @memory_option
 @verbose_option
@@ -46,6 +49,7 @@ def verify(
     against: str | None,
     input_format: str | None,
     rate: str | None,
+    transpose: bool | None,
     verbose: bool,
     as_json: bool,
     threads: int | None,
@@ -64,7 +68,10 @@ def verify(
     """
     from ..verifier import verify as check
 
-    original = load_recording(against, input_format, rate, max_memory)[0] if against else None
+    refuse_transpose(transpose, (against,), input_format)
+    original = None
+    if against:
+        original, _ = load_recording(against, input_format, rate, max_memory, transpose=transpose)
     with progress("verifying") as advance:
         report = check(
             input_of(file), against=original, limits=max_memory, progress=advance, threads=threads
@@ -86,7 +93,7 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
         + (f", {counted(report.events, 'event')}" if report.events else "")
     )
     if report.error:
-        complain(str(report.error))
+        complain(report.error.line(), report.error.more)
     if verbose:
         tell_some([str(Finding(**finding)) for finding in report.findings])
     tell_some(report.told)
@@ -114,7 +121,8 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
                 )
     if report.file_code == DAMAGED and report.damage:
         command = f"hapfmt recover {shlex.quote(file)} OUT"
-        complain(f"to keep these {report.packets} packets, run: {command}")
+        these = "this packet" if report.packets == 1 else f"these {report.packets} packets"
+        complain(f"to keep {these}, run: {command}")
 
 
 def verdict(report: Report) -> str:

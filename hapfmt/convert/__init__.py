@@ -1,6 +1,6 @@
 """Other files <-> Recording, by suffix; a format's module is imported only when it is used.
 
-What a format cannot hold, and what a file holds that a Recording cannot, is told in plain
+What a format cannot hold, and what a file holds that a Recording cannot, is listed in plain
 sentences: ``Recording.metadata["notes"]`` after :func:`read`, the return value of :func:`save`.
 """
 
@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, BinaryIO, Protocol, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, cast
 
 from ..atomic import atomic_write
 from ..errors import HapfmtError, LimitError, ParameterError
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from fractions import Fraction
 
+    from ..arrays import Units
     from ..limits import Limits
     from ..reading.reader import Band
     from ..recording import Channel, Rate, Recording, Seconds
@@ -106,6 +107,14 @@ def read(
     """
     from ..limits import Limits
 
+    if not isinstance(file, (str, os.PathLike, bytes, bytearray, memoryview)) and not hasattr(
+        file, "read"
+    ):
+        raise ParameterError(
+            f"hapfmt.read takes a path, a URL, bytes or a binary stream, not "
+            f"{type(file).__name__}; hapfmt.write writes an array or a table to a file, "
+            "hapfmt.Recording.from_array makes a recording of it"
+        )
     if max_memory is not None and limits is None:
         limits = Limits(memory=max_memory)
     room = max_memory or (limits.memory if limits else None) or READ_MEMORY
@@ -233,22 +242,32 @@ _MAGIC = {
 
 
 def save(
-    recording: Recording,
+    recording: Any,
     target: str | os.PathLike[str] | BinaryIO,
     *,
+    rate: Rate | None = None,
+    labels: str | Sequence[str] | None = None,
+    units: Units | None = None,
+    transpose: bool | None = None,
     format: str | None = None,
     force: bool = False,
     max_memory: int | None = None,
 ) -> tuple[str, ...]:
     """Write a recording as .npz, .npy, .csv or .wav to a file (whole or not at all) or a stream.
 
+    ``recording`` is a Recording, or an array or a table with ``rate``, ``labels``, ``units`` and
+    ``transpose``, as :func:`hapfmt.write` takes them.
+
     These formats write gaps out, as NaN or empty cells: they may take ``max_memory`` bytes there
     (1 GiB by default). Returns notes on what the format could not hold. Raises ParameterError
     where the file exists (unless ``force``) or the format cannot hold the samples; LimitError
     for larger gaps; MissingExtraError; OSError.
     """
+    from ..arrays import recording_of
+
     max_memory = MAX_MEMORY if max_memory is None else max_memory
     path = _path_of(target)
+    recording = recording_of(recording, rate, labels=labels, units=units, transpose=transpose)
     with _named(target):
         converter = _converter(_suffix(path, format))
         if path is None:
@@ -280,6 +299,8 @@ def _suffix(path: Path | None, format: str | None, *more: str) -> str:
         return suffix
     if path is None:
         raise ParameterError(f"a stream has no suffix; give its format: {known}")
+    if path.suffix.lower() == HAPF and not more:
+        raise ParameterError("hapfmt encode and hapfmt.write write .hapf files")
     if path.suffix.lower() not in (*FORMATS, *more):
         raise ParameterError(f"the suffix {path.suffix!r} is not one of: {known}")
     return path.suffix.lower()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..arrays import unique
 from ..errors import LimitError, ParameterError
 from ..recording import Channel, Recording, Span
-from ..units import to_ucum
+from ..units import split_name, to_ucum
 from .common import (
     CHANNEL_LIMIT,
     SLICE,
@@ -77,9 +77,10 @@ class _Lines:
         try:
             line = self._text.readline(_LINE_LIMIT)
         except UnicodeDecodeError as error:
+            after = f"after line {self.number - 1}: " if self.number > 1 else ""
             raise ParameterError(
-                f"after line {self.number - 1}: not UTF-8 text ({error.reason}); save the table as "
-                "UTF-8"
+                f"{after}not UTF-8 text; save the table as UTF-8 "
+                "(iconv -f latin1 -t utf-8 IN > OUT)"
             ) from error
         if len(line) == _LINE_LIMIT and not line.endswith(("\r", "\n")):
             raise ParameterError(f"line {self.number} is longer than {_LINE_LIMIT} characters")
@@ -138,7 +139,9 @@ class _Table:
             self._names.pop()
         if "" in self._names:
             column = self._names.index("")
-            self._refuse("the header gives this column no name", column)
+            index = "; for tables of pandas: to_csv(index=False), or index_label='t [s]' for times"
+            hint = "" if column else index
+            self._refuse(f"the header gives this column no name{hint}", column)
         if len(self._names) > CHANNEL_LIMIT:
             self._refuse(f"{len(self._names)} columns, more than {CHANNEL_LIMIT}")
         self._stamps = self._time_column()
@@ -164,7 +167,7 @@ class _Table:
         notes += grid.notes
         if self._lines.comments:
             notes.append(f"comment lines not carried over: {self._lines.comments}")
-        named = [_split_name(name) for name in self._names[first:]]
+        named = [split_name(name) for name in self._names[first:]]
         labels = unique([label for label, _ in named], notes)
         channels = tuple(
             _channel(label, unit, column, grid, notes)
@@ -196,7 +199,7 @@ class _Table:
 
     def _column_in_seconds(self) -> Stamps | None:
         """A first column of another name with a unit of time: times, if they rise in every row."""
-        unit = _split_name(self._names[0])[1]
+        unit = split_name(self._names[0])[1]
         return Stamps(_TIME_UNITS[unit]) if unit in _TIME_UNITS and len(self._names) > 1 else None
 
     def _add_rising(self, cell: str) -> None:
@@ -240,6 +243,8 @@ class _Table:
                 if self._delimiter == "," and len(row) > width:
                     hint = "; if commas are decimal signs, put semicolons between the cells"
                 self._refuse(f"a row of {len(row)} cells, where the header has {width}{hint}")
+            if not self._values:
+                self._refuse_units([cell.strip() for cell in row])
             if self._stamps is not None:
                 self._add_time(self._stamps, row[0].strip())
             self._values.extend(self._row_values(row[first:], first))
@@ -250,6 +255,19 @@ class _Table:
                     f"line {self._lines.number}: the values so far take more than "
                     f"{self._max_memory} bytes; allow more (--max-memory, max_memory=)"
                 )
+
+    def _refuse_units(self, row: list[str]) -> None:
+        """A first row of texts, some of which are units."""
+        texts = [cell for cell in row if cell]
+        if any(_NUMBER.fullmatch(cell) or seconds_of_date(cell) for cell in texts):
+            return
+        codes = [to_ucum(cell) for cell in row]
+        units = [place for place, code in enumerate(codes) if code != "1" and "{" not in code]
+        if units:
+            name, unit = self._names[units[0]], row[units[0]].strip("[]()")
+            self._refuse(
+                f"this looks like a row of units; write them in the header: '{name} [{unit}]'"
+            )
 
     def _row_values(self, row: list[str], first: int) -> list[float]:
         if self._lines.is_plain and not self._commas:
@@ -325,19 +343,9 @@ def _channel(
     )
 
 
-def _split_name(name: str) -> tuple[str, str]:
-    """'force [N]' and 'force (N)' -> 'force', 'N'. A label may hold brackets itself; a code holds
-    no space, and what is in parentheses has to be a unit."""
-    if name.endswith(")"):
-        match = re.fullmatch(r"(.*\S) ?\(([^()]*)\)", name, re.DOTALL)
-        if match is not None and match[2].strip() and "{" not in to_ucum(match[2]):
-            return match[1].strip(), match[2]
-        return name, ""
-    if not name.endswith("]"):
-        return name, ""
-    match = re.fullmatch(r"(.*) \[(.*?)\]", f" {name}", re.DOTALL)
-    match = match or re.fullmatch(r"(.*)\[([^][]*)\]", name, re.DOTALL)
-    return (match[1].strip(), match[2]) if match is not None else (name, "")
+def may_be_times(name: str) -> bool:
+    """Whether a first column of this name may hold the times of the rows."""
+    return _TIME.fullmatch(name) is not None or split_name(name)[1] in _TIME_UNITS
 
 
 def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[str]:

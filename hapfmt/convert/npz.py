@@ -265,9 +265,15 @@ def _array_of(
         ]
         keys = keys or wide
         if not keys or (wide and len(wide) > 1):
+            shapes = {
+                key: " x ".join(map(str, archive.shape(key)[0])) or "one value"
+                for key in sorted(archive.members)[:_KEYS_NAMED]
+            }
+            there = ", ".join(f"{key!r} ({shape})" for key, shape in shapes.items())
+            more = len(archive.members) - len(shapes)
             raise ParameterError(
-                f"no key 'x' ([channels, samples]) and no array of one dimension for each channel; "
-                f"there are: {_listed(archive.members)}"
+                "no key 'x' ([channels, samples]), and no arrays of one dimension and one length; "
+                f"there are: {there}{f' and {more} more' if more else ''}"
             )
     if len(keys) == 1:
         array = archive.array(keys[0])

@@ -38,6 +38,11 @@ _CLOCK = 100_000_000
 """Seconds, three years: times from here on count from 1970, not from the recording's zero."""
 _CLOCK_END = 10_000_000_000
 """Seconds since 1970, the year 2286: later times count in another unit, or from another day."""
+_JITTER_TICKS = 2
+"""Times that lie no further from rows one tick apart only jitter."""
+_MOVED_TICKS, _MOVED_SHARE = 32, 0.01
+"""Rows that came in bursts, or by a clock a little too fast, move less, in ticks or by their share
+of all rows; more is another rate."""
 STEADY = 1e-6
 """Share of a tick that is not worth a note: sums of a rounded period drift as much."""
 
@@ -149,7 +154,8 @@ class Stamps:
         if line.spread > line.period / 2:
             raise ParameterError(
                 f"the times are not regular: they deviate by up to {line.spread:.3g} s from a "
-                f"grid of {1 / line.period:.6g} Hz; give the rate (--rate) to place the rows on it"
+                f"grid of {1 / line.period:.6g} Hz; give a rate (--rate) to move each row to the "
+                "nearest tick"
             )
         # Two standard errors of the slope, were the deviations independent and uniform.
         slack = Fraction(4 * line.spread / len(self) ** 0.5)
@@ -171,17 +177,42 @@ class Stamps:
         return self._started(line, rate, start, notes)
 
     def _on_given(self, times: NDArray[np.float64], rate: Fraction) -> Grid:
-        """Every row at the tick nearest to its time; one after the other where two would meet."""
-        ticks = np.rint(times * float(rate))
-        notes: tuple[str, ...] = ()
-        if (np.diff(ticks) < 1).any() or ticks.max(initial=0) >= TICK_LIMIT:
-            ticks = np.arange(len(times), dtype=np.float64)
-            notes = ("the times do not fit the rate; the rows were put one tick apart",)
+        """Every row at the tick nearest to its time, later where rows before it need the room.
+
+        Times that only jitter leave no tick out. ParameterError where rows come much faster than
+        the rate.
+        """
+        wanted = times * float(rate)
+        ticks, notes = np.rint(wanted), list[str]()
+        if (np.diff(ticks) < 1).any():
+            order = np.arange(len(times), dtype=np.float64)
+            ticks = order + np.maximum.accumulate(ticks - order)
+            moved = float(np.abs(ticks - wanted).max())
+            if moved > max(_MOVED_TICKS, _MOVED_SHARE * len(times)):
+                raise ParameterError(
+                    f"the times do not fit a rate of {float(rate):.6g} Hz: rows would move by up "
+                    f"to {moved / rate:.3g} s; they come at about {self._usual_rate:.6g} Hz. Give "
+                    "that rate, or remove the column of times"
+                )
+            if float(np.abs(order - wanted).max()) <= _JITTER_TICKS:
+                ticks = order
+            notes.append("some times are less than a tick apart; their rows moved to free ticks")
+        elif 2 * np.count_nonzero(np.diff(ticks) == 1) < len(times) - 1:
+            notes.append(
+                f"the rows come at about {self._usual_rate:.6g} Hz, so most ticks of "
+                f"{float(rate):.6g} Hz are gaps"
+            )
+        if ticks.max(initial=0) >= TICK_LIMIT:
+            raise ParameterError(f"the times are longer than 2^48 ticks of {float(rate):.6g} Hz")
         line = _Line(ticks, times)
         largest = float(np.abs(line.residual(rate)).max(initial=0))
         if largest > max(self.noise + self.resolution / 2, STEADY / float(rate)):
-            notes += (deviation_note(largest, rate),)
-        return self._started(line, rate, round(self.first * rate), notes)
+            notes.append(deviation_note(largest, rate))
+        return self._started(line, rate, round(self.first * rate), tuple(notes))
+
+    @property
+    def _usual_rate(self) -> float:
+        return 1 / float(np.median(np.frombuffer(self._steps)))
 
     def _started(self, line: _Line, rate: Fraction, start: int, notes: tuple[str, ...]) -> Grid:
         epoch_ns = None

@@ -10,6 +10,7 @@ from ..container.track import Track
 from ..errors import ParameterError
 from ..events import Event, by_layer, coded, event_packets, layer_track, rate_of
 from ..limits import LAST_TRACK_ID
+from ..numbers import counted
 from ..reading.catalogue import Catalogue
 from .appended import appended
 from .making import Output
@@ -19,7 +20,7 @@ from .original import Input
 def annotate(
     file: Input, events: Sequence[Event], out: Output | None = None, *, force: bool = False
 ) -> list[str]:
-    """Append events to a file, or to a copy of it at ``out``; returns what people should know.
+    """Append events to a file, or to a copy of it at ``out``; returns notes.
 
     They join the layer of their name where there is one, at its rate, else a new layer is made.
     ``Event.channel`` is a label or a number of the file. The file's other contents do not
@@ -56,8 +57,8 @@ def annotate(
             ]
             if between:
                 notes.append(
-                    f"{len(between)} events of layer {layer!r} moved to the nearest of its "
-                    f"{track.rate} ticks a second"
+                    f"{counted(len(between), 'event')} of layer {layer!r} moved to the nearest of "
+                    f"its {track.rate} ticks a second"
                 )
         writer.describe(made)
         writer.cluster(packets)

@@ -24,7 +24,7 @@ def attach(
     *,
     force: bool = False,
 ) -> list[str]:
-    """Append attachments to a file, or to a copy of it at ``out``; returns what people should know.
+    """Append attachments to a file, or to a copy of it at ``out``; returns notes.
 
     The file's other contents do not change. Raises ParameterError where an attachment is too large
     for the file's level (then all are refused), and where another program writes the file.

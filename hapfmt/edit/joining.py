@@ -48,19 +48,19 @@ class Joining:
         bases = {track.base: track for track in original.tracks.values() if track.base is not None}
         before, ids = len(self.tracks), {}
         for track in original.tracks.values():
-            moved = self.moved(track, numbers, original)
-            if track.kind == "events":
-                ids[track.id] = self.layer(moved)
-            elif track.base is None:
-                residual = bases.get(track.id)
-                ids[track.id] = self.go_on(moved, residual, original)
-            elif track.base not in ids:
+            if track.base is not None and track.base not in ids:
                 # Only a track that is not understood refers to one that is not there.
                 raise UnsupportedError(
                     f"Track {track.id} refers to track {track.base}, which is not copied",
                     offset=track.offset,
                     path=original.source.path,
                 )
+            moved = self.moved(track, numbers, original)
+            if track.kind == "events":
+                ids[track.id] = self.layer(moved)
+            elif track.base is None:
+                residual = bases.get(track.id)
+                ids[track.id] = self.go_on(moved, residual, original)
             elif ids[track.base] in self.residuals:
                 ids[track.id] = self.residuals[ids[track.base]]
                 self.widen(ids[track.id], track)

@@ -21,6 +21,7 @@ from ..container.track import Track
 from ..container.wire import NO_TRACK, Head
 from ..errors import FormatError, ParameterError
 from ..limits import TICK_LIMIT, Level
+from ..numbers import counted
 from ..reading.seconds import Seconds
 from .clocks import TYPES, moved_clock
 from .original import NS, Advance, Original, has_channels
@@ -246,14 +247,18 @@ class Making:
         }
         lost = sum(old in plan.places for old in known) - len(kept)
         if lost:
-            self.note(f"digests of {lost} tracks left out: they are of other packets, or times")
+            self.note(
+                f"digests of {counted(lost, 'track')} left out: they are of other packets, or times"
+            )
         self.out.digest(kept)
         self.edited.digest_count += len(kept)
 
     def close(self) -> Edited:
         self.out.close()
         if self.lost_events:
-            self.note(f"{self.lost_events} events left out: of channels that are left out")
+            self.note(
+                f"{counted(self.lost_events, 'event')} left out: of channels that are left out"
+            )
         edited, out = self.edited, self.out
         edited.file_size, edited.cluster_count = out.offset, out.data_count
         edited.track_count = len(out.tracks)

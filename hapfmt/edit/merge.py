@@ -47,7 +47,7 @@ def merge(
     Files of one recording (the same UUID), or with the same epoch, share their zero of time. Others
     need ``times``: "same" (their zeros are one moment) or "epoch" (as their epochs say, to the
     nearest whole tick), or ``offsets``: seconds by the place of the file, whole ticks of each track
-    in it. Channels are numbered on, file by file; ``prefixes``, one for each file, stand before
+    in it. Channels are numbered on, file by file; ``prefixes``, one for each file, precede
     their labels and groups. Metadata and attachments of all are kept.
 
     Raises as :func:`subset` does.

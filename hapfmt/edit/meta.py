@@ -1,4 +1,4 @@
-"""Members of the metadata, set in a file that stands (SPEC 6.7)."""
+"""Members of the metadata, set in an existing file (SPEC 6.7)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def set_metadata(
     file: Input, members: Mapping[str, Any], out: Output | None = None, *, force: bool = False
 ) -> list[str]:
     """Append members, JSON values, that replace those of their name, to a file, or to a copy of it
-    at ``out``; returns what people should know. What stood there before stays in the file."""
+    at ``out``; returns notes. The earlier members stay in the file."""
     if not members:
         raise ParameterError("nothing to set")
     payload = build_metadata(dict(members))

@@ -11,6 +11,7 @@ from ..container.extras import build_metadata
 from ..container.track import Track
 from ..errors import ParameterError
 from ..limits import LEVELS
+from ..numbers import exact
 from ..reading.reader import BANDS, Band
 from ..reading.seconds import Seconds, tick_range
 from .bands import residual_alone, slow_alone
@@ -62,7 +63,7 @@ def subset(
     ``level`` 2 raises the limits of the file.
 
     Raises ChecksumError or TruncatedError, with exit code 3, where the file is damaged or was not
-    closed, and ParameterError where no channel would be left.
+    closed, and ParameterError where no channel would be left or ``start`` is behind the end.
     """
     check_canonical(canonical)
     refuse_output(out, force)
@@ -71,6 +72,12 @@ def subset(
     if level not in (None, *LEVELS):
         raise ParameterError("level must be 1 or 2")
     with open_original(file, scan=start is None and stop is None) as original:
+        end = original.catalogue.duration
+        if start is not None and exact(start) >= end > 0:
+            raise ParameterError(
+                f"No samples in this time range; the recording ends at {float(end):g} s",
+                path=original.source.path,
+            )
         notes: list[str] = []
         kept = choose(original, channels, band, notes)
         window = overlapping(original, start, stop)

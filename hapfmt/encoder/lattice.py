@@ -204,7 +204,7 @@ def _find(x: NDArray[np.float64], bits: int) -> Lattice | str:
     if x.size == 0:
         return Lattice(Calibration(), np.zeros(0, np.int64), True, 0.0, "exact: no samples")
     if (np.signbit(x) & (x == 0)).any():
-        return "negative zero, which no count stands for; a tolerance would turn it into 0"
+        return "negative zero, which no count represents; a tolerance would turn it into 0"
     u = np.unique(x)
     if ((u != 0) & (np.abs(u) < 1 / EXACT_LIMIT)).any():
         return "a value nearer to 0 than 2^-53"

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +22,13 @@ from ..limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level
 from ..live.inputs import Input
 from ..threads import in_order, thread_count
 from .live_counts import GridLane, Way, counts_of_block
-from .live_deadband import DeadbandLane
-from .live_exact import choose_exact
 from .live_many import Job, Made, Missing, Shelf, encode_blocks
 from .live_plan import Plan, check_settings, plan_input
 from .settings import Settings
 from .source import PACKET_SAMPLES
+
+if TYPE_CHECKING:
+    from .live_deadband import DeadbandLane
 
 SHARE = 100
 """Jobs that are worth a thread of their own: a few milliseconds of work."""
@@ -219,17 +220,22 @@ class LiveEncoder:
         adopted = self.adopted.get(block.channel)
         number, first = block.channel, block.values[:PACKET_SAMPLES]
         lane: Lane
+        deadband: DeadbandLane | None = None
         if plan.channel.calibration is None:
+            from .live_exact import choose_exact
+
             lane = choose_exact(plan, number, first, adopted)
         elif plan.settings.preset == "perceptual" and plan.bound is not None:
-            lane = DeadbandLane(plan, plan.bound, number, self.shelf)
+            from .live_deadband import DeadbandLane
+
+            lane = deadband = DeadbandLane(plan, plan.bound, number, self.shelf)
         else:
             lane = GridLane(plan, number, self.shelf)
         if adopted is not None:
             check_continued(lane.track, adopted)
             lane.adopt(adopted)
-        if isinstance(lane, DeadbandLane):
-            lane.begin(first, block.start)
+        if deadband is not None:
+            deadband.begin(first, block.start)
         return lane
 
 

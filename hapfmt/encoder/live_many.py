@@ -32,7 +32,6 @@ from ..deadband import Deadband
 from ..integers import build_svarint, rdiv
 from ..kernels import compiled
 from .grids import nearest_uniform
-from .live_knots import pack_knots
 from .predict import LIMITS, REPEAT_SHARE, choose_predictors, with_repeats
 from .quick import choose_quick, costs_of
 
@@ -189,6 +188,8 @@ def encode_block(job: Job) -> Made:
     if counts.min() < task.low or counts.max() > task.high:
         return Missing.OUTSIDE, job.habit
     if task.knots is not None and task.band is not None:
+        from .live_knots import pack_knots
+
         packet = pack_knots(
             counts,
             task.knots,

@@ -114,8 +114,8 @@ def check_settings(settings: Settings) -> None:
 
 def relative(what: str, example: str) -> str:
     return (
-        f"{what} is relative to the range of the samples, which nobody knows before the end: give "
-        f"an amount in the channel's unit or in steps, {example}"
+        f"{what} is relative to the range of the samples, which is not known before the end: "
+        f"give an amount in the channel's unit or in steps, {example}"
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, inf
@@ -54,6 +56,12 @@ RANGE_ERROR = Tolerance(0.001, "range")
 """The largest error of preset near-lossless, where none is given."""
 
 PAPER_BITS = 5
+
+INPUT = "; input: "
+"""In the metadata "encoder", before the encoder of a lossy input."""
+
+INPUT_SIZE = 300
+"""Characters that are kept of it."""
 
 
 @dataclass(frozen=True)
@@ -113,8 +121,11 @@ class Settings:
         self._refuse_unused()
         if self.interpolation not in INTERPOLATIONS:
             raise ParameterError(f"knots are joined by one of {', '.join(INTERPOLATIONS)}")
-        if not 0 <= self.k <= 65535:
-            raise ParameterError("the Weber fraction k lies between 0 and 65535")
+        if not 0 <= self.k <= 1:
+            raise ParameterError(
+                f"the Weber fraction k is a share from 0 to 1, such as 0.1 or 10%, "
+                f"not {float(self.k):g}"
+            )
         if self.bits is not None and self.bits and self.bits not in BITS:
             raise ParameterError("bits are 0 (no residual) or 2 to 16")
         if self.bits is not None and self.step is not None:
@@ -137,14 +148,15 @@ class Settings:
     def of(cls, preset: str = "lossless", **given: Any) -> Settings:
         """The preset's settings with those that are given and not None in their place.
 
-        Old names of presets still work: see ALIASES.
+        Old names of presets still work, with a DeprecationWarning: see ALIASES.
         """
-        chosen = {name: value for name, value in given.items() if value is not None}
-        name, implied = ALIASES.get(preset, (preset, {}))
+        if note := alias_note(preset):
+            warnings.warn(note, DeprecationWarning, stacklevel=2)
+        preset, chosen = renamed(preset, given)
         for option, value in chosen.items():
             if value != _DEFAULTS.get(option) or not isinstance(value, (bool, str)):
-                refuse_unused(name, option)
-        return cls(name, **{**implied, **chosen})  # type: ignore[arg-type]
+                refuse_unused(preset, option)
+        return cls(preset, **chosen)  # type: ignore[arg-type]
 
     @property
     def deadband_floor(self) -> Tolerance:
@@ -181,6 +193,23 @@ class Settings:
             "--fast": self.fast,
         }
         return " ".join([self.preset, *departs, *(flag for flag, on in flags.items() if on)])
+
+
+def preset_of(encoder: object) -> str:
+    """The preset in the metadata that hapfmt writes: hapfmt 0.1.0: lossless."""
+    if not isinstance(encoder, str) or not encoder.startswith("hapfmt "):
+        return ""
+    return encoder.partition(INPUT)[0].partition(": ")[2]
+
+
+def lossy_preset(encoder: object) -> str:
+    """The last lossy preset in the metadata "encoder" of a recording; empty where there is none."""
+    texts = encoder.split(INPUT) if isinstance(encoder, str) else []
+    for preset in map(preset_of, texts):
+        name, _ = renamed(preset.partition(" ")[0], {})
+        if name in PRESETS and name != "lossless":
+            return preset[:INPUT_SIZE]
+    return ""
 
 
 OPTIONS = {
@@ -223,6 +252,13 @@ def refuse_unused(preset: str, name: str) -> None:
     option, presets = USED_BY.get(name, ("", ()))
     if presets and preset in PRESETS and preset not in presets:
         raise ParameterError(f"{option} requires preset {' or '.join(presets)}, not {preset}")
+
+
+def renamed(preset: str, given: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """The present name of a preset; the options that are given and not None, and those that an old
+    name implies."""
+    name, implied = ALIASES.get(preset, (preset, {}))
+    return name, {**implied, **{key: value for key, value in given.items() if value is not None}}
 
 
 def alias_note(preset: str) -> str:

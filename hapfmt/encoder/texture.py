@@ -11,6 +11,7 @@ threshold decides whether there is a texture, and whether an error needs to be s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil, sqrt
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from ..codecs.grids import LpcParameters
 from ..container.cluster import Packet
 from ..container.track import Component, Contract, Track
+from ..errors import ParameterError
 from ..integers import clamp
 from ..limits import EXACT_LIMIT, ZERO_LIMIT
 from ..recording import Calibration, Channel
@@ -226,10 +228,11 @@ def whole_counts(
     channel = original
     if counts < FINER:
         times = ceil(FINER / counts)
-        finer = in_finer_counts(original, times)
-        low, high = declared_range(finer.stored)
-        if finer.calibration and finer.calibration.covers(low, high) and high < 1 << 31:
-            channel, counts = finer, counts * times
+        with suppress(ParameterError):  # a large offset leaves no room for finer counts
+            finer = in_finer_counts(original, times)
+            low, high = declared_range(finer.stored)
+            if finer.calibration and finer.calibration.covers(low, high) and high < 1 << 31:
+                channel, counts = finer, counts * times
     source = Source((channel,), channel.stored[:, None], felt.source.spans)
     track = whole_range(source, first_channel)
     whole = min(int(counts), STEP_LIMIT)

@@ -21,7 +21,7 @@ _AMOUNT = re.compile(rf"\+?{_NUMBER}\s*(\S.{{0,99}})?", re.IGNORECASE | re.DOTAL
 class Tolerance:
     """An amount, positive and finite: a largest error, a threshold, a step.
 
-    ``value`` is absolute, in ``unit`` (a UCUM code; "" stands for the channel's own), in steps of
+    ``value`` is absolute, in ``unit`` (a UCUM code; "" for the channel's own), in steps of
     the sensor ("lsb"), or a fraction (0.0001 for 0.01 %) of the channel's largest minus its
     smallest value ("range"), single samples far beyond all others left out.
     """

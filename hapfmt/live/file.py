@@ -26,8 +26,8 @@ TRIES = 8
 
 
 class SyncPolicy:
-    """When what was written must have reached the disk: after each ``"cluster"``, once in so many
-    seconds, at ``"close"``, or ``"never"`` (the system writes it when it likes)."""
+    """When written data must have reached the disk: after each ``"cluster"``, after a number of
+    seconds, at ``"close"``, or ``"never"`` (the system decides)."""
 
     WORDS = ("cluster", "close", "never")
 

@@ -11,7 +11,9 @@ from math import isinf
 import numpy as np
 from numpy.typing import NDArray
 
+from ..convert.csv import may_be_times
 from ..errors import ParameterError
+from ..units import split_name, to_ucum, units_for
 from .inputs import Input
 from .session import Header, Session, parse_object
 
@@ -20,10 +22,6 @@ LINE_SIZE = 1 << 24
 
 TICK_DIGITS = 19
 """More than any tick has; Python refuses to read thousands of them."""
-
-NAMED = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\]\s*)?")
-"""A name, and a unit in brackets."""
-
 
 DECIMAL = re.compile(rb"[+-]?\d*[.,]?\d+(e[+-]?\d+)?", re.I)
 """A number with a decimal point or comma."""
@@ -46,25 +44,30 @@ class Table:
         """For columns of these names, or of so many without any."""
         if self.rate is None:
             raise ParameterError("a table needs its rate: --rate 1000, or a header of JSON")
-        given = [matched(name) for name in names]
+        given = [split_name(name) for name in names]
         labels = list(self.labels) or [label for label, _ in given]
         labels = labels or [str(number + 1) for number in range(columns)]
-        units = [unit for _, unit in given] or [""] * len(labels)
         if len(labels) != (columns or len(names)):
             raise ParameterError(
                 f"{len(labels)} labels for {columns or len(names)} columns: --labels a,b,c"
             )
+        if self.unit is not None:
+            units = units_for(self.unit, len(labels))
+        else:
+            units = [to_ucum(unit) for _, unit in given] or ["1"] * len(labels)
+        notes = []
+        if len(names) > 1 and may_be_times(names[0]):
+            notes.append(
+                f"column {names[0]!r} is recorded as a channel; hapfmt encode places rows by their "
+                "times"
+            )
         return Header(
             [
-                Input(label, self.rate, self.unit or unit or "1", lsb=self.lsb)
+                Input(label, self.rate, unit, lsb=self.lsb)
                 for label, unit in zip(labels, units, strict=True)
-            ]
+            ],
+            notes=notes,
         )
-
-
-def matched(name: str) -> tuple[str, str]:
-    found = NAMED.fullmatch(name)
-    return (found[1], found[2] or "") if found else (name, "")
 
 
 @dataclass

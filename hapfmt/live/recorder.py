@@ -79,7 +79,7 @@ class Recorder:
     is written in clusters of its own. ``hold``: seconds of wall clock that a sample waits at most
     for its cluster to be complete [cluster + 2 patience; none in canonical mode].
     ``queue_size``: bytes that wait for the encoder; ``on_full``: "block" until there is room,
-    "drop" what comes (a gap, counted, told in a warning and in the file's notes), or "raise"
+    "drop" what comes (a gap, counted, reported in a warning and in the file's notes), or "raise"
     LimitError. ``append``: go on with the file, where it ends, at ``at`` seconds, or for "now" by
     its epoch; inputs are its channels of the same label, rate and unit, others become new ones.
     ``epoch_ns``: UTC time of tick 0, "now", or None. ``clock_maps``: fit a map to the observations

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import ParameterError
 from ..recording import Calibration, spans_of
+from ..units import to_ucum
 from .inputs import Input
 from .recorder import Recorder
 
@@ -29,6 +30,8 @@ class Header:
     metadata: dict[str, Any] = field(default_factory=dict)
     given: dict[str, Any] = field(default_factory=dict)
     """The epoch, where it is given."""
+    notes: list[str] = field(default_factory=list)
+    """What a person may want to know of it."""
 
 
 class Session:
@@ -220,6 +223,8 @@ def input_of(given: Any) -> Input:
     for key in INPUT_KEYS & set(given) - {"rate", "calibration", "bits", "lsb"}:
         if not isinstance(given[key], str):
             raise ParameterError(f"the {key} of a channel is a text")
+    if "unit" in given:
+        given = {**given, "unit": to_ucum(given["unit"])}
     calibration = given.get("calibration")
     try:
         if calibration is not None:

@@ -23,7 +23,6 @@ from ..limits import LAST_TRACK_ID
 from ..numbers import exact
 from ..recording import Recording
 from ..version import __version__
-from ..writer import check_epoch
 from .clusters import Clusters
 from .extras import Layers
 from .file import SyncPolicy, create_live
@@ -131,8 +130,7 @@ class Start:
         self.encoder = LiveEncoder(self.settings)
         level = self.encoder.level(inputs)
         epoch_ns = time.time_ns() if options.epoch_ns == "now" else options.epoch_ns
-        uncertainty = options.epoch_uncertainty_ns
-        check_epoch(Recording(epoch_ns=epoch_ns, epoch_uncertainty_ns=uncertainty))
+        known = Recording(epoch_ns=epoch_ns, epoch_uncertainty_ns=options.epoch_uncertainty_ns)
         made_by = f"hapfmt {__version__}: {self.settings.describe()}"
         self.metadata["encoder"] = made_by
         build_metadata(self.metadata)
@@ -154,8 +152,8 @@ class Start:
                 level=level,
                 file_id=options.canonical,
                 recording_uuid=uuid.uuid4() if options.canonical is None else None,
-                epoch_ns=epoch_ns,
-                epoch_uncertainty_ns=uncertainty,
+                epoch_ns=known.epoch_ns,
+                epoch_uncertainty_ns=known.epoch_uncertainty_ns,
                 clock=clock,
             )
             self.output.writer.metadata(self.metadata)

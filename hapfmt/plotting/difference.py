@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from ..numbers import counted
 from ..survey.compare import Comparison
 from ..survey.views import View
 from . import panels
@@ -104,4 +105,4 @@ def headline(view: View, row: Comparison) -> str:
         return f"{name}: identical"
     said = f"largest {amount(view, row.largest)}, rms {amount(view, row.rms)}"
     missing = row.only_a + row.only_b
-    return f"{name}: {said}" + (f", {missing} samples in one only" if missing else "")
+    return f"{name}: {said}" + (f", {counted(missing, 'sample')} in one only" if missing else "")

@@ -50,21 +50,6 @@ class Assembly:
         rows = [self.layers[id_] for id_ in sorted(self.layers)]
         return in_order(decoded(event, layer) for layer, events in rows for event in events)
 
-    def events_of(
-        self, known: Sequence[ChannelRef], chosen: Sequence[ChannelRef]
-    ) -> tuple[Event, ...]:
-        """Those of the chosen channels, by their places there, and those that speak of none, or of
-        one that is lost."""
-        places: dict[int | str | None, int | None] = {None: None}
-        for place, ref in enumerate(chosen):
-            places.setdefault(ref.number, place)
-        others = {ref.number for ref in known} - places.keys()
-        return tuple(
-            replace(event, channel=places.get(event.channel))
-            for event in self.events()
-            if event.channel not in others
-        )
-
     def channel(self, ref: ChannelRef) -> Channel:
         return join(self.parts(ref))
 
@@ -90,6 +75,22 @@ class Assembly:
             lf, hf = self.tracks[part.track.id], self.tracks[part.residual.id]
             self.sums[part.track.id] = add_residual(lf, hf)
         return self.sums[part.track.id]
+
+
+def events_of(
+    events: Sequence[Event], known: Sequence[ChannelRef], chosen: Sequence[ChannelRef]
+) -> tuple[Event, ...]:
+    """Those of the chosen channels, by their places there, and those that speak of none, or of one
+    that is lost."""
+    places: dict[int | str | None, int | None] = {None: None}
+    for place, ref in enumerate(chosen):
+        places.setdefault(ref.number, place)
+    others = {ref.number for ref in known} - places.keys()
+    return tuple(
+        replace(event, channel=places.get(event.channel))
+        for event in events
+        if event.channel not in others
+    )
 
 
 def join(parts: Sequence[Channel]) -> Channel:

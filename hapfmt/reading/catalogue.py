@@ -216,17 +216,24 @@ class Catalogue:
     def attachments(self) -> dict[str, Attachment]:
         """By name; a name that comes again gets a number. FalseIndexError where an index lies."""
         found: dict[str, Attachment] = {}
-        counts: dict[str, int] = {}
         size = 0
-        for attachment, offset in self.each_attachment():
+        for name, attachment, offset in self.named_attachments():
             size += len(attachment.content)
             self.limits.check_attachments(size, offset)
-            name = attachment.name
-            while name in found:
-                counts[attachment.name] = counts.get(attachment.name, 1) + 1
-                name = f"{attachment.name} ({counts[attachment.name]})"
             found[name] = attachment
         return found
+
+    def named_attachments(self) -> Iterator[tuple[str, Attachment, int]]:
+        """As :meth:`each_attachment`, after the name that no earlier one has."""
+        taken: set[str] = set()
+        counts: dict[str, int] = {}
+        for attachment, offset in self.each_attachment():
+            name = attachment.name
+            while name in taken:
+                counts[attachment.name] = counts.get(attachment.name, 1) + 1
+                name = f"{attachment.name} ({counts[attachment.name]})"
+            taken.add(name)
+            yield name, attachment, offset
 
     def each_attachment(self) -> Iterator[tuple[Attachment, int]]:
         """One after the other, and the offset of its payload."""

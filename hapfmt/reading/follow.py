@@ -24,7 +24,7 @@ from ..container.walk import Chunk, Finding, header_at, read_chunk, walk
 from ..container.wire import SIGNATURE
 from ..errors import FormatError, ParameterError
 from .catalogue import Catalogue, ChannelRef, FalseIndexError
-from .opening import learn_checkpoint, lose_chunk
+from .opening import learn_checkpoint, lose_chunk, no_signature
 from .packets import PacketPass
 from .seconds import Seconds, tick_range
 
@@ -168,9 +168,7 @@ class Follower(Closing):
             return True
         begins = self.source.read_at(0, len(SIGNATURE))
         if begins != SIGNATURE[: len(begins)]:
-            raise FormatError(
-                "not a hapf file: no signature", requirement="FIL-001", offset=0, path=self.path
-            )
+            raise no_signature(self.source)
         first = read_chunk(self.source, FIRST_OFFSET)
         if first is None or not first.intact:
             return False

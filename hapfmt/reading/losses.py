@@ -12,7 +12,8 @@ from .timeline import Times
 
 
 class LostSpan(NamedTuple):
-    """Ticks of a track that damage took: start <= t < stop; stop None: nobody knows how many.
+    """Ticks of a track that damage took: start <= t < stop; stop None: their number is not
+    known.
     ``offset``: where the damage is, None where that is not known."""
 
     track: int

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import shlex
 from bisect import bisect_right
 from collections.abc import Callable
+from pathlib import Path
 
 from ..container.chain import index_chain
 from ..container.description import check_range
 from ..container.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
-from ..container.source import Source
+from ..container.source import Source, is_url
 from ..container.track import unsupported_track
 from ..container.walk import Chunk, Finding, header_at, read_chunk, walk
 from ..container.wire import HEADER_SIZE, SIGNATURE, SYNC
@@ -16,6 +18,8 @@ from ..errors import FormatError, HapfmtError, UnsupportedError
 from ..limits import LEVELS, Limits
 from .catalogue import Catalogue, ChunkRef
 
+OTHER_FORMATS = {".npz": "an NPZ", ".npy": "an NPY", ".csv": "a CSV", ".wav": "a WAV"}
+"""Suffixes of files that are no hapf files but become some."""
 MS = 10**6
 """Nanoseconds."""
 FOOT_SIZE = HEADER_SIZE + 32
@@ -291,14 +295,29 @@ def lose_strangers(catalogue: Catalogue) -> None:
             catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-006")
 
 
+def no_signature(source: Source) -> FormatError:
+    """With the way out, where the file is empty or of a format that ``encode`` reads."""
+    path, message, more = Path(source.path or ""), "not a hapf file: no signature", []
+    kind = None if is_url(source.path or "") else OTHER_FORMATS.get(path.suffix.lower())
+    if not source.size:
+        message = "not a hapf file: the file is empty"
+    elif kind:
+        names = shlex.join([str(path), str(path.with_suffix(".hapf"))])
+        rate = " --rate HZ" if path.suffix.lower() == ".npy" else ""
+        more = [
+            f"this is {kind} file; to make a hapf file of it, run:",
+            f"  hapfmt encode {names}{rate}",
+        ]
+    return FormatError(message, requirement="FIL-001", offset=0, path=source.path, more=more)
+
+
 def check_found(catalogue: Catalogue) -> None:
     """What only the end of the walk tells."""
     source = catalogue.source
     if not catalogue.chunks:
-        rule, message = ("FIL-001", "not a hapf file: no signature")
-        if source.read_at(0, len(SIGNATURE)) == SIGNATURE:
-            rule, message = ("HED-001", "a signature without any chunk")
-        raise FormatError(message, requirement=rule, offset=0)
+        if source.read_at(0, len(SIGNATURE)) != SIGNATURE:
+            raise no_signature(source)
+        raise FormatError("a signature without any chunk", requirement="HED-001", offset=0)
     if catalogue.head is None:
         catalogue.lose("missing-head", FIRST_OFFSET, 0, "no intact HEAD chunk", "HED-001")
     if catalogue.foot is None:

@@ -25,11 +25,12 @@ from ..errors import (
 from ..events import Event
 from ..limits import Limits
 from ..names import matching, unknown
+from ..numbers import counted
 from ..numbers import exact as exact_number
 from ..recording import Recording
 from ..threads import in_order, thread_count
-from ..verdict import verdict_of
-from .assembly import BANDS, Assembly, Band, wanted_tracks
+from ..verdict import HARMLESS, verdict_of
+from .assembly import BANDS, Assembly, Band, events_of, wanted_tracks
 from .batches import BATCH, Batch, batches
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
 from .decoder import TrackDecoder
@@ -86,9 +87,27 @@ class Reader(Closing):
     def close(self) -> None:
         self.source.close()
 
+    def __repr__(self) -> str:
+        """One line: the file, and what was found wrong so far."""
+        name = "" if self.source.path is None else f" {self.source.path!r}"
+        damage = sum(finding.code not in HARMLESS for finding in self.findings)
+        facts = [
+            counted(len(self.channels), "channel"),
+            f"{float(self.duration):.6g} s",
+            "closed" if self.catalogue.closed else "not closed",
+            *([counted(damage, "damaged place")] if damage else []),
+            *([counted(len(self.lost), "lost part")] if self.lost else []),
+        ]
+        return f"Reader{name}: {', '.join(facts)}"
+
     @property
     def channels(self) -> list[ChannelRef]:
         return self.catalogue.channels
+
+    @property
+    def _layers(self) -> list[Track]:
+        """Of events, those that this version knows how to decode."""
+        return [layer for layer in self.catalogue.layers if not layer.unsupported]
 
     @property
     def metadata(self) -> dict[str, Any]:
@@ -198,7 +217,7 @@ class Reader(Closing):
     ) -> Recording:
         """The recording, or the channels, seconds [start, stop) and band that are asked for.
 
-        ``exact``: decode the exact values too, where they stand beside the counts.
+        ``exact``: decode the float64 corrections too, where the file has them.
         ``progress`` is called with (clusters done, clusters in all).
         """
         if band not in BANDS:
@@ -208,6 +227,11 @@ class Reader(Closing):
         catalogue = self.catalogue
         chosen = self.select(channels)
         assembly = self.assembly(chosen, start, stop, band=band, exact=exact, progress=progress)
+        events = assembly.events()
+        if start is not None and self._layers:
+            lost = self.lost
+            events = self._events_between(self._layers, start, stop)
+            self.lost = [*lost, *self.lost]
         if self.catalogue is not catalogue:
             # The index was false: other channels may be there.
             return self.read(channels, start, stop, band=band, exact=exact, progress=progress)
@@ -221,7 +245,7 @@ class Reader(Closing):
             attachments={
                 name: (found.media_type, found.content) for name, found in self.attachments.items()
             },
-            events=assembly.events_of(self.channels, chosen),
+            events=events_of(events, self.channels, chosen),
         )
 
     def assembly(
@@ -244,7 +268,8 @@ class Reader(Closing):
             # Whole tracks are read: what was stored of them can be compared.
             self.scan()
             digests = DigestCheck(self.catalogue, decoded)
-        layers = [layer for layer in self.catalogue.layers if not layer.unsupported]
+        # Events of a part need a pass of their own, from the beginning of the file.
+        layers = self._layers if start is None else []
         for piece in self.pieces([*wanted, *layers], start, stop, exact=exact, progress=progress):
             if digests is not None:
                 digests.add(piece)
@@ -277,12 +302,20 @@ class Reader(Closing):
             for layer in self.catalogue.layers
             if layers is None or layer.components[0].label in layers
         ]
-        assembly = Assembly({}, "full")
-        # An event that still holds at ``start`` may have begun in any cluster before it.
+        events = self._events_between(chosen, start, stop)
+        if self.catalogue is not catalogue:
+            return self.events(start, stop, layers=layers)
+        return events
+
+    def _events_between(
+        self, layers: Sequence[Track], start: Seconds | None, stop: Seconds | None
+    ) -> list[Event]:
         low = None if start is None else exact_number(start)
         if low is not None and stop is not None and exact_number(stop) <= low:
             return []
-        for piece in self.pieces(chosen, None if start is None else 0, stop):
+        assembly = Assembly({}, "full")
+        # An event that still holds at ``start`` may have begun in any cluster before it.
+        for piece in self.pieces(layers, None if start is None else 0, stop):
             rate = piece.track.rate
             kept = [
                 event
@@ -293,8 +326,6 @@ class Reader(Closing):
             ]
             assembly.add_events(piece.track, kept)
             self.limits.check_events(assembly.event_count)
-        if self.catalogue is not catalogue:
-            return self.events(start, stop, layers=layers)
         return assembly.events()
 
     def pieces(

@@ -1,4 +1,4 @@
-"""A damaged file mended where it stands: its end, or all of it with the damaged one kept beside."""
+"""A damaged file repaired in place: its end, or all of it; then the damaged file is kept too."""
 
 from __future__ import annotations
 

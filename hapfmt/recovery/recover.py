@@ -23,6 +23,7 @@ from ..container.wire import SIGNATURE
 from ..damage import damage_report, told
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Limits
+from ..numbers import counted
 from ..reading.catalogue import Catalogue, ChunkRef
 from ..reading.decoder import TrackDecoder, TrackDigest
 from ..reading.digests import stored_digests
@@ -36,6 +37,8 @@ from .descriptions import EVERYTHING, describe
 from .extras import Extras, write_note
 
 REMADE = frozenset({"iNDX", "fOOT"})
+NOTED = 6
+"""Lines on damage and losses in the note in the file."""
 OF_CHUNKS = frozenset({"bad-chunk", "bad-payload", "truncated", "duplicate-chunk"})
 """Findings with the offset of a chunk."""
 
@@ -314,7 +317,8 @@ class Copy:
         done = self.done
         if done.exit_code != DAMAGED:
             return "recovered; nothing was lost that stood in the file, its end may be missing"
-        return (
-            f"recovered from a damaged file: {done.packets} packets kept, "
-            f"{len(done.lost)} spans of tracks lost"
-        )
+        lines = told(self.catalogue, done.lost)
+        if len(lines) > NOTED:
+            lines[NOTED:] = [f"and {len(lines) - NOTED} more"]
+        kept = f"recovered from a damaged file: {counted(done.packets, 'packet')} kept"
+        return "; ".join([kept, *lines])

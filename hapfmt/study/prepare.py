@@ -163,7 +163,7 @@ def stretch(channel: Channel, from_s: float | None, to_s: float | None) -> Chann
 
 
 def encode(reference: Recording, condition: Condition, path: Path) -> None:
-    from ..encoder.settings import Settings
+    from ..encoder.settings import Settings, renamed
     from ..writer import write
 
     given = dict(condition.coding or LOSSLESS)
@@ -172,9 +172,8 @@ def encode(reference: Recording, condition: Condition, path: Path) -> None:
         cutoff = condition.low_pass_hz
         recording = Recording(tuple(low_passed(each, cutoff) for each in reference.channels))
     of_paper = {"bits", "step", "interpolation"} & given.keys()
-    settings = Settings.of(
-        given.pop("preset", "paper" if of_paper else "perceptual"), **given, smallest=False
-    )
+    preset, given = renamed(given.pop("preset", "paper" if of_paper else "perceptual"), given)
+    settings = Settings.of(preset, **given, smallest=False)
     write(recording, path, settings, canonical=0, force=True)
 
 

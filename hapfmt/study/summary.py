@@ -115,7 +115,7 @@ def summarise(answers: Sequence[Answers]) -> Summary:
     unfinished = [each for each in found if each.open]
     if not subjects:
         left = ", ".join(f"{each.name} has {each.open} left" for each in unfinished)
-        raise ParameterError(f"nobody has answered every question: {left}")
+        raise ParameterError(f"no subject has answered every question: {left}")
     share = float(study.get("screen_share", 1))
     out = [each.name for each in subjects if each.misses > share * each.items]
     sessions = sorted({trial.session for trial in first.trials if not trial.training})

@@ -7,6 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from ..encoder.settings import preset_of
 from .parts import FileParts, Parts
 from .views import View
 
@@ -27,7 +28,7 @@ def facts(
     if size is not None:
         found.append(amount(size) + (compression(samples, size) if whole else " in all"))
     if isinstance(parts, FileParts):
-        preset = preset_of(parts.reader.metadata.get("encoder"))
+        preset = preset_of(parts.reader.metadata.get("encoder"))[:40]
         if preset:
             found.append(f"preset {preset}")
         if not any(view.is_lossy for view in views):
@@ -77,10 +78,3 @@ def compression(samples: int, size: int) -> str:
     if ratio >= 1:
         return f" ({ratio:.3g} times smaller than float64)"
     return f" ({1 / ratio:.3g} times larger than float64)"
-
-
-def preset_of(encoder: object) -> str:
-    """The preset in the metadata that hapfmt writes: hapfmt 0.1.0: lossless."""
-    if not isinstance(encoder, str) or not encoder.startswith("hapfmt "):
-        return ""
-    return encoder.partition(": ")[2][:40]

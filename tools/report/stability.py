@@ -79,7 +79,7 @@ def touch(panel: Any) -> None:
     x = contact(2000, at)
     ms = np.arange(-150, 60)
     shown = slice(at + ms[0], at + ms[-1] + 1)
-    slow = back(force(x), bits=8, band="lf").samples()
+    slow = back(force(x), band="lf").samples()
     lines(panel, ms, x[shown], butterworth(x, 8)[shown], slow[shown])
     panel.set_ylim(-0.5, 1.2)
     panel.set_title("Slow part before a contact of 3.3 N")

@@ -166,7 +166,7 @@ class Player:
                 self.heard_at = seconds()
                 self.handle(message)
         except MessageError as error:
-            self.trouble = f"the writer says what nobody understands: {error}"
+            self.trouble = f"the writer sent an unknown message: {error}"
         if self.source.ended and self.end is None:
             self.trouble = self.trouble or "the writer has died"
 

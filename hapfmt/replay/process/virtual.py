@@ -130,7 +130,7 @@ def rehearse(
 ) -> ReplayReport:
     """Play to sinks that need no real time; they are closed whatever happens.
 
-    An error of the file ends it by a ramp to rest and stands in the report; an error of a sink is
+    An error of the file ends it by a ramp to rest, and the report names it; an error of a sink is
     raised.
     """
     rehearsal = Rehearsal(renderer.blocks(), profile, sinks, gain)

@@ -141,7 +141,7 @@ def _actuator(table: Table) -> Actuator:
             what="the largest change per second, in its unit",
             requirement="PLY-001",
         ),
-        step=table.number("step", low=1e-9, what="what one count stands for, in its unit"),
+        step=table.number("step", low=1e-9, what="the value of one count, in its unit"),
         band=table.choice("band", ("full", "lf", "hf"), "full"),
         accepts=_accepts(table, unit),
         gain=table.number("gain", 1.0),
@@ -170,7 +170,7 @@ def _accepts(table: Table, unit: str) -> dict[str, float]:
     for key in values.values:
         accepted[_unit(values, key, key)] = factor = values.number(key)
         if factor == 0:
-            values.fail(key, "is 0; write how much of the actuator's unit one of it stands for")
+            values.fail(key, "is 0; write its value in the actuator's unit")
     return accepted
 
 
