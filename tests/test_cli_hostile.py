@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import faults
+import fault_table
 import forge as f
 import pytest
 from fuzzing import TARGETS
@@ -108,7 +108,7 @@ def files_of_faults() -> dict[str, bytes]:
     with pytest.MonkeyPatch.context() as patch:
         for name in ("verify", "Reader", "BytesSource"):
             patch.setattr(faults, name, kept)
-        for fault in faults.FAULTS:
+        for fault in fault_table.FAULTS:
             try:
                 fault.call()
             except StopIteration:

@@ -8,7 +8,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import pytest
-from faults import FAULTS, Fault
+from fault_table import FAULTS, Fault
 from spec import REQUIREMENTS, quotes
 from test_architecture import DECODE_SIDE, MODULES
 

@@ -26,8 +26,8 @@ from hapfmt.container.description import (
 )
 from hapfmt.container.lists import round_up
 from hapfmt.container.track import Component, Contract
-from hapfmt.errors import HapfmtError, ParameterError, UnsupportedError
-from hapfmt.limits import LEVELS
+from hapfmt.errors import HapfmtError, LimitError, ParameterError, UnsupportedError
+from hapfmt.limits import LEVELS, Limits
 from hapfmt.reading.reader import Reader
 from hapfmt.verifier import verify
 
@@ -325,3 +325,13 @@ class TestWords:
 def test_an_absent_unit_is_1():
     (track,) = parse_description(f.trak(), 0, LEVELS[1], 0)
     assert track.components == (Component(unit="1"),)
+
+
+def test_a_long_description_counts_as_many_components():
+    """LIM-003: A reader MAY have lower limits of its own, and MUST then report *unsupported*, not damage."""
+    long = f.squeezed(f.trak(f.HOLD + f.tlv(0x8000, bytes(60_000))))
+    data = f.closed(HEAD, ("TRAK", long, {"track": 0}), f.DATA_0)
+    assert len(data) < 1000
+    assert Reader(data, limits=Limits(components=58)).read().channels
+    with pytest.raises(LimitError, match="58 components described"):
+        Reader(data, limits=Limits(components=57))

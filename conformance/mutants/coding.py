@@ -70,7 +70,9 @@ MUTANTS = (
         "deflate-end-unchecked",
         "A DEFLATE stream may end before its packet, or not at all.",
         "RAW-004",
-        Edit("codecs.raw:unpack", "if not unpacker.eof or unpacker.unused_data:", "if False:"),
+        Edit(
+            "container.deflate:inflate", "if not unpacker.eof or unpacker.unused_data:", "if False:"
+        ),
     ),
     mutant(
         "bit-model-slow",

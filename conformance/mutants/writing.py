@@ -56,7 +56,7 @@ MUTANTS = (
         "REC-008 TRK-010 TRK-012",
         Edit(
             "recovery.descriptions:describe",
-            "places = placeholders(described, catalogue)",
+            "places = placeholders({track.id: track for track in kept}, catalogue)",
             "places: list[Track] = []",
         ),
         Edit(f"{WRITER}.close", "self.describe(silent_tracks(list(self.tracks.values())))", "pass"),
