@@ -107,7 +107,7 @@ def files_of_faults() -> dict[str, bytes]:
 
     with pytest.MonkeyPatch.context() as patch:
         for name in ("verify", "Reader", "BytesSource"):
-            patch.setattr(faults, name, kept)
+            patch.setattr(fault_table, name, kept)
         for fault in fault_table.FAULTS:
             try:
                 fault.call()

@@ -4,7 +4,7 @@ python conformance/mutants/run.py                the whole matrix
 python conformance/mutants/run.py --quick        each mutant up to the first case that kills it, and
                                                  the program without a mistake on these cases alone
 python conformance/mutants/run.py --mutant NAME  only this one, and what each case found
-python conformance/mutants/run.py --write        the whole matrix, and conformance/MUTANTS.md
+python conformance/mutants/run.py --quick --write  the same, and conformance/MUTANTS.md
 
 Ends with 1 where a mutant survives, or cannot be made, or the program without a mistake fails.
 Needs fork, and for mutants in JavaScript node.
@@ -142,8 +142,8 @@ def run(
     if given.json:
         text = json.dumps(table.as_json(examined, mutants), indent=1, ensure_ascii=False)
         given.json.write_text(text + "\n", "utf-8")
-    if given.write and not given.quick and not given.mutant:
-        table.PAGE.write_text(table.page(examined, mutants, len(cases)), "utf-8")
+    if given.write and not given.mutant:
+        table.PAGE.write_text(table.page(examined, mutants), "utf-8")
     return int(bool(wrong) or not all(found.killed for found in examined))
 
 

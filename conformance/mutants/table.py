@@ -23,11 +23,11 @@ TEXT = """\
 Each line is a program with one mistake: hapfmt with a line or two changed (`mutants/*.py` say
 which), or the adapter in JavaScript. The suite has to tell every one of them from the right
 program, which passes every case. `python conformance/mutants/run.py` finds out; `--quick` stops at
-the first case that notices, `--write` makes this page.
+the first case that notices, and `--quick --write` makes this page.
 
 {summary}
 
-"killed by" is the number of cases that notice, "for one" the case that suits the mistake best.
+"killed by" names a case that notices. Most mutants are noticed by several.
 """
 
 
@@ -68,10 +68,10 @@ def as_json(examined: Sequence[Examined], mutants: Sequence[Mutant]) -> dict[str
     }
 
 
-def page(examined: Sequence[Examined], mutants: Sequence[Mutant], case_count: int) -> str:
+def page(examined: Sequence[Examined], mutants: Sequence[Mutant]) -> str:
     """MUTANTS.md."""
     killed = sum(found.killed for found in examined)
-    summary = f"{killed} of {len(examined)} mutants are killed, by {case_count} cases."
+    summary = f"{killed} of {len(examined)} mutants are killed."
     return TEXT.format(summary=summary) + "".join(rows(examined, mutants))
 
 
@@ -83,13 +83,13 @@ def rows(examined: Sequence[Examined], mutants: Sequence[Mutant]) -> Iterator[st
     for (role, language), group in groups.items():
         where = " in JavaScript" if language == "javascript" else ""
         yield f"\n## Wrong {role}s{where}\n\n"
-        yield "| mutant | what is wrong | breaks | killed by | for one |\n|---|---|---|---|---|\n"
+        yield "| mutant | what is wrong | breaks | killed by |\n|---|---|---|---|\n"
         for mutant in group:
             found = results[mutant.name]
             first = next(iter(found.killers), "")
             yield (
                 f"| `{mutant.name}` | {mutant.about} | {', '.join(mutant.requirements)} "
-                f"| {len(found.killers)} | {f'`{first}`' if first else 'none'} |\n"
+                f"| {f'`{first}`' if first else 'none'} |\n"
             )
 
 
