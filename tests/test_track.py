@@ -34,7 +34,7 @@ from hapfmt.verifier import verify
 pytestmark = pytest.mark.capped
 
 HEAD = ("HEAD", f.head())
-DIGEST = "ba68d73ab1a5748cbc8414e95651a92427fa7aa337c76f827e5b7e6a536ccbde"
+DIGEST = "69a984c06563a25b2ebc857bfde0b1dcd767fb0d4e1746c08c707d59e6d8ac04"
 LF = ("TRAK", f.trak(kind=1), {"track": 0})
 
 

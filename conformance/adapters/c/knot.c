@@ -13,8 +13,10 @@
 #include <string.h>
 
 enum { ERROR = 1, NONCONFORMING = 2, DAMAGED = 3, UNSUPPORTED = 4 }; /* clause 14 */
+enum { HEADER = 36 }; /* bytes of a chunk header */
 enum { TRACKS = 65534, COMPONENTS = 255, PAYLOAD = 1 << 20 };
 enum { CLUSTER = 1 << 22, SPAN = 1 << 24, PACKETS = 1 << 14 };
+enum { BOUND = 1 << 24 }; /* of counts, and of steps (15) */
 
 typedef struct { const uint8_t *at, *end; } Bytes;
 typedef struct { int64_t start, stop; } Span;
@@ -22,8 +24,8 @@ typedef struct {
     int described, kind, format, components, known;
     uint32_t rate[2];
     char codec[5];
-    int linear;
-    int64_t quantum, low, high, last;
+    int linear, coding;
+    int64_t step, zero, *levels, largest, low, high, last; /* largest: index of the grid */
     FILE *numbers;
     Span *spans;
     size_t span_count;
@@ -99,28 +101,55 @@ static int64_t rdiv(int64_t n, int64_t d) {
 
 /* -- descriptions (6.1 to 6.3) -- */
 
-static void head(Bytes in, FILE *json, uint32_t file_id) {
-    const uint8_t *at = take(&in, 48);
-    int dated = number(at + 40, 8) != UINT64_MAX, named = 0;
+static void head(Bytes in, FILE *json, uint64_t file_id) {
+    const uint8_t *at = take(&in, 44);
+    int dated = number(at + 36, 8) != UINT64_MAX, named = 0;
     if (at[0] != 1 || number(at + 4, 4)) stop(UNSUPPORTED, "another version [VER-002]");
     if (at[2] != 1) stop(UNSUPPORTED, "level %d [HED-004]", at[2]);
-    if (number(at + 12, 4) != file_id) stop(NONCONFORMING, "another file id [HED-003]");
     while (in.at < in.end) {
         const uint8_t *tlv = take(&in, 4);
         if (tlv[0] & 1) stop(UNSUPPORTED, "a critical TLV in HEAD [TLV-003]");
         take(&in, (size_t)number(tlv + 2, 2));
     }
-    fprintf(json, "{\"head\": {\"major\": 1, \"minor\": %d, \"level\": 1, \"file_id\": %" PRIu32,
-            at[1], file_id);
-    for (int i = 0; i < 16; i++) named |= at[16 + i];
+    fprintf(json, "{\"head\": {\"major\": 1, \"minor\": %d, \"level\": 1, "
+            "\"file_id\": \"0x%016" PRIx64 "\"", at[1], file_id);
+    for (int i = 0; i < 16; i++) named |= at[12 + i];
     fputs(named ? ", \"uuid\": \"" : ", \"uuid\": null", json);
-    for (int i = 0; i < 16 && named; i++) fprintf(json, "%02x", at[16 + i]);
+    for (int i = 0; i < 16 && named; i++) fprintf(json, "%02x", at[12 + i]);
     if (named) fputc('"', json);
     if (dated)
         fprintf(json, ", \"epoch_ns\": \"%" PRId64 "\", \"epoch_uncertainty_ns\": \"%" PRIu64 "\"}",
-                (int64_t)number(at + 32, 8), number(at + 40, 8));
+                (int64_t)number(at + 28, 8), number(at + 36, 8));
     else
         fputs(", \"epoch_ns\": null, \"epoch_uncertainty_ns\": null}", json);
+}
+
+static void deadband_levels(Track *track, int64_t kn, int64_t kd) { /* 9.5 */
+    int64_t y = 0, step = track->step;
+    for (track->largest = 0;; track->largest++) {
+        track->levels = room_for(track->levels, (size_t)track->largest + 1, sizeof y);
+        track->levels[track->largest] = y;
+        if (kn >= kd) return;
+        int64_t top = y * kd / (kd - kn);
+        if (top < y + step) top = y + step;
+        if (top >= BOUND) return;
+        int64_t c = top + 1, tolerance = kn * c / kd;
+        y = c + (tolerance < step ? step : tolerance);
+    }
+}
+
+static void grid(Track *track, Bytes *in) { /* 9.5 */
+    int deadband = *take(in, 1);
+    track->step = varint(in);
+    track->zero = svarint(in);
+    track->levels = NULL;
+    int fits = deadband < 2 && track->step <= BOUND && (deadband || track->step > 0) &&
+               track->zero >= INT32_MIN && track->zero <= INT32_MAX;
+    int64_t kn = fits && deadband ? varint(in) : 0, kd = fits && deadband ? varint(in) : 1;
+    if (deadband) fits = fits && kn > 0 && kd > 0 && kn < 65536 && kd < 65536 && kd <= 1024 * kn;
+    if (!fits) stop(NONCONFORMING, "a grid [LPC-002]");
+    if (deadband) deadband_levels(track, kn, kd);
+    else track->largest = BOUND / track->step;
 }
 
 static void set_up(Track *track, const uint8_t *codec, Bytes in) {
@@ -128,9 +157,9 @@ static void set_up(Track *track, const uint8_t *codec, Bytes in) {
     track->known = !memcmp(codec, "KNOT", 4);
     if (!track->known) return;
     track->linear = *take(&in, 1);
-    track->quantum = varint(&in);
-    if (track->linear > 1 || track->quantum < 1 || track->quantum > 1 << 24)
-        stop(NONCONFORMING, "parameters of KNOT [KNT-001]");
+    track->coding = *take(&in, 1);
+    if (track->linear > 1 || track->coding > 1) stop(NONCONFORMING, "parameters of KNOT [KNT-001]");
+    grid(track, &in);
     if (in.at < in.end) stop(NONCONFORMING, "codec parameters are too long [COD-002]");
 }
 
@@ -288,32 +317,117 @@ static void describe(Bytes in, unsigned id) {
     free(plain);
 }
 
-/* -- packets (6.4, 9.1) -- */
+/* -- adaptive coding (9.4): bit models and raw bits -- */
+
+typedef struct { int64_t p, q, n; } Bit;
+typedef struct { Bytes in; int64_t width, x, taken, raw; } Coder;
+
+static int64_t floor_shift(int64_t value, int bits) {
+    int64_t unit = (int64_t)1 << bits;
+    return value / unit - (value % unit < 0);
+}
+
+static int front_bit(Coder *c) {
+    int64_t at = c->taken++, size = c->in.end - c->in.at;
+    return at / 8 < size ? c->in.at[at / 8] >> (7 - at % 8) & 1 : 0;
+}
+
+static int64_t raw_bits(Coder *c, int count) {
+    int64_t value = 0, size = c->in.end - c->in.at;
+    for (int i = 0; i < count; i++, c->raw++)
+        if (c->raw / 8 < size)
+            value |= (int64_t)(c->in.end[-1 - c->raw / 8] >> c->raw % 8 & 1) << i;
+    return value;
+}
+
+static int coded_bit(Coder *c, Bit *m) {
+    int64_t p = m->n < 8 ? m->p : (3 * m->p + m->q) / 4, rate = 131072 / (2 * m->n + 3);
+    int64_t part = c->width * (p < 64 ? 64 : p > 65472 ? 65472 : p) / 65536;
+    int bit = c->x < part;
+    if (!bit) c->x -= part;
+    c->width = bit ? part : c->width - part;
+    for (; c->width < 32768; c->width *= 2) c->x = 2 * c->x + front_bit(c);
+    m->p += floor_shift((65535 * bit - m->p) * rate, 16);
+    m->q += floor_shift(65535 * bit - m->q, 4);
+    m->n += m->n < 250;
+    if (c->taken - 15 + c->raw > 8 * (c->in.end - c->in.at))
+        stop(NONCONFORMING, "the coded bytes end too early [RNG-001]");
+    return bit;
+}
+
+/* -- packets (6.4, 9.1, 9.6) -- */
+
+enum { GAP = 24, DIFFERENCE = 34 }; /* lengths of the magnitude models */
+typedef struct {
+    Bit gaps[2][GAP + 1], differences[2][DIFFERENCE + 1], signs[3];
+    int last[COMPONENTS]; /* signs of the last differences */
+} Models;
+
+static void begin(Coder *coder, Models *models, Bytes in) {
+    Bit fresh = {32768, 32768, 0};
+    for (int i = 0; i <= DIFFERENCE; i++) models->differences[0][i] = models->differences[1][i] = fresh;
+    for (int i = 0; i <= GAP; i++) models->gaps[0][i] = models->gaps[1][i] = fresh;
+    for (int i = 0; i < 3; i++) models->signs[i] = fresh;
+    memset(models->last, 0, sizeof models->last);
+    *coder = (Coder){in, 32768, 0, 0, 0};
+    for (int i = 0; i < 15; i++) coder->x = 2 * coder->x + front_bit(coder);
+}
+
+static int64_t magnitude(Coder *coder, Bit *lengths, Bit *seconds, int most) {
+    int bits = 0;
+    while (coded_bit(coder, lengths + bits))
+        if (++bits > most) stop(NONCONFORMING, "a magnitude is too long [KTE-003]");
+    if (bits < 2) return bits;
+    int64_t high = 2 + coded_bit(coder, seconds + bits);
+    return high << (bits - 2) | raw_bits(coder, bits - 2);
+}
+
+static int64_t difference(Coder *coder, Models *m, int component) {
+    int64_t u = magnitude(coder, m->differences[0], m->differences[1], DIFFERENCE);
+    int negative = u && coded_bit(coder, m->signs + m->last[component] + 1);
+    m->last[component] = u ? 1 - 2 * negative : 0;
+    return negative ? -u : u;
+}
+
+static int64_t count_of(const Track *track, int64_t index) {
+    int64_t size = index < 0 ? -index : index;
+    if (size > track->largest) stop(NONCONFORMING, "an index is not on the grid [LPC-003]");
+    if (!track->levels) return track->zero + index * track->step;
+    return track->zero + (index < 0 ? -track->levels[size] : track->levels[size]);
+}
 
 static void knots(const Track *track, Bytes in, int64_t span, int64_t *counts) {
+    static Models models;
+    Coder coder;
     int width = track->components;
-    int64_t tick = 0, value[COMPONENTS] = {0}, before[COMPONENTS];
-    for (int first = 1; first || in.at < in.end; first = 0) {
-        int64_t step = first ? 0 : varint(&in), from = tick;
-        tick += step;
-        if (!first && (step < 1 || tick > SPAN)) stop(NONCONFORMING, "a knot's tick [KNT-003]");
-        memcpy(before, value, sizeof before);
-        for (int c = 0; c < width; c++) {
-            value[c] += svarint(&in);
-            if (llabs(value[c]) > (1 << 24) / track->quantum)
-                stop(NONCONFORMING, "a knot's count [KNT-004]");
-        }
-        int ends = in.at == in.end;
-        if (!track->linear ? tick >= span : ends ? !first && tick < span - 1 : tick >= span - 1)
-            stop(NONCONFORMING, "a knot's tick [KNT-005, KNT-006]");
-        for (int64_t t = from; t < tick && t < span; t++)
-            for (int c = 0; c < width; c++) {
-                int64_t rise = track->linear ? (value[c] - before[c]) * track->quantum : 0;
-                counts[t * width + c] = before[c] * track->quantum + rdiv(rise * (t - from), step);
-            }
-        for (int64_t t = tick; ends && t < span; t++)
-            for (int c = 0; c < width; c++) counts[t * width + c] = value[c] * track->quantum;
+    int64_t tick = 0, left = 0, index[COMPONENTS], count[COMPONENTS];
+    for (int c = 0; c < width; c++) count[c] = count_of(track, index[c] = svarint(&in));
+    if (track->coding && in.at < in.end) {
+        left = varint(&in);
+        if (left < 1 || left >= span) stop(NONCONFORMING, "how many knots [KTE-002]");
+        begin(&coder, &models, in);
     }
+    while (track->coding ? left-- > 0 : in.at < in.end) {
+        int64_t from = tick, step;
+        if (!track->coding) step = varint(&in);
+        else if (track->linear && !left) step = span - 1 - tick;
+        else step = 1 + magnitude(&coder, models.gaps[0], models.gaps[1], GAP);
+        tick += step;
+        if (step < 1 || tick >= span - (track->coding ? left : 0))
+            stop(NONCONFORMING, "a knot's tick [KNT-003, KNT-005, KTE-004]");
+        for (int c = 0; c < width; c++) {
+            int64_t before = count[c];
+            index[c] += track->coding ? difference(&coder, &models, c) : svarint(&in);
+            count[c] = count_of(track, index[c]);
+            int64_t rise = track->linear ? count[c] - before : 0;
+            for (int64_t t = from; t < tick; t++)
+                counts[t * width + c] = before + rdiv(rise * (t - from), step);
+        }
+    }
+    if (track->linear && tick && tick < span - 1)
+        stop(NONCONFORMING, "the last knot of a line [KNT-006]");
+    for (; tick < span; tick++)
+        for (int c = 0; c < width; c++) counts[tick * width + c] = count[c];
 }
 
 static void deliver(Track *track, unsigned id, int64_t start, int64_t span, int64_t *counts) {
@@ -338,7 +452,7 @@ static void deliver(Track *track, unsigned id, int64_t start, int64_t span, int6
     if (fclose(out)) stop(ERROR, "%s cannot be written", path);
 }
 
-static void cluster(Bytes in) {
+static void cluster(Bytes in, uint32_t seed) {
     typedef struct { int64_t track, size, start, span; const uint8_t *row, *crc; } Entry;
     int64_t count = varint(&in), samples = 0;
     if (count < 1 || count > PACKETS) stop(NONCONFORMING, "how many packets [DAT-001]");
@@ -362,7 +476,7 @@ static void cluster(Bytes in) {
         Entry *e = entries + i;
         Track *track = tracks + e->track;
         Bytes packet = {take(&in, (size_t)e->size), in.at};
-        uint32_t crc = crc32(0, e->row, (size_t)(e->crc - e->row));
+        uint32_t crc = crc32(seed, e->row, (size_t)(e->crc - e->row));
         if (crc32(crc, packet.at, (size_t)e->size) != number(e->crc, 4))
             stop(NONCONFORMING, "a packet's CRC [DAT-004]");
         if (!track->known) continue;
@@ -388,25 +502,28 @@ static int known_type(const uint8_t *type) {
 static void walk(Bytes in, FILE *json) {
     static const uint8_t signature[] = {0x8F, 'H', 'A', 'P', '\r', '\n', 0x1A, '\n'};
     static const uint8_t sync[] = {0xF9, 0x48, 0x8B, 0x1C};
-    uint32_t file_id = 0, sequence = 0;
+    uint64_t file_id = 0;
+    uint32_t sequence = 0;
     int closed = 0;
     if (in.end - in.at < 8 || memcmp(in.at, signature, 8)) stop(NONCONFORMING, "no signature");
-    for (in.at += 8; in.end - in.at >= 32; sequence++) {
+    for (in.at += 8; in.end - in.at >= HEADER; sequence++) {
         const uint8_t *h = in.at;
-        size_t size = (size_t)number(h + 16, 4);
-        if (memcmp(h, sync, 4) || crc32(0, h, 28) != number(h + 28, 4)) break;
-        if ((size_t)(in.end - h - 32) < size || crc32(0, h + 32, size) != number(h + 24, 4)) break;
-        if (number(h + 12, 4) != sequence || (sequence && number(h + 8, 4) != file_id)) break;
-        file_id = (uint32_t)number(h + 8, 4);
-        in.at += 32 + size;
+        size_t size = (size_t)number(h + 20, 4);
+        uint32_t seed = crc32(0, h + 8, 8); /* a file CRC goes on from here */
+        if (memcmp(h, sync, 4) || crc32(0, h, 32) != number(h + 32, 4)) break;
+        if ((size_t)(in.end - h - HEADER) < size) break;
+        if (crc32(seed, h + HEADER, size) != number(h + 28, 4)) break;
+        if (number(h + 16, 4) != sequence || (sequence && number(h + 8, 8) != file_id)) break;
+        file_id = number(h + 8, 8);
+        in.at += HEADER + size;
         closed = !memcmp(h + 4, "fOOT", 4);
-        Bytes payload = {h + 32, h + 32 + size};
-        int known = known_type(h + 4) && !h[22];
+        Bytes payload = {h + HEADER, h + HEADER + size};
+        int known = known_type(h + 4) && !h[26];
         if (!known && !(h[4] & 32)) stop(UNSUPPORTED, "unknown critical chunk [CHK-009]");
         if (!sequence && memcmp(h + 4, "HEAD", 4)) stop(NONCONFORMING, "no HEAD [HED-001]");
         if (!sequence) head(payload, json, file_id);
-        if (known && !memcmp(h + 4, "TRAK", 4)) describe(payload, (unsigned)number(h + 20, 2));
-        if (known && !memcmp(h + 4, "DATA", 4)) cluster(payload);
+        if (known && !memcmp(h + 4, "TRAK", 4)) describe(payload, (unsigned)number(h + 24, 2));
+        if (known && !memcmp(h + 4, "DATA", 4)) cluster(payload, seed);
     }
     if (!sequence) stop(NONCONFORMING, "no chunk");
     if (in.at < in.end || !closed) outcome = DAMAGED;
