@@ -15,7 +15,7 @@ from typing import Any, BinaryIO, cast
 from uuid import UUID
 
 from ..atomic import refuse, target
-from ..container.cluster import Packet, entry_size
+from ..container.cluster import Packet, alone_size
 from ..container.filewriter import FileWriter
 from ..container.source import SPOOL_SIZE, Source, StreamSource, open_source
 from ..container.walk import Finding, read_chunk
@@ -258,8 +258,7 @@ class Copy:
         self.limits.check_packet(samples)
         self.limits.check_work(self.done.samples + samples)
         try:
-            size = len(packet.data) + entry_size(packet) + 1
-            self.writer.level.check("payload_size", size, "CHK-008", packet.offset)
+            self.writer.level.check("payload_size", alone_size(packet), "CHK-008", packet.offset)
             if decoder is not None:
                 piece = self.pieces.decode(packet)
                 if packet.offset < self.stored.get(packet.track, (0, b""))[0]:
