@@ -82,6 +82,10 @@ class File:
     def data(self) -> bytes:
         return joined(self.fields)
 
+    def cluster(self, packets: list[Packet]) -> None:
+        """A DATA chunk."""
+        self.chunk("DATA", cluster(packets, self.file_id, self.sequence))
+
     def chunk(self, type_: str, payload: list[Field], track: int = 0xFFFF) -> None:
         body = joined(payload)
         header = [
@@ -121,11 +125,11 @@ class File:
         at = self.offset
         rows = sorted([(o, "DATA", a, b) for o, a, b in data] + [(o, t, 0, 0) for t, o in listed])
         payload = [
-            u64(8, "covers from offset 8"),
             u64(0, "no index before"),
+            u32(0, "the first one listed is chunk 0"),
             u32(len(rows), f"{len(rows)} entries"),
         ]
-        before = 8
+        before = 0
         for offset, type_, start, stop in rows:
             payload += [
                 raw(type_.encode(), f"a {type_} chunk"),
@@ -156,25 +160,43 @@ def file_crc(data: bytes, file_id: int) -> int:
     return zlib.crc32(file_id.to_bytes(8, "little") + data)
 
 
-def packet(
-    track: int, start: int, body: list[Field], span: int, file_id: int
-) -> tuple[list[Field], list[Field]]:
-    """A row of the packet table, and the packet."""
-    entry = [
-        varint(track, f"packet of track {track}"),
-        varint(len(joined(body)), f"{len(joined(body))} bytes"),
-        varint(start, f"start tick {start}"),
-        varint(span, f"{span} ticks"),
+Packet = tuple[int, int, list[Field], int]
+"""Track, start tick, the packet's fields, span."""
+
+FIELDS = (("track", "track {}"), ("size", "{} bytes"), ("start", "start tick {}"),
+          ("span", "{} ticks"))  # fmt: skip
+
+
+def cluster(packets: list[Packet], file_id: int, sequence: int) -> list[Field]:
+    """The table, and the packets."""
+
+    def cluster_crc(data: bytes) -> int:
+        return file_crc(struct.pack("<Q", sequence) + data, file_id)
+
+    bodies = [joined(body) for _, _, body, _ in packets]
+    rows = [
+        (track, len(body), start, span)
+        for (track, start, _, span), body in zip(packets, bodies, strict=True)
     ]
-    entry.append(u32(file_crc(joined(entry + body), file_id), "packet CRC"))
-    return entry, body
-
-
-def cluster(packets: list[tuple[list[Field], list[Field]]]) -> list[Field]:
-    fields = [varint(len(packets), f"{len(packets)} packets")]
-    for entry, _ in packets:
-        fields += entry
-    for _, body in packets:
+    least = [min(column) for column in zip(*rows, strict=True)]
+    widths = [
+        (max(column) - low).bit_length() + 7 >> 3
+        for column, low in zip(zip(*rows, strict=True), least, strict=True)
+    ]
+    told = ", ".join(f"{name} {width}" for (name, _), width in zip(FIELDS, widths, strict=True))
+    fields = [
+        varint(len(packets), f"{len(packets)} packets"),
+        u16(sum(width << 4 * i for i, width in enumerate(widths)), f"bytes in a row: {told}"),
+    ]
+    fields += [varint(low, f"least {name}") for (name, _), low in zip(FIELDS, least, strict=True)]
+    for row, body in zip(rows, bodies, strict=True):
+        for value, low, width, (_, text) in zip(row, least, widths, FIELDS, strict=True):
+            if width:
+                fields.append(raw((value - low).to_bytes(width, "little"), text.format(value)))
+        crc = cluster_crc(struct.pack("<5Q", len(packets), *row) + body)
+        fields.append(u32(crc, f"packet CRC of track {row[0]}, start tick {row[2]}"))
+    fields.append(u32(cluster_crc(joined(fields)), "table CRC"))
+    for _, _, body, _ in packets:
         fields += body
     return fields
 

@@ -14,11 +14,9 @@ from pathlib import Path
 from builder import (
     File,
     bits,
-    cluster,
     i32,
     i64,
     listing,
-    packet,
     raw,
     svarint,
     u8,
@@ -78,7 +76,7 @@ def hold() -> tuple[File, dict[str, object]]:
         varint(3, "next knot 3 ticks later"),
         svarint(1, "index 1 more: 5, count 125"),
     ]
-    f.chunk("DATA", cluster([packet(0, 0, body, 8, f.file_id)]))
+    f.cluster([(0, 0, body, 8)])
     f.close([(at, 0, 8_000_000)], [("HEAD", 8), ("TRAK", f.offsets["TRAK"])], 1)
     return f, {"0": [{"start": 0, "counts": [[100]] * 3 + [[125]] * 5}]}
 
@@ -142,12 +140,12 @@ def residual() -> tuple[File, dict[str, object]]:
     texture = [bits("110 10 111 0 1", "0, 1, -1, a run of 3; 6 bits fill the byte")]
     silence = [bits("0 0", "a run of 2; 6 bits fill the byte")]
     rows = [
-        packet(0, 0, knots, 6, f.file_id),
-        packet(0, 8, later, 2, f.file_id),
-        packet(1, 0, texture, 6, f.file_id),
-        packet(1, 8, silence, 2, f.file_id),
+        (0, 0, knots, 6),
+        (0, 8, later, 2),
+        (1, 0, texture, 6),
+        (1, 8, silence, 2),
     ]
-    f.chunk("DATA", cluster(rows))
+    f.cluster(rows)
     listed = [("HEAD", 8), ("TRAK", f.offsets["TRAK"])]
     f.close([(at, 0, 20_000_000)], listed, 2)
     full = [[10], [9], [3], [9], [13], [17]]
@@ -211,10 +209,10 @@ def marks() -> tuple[File, dict[str, object]]:
         raw("µm".encode(), "'µm'"),
     ]
     rows = [
-        packet(0, 0, [svarint(1, "a single knot: constant 1")], 4, f.file_id),
-        packet(1, 1500, events, 501, f.file_id),
+        (0, 0, [svarint(1, "a single knot: constant 1")], 4),
+        (1, 1500, events, 501),
     ]
-    f.chunk("DATA", cluster(rows))
+    f.cluster(rows)
     clock = f.offset
     f.chunk(
         "cLOk",

@@ -93,12 +93,22 @@ class Laid:
         return found
 
 
-def rows_of(packets: Sequence[Packet], payload: int) -> tuple[Row, ...]:
-    whole = f.cluster(*packets)
+class Wide(list[Packet]):
+    """A cluster each of whose fields has a byte in the rows."""
+
+
+def cluster(packets: list[Packet]) -> f.Cluster:
+    given = {"widths": (1, 1, 1, 1)} if isinstance(packets, Wide) else {}
+    return f.cluster(*packets, **given)
+
+
+def rows_of(packets: list[Packet], payload: int) -> tuple[Row, ...]:
+    whole = cluster(packets)
     at = payload + len(whole) - sum(len(body) for *_, body in packets)
     columns = [[p[0] for p in packets], [len(p[3]) for p in packets]]
     columns += [[p[1] for p in packets], [p[2] for p in packets]]
     size = 4 + sum(f.bytes_of(max(column) - min(column)) for column in columns)
+    size = 8 if isinstance(packets, Wide) else size
     entry = at - 4 - size * len(packets)
     out = []
     for track, start, _, body in packets:
@@ -128,7 +138,7 @@ def lay(*chunks: Chunk, close: bool = True, skip: Sequence[int] = ()) -> Laid:
         at = len(data)
         if isinstance(each, list):
             start, stop = min(p[1] for p in each), max(p[1] + p[2] for p in each)
-            add("DATA", f.cluster(*each), {}, rows_of(each, at + HEADER))
+            add("DATA", cluster(each), {}, rows_of(each, at + HEADER))
             listed.append(("DATA", at, start, stop))
             stop_tick, clusters = max(stop, stop_tick), clusters + 1
             continue

@@ -62,6 +62,8 @@ class PacketPass:
         self.offsets = sorted([*again, *(ref.offset for ref in catalogue.chunks)])
         self.lines = lines_of(catalogue)
         self.ranges: Ranges = {}
+        self.unharmed: set[int] = set()
+        """Offsets of damaged DATA chunks of which every packet holds."""
         self.timeline: Timeline | None = None
         """None where nothing is damaged, or each chunk has its times from an index."""
 
@@ -87,7 +89,7 @@ class PacketPass:
                 place = bisect_right(jumps, ref.offset) - 1
                 offset = jumps[place] if place >= 0 else ref.offset
                 self.suspect(ranges, self.timeline.missing(before, ref.sequence), offset)
-                before = ref.sequence
+                before = max(before, ref.sequence)
             for packet in self.cluster(ref):
                 if packet.track not in ranges:
                     continue
@@ -96,6 +98,9 @@ class PacketPass:
                     yield packet
             if progress:
                 progress(done + 1, len(refs))
+        if self.timeline is not None and self.timeline.found:
+            last = self.timeline.found[-1]
+            self.suspect(ranges, self.timeline.missing(before, last), (jumps or [0])[-1])
         for offset in self.tail(refs):
             self.suspect(ranges, UNKNOWN, offset)
         for track in sorted(ranges):
@@ -111,7 +116,10 @@ class PacketPass:
 
     def suspect(self, tracks: Iterable[int], times: Times, offset: int) -> None:
         """Damage at ``offset`` may have taken packets of these tracks within these times."""
-        self.losses.suspect(tracks, times, offset)
+        # Behind the first packet of a track that continues another, none of that one can be lost.
+        places = {track: self.lines[track] for track in tracks}
+        wanted = [track for track, (line, place) in places.items() if place >= line.place]
+        self.losses.suspect(wanted, times, offset)
 
     def times(self, ref: ChunkRef) -> Times:
         """When the packets of a damaged chunk are."""
@@ -162,10 +170,12 @@ class PacketPass:
             )
             self.on_damage()
         payload, sizes = self.region(ref, payload, size)
+        self.unharmed.add(ref.offset)
         for item in salvage_cluster(payload, catalogue.tracks, catalogue.level, at, seed, sizes):
             if isinstance(item, Packet):
                 yield item
             else:
+                self.unharmed.discard(ref.offset)
                 self.lose_packets(item, ref, len(payload))
 
     def region(self, ref: ChunkRef, payload: bytes, size: int) -> tuple[bytes, list[int]]:
@@ -213,6 +223,7 @@ class PacketPass:
             message = f"a packet of track {packet.track} covers ticks that were delivered before"
             rule, size = error.requirement or "DAT-006", len(packet.data)
             self.catalogue.lose("overlap", packet.offset, size, message, rule)
+            self.losses.widen(packet.track, packet.start, packet.stop, packet.offset)
             return False
         for track in line.tracks[line.place : place + 1]:
             self.losses.settle(track, last, packet.start)

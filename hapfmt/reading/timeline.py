@@ -50,7 +50,7 @@ class Timeline:
 
     def missing(self, low: int, high: int) -> Times:
         """The same for the chunks between two numbers that were not found."""
-        count = high - low - 1
+        count = max(high - low - 1, 0)
         count -= bisect_left(self.found, high) - bisect_right(self.found, low)
         gone = self.gone[bisect_right(self.gone, low) : bisect_left(self.gone, high)]
         if len(gone) < count:

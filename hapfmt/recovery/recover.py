@@ -207,6 +207,8 @@ class Copy:
         self.extras = Extras(catalogue, self.writer, self.tracks)
         self.stored = stored_digests(catalogue)
         self.digests = {id_: TrackDigest() for id_ in self.stored}
+        self.unharmed: set[int] = set()
+        """Offsets of damaged DATA chunks of which every packet holds."""
         self.outrun: set[int] = set()
         """Tracks with packets behind their last digest, which is not of them (DGS-003)."""
 
@@ -250,6 +252,7 @@ class Copy:
         for place, group in groupby(packets, lambda p: bisect_right(offsets, p.offset) - 1):
             yield refs[place], list(group)
         self.done.lost += current.lost
+        self.unharmed = current.unharmed
 
     def check(self, packet: Packet) -> bool:
         """Whether it decodes, and fits; it goes into its track's digest."""
@@ -302,6 +305,8 @@ class Copy:
             return False
         if finding.code in ("missing-chunk", "missing-head"):
             return True
+        if finding.code == "bad-payload" and finding.offset in self.unharmed:
+            return False
         if finding.offset + finding.size <= len(SIGNATURE):
             # What is left of the signature, which is written anew.
             return False
