@@ -88,7 +88,8 @@ def salvage(case):
     if following not in (None, size) and following - size <= 1 << 16:
         ends.append(following)
     payload = bytes.fromhex(case["bytes"])[: max(ends)]
-    found = salvage_cluster(payload, AnyTrack(), LEVEL, 0, CLUSTER_SEED, ends)
+    tracks = {id_: AnyTrack()[id_] for id_ in range(8)}
+    found = salvage_cluster(payload, tracks, LEVEL, 0, CLUSTER_SEED, ends)
     rows = [
         [item.offset, item.track, len(item.data), item.start, item.span]
         for item in found

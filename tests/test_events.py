@@ -288,7 +288,7 @@ class TestDamage:
 
     def test_a_damaged_packet_is_lost_alone(self):
         """
-        REC-003: A reader that does not stop at the first damage MUST report every stretch of bytes that was lost, and every span, as far as the packets around it tell.
+        REC-003: A reader that does not stop at the first damage MUST report every stretch of bytes that was lost, and every span that the procedure `lost` names.
         """
         for text, other in ((b"first", "second"), (b"second", "first")):
             data = bytearray(self.TWO)

@@ -17,6 +17,8 @@ from .partial import SHARE, Ranges, wanted_packets
 from .seconds import Seconds, overlapping
 from .timeline import UNKNOWN, Timeline, Times
 
+TAIL_LOSSES = frozenset({"truncated", "garbage", "duplicate-chunk"})
+"""Findings that may have been a DATA chunk."""
 MS = 10**6
 """Nanoseconds."""
 EXTRA_SIZE = 1 << 16
@@ -101,17 +103,17 @@ class PacketPass:
         if self.timeline is not None and self.timeline.found:
             last = self.timeline.found[-1]
             self.suspect(ranges, self.timeline.missing(before, last), (jumps or [0])[-1])
-        for offset in self.tail(refs):
+        for offset in self.tail():
             self.suspect(ranges, UNKNOWN, offset)
         for track in sorted(ranges):
             self.losses.end(track, self.lines[track][0].stop)
 
-    def tail(self, refs: list[ChunkRef]) -> list[int]:
-        """Where damage begins at or behind the last DATA chunk of a file that was not closed."""
-        if self.timeline is None or self.catalogue.closed:
+    def tail(self) -> list[int]:
+        """Where a file that was not closed may have had more, at or behind its last chunk."""
+        if not self.catalogue.damaged or self.catalogue.closed:
             return []
-        last = refs[-1].offset if refs else 0
-        found = (f.offset for f in self.catalogue.findings if f.code != "not-closed")
+        last = max(((ref.sequence or 0, ref.offset) for ref in self.catalogue.chunks))[1]
+        found = (f.offset for f in self.catalogue.findings if f.code in TAIL_LOSSES)
         return [offset for offset in found if offset >= last][:1]
 
     def suspect(self, tracks: Iterable[int], times: Times, offset: int) -> None:

@@ -50,7 +50,9 @@ class Timeline:
 
     def missing(self, low: int, high: int) -> Times:
         """The same for the chunks between two numbers that were not found."""
-        count = max(high - low - 1, 0)
+        if high <= low + 1:
+            return NOTHING
+        count = high - low - 1
         count -= bisect_left(self.found, high) - bisect_right(self.found, low)
         gone = self.gone[bisect_right(self.gone, low) : bisect_left(self.gone, high)]
         if len(gone) < count:

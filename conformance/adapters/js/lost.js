@@ -6,6 +6,9 @@ const MS_BOUND = 2 ** 53 - 1;
 const SPAN_BOUND = 2 ** 20;
 const WORK_BOUND = 2 ** 27;
 
+// What may have been a DATA chunk.
+const TAIL = new Set(['truncated', 'garbage', 'duplicate-chunk']);
+
 export const spanOf = (packet) => ({ track: packet.track, start: packet.start, stop: packet.start + packet.span });
 
 // Gives each damage its spans `took`: [{ track, start, stop | null }], and the file those that no single damage took.
@@ -96,8 +99,8 @@ class Losses {
   suspectTail() {
     const { file } = this;
     if (file.closed) return;
-    const data = file.clusters[file.clusters.length - 1]?.chunk.position ?? 0;
-    const damage = file.damages.find(({ code, offset }) => code !== 'not-closed' && offset >= data);
+    const last = file.chunks.reduce((a, b) => (b.sequence >= a.sequence ? b : a)).position;
+    const damage = file.damages.find(({ code, offset }) => TAIL.has(code) && offset >= last);
     if (damage) this.suspect(this.states.values(), null, damage);
   }
 

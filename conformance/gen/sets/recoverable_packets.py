@@ -249,7 +249,7 @@ def stale() -> Iterator[Case]:
             ("bad-payload", place.at, place.size), hole(row.at, row.stop),
             ("missing-chunk", third.at, 0),
         ],
-        lost=[(0, 80, 84), (1, 40, 84), (2, 80, 84)],
+        lost=[(0, 44, 84), (1, 40, 84), (2, 80, 84)],
     )  # fmt: skip
 
 
