@@ -444,7 +444,8 @@ class TestCutFiles:
         index = [c for c in chunks(path.read_bytes()) if c.header.type == "iNDX"][-1]
         catalogue = open_catalogue(BytesSource(path.read_bytes()))
         assert catalogue.indexed and index.offset > len(data)
-        assert [ref.type for ref in catalogue.chunks] == ["HEAD", "TRAK", "DATA", "mETa"]
+        types = ["HEAD", "TRAK", "DATA", "iNDX", "mETa", "iNDX", "fOOT"]
+        assert [ref.type for ref in catalogue.chunks] == types
 
 
 class TestRefusals:
