@@ -112,9 +112,10 @@ class PacketPass:
         """Where a file that was not closed may have had more, at or behind its last chunk."""
         if not self.catalogue.damaged or self.catalogue.closed:
             return []
-        last = max(((ref.sequence or 0, ref.offset) for ref in self.catalogue.chunks))[1]
-        found = (f.offset for f in self.catalogue.findings if f.code in TAIL_LOSSES)
-        return [offset for offset in found if offset >= last][:1]
+        last = max(self.catalogue.chunks, key=lambda ref: (ref.sequence or 0, ref.offset))
+        codes = TAIL_LOSSES if last.type == "fOOT" else TAIL_LOSSES | {"bad-payload"}
+        found = (f.offset for f in self.catalogue.findings if f.code in codes)
+        return [offset for offset in found if offset >= last.offset][:1]
 
     def suspect(self, tracks: Iterable[int], times: Times, offset: int) -> None:
         """Damage at ``offset`` may have taken packets of these tracks within these times."""

@@ -99,8 +99,9 @@ class Losses {
   suspectTail() {
     const { file } = this;
     if (file.closed) return;
-    const last = file.chunks.reduce((a, b) => (b.sequence >= a.sequence ? b : a)).position;
-    const damage = file.damages.find(({ code, offset }) => TAIL.has(code) && offset >= last);
+    const { position, type } = file.chunks.reduce((a, b) => (b.sequence >= a.sequence ? b : a));
+    const may = (code) => TAIL.has(code) || (code === 'bad-payload' && type !== 'fOOT');
+    const damage = file.damages.find(({ code, offset }) => may(code) && offset >= position);
     if (damage) this.suspect(this.states.values(), null, damage);
   }
 

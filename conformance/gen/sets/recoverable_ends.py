@@ -67,13 +67,13 @@ def cuts() -> Iterator[Case]:
     row = THIRD.rows[1]
     yield wrecked(
         "last-cluster-of-an-open-file",
-        "A packet of the last cluster is damaged: a track up to that of the next one may have had more.",
+        "The last chunk of a file that was not closed is damaged: nobody knows how much followed.",
         ["REC-003", "REC-012", "VRD-002"], "transmission/bit-flip", w.flip(OPEN.data, row.at),
         kept={0: ((0, 12),), 1: ((0, 8),), 2: ((0, 12),)},
         damages=[
             ("bad-payload", THIRD.at, THIRD.size), ("bad-packet", row.at, row.size),
             ("not-closed", len(OPEN.data), 0),
-        ], lost=[(0, 12, None), (1, 8, None)],
+        ], lost=[(0, 12, None), (1, 8, None), (2, 12, None)],
     )  # fmt: skip
     stop = row.entry_stop
     yield wrecked(
