@@ -231,7 +231,7 @@ class TestAgainAndAgain:
 
 
 def test_a_live_writer_lists_every_ten_seconds(tmp_path: Path):
-    """IDX-005: A writer MUST write an index before the chunks that were not indexed yet, together with the next chunk, pass 4 MiB, unless there is nothing to list; and one before `fOOT`. A live writer also writes one every 10 seconds."""
+    """IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next chunk, pass 4 MiB; and one before `fOOT`. A live writer also writes one every 10 seconds. None is written where nothing is new, but before `fOOT`."""
     now = [100.0]
     path = tmp_path / "a"
     with create_live(path) as file:

@@ -121,7 +121,7 @@ def test_one_wrong_size_costs_one_packet():
 
 def test_salvage_keeps_the_limit_of_samples():
     """
-    DAT-009: Over all packets of one `DATA` chunk, `span` times the component count of the track, for a packet of events its size in bytes, MUST add up to at most what the level allows; a decoder checks it before it takes memory.
+    DAT-009: Over a `DATA` chunk, `span` times the component count of the track MUST add up to at most what the level allows. A packet of events counts its size in bytes. A decoder checks this before it takes memory.
     """
     payload = f.cluster(*[(0, i << 22, 1 << 22, b"") for i in range(2)])
     kept = [p for p in salvage_cluster(payload, TRACKS, ONE, 0, SEED) if isinstance(p, Packet)]
@@ -151,7 +151,7 @@ def test_promises_take_no_memory(payload):
     """
     DAT-001: `packet_count` MUST be at least 1 and at most what the level allows.
     DAT-003: `span` MUST be at least 1 and at most what the level allows, and `start + span` at most 2^48.
-    DAT-009: Over all packets of one `DATA` chunk, `span` times the component count of the track, for a packet of events its size in bytes, MUST add up to at most what the level allows; a decoder checks it before it takes memory.
+    DAT-009: Over a `DATA` chunk, `span` times the component count of the track MUST add up to at most what the level allows. A packet of events counts its size in bytes. A decoder checks this before it takes memory.
     """
     tracemalloc.start()
     with pytest.raises(FormatError):
@@ -178,7 +178,7 @@ def test_every_packet_decodes_alone(case):
 
 class TestOrder:
     """
-    DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file, but for tracks of kind events.
+    DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file. Tracks of kind events are exempt.
     """
 
     def verdict(self, *packets):

@@ -66,7 +66,7 @@ def check(data: bytes, clean: dict) -> None:
 def test_every_flip(part):
     """
     REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC or file id differs.
-    REC-003: A reader that does not stop at the first damage MUST report every stretch of bytes that was lost, and every span that the procedure `lost` names.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (12.2) names.
     CHK-002: `header_crc` MUST be the CRC-32 of bytes 0 to 31 of the header, and a reader MUST use no field of a header whose CRC differs.
     """
     for at in range(part, len(TWO), 8):
@@ -78,7 +78,7 @@ def test_every_flip(part):
 
 def test_every_deletion():
     """
-    REC-003: A reader that does not stop at the first damage MUST report every stretch of bytes that was lost, and every span that the procedure `lost` names.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (12.2) names.
     FIL-002: The first chunk MUST start at offset 8, and each other chunk directly after the payload of the one before it.
     """
     for at in range(len(TWO)):

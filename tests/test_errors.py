@@ -114,9 +114,9 @@ def test_clusters(fault):
     DAT-010: Each of the four widths MUST be at most 6.
     DAT-011: `table_crc` MUST be the cluster CRC of all bytes of the payload before it.
     DAT-005: The packets MUST fill the rest of the payload to its last byte.
-    DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file, but for tracks of kind events.
+    DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file. Tracks of kind events are exempt.
     DAT-008: A packet MUST belong to a track that is described.
-    DAT-009: Over all packets of one `DATA` chunk, `span` times the component count of the track, for a packet of events its size in bytes, MUST add up to at most what the level allows; a decoder checks it before it takes memory.
+    DAT-009: Over a `DATA` chunk, `span` times the component count of the track MUST add up to at most what the level allows. A packet of events counts its size in bytes. A decoder checks this before it takes memory.
     """
     assert_reported(fault)
 
@@ -126,9 +126,9 @@ def test_index_and_footer(fault):
     """
     IDX-001: The payload MUST end with the last byte of the last of its `entry_count` entries.
     IDX-002: The entries MUST list every chunk before the index: from the one at `previous` on, or from the first one where `previous` is 0.
-    IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
     IDX-004: `previous` MUST be 0 or the offset of an `iNDX` chunk before this one.
-    IDX-006: For a `DATA` chunk `start_ms` MUST NOT be later than the start of its earliest packet and `start_ms + length_ms` not earlier than the end of its latest; times of 2^53 and more are set to 2^53 - 1.
+    IDX-006: For a `DATA` chunk `start_ms` MUST be at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
     IDX-007: `first_sequence` MUST be the sequence number of the first chunk listed, so that the others have the numbers after it.
     FOT-001: The payload MUST be as long as the layout, and `stop_offset` the offset of its own end.
     FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it.

@@ -106,7 +106,7 @@ def test_nanoseconds_hold_the_time(seconds):
 
 def test_times_beyond_their_range():
     """
-    IDX-006: For a `DATA` chunk `start_ms` MUST NOT be later than the start of its earliest packet and `start_ms + length_ms` not earlier than the end of its latest; times of 2^53 and more are set to 2^53 - 1.
+    IDX-006: For a `DATA` chunk `start_ms` MUST be at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
     """
     far = Fraction(2**48 * 2**32)
     assert ceil_ns(far) == 2**63 - 1
@@ -195,7 +195,7 @@ class TestListing:
 
 class TestAHint:
     """
-    IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
     """
 
     @pytest.mark.parametrize("back", range(1, 70, 5))
@@ -294,7 +294,7 @@ def long_file() -> bytes:
 
 class TestWriter:
     """
-    IDX-005: A writer MUST write an index before the chunks that were not indexed yet, together with the next chunk, pass 4 MiB, unless there is nothing to list; and one before `fOOT`. A live writer also writes one every 10 seconds.
+    IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next chunk, pass 4 MiB; and one before `fOOT`. A live writer also writes one every 10 seconds. None is written where nothing is new, but before `fOOT`.
     """
 
     def test_an_index_in_4_mib(self, long_file):
@@ -432,7 +432,7 @@ class TestNotClosed:
 
 class TestLazily:
     """
-    IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
     """
 
     def closed(self) -> bytes:

@@ -154,7 +154,7 @@ def hidden(cluster: int, row: int) -> bytes:
 )
 def test_a_row_that_hides_is_reported(cluster, row, channel):
     """
-    REC-003: A reader that does not stop at the first damage MUST report every stretch of bytes that was lost, and every span that the procedure `lost` names.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (12.2) names.
     """
     bad = hidden(cluster, row)
     with Reader(bad) as reader:
@@ -263,7 +263,7 @@ class TestRules:
 
 class TestFalseIndexes:
     """
-    IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
     """
 
     CHUNKS = (

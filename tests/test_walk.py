@@ -174,7 +174,7 @@ def test_any_bytes(data):
 @given(damaged(DATA))
 def test_every_byte_is_a_chunk_or_reported(data):
     """
-    REC-003: A reader that does not stop at the first damage MUST report every stretch of bytes that was lost, and every span that the procedure `lost` names.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (12.2) names.
     """
     chunks, findings = fast_walk(data)
     covered = bytearray(len(data))
@@ -248,7 +248,7 @@ def nested(count: int) -> bytes:
 
 def test_nested_headers_are_bounded():
     """
-    REC-005: A reader MUST bound its work on nested headers: it may stop and report *unsupported* once the payloads it took checksums of add up to more than 16 times the size of the file plus 64 MiB.
+    REC-005: A reader MUST bound its work on nested headers. It may stop and report *unsupported* once it took checksums of more than 16 times the size of the file plus 64 MiB.
     """
     data = nested(8000)
     began = time.perf_counter()
