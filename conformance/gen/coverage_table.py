@@ -43,8 +43,8 @@ EVERY_CASE = {"VRD-001": "every case: exit codes are compared"}
 HEADER = """# Requirement coverage
 
 For each MUST of SPEC.md and docs/spec the vectors, the component vectors, and the tests of the
-reference implementation that speak of it. `python conformance/gen/coverage_table.py --write` makes it;
-a test holds it to what the manifest, the components and the tests say, and to no MUST being without any.
+reference implementation that speak of it. `python conformance/gen/coverage_table.py --write` makes
+it. A test compares it with the manifest, the components and the tests, and finds each MUST in one.
 
 """
 
