@@ -180,7 +180,7 @@ class TestCreation:
 
 class TestWrites:
     """
-    WRT-009: A writer that cannot write a chunk whole MUST report it, and leave no part of the chunk in the file where the system lets it cut.
+    WRT-001: A writer MUST write a chunk only when it is complete, header and payload in one piece. If it cannot write it whole, it reports that, and removes the part where the system lets it cut.
     """
 
     def test_short_writes_are_gone_on_with(self, tmp_path: Path, monkeypatch):
