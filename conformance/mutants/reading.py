@@ -148,7 +148,7 @@ MUTANTS = (
         "TRK-020",
         Edit(
             "container.description:unpack",
-            'inflate(payload[start:], size, "TRK-020", "TRK-020", offset + start)',
+            'inflate(payload[start:], size, "TRK-020", offset + start)',
             "__import__('zlib').decompressobj(-15).decompress(payload[start:])",
         ),
     ),
