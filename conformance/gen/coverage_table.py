@@ -1,4 +1,4 @@
-"""Makes conformance/COVERAGE.md: which vectors, components and tests speak of each MUST of SPEC.md.
+"""Makes conformance/COVERAGE.md: what speaks of each MUST of SPEC.md and docs/spec.
 
 python conformance/gen/coverage_table.py          compare with what is committed
 python conformance/gen/coverage_table.py --write  write
@@ -42,9 +42,9 @@ EVERY_CASE = {"VRD-001": "every case: exit codes are compared"}
 
 HEADER = """# Requirement coverage
 
-For each MUST of SPEC.md the vectors, the component vectors, and the tests of the reference
-implementation that speak of it. `python conformance/gen/coverage_table.py --write` makes it; a test
-holds it to what the manifest, the components and the tests say, and to no MUST being without any.
+For each MUST of SPEC.md and docs/spec the vectors, the component vectors, and the tests of the
+reference implementation that speak of it. `python conformance/gen/coverage_table.py --write` makes
+it. A test compares it with the manifest, the components and the tests, and finds each MUST in one.
 
 """
 
