@@ -34,6 +34,7 @@ def array(count: int) -> faults.Case:
     )
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("kind", faults.FOREIGN)
 @pytest.mark.parametrize(("count", "seconds"), [(16, 300), (64, 100)])
 def test_no_sample_of_another_recording(kind, count, seconds, monkeypatch):

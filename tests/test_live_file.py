@@ -384,6 +384,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(place)], check=True)
 
 
+@pytest.mark.compiled
 def test_a_full_disk_at_every_fill_state(small_disk: Path):
     path, ballast = small_disk / "a.hapf", small_disk / "ballast"
     verdicts = set()

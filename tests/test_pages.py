@@ -26,6 +26,7 @@ RUNNING = [page for page in PAGES if {b.kind for b in blocks(page)} & {"console"
 SHORT = 160
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("page", RUNNING, ids=lambda page: page.name)
 def test_page_runs(page: Path, tmp_path: Path) -> None:
     walk(page, tmp_path, run_shown)

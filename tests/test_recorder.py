@@ -100,6 +100,7 @@ def chunkings(draw, sources):
     return calls
 
 
+@pytest.mark.compiled
 @given(st.data())
 def test_any_chunking_gives_the_recording_of_the_whole(data):
     found = data.draw(st.lists(sources(), min_size=1, max_size=4, unique_by=lambda s: s[0].label))

@@ -328,6 +328,7 @@ def test_what_was_lost_is_noted():
     assert hapfmt.Reader(recovered(data)[0]).metadata == {}
 
 
+@pytest.mark.compiled
 def test_the_note_names_channels_and_seconds():
     x = np.random.default_rng(1).normal(size=(3, 20_000))
     stream = io.BytesIO()

@@ -7,6 +7,7 @@ give the same numbers.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import inf, log2, pi, sin
 
@@ -204,7 +205,7 @@ def autocorrelations(indices: Indices, order: int, base: int) -> list[int]:
     return found
 
 
-def levinson(sums: list[int], rounding: int, orders: int) -> tuple[list[int], list[float]]:
+def levinson(sums: Sequence[float], rounding: float, orders: int) -> tuple[list[int], list[float]]:
     """Indices of the quantised reflection coefficients, fewer than ``orders`` where the recursion
     has nothing left to predict; and the energy that each leaves. ``rounding``: 12 times the energy
     of the rounding errors."""
