@@ -93,7 +93,7 @@ class TestDeadband:
 
     @given(st.integers(0, 2**32))
     def test_vectors_by_their_norm(self, seed):
-        columns = [noise(400, 200, seed + i) for i in range(3)]
+        columns = [noise(150, 200, seed + i) for i in range(3)]
         axes = tuple(force(c, axis=a, group="tip") for a, c in zip("xyz", columns, strict=True))
         settings = deadband(k=0, floor=Tolerance(9, "lsb"))
         back = hapfmt.read(encoded(Recording(axes), settings))

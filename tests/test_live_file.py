@@ -389,7 +389,7 @@ def test_a_full_disk_at_every_fill_state(small_disk: Path):
     path, ballast = small_disk / "a.hapf", small_disk / "ballast"
     verdicts = set()
     for pages in range(16):
-        for size in (1, 40, 300):
+        for size in (1, 300) if pages % 2 else (40,):
             ballast.write_bytes(bytes(4096 * pages))
             done = 0
             with pytest.raises(OSError) as caught, create_live(path) as file:

@@ -193,7 +193,9 @@ class TestLostDescriptions:
         assert verify(good).verdict == "intact"
         assert (hapfmt.Reader(good).channels, samples(good)) == ([], {})
 
-    @pytest.mark.parametrize("number", [1, 255, 256, 600, 65_534])
+    @pytest.mark.parametrize(
+        "number", [1, 255, 256, 600, pytest.param(65_534, marks=pytest.mark.deep)]
+    )
     def test_of_channels(self, number):
         data = f.closed(
             ("HEAD", f.head()), ("TRAK", f.trak(first_channel=number), {"track": 3}),
