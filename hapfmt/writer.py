@@ -84,9 +84,9 @@ def write(
     {label: array [samples]}, or a table of pandas or xarray with a column for each channel. NaN and
     masked values are gaps. Integers of up to 32 bits are kept as counts. Arrays need ``rate``,
     samples per second (1000, 35.618 or "44100/7"); a table may have times as its index: they place
-    the rows, and a MovedTimesWarning tells where they were moved. Columns named "fx [N]" or
-    "fx (N)" give labels and units. ``labels``: one text for each channel. ``units``: one text for
-    all channels, one for each, or {label: unit}.
+    the rows, and a MovedTimesWarning tells where they were moved. Names of columns and of a dict,
+    such as "fx [N]" or "fx (N)", give labels and units. ``labels``: one text for each channel.
+    ``units``: one text for all channels, one for each, or {label: unit}.
     An array of more rows than columns is refused, unless there is a label for each row: pass
     ``array.T``, or say ``transpose=True`` or ``False``.
 

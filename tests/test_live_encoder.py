@@ -160,6 +160,7 @@ class TestCounts:
             tape = recorded(values, COUNTS)
             assert np.array_equal(tape.read()[0], x)
 
+    @pytest.mark.compiled
     @pytest.mark.parametrize("settings", [ARCHIVE, deadband(floor="3lsb")])
     def test_threads_give_the_same_bytes(self, settings):
         rows = [signal(NAMES[c % 8], 300, c) for c in range(2 * SHARE + 7)]

@@ -132,7 +132,10 @@ def test_a_gap_costs_no_more():
     read = [
         size
         for at, size in source.seen
-        if any(stop - packets_size <= at < stop for stop, packets_size in zip(stops, sizes))
+        if any(
+            stop - packets_size <= at < stop
+            for stop, packets_size in zip(stops, sizes, strict=True)
+        )
     ]
     assert read == wanted
 

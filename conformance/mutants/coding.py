@@ -41,7 +41,7 @@ MUTANTS = (
     mutant(
         "codebook-run-one-short",
         "The nibbles 0, n stand for n symbols without a code word.",
-        "QNT-002 QNT-003",
+        "QNT-003",
         Edit(HUFFMAN, "[0] * (nibbles[position] + 1)", "[0] * nibbles[position]"),
     ),
     mutant(
@@ -53,7 +53,7 @@ MUTANTS = (
     mutant(
         "filler-unchecked",
         "The bits that fill the last byte of a QUAN packet may be anything.",
-        "QNT-005",
+        "QNT-004",
         Edit("codecs.quantised:check_end", "if stop % 8 and", "if False and"),
     ),
     mutant(
@@ -69,7 +69,7 @@ MUTANTS = (
     mutant(
         "deflate-end-unchecked",
         "A DEFLATE stream may end before its packet, or not at all.",
-        "RAW-004",
+        "RAW-003",
         Edit(
             "container.deflate:inflate", "if not unpacker.eof or unpacker.unused_data:", "if False:"
         ),
@@ -272,7 +272,7 @@ MUTANTS = (
     mutant(
         "knots-line-ends-early",
         "The last knot of a line may stand a tick before the end of its packet.",
-        "KNT-006",
+        "KNT-003",
         Edit("codecs.knots:check_ticks", "0 < last < span - 1", "0 < last < span - 2"),
     ),
     mutant(
@@ -290,7 +290,7 @@ MUTANTS = (
     mutant(
         "hold-a-tick-late",
         "A held count begins a tick after its knot.",
-        "KNT-005",
+        "KNT-003",
         Edit(
             "codecs.knots:interpolate",
             "np.diff(np.append(ticks, span))",

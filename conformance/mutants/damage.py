@@ -62,7 +62,7 @@ MUTANTS = (
         "packet-crc-without-file-id",
         "The CRC of a packet is a plain CRC-32: packets of other files hold.",
         "DAT-004 CHK-004",
-        Edit("container.wire:cluster_seed", ', seed_of(file_id))', ")"),
+        Edit("container.wire:cluster_seed", ", seed_of(file_id))", ")"),
     ),
     mutant(
         "packet-crc-without-sequence",
@@ -213,7 +213,7 @@ MUTANTS = (
     mutant(
         "ends-at-first-footer",
         "Where there are several footers the first one ends the file.",
-        "FOT-003 FIL-003",
+        "FOT-002 FIL-003",
         Edit(
             WALK,
             "yield chunk",
@@ -311,7 +311,7 @@ MUTANTS = (
     mutant(
         "exit-0-not-closed",
         "A file that was not closed ends with code 0.",
-        "VRD-002",
+        "VRD-001",
         Edit(EXIT, "if found and not broken:", "if found and False:"),
     ),
     mutant(
@@ -365,7 +365,7 @@ MUTANTS = (
     mutant(
         "footer-unchecked",
         "The counts of a footer are not compared with the file.",
-        "FOT-003",
+        "FOT-002",
         Edit(
             "verifier:check_structure",
             "if (foot.data_count, foot.track_count, foot.duration_ns) != (*counts, stop_ns):",

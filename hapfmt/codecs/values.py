@@ -38,7 +38,7 @@ def digits_fit(rule: int, digits: int) -> bool:
 def values_of(
     counts: Counts, affine: Affine, rule: int, digits: int, coefficients: Sequence[float] = ()
 ) -> Doubles:
-    """The double of each count [samples] by the rule; counts as VAL-002 allows them."""
+    """The double of each count [samples] by the rule; counts as VAL-001 allows them."""
     a, b, d = affine
     if rule == CUBIC:
         # NumPy has no fused multiply-add. The last sum turns -0.0 into 0.0.

@@ -27,10 +27,11 @@ from ..codecs.values import (
 )
 from ..container.cluster import Packet
 from ..container.track import Affine, Track
-from ..integers import build_varint
+from ..integers import build_varint, parse_varint
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..recording import Calibration, Channel, Span
 from .lattice import Lattice, find_lattice, natural_lattices
+from .lengths import fitting_packets
 from .near import Near
 from .packed import Coded
 from .predict import encode_best
@@ -133,15 +134,19 @@ def coded_as(
     coded = Coded(track)
     at = beside = 0
     for span in spans:
-        piece = slice(at, at + span.ticks)
+        values, counts = x[at : at + span.ticks], candidate.counts[at : at + span.ticks]
         at += span.ticks
+
+        def code(part: slice, values: Doubles = values, counts: Counts = counts) -> bytes:
+            return packet_of(values[part], candidate, counts[part])
+
         try:
-            data, exact_size = packet_of(x[piece], candidate, candidate.counts[piece])
+            for part, data in fitting_packets(span, counts, code):
+                coded.packets.append(Packet(0, part.start, part.ticks, data))
+                beside += exact_size(data)
         except ValueError:
             # Too far from its count, or counts too far from each other.
             return None
-        coded.packets.append(Packet(0, span.start, span.ticks, data))
-        beside += exact_size
     reason = f"bit for bit: counts of {candidate.how}, and {beside} bytes of exact values"
     return Beside(Unit(coded, None, "predicted + exact", reason, exact=True), beside)
 
@@ -251,8 +256,14 @@ def binary_grid(x: Doubles) -> Candidate | None:
     return Candidate(calibration, counts, ExactParameters(), f"a binary grid of step {a / d:.6g}")
 
 
-def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> tuple[bytes, int]:
-    """One packet of these samples, and how many of its bytes are exact values."""
+def exact_size(packet: bytes) -> int:
+    """How many of its bytes are exact values."""
+    size, at = parse_varint(packet, 0)
+    return len(packet) - at - size
+
+
+def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> bytes:
+    """One packet of these samples."""
     coded = encode_best(counts)
     lacking = lacking_of(x, candidate.parameters, candidate.affine, counts)
     beside = None
@@ -261,4 +272,4 @@ def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> tuple[bytes, 
         data = lacking.build(recall=recall, below=below)
         beside = data if data is not None and len(data) < below else beside
     assert beside is not None
-    return build_varint(len(coded)) + coded + beside, len(beside)
+    return build_varint(len(coded)) + coded + beside

@@ -213,7 +213,7 @@ class PacketPass:
             self.suspect(self.ranges.keys() & set(tracks), self.times(ref), hole.offset)
 
     def settle(self, packet: Packet) -> bool:
-        """Order of time (DAT-006, TRK-017), and what was lost before this packet; False: leave it
+        """Order of time (DAT-006, TRK-016), and what was lost before this packet; False: leave it
         out."""
         line, place = self.lines[packet.track]
         last = line.stop
@@ -241,6 +241,6 @@ def disorder(packet: Packet, *, alone: bool) -> FormatError:
         )
     return FormatError(
         f"packets of track {packet.track} and of one that it continues or is continued by overlap",
-        requirement="TRK-017",
+        requirement="TRK-016",
         offset=packet.offset,
     )

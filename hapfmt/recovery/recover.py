@@ -261,7 +261,7 @@ class Copy:
         self.limits.check_packet(samples)
         self.limits.check_work(self.done.samples + samples)
         try:
-            self.writer.level.check("payload_size", alone_size(packet), "CHK-008", packet.offset)
+            self.writer.level.check("payload_size", alone_size(packet), "LIM-001", packet.offset)
             if decoder is not None:
                 piece = self.pieces.decode(packet)
                 if packet.offset < self.stored.get(packet.track, (0, b""))[0]:

@@ -24,7 +24,7 @@ from hapfmt.container.source import BytesSource
 from hapfmt.container.tlv import build_strings, build_tlvs, parse_strings, parse_tlvs
 from hapfmt.container.track import TrackTable
 from hapfmt.container.walk import Finding, walk
-from hapfmt.container.wire import parse_head, parse_header, cluster_seed
+from hapfmt.container.wire import cluster_seed, parse_head, parse_header
 from hapfmt.integers import parse_varint
 from hapfmt.limits import LEVELS
 

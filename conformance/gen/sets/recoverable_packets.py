@@ -129,8 +129,16 @@ def table_of(place: w.Place) -> Damage:
 
 def counts() -> Iterator[Case]:
     """No row holds where the head of the table is wrong."""
-    rows = [(f"count-{count}", 0, bytes([count]), f"The number of packets is {count & 127}"
-             f"{' and goes on' if count > 127 else ''} in place of 3") for count in (0, 2, 4, 0x83)]
+    rows = [
+        (
+            f"count-{count}",
+            0,
+            bytes([count]),
+            f"The number of packets is {count & 127}"
+            f"{' and goes on' if count > 127 else ''} in place of 3",
+        )
+        for count in (0, 2, 4, 0x83)
+    ]
     rows += [
         ("width-of-the-track", 1, b"\0", "The width of the track ids is 0 in place of 1"),
         ("width-of-the-span", 2, b"\x10", "The width of the spans is 1 in place of 0"),
