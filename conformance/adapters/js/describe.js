@@ -1,4 +1,4 @@
-// TRAK chunks that a recoverer writes (12.3): tracks that it keeps, and those that it makes up.
+// TRAK chunks that a recoverer writes (docs/spec/recovery.md): tracks that it keeps, and those that it makes up.
 import { limitsOf } from './limits.js';
 import { NONE } from './trak.js';
 

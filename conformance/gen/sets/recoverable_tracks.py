@@ -1,4 +1,4 @@
-"""Descriptions that are lost, and what is left without them (SPEC 12.1, 12.2, 12.3)."""
+"""Descriptions that are lost, and what is left without them (SPEC 12.1, 12.2)."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def bands() -> Iterator[Case]:
     cluster = laid.of("DATA", 1)
     yield wrecked(
         "hf-packet-lost", "A packet of an HF track is lost: a gap in full band alone.",
-        ["DEC-003", "REC-004", "REC-012"], "transmission/bit-flip", w.flip(laid.data, row.at),
+        ["DEC-003", "DEC-004", "REC-012"], "transmission/bit-flip", w.flip(laid.data, row.at),
         decode=decode_of(slow, short), lost=[(1, 4, 8)],
         damages=[("bad-payload", cluster.at, cluster.size), ("bad-packet", row.at, row.size)],
     )  # fmt: skip
@@ -152,7 +152,7 @@ def bands() -> Iterator[Case]:
     short = Track(id=0, kind="lf", packets=parts(0, 0, 8))
     yield wrecked(
         "lf-packet-lost", "A packet of an LF track is lost: a gap in full band.",
-        ["DEC-003", "REC-004", "REC-012"], "transmission/bit-flip", w.flip(laid.data, row.at),
+        ["DEC-003", "DEC-004", "REC-012"], "transmission/bit-flip", w.flip(laid.data, row.at),
         decode=decode_of(short, fast), lost=[(0, 4, 8)],
         damages=[
             ("bad-payload", cluster.at, cluster.size),
