@@ -119,8 +119,9 @@ def tables() -> Component:
         "cluster",
         "6.4",
         ("DAT-001", "DAT-002", "DAT-003", "DAT-004", "DAT-005", "DAT-009", "DAT-010", "DAT-011"),
-        "Payloads of DATA at level 1, of chunk 2 under the file id 7. Every track is described, with "
-        "one component. Expected: the rows of the table, with the offset of each packet in the payload.",
+        "Payloads of DATA at level 1, of chunk 2 under the file id 7. Every track is described, "
+        "with one component. Expected: the rows of the table, with the offset of each packet in "
+        "the payload.",
         also(cases, {"no bytes": ["DAT-001"], "more packets than level 1 has": ["DAT-005"]}),
     )
 
