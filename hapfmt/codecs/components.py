@@ -64,7 +64,9 @@ def cross_terms(predictor: Predictor, earlier: Sequence[Indices]) -> Indices | N
     return (total + (1 << (WEIGHT_SHIFT - 1))) >> WEIGHT_SHIFT
 
 
-def split_components(data: bytes, count: int, offset: int) -> list[tuple[int, int]]:
+def split_components(
+    data: bytes, count: int, offset: int, requirement: str = "LPC-001"
+) -> list[tuple[int, int]]:
     """Where each component packet begins and ends."""
     sizes, position = [], 0
     for _ in range(count - 1):
@@ -72,7 +74,7 @@ def split_components(data: bytes, count: int, offset: int) -> list[tuple[int, in
         sizes.append(size)
     if sum(sizes) > len(data) - position:
         raise FormatError(
-            "component packets larger than their packet", requirement="LPC-001", offset=offset
+            "component packets larger than their packet", requirement=requirement, offset=offset
         )
     ends = [position + sum(sizes[: place + 1]) for place in range(count - 1)] + [len(data)]
     return list(zip([position, *ends], ends, strict=False))
