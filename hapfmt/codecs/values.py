@@ -84,7 +84,7 @@ def predictions(
         for component, lag, weight in terms:
             total += weight * columns[component][reach - lag : size - lag]
     return np.concatenate(
-        (quotients[:reach], np.where(np.isfinite(total), total, quotients[reach:]))
+        (quotients[:reach], np.where(np.isfinite(total), total + 0.0, quotients[reach:]))
     )
 
 
@@ -112,7 +112,7 @@ def linear_values(
             v = c0
             for x, lag, weight in rows:
                 v += weight * x[t - lag]
-        v = v if isfinite(v) else quotient
+        v = v + 0.0 if isfinite(v) else quotient
         if move:
             word = word_at(place_of(v) + move)
             (v,) = DOUBLE.unpack(word)
