@@ -18,7 +18,7 @@ from ..integers import parse_varint
 from ..kernels import compiled
 from ..limits import Level
 from .adaptive import BitModel, RangeDecoder, RangeEncoder
-from .components import decode_predicted, split_components
+from .components import decode_predicted, parts_of
 from .grids import LpcParameters
 from .values import (
     COEFFICIENT_LIMIT,
@@ -37,7 +37,6 @@ from .values import (
     values_of,
 )
 
-LENGTH = "LPCX parameters of another length"
 TERM = struct.Struct("<BBd")
 
 RECALL = 1
@@ -87,13 +86,18 @@ class ExactParameters:
         if raw.reserved:
             raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=offset + 3)
         if not rule_fits(raw.rule, raw.digits, raw.terms):
-            text = f"rule {raw.rule} with {raw.digits} digits and {raw.terms} terms"
-            raise FormatError(text, requirement="EXA-002", offset=offset)
+            raise FormatError(
+                f"rule {raw.rule} with {raw.digits} digits and {raw.terms} terms",
+                requirement="EXA-002",
+                offset=offset,
+            )
         at += LPCX_PARAMETERS.sizeof()
         count = COEFFICIENTS if raw.rule == CUBIC else int(raw.rule == LINEAR)
         stop = at + 8 * count + TERM.size * raw.terms
         if stop > len(data):
-            raise FormatError(LENGTH, requirement="COD-002", offset=base)
+            raise FormatError(
+                "LPCX parameters end within a component", requirement="COD-002", offset=base
+            )
         coefficients = np.frombuffer(data, "<f8", count, at).tolist()
         terms = [Term(*row) for row in TERM.iter_unpack(data[at + 8 * count : stop])]
         # So is what is no number refused.
@@ -117,13 +121,16 @@ def parse_parameters(data: bytes, count: int, offset: int) -> tuple[ExactParamet
         parameters, at = ExactParameters.parse_next(data, at, offset)
         found.append(parameters)
     if at < len(data):
-        raise FormatError(LENGTH, requirement="COD-002", offset=offset)
+        raise FormatError("bytes follow the LPCX parameters", requirement="COD-002", offset=offset)
     known: set[int] = set()
     for place in in_order(found):
         for term in found[place].terms:
             if term.component not in known and (term.component != place or not term.lag):
-                text = f"component {place} from {term.component}, {term.lag} ticks before"
-                raise FormatError(text, requirement="EXA-009", offset=offset)
+                raise FormatError(
+                    f"component {place} from {term.component}, {term.lag} ticks before",
+                    requirement="EXA-009",
+                    offset=offset,
+                )
         known.add(place)
     return tuple(found)
 
@@ -147,7 +154,7 @@ def decode_counts(data: bytes, span: int, count: int, level: Level, offset: int)
     return decode_predicted(coded, LpcParameters(), span, count, level, stop - len(coded))
 
 
-def decode_all(
+def decode_exact(
     data: bytes,
     parameters: Sequence[ExactParameters],
     affines: Sequence[Affine],
@@ -156,10 +163,12 @@ def decode_all(
 ) -> Doubles:
     """The source's doubles [span, components], given the counts of the same packet."""
     _, rest, at = split_packet(data, offset)
-    ends = split_components(rest, len(parameters), at, "EXA-010") if rest else [(0, 0)]
+    ends = parts_of(rest, len(parameters), at) if rest else [(0, 0)] * len(parameters)
+    if ends is None:
+        raise FormatError("parts larger than their packet", requirement="EXA-010", offset=at)
     out = np.empty((len(parameters), len(counts)))
     for place in in_order(parameters):
-        start, stop = ends[place if rest else 0]
+        start, stop = ends[place]
         column = np.ascontiguousarray(counts[:, place])
         moves = decode_moves(rest[start:stop], column, at + start)
         values = parameters[place].values(column, affines[place])
@@ -169,13 +178,6 @@ def decode_all(
         else:
             out[place] = by_places(values, moves)
     return np.ascontiguousarray(out.T)
-
-
-def decode_exact(
-    data: bytes, parameters: ExactParameters, affine: Affine, counts: Counts, offset: int
-) -> Doubles:
-    """``decode_all`` of one component: [span]."""
-    return decode_all(data, [parameters], [affine], counts[:, None], offset)[:, 0]
 
 
 def decode_moves(rest: bytes, counts: Counts, at: int) -> Counts:

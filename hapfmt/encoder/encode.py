@@ -289,7 +289,8 @@ def joined(
         for each in found
         if start <= each.target < start + len(parts)
     ]
-    joint = encode_linear(channels, columns, moved, first, job.cluster)
+    units = [part.unit for part in parts]
+    joint = encode_linear(channels, columns, units, moved, first, job.cluster)
     if joint is None or joint.size >= (1 - SAVED) * sum(part.unit.size for part in parts):
         return parts
     return [Part(joint, first, members)]

@@ -20,12 +20,12 @@ from ..codecs.values import COEFFICIENT_LIMIT, LINEAR, Counts, Doubles, Term, or
 from ..container.cluster import Packet
 from ..container.track import Track
 from ..integers import build_varint
-from ..recording import Channel
-from .exact import Candidate, binary_grid, natural_candidate, smallest_exact
+from ..recording import Calibration, Channel
+from .exact import Candidate, binary_grid, smallest_exact
 from .packed import Coded
 from .predict import encode_best
 from .source import component_of, cut, declared_range
-from .unit import Unit
+from .unit import Unit, decode_all
 
 RUN_LIMIT = 32
 """Components of a track: one lost packet takes all of them along."""
@@ -72,38 +72,48 @@ def find_relations(columns: Sequence[Doubles], costly: Sequence[bool]) -> list[R
         return found
     part = slice(size // 2, size // 2 + LOOKED_AT)
     looked = [x[part] for x in columns]
-    known = [place for place, each in enumerate(costly) if not each]
     left = [place for place, each in enumerate(costly) if each]
+    near = {target: sources_of(target, looked) for target in left}
+    known = {place for place, each in enumerate(costly) if not each}
+
+    def usable(target: int, linear: set[int]) -> list[int]:
+        return [a for a in near[target] if a in known and (a not in linear or a < target)]
+
     while left:
-        # Those that follow from what is known; then from these; what is left is known as well.
         # Linear ones are decoded in their order.
         linear = {each.target for each in found}
         new = [
-            best for target in left
-            for usable in ([a for a in known if a not in linear or a < target],)
-            if (best := best_relation(target, usable, columns, looked)) is not None
-        ]  # fmt: skip
+            best
+            for target in left
+            if (best := best_relation(target, usable(target, linear), columns)) is not None
+        ]
         found += new
-        done = [each.target for each in new] or left[:1]
-        known += done
+        # Where nothing follows from what is known, one that most others may follow from.
+        root = max(left, key=lambda place: sum(place in near[each] for each in left))
+        done = {each.target for each in new} or {root}
+        known |= done
         left = [target for target in left if target not in done]
     return found
 
 
-def best_relation(
-    target: int, known: Sequence[int], columns: Sequence[Doubles], looked: Sequence[Doubles]
-) -> Relation | None:
+def sources_of(target: int, looked: Sequence[Doubles]) -> list[int]:
+    """The channels that a channel is nearly linear in."""
     y = looked[target]
-    largest = float(np.abs(y).max())
-    if not largest or (y == y[0]).all():
-        return None
-    likely = [
-        source for source in known
-        if np.ptp(looked[source]) and left_by(FORMS[-1], y, looked[source]) < NEAR * largest
+    if not np.ptp(y):
+        return []
+    limit = NEAR * float(np.abs(y).max())
+    return [
+        source for source, x in enumerate(looked)
+        if source != target and np.ptp(x) and left_by(FORMS[-1], y, x) < limit
     ]  # fmt: skip
+
+
+def best_relation(
+    target: int, sources: Sequence[int], columns: Sequence[Doubles]
+) -> Relation | None:
     tried = [
         relation
-        for source in likely
+        for source in sources
         for form in FORMS
         for relation in relations(form, target, source, columns)
     ]
@@ -172,6 +182,7 @@ def stretches(relations: Sequence[Relation]) -> list[tuple[int, int]]:
 def encode_linear(
     channels: Sequence[Channel],
     columns: Sequence[Doubles],
+    units: Sequence[Unit],
     relations: Sequence[Relation],
     first_channel: int,
     cluster: Fraction,
@@ -186,7 +197,7 @@ def encode_linear(
             rule = ExactParameters(LINEAR, 0, (relation.c0,), relation.terms)
             candidate = grid and replace(grid, parameters=rule)
         else:
-            candidate = candidate_of(channels[place], x)
+            candidate = candidate_of(units[place])
         if candidate is None:
             return None
         candidates.append(candidate)
@@ -235,12 +246,14 @@ def encode_linear(
     return Unit(coded, None, "predicted + exact", "bit for bit", exact=True, parts=tuple(parts))
 
 
-def candidate_of(channel: Channel, x: Doubles) -> Candidate | None:
-    """Counts of a channel alone."""
-    if channel.calibration is not None:
-        counts = channel.stored.astype(np.int64)
-        return Candidate(channel.calibration, counts, ExactParameters(), "its own step")
-    return natural_candidate(x, None) or binary_grid(x)
+def candidate_of(unit: Unit) -> Candidate:
+    """The counts and the rule of a channel alone, as its unit has them."""
+    track = unit.base.track
+    affine, counts = track.components[0].calibration, decode_all(unit.base, 1)[:, 0]
+    rule = ExactParameters()
+    if track.codec == "LPCX":
+        rule = ExactParameters.parse(track.parameters, 0)
+    return Candidate(Calibration(*affine), counts, rule, "as it is alone")
 
 
 def packet_of(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..codecs import components, knots, knots_coded, quantised
 from ..codecs.events import CodedEvent, parse_events
-from ..codecs.exact import ExactParameters, decode_all, decode_counts, parse_parameters
+from ..codecs.exact import ExactParameters, decode_counts, decode_exact, parse_parameters
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters
 from ..codecs.quantised import QuanParameters
@@ -92,7 +92,7 @@ class TrackDecoder:
         if not isinstance(self.parameters, tuple):
             return None
         try:
-            return decode_all(
+            return decode_exact(
                 packet.data,
                 self.parameters,
                 [component.calibration for component in self.track.components],
