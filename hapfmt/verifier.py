@@ -169,7 +169,7 @@ def check_structure(catalogue: Catalogue) -> None:
     if (foot.data_count, foot.track_count, foot.duration_ns) != (*counts, stop_ns):
         raise FormatError(
             "the counts or the duration in the footer are wrong",
-            requirement="FOT-003",
+            requirement="FOT-002",
             offset=at + 16,
         )
     bare = [t for t in catalogue.tracks.values() if t.kind == "lf" and t.id not in bases]

@@ -74,7 +74,7 @@ def recording(path: Path, clusters: int = 3, *, close: bool = True) -> None:
 
 class TestClosedFiles:
     """
-    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk, and go on there with the file id of the file, the next sequence number, and the limits of the file's level.
+    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk. It continues there with the file id, the next sequence number, and the level of the file. It refuses a file with damage before that end, or with an unknown critical chunk.
     """
 
     @pytest.mark.parametrize("close", [True, False])
@@ -312,7 +312,7 @@ def go_on(path: Path) -> list[str] | None:
 
 class TestCutFiles:
     """
-    WRT-007: Before it appends, a writer MUST cut off what follows the last whole chunk, write those packets of a cut `DATA` chunk whose CRC holds again as a new `DATA` chunk, and report what was lost.
+    WRT-007: Before it appends, a writer MUST cut off what follows the last whole chunk. It writes the packets of a cut `DATA` chunk whose CRC matches in a new `DATA` chunk, and reports the losses.
     """
 
     def test_at_every_byte(self, tmp_path: Path):
@@ -449,7 +449,7 @@ class TestCutFiles:
 
 class TestRefusals:
     """
-    WRT-008: A writer MUST NOT append to a file in which it finds damage before the end of the last whole chunk, or an unknown critical chunk.
+    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk. It continues there with the file id, the next sequence number, and the level of the file. It refuses a file with damage before that end, or with an unknown critical chunk.
     """
 
     def refused(self, path: Path, data: bytes, kind: type[HapfmtError], message: str) -> None:

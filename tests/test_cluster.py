@@ -187,7 +187,7 @@ class TestOrder:
 def test_descriptions_come_first():
     """
     DAT-008: A packet MUST belong to a track that is described.
-    TRK-001: `TRAK` MUST come before the first `DATA` chunk that holds a packet of its tracks.
+    TRK-001: `TRAK` MUST come before the first `DATA` chunk that contains a packet of its tracks.
     """
     head = ("HEAD", f.head())
     assert rule(f.closed(head, f.TRACK_0, f.DATA_0)) == ("intact", None)

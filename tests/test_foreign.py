@@ -126,7 +126,7 @@ class TestChoice:
 
 class TestIds:
     """
-    WRT-002: In canonical mode the file id is an input or follows from the content, no time of day, host, user or random number enters the file, and the same input and settings MUST give the same bytes with the same encoder version.
+    WRT-002: A writer MUST choose the file id at random. In canonical mode the id is an input or follows from the content. No time of day, host, user or random number enters the file: the same input and settings give the same bytes with the same encoder version.
     """
 
     @staticmethod

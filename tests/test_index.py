@@ -223,8 +223,7 @@ class TestAHint:
 
 class TestFooter:
     """
-    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it.
-    FOT-003: In the last `fOOT`, `data_count` and `track_count` MUST be the numbers of `DATA` chunks and of described tracks in the file, and `duration_ns` the end of the latest packet of any track, rounded up, at most the largest i64, 0 without packets.
+    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In the last `fOOT`, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     """
 
     def test_true(self):
@@ -233,9 +232,9 @@ class TestFooter:
     @pytest.mark.parametrize(
         ("changes", "id_"),
         [({"index_offset": 0}, "FOT-002"), ({"index_offset": DATA_AT}, "FOT-002"),
-         ({"data_count": 0}, "FOT-003"), ({"data_count": 2**32 - 1}, "FOT-003"),
-         ({"track_count": 0}, "FOT-003"), ({"duration_ns": 0}, "FOT-003"),
-         ({"duration_ns": f.DURATION_NS + 1}, "FOT-003"), ({"stop_offset": 0}, "FOT-001")],
+         ({"data_count": 0}, "FOT-002"), ({"data_count": 2**32 - 1}, "FOT-002"),
+         ({"track_count": 0}, "FOT-002"), ({"duration_ns": 0}, "FOT-002"),
+         ({"duration_ns": f.DURATION_NS + 1}, "FOT-002"), ({"stop_offset": 0}, "FOT-001")],
     )  # fmt: skip
     def test_false(self, changes, id_):
         assert rule(f.minimal(**changes)) == ("nonconforming", id_)
@@ -248,7 +247,7 @@ class TestFooter:
     def test_closes_the_file(self):
         """
         FIL-003: A closed file MUST end with a `fOOT` chunk.
-        VRD-002: A file that was not closed MUST NOT be called intact.
+        VRD-001: A program that reads hapf files MUST end with the code of this clause.
         """
         data = f.minimal()
         assert rule(data[: -f.FOOT]) == ("damaged", "FIL-003")

@@ -180,7 +180,7 @@ class TestCreation:
 
 class TestWrites:
     """
-    WRT-009: A writer that cannot write a chunk whole MUST report it, and leave no part of the chunk in the file where the system lets it cut.
+    WRT-001: A writer MUST write a chunk only when it is complete, header and payload in one piece. If it cannot write it whole, it reports that, and removes the part where the system lets it cut.
     """
 
     def test_short_writes_are_gone_on_with(self, tmp_path: Path, monkeypatch):
@@ -389,7 +389,7 @@ def test_a_full_disk_at_every_fill_state(small_disk: Path):
     path, ballast = small_disk / "a.hapf", small_disk / "ballast"
     verdicts = set()
     for pages in range(16):
-        for size in (1, 40, 300):
+        for size in (1, 300) if pages % 2 else (40,):
             ballast.write_bytes(bytes(4096 * pages))
             done = 0
             with pytest.raises(OSError) as caught, create_live(path) as file:

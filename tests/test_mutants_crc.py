@@ -35,7 +35,7 @@ PARTS = 4
 @pytest.mark.parametrize("part", range(PARTS))
 def test_mutants(part: int, tmp_path: Path) -> None:
     """
-    VRD-001: A program that reads hapf files MUST end with the code of this table.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause.
     """
     told: Counter[str] = Counter()
     for seed in range(part * COUNT // PARTS, (part + 1) * COUNT // PARTS):

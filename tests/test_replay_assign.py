@@ -325,8 +325,8 @@ class TestAdvice:
         assert "  play it --map force=ACTUATOR" in said and "--ignore" not in said
 
     def test_many_channels_are_refused_in_few_words(self):
-        said = refused([f"c{i}" for i in range(3000)], GLOVE5)
-        assert "3000 of 3000" in said and "and 2988 more" in said and len(said) < 2000
+        said = refused([f"c{i}" for i in range(300)], GLOVE5)
+        assert "300 of 300" in said and "and 288 more" in said and len(said) < 2000
 
 
 class TestPlan:

@@ -102,7 +102,7 @@ def recovered(data: bytes) -> tuple[int, str]:
 @pytest.mark.parametrize("case", COMMITTED)
 def test_committed(case):
     """
-    VRD-001: A program that reads hapf files MUST end with the code of this table.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause.
     LIM-001: A file MUST keep the limits of its level.
     """
     place = f"{case['set']}/{case['name']}"

@@ -41,7 +41,7 @@ def types(data: bytes) -> list[str]:
 
 
 def test_chunks_are_written_in_one_piece():
-    """WRT-001: A writer MUST write a chunk only when it is complete, header and payload in one piece."""
+    """WRT-001: A writer MUST write a chunk only when it is complete, header and payload in one piece. If it cannot write it whole, it reports that, and removes the part where the system lets it cut."""
     stream = Pieces()
     hapfmt.write(simulate("sand", 1.0), stream)
     chunks = list(walk(BytesSource(stream.getvalue()), []))
@@ -49,7 +49,7 @@ def test_chunks_are_written_in_one_piece():
 
 
 def test_file_ids_are_random_outside_canonical_mode():
-    """WRT-005: A writer MUST choose the file id at random outside canonical mode."""
+    """WRT-002: A writer MUST choose the file id at random. In canonical mode the id is an input or follows from the content. No time of day, host, user or random number enters the file: the same input and settings give the same bytes with the same encoder version."""
     ids = set()
     for _ in range(8):
         stream = io.BytesIO()

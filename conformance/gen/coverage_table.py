@@ -30,9 +30,7 @@ NO_PLAYER = "a player: shows on a device and in time; the verbs of an adapter pl
 REASONS = {
     "ATT-002": "a reader that stores attachments: the verbs of an adapter store none",
     "WRT-001": "review: shows only in what a kill leaves; run.py cuts what encoders wrote",
-    "WRT-005": "review: one file does not show where its id comes from",
-    **{f"WRT-00{n}": NO_APPEND for n in (6, 7, 8)},
-    "WRT-009": "a full disk, which no vector brings along",
+    **{f"WRT-00{n}": NO_APPEND for n in (6, 7)},
     **{f"EDT-00{n}": NO_EDITOR for n in range(1, 10)},
     **{f"PLY-{n:03}": NO_PLAYER for n in range(1, 14)},
 }

@@ -23,7 +23,7 @@ seq:
 types:
   varint:
     doc: An unsigned integer below 2^53 in groups of seven bits, the least significant first.
-    doc-ref: SPEC.md clause 2, CNV-002, CNV-003
+    doc-ref: SPEC.md clause 2, CNV-002
     seq:
       - id: groups
         type: u1
@@ -118,7 +118,7 @@ types:
         doc: Size of the payload in bytes.
       - id: track
         type: u2
-        doc: Track id that the chunk speaks of; 0xFFFF where it speaks of none.
+        doc: Track id that the chunk refers to; 0xFFFF: none.
       - id: flags
         type: u2
         doc: Bits 0 to 7 critical, 8 to 15 ancillary; 0 in version 1.0.
@@ -235,7 +235,7 @@ types:
         doc: Declared range of a decoded count, highest.
       - id: first_channel
         type: u2
-        doc: Channel number of the first component; the others follow on.
+        doc: Channel number of the first component; the others follow.
       - id: linked
         type: u2
         doc: For HF the id of its base track; else of the track that it continues, or 0xFFFF.

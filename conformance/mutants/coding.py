@@ -41,7 +41,7 @@ MUTANTS = (
     mutant(
         "codebook-run-one-short",
         "The nibbles 0, n stand for n symbols without a code word.",
-        "QNT-002 QNT-003",
+        "QNT-003",
         Edit(HUFFMAN, "[0] * (nibbles[position] + 1)", "[0] * nibbles[position]"),
     ),
     mutant(
@@ -69,7 +69,7 @@ MUTANTS = (
     mutant(
         "deflate-end-unchecked",
         "A DEFLATE stream may end before its packet, or not at all.",
-        "RAW-004",
+        "RAW-003",
         Edit(
             "container.deflate:inflate", "if not unpacker.eof or unpacker.unused_data:", "if False:"
         ),
@@ -290,7 +290,7 @@ MUTANTS = (
     mutant(
         "hold-a-tick-late",
         "A held count begins a tick after its knot.",
-        "KNT-005",
+        "KNT-003",
         Edit(
             "codecs.knots:interpolate",
             "np.diff(np.append(ticks, span))",

@@ -177,7 +177,7 @@ MUTANTS = (
     mutant(
         "ends-at-first-footer",
         "Where there are several footers the first one ends the file.",
-        "FOT-003 FIL-003",
+        "FOT-002 FIL-003",
         Edit(
             WALK,
             "yield chunk",
@@ -269,7 +269,7 @@ MUTANTS = (
     mutant(
         "exit-0-not-closed",
         "A file that was not closed ends with code 0.",
-        "VRD-002",
+        "VRD-001",
         Edit(EXIT, "if found and not broken:", "if found and False:"),
     ),
     mutant(
@@ -316,7 +316,7 @@ MUTANTS = (
     mutant(
         "footer-unchecked",
         "The counts of a footer are not compared with the file.",
-        "FOT-003",
+        "FOT-002",
         Edit(
             "verifier:check_structure",
             "if (foot.data_count, foot.track_count, foot.duration_ns) != (*counts, stop_ns):",

@@ -131,13 +131,13 @@ MUTANTS = (
     encoder(
         "footer-counts-clusters-twice",
         "The footer counts one DATA chunk too many.",
-        "FOT-003",
+        "FOT-002",
         Edit(f"{WRITER}.foot", "self.data_count,", "self.data_count + 1,"),
     ),
     encoder(
         "footer-rounds-down",
         "The footer rounds the duration down.",
-        "FOT-003",
+        "FOT-002",
         Edit(
             "container.index:ceil_ns",
             "-(-seconds.numerator * 10**9 // seconds.denominator)",
@@ -167,7 +167,7 @@ MUTANTS = (
     encoder(
         "overlong-varint-written",
         "Varints of one byte are written with two.",
-        "CNV-003",
+        "CNV-002",
         Edit("integers:build_varint", "out.append(value)\n", "out += bytes([value | 0x80, 0])\n"),
     ),
     encoder(

@@ -102,4 +102,4 @@ def unpack(data: bytes, expected: int, offset: int) -> bytes:
         return data[1:]
     if data[0] != DEFLATE:
         raise FormatError(f"raw method {data[0]}", requirement="RAW-002", offset=offset)
-    return inflate(data[1:], expected, "RAW-003", "RAW-004", offset + 1)
+    return inflate(data[1:], expected, "RAW-003", offset + 1)

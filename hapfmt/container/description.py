@@ -163,7 +163,7 @@ def unpack(payload: bytes, level: Level, offset: int) -> tuple[bytes, int]:
         return payload[start:], offset + start
     # As it is it fits a payload too, behind a byte.
     level.check("payload_size", size + 1, "TRK-020", offset)
-    return inflate(payload[start:], size, "TRK-020", "TRK-020", offset + start), offset
+    return inflate(payload[start:], size, "TRK-020", offset + start), offset
 
 
 def described_size(payload: bytes) -> int:
@@ -183,7 +183,7 @@ def parse_records(plain: bytes, base: int) -> Iterator[tuple[Any, Tlvs, int]]:
     position = components = 0
     while position < len(plain) or not components:
         start, tlvs = position, Tlvs()
-        raw = parse_fixed(TRACK, plain, position, "TLV-002" if components else "TRK-002", base)
+        raw = parse_fixed(TRACK, plain, position, "TLV-001" if components else "TRK-002", base)
         components += raw.component_count
         if min(raw.component_count, raw.rate_num, raw.rate_den) < 1 or components > COMPONENTS:
             raise FormatError(

@@ -71,7 +71,7 @@ class Part(NamedTuple):
 class FileWriter:
     """Writes chunks to a stream, one after the other, and the index and the footer by itself.
 
-    ``file_id`` None: at random (SPEC WRT-005). The stream needs ``write`` only. ``clock`` gives
+    ``file_id`` None: at random (SPEC WRT-002). The stream needs ``write`` only. ``clock`` gives
     seconds to a live writer: it writes an index every 10 of them.
     """
 

@@ -161,13 +161,13 @@ def parse_header(data: bytes, offset: int) -> ChunkHeader:
     raw = parse_fixed(CHUNK_HEADER, data, 0, "FIL-002", offset)
     if raw.sync != SYNC:
         raise FormatError(
-            "no sync word where a chunk should start", requirement="CHK-001", offset=offset
+            "no sync word where a chunk should start", requirement="CHK-002", offset=offset
         )
     if raw.header_crc != crc32(data[:CRC_OFFSET]):
         raise ChecksumError("chunk header CRC differs", requirement="CHK-002", offset=offset)
     if not (raw.type.isascii() and raw.type.isalpha()):
-        raise FormatError("chunk type is not four letters", requirement="CHK-006", offset=offset)
-    LEVELS[2].check("payload_size", raw.payload_size, "CHK-008", offset)
+        raise FormatError("chunk type is not four letters", requirement="CHK-002", offset=offset)
+    LEVELS[2].check("payload_size", raw.payload_size, "LIM-001", offset)
     return ChunkHeader(
         raw.type.decode("ascii"),
         raw.file_id,
@@ -235,10 +235,10 @@ def parse_head(payload: bytes, offset: int) -> Head:
 
     raw = parse_fixed(HEAD, payload, 0, "HED-002", offset)
     if raw.major != MAJOR:
-        raise UnsupportedError(f"major version {raw.major}", requirement="VER-002", offset=offset)
+        raise UnsupportedError(f"major version {raw.major}", requirement="VER-001", offset=offset)
     if raw.incompat & ~KNOWN_INCOMPAT:
         raise UnsupportedError(
-            f"incompatible feature bits {raw.incompat:#x}", requirement="VER-002", offset=offset + 4
+            f"incompatible feature bits {raw.incompat:#x}", requirement="VER-001", offset=offset + 4
         )
     if raw.level not in LEVELS:
         raise UnsupportedError(f"level {raw.level}", requirement="HED-004", offset=offset + 2)

@@ -49,7 +49,7 @@ GRID_BITS = 12
 """Bits of the range of the counts of a linear channel, which serve those who want no more: as many
 as of many converters. Its exact values do not come from them."""
 
-REFINED, ROUNDS = 8192, 3
+REFINED, ROUNDS = 2048, 3
 
 
 class Relation(NamedTuple):

@@ -372,7 +372,7 @@ class Catalogue:
             self.head_payload = chunk.payload
         elif chunk.payload != self.head_payload:
             raise FormatError(
-                "a second, different HEAD", requirement="HED-006", offset=chunk.offset
+                "a second, different HEAD", requirement="HED-001", offset=chunk.offset
             )
 
     def time_range(self, chunk: Chunk) -> tuple[int, int] | tuple[None, None]:

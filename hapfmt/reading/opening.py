@@ -329,7 +329,7 @@ def lose_strangers(catalogue: Catalogue) -> None:
     for track in catalogue.tracks.values():
         if track.kind == "hf" and track.base not in catalogue.tracks:
             message = f"HF track {track.id} has lost its base track {track.base}"
-            catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-006")
+            catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-003")
 
 
 def no_signature(source: Source) -> FormatError:

@@ -70,7 +70,7 @@ class Decoded:
 
 
 def add_residual(lf: Decoded, hf: Decoded) -> Decoded:
-    """d + e^, clamped to the LF track's range, where both are covered (DEC-002, DEC-003)."""
+    """d + e^, clamped to the LF track's range, where both are covered (DEC-001, DEC-003)."""
     low, high = lf.track.count_min, lf.track.count_max
     d, e = lf.numbers(), hf.numbers()
     out = Decoded(lf.track)

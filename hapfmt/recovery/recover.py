@@ -259,7 +259,7 @@ class Copy:
         self.limits.check_work(self.done.samples + samples)
         try:
             size = len(packet.data) + entry_size(packet) + 1
-            self.writer.level.check("payload_size", size, "CHK-008", packet.offset)
+            self.writer.level.check("payload_size", size, "LIM-001", packet.offset)
             if decoder is not None:
                 piece = self.pieces.decode(packet)
                 if packet.offset < self.stored.get(packet.track, (0, b""))[0]:

@@ -80,7 +80,7 @@ static int64_t varint(Bytes *in) {
         uint8_t byte = *take(in, 1);
         value |= (uint64_t)(byte & 127) << 7 * place;
         if (byte < 128) {
-            if (place && !byte) stop(NONCONFORMING, "a varint is not minimal [CNV-003]");
+            if (place && !byte) stop(NONCONFORMING, "a varint is not minimal [CNV-002]");
             if (value >> 53) break;
             return (int64_t)value;
         }
@@ -104,7 +104,7 @@ static int64_t rdiv(int64_t n, int64_t d) {
 static void head(Bytes in, FILE *json, uint64_t file_id) {
     const uint8_t *at = take(&in, 44);
     int dated = number(at + 36, 8) != UINT64_MAX, named = 0;
-    if (at[0] != 1 || number(at + 4, 4)) stop(UNSUPPORTED, "another version [VER-002]");
+    if (at[0] != 1 || number(at + 4, 4)) stop(UNSUPPORTED, "another version [VER-001]");
     if (at[2] != 1) stop(UNSUPPORTED, "level %d [HED-004]", at[2]);
     while (in.at < in.end) {
         const uint8_t *tlv = take(&in, 4);
@@ -414,7 +414,7 @@ static void knots(const Track *track, Bytes in, int64_t span, int64_t *counts) {
         else step = 1 + magnitude(&coder, models.gaps[0], models.gaps[1], GAP);
         tick += step;
         if (step < 1 || tick >= span - (track->coding ? left : 0))
-            stop(NONCONFORMING, "a knot's tick [KNT-003, KNT-005, KTE-004]");
+            stop(NONCONFORMING, "a knot's tick [KNT-003, KTE-004]");
         for (int c = 0; c < width; c++) {
             int64_t before = count[c];
             index[c] += track->coding ? difference(&coder, &models, c) : svarint(&in);

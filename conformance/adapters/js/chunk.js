@@ -25,7 +25,7 @@ const idText = (high, low) => `0x${word(high)}${word(low)}`;
 
 export function randomId() {
   const [high, low] = globalThis.crypto.getRandomValues(new Uint32Array(2));
-  return idText(high, low); // WRT-005
+  return idText(high, low); // WRT-002
 }
 
 function idBytes(fileId) {

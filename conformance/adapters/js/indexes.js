@@ -125,7 +125,7 @@ export function durationNs(packets, allTracks) {
   return latest > NS_BOUND ? NS_BOUND : latest;
 }
 
-// FOT-001, FOT-002; FOT-003 where `totals` are given: of the last one.
+// FOT-001, FOT-002; FOT-002 where `totals` are given: of the last one.
 export function checkFoot(foot, last, totals) {
   const { chunk } = foot;
   const faults = [];
@@ -133,10 +133,10 @@ export function checkFoot(foot, last, totals) {
   if (foot.stopOffset !== BigInt(chunk.end)) faults.push(fault('FOT-001', `an end at offset ${foot.stopOffset}`, at + 8));
   if (!last || foot.indexOffset !== BigInt(last.position)) faults.push(fault('FOT-002', `an index at offset ${foot.indexOffset}`, at));
   if (totals) {
-    if (foot.dataCount !== totals.dataCount) faults.push(fault('FOT-003', `${foot.dataCount} DATA chunks`, at + 16));
-    if (foot.trackCount !== totals.trackCount) faults.push(fault('FOT-003', `${foot.trackCount} tracks`, at + 20));
+    if (foot.dataCount !== totals.dataCount) faults.push(fault('FOT-002', `${foot.dataCount} DATA chunks`, at + 16));
+    if (foot.trackCount !== totals.trackCount) faults.push(fault('FOT-002', `${foot.trackCount} tracks`, at + 20));
     if (totals.durationNs !== null && foot.durationNs !== totals.durationNs) {
-      faults.push(fault('FOT-003', `a duration of ${foot.durationNs} ns, not ${totals.durationNs}`, at + 24));
+      faults.push(fault('FOT-002', `a duration of ${foot.durationNs} ns, not ${totals.durationNs}`, at + 24));
     }
   }
   return faults;

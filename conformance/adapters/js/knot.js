@@ -42,7 +42,7 @@ function decodePlainKnots(track, bytes, span, out, offset) {
     const at = reader.offset;
     const ticks = reader.varint();
     if (ticks < 1) broken('KNT-003', 'two knots of one tick', at);
-    if (tick + ticks >= span) broken('KNT-005', `a knot at tick ${tick + ticks} of ${span}`, at);
+    if (tick + ticks >= span) broken('KNT-003', `a knot at tick ${tick + ticks} of ${span}`, at);
     readCounts();
     for (let c = 0; c < C; c++) {
       if (interpolation === 0) putHold(out, tick * C + c, C, ticks, from[c], low, high);

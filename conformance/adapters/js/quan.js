@@ -16,7 +16,7 @@ export function readCodebook(bytes, symbolCount, offset = 0) {
     const length = nibble(i);
     if (length === 0 && i + 1 === end) break;
     const next = symbol + (length === 0 ? nibble(++i) + 1 : 1);
-    if (next > symbolCount) broken('QNT-002', 'a codebook of more symbols than there are', offset + (i >> 1));
+    if (next > symbolCount) broken('QNT-003', 'a codebook of more symbols than there are', offset + (i >> 1));
     if (length > 0) lengths[symbol] = length;
     symbol = next;
   }

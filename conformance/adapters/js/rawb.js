@@ -19,7 +19,7 @@ function readPlanes(bytes, size, offset) {
   const method = bytes[0];
   if (method > 1) broken('RAW-002', `method ${method}`, offset);
   const body = bytes.subarray(1);
-  if (method === 1) return inflate(body, size, offset + 1, ['RAW-003', 'RAW-004']);
+  if (method === 1) return inflate(body, size, offset + 1, 'RAW-003');
   if (body.length !== size) broken('RAW-003', `${body.length} bytes instead of ${size}`, offset);
   return body;
 }

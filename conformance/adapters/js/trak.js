@@ -45,12 +45,12 @@ function unpack({ payload, chunk, level }) {
   const rest = payload.subarray(reader.position);
   if (size === 0) return { bytes: rest, base: reader.offset };
   if (size >= limitsOf(level).payloadBound) broken('TRK-020', `tracks of ${size} bytes`, chunk.payloadStart);
-  return { bytes: inflate(rest, size, reader.offset, ['TRK-020', 'TRK-020']), base: null };
+  return { bytes: inflate(rest, size, reader.offset, 'TRK-020'), base: null };
 }
 
 function readTracks(description, bytes, base, faults) {
   const { chunk, firstId, level, tracks } = description;
-  const reader = new Reader(bytes, { base, requirement: 'TLV-002' });
+  const reader = new Reader(bytes, { base, requirement: 'TLV-001' });
   let components = 0;
   while (reader.left > 0) {
     const at = reader.offset;

@@ -109,7 +109,7 @@ def codebooks() -> Component:
     return Component(
         "codebook",
         "9.2",
-        ("QNT-002", "QNT-003"),
+        ("QNT-003",),
         "Codebooks: the code word length of every symbol (0: none), and the code words. An empty "
         "word "
         "takes no bits.",

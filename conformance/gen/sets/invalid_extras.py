@@ -63,7 +63,7 @@ DIGESTS = [
     ("digest-before-its-track", "DGS-001", "A digest stands before its track is described.",
      f.closed(HEAD, TRACK, DATA, ("dGST", bytes(32), {"track": 1}),
               ("TRAK", f.trak(first_channel=1), {"track": 1}))),
-    ("digest-of-events", "DGS-004", "A digest speaks of a layer.",
+    ("digest-of-events", "DGS-001", "A digest speaks of a layer.",
      f.minimal(LAYER, ("dGST", bytes(32), {"track": 1})), KEPT),
 ]  # fmt: skip
 
@@ -91,8 +91,8 @@ CLOCKS = [
      clock(f.clock([SEEN]) + b"\0")),
     ("clock-observation-missing", ("CNV-002", "CLK-001"), "One observation announces two.",
      clock(f.clock([SEEN], count=2))),
-    ("clock-of-no-observation", "CLK-002", "A clock was never observed.", clock(f.clock([]))),
-    ("clock-map-of-one-point", "CLK-002", "A map has one point.", mapped((0, 0))),
+    ("clock-of-no-observation", "CLK-001", "A clock was never observed.", clock(f.clock([]))),
+    ("clock-map-of-one-point", "CLK-001", "A map has one point.", mapped((0, 0))),
     ("clock-tick-too-early", "CLK-003", "A tick is -2^52.", clock(f.clock([(-(2**52), 0, 0)]))),
     ("clock-tick-too-late", "CLK-003", "The second tick is 2^52.",
      clock(f.clock([(2**51, 0, 0), (2**52, 0, 0)]))),
@@ -102,9 +102,9 @@ CLOCKS = [
      mapped((2**51, 0), (2**52, 1))),
     ("clock-map-time-too-late", "CLK-003", "The second time of a map is 2^63.",
      mapped((0, 2**63 - 1), (1, 2**63))),
-    ("clock-map-tick-stands", "CLK-004", "Two points of a map have one tick.",
+    ("clock-map-tick-stands", "CLK-003", "Two points of a map have one tick.",
      mapped((0, 0), (0, 1))),
-    ("clock-map-time-stands", "CLK-004", "Two points of a map have one time.",
+    ("clock-map-time-stands", "CLK-003", "Two points of a map have one time.",
      mapped((0, 0), (1, 0))),
     ("clock-of-no-track", "CLK-005", "A clock speaks of track 9, which is not described.",
      clock(f.clock([SEEN]), 9)),
@@ -141,7 +141,7 @@ EVENTS = [
     ("event-of-no-channel", "EVT-003", "An event speaks of channel 1, and there is none.",
      marked(f.event(0, channel=2))),
     ("event-text-no-utf-8", "CNV-004", "A text holds the byte FF.", marked(f.event(0, b"\xFF"))),
-    ("event-number-not-minimal", "CNV-003", "A duration of 0 is stored as 80 00.",
+    ("event-number-not-minimal", "CNV-002", "A duration of 0 is stored as 80 00.",
      marked(b"\0\x80\0\0\0")),
 ]  # fmt: skip
 

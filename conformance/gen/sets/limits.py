@@ -286,13 +286,13 @@ def line() -> tuple[bytes, list[int]]:
 FIVES = [track([5] * 4)]
 TEXTS = f.HOLD + b"".join(f.tlv(type_, f.strings("a" * 254)) for type_ in (2, 6, 8, 10, 12, 14))
 DEMANDED = [
-    ("payload-of-2-to-20", "CHK-008", "At level 1 a payload has 2^20 bytes.",
+    ("payload-of-2-to-20", "LIM-001", "At level 1 a payload has 2^20 bytes.",
      one_payload(2**20, 1), FIVES, 0),
-    ("payload-above-level-1", ("CHK-008", "LIM-001"), "At level 1 a payload has 2^20 + 1 bytes.",
+    ("payload-above-level-1", "LIM-001", "At level 1 a payload has 2^20 + 1 bytes.",
      one_payload(2**20 + 1, 1), FIVES, 2),
-    ("payload-of-2-to-24", "CHK-008", "At level 2 a payload has 2^24 bytes.",
+    ("payload-of-2-to-24", "LIM-001", "At level 2 a payload has 2^24 bytes.",
      one_payload(2**24, 2), FIVES, OR_LESS),
-    ("payload-above-level-2", "CHK-008", "A header says 2^24 + 1 bytes, and is none.",
+    ("payload-above-level-2", "LIM-001", "A header says 2^24 + 1 bytes, and is none.",
      one_payload(2**24 + 1, 2), FIVES, 3),
     ("index-after-4-mib", "IDX-005", "Chunks of 4 MiB stand before the first index.",
      unlisted(2**22), FIVES, 0),

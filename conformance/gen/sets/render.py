@@ -144,7 +144,7 @@ def channels() -> Iterator[Case]:
     )  # fmt: skip
     yield render(
         "physical-of-a-sum", "The value of a sum of both bands, clamped: B counts once.",
-        ["DEC-002", "DEC-005", "VAL-003"], slow, residual,
+        ["DEC-001", "DEC-005", "VAL-003"], slow, residual,
     )  # fmt: skip
     rows = [(1, 2, 3), (-4, 5, 6)]
     each = [(1, 0, 10), (7, -3, 9), (-2, 5, 3)]

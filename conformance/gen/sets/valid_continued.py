@@ -48,7 +48,7 @@ def cases() -> Iterator[Case]:
     yield valid(
         "continued-bands",
         "A channel of two bands goes on in two others, clamped to another range.",
-        ["TRK-016", "TRK-017", "DEC-002", "DEC-003"],
+        ["TRK-016", "TRK-017", "DEC-001", "DEC-003"],
         *first, *then,
     )  # fmt: skip
     whole = raw(stored(0, [1, 2, 3]))

@@ -134,24 +134,24 @@ def codebooks() -> Iterator[Case]:
     gaps = Quantiser([1] + [0] * 38 + [2, 2] + [0] * 24, m=20, c=24)
     yield valid(
         "quan-unused-symbols", "Nibbles of 0 leave out symbols; those at the end need none.",
-        ["QNT-002", "QNT-003"],
+        ["QNT-003"],
         gaps.track(gaps.packet([0, 20, -20, 0, 20])),
     )  # fmt: skip
     filled = Quantiser([1, 2, 2], m=1, book=bytes([0x12, 0x20]))
     yield valid(
-        "quan-last-nibble", "A 0 as the last nibble only fills the byte.", ["QNT-002"],
+        "quan-last-nibble", "A 0 as the last nibble only fills the byte.", ["QNT-003"],
         filled.track(filled.packet([0, 1, -1, -1])),
     )  # fmt: skip
     split = Quantiser([1, 0, 0, 0, 0, 2, 2], m=3, book=bytes([0x10, 0x10, 0x12, 0x20]))
     yield uncommon(
         "quan-split-zeros", "Symbols without a code word in two stretches that follow each other.",
-        ["QNT-002"],
+        ["QNT-003"],
         split.track(split.packet([0, 3, -3, 0])),
     )  # fmt: skip
     told = Quantiser([1, 1, 0], m=1, book=bytes([0x11, 0x00]))
     yield uncommon(
         "quan-zeros-told", "The last symbols are said to have no code word, rather than left out.",
-        ["QNT-002"],
+        ["QNT-003"],
         told.track(told.packet([0, 1, 1, 0])),
     )  # fmt: skip
 

@@ -98,7 +98,7 @@ class Feed:
     def sums(
         self, base: Queue, residual: Queue | None, tick: int
     ) -> Iterator[tuple[int, NDArray[np.generic], Piece]]:
-        """Full band: a track of its own, or d + e^ where both are there (DEC-002, DEC-003)."""
+        """Full band: a track of its own, or d + e^ where both are there (DEC-001, DEC-003)."""
         index = self.meaning.index
         while base.pieces:
             d = base.pieces[0]
