@@ -256,11 +256,13 @@ def encode_members(members: list[Gridded], links: Links, first: int, job: Job) -
 def with_relations(parts: list[Part], job: Job) -> Iterator[Part]:
     """The parts, those in one track that hold doubles which are linear in each other."""
     for run in runs_of_doubles(parts, job):
-        columns = [np.asarray(job.originals[part.first].stored, np.float64) for part in run]
+        channels = [job.originals[part.first] for part in run]
         costly = [
-            8 * part.unit.size > COSTLY * x.size for part, x in zip(run, columns, strict=True)
+            8 * part.unit.size > COSTLY * channel.stored.size
+            for part, channel in zip(run, channels, strict=True)
         ]
-        found = find_relations(columns, costly) if any(costly) else []
+        columns = [channel.stored for channel in channels]
+        found = find_relations(columns, costly) if len(run) > 1 and any(costly) else []
         at = 0
         for start, stop in stretches(found):
             yield from run[at:start]
