@@ -109,8 +109,7 @@ class TestDecoding:
     def test_as_the_page_says(self, case):
         """
         KNT-002: There MUST be at least one knot, and a knot MUST be whole.
-        KNT-003: The ticks of knots MUST increase and be less than `span`.
-        KNT-006: Linear with more than one knot: the last knot's tick MUST be `span - 1`.
+        KNT-003: The ticks of knots MUST increase and be less than `span`. If linear with more than one knot, the last tick is `span - 1`.
         CNV-001: A decoder MUST compute every count with the integer arithmetic of this clause, or with one that gives the same integers.
         """
         parameters, (ticks, values, span) = case

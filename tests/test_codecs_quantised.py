@@ -119,8 +119,7 @@ class TestDecoding:
     def test_mutated(self, case, data):
         """
         COD-001: A decoder MUST use all bytes of a packet, and report an error where bytes are missing or left over.
-        QNT-004: Runs MUST NOT pass the end of the last component.
-        QNT-005: The packet MUST end with the byte that contains the last bit, and the bits that fill it MUST be 0.
+        QNT-004: Runs MUST NOT pass the end of the last component. The packet ends with the byte that contains the last bit, and the bits that fill it are 0.
         """
         array, parameters = case
         packet = bytearray(encode_quantised(array, parameters))

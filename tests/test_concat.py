@@ -1,4 +1,4 @@
-"""Concatenation: of parts, of strangers, of what does not go together (SPEC 13.2)."""
+"""Concatenation: of parts, of strangers, of what does not go together (docs/spec/editing.md)."""
 
 from __future__ import annotations
 

@@ -297,7 +297,7 @@ class TestDamage:
         late = ("DATA", f.cluster((0, 20, 1, f.KNOT_DATA)))
         bad = f.file(HEAD, ("aaaa", b"x", {"crc": 0}), *PARTS, *DATA, late)
         assert by_tick(bad) == FULL
-        assert ("overlap", "TRK-017") in [(x.code, x.requirement) for x in find(bad)]
+        assert ("overlap", "TRK-016") in [(x.code, x.requirement) for x in find(bad)]
 
 
 def find(data):

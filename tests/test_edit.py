@@ -1,4 +1,4 @@
-"""Subset, split and merge: laws of files that presets make (SPEC 13.2)."""
+"""Subset, split and merge: laws of files that presets make (docs/spec/editing.md)."""
 
 from __future__ import annotations
 

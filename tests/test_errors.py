@@ -92,8 +92,7 @@ def test_tracks(fault):
     TRK-009: An HF track MUST have no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base.
     TRK-012: In a closed file every track of kind LF MUST be the base of an HF track. An LF part alone is of kind full band.
     TRK-010: Channel numbers MUST be at most 65534, and different for different components; only HF tracks and continued tracks share them. In a closed file they are 0, 1, 2 ... without a hole.
-    TRK-016: A continued track MUST be of kind full band or LF, described before under a smaller id, and continued only once. It has the component count, channel numbers, rate (as a ratio), number format, calibrations and units of the track that continues it.
-    TRK-017: The packets of a track that continues another MUST come after all packets of that one, in time and within the file. The same applies to their HF tracks.
+    TRK-016: A continued track MUST be of kind full band or LF, described before under a smaller id, and continued only once. It has the component count, channel numbers, rate (as a ratio), number format, calibrations and units of the track that continues it. All its packets come before those of that track, in time and within the file. The same applies to their HF tracks.
     TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min and count_max 0, `first_channel` and `linked` 0xFFFF. Of the TLVs of 6.2 it has only 2, 14 and 22. No other kind has that codec.
     """
     assert_reported(fault)
@@ -141,8 +140,7 @@ def test_extras(fault):
 @each("VAL", "DBC")
 def test_values_and_contracts(fault):
     """
-    VAL-001: D MUST be at least 1, A MUST NOT be 0, and `|A|` and `|B|` are less than 2^52.
-    VAL-002: `|count * A|` and `|count * A + B|` MUST be at most 2^53 for every count of the declared range of the track. `|count * A|` is so for its HF track too.
+    VAL-001: D MUST be at least 1, A MUST NOT be 0, and `|A|` and `|B|` are less than 2^52. For every count of the declared range of the track `|count * A|` and `|count * A + B|` are at most 2^53; for those of its HF track `|count * A|` is.
     DBC-001: `kn` MUST be less than 2^16, `kd` at least 1 and less than 2^16. Every `floor` is at least 1 and less than 2^32, every `zero` a signed number of 32 bits, and undefined flag bits are 0.
     """
     assert_reported(fault)
@@ -153,8 +151,7 @@ def test_knots(fault):
     """
     KNT-001: `interpolation` and `coding` MUST be 0 or 1.
     KNT-002: There MUST be at least one knot, and a knot MUST be whole.
-    KNT-003: The ticks of knots MUST increase and be less than `span`.
-    KNT-006: Linear with more than one knot: the last knot's tick MUST be `span - 1`.
+    KNT-003: The ticks of knots MUST increase and be less than `span`. If linear with more than one knot, the last tick is `span - 1`.
     """
     assert_reported(fault)
 
@@ -166,8 +163,7 @@ def test_quantised(fault):
     COD-002: The codec parameters (TLV 1) MUST be present and as long as their layout. Those of `QUAN` also contain the codebook; `EVNT` has none.
     QNT-001: `step` MUST be at least 1 and at most what the level of the file allows; `2M + R + C + 1` is at most 4096, R at most 24 and C at most 32.
     QNT-003: The codebook MUST describe at most the symbols above. Its code words are complete: over the symbols that have one, 2^-length adds up to 1. Or exactly one symbol has one, of length 1.
-    QNT-004: Runs MUST NOT pass the end of the last component.
-    QNT-005: The packet MUST end with the byte that contains the last bit, and the bits that fill it MUST be 0.
+    QNT-004: Runs MUST NOT pass the end of the last component. The packet ends with the byte that contains the last bit, and the bits that fill it are 0.
     QNT-006: The magnitude of level times step MUST be at most twice the count bound (clause 15).
     """
     assert_reported(fault)
@@ -227,8 +223,7 @@ def test_clocks(fault):
 @each("EVT")
 def test_events(fault):
     """
-    EVT-001: A packet MUST contain at least one event and at most 65536, and each MUST be whole.
-    EVT-002: The tick of every event MUST be less than `start + span`, and its end, tick plus duration, at most 2^48.
+    EVT-001: A packet MUST contain 1 to 65536 events, each whole. The tick of each is less than `start + span`; its end, tick plus duration, is at most 2^48.
     EVT-003: `size` and `channel` MUST be at most 65535. In a closed file `channel` is 0 or that of an existing channel.
     """
     assert_reported(fault)
@@ -238,8 +233,7 @@ def test_events(fault):
 def test_raw(fault):
     """
     RAW-001: `word_size` MUST be 1, 2, 3 or 4 for counts, and the size of the number format for raw numbers.
-    RAW-002: The method MUST be 0 or 1.
-    RAW-003: There MUST be exactly `span * component_count * word_size` bytes, and a decoder stops inflating there. A DEFLATE stream is whole and ends with the packet.
+    RAW-003: The method MUST be 0 or 1, with exactly `span * component_count * word_size` bytes. A DEFLATE stream is whole and ends with the packet; a decoder stops inflating at that size.
     RAW-005: Counts MUST lie within the declared range of their track: lossless counts are never clamped.
     """
     assert_reported(fault)

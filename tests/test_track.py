@@ -47,8 +47,7 @@ def test_comes_back(tracks):
     """
     TRK-002: There MUST be at least one track, and `component_count`, `rate_num`, `rate_den` be at least 1. All tracks of a chunk together have at most 255 components.
     TRK-005: `count_min` MUST be at most `count_max`, and both MUST fit the width that the level allows for the kind (clause 15).
-    VAL-001: D MUST be at least 1, A MUST NOT be 0, and `|A|` and `|B|` are less than 2^52.
-    VAL-002: `|count * A|` and `|count * A + B|` MUST be at most 2^53 for every count of the declared range of the track. `|count * A|` is so for its HF track too.
+    VAL-001: D MUST be at least 1, A MUST NOT be 0, and `|A|` and `|B|` are less than 2^52. For every count of the declared range of the track `|count * A|` and `|count * A + B|` are at most 2^53; for those of its HF track `|count * A|` is.
     TLV-005: Both numbers of a deviation MUST be finite and not negative, and `largest` at most `declared`.
     DBC-001: `kn` MUST be less than 2^16, `kd` at least 1 and less than 2^16. Every `floor` is at least 1 and less than 2^32, every `zero` a signed number of 32 bits, and undefined flag bits are 0.
     """
@@ -188,8 +187,7 @@ def test_any_bytes(data):
 
 class TestUnknownParts:
     """
-    TRK-004: `kind` and `number_format` MUST be among those defined. A reader treats a track of another kind or format as *unsupported*.
-    TRK-011: A reader MUST treat a track with an unknown codec as *unsupported* and still decode the others on request.
+    TRK-011: A reader MUST treat a track of an unknown kind, number format or codec as *unsupported*, and still decode the others on request.
     TLV-003: A reader MUST treat a track with an unknown critical TLV as *unsupported*, and a file with one in `HEAD` too. It skips unknown ancillary TLVs.
     """
 

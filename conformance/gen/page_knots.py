@@ -61,7 +61,7 @@ def parse(data: bytes, width: int, span: int, interpolation: int,
     if ticks[-1] >= span:
         raise BrokenRule("KNT-003")
     if interpolation == LINEAR and len(knots) > 1 and ticks[-1] != span - 1:
-        raise BrokenRule("KNT-006")
+        raise BrokenRule("KNT-003")
     return knots
 
 

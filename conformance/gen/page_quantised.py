@@ -139,5 +139,5 @@ def decode(data: bytes, count: int, m: int, r: int, lengths: list[int]) -> list[
     if len(out) > count:
         raise BrokenRule("QNT-004")
     if len(bits) - at >= 8 or "1" in bits[at:]:
-        raise BrokenRule("QNT-005")
+        raise BrokenRule("QNT-004")
     return out

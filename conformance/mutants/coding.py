@@ -53,7 +53,7 @@ MUTANTS = (
     mutant(
         "filler-unchecked",
         "The bits that fill the last byte of a QUAN packet may be anything.",
-        "QNT-005",
+        "QNT-004",
         Edit("codecs.quantised:check_end", "if stop % 8 and", "if False and"),
     ),
     mutant(
@@ -272,7 +272,7 @@ MUTANTS = (
     mutant(
         "knots-line-ends-early",
         "The last knot of a line may stand a tick before the end of its packet.",
-        "KNT-006",
+        "KNT-003",
         Edit("codecs.knots:check_ticks", "0 < last < span - 1", "0 < last < span - 2"),
     ),
     mutant(

@@ -54,7 +54,7 @@ def rule_fits(rule: int, digits: int, terms: int) -> bool:
 def values_of(
     counts: Counts, affine: Affine, rule: int, digits: int, coefficients: Sequence[float] = ()
 ) -> Doubles:
-    """The double of each count [samples] by the rule; counts as VAL-002 allows them."""
+    """The double of each count [samples] by the rule; counts as VAL-001 allows them."""
     a, b, d = affine
     if rule == CUBIC:
         # NumPy has no fused multiply-add. The last sum turns -0.0 into 0.0.

@@ -350,7 +350,7 @@ class PacketPass:
         self.catalogue.lose("overlap", packet.offset, size, message, rule or "DAT-006")
 
     def settle(self, packet: Packet, state: Progress) -> bool:
-        """Order of time (DAT-006, TRK-017), and what was lost before this packet; False: leave it
+        """Order of time (DAT-006, TRK-016), and what was lost before this packet; False: leave it
         out."""
         line, place = state.lines[packet.track]
         last = line.stop
@@ -375,6 +375,6 @@ def disorder(packet: Packet, *, alone: bool) -> FormatError:
         )
     return FormatError(
         f"packets of track {packet.track} and of one that it continues or is continued by overlap",
-        requirement="TRK-017",
+        requirement="TRK-016",
         offset=packet.offset,
     )

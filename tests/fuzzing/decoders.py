@@ -181,7 +181,7 @@ AFFINES = (
     Affine(-3, 7, 1000),
     Affine((1 << 22) - 1, -1, 3),
 )
-"""Calibrations that keep VAL-002 at either level; chosen by the bits for the width."""
+"""Calibrations that keep VAL-001 at either level; chosen by the bits for the width."""
 
 
 def lpcx(data: bytes) -> None:

@@ -295,7 +295,7 @@ static void describe_one(Bytes *in, Track *track) {
         critical |= type & 1 && type > 3;
     }
     if (critical || track->kind > 2 || track->format || !has_setup) track->known = 0;
-    if (!track->known) outcome = UNSUPPORTED; /* TRK-004, TRK-011, TLV-003 */
+    if (!track->known) outcome = UNSUPPORTED; /* TRK-011, TLV-003 */
 }
 
 static void describe(Bytes in, unsigned id) {
@@ -425,7 +425,7 @@ static void knots(const Track *track, Bytes in, int64_t span, int64_t *counts) {
         }
     }
     if (track->linear && tick && tick < span - 1)
-        stop(NONCONFORMING, "the last knot of a line [KNT-006]");
+        stop(NONCONFORMING, "the last knot of a line [KNT-003]");
     for (; tick < span; tick++)
         for (int c = 0; c < width; c++) counts[tick * width + c] = count[c];
 }

@@ -1,4 +1,4 @@
-// Which packets a reader delivers, and in which order (12.1, DAT-006, TRK-017).
+// Which packets a reader delivers, and in which order (12.1, DAT-006, TRK-016).
 import { hasCrc, placePackets, readTable, samplesOf, tableFaults } from './cluster.js';
 import { HapfError, unsupported } from './error.js';
 import { bytesOf, salvage } from './salvage.js';
@@ -140,12 +140,12 @@ const overlapOf = (packet) => ({
   message: `a packet of track ${packet.track} at tick ${packet.start} overlaps another`,
 });
 
-// DAT-006 within a chain of tracks that continue one another; TRK-017.
+// DAT-006 within a chain of tracks that continue one another; TRK-016.
 function inTime(packet, track, chains, damaged, note, damages) {
   if (track.kind === 'events') return true;
   const rank = track.kind === 'hf' ? track.base : track.id;
   const state = chains.get(track.chain) ?? { end: 0, rank };
-  const requirement = rank === state.rank ? 'DAT-006' : 'TRK-017';
+  const requirement = rank === state.rank ? 'DAT-006' : 'TRK-016';
   if (packet.start < state.end) {
     packet.left = true;
     packet.overlap = true;
@@ -158,7 +158,7 @@ function inTime(packet, track, chains, damaged, note, damages) {
   }
   if (rank < state.rank) {
     packet.left = true;
-    note(new HapfError('broken', 'TRK-017', `track ${track.id} behind a track that continues it`, packet.at), packet.chunk, false, packet);
+    note(new HapfError('broken', 'TRK-016', `track ${track.id} behind a track that continues it`, packet.at), packet.chunk, false, packet);
     return false;
   }
   chains.set(track.chain, { end: packet.start + packet.span, rank });

@@ -53,7 +53,7 @@ function decodePlainKnots(track, bytes, span, out, offset) {
   }
   // What the last knot says of the ticks from its own on: all of them with hold, and with a single knot.
   if (interpolation === 1 && tick > 0 && tick < span - 1) {
-    broken('KNT-006', `the last knot at tick ${tick} of ${span}`, reader.offset);
+    broken('KNT-003', `the last knot at tick ${tick} of ${span}`, reader.offset);
   }
   for (let c = 0; c < C; c++) putHold(out, tick * C + c, C, span - tick, from[c], low, high);
 }

@@ -186,7 +186,7 @@ function firstWhere(list, test) {
 }
 
 // The end of the last packet before, the start of the next one behind; null where a track of its chain tells that
-// nothing of it can be missing there (TRK-017).
+// nothing of it can be missing there (TRK-016).
 function packetsAround(context, id, place) {
   const list = context.byChain.get(chainOf(context.file, id)) ?? [];
   const i = firstWhere(list, (one) => one.place >= place);

@@ -106,6 +106,6 @@ export function decodeQuan(track, bytes, span, out, offset) {
     at = at < last ? at + C : at - last + 1;
   }
   if (bits.position > bits.size) broken('COD-001', 'code words are missing', offset + bytes.length);
-  if (bits.usedBytes !== bytes.length) broken('QNT-005', 'bytes after the last code word', offset + bits.usedBytes);
-  if (!bits.filledWithZeros) broken('QNT-005', 'bits after the last code word that are not 0', offset + bytes.length);
+  if (bits.usedBytes !== bytes.length) broken('QNT-004', 'bytes after the last code word', offset + bits.usedBytes);
+  if (!bits.filledWithZeros) broken('QNT-004', 'bits after the last code word that are not 0', offset + bytes.length);
 }

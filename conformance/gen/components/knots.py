@@ -45,7 +45,7 @@ def parse(data: bytes, linear: bool, step: int, span: int, width: int) -> Knots:
     if ticks[-1] >= span:
         raise BrokenRule("KNT-003")
     if linear and len(out) > 1 and ticks[-1] != span - 1:
-        raise BrokenRule("KNT-006")
+        raise BrokenRule("KNT-003")
     return out
 
 
@@ -125,7 +125,7 @@ def plain_knots() -> Component:
     return Component(
         "knot",
         "9.1",
-        ("KNT-002", "KNT-003", "KNT-006", "LPC-003", "CNV-001", "COD-001"),
+        ("KNT-002", "KNT-003", "LPC-003", "CNV-001", "COD-001"),
         "Packets of KNOT in varints at level 1, on the uniform grid of `step` and zero 0: knots as "
         "[tick, [count of each component]], and the counts of each component before they are "
         "clamped.",

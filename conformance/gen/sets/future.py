@@ -107,9 +107,9 @@ CODECS = [
 ]  # fmt: skip
 
 TRACKS = [
-    *[(f"kind-{kind}", "TRK-004", f"A track is of kind {kind}.", beside(other(kind=kind)))
+    *[(f"kind-{kind}", "TRK-011", f"A track is of kind {kind}.", beside(other(kind=kind)))
       for kind in (4, 255)],
-    *[(f"number-format-{number}", "TRK-004", f"A track has the number format {number}.",
+    *[(f"number-format-{number}", "TRK-011", f"A track has the number format {number}.",
        beside(other(number_format=number, count_min=0, count_max=0)))
       for number in (6, 255)],
     *[(f"track-tlv-{type_}", "TLV-003", f"A track carries a critical TLV of type {type_}.",

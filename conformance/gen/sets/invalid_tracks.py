@@ -201,13 +201,13 @@ CONTINUED = [
     ("continues-a-layer", "TRK-016", "A track continues a layer of events.",
      series((f.layer(), 0), (f.trak(continues=0), 1),
             data=("DATA", f.cluster((1, 0, 4, f.KNOT_DATA))))),
-    ("continues-too-early", "TRK-017", "A packet starts within one of the track it continues.",
+    ("continues-too-early", "TRK-016", "A packet starts within one of the track it continues.",
      split(at((0, 0, 6)), at((1, 5, 3)))),
-    ("continues-earlier-in-time", "TRK-017", "The continued track has the later ticks.",
+    ("continues-earlier-in-time", "TRK-016", "The continued track has the later ticks.",
      split(at((0, 4, 4)), at((1, 0, 4)))),
-    ("continues-earlier-in-the-file", "TRK-017", "Packets of the continued track stand behind.",
+    ("continues-earlier-in-the-file", "TRK-016", "Packets of the continued track stand behind.",
      split(at((1, 4, 4)), at((0, 0, 4)))),
-    ("continues-earlier-in-hf", "TRK-017", "Only the HF packets come in the wrong order.",
+    ("continues-earlier-in-hf", "TRK-016", "Only the HF packets come in the wrong order.",
      split(at((0, 0, 4), (2, 4, 4), (3, 4, 4)), at((1, 0, 4)), more=tuple(bands()))),
 ]  # fmt: skip
 

@@ -82,7 +82,7 @@ def events() -> Iterator[Case]:
     yield uncommon(
         "events-far",
         "An event that ends at tick 2^48, in a packet of one tick, with a text of 200 bytes.",
-        ["EVT-002", "EVT-003", "DAT-003"],
+        ["EVT-001", "EVT-003", "DAT-003"],
         FIVES,
         layers=[Layer(packets=[(2**40, 1, [Event(2**40, 2**48 - 2**40, 0, text)])])],
     )  # fmt: skip
