@@ -133,7 +133,7 @@ def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[
 
 
 def numbers_json(catalogue: Catalogue, packet: Packet) -> dict[str, Any]:
-    """[ticks][components] counts, or words as unsigned integers; exact values as words [ticks]; or
+    """[ticks][components] counts, or words as unsigned integers, exact values likewise; or
     events."""
     from .reading.decoder import TrackDecoder
 

@@ -6,6 +6,7 @@ import hashlib
 import struct
 
 import numpy as np
+from singles import decode_counts, decode_exact
 
 from hapfmt.codecs import components as lpcr
 from hapfmt.codecs.adaptive import (
@@ -17,7 +18,7 @@ from hapfmt.codecs.adaptive import (
     SymbolModel,
 )
 from hapfmt.codecs.events import parse_events
-from hapfmt.codecs.exact import ExactParameters, decode_counts, decode_exact
+from hapfmt.codecs.exact import ExactParameters
 from hapfmt.codecs.grids import LpcParameters, deadband_levels
 from hapfmt.codecs.huffman import parse_codebook
 from hapfmt.codecs.knots import KnotParameters, decode_knots, interpolate, parse_knots

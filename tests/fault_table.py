@@ -12,11 +12,13 @@ from typing import Any, NamedTuple
 import forge as f
 import numpy as np
 import page
+from singles import decode_counts, decode_exact
 
 from hapfmt.codecs import knots_coded
 from hapfmt.codecs.components import decode_predicted
 from hapfmt.codecs.events import parse_events
-from hapfmt.codecs.exact import ExactParameters, decode_counts, decode_exact
+from hapfmt.codecs.exact import ExactParameters
+from hapfmt.codecs.exact import decode_exact as decode_both
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.huffman import parse_codebook
 from hapfmt.codecs.knots import KnotParameters, decode_knots
@@ -144,6 +146,15 @@ def beside(rest: bytes) -> Callable[[], Any]:
     """Corrections of one count; the first byte that is theirs stands at 104."""
     five = np.array([5])
     return lambda: decode_exact(FIVE + rest, ExactParameters(), Affine(), five, AT)
+
+
+FIVES = b"\7\3\x10\0\x0a\x10\0\x0a"
+"""The same of two components."""
+
+
+def decode_parts(data: bytes, offset: int) -> Any:
+    rules, five = [ExactParameters()] * 2, np.full((1, 2), 5)
+    return decode_both(data, rules, [Affine()] * 2, five, offset)
 
 
 def corrected(length: int) -> bytes:
@@ -551,14 +562,23 @@ FAULTS = [
     # 9.7
     Fault("COD-002", 100, "LPCX cut short", described(b"")),
     Fault("COD-002", 100, "LPCX too long", described(f.lpcx_parameters() + b"\0")),
-    Fault("HED-005", 102, "LPCX reserved", described(f.lpcx_parameters(reserved=b"\0\1"))),
-    Fault("EXA-001", TRACK_AT + f.HEADER, "LPCX of a vector", judged(f.closed(
-        HEAD, ("TRAK", exact_track(component_count=2), {"track": 0}), DATA))),
+    Fault("HED-005", 103, "LPCX reserved", described(f.lpcx_parameters(reserved=b"\0\1"))),
     Fault("EXA-001", TRACK_AT + f.HEADER, "LPCX with a contract", judged(f.closed(
         HEAD, ("TRAK", exact_track(tlvs=f.tlv(16, f.deadband())), {"track": 0}), DATA))),
     Fault("EXA-001", TRACK_AT + f.HEADER, "LPCX with a deviation", judged(f.closed(
         HEAD, ("TRAK", exact_track(tlvs=f.tlv(18, f.deviation(1, 1))), {"track": 0}), DATA))),
-    Fault("EXA-002", 100, "rule 4", described(f.lpcx_parameters(4))),
+    Fault("EXA-002", 100, "rule 5", described(f.lpcx_parameters(5))),
+    Fault("EXA-002", 100, "rule 4 without terms", described(
+        f.lpcx_parameters(4, 0, bytes(2), [0.0]))),
+    Fault("EXA-002", 100, "terms of rule 0", described(
+        f.lpcx_parameters(terms=[(0, 1, 1.0)]))),
+    Fault("COD-002", 100, "a term is missing", described(
+        f.lpcx_parameters(4, 0, b"\1\0", [0.0]))),
+    Fault("EXA-008", 104, "a weight of 2^900", described(
+        f.lpcx_parameters(4, 0, bytes(2), [0.0], [(0, 1, 2.0**900)]))),
+    Fault("EXA-009", 100, "linear in its own tick", described(
+        f.lpcx_parameters(4, 0, bytes(2), [0.0], [(0, 0, 1.0)]))),
+    Fault("EXA-010", 108, "parts past the packet", lambda: decode_parts(FIVES + b"\2\0", AT)),
     Fault("COD-002", 100, "no coefficients", described(f.lpcx_parameters(3))),
     Fault("EXA-008", 104, "a coefficient of 2^900", described(
         f.lpcx_parameters(3, 0, bytes(2), (0, 1, 0, 2.0**900)))),

@@ -201,11 +201,13 @@ def test_coded_knots(fault):
 @each("EXA")
 def test_exact(fault):
     """
-    EXA-001: A track of codec `LPCX` MUST be of kind full band, with one component, without deadband contract and without deviation.
-    EXA-002: `rule` MUST be at most 3, and `digits` 1 to 15 with rule 2, else 0.
+    EXA-001: A track of codec `LPCX` MUST be of kind full band, without deadband contract and without deviation.
+    EXA-002: `rule` MUST be at most 4, `digits` 1 to 15 with rule 2, else 0, and `terms` 1 to 16 with rule 4, else 0.
     EXA-003: The counts MUST end within the packet and lie within the declared range of their track: what is lossless is never clamped.
     EXA-004: Undefined flags MUST be 0, and z at most 63.
-    EXA-008: With rule 3 each coefficient MUST be finite and of a magnitude below 2^900.
+    EXA-008: Each coefficient and weight MUST be finite and of a magnitude below 2^900.
+    EXA-009: `a` MUST be a component that is decoded before, or the component itself with a `lag` of at least 1.
+    EXA-010: The parts MUST fit the packet: their sizes are together at most what follows them.
     """
     assert_reported(fault)
 

@@ -66,7 +66,8 @@ class Tape:
             if track.first_channel == channel:
                 decoder = TrackDecoder(track, self.level)
                 numbers.append(decoder.decode(packet)[:, 0])
-                exact.append(decoder.decode_exact(packet, numbers[-1][:, None]))
+                doubles = decoder.decode_exact(packet, numbers[-1][:, None])
+                exact.append(None if doubles is None else doubles[:, 0])
         return np.concatenate(numbers), None if exact[0] is None else np.concatenate(exact)
 
 

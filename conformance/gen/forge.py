@@ -114,9 +114,13 @@ def coded_knot_parameters(interpolation: int = 0, **grid: int) -> bytes:
 
 
 def lpcx_parameters(rule: int = 0, digits: int = 0, reserved: bytes = bytes(2),
-                    coefficients: Sequence[float] = ()) -> bytes:  # fmt: skip
+                    coefficients: Sequence[float] = (),
+                    terms: Sequence[tuple[int, int, float]] = ()) -> bytes:  # fmt: skip
+    """``reserved``: the number of terms, where it is not theirs, and the reserved byte."""
     numbers = struct.pack(f"<{len(coefficients)}d", *coefficients)
-    return struct.pack("<BB2s", rule, digits, reserved) + numbers
+    rows = b"".join(struct.pack("<BBd", *term) for term in terms)
+    count = bytes([len(terms) or reserved[0], reserved[1]])
+    return struct.pack("<BB2s", rule, digits, count) + numbers + rows
 
 
 HOLD = tlv(1, knot_parameters())

@@ -306,7 +306,7 @@ types:
             '"QUAN"': quan_parameters
             '"RAWB"': rawb_parameters
             '"LPCR"': lpcr_parameters
-            '"LPCX"': lpcx_parameters
+            '"LPCX"': lpcx_components
         doc: The parameters; bytes where the codec is not known.
   knot_parameters:
     doc-ref: SPEC.md 9.1
@@ -371,6 +371,13 @@ types:
         type: varint
         if: grid == grid::deadband
         doc: Its denominator.
+  lpcx_components:
+    doc-ref: SPEC.md 9.7
+    seq:
+      - id: components
+        type: lpcx_parameters
+        repeat: eos
+        doc: In their order.
   lpcx_parameters:
     doc-ref: SPEC.md 9.7
     seq:
@@ -381,8 +388,11 @@ types:
       - id: digits
         type: u1
         doc: Significant digits with rule 2; else 0.
+      - id: terms
+        type: u1
+        doc: Number of terms with rule 4; else 0.
       - id: reserved
-        size: 2
+        type: u1
         doc: "0."
       - id: coefficients
         type: f8
@@ -390,6 +400,27 @@ types:
         repeat-expr: 4
         if: rule == rule::cubic
         doc: c0 to c3 of rule 3.
+      - id: constant
+        type: f8
+        if: rule == rule::linear
+        doc: c0 of rule 4.
+      - id: weights
+        type: lpcx_term
+        repeat: expr
+        repeat-expr: terms
+        doc: The terms of rule 4.
+  lpcx_term:
+    doc-ref: SPEC.md 9.7
+    seq:
+      - id: component
+        type: u1
+        doc: A component of the track.
+      - id: lag
+        type: u1
+        doc: In ticks.
+      - id: weight
+        type: f8
+        doc: Of its exact value.
   calibration_list:
     doc: Physical value = (count * A + B) / D.
     doc-ref: SPEC.md clause 8
@@ -745,3 +776,4 @@ enums:
     1: product
     2: significant_digits
     3: cubic
+    4: linear

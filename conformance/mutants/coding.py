@@ -302,9 +302,51 @@ MUTANTS = (
         "The exact values of LPCX are the values of the counts, without corrections.",
         "EXA-006 EXA-007",
         Edit(
-            "codecs.exact:decode_exact",
-            "unordered(ordered(doubles) + (corrections << rest[1]))",
-            "doubles",
+            "codecs.exact:decode_moves",
+            "return corrections << rest[1]",
+            "return 0 * corrections",
+        ),
+    ),
+    mutant(
+        "exact-linear-early",
+        "Rule 4 of LPCX is used before all lags lie within the packet, with zeros.",
+        "EXA-009 EXA-007",
+        Edit(
+            "codecs.values:linear_values",
+            "        if t >= reach:\n",
+            "        if True:\n",
+        ),
+        Edit(
+            "codecs.values:linear_values",
+            "v += weight * x[t - lag]",
+            "v += weight * (x[t - lag] if t >= lag else 0.0)",
+        ),
+    ),
+    mutant(
+        "exact-linear-rounded-once",
+        "The sum of rule 4 is rounded at the end alone.",
+        "EXA-009 EXA-007",
+        Edit(
+            "codecs.values:linear_values",
+            "            v = c0\n"
+            "            for x, lag, weight in rows:\n"
+            "                v += weight * x[t - lag]",
+            "            from fractions import Fraction\n"
+            "            row = [(w, x[t - lag]) for x, lag, w in rows]\n"
+            "            whole = all(isfinite(x) for _, x in row)\n"
+            "            v = sum((Fraction(w) * Fraction(x) for w, x in row), Fraction(c0))"
+            " if whole else c0 + float('nan')\n"
+            "            v = float(v) if abs(v) < 2**1023 else quotient",
+        ),
+    ),
+    mutant(
+        "exact-linear-in-turn",
+        "Components of LPCX are decoded in their order, the linear ones too.",
+        "EXA-009",
+        Edit(
+            "codecs.exact:in_order",
+            "key=lambda place: parameters[place].rule == LINEAR",
+            "key=lambda place: 0",
         ),
     ),
     mutant(

@@ -97,9 +97,10 @@ RAWB_PARAMETERS = Struct(
 )
 
 LPCX_PARAMETERS = Struct(
-    "rule" / Int8ul * "0 quotient, 1 product, 2 significant digits, 3 cubic",
+    "rule" / Int8ul * "0 quotient, 1 product, 2 significant digits, 3 cubic, 4 linear",
     "digits" / Int8ul * "rule 2: significant digits; else 0",
-    "reserved" / Bytes(2) * "0",
+    "terms" / Int8ul * "rule 4: number of terms; else 0",
+    "reserved" / Int8ul * "0",
 )
 
 TABLES: dict[str, Construct] = {

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..codecs.exact import WHOLE, ExactParameters, corrections_of, lacking_of
+from ..codecs.exact import WHOLE, ExactParameters, Lacking, corrections_of, lacking_of
 from ..codecs.values import (
     COEFFICIENT_LIMIT,
     CUBIC,
@@ -232,11 +232,11 @@ def printed_rule(u: Doubles) -> Iterator[ExactParameters]:
         yield ExactParameters(SIGNIFICANT, digits)
 
 
-def binary_grid(x: Doubles) -> Candidate | None:
-    """Multiples of a power of two, the range of x taking GRID_BITS; None where they are too large
-    for a calibration."""
+def binary_grid(x: Doubles, bits: int = GRID_BITS) -> Candidate | None:
+    """Multiples of a power of two, the range of x taking so many bits; None where they are too
+    large for a calibration."""
     low, high = float(x.min()), float(x.max())
-    power = GRID_BITS - 1 - frexp(high / 2 - low / 2)[1]
+    power = bits - 1 - frexp(high / 2 - low / 2)[1]
     # Counts and B stay below 2^52, D below 2^53.
     reach = max(-low, high)
     power = min(power, 52, 52 - frexp(reach)[1])
@@ -244,7 +244,7 @@ def binary_grid(x: Doubles) -> Candidate | None:
         return None
     scaled = np.rint(np.ldexp(x, power)).astype(np.int64)
     middle = int(np.rint(np.ldexp(low / 2 + high / 2, power)))
-    if int(np.abs(scaled).max()) < 1 << GRID_BITS:
+    if int(np.abs(scaled).max()) < 1 << bits:
         middle = 0
     counts = scaled - middle
     a, d = (1, 1 << power) if power >= 0 else (1 << -power, 1)
@@ -265,11 +265,16 @@ def exact_size(packet: bytes) -> int:
 def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> bytes:
     """One packet of these samples."""
     coded = encode_best(counts)
-    lacking = lacking_of(x, candidate.parameters, candidate.affine, counts)
+    beside = smallest_exact(lacking_of(x, candidate.parameters, candidate.affine, counts))
+    return build_varint(len(coded)) + coded + beside
+
+
+def smallest_exact(lacking: Lacking) -> bytes:
+    """With recall or without."""
     beside = None
     for recall in (False, True):
         below = WHOLE if beside is None else len(beside)
         data = lacking.build(recall=recall, below=below)
         beside = data if data is not None and len(data) < below else beside
     assert beside is not None
-    return build_varint(len(coded)) + coded + beside
+    return beside

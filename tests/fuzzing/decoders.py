@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import forge as f
 import numpy as np
+import singles
 from numpy.typing import NDArray
 
 from hapfmt.codecs import components, exact, knots, knots_coded, predicted, quantised, raw
@@ -188,11 +189,11 @@ def lpcx(data: bytes) -> None:
     parameters = ask and settled(ExactParameters.parse, ask.parameters, AT)
     if not ask or not parameters:
         return
-    counts = both(lambda: exact.decode_counts(ask.packet, ask.span, ask.level, AT))
+    counts = both(lambda: singles.decode_counts(ask.packet, ask.span, ask.level, AT))
     if counts is None or max(-int(counts.min()), int(counts.max())) >= 1 << 31:
         return
     affine = AFFINES[WIDTHS.index(ask.width)]
-    doubles = both(lambda: exact.decode_exact(ask.packet, parameters, affine, counts, AT))
+    doubles = both(lambda: singles.decode_exact(ask.packet, parameters, affine, counts, AT))
     if doubles is None:
         return
     for recall in (False, True):
@@ -202,7 +203,7 @@ def lpcx(data: bytes) -> None:
             continue  # a correction of 2^63 has no code but with z = 63
         coded, _, _ = exact.split_packet(ask.packet, AT)
         again = f.varint(len(coded)) + coded + rest
-        back = exact.decode_exact(again, parameters, affine, counts, AT)
+        back = singles.decode_exact(again, parameters, affine, counts, AT)
         assert back.tobytes() == doubles.tobytes()
 
 

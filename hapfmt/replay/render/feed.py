@@ -125,7 +125,8 @@ class Feed:
                 residual.pop()
 
     def add(self, start: int, numbers: NDArray[np.generic], piece: Piece) -> None:
-        values = self.meaning.values(numbers, piece.exact, piece.track.number_format)
+        exact = None if piece.exact is None else piece.exact[:, self.meaning.index]
+        values = self.meaning.values(numbers, exact, piece.track.number_format)
         if self.runs and self.runs[-1].stop == start:
             last = self.runs.pop()
             start, values = last.start, np.concatenate([last.values, values])
