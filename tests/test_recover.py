@@ -142,7 +142,7 @@ def test_a_packet_that_does_not_decode_is_left_out():
 @pytest.mark.parametrize("payload", [f.trak(b""), f.trak(f.tlv(1, b"\2\1"))])
 def test_a_track_whose_parameters_are_wrong_is_left_out(payload):
     """
-    REC-007: A recovered file MUST describe every track of which an intact description was found. Its bytes stay the same unless the track that it continues is lost. HF tracks whose base is lost and tracks whose codec parameters break a rule are left out.
+    REC-007: A recovered file MUST describe every track of which an intact description was found. Its bytes stay the same unless the track that it continues is lost. HF tracks whose base is lost and tracks whose codec parameters break a rule are left out. Tracks without packets are added: an HF track for each LF track without one, and tracks with the label `(lost)`. The latter have the missing channel numbers below the highest one, and those that events name.
     """
     second = f.trak(first_channel=1)
     data = f.closed(
@@ -158,7 +158,7 @@ def test_a_track_whose_parameters_are_wrong_is_left_out(payload):
 
 def test_descriptions_are_copied():
     """
-    REC-007: A recovered file MUST describe every track of which an intact description was found. Its bytes stay the same unless the track that it continues is lost. HF tracks whose base is lost and tracks whose codec parameters break a rule are left out.
+    REC-007: A recovered file MUST describe every track of which an intact description was found. Its bytes stay the same unless the track that it continues is lost. HF tracks whose base is lost and tracks whose codec parameters break a rule are left out. Tracks without packets are added: an HF track for each LF track without one, and tracks with the label `(lost)`. The latter have the missing channel numbers below the highest one, and those that events name.
     """
     tlvs = f.HOLD + f.tlv(2, f.strings("f")) + f.tlv(0x4000, b"unknown, ancillary")
     data = f.closed(("HEAD", f.head()), ("TRAK", f.trak(tlvs), {"track": 0}), f.DATA_0)
@@ -168,7 +168,7 @@ def test_descriptions_are_copied():
 
 class TestLostDescriptions:
     """
-    REC-008: For each LF track without its HF track a recoverer MUST describe an HF track without packets. For missing channel numbers below the highest one, and those that events name, it describes tracks without packets. Their components have the label `(lost)`.
+    REC-007: A recovered file MUST describe every track of which an intact description was found. Its bytes stay the same unless the track that it continues is lost. HF tracks whose base is lost and tracks whose codec parameters break a rule are left out. Tracks without packets are added: an HF track for each LF track without one, and tracks with the label `(lost)`. The latter have the missing channel numbers below the highest one, and those that events name.
     """
 
     pair = (

@@ -53,7 +53,7 @@ MUTANTS = (
     recoverer(
         "recover-without-places",
         "Nothing is described for tracks whose description is lost.",
-        "REC-008 TRK-010 TRK-012",
+        "REC-007 TRK-010 TRK-012",
         Edit(
             "recovery.descriptions:describe",
             "places = placeholders({track.id: track for track in kept}, catalogue)",
