@@ -1,4 +1,4 @@
-"""An existing file -> a writer that goes on at its end, however that was left (SPEC clause 13)."""
+"""An existing file -> a writer that goes on at its end, however that was left (SPEC clause 15)."""
 
 from __future__ import annotations
 

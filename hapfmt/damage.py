@@ -163,7 +163,7 @@ def last_known(catalogue: Catalogue, lost: Iterable[LostSpan]) -> Fraction:
 def lost_lines(catalogue: Catalogue, lost: Sequence[LostSpan]) -> list[str]:
     """For people: equal losses in one line, with channels and seconds.
 
-    An index gives times in milliseconds, and the end of a track is unknown (SPEC 12.2). So a span
+    An index gives times in milliseconds, and the end of a track is unknown (SPEC 14.2). So a span
     may begin where the recording ends, as far as the file tells: it is left out here.
     """
     channels = by_track(catalogue)

@@ -1,4 +1,4 @@
-"""The one limits table (SPEC clause 15) and the caller's own caps."""
+"""The one limits table (SPEC clause 12) and the caller's own caps."""
 
 from __future__ import annotations
 

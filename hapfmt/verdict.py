@@ -1,4 +1,4 @@
-"""The verdict on a file: the table of SPEC clause 14, in the one place where it is applied."""
+"""The verdict on a file: the table of SPEC clause 13, in the one place where it is applied."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ from .verdict import INTACT, VERDICTS, verdict_of
 
 @dataclass
 class Report:
-    """What ``verify`` found; ``verdict`` is a word of SPEC clause 14, ``exit_code`` its number."""
+    """What ``verify`` found; ``verdict`` is a word of SPEC clause 13, ``exit_code`` its number."""
 
     exit_code: int = INTACT
     findings: list[dict[str, Any]] = field(default_factory=list)

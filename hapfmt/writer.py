@@ -1,4 +1,4 @@
-"""Recording -> file (SPEC clause 13)."""
+"""Recording -> file (SPEC clause 15)."""
 
 from __future__ import annotations
 

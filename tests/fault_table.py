@@ -650,7 +650,7 @@ FAULTS = [
                   ("DATA", f.cluster((1, 0, 1, f.event(0, channel=2))))))),
     Fault("CNV-004", 104, "an event that is not UTF-8", events(f.event(0, b"\xff"))),
     Fault("CNV-004", 104, "an event with U+0000", events(f.event(0, "\0"))),
-    # clauses 12 and 15
+    # clauses 14 and 12
     Fault("LIM-003", None, "one sample allowed",
           lambda: Reader(f.minimal(), limits=Limits(samples=1)).read()),
     Fault("LIM-003", None, "no event allowed",

@@ -1,4 +1,4 @@
-"""Files gone on with: closed, not closed, cut at any byte (SPEC clause 13)."""
+"""Files gone on with: closed, not closed, cut at any byte (SPEC clause 15)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bytes that break a rule, through every verb: a code of SPEC clause 14, JSON that is whole, and
+"""Bytes that break a rule, through every verb: a code of SPEC clause 13, JSON that is whole, and
 never a traceback."""
 
 from __future__ import annotations

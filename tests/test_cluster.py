@@ -205,7 +205,7 @@ def test_descriptions_come_first():
 
 
 def placed_by_size(payload: bytes) -> set[tuple[int, int, int, bytes]]:
-    """Clause 12's ``salvage``, taken at its word."""
+    """Clause 14's ``salvage``, taken at its word."""
     found = set()
     try:
         count, rows, at = salvage.read(payload)

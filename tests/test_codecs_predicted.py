@@ -103,7 +103,7 @@ class TestPackets:
 
     @given(cases, st.sampled_from([0, 3, 2**24, 2**32]), st.data())
     def test_mutated(self, case, limit, data):
-        """LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the level's count bound (clause 15); deadband, |i| at most N."""
+        """LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the level's count bound (clause 12); deadband, |i| at most N."""
         indices, predictor = case
         packet = bytearray(packet_of(indices[:40], predictor) or b"\0\0\0")
         at = data.draw(st.integers(0, len(packet) - 1))

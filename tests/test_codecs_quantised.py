@@ -136,7 +136,7 @@ class TestDecoding:
     @given(cases(), st.integers(1, 1000))
     def test_counts_are_levels_times_step(self, case, step):
         """
-        QNT-006: The magnitude of level times step MUST be at most twice the count bound (clause 15).
+        QNT-006: The magnitude of level times step MUST be at most twice the count bound (clause 12).
         """
         array, parameters = case
         parameters = QuanParameters(step, parameters.alphabet, parameters.lengths)

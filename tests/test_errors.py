@@ -86,7 +86,7 @@ def test_tracks(fault):
     """
     TRK-002: There MUST be at least one track, and `component_count`, `rate_num`, `rate_den` be at least 1. All tracks of a chunk together have at most 255 components.
     TRK-003: Track ids MUST be at most 65533, and a track MUST be described once. A repeated `TRAK` chunk has the same payload, byte for byte.
-    TRK-005: `count_min` MUST be at most `count_max`, and both MUST fit the width that the level allows for the kind (clause 15).
+    TRK-005: `count_min` MUST be at most `count_max`, and both MUST fit the width that the level allows for the kind (clause 12).
     TRK-006: A track whose number format is not counts MUST be of kind full band, with codec `RAWB`. Its count_min and count_max are 0, and it has no calibration and no contract.
     TRK-007: `linked` of an HF track MUST name its base track, an LF track described before it. Both have the same component count, rate (as a ratio) and first channel; no two HF tracks have the same base.
     TRK-009: An HF track MUST have no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base.
@@ -166,7 +166,7 @@ def test_quantised(fault):
     QNT-001: `step` MUST be at least 1 and at most what the level of the file allows; `2M + R + C + 1` is at most 4096, R at most 24 and C at most 32.
     QNT-003: The codebook MUST describe at most the symbols above. Its code words are complete: over the symbols that have one, 2^-length adds up to 1. Or exactly one symbol has one, of length 1.
     QNT-004: Runs MUST NOT pass the end of the last component. The packet ends with the byte that contains the last bit, and the bits that fill it are 0.
-    QNT-006: The magnitude of level times step MUST be at most twice the count bound (clause 15).
+    QNT-006: The magnitude of level times step MUST be at most twice the count bound (clause 12).
     """
     assert_reported(fault)
 
@@ -178,7 +178,7 @@ def test_predicted(fault):
     RNG-003: The magnitude u MUST be less than 2^34: a decoder stops after step 2 or 3 where it is not.
     LPC-001: The component packets MUST fit the packet: their sizes are together at most what follows them.
     LPC-002: `grid` MUST be 0 or 1; `step` at most what the level allows, and on the uniform grid at least 1; `zero` a signed number of 32 bits; `kn` and `kd` at least 1 and less than 2^16, and `kd` at most 1024 * `kn`.
-    LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the level's count bound (clause 15); deadband, |i| at most N.
+    LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the level's count bound (clause 12); deadband, |i| at most N.
     LPC-004: g MUST be at most 4, at most 1 where m > 0; m at most 32; k[i] at least -127; bit 5 of the flags 0; and of a constant component packet g, m and the other flags 0.
     LPC-005: Every |p[j]| after each n MUST be at most 2^36, and every |c[j]| at most 2^21.
     LPC-006: A component packet MUST hold at least `flags`, `m` and m coefficients.

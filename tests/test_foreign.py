@@ -1,4 +1,4 @@
-"""Data of another file never pass as this file's (SPEC 12.1): blocks of a second recording of the
+"""Data of another file never pass as this file's (SPEC 14.1): blocks of a second recording of the
 same set-up in place of a file's own."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Live files: whole writes, locks, syncs, full and failing disks (SPEC clause 13)."""
+"""Live files: whole writes, locks, syncs, full and failing disks (SPEC clause 15)."""
 
 from __future__ import annotations
 

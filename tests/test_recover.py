@@ -491,7 +491,7 @@ def test_a_digest_that_packets_were_appended_to_is_no_damage():
 
 
 def test_order_is_nothing_in_a_damaged_file():
-    """Wherever the damage stands: a reader gives what is recovered (SPEC 12.1)."""
+    """Wherever the damage stands: a reader gives what is recovered (SPEC 14.1)."""
     chunks = [f.TRACK_0, ("HEAD", f.head()), f.DATA_0]
     with pytest.raises(FormatError):
         hapfmt.read(f.file(*chunks))

@@ -537,7 +537,7 @@ class TestReport:
         ],
     )
     def test_exit_codes(self, report, code):
-        """Clause 14."""
+        """Clause 13."""
         assert report.exit_code == report.to_json()["exit_code"] == code
         json.dumps(report.to_json())
 

@@ -46,7 +46,7 @@ def hf(tlvs=f.HOLD, **fields):
 def test_comes_back(tracks):
     """
     TRK-002: There MUST be at least one track, and `component_count`, `rate_num`, `rate_den` be at least 1. All tracks of a chunk together have at most 255 components.
-    TRK-005: `count_min` MUST be at most `count_max`, and both MUST fit the width that the level allows for the kind (clause 15).
+    TRK-005: `count_min` MUST be at most `count_max`, and both MUST fit the width that the level allows for the kind (clause 12).
     VAL-001: D MUST be at least 1, A MUST NOT be 0, and `|A|` and `|B|` are less than 2^52. For every count of the declared range of the track `|count * A|` and `|count * A + B|` are at most 2^53; for those of its HF track `|count * A|` is.
     TLV-005: Both numbers of a deviation MUST be finite and not negative, and `largest` at most `declared`.
     DBC-001: `kn` MUST be less than 2^16, `kd` at least 1 and less than 2^16. Every `floor` is at least 1 and less than 2^32, every `zero` a signed number of 32 bits, and undefined flag bits are 0.
@@ -90,7 +90,7 @@ def test_a_chunk_is_cut_where_its_tracks_grow_too_long():
 
 class TestDeflate:
     """
-    TRK-020: `plain_size` MUST be less than the largest payload of the level (clause 15). A DEFLATE stream gives that many bytes, is whole, and ends with the payload. A decoder stops at `plain_size`.
+    TRK-020: `plain_size` MUST be less than the largest payload of the level (clause 12). A DEFLATE stream gives that many bytes, is whole, and ends with the payload. A decoder stops at `plain_size`.
     """
 
     @given(st.binary(max_size=300), st.integers(0, 400))

@@ -171,7 +171,7 @@ def test_faults_are_explained():
 
 
 def test_what_is_unknown_comes_before_a_broken_rule():
-    """Clause 14; and damage before both."""
+    """Clause 13; and damage before both."""
     stranger = ("TRAK", f.trak(codec=b"NEWC", first_channel=1), {"track": 1})
     data = f.minimal(stranger, ("mETa", b"{"))
     assert rule(data) == ("unsupported", "TRK-011")

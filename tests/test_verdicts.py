@@ -1,4 +1,4 @@
-"""One table of verdicts (SPEC clause 14): every verb, on every file of the conformance sets."""
+"""One table of verdicts (SPEC clause 13): every verb, on every file of the conformance sets."""
 
 from __future__ import annotations
 

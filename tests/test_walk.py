@@ -1,4 +1,4 @@
-"""Clause 12: finding chunks through damage, against SPEC's procedure taken at its word."""
+"""Clause 14: finding chunks through damage, against SPEC's procedure taken at its word."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def test_any_bytes(data):
 @given(damaged(DATA))
 def test_every_byte_is_a_chunk_or_reported(data):
     """
-    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (12.2) names.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (14.2) names.
     """
     chunks, findings = fast_walk(data)
     covered = bytearray(len(data))

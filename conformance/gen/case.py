@@ -22,7 +22,7 @@ SHOWN = 256
 """So many numbers are written out in an expectation; of more it holds the SHA-256 alone."""
 
 INTACT, ERROR, NONCONFORMING, DAMAGED, UNSUPPORTED = range(5)
-"""Exit codes (SPEC 14)."""
+"""Exit codes (SPEC 13)."""
 
 
 @dataclass(frozen=True)

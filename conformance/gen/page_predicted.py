@@ -10,11 +10,11 @@ from page_numbers import BrokenRule, rdiv, signed, svarint_bytes, varint, varint
 from page_rice import Rice
 
 TEXT = (Path(__file__).resolve().parent.parent.parent / "SPEC.md").read_text(encoding="utf-8")
-ANNEX_D = TEXT[TEXT.index("## Annex D") :]
-K = [int(number) for number in re.findall(r"\d+", ANNEX_D.split("```")[1])]
+ANNEX_C = TEXT[TEXT.index("## Annex C") :]
+K = [int(number) for number in re.findall(r"\d+", ANNEX_C.split("```")[1])]
 """The sine table."""
 
-DIGEST = re.search(r"`([0-9a-f]{64})`", ANNEX_D)[1]
+DIGEST = re.search(r"`([0-9a-f]{64})`", ANNEX_C)[1]
 
 
 def step_up(ks: list[int]) -> list[int]:

@@ -1,7 +1,7 @@
 """Files of which every place is known, what can happen to their bytes, and what must be made of it.
 
 Each sample is told by its track and tick, so what is kept can be written down as spans. What is
-expected follows from SPEC 12 and the places of the file before it was damaged.
+expected follows from SPEC 14 and the places of the file before it was damaged.
 """
 
 from __future__ import annotations

@@ -140,7 +140,7 @@ types:
         doc: Minor version, 0.
       - id: level
         type: u1
-        doc: Level, 1 or 2 (clause 15).
+        doc: Level, 1 or 2 (clause 12).
       - id: reserved
         type: u1
         doc: "0."

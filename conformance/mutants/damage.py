@@ -1,5 +1,5 @@
 """Wrong readers of damaged files: checksums, the walk, salvage, what was lost, verdicts (SPEC
-clauses 5, 12 and 14)."""
+clauses 5, 14 and 13)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wrong recoverers and encoders (docs/spec/recovery.md, clauses 11 and 13)."""
+"""Wrong recoverers and encoders (docs/spec/recovery.md, clauses 11 and 15)."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ RENAMED = {
 OPTION_CUTOFF = 0.7
 """Similarity of a mistyped option, without its dashes, to the one that is meant."""
 ERROR = 1
-"""Usage, input or output, internal error (SPEC clause 14)."""
+"""Usage, input or output, internal error (SPEC clause 13)."""
 
 
 class Verbs(click.Group):

@@ -447,7 +447,7 @@ def tell_clocks(reader: Reader) -> None:
 
 
 def tell_losses(reader: Reader) -> int:
-    """What is wrong with a file that was read, on standard error; the exit code (SPEC 14)."""
+    """What is wrong with a file that was read, on standard error; the exit code (SPEC 13)."""
     name = reader.source.path or "input"
     lines = [f"{name}: {line}" for line in told(reader.catalogue, reader.lost)]
     if reader.source.path and reader.exit_code == DAMAGED:

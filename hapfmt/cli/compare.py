@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from ..survey.views import View
 
 DIFFERENT = 3
-"""As ``verify --against`` says that a promise does not hold (SPEC clause 14)."""
+"""As ``verify --against`` says that a promise does not hold (SPEC clause 13)."""
 
 
 @click.command(cls=Verb)

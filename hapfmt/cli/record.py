@@ -47,7 +47,7 @@ TOLD_S = 0.5
 """Between two lines of status."""
 
 LOST = 3
-"""Exit code: done with loss (SPEC clause 14)."""
+"""Exit code: done with loss (SPEC clause 13)."""
 
 
 @click.command(cls=Verb)

@@ -49,7 +49,7 @@ METERED = 1000
 """Frames from one step of the progress bar to the next."""
 
 ERROR, LOST = 1, 3
-"""Exit codes: an error, done with loss (SPEC clause 14)."""
+"""Exit codes: an error, done with loss (SPEC clause 13)."""
 
 
 @click.command(cls=Verb)

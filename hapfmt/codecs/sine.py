@@ -1,4 +1,4 @@
-"""SPEC Annex D: reflection coefficients of LPCR, 32768 * sin(pi * k / 256) to nearest."""
+"""SPEC Annex C: reflection coefficients of LPCR, 32768 * sin(pi * k / 256) to nearest."""
 
 SINES = (
     0, 402, 804, 1206, 1608, 2009, 2411, 2811,

@@ -1,4 +1,4 @@
-"""The verb decode: all that a file delivers (SPEC clauses 10 and 12), as JSON and raw numbers."""
+"""The verb decode: all that a file delivers (SPEC clauses 10 and 14), as JSON and raw numbers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TEXTS = ("label", "unit", "quantity", "axis", "group", "body_site", "device")
 
 
 def decode_into(source: str, folder: str) -> int:
-    """Writes decode.json and raw files; the exit code of SPEC clause 14."""
+    """Writes decode.json and raw files; the exit code of SPEC clause 13."""
     room = Path(folder)
     with Reader(source, scan=True) as reader:
         write_json(room / "decode.json", decoded(reader, room))

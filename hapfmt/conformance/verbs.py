@@ -64,7 +64,7 @@ ARGUMENTS = {"decode": (2,), "verify": (2, 4), "recover": (3,), "encode": (2,)}
 
 
 def run(argv: Sequence[str]) -> int:
-    """One verb with its arguments; its exit code (SPEC clause 14)."""
+    """One verb with its arguments; its exit code (SPEC clause 13)."""
     verb, *arguments = argv or [""]
     if verb not in VERBS or len(arguments) not in ARGUMENTS[verb]:
         print(f"usage: capabilities | serve | {' | '.join(VERBS)} ARGUMENTS", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Tracks and packets -> chunks, one after the other (SPEC clauses 5, 6, 13); needs no codec."""
+"""Tracks and packets -> chunks, one after the other (SPEC clauses 5, 6, 15); needs no codec."""
 
 from __future__ import annotations
 

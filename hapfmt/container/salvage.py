@@ -1,4 +1,4 @@
-"""What a damaged DATA payload still holds (SPEC clause 12, ``salvage``)."""
+"""What a damaged DATA payload still holds (SPEC clause 14, ``salvage``)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chunks in order of the file, through any damage: SPEC clause 12, procedure ``walk``."""
+"""Chunks in order of the file, through any damage: SPEC clause 14, procedure ``walk``."""
 
 from __future__ import annotations
 

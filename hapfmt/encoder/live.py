@@ -1,4 +1,4 @@
-"""Blocks of samples, as they arrive, to packets of tracks that never change (SPEC clause 13).
+"""Blocks of samples, as they arrive, to packets of tracks that never change (SPEC clause 15).
 
 A track is made of the first block of its channel, and described before its first packet. Where it
 would have to change later, another one continues it. Every packet stands alone, so blocks are as

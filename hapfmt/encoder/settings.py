@@ -35,7 +35,7 @@ BITS = range(2, 17)
 """Quantiser of the paper: 2**b - 1 levels; one bit would leave level 0 only."""
 
 ARCHIVE_CLUSTER = Fraction(10)
-"""Seconds (SPEC clause 13)."""
+"""Seconds (SPEC clause 15)."""
 
 LONG, LONGEST_CLUSTER = 1 << 16, Fraction(120)
 """Samples of the longest packet, which the encoder cuts where pieces are smaller; and the seconds

@@ -1,1 +1,1 @@
-"""Samples as they arrive -> file (SPEC clause 13)."""
+"""Samples as they arrive -> file (SPEC clause 15)."""

@@ -1,4 +1,4 @@
-"""Samples as they arrive -> a file that grows (SPEC clause 13)."""
+"""Samples as they arrive -> a file that grows (SPEC clause 15)."""
 
 from __future__ import annotations
 

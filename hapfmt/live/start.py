@@ -34,7 +34,7 @@ from .queue import Queue
 from .worker import Item, Member, Worker
 
 CLUSTER_S = Fraction(1)
-"""SPEC clause 13: for a live recording, where the last one may be lost."""
+"""SPEC clause 15: for a live recording, where the last one may be lost."""
 
 NOTED = 100
 """Channels whose dropped samples get a note each: metadata have to fit a chunk."""

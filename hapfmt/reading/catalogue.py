@@ -147,7 +147,7 @@ class Catalogue:
 
     @property
     def exit_code(self) -> int:
-        """What reading this file deserves (SPEC clause 14), as far as the chunks tell."""
+        """What reading this file deserves (SPEC clause 13), as far as the chunks tell."""
         return verdict_of((f.code for f in self.findings), unknown=self.not_understood)
 
     @property

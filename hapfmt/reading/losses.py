@@ -1,4 +1,4 @@
-"""What damage took of each track, as far as packets around it and the index tell (SPEC 12.2)."""
+"""What damage took of each track, as far as packets around it and the index tell (SPEC 14.2)."""
 
 from __future__ import annotations
 

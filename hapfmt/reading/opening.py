@@ -1,4 +1,4 @@
-"""Opening a file: by its index, or by walking through it (SPEC 6.5 and clause 12)."""
+"""Opening a file: by its index, or by walking through it (SPEC 6.5 and clause 14)."""
 
 from __future__ import annotations
 
@@ -218,7 +218,7 @@ def from_walk(
     """Every chunk that can be found, in the order of the file; damage becomes findings.
 
     A broken rule is raised where there is no damage anywhere, else, and where the caller is
-    ``tolerant``, it counts as damage (clause 14). ``file_id`` None: that of most of the file
+    ``tolerant``, it counts as damage (clause 13). ``file_id`` None: that of most of the file
     (REC-013), which is that of the first chunk where nothing is wrong.
     """
     if file_id is not None:
@@ -269,7 +269,7 @@ def walked(
 
 
 def unknown_part(catalogue: Catalogue) -> UnsupportedError | None:
-    """The first critical part that is not understood; it comes before a broken rule (clause 14)."""
+    """The first critical part that is not understood; it comes before a broken rule (clause 13)."""
     tracks = [track for track in catalogue.tracks.values() if track.unsupported]
     if catalogue.unsupported is None and tracks:
         return unsupported_track(tracks[0], catalogue.source.path)

@@ -1,4 +1,4 @@
-"""DATA chunks -> packets in order of time, and what damage took (SPEC clauses 6.4, 7 and 12)."""
+"""DATA chunks -> packets in order of time, and what damage took (SPEC clauses 6.4, 7 and 14)."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ class Reader(Closing):
 
     @property
     def exit_code(self) -> int:
-        """The code of SPEC clause 14, by what was read so far."""
+        """The code of SPEC clause 13, by what was read so far."""
         codes = (finding.code for finding in self.findings)
         unknown = self.catalogue.not_understood
         return verdict_of(codes, unknown=unknown, lost=bool(self.lost))
@@ -377,7 +377,7 @@ class Reader(Closing):
                 if isinstance(piece, Piece):
                     yield piece
                 elif self.catalogue.damaged:
-                    # In a damaged file a broken rule is part of the damage (SPEC clause 12).
+                    # In a damaged file a broken rule is part of the damage (SPEC clause 14).
                     self.lose_packet(packet, piece)
                 else:
                     raise piece

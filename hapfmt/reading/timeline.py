@@ -1,4 +1,4 @@
-"""Which DATA chunks a damaged file has lost, and when they were, by its indexes (SPEC 12.2)."""
+"""Which DATA chunks a damaged file has lost, and when they were, by its indexes (SPEC 14.2)."""
 
 from __future__ import annotations
 

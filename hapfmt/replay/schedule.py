@@ -24,7 +24,7 @@ State = Literal["playing", "pausing", "paused", "stopping", "ended"]
 Outcome = Literal["clean", "failed", "interrupted", "late", "device-lost"]
 Row = tuple[list[float], list[bool]]
 SEVERITY = get_args(Outcome)
-"""Of several reasons to stop the last of these is told (SPEC clause 14)."""
+"""Of several reasons to stop the last of these is told (SPEC clause 13)."""
 
 
 @dataclass

@@ -305,7 +305,7 @@ PATHS = {
 
 
 def check_verb(line: Line, data: bytes, folder: Path) -> Said:
-    """A code of SPEC clause 14, no traceback, and nothing left behind by a verb that failed."""
+    """A code of SPEC clause 13, no traceback, and nothing left behind by a verb that failed."""
     for name in ("IN.hapf", "COPY.hapf"):
         (folder / name).write_bytes(data)
     (folder / "note.txt").write_bytes(b"note")

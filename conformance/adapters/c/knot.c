@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { ERROR = 1, NONCONFORMING = 2, DAMAGED = 3, UNSUPPORTED = 4 }; /* clause 14 */
+enum { ERROR = 1, NONCONFORMING = 2, DAMAGED = 3, UNSUPPORTED = 4 }; /* clause 13 */
 enum { HEADER = 36 }; /* bytes of a chunk header */
 enum { TRACKS = 65534, COMPONENTS = 255, PAYLOAD = 1 << 20 };
 enum { CLUSTER = 1 << 22, SPAN = 1 << 24, PACKETS = 1 << 14 };

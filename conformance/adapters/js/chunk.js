@@ -57,7 +57,7 @@ function typeAt(bytes, p) {
   return type;
 }
 
-// The header at a position, or null where there is none that is valid (12.1); the file id is not looked at. What the
+// The header at a position, or null where there is none that is valid (14.1); the file id is not looked at. What the
 // walk finds of the chunk is filled in later.
 export function readHeader(bytes, position) {
   const p = position;

@@ -1,5 +1,5 @@
 #!/usr/bin/env node
-// The verbs of conformance/README.md. Every verb ends with an exit code of clause 14.
+// The verbs of conformance/README.md. Every verb ends with an exit code of clause 13.
 import { closeSync, openSync, readFileSync, writeFileSync, writeSync } from 'node:fs';
 import { dirname, join } from 'node:path';
 import { createInterface } from 'node:readline';

@@ -1,4 +1,4 @@
-// Which packets a reader delivers, and in which order (12.1, DAT-006, TRK-016).
+// Which packets a reader delivers, and in which order (14.1, DAT-006, TRK-016).
 import { clusterSeed } from './chunk.js';
 import { hasCrc, placePackets, readTable, samplesOf, tableFaults } from './cluster.js';
 import { HapfError, unsupported } from './error.js';
@@ -71,7 +71,7 @@ function readCluster({ bytes, chunk, allTracks, limits, meter, note }) {
   return { ...found, chunk, kept, holes, salvaged: true };
 }
 
-// bad-table where nothing tells which packets are missing, else bad-packet for each hole (12.2).
+// bad-table where nothing tells which packets are missing, else bad-packet for each hole (14.2).
 function reportHoles(cluster, damages) {
   const { chunk, kept, holes, payloadEnd, limit } = cluster;
   const start = chunk.payloadStart;

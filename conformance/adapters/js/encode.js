@@ -1,4 +1,4 @@
-// The verb `encode`: a job of conformance/README.md as a file (clause 13). Each channel is a track of its own: counts
+// The verb `encode`: a job of conformance/README.md as a file (clause 15). Each channel is a track of its own: counts
 // by LPCR, without loss or on the grid of a contract, words as they are.
 import { randomId } from './chunk.js';
 import { TrackDigest } from './digest.js';

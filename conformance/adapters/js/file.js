@@ -1,4 +1,4 @@
-// A file as clauses 5, 6 and 12.1 tell to read it: all chunks, each rule, no packet decoded yet.
+// A file as clauses 5, 6 and 14.1 tell to read it: all chunks, each rule, no packet decoded yet.
 import { readAttachment, readClock, readDigests, readMap, readMeta } from './ancillary.js';
 import { isCritical, isKnown } from './chunk.js';
 import { deliver } from './deliver.js';
@@ -39,7 +39,7 @@ function refuse(file, error) {
 }
 
 // Takes what breaks a rule. soft: true for what is not held against a file with damage, 'closed' for what is held
-// against a closed one only (12.1).
+// against a closed one only (14.1).
 function note(file, error, chunk, soft = false, packet = null) {
   if (!(error instanceof HapfError)) throw error;
   if (soft && file.damaged) return;

@@ -1,4 +1,4 @@
-// Levels and limits (clause 15).
+// Levels and limits (clause 12).
 import { unsupported } from './error.js';
 
 export const LIMITS = {

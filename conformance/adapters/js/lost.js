@@ -1,4 +1,4 @@
-// What was lost (12.2): a walk over packets and holes in the order of the sequence numbers.
+// What was lost (14.2): a walk over packets and holes in the order of the sequence numbers.
 import { unsupported } from './error.js';
 
 const MS_BOUND = 2 ** 53 - 1;

@@ -1,4 +1,4 @@
-// The predictor of LPCR (9.5) and its sine table (Annex D).
+// The predictor of LPCR (9.5) and its sine table (Annex C).
 import { broken } from './error.js';
 import { rdiv } from './integers.js';
 

@@ -10,7 +10,7 @@ import { Writer } from './writer.js';
 
 const NOTES = 40;
 
-// -> { bytes, report, verdict }; bytes is null where nothing is written (clause 14).
+// -> { bytes, report, verdict }; bytes is null where nothing is written (clause 13).
 export function recoverFile(bytes, { fileId } = {}) {
   const file = verifyFile(bytes, { recovering: true });
   if (file.refused) return { bytes: null, report: reportOf(file), verdict: file.verdict };

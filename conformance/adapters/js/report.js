@@ -1,4 +1,4 @@
-// The verdict (clause 14) and the damage report (docs/spec/recovery.md).
+// The verdict (clause 13) and the damage report (docs/spec/recovery.md).
 import { SIGNATURE } from './chunk.js';
 import { findLosses, spanOf } from './lost.js';
 
@@ -23,7 +23,7 @@ export function settle(file) {
   findLosses(file);
 }
 
-// 12.1: in a file with damage, and for a recoverer, rules broken count as damage too.
+// 14.1: in a file with damage, and for a recoverer, rules broken count as damage too.
 function rulesAsDamage(file, notes) {
   const seen = new Set();
   for (const { kind, requirement, message, chunk, packet } of notes) {
@@ -52,7 +52,7 @@ export function judge(file) {
   return file.verdict;
 }
 
-// Clause 14, of `recover`: what it writes anew is no loss.
+// Clause 13, of `recover`: what it writes anew is no loss.
 export function judgeRecovery(file, dropped) {
   const lossless = ({ code, took, chunk, offset, size }) => {
     if (took?.length) return false;

@@ -1,4 +1,4 @@
-// The procedure `salvage` of clause 12.1: the packets of a DATA chunk that is damaged.
+// The procedure `salvage` of clause 14.1: the packets of a DATA chunk that is damaged.
 import { hasCrc, keepsTimes, placePackets, readTable } from './cluster.js';
 import { LIMITS } from './limits.js';
 

@@ -9,7 +9,7 @@ const sameList = (a, b) => a.length === b.length && a.every((v, i) => v === b[i]
 const sameCalibrations = (a, b) => a.every((v, i) => v.A === b[i].A && v.B === b[i].B && v.D === b[i].D);
 
 // -> { descriptions, tracks, allTracks, lostBases, lostResiduals }. `note(error, chunk, soft)` takes what breaks a rule;
-// soft: what is not held against a file with damage (12.1). In `tracks` are those that are used, in `allTracks`
+// soft: what is not held against a file with damage (14.1). In `tracks` are those that are used, in `allTracks`
 // all that were described.
 export function describeTracks(bytes, chunks, level, damaged, note) {
   const descriptions = readAll(bytes, chunks, level, note);
@@ -120,7 +120,7 @@ function leaveOut(tracks, track, requirement) {
   }
 }
 
-// TRK-016. Where the track between two is lost, they stay one channel (12.1).
+// TRK-016. Where the track between two is lost, they stay one channel (14.1).
 function linkContinued({ tracks, damaged, note }) {
   const leave = (track, message) => {
     note(new HapfError('broken', 'TRK-016', message, track.description.chunk.position), track.description.chunk);

@@ -1,4 +1,4 @@
-// The procedure `walk` of clause 12.1: all chunks of a file, through damage.
+// The procedure `walk` of clause 14.1: all chunks of a file, through damage.
 import { HEADER_SIZE, beginsWithSignature, clusterSeed, findHeader, readHeader } from './chunk.js';
 import { crc32 } from './crc32.js';
 import { unsupported } from './error.js';

@@ -30,7 +30,7 @@ def sine() -> Component:
     ]
     return Component(
         "sine",
-        "9.5, Annex D",
+        "9.5, Annex C",
         ("LPC-005", "CNV-001"),
         "The table K(0) to K(127) with the SHA-256 of its entries as u16; pairs of k and K(k).",
         cases,

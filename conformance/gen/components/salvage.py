@@ -1,4 +1,4 @@
-"""Clause 12.1, salvage: what is kept of a damaged DATA chunk, read from the page alone."""
+"""Clause 14.1, salvage: what is kept of a damaged DATA chunk, read from the page alone."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def choices() -> Component:
     ]  # fmt: skip
     cases = [salvage_case(*row) for row in rows]
     return Component(
-        "salvage", "12.1", ("REC-001", "REC-002", "DAT-003", "DAT-004"),
+        "salvage", "14.1", ("REC-001", "REC-002", "DAT-003", "DAT-004"),
         "Damaged payloads of DATA chunks, with all the bytes from the payload on, the "
         "`payload_size` of "
         "the header, and the offset where the walk finds the next header, all counted from the "

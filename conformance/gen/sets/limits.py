@@ -1,4 +1,4 @@
-"""SPEC 15: what a level just allows, what it no longer allows, and few bytes that promise much.
+"""SPEC 12: what a level just allows, what it no longer allows, and few bytes that promise much.
 
 What is large is made on demand. A reader may have lower limits than level 2, and than what makes
 little of a file into much (LIM-003).

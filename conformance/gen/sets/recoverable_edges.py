@@ -1,4 +1,4 @@
-"""Headers across the edges of buffers: the scan looks at every byte offset (SPEC 12.1)."""
+"""Headers across the edges of buffers: the scan looks at every byte offset (SPEC 14.1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How files end: cut, not closed, appended to, zeros behind (SPEC 12.1, 12.2, 14)."""
+"""How files end: cut, not closed, appended to, zeros behind (SPEC 14.1, 14.2, 13)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bytes of another recording of the same set-up: none of them may pass as this file's (12.1)."""
+"""Bytes of another recording of the same set-up: none of them may pass as this file's (14.1)."""
 
 from __future__ import annotations
 

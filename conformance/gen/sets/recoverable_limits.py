@@ -1,4 +1,4 @@
-"""Headers within the payloads of one another: the work on them is bounded (SPEC 12.1)."""
+"""Headers within the payloads of one another: the work on them is bounded (SPEC 14.1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damage within a cluster: what SPEC 12.1, procedure salvage, still finds there."""
+"""Damage within a cluster: what SPEC 14.1, procedure salvage, still finds there."""
 
 from __future__ import annotations
 

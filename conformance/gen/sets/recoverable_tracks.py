@@ -1,4 +1,4 @@
-"""Descriptions that are lost, and what is left without them (SPEC 12.1, 12.2)."""
+"""Descriptions that are lost, and what is left without them (SPEC 14.1, 14.2)."""
 
 from __future__ import annotations
 

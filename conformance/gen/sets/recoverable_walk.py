@@ -1,4 +1,4 @@
-"""Damage between and around chunks: what SPEC 12.1, procedure walk, makes of it."""
+"""Damage between and around chunks: what SPEC 14.1, procedure walk, makes of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a replay was: counts, lateness, what was not played, how it ended (SPEC 14, PLY-008)."""
+"""What a replay was: counts, lateness, what was not played, how it ended (SPEC 13, PLY-008)."""
 
 from __future__ import annotations
 
