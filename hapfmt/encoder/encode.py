@@ -555,8 +555,12 @@ def encode_floating(channel: Channel, spans: tuple[Span, ...], first_channel: in
 def shorten_units(units: list[Unit]) -> None:
     """Packets of a small file that lose little where they are damaged."""
     before = [unit.size for unit in units]
-    coded = [coded for unit in units for coded in (unit.base, unit.residual) if coded]
-    shorten(coded, sum(unit.saved for unit in units))
+    # Packets of two bands are checked side by side.
+    alone = [unit.base for unit in units if unit.residual is None]
+    others = [
+        coded for unit in units if unit.residual is not None for coded in (unit.base, unit.residual)
+    ]
+    shorten(alone, others, sum(unit.saved for unit in units))
     for unit, size in zip(units, before, strict=True):
         more = unit.size - size
         if unit.parts and more:

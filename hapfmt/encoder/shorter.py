@@ -139,12 +139,13 @@ class Division:
         return replace(self, parts=2 * self.parts, packets=packets)
 
 
-def shorten(tracks: Sequence[Coded], saved: int = 0) -> None:
-    """Cuts the packets of a small file. ``saved``: bytes that tracks of several channels save,
-    whose damage takes more."""
-    size = sum(len(packet.data) + ROW for coded in tracks for packet in coded.packets)
+def shorten(tracks: Sequence[Coded], others: Sequence[Coded], saved: int) -> None:
+    """Cuts the packets of some tracks of a small file, which has ``others`` too. ``saved``: bytes
+    that tracks of several channels save, whose damage takes more."""
+    every = [*tracks, *others]
+    size = sum(len(packet.data) + ROW for coded in every for packet in coded.packets)
     samples = sum(
-        packet.span * len(coded.track.components) for coded in tracks for packet in coded.packets
+        packet.span * len(coded.track.components) for coded in every for packet in coded.packets
     )
     if not 0 < size < SMALL:
         return
