@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, Literal
 
 from .arrays import Units, recording_of
 from .atomic import refuse, target
-from .container.cluster import Packet, entry_fields
+from .container.cluster import Packet
 from .container.description import build_track
 from .container.extras import Attachment, build_attachment, build_metadata
 from .container.filewriter import FileWriter
@@ -175,7 +175,8 @@ def content_id(tracks: Sequence[Track], packets: Sequence[Packet], extras: Seque
     digest = hashlib.sha256()
     parts = [build_track(track) for track in tracks] + list(extras)
     for packet in packets:
-        parts += [entry_fields(packet), packet.data]
+        fields = b"%d %d %d" % (packet.track, packet.start, packet.span)
+        parts += [fields, packet.data]
     for part in parts:
         digest.update(len(part).to_bytes(8, "little") + part)
     return int.from_bytes(digest.digest()[:8], "little")

@@ -231,7 +231,7 @@ class TestAgainAndAgain:
 
 
 def test_a_live_writer_lists_every_ten_seconds(tmp_path: Path):
-    """IDX-005: A writer MUST write an index before the chunks that were not indexed yet, together with the next chunk, pass 4 MiB, unless there is nothing to list; and one before `fOOT`. A live writer also writes one every 10 seconds."""
+    """IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next chunk, pass 4 MiB; and one before `fOOT`. A live writer also writes one every 10 seconds. None is written where nothing is new, but before `fOOT`."""
     now = [100.0]
     path = tmp_path / "a"
     with create_live(path) as file:
@@ -444,7 +444,8 @@ class TestCutFiles:
         index = [c for c in chunks(path.read_bytes()) if c.header.type == "iNDX"][-1]
         catalogue = open_catalogue(BytesSource(path.read_bytes()))
         assert catalogue.indexed and index.offset > len(data)
-        assert [ref.type for ref in catalogue.chunks] == ["HEAD", "TRAK", "DATA", "mETa"]
+        types = ["HEAD", "TRAK", "DATA", "iNDX", "mETa", "iNDX", "fOOT"]
+        assert [ref.type for ref in catalogue.chunks] == types
 
 
 class TestRefusals:
@@ -590,6 +591,9 @@ def test_after_an_error_the_file_is_closed(tmp_path: Path):
 
 def test_the_examples(tmp_path: Path):
     for example in sorted((ROOT / "conformance" / "examples").glob("*.hapf")):
+        if example.stem == "salvaged":
+            # It is damaged.
+            continue
         path = tmp_path / example.name
         path.write_bytes(example.read_bytes())
         assert go_on(path) == []

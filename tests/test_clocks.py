@@ -188,7 +188,7 @@ class TestFile:
 
     def test_an_index_that_names_another_chunk(self):
         """
-        IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
+        IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
         """
         chunks = [("HEAD", f.head()), f.TRACK_0, f.DATA_0, ("mETa", b"{}"), ("cLOk", f.clock(SEEN))]
         rows, at = [], 8

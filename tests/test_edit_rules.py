@@ -504,7 +504,7 @@ def test_clusters_stay_as_they_were() -> None:
 
 
 def test_an_index_that_points_elsewhere() -> None:
-    """IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ."""
+    """IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ."""
     payload = struct.pack("<QQI", 8, 0, 3) + b"HEAD\x00TRAK\x50DATA\x30\x00\x04"
     chunks = [("HEAD", forge.head()), forge.TRACK_0, forge.DATA_0]
     body = forge.file(*chunks, ("iNDX", payload))

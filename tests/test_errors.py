@@ -102,13 +102,15 @@ def test_tracks(fault):
 def test_clusters(fault):
     """
     DAT-001: `packet_count` MUST be at least 1 and at most what the level allows.
-    DAT-002: Entries MUST stand in increasing order of (track, start).
+    DAT-002: Rows MUST stand in increasing order of (track, start).
     DAT-003: `span` MUST be at least 1 and at most what the level allows, and `start + span` at most 2^48.
-    DAT-004: `packet_crc` MUST be the file CRC of the four varints of its entry followed by the bytes of the packet.
+    DAT-004: `packet_crc` MUST be the cluster CRC of `packet_count`, `track`, `size`, `start` and `span`, each as u64, followed by the bytes of the packet.
+    DAT-010: Each of the four widths MUST be at most 6.
+    DAT-011: `table_crc` MUST be the cluster CRC of all bytes of the payload before it.
     DAT-005: The packets MUST fill the rest of the payload to its last byte.
-    DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file, but for tracks of kind events.
+    DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file. Tracks of kind events are exempt.
     DAT-008: A packet MUST belong to a track that is described.
-    DAT-009: Over all packets of a cluster, `span` times the component count of the track, for a packet of events its size in bytes, MUST add up to at most what the level allows; a decoder checks it before it takes memory.
+    DAT-009: Over a `DATA` chunk, `span` times the component count of the track MUST add up to at most what the level allows. A packet of events counts its size in bytes. A decoder checks this before it takes memory.
     """
     assert_reported(fault)
 
@@ -117,10 +119,11 @@ def test_clusters(fault):
 def test_index_and_footer(fault):
     """
     IDX-001: The payload MUST end with the last byte of the last of its `entry_count` entries.
-    IDX-002: The entries MUST list every chunk but `iNDX` and `fOOT` whose offset is at least `covers_from` and less than that of the index itself, in order of their offsets.
-    IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
-    IDX-004: `covers_from` MUST be at least 8; unless it is 8, `previous` MUST point to an `iNDX` chunk that stands between `covers_from` and the index itself.
-    IDX-006: For a `DATA` chunk `start_ms` MUST NOT be later than the start of its earliest packet and `start_ms + length_ms` not earlier than the end of its latest; times of 2^53 and more are set to 2^53 - 1.
+    IDX-002: The entries MUST list every chunk before the index: from the one at `previous` on, or from the first one where `previous` is 0.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
+    IDX-004: `previous` MUST be 0 or the offset of an `iNDX` chunk before this one.
+    IDX-006: For a `DATA` chunk `start_ms` MUST be at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
+    IDX-007: `first_sequence` MUST be the sequence number of the first chunk listed, so that the others have the numbers after it.
     FOT-001: The payload MUST be as long as the layout, and `stop_offset` the offset of its own end.
     FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In the last `fOOT`, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     """

@@ -107,7 +107,7 @@ class TestLayer:
 class TestOrder:
     """
     EVT-004: A reader MUST give the events of a layer in order of their ticks, those of one tick in the order of the file.
-    DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file, but for tracks of kind events.
+    DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file. Tracks of kind events are exempt.
     """
 
     def test_packets_in_any_order(self):
@@ -288,7 +288,7 @@ class TestDamage:
 
     def test_a_damaged_packet_is_lost_alone(self):
         """
-        REC-003: A reader that does not stop at the first damage MUST report every stretch of bytes that was lost, and every span, as far as the packets around it tell.
+        REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (12.2) names.
         """
         for text, other in ((b"first", "second"), (b"second", "first")):
             data = bytearray(self.TWO)

@@ -81,7 +81,7 @@ def values(data: bytes, **given) -> list[int]:
 
 class TestChoice:
     """
-    REC-013: A reader that walks through a file MUST take the file id that the procedure `identify` gives, unless its caller names another, and report each other id that `walk` meets with both ids.
+    REC-013: A reader MUST take the file id that `identify` gives, unless its caller names another. It reports each other id that `walk` meets, with both ids.
     """
 
     def test_most_bytes_choose(self):

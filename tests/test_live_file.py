@@ -187,7 +187,7 @@ class TestWrites:
         real = os.pwrite
         monkeypatch.setattr(os, "pwrite", lambda fd, data, at: real(fd, data[:7], at))
         with create_live(tmp_path / "a") as file:
-            record(file, 3)
+            record(file, 3, 8)
         assert hapfmt.verify(tmp_path / "a").verdict == "intact"
 
     def test_a_system_that_writes_nothing(self, tmp_path: Path, monkeypatch):
@@ -203,7 +203,7 @@ class TestWrites:
         monkeypatch.delattr(os, "pwrite")
         monkeypatch.delattr(os, "pread")
         with create_live(tmp_path / "a") as file:
-            record(file, 3)
+            record(file, 3, 8)
         with open_append(tmp_path / "a") as more:
             more.writer.cluster(packets(3))
         assert hapfmt.verify(tmp_path / "a").verdict == "intact"
@@ -212,7 +212,7 @@ class TestWrites:
     def test_at_every_limit_of_the_size(self, tmp_path: Path):
         whole = tmp_path / "whole"
         with create_live(whole) as file:
-            record(file, 3)
+            record(file, 3, 8)
         data, ends = whole.read_bytes(), {}
         for number, chunk in enumerate(walk(BytesSource(whole.read_bytes()), [])):
             ends[chunk.stop] = number
@@ -221,7 +221,7 @@ class TestWrites:
             path = tmp_path / f"{limit}"
             with create_live(path, sync=SyncPolicy("never")) as file, size_limit(limit):
                 with pytest.raises(OSError, match=str(path)) as caught:
-                    record(file, 3)
+                    record(file, 3, 8)
                 assert caught.value.errno == errno.EFBIG
             report = hapfmt.verify(path)
             assert report.verdict == "intact" or codes(report) == {"not-closed"}

@@ -328,7 +328,7 @@ class TestDecodedOnly:
 def test_files_that_are_written_are_intact(recording, settings):
     """
     CHK-005: `sequence` MUST be 0 in the first chunk and greater by one in each next chunk.
-    IDX-002: The entries MUST list every chunk but `iNDX` and `fOOT` whose offset is at least `covers_from` and less than that of the index itself, in order of their offsets.
+    IDX-002: The entries MUST list every chunk before the index: from the one at `previous` on, or from the first one where `previous` is 0.
     FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In the last `fOOT`, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     DGS-003: A digest MUST be that of exactly the packets of its track in chunks before it, by sequence numbers.
     """
@@ -388,7 +388,7 @@ class TestLimits:
             f.file(HEAD, ("TRAK", f.trak(f.tlv(1, b"")[:-2] + b"\xff\xff"), {"track": 0})),
             f.file(HEAD, f.TRACK_0, ("DATA", f.varint(2**32))),
             f.file(HEAD, f.TRACK_0, ("DATA", f.cluster((0, 0, 2**32, f.KNOT_DATA)))),
-            f.file(HEAD, f.TRACK_0, ("DATA", b"\1" + f.entry(0, 2**32, 0, 4))),
+            f.file(HEAD, f.TRACK_0, ("DATA", f.table([(0, 2**32, 0, 4, 0)]))),
             f.file(
                 HEAD, f.TRACK_0, ("DATA", f.cluster((0, 0, 4, b"\0" + f.varint(2**32) + b"\0")))
             ),

@@ -78,7 +78,7 @@ class File:
         self.listed: list[tuple[str, int, int, int]] = []
         self.data_count = 0
         self.stop_ns = 0
-        self.covers_from, self.last_index = 8, 0
+        self.first = self.last_index = 0
 
     @property
     def offset(self) -> int:
@@ -87,6 +87,10 @@ class File:
     @property
     def data(self) -> bytes:
         return joined(self.fields)
+
+    def cluster(self, packets: list[Packet], times: tuple[int, int]) -> None:
+        """A DATA chunk."""
+        self.chunk("DATA", cluster(packets, self.file_id, self.sequence), times=times)
 
     def chunk(self, type_: str, payload: list[Field], track: int = 0xFFFF,
               times: tuple[int, int] = (0, 0)) -> None:  # fmt: skip
@@ -108,8 +112,7 @@ class File:
             about += "" if track == 0xFFFF else f", track {track}"
             header = [raw(joined(header), about)]
         self.offsets.setdefault(type_, self.offset)
-        if type_ not in ("iNDX", "fOOT"):
-            self.listed.append((type_, self.offset, *times))
+        self.listed.append((type_, self.offset, *times))
         self.data_count += type_ == "DATA"
         self.stop_ns = max(self.stop_ns, times[1])
         self.fields += header + payload
@@ -131,15 +134,14 @@ class File:
         self.chunk("HEAD", [raw(joined(payload), about)] if self.brief else payload)
 
     def index(self) -> None:
-        """An iNDX of the chunks that none lists yet."""
-        at, first = self.offset, self.covers_from
-        previous = f"the index before it at {self.last_index}" if self.last_index else None
+        """An iNDX of the chunks from the index before it on."""
+        at, before = self.offset, self.last_index
+        previous = f"from the index before it on, at {before}" if before else None
         payload = [
-            u64(first, f"covers from offset {first}"),
-            u64(self.last_index, previous or "no index before"),
+            u64(before, previous or "no index before"),
+            u32(self.first, f"the first one listed is chunk {self.first}"),
             u32(len(self.listed), f"{len(self.listed)} entries"),
         ]
-        before = first
         for type_, offset, start_ns, stop_ns in self.listed:
             payload += [
                 raw(type_.encode(), f"a {type_} chunk"),
@@ -152,8 +154,8 @@ class File:
                     varint(stop - start, f"{stop - start} ms long"),
                 ]
             before = offset
+        self.listed, self.first, self.last_index = [], self.sequence, at
         self.chunk("iNDX", payload)
-        self.listed, self.covers_from, self.last_index = [], at, at
 
     def close(self, tracks: int) -> None:
         self.index()
@@ -173,26 +175,43 @@ def file_crc(data: bytes, file_id: int) -> int:
     return zlib.crc32(file_id.to_bytes(8, "little") + data)
 
 
-def packet(
-    track: int, start: int, body: list[Field], span: int, file_id: int
-) -> tuple[list[Field], list[Field]]:
-    """A row of the packet table, and the packet."""
-    entry = [
-        varint(track, f"packet of track {track}"),
-        varint(len(joined(body)), f"{len(joined(body))} bytes"),
-        varint(start, f"start tick {start}"),
-        varint(span, f"{span} ticks"),
+Packet = tuple[int, int, list[Field], int]
+"""Track, start tick, the packet's fields, span."""
+
+FIELDS = (("track", "track {}"), ("size", "{} bytes"), ("start", "start tick {}"),
+          ("span", "{} ticks"))  # fmt: skip
+
+
+def cluster(packets: list[Packet], file_id: int, sequence: int) -> list[Field]:
+    """The table, and the packets."""
+
+    def cluster_crc(data: bytes) -> int:
+        return file_crc(struct.pack("<Q", sequence) + data, file_id)
+
+    bodies = [joined(body) for _, _, body, _ in packets]
+    rows = [
+        (track, len(body), start, span)
+        for (track, start, _, span), body in zip(packets, bodies, strict=True)
     ]
-    entry.append(u32(file_crc(joined(entry + body), file_id), "packet CRC"))
-    return entry, body
-
-
-def cluster(packets: list[tuple[list[Field], list[Field]]]) -> list[Field]:
-    some = "1 packet" if len(packets) == 1 else f"{len(packets)} packets"
-    fields = [varint(len(packets), some)]
-    for entry, _ in packets:
-        fields += entry
-    for _, body in packets:
+    least = [min(column) for column in zip(*rows, strict=True)]
+    widths = [
+        (max(column) - low).bit_length() + 7 >> 3
+        for column, low in zip(zip(*rows, strict=True), least, strict=True)
+    ]
+    told = ", ".join(f"{name} {width}" for (name, _), width in zip(FIELDS, widths, strict=True))
+    fields = [
+        varint(len(packets), "1 packet" if len(packets) == 1 else f"{len(packets)} packets"),
+        u16(sum(width << 4 * i for i, width in enumerate(widths)), f"bytes in a row: {told}"),
+    ]
+    fields += [varint(low, f"least {name}") for (name, _), low in zip(FIELDS, least, strict=True)]
+    for row, body in zip(rows, bodies, strict=True):
+        for value, low, width, (_, text) in zip(row, least, widths, FIELDS, strict=True):
+            if width:
+                fields.append(raw((value - low).to_bytes(width, "little"), text.format(value)))
+        crc = cluster_crc(struct.pack("<5Q", len(packets), *row) + body)
+        fields.append(u32(crc, f"packet CRC of track {row[0]}, start tick {row[2]}"))
+    fields.append(u32(cluster_crc(joined(fields)), "table CRC"))
+    for _, _, body, _ in packets:
         fields += body
     return fields
 

@@ -26,12 +26,10 @@ from builder import (
     Field,
     File,
     bits,
-    cluster,
     i32,
     i64,
     joined,
     listing,
-    packet,
     raw,
     svarint,
     u8,
@@ -152,7 +150,7 @@ def hold() -> Example:
         varint(3, "next knot 3 ticks later"),
         svarint(1, "index 1 more: 5, count 125"),
     ]
-    f.chunk("DATA", cluster([packet(0, 0, body, 8, f.file_id)]), times=(0, 8 * MS))
+    f.cluster([(0, 0, body, 8)], (0, 8 * MS))
     f.close(1)
     note = """The smallest useful file: codec `KNOT` with varints, a label, a unit and a
 calibration. One force channel at 1 kHz; one count is 10 mN. It decodes to the counts 100 100 100
@@ -189,12 +187,12 @@ def residual() -> Example:
     texture = [bits("110 10 111 0 1", "0, 1, -1, a run of 3; 6 bits fill the byte")]
     silence = [bits("0 0", "a run of 2; 6 bits fill the byte")]
     rows = [
-        packet(0, 0, lines, 6, f.file_id),
-        packet(0, 8, later, 2, f.file_id),
-        packet(1, 0, texture, 6, f.file_id),
-        packet(1, 8, silence, 2, f.file_id),
+        (0, 0, lines, 6),
+        (0, 8, later, 2),
+        (1, 0, texture, 6),
+        (1, 8, silence, 2),
     ]
-    f.chunk("DATA", cluster(rows), times=(0, 20 * MS))
+    f.cluster(rows, (0, 20 * MS))
     f.close(2)
     note = """LF + HF: one channel at 500 Hz in two tracks, with a gap at ticks 6 and 7. The LF
 track decodes to d = 10 8 5 9 13 17, then 17 17. At tick 1 it is `10 + rdiv(-5 * 1, 2) = 10 - 2`,
@@ -225,10 +223,10 @@ def marks() -> Example:
         raw("µm".encode(), "'µm'"),
     ]
     rows = [
-        packet(0, 0, [svarint(1, "a single knot: constant 1")], 4, f.file_id),
-        packet(1, 1500, events, 501, f.file_id),
+        (0, 0, [svarint(1, "a single knot: constant 1")], 4),
+        (1, 1500, events, 501),
     ]
-    f.chunk("DATA", cluster(rows), times=(0, 4 * MS))
+    f.cluster(rows, (0, 4 * MS))
     clock = [
         u8(2, "2 bytes"),
         raw(b"pc", "the clock 'pc'"),
@@ -275,11 +273,7 @@ def quantised() -> Example:
     assert page_quantised.decode(body, len(levels), m, r, lengths) == levels
     told = ", ".join(f"{symbol}: {word}" for symbol, word in sorted(words.items()))
     about = "1, escape -6, 5 zeros, -1, escape 8, 0, 2 zeros, 1"
-    f.chunk(
-        "DATA",
-        cluster([packet(0, 0, [raw(body, about)], len(levels), f.file_id)]),
-        times=(0, len(levels) * MS),
-    )
+    f.cluster([(0, 0, [raw(body, about)], len(levels))], (0, len(levels) * MS))
     f.close(1)
     row = []
     for token in tokens:
@@ -319,8 +313,8 @@ def raws() -> Example:
     words = [binary64(x) for x in numbers]
     squeezed = page_raw.encode([words], 8, page_raw.DEFLATE, deflate.FIXED)
     body = [u8(1, "DEFLATE"), raw(squeezed[1:], "96 bytes: 12 lowest bytes, ... 12 highest bytes")]
-    rows = [packet(0, 0, planes, 3, f.file_id), packet(1, 0, body, 12, f.file_id)]
-    f.chunk("DATA", cluster(rows), times=(0, 12 * MS))
+    rows = [(0, 0, planes, 3), (1, 0, body, 12)]
+    f.cluster(rows, (0, 12 * MS))
     f.close(2)
     note = """Codec `RAWB`: two channels of counts in one track, stored, and a channel of
 binary64 numbers, compressed. Channel 0 is 1 -2 300, channel 1 is 0 5 -300, channel 2 is 12 times
@@ -349,7 +343,7 @@ def adaptive() -> Example:
         varint(3, "3 knots after it"),
         raw(coded[3:], "coded bytes"),
     ]
-    f.chunk("DATA", cluster([packet(0, 0, body, 10, f.file_id)]), times=(0, 10 * MS))
+    f.cluster([(0, 0, body, 10)], (0, 10 * MS))
     f.close(1)
     first = [500, 505, 510, 515, 520, 505, 490, 493, 497, 500]
     second = [550, 545, 540, 535, 530, 530, 530, 520, 510, 500]
@@ -406,11 +400,11 @@ def predicted() -> Example:
         u8(0, "flags"), u8(0, "no predictor"), svarint(0, "base 0"), raw(coarse[3:], "coded bytes"),
     ]  # fmt: skip
     rows = [
-        packet(0, 0, first, 8, f.file_id),
-        packet(0, 8, constant, 3, f.file_id),
-        packet(1, 0, grid, 5, f.file_id),
+        (0, 0, first, 8),
+        (0, 8, constant, 3),
+        (1, 0, grid, 5),
     ]
-    f.chunk("DATA", cluster(rows), times=(0, 11 * MS))
+    f.cluster(rows, (0, 11 * MS))
     f.close(2)
     rough_counts = [levels[abs(i)] * (-1 if i < 0 else 1) for i in indices]
     note = f"""Codec `LPCR`. Track 0 is lossless and has two components: second differences, and
@@ -448,7 +442,7 @@ def exact() -> Example:
         u8(0, "corrections in steps of 2^0"),
         raw(rest[2:], "coded bytes: corrections 0, 0, 1, 1, 1, 1"),
     ]
-    f.chunk("DATA", cluster([packet(0, 0, body, 6, f.file_id)]), times=(0, 6 * MS))
+    f.cluster([(0, 0, body, 6)], (0, 6 * MS))
     f.close(1)
     told = " ".join(repr(x) for x in numbers)
     note = f"""Codec `LPCX`, exact doubles: a logger computed `count * 0.1`, and the file stores
@@ -502,10 +496,10 @@ def described() -> Example:
     )
     both = [svarint(100, "component 0: index 100"), svarint(600, "component 1: index 600")]
     rows = [
-        packet(0, 0, both, 4, f.file_id),
-        packet(1, 0, [svarint(7, "a single knot: constant 7")], 4, f.file_id),
+        (0, 0, both, 4),
+        (1, 0, [svarint(7, "a single knot: constant 7")], 4),
     ]
-    f.chunk("DATA", cluster(rows), times=(0, 4 * MS))
+    f.cluster(rows, (0, 4 * MS))
     f.close(2)
     note = """Every TLV of `TRAK`, and a description as a DEFLATE stream. Channel 0 is 0.1 N,
 channel 1 is (600 - 500) / 1000 = 0.1 N, channel 2 is 7. The byte 255 repeats the text before it;
@@ -520,11 +514,11 @@ def digests() -> Example:
     f.head()
     f.chunk("TRAK", plain(track("KNOT", tlvs=[knots()])), track=0)
     f.chunk("mETa", [raw(b'{"subject": 7}', '{"subject": 7}')])
-    rows = [packet(0, 0, [svarint(5, "a single knot: constant 5")], 2, f.file_id)]
-    f.chunk("DATA", cluster(rows), times=(0, 2 * MS))
+    rows = [(0, 0, [svarint(5, "a single knot: constant 5")], 2)]
+    f.cluster(rows, (0, 2 * MS))
     f.index()
-    rows = [packet(0, 4, [svarint(6, "a single knot: constant 6")], 1, f.file_id)]
-    f.chunk("DATA", cluster(rows), times=(4 * MS, 5 * MS))
+    rows = [(0, 4, [svarint(6, "a single knot: constant 6")], 1)]
+    f.cluster(rows, (4 * MS, 5 * MS))
     numbers = hashlib.sha256(struct.pack("<3i", 5, 5, 6)).digest()
     coverage = struct.pack("<4Q", 0, 2, 4, 1)
     digest = hashlib.sha256(numbers + coverage).digest()
@@ -557,8 +551,8 @@ def salvaged() -> Example:
         (4, [svarint(2, "packet of ticks 4 to 7: constant 2")]),
         (8, [svarint(3, "packet of ticks 8 to 11: constant 3")]),
     ]
-    rows = [packet(0, start, body, 4, f.file_id) for start, body in bodies]
-    f.chunk("DATA", cluster(rows), times=(0, 12 * MS))
+    rows = [(0, start, body, 4) for start, body in bodies]
+    f.cluster(rows, (0, 12 * MS))
     end = f.offset
     f.close(1)
     at = end - 2

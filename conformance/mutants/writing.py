@@ -145,13 +145,13 @@ MUTANTS = (
         ),
     ),
     encoder(
-        "packet-crc-without-entry",
-        "The CRC of a packet does not cover its entry.",
+        "packet-crc-without-row",
+        "The CRC of a packet does not cover its row.",
         "DAT-004",
         Edit(
             "container.cluster:build_cluster",
-            "packet_crc(seed, fields, packet.data)",
-            'packet_crc(seed, b"", packet.data)',
+            "packet_crc(seed, count, row, packet.data)",
+            "crc32(packet.data, seed)",
         ),
     ),
     encoder(
@@ -160,8 +160,18 @@ MUTANTS = (
         "DAT-004",
         Edit(
             "container.cluster:build_cluster",
-            "packet_crc(seed, fields, packet.data)",
-            "packet_crc(0, fields, packet.data)",
+            "packet_crc(seed, count, row, packet.data)",
+            "packet_crc(0, count, row, packet.data)",
+        ),
+    ),
+    encoder(
+        "packet-crc-of-another-chunk",
+        "The CRCs of all clusters are those of chunk 0.",
+        "DAT-004 DAT-011",
+        Edit(
+            f"{WRITER}.data",
+            "cluster_seed(self.file_id, self.sequence)",
+            "cluster_seed(self.file_id, 0)",
         ),
     ),
     encoder(

@@ -71,8 +71,8 @@ DEVIATION = Struct(
 )
 
 INDEX = Struct(
-    "covers_from" / Int64ul * "offset from which on every chunk up to this one is listed",
-    "previous" / Int64ul * "offset of the iNDX chunk before this one; 0: none",
+    "previous" / Int64ul * "offset of the iNDX chunk that the list begins with; 0: none",
+    "first_sequence" / Int32ul * "sequence number of the first chunk that is listed",
     "entry_count" / Int32ul * "number of entries",
 )
 

@@ -46,6 +46,7 @@ __all__ = [
     "Head",
     "build_chunk",
     "check_file_id",
+    "cluster_seed",
     "crc32",
     "id_text",
     "seed_of",
@@ -69,6 +70,11 @@ def id_text(file_id: int) -> str:
 def seed_of(file_id: int) -> int:
     """Where a file CRC starts: the CRC-32 of the file id (SPEC clause 2)."""
     return zlib.crc32(file_id.to_bytes(8, "little"))
+
+
+def cluster_seed(file_id: int, sequence: int) -> int:
+    """Where a cluster CRC starts: the file CRC of the sequence number (SPEC 6.4)."""
+    return zlib.crc32(sequence.to_bytes(8, "little"), seed_of(file_id))
 
 
 @cache
@@ -127,8 +133,13 @@ class ChunkHeader:
 
     @property
     def seed(self) -> int:
-        """Where the CRCs of the payload and of its packets start."""
+        """Where the CRC of the payload starts."""
         return seed_of(self.file_id)
+
+    @property
+    def cluster_seed(self) -> int:
+        """Where the CRCs of a table and of its packets start."""
+        return cluster_seed(self.file_id, self.sequence)
 
     @property
     def critical(self) -> bool:

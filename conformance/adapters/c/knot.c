@@ -452,19 +452,29 @@ static void deliver(Track *track, unsigned id, int64_t start, int64_t span, int6
     if (fclose(out)) stop(ERROR, "%s cannot be written", path);
 }
 
-static void cluster(Bytes in, uint32_t seed) {
-    typedef struct { int64_t track, size, start, span; const uint8_t *row, *crc; } Entry;
-    int64_t count = varint(&in), samples = 0;
+static uint32_t crc_of_number(uint32_t crc, uint64_t value) { /* of a u64 */
+    uint8_t bytes[8];
+    for (int i = 0; i < 8; i++) bytes[i] = (uint8_t)(value >> 8 * i);
+    return crc32(crc, bytes, 8);
+}
+
+static void cluster(Bytes in, uint32_t seed) { /* 6.4; `seed`: where a cluster CRC goes on from */
+    typedef struct { int64_t track, size, start, span; uint64_t crc; } Entry;
+    const uint8_t *begin = in.at;
+    int64_t count = varint(&in), samples = 0, least[4];
     if (count < 1 || count > PACKETS) stop(NONCONFORMING, "how many packets [DAT-001]");
+    const uint8_t *at = take(&in, 2);
+    int widths[4] = {at[0] & 15, at[0] >> 4, at[1] & 15, at[1] >> 4};
+    for (int i = 0; i < 4; i++)
+        if (widths[i] > 6) stop(NONCONFORMING, "the bytes of a field [DAT-010]");
+    for (int i = 0; i < 4; i++) least[i] = varint(&in);
     Entry *entries = room_for(NULL, (size_t)count, sizeof(Entry));
     for (int64_t i = 0; i < count; i++) {
         Entry *e = entries + i;
-        e->row = in.at;
-        e->track = varint(&in);
-        e->size = varint(&in);
-        e->start = varint(&in);
-        e->span = varint(&in);
-        e->crc = take(&in, 4);
+        int64_t *fields[4] = {&e->track, &e->size, &e->start, &e->span};
+        for (int f = 0; f < 4; f++)
+            *fields[f] = least[f] + (int64_t)number(take(&in, (size_t)widths[f]), widths[f]);
+        e->crc = number(take(&in, 4), 4);
         if (e->span < 1 || e->span > SPAN || e->start + e->span > (int64_t)1 << 48)
             stop(NONCONFORMING, "a span [DAT-003]");
         if (e->track >= TRACKS || !tracks[e->track].described)
@@ -472,12 +482,18 @@ static void cluster(Bytes in, uint32_t seed) {
         samples += e->span * tracks[e->track].components;
         if (samples > CLUSTER) stop(NONCONFORMING, "too many samples [DAT-009]");
     }
+    uint32_t found = crc32(seed, begin, (size_t)(in.at - begin));
+    if (found != number(take(&in, 4), 4)) stop(NONCONFORMING, "a table's CRC [DAT-011]");
     for (int64_t i = 0; i < count; i++) {
         Entry *e = entries + i;
         Track *track = tracks + e->track;
         Bytes packet = {take(&in, (size_t)e->size), in.at};
-        uint32_t crc = crc32(seed, e->row, (size_t)(e->crc - e->row));
-        if (crc32(crc, packet.at, (size_t)e->size) != number(e->crc, 4))
+        uint32_t crc = crc_of_number(seed, (uint64_t)count);
+        crc = crc_of_number(crc, (uint64_t)e->track);
+        crc = crc_of_number(crc, (uint64_t)e->size);
+        crc = crc_of_number(crc, (uint64_t)e->start);
+        crc = crc_of_number(crc, (uint64_t)e->span);
+        if (crc32(crc, packet.at, (size_t)e->size) != e->crc)
             stop(NONCONFORMING, "a packet's CRC [DAT-004]");
         if (!track->known) continue;
         packet.end = packet.at + e->size;
@@ -523,7 +539,7 @@ static void walk(Bytes in, FILE *json) {
         if (!sequence && memcmp(h + 4, "HEAD", 4)) stop(NONCONFORMING, "no HEAD [HED-001]");
         if (!sequence) head(payload, json, file_id);
         if (known && !memcmp(h + 4, "TRAK", 4)) describe(payload, (unsigned)number(h + 24, 2));
-        if (known && !memcmp(h + 4, "DATA", 4)) cluster(payload, seed);
+        if (known && !memcmp(h + 4, "DATA", 4)) cluster(payload, crc_of_number(seed, sequence));
     }
     if (!sequence) stop(NONCONFORMING, "no chunk");
     if (in.at < in.end || !closed) outcome = DAMAGED;

@@ -37,6 +37,13 @@ function idBytes(fileId) {
 // Where a file CRC starts (clause 2): the CRC of the file id.
 export const seedOf = (fileId) => crc32(idBytes(fileId));
 
+// Where a cluster CRC starts (6.4): the file CRC of the sequence number.
+export function clusterSeed(seed, sequence) {
+  const bytes = new Uint8Array(8);
+  new DataView(bytes.buffer).setUint32(0, sequence, true);
+  return crc32(bytes, 0, 8, seed);
+}
+
 // There are few types and many chunks: each name is made once.
 const types = new Map();
 

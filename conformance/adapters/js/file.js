@@ -194,7 +194,6 @@ function readAncillary(file, noteIt) {
 // 6.5, 6.6: kept in a file with damage, where they tell what is missing; checked in another.
 function readIndexes(file, noteIt) {
   const { bytes, chunks, damaged, held, allTracks } = file;
-  const ordinary = chunks.filter((c) => c.type !== 'iNDX' && c.type !== 'fOOT');
   const byPosition = new Map(chunks.map((chunk) => [chunk.position, chunk]));
   const times = new Map();
   if (!damaged) {
@@ -221,7 +220,7 @@ function readIndexes(file, noteIt) {
           if (entries > ENTRY_BOUND) unsupported('LIM-003', 'more index entries than this reader keeps', chunk.position);
           file.indexes.push(index);
         } else {
-          for (const fault of checkIndex(index, ordinary, byPosition, times)) noteIt(fault, chunk);
+          for (const fault of checkIndex(index, chunks, byPosition, times)) noteIt(fault, chunk);
         }
         lastIndex = chunk;
       } else if (chunk.type === 'fOOT') {

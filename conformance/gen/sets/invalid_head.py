@@ -28,9 +28,10 @@ def labelled(raw: bytes) -> bytes:
 
 def table(packet_count: bytes, size: bytes = b"\1", start: bytes = b"\0") -> bytes:
     """DATA, its numbers written out."""
-    fields = b"\0" + size + start + b"\4"
-    crc = f.file_crc(fields + f.KNOT_DATA).to_bytes(4, "little")
-    return series((f.trak(), 0), data=("DATA", packet_count + fields + crc + f.KNOT_DATA))
+    crc = f.packet_crc(1, 0, 0, 4, f.KNOT_DATA).to_bytes(4, "little")
+    rows = packet_count + b"\0\0" + b"\0" + size + start + b"\4" + crc
+    crc = f.cluster_crc(rows).to_bytes(4, "little")
+    return series((f.trak(), 0), data=("DATA", rows + crc + f.KNOT_DATA))
 
 
 VARINTS = [

@@ -217,7 +217,8 @@ def chain() -> Case:
     begun = w.lay(*chunks, close=False)
     first, third, fourth = begun.of("iNDX"), begun.of("DATA", 2), begun.of("DATA", 3)
     rows = [("DATA", third.at, 80, 84), ("DATA", fourth.at, 120, 124)]
-    index = f.index(rows, covers_from=first.at, previous=first.at)
+    rows = [("iNDX", first.at, 0, 0), *rows]
+    index = f.index(rows, previous=first.at, first=first.sequence)
     laid = w.lay(*chunks, ("iNDX", index), close=False)
     second = laid.of("DATA", 1)
     return wrecked(

@@ -207,13 +207,13 @@ def repeats() -> Iterator[Case]:
     )  # fmt: skip
     yield wrecked(
         "damaged-then-whole",
-        "A damaged cluster and then the same one whole: the whole one counts, the packets of the "
-        "damaged one overlap with it.",
+        "A damaged cluster and then the same one whole: the whole one gives the packet that the "
+        "damaged one has lost.",
         ["CHK-003", "CHK-005", "DAT-006"], "framing/duplicate",
         w.flip(w.with_bytes(DATA, SECOND.stop, chunk), row.at),
         damages=[
             ("bad-payload", SECOND.at, SECOND.size), ("bad-packet", row.at, row.size),
-            ("overlap", STEADY.row(0, 4).at, 7), ("overlap", STEADY.row(2, 4).at, 7),
+            *[("overlap", SECOND.size + STEADY.row(track, 4).at, 7) for track in (0, 2)],
             ("out-of-order", SECOND.stop, 0),
         ], recover=[0, 3],
     )  # fmt: skip

@@ -259,19 +259,18 @@ class Growing:
 
     def add(self, *chunk: Any, times: tuple[int, int] = (0, 0)) -> None:
         type_, payload, *given = chunk
-        if type_ not in ("iNDX", "fOOT"):
-            self.rows.append(entry(chunk, len(self.data), times))
+        self.rows.append(entry(chunk, len(self.data), times))
         self.tracks += type_ == "TRAK"
         self.clusters += type_ == "DATA"
         self.data += f.chunk(type_, payload, self.sequence, **(given[0] if given else {}))
         self.sequence += 1
 
-    def index(self, covers_from: int = 8) -> None:
+    def index(self, previous: int = 0) -> None:
         """Of all chunks from there on."""
-        rows = [row for row in self.rows if row[1] >= covers_from]
-        previous = self.indexes[-1] if self.indexes else 0
+        rows = [row for row in self.rows if row[1] >= previous]
         self.indexes.append(len(self.data))
-        self.add("iNDX", f.index(rows, covers_from=covers_from, previous=previous))
+        first = len(self.rows) - len(rows)
+        self.add("iNDX", f.index(rows, previous=previous, first=first))
 
     def foot(self, duration_ns: int) -> None:
         stop = len(self.data) + f.FOOT
