@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..codecs.exact import WHOLE, ExactParameters, corrections_of, lacking_of
+from ..codecs.exact import ExactParameters, corrections_of, lacking_of
 from ..codecs.values import (
     COEFFICIENT_LIMIT,
     CUBIC,
@@ -255,10 +255,5 @@ def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> tuple[bytes, 
     """One packet of these samples, and how many of its bytes are exact values."""
     coded = encode_best(counts)
     lacking = lacking_of(x, candidate.parameters, candidate.affine, counts)
-    beside = None
-    for recall in (False, True):
-        below = WHOLE if beside is None else len(beside)
-        data = lacking.build(recall=recall, below=below)
-        beside = data if data is not None and len(data) < below else beside
-    assert beside is not None
+    beside = min((lacking.build(recall=recall) for recall in (False, True)), key=len)
     return build_varint(len(coded)) + coded + beside, len(beside)

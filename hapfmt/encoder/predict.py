@@ -13,7 +13,7 @@ from math import inf, log2, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs.adaptive import ERROR_BITS
+from ..codecs.entropy import ERROR_BITS
 from ..codecs.predicted import (
     DIFFERENCE_LIMIT,
     ORDER_LIMIT,

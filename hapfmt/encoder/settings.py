@@ -38,7 +38,7 @@ ARCHIVE_CLUSTER = Fraction(10)
 """Seconds (SPEC clause 13)."""
 
 LEARNING, LONGEST_CLUSTER = 1 << 14, Fraction(120)
-"""Samples after which adaptive models have learned most and the rows of a packet table cost little
+"""Samples of a packet whose predictor and whose row in a packet table cost little
 (a glove at 100 Hz: clusters of 120 s take 36 % less than those of 41 s, measured), and the seconds
 that a slow channel may wait for them."""
 
@@ -47,7 +47,7 @@ LEAST_TICKS = 256
 1/3600 Hz took 49 kB; so they take 1.3 kB."""
 
 LONG_PACKET = 1 << 15
-"""Samples of a packet of Rice codes, which learn nothing: as long as one predictor does for."""
+"""Samples of a packet of --fast: as long as one predictor does for."""
 
 RANGE_FLOOR = Tolerance(0.002, "range")
 """0.2 % of the channel's own range: a floor for any quantity, not only for forces."""
@@ -84,7 +84,7 @@ class Settings:
     vectors: "required" raises where channels of one group cannot be coded as one vector,
     "possible" codes them apart. references: channels that resemble each other may share a track,
     each predicted from those before it; one lost packet then takes all of them along, and to read
-    one all are decoded. fast: lossless in a fraction of the time, for a few percent of size.
+    one all are decoded. fast: lossless with less search for predictors, for a few percent of size.
     smallest: channels whose lossless form is smaller are lossless; False, where a method is to be
     measured or heard: the lossy form whatever its size.
     """
@@ -164,8 +164,8 @@ class Settings:
         return self.floor or RANGE_FLOOR
 
     def cluster_of(self, recording: Recording) -> Fraction:
-        """Seconds of a cluster: as asked for; else ten, and where packets learn as they go, as many
-        as give the fastest channel enough to learn from; and never few ticks."""
+        """Seconds of a cluster: as asked for; else ten, and for slow channels as many as make packets
+        long; and never few ticks."""
         if self.cluster is not None:
             return self.cluster
         fastest = max((channel.rate_exact for channel in recording.channels), default=Fraction(1))

@@ -4,43 +4,13 @@
    difference has at most 34 bits, a tick is below the span before anything is written. */
 #include "kernels.h"
 
-#include "coder.h"
+#include "coded.h"
 #include "lines.h"
 
-enum { BAD_LENGTH = 7, BAD_TICK = 8, GAP_BITS = 24, VALUE_BITS = 34 };
+enum { BAD_TICK = 8, SIGNS_LATER = 32, FOUR = 16 };
 static const int64_t FARTHEST = (int64_t)1 << 48; /* ticks whose differences do not overflow */
 
-typedef struct {
-    bit_model lengths[VALUE_BITS + 1], seconds[VALUE_BITS + 1];
-} magnitude;
-
-typedef struct {
-    magnitude gaps, values;
-    bit_model signs[3];
-} knot_model;
-
-static void knots_init(knot_model *m)
-{
-    bit_model fresh = {32768, 32768, 0};
-    for (int i = 0; i <= VALUE_BITS; i++) {
-        m->gaps.lengths[i] = m->gaps.seconds[i] = fresh;
-        m->values.lengths[i] = m->values.seconds[i] = fresh;
-    }
-    for (int i = 0; i < 3; i++) m->signs[i] = fresh;
-}
-
 /* ---- decoding ---- */
-
-/* A number of at most ``most`` bits; -1 where it has more. */
-INLINE int64_t get_magnitude(decoder *d, magnitude *m, int most)
-{
-    int size = 0;
-    while (get_bit(d, &m->lengths[size]))
-        if (RARE(++size > most)) return -1;
-    if (size < 2) return size;
-    int64_t top = 2 | get_bit(d, &m->seconds[size]);
-    return top << (size - 2) | (int64_t)get_raw(d, size - 2);
-}
 
 typedef struct {
     shape shape;
@@ -49,35 +19,49 @@ typedef struct {
     int linear;
 } knot_plan;
 
-/* ``row``: indices of the last knot; ``counts``: what they stand for; ``signs``: of the last
-   differences, zeros. */
-static int decode_knots(decoder *d, const knot_plan *p, int64_t *row, int64_t *counts,
-                        int64_t *signs, int32_t *out)
+/* ``numbers``: gaps and then differences, component by component. */
+static int get_knots(const uint8_t *in, int64_t size, const knot_plan *p, int64_t *numbers, int64_t *taken)
 {
-    knot_model m;
+    int64_t gaps = p->further - p->linear, differences = p->further * p->shape.components;
+    int head = 2, signs = RAW_SIGNS;
+    decoder d;
+    *taken = 0;
+    if (size < 2 || in[0] >> 5 || in[1] & ~(15 | SIGNS_LATER)) return BAD_CODING;
+    if (in[1] & SIGNS_LATER) {
+        signs = LATER_SIGNS;
+        head += SIGN_CONTEXTS;
+        if (size < head || !in[2] || !in[3] || !in[4]) return BAD_CODING;
+    }
+    decoder_init(&d, in + head, size - head, in[0] & FOUR ? 4 : 1);
+    int status = overrun(&d) ? BAD_END : DONE;
+    if (!status) status = get_integers(&d, in[0] & 15, gaps, numbers, UNSIGNED);
+    if (!status) status = get_integers(&d, in[1] & 15, differences, numbers + gaps, signs);
+    if (!status && signs == LATER_SIGNS) status = get_signs(&d, in + 2, differences, numbers + gaps);
+    if (!status) status = check_end(&d);
+    *taken = head + front_taken(&d);
+    return status;
+}
+
+/* ``row``: indices of the last knot; ``counts``: what they stand for. */
+static int decode_knots(const knot_plan *p, const int64_t *numbers, int64_t *row, int64_t *counts,
+                        int32_t *out)
+{
+    const int64_t *gaps = numbers, *differences = numbers + p->further - p->linear;
     int64_t tick = 0;
     int components = p->shape.components;
-    knots_init(&m);
     for (int c = 0; c < components; c++) counts[c] = count_of(&p->places, row[c]);
-    for (int64_t left = p->further; left-- > 0;) {
-        if (RARE(overrun(d))) return BAD_END;
-        int64_t from = tick, stop;
-        int last = p->linear && !left, inside = 1;
-        if (last) {
+    for (int64_t k = 0; k < p->further; k++) {
+        int64_t from = tick, stop, left = p->further - 1 - k;
+        int inside = 1;
+        if (p->linear && !left) {
             tick = p->span - 1;
             stop = p->span;
         } else {
-            int64_t gap = get_magnitude(d, &m.gaps, GAP_BITS);
-            if (gap < 0) return BAD_LENGTH;
-            stop = tick += gap + 1;
+            stop = tick += gaps[k] + 1;
             if (tick >= p->span - left) return BAD_TICK;
         }
         for (int c = 0; c < components; c++) {
-            int64_t u = get_magnitude(d, &m.values, VALUE_BITS);
-            if (u < 0) return BAD_LENGTH;
-            int negative = u ? get_bit(d, &m.signs[signs[c] + 1]) : 0;
-            row[c] += negative ? -u : u;
-            signs[c] = (u != 0) - 2 * negative;
+            row[c] += differences[c * p->further + k];
             inside &= row[c] <= p->places.limit && row[c] >= -p->places.limit;
             if (RARE(!inside)) continue;
             int64_t before = counts[c];
@@ -90,7 +74,7 @@ static int decode_knots(decoder *d, const knot_plan *p, int64_t *row, int64_t *c
     /* Lines end with the packet: only what is held goes on. */
     if (!p->linear || !p->further)
         for (int c = 0; c < components; c++) hold(&p->shape, tick, p->span, c, counts[c], out);
-    return p->further ? check_end(d) : DONE;
+    return DONE;
 }
 
 static int plan_fits(knot_plan *p, const Py_buffer *levels, const Py_buffer *first,
@@ -106,14 +90,14 @@ static int plan_fits(knot_plan *p, const Py_buffer *levels, const Py_buffer *fir
 }
 
 /* (coded bytes, lines, knots after the first, largest index, step, zero, magnitudes of a deadband's
-   grid int64 or none, least and largest count, first indices int64 [components], zeros int64
-   [2 * components], counts int32 [ticks * components]) -> (status, bytes read) */
+   grid int64 or none, least and largest count, first indices int64 [components], room
+   int64 [2 * components], counts int32 [ticks * components]) -> (status, bytes read) */
 static PyObject *coded_knots_decode(PyObject *self, PyObject *args)
 {
     Py_buffer coded, levels, first, work, out;
     long long further;
     knot_plan p;
-    int status = DONE;
+    int status = DONE, memory = 1;
     int64_t size = 0;
     PyObject *result = NULL;
     (void)self;
@@ -125,15 +109,17 @@ static PyObject *coded_knots_decode(PyObject *self, PyObject *args)
     p.span = rows_of(&p.shape, &out);
     p.further = further;
     if (plan_fits(&p, &levels, &first, &work)) {
-        int64_t *space = work.buf;
-        decoder d;
         Py_BEGIN_ALLOW_THREADS
-        memset(work.buf, 0, (size_t)work.len);
-        decoder_init(&d, coded.buf, coded.len);
-        status = decode_knots(&d, &p, first.buf, space, space + p.shape.components, out.buf);
-        size = (bits_taken(&d) - 15) / 8;
+        uint8_t *copy = with_margins(coded.buf, coded.len);
+        int64_t *numbers = malloc((size_t)(8 * p.further * (1 + p.shape.components) + 8));
+        memory = copy && numbers;
+        if (memory && p.further) status = get_knots(copy + MARGIN, coded.len, &p, numbers, &size);
+        if (memory && !status) status = decode_knots(&p, numbers, first.buf, work.buf, out.buf);
+        free(copy);
+        free(numbers);
         Py_END_ALLOW_THREADS
-        result = Py_BuildValue("iL", status, (long long)size);
+        if (memory) result = Py_BuildValue("iL", status, (long long)size);
+        else PyErr_NoMemory();
     } else
         PyErr_SetString(PyExc_ValueError, "not the limits of a packet of knots, or not its room");
     PyBuffer_Release(&coded);
@@ -146,41 +132,56 @@ static PyObject *coded_knots_decode(PyObject *self, PyObject *args)
 
 /* ---- encoding ---- */
 
-INLINE int put_magnitude(encoder *e, magnitude *m, int most, int64_t u)
+/* The coded bytes of knots after the first one; *size: how many. */
+static int encode_knots(const int64_t *ticks, const int64_t *indices, int64_t knots, int64_t components,
+                        int linear, uint8_t *out, int64_t room, int64_t *size)
 {
-    int size = bit_length((uint64_t)u);
-    if (u < 0 || size > most) return 0;
-    for (int i = 0; i < size; i++) put_bit(e, 1, &m->lengths[i]);
-    put_bit(e, 0, &m->lengths[size]);
-    if (size > 1) {
-        put_bit(e, (int)(u >> (size - 2) & 1), &m->seconds[size]);
-        put_raw(e, (uint64_t)u, size - 2);
-    }
-    return 1;
-}
-
-static inline int sign(int64_t x) { return (x > 0) - (x < 0); }
-
-static int encode_knots(encoder *e, const int64_t *ticks, const int64_t *indices, int64_t knots,
-                        int64_t components, int linear)
-{
-    knot_model m;
-    knots_init(&m);
+    enum { SIGN_PLACES = 2 * BITS };
+    int64_t further = knots - 1, gaps = further - (linear && further), differences = further * components;
     for (int64_t i = 0; i < knots * components; i++)
         if (indices[i] > FARTHEST_INDEX || indices[i] < -FARTHEST_INDEX) return BAD_INDEX;
     for (int64_t k = 0; k < knots; k++)
-        if (ticks[k] < 0 || ticks[k] > FARTHEST) return BAD_TICK;
-    for (int64_t k = 1; k < knots; k++) {
-        const int64_t *now = indices + k * components, *before = now - components;
-        if (!linear || k < knots - 1)
-            if (!put_magnitude(e, &m.gaps, GAP_BITS, ticks[k] - ticks[k - 1] - 1)) return BAD_TICK;
-        for (int64_t c = 0; c < components; c++) {
-            int64_t d = now[c] - before[c], g = k > 1 ? before[c] - before[c - components] : 0;
-            put_magnitude(e, &m.values, VALUE_BITS, d < 0 ? -d : d);
-            if (d) put_bit(e, d < 0, &m.signs[sign(g) + 1]);
+        if (ticks[k] < 0 || ticks[k] > FARTHEST || (k && ticks[k] <= ticks[k - 1])) return BAD_TICK;
+    workshop w;
+    if (!workshop_open(&w, further + differences)) {
+        workshop_close(&w);
+        return NO_MEMORY;
+    }
+    int64_t *numbers = w.errors;
+    for (int64_t k = 0; k < gaps; k++) numbers[k] = ticks[k + 1] - ticks[k] - 1;
+    for (int64_t c = 0; c < components; c++)
+        for (int64_t k = 0; k < further; k++)
+            numbers[gaps + c * further + k] = indices[(k + 1) * components + c] - indices[k * components + c];
+    encoder e;
+    histogram seen = {{0}}, other = {{0}};
+    share shares[2 * BITS + 2 * SIGN_CONTEXTS];
+    uint8_t start[2 + SIGN_CONTEXTS];
+    int head = 2, later;
+    int64_t signs[2 * SIGN_CONTEXTS];
+    room = room < 8 ? 0 : room - 8;
+    encoder_init(&e, w.codes, out + 8, room);
+    later = signs_pay(numbers + gaps, differences, signs);
+    int status = put_integers(&e, numbers, gaps, UNSIGNED, 0, &seen);
+    if (!status)
+        status = put_integers(&e, numbers + gaps, differences, later ? UNSIGNED : RAW_SIGNS, BITS, &other);
+    if (!status) {
+        if (later) note_signs(&e, numbers + gaps, differences, SIGN_PLACES);
+        int four = e.noted >= MANY, class = best_class(&seen), another = best_class(&other);
+        memcpy(shares, hapfmt_classes[class].shares, sizeof hapfmt_classes[class].shares);
+        memcpy(shares + BITS, hapfmt_classes[another].shares, sizeof hapfmt_classes[another].shares);
+        start[0] = (uint8_t)(class | FOUR * four);
+        start[1] = (uint8_t)(another | SIGNS_LATER * later);
+        if (later) head += put_bits(shares + SIGN_PLACES, start + 2, signs, SIGN_CONTEXTS);
+        int64_t coded = encoder_finish(&e, shares, four ? 4 : 1, w.words);
+        *size = coded > room ? coded + 8 : head + coded;
+        if (coded > room) status = NO_ROOM;
+        else {
+            memmove(out + head, out + 8, (size_t)coded);
+            memcpy(out, start, (size_t)head);
         }
     }
-    return DONE;
+    workshop_close(&w);
+    return status;
 }
 
 static int64_t put_varint(uint8_t *out, uint64_t v)
@@ -199,11 +200,9 @@ int64_t hapfmt_pack_knots(const int64_t *ticks, const int64_t *indices, int64_t 
     int64_t first = indices[0], at = put_varint(packet, (uint64_t)first << 1 ^ (uint64_t)(first >> 63));
     if (knots == 1) return at;
     at += put_varint(packet + at, (uint64_t)knots - 1);
-    encoder e;
-    encoder_init(&e, packet + at, room - at);
-    if (encode_knots(&e, ticks, indices, knots, 1, linear) != DONE) return -2;
-    int64_t size = encoder_finish(&e);
-    return size > room - at ? -3 : at + size;
+    int64_t size = 0;
+    int status = encode_knots(ticks, indices, knots, 1, linear, packet + at, room - at, &size);
+    return status == DONE ? at + size : status == NO_ROOM || status == NO_MEMORY ? -3 : -2;
 }
 
 /* (ticks int64 [knots], indices int64 [knots * components], lines, coded bytes) -> (status, size) */
@@ -219,16 +218,10 @@ static PyObject *coded_knots_encode(PyObject *self, PyObject *args)
         PyErr_SetString(PyExc_ValueError, "not arrays of knots");
     else {
         Py_BEGIN_ALLOW_THREADS
-        encoder e;
-        encoder_init(&e, out.buf, out.len);
-        status = encode_knots(&e, ticks.buf, indices.buf, ticks.len / 8, indices.len / ticks.len,
-                              linear);
-        if (status == DONE) {
-            size = encoder_finish(&e);
-            if (size > out.len) status = NO_ROOM;
-        }
+        status = encode_knots(ticks.buf, indices.buf, ticks.len / 8, indices.len / ticks.len, linear,
+                              out.buf, out.len, &size);
         Py_END_ALLOW_THREADS
-        result = Py_BuildValue("iL", status, (long long)size);
+        result = status == NO_MEMORY ? PyErr_NoMemory() : Py_BuildValue("iL", status, (long long)size);
     }
     PyBuffer_Release(&ticks);
     PyBuffer_Release(&indices);
@@ -241,8 +234,3 @@ PyMethodDef hapfmt_knots_coded_methods[] = {
     {"coded_knots_encode", coded_knots_encode, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
-
-void hapfmt_knots_coded_prepare(void)
-{
-    build_tables();
-}

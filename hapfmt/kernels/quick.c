@@ -1,4 +1,4 @@
-/* Rice codes of LPCR: the functions that Python calls, as in lpcr.c. */
+/* The function that looks for a predictor with little work, as Python calls it. */
 #include "kernels.h"
 
 #if defined(__GNUC__)
@@ -6,50 +6,7 @@
 #pragma GCC diagnostic ignored "-Wunused-function"
 #endif
 
-#include "rice.h"
-
-/* (bytes or writable buffer, coefficients int32, difference, base, limit, indices int64) ->
-   (status, bytes read or written) */
-static PyObject *run(PyObject *args, int decoding)
-{
-    Py_buffer data, coefficients, indices;
-    plan p = {0};
-    int status = DONE;
-    long long base, limit;
-    int64_t size = 0;
-    const char *format = decoding ? "y*y*iLLw*" : "w*y*iLLy*";
-    if (!PyArg_ParseTuple(args, format, &data, &coefficients, &p.difference, &base, &limit, &indices))
-        return NULL;
-    PyObject *result = NULL;
-    p.order = coefficients.len > 4 * ORDERS ? ORDERS + 1 : (int)(coefficients.len / 4);
-    p.base = base;
-    p.limit = limit;
-    p.span = indices.len / 8;
-    p.coefficients = coefficients.buf;
-    if (!whole(&coefficients, 4) || !whole(&indices, 8) || !valid(&p))
-        PyErr_SetString(PyExc_ValueError, "not a predictor, or not arrays of its integers");
-    else {
-        Py_BEGIN_ALLOW_THREADS
-        if (decoding) {
-            bits b = {data.buf, data.len, 0, 0, 0};
-            status = unrice(&b, &p, indices.buf);
-            if (!status && !ends(&b)) status = BAD_BITS;
-            size = bytes_taken(&b);
-        } else {
-            bit_sink s = {data.buf, data.len, 0, 0, 0};
-            status = rice(&s, &p, indices.buf, &size);
-        }
-        Py_END_ALLOW_THREADS
-        result = Py_BuildValue("iL", status, (long long)size);
-    }
-    PyBuffer_Release(&data);
-    PyBuffer_Release(&coefficients);
-    PyBuffer_Release(&indices);
-    return result;
-}
-
-static PyObject *rice_decode(PyObject *self, PyObject *args) { (void)self; return run(args, 1); }
-static PyObject *rice_encode(PyObject *self, PyObject *args) { (void)self; return run(args, 0); }
+#include "quick.h"
 
 /* (indices int64, sines int32, limits float64 [127], costs float64 [12], reflections int8 [12],
    coefficients int32 [12]) -> (difference, order) */
@@ -89,9 +46,7 @@ static PyObject *quick_predictor(PyObject *self, PyObject *args)
     return result;
 }
 
-PyMethodDef hapfmt_rice_methods[] = {
-    {"rice_decode", rice_decode, METH_VARARGS, NULL},
-    {"rice_encode", rice_encode, METH_VARARGS, NULL},
+PyMethodDef hapfmt_quick_methods[] = {
     {"quick_predictor", quick_predictor, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
