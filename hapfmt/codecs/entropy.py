@@ -10,7 +10,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import isqrt, log2
 
 from ..errors import FormatError
@@ -25,8 +25,17 @@ FOUR = 4096
 """Symbols from which on the encoder takes four states; one state takes 6 bytes less."""
 
 SYMBOLS, ESCAPE, CONTEXTS, CLASSES = 16, 15, 36, 16
+LENGTHS = 64
+"""Integers have fewer bits."""
+
 BLOCK = 8
 """Integers that share a context."""
+
+START_MOST = 163
+"""Of the byte that says what averages begin with: below 2^43."""
+
+FEW = 16
+"""Integers at the beginning whose mean an encoder lets the averages begin with."""
 
 ERROR_BITS = 34
 """Every magnitude is below 2^34."""
@@ -99,8 +108,14 @@ def probability(zeros: int, ones: int) -> int:
 class Averages:
     """Of the magnitudes before, times 256."""
 
-    f: int = 32
-    s: int = 32
+    f: int
+    s: int
+
+    @classmethod
+    def start(cls, start: int) -> Averages:
+        """Of the first block, by a byte of the packet."""
+        mean = (4 + start % 4) << (start // 4)
+        return cls(mean, mean)
 
     def context(self) -> tuple[int, int]:
         """The context of the next block, and by how many bits magnitudes are shifted there."""
@@ -113,6 +128,53 @@ class Averages:
         mean = 32 * sum(map(abs, block))
         self.f += (mean - self.f) // 2
         self.s += 3 * (mean - self.s) // 16
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """How frequent each bit length is, from the first one on: integers of few kinds of length."""
+
+    first: int
+    weights: bytes
+
+    @classmethod
+    def of(cls, numbers: Sequence[int]) -> Lengths:
+        lengths = [abs(e).bit_length() for e in numbers] or [0]
+        first = min(lengths)
+        counts = [0] * (max(lengths) - first + 1)
+        for length in lengths:
+            counts[length - first] += 1
+        top = max(counts)
+        return cls(first, bytes(max(1, (255 * c + top // 2) // top) if c else 0 for c in counts))
+
+    def build(self) -> bytes:
+        return bytes([self.first, len(self.weights)]) + self.weights
+
+    @classmethod
+    def parse(cls, data: bytes) -> Lengths | None:
+        """What ``data`` begins with; None where it is not defined."""
+        count = data[1] if len(data) > 1 else LENGTHS + 1
+        weights = data[2 : 2 + count]
+        fits = count == len(weights) and data[0] + count <= LENGTHS and any(weights)
+        return cls(data[0], weights) if fits else None
+
+    @cached_property
+    def ends(self) -> Ends:
+        total, n, sums = sum(self.weights), len(self.weights), 0
+        ends = []
+        for i, weight in enumerate(self.weights):
+            sums += weight
+            ends.append(i + 1 + (SCALE - n) * sums // total)
+        return tuple(ends)
+
+    def cost(self, numbers: Iterable[int]) -> int:
+        """256 times the bits of integers, without signs, and of the table."""
+        total = 2048 * (2 + len(self.weights))
+        for e in numbers:
+            length = abs(e).bit_length()
+            first, end = share_of(self.ends, length - self.first)
+            total += int(256 * log2(SCALE / (end - first)) + 0.5) + 256 * max(length - 1, 0)
+        return total
 
 
 class Decoder:
@@ -188,11 +250,11 @@ class Decoder:
             self.check()
         return found
 
-    def integers(self, count: int, number: int, *, signs: bool) -> list[int]:
+    def integers(self, count: int, number: int, start: int, *, signs: bool) -> list[int]:
         """A section of integers of a class; ``signs``: each has its own, raw."""
         self.section()
         found: list[int] = []
-        averages = Averages()
+        averages = Averages.start(start)
         while len(found) < count:
             context, h = averages.context()
             ends = ends_of(number, context)
@@ -215,6 +277,14 @@ class Decoder:
         length = self.raw(6)
         w = (1 << length) + self.raw(length) + EDGES[ESCAPE] - 1
         return w << h if w >> (ERROR_BITS - h) else w << h | self.raw(h)
+
+    def by_length(self, lengths: Lengths, *, signs: bool) -> int:
+        """An integer of a section of lengths."""
+        length = lengths.first + self.symbol(lengths.ends)
+        u = 1 << (length - 1) | self.raw(length - 1) if length else 0
+        e = -u if signs and u and self.raw(1) else u
+        self.check()
+        return e
 
     def signed(self, magnitudes: list[int], probabilities: bytes) -> list[int]:
         """With a section of signs, each with the probability of the sign before it."""
@@ -287,9 +357,17 @@ def share_of(ends: Ends, k: int) -> tuple[int, int]:
     return (ends[k - 1] if k else 0), ends[k]
 
 
-def split_integers(numbers: Sequence[int]) -> tuple[list[tuple[int, int]], list[int]]:
+def start_of(numbers: Sequence[int]) -> int:
+    """The byte for averages like those of the first few integers."""
+    few = [abs(e) if abs(e) >> ERROR_BITS == 0 else 0 for e in numbers[:FEW]]
+    mean = 256 * sum(few) // max(len(few), 1)
+    lg = mean.bit_length() - 1
+    return 4 * (lg - 2) + (mean >> (lg - 2)) % 4 if mean >= 4 else 0
+
+
+def split_integers(numbers: Sequence[int], start: int) -> tuple[list[tuple[int, int]], list[int]]:
     """Of each integer its context and symbol; the shift of each."""
-    averages, found, shifts = Averages(), [], []
+    averages, found, shifts = Averages.start(start), [], []
     for at in range(0, len(numbers), BLOCK):
         block = numbers[at : at + BLOCK]
         context, h = averages.context()
@@ -302,9 +380,33 @@ def split_integers(numbers: Sequence[int]) -> tuple[list[tuple[int, int]], list[
     return found, shifts
 
 
-def put_integers(coder: Encoder, numbers: Sequence[int], *, signs: bool) -> int:
-    """A section of integers, in the class that codes them in the fewest bits, which is returned."""
-    found, shifts = split_integers(numbers)
+def put_by_length(coder: Encoder, numbers: Sequence[int], lengths: Lengths, *, signs: bool) -> None:
+    """A section of lengths."""
+    coder.section(share_of(lengths.ends, abs(e).bit_length() - lengths.first) for e in numbers)
+    for e in numbers:
+        if e:
+            coder.raw(abs(e), abs(e).bit_length() - 1)
+            if signs:
+                coder.raw(int(e < 0), 1)
+
+
+def class_cost(numbers: Sequence[int]) -> int:
+    """256 times the bits of integers in their best class, without signs."""
+    found, shifts = split_integers(numbers, start_of(numbers))
+    total = 2048 + min(
+        sum(costs_of(n)[SYMBOLS * context + k] for context, k in found) for n in range(CLASSES)
+    )
+    for e, (_, k), h in zip(numbers, found, shifts, strict=True):
+        escape = 5 + ((abs(e) >> h) - EDGES[ESCAPE] + 1).bit_length()
+        total += 256 * (h + (EXTRA[k] if k < ESCAPE else escape))
+    return total
+
+
+def put_integers(coder: Encoder, numbers: Sequence[int], *, signs: bool) -> tuple[int, int]:
+    """A section of integers, in the class that codes them in the fewest bits; that class, and what
+    averages begin with."""
+    start = start_of(numbers)
+    found, shifts = split_integers(numbers, start)
     for e, (_, k), h in zip(numbers, found, shifts, strict=True):
         u = abs(e)
         if k < ESCAPE:
@@ -324,7 +426,7 @@ def put_integers(coder: Encoder, numbers: Sequence[int], *, signs: bool) -> int:
         range(CLASSES), key=lambda n: sum(costs_of(n)[i] * count for i, count in counts.items())
     )
     coder.section(share_of(ends_of(number, context), k) for context, k in found)
-    return number
+    return number, start
 
 
 def put_bits(coder: Encoder, bits: Sequence[int]) -> bytes:

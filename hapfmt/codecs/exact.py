@@ -16,7 +16,7 @@ from ..integers import parse_varint
 from ..kernels import compiled
 from ..limits import Level
 from .components import decode_predicted
-from .entropy import SCALE, Decoder, Encoder, Ends, bit_ends, probability, share_of
+from .entropy import Decoder, Encoder, Lengths, bit_ends, probability, put_by_length, share_of
 from .grids import LpcParameters
 from .values import (
     COEFFICIENT_LIMIT,
@@ -203,29 +203,18 @@ class Lists:
         del known[REMEMBERED:]
 
 
-def length_ends(weights: bytes) -> Ends:
-    """Where the shares of lengths end."""
-    total, n, sums = sum(weights), len(weights), 0
-    ends = []
-    for i, weight in enumerate(weights):
-        sums += weight
-        ends.append(i + 1 + (SCALE - n) * sums // total)
-    return tuple(ends)
-
-
 @dataclass(frozen=True)
 class Heading:
     """How probable the places on lists and the lengths of corrections are."""
 
     recalls: tuple[bytes, ...]
-    """For a count without a list, for that of the tick before, for any other; none without recall."""
+    """For a count without a list, for that of the tick before, for any other; or none."""
 
-    first: int
-    weights: bytes
+    lengths: Lengths
 
     def build(self) -> bytes:
         rows = b"".join(bytes([len(row)]) + row for row in self.recalls)
-        return rows + bytes([self.first, len(self.weights)]) + self.weights
+        return rows + self.lengths.build()
 
     @classmethod
     def parse(cls, data: bytes, *, recall: bool, offset: int) -> tuple[Heading, int]:
@@ -237,13 +226,10 @@ class Heading:
             if count > REMEMBERED or len(rows[-1]) < count or not all(rows[-1]):
                 raise cls.undefined(offset)
             position += 1 + count
-        if len(data) < position + 2:
+        lengths = Lengths.parse(data[position:])
+        if lengths is None:
             raise cls.undefined(offset)
-        first, count = data[position : position + 2]
-        weights = data[position + 2 : position + 2 + count]
-        if first + count > LENGTHS or len(weights) < count or not any(weights):
-            raise cls.undefined(offset)
-        return cls(tuple(rows), first, weights), position + 2 + count
+        return cls(tuple(rows), lengths), position + len(lengths.build())
 
     @staticmethod
     def undefined(offset: int) -> FormatError:
@@ -263,23 +249,19 @@ def encode_loop(corrections: Counts, ids: NDArray[np.int32] | None, shift: int) 
         for c, id_ in zip(given, ids.tolist(), strict=True):
             known, context = lists.meet(id_)
             rank = known.index(c) if c in known else None
-            for i in range(len(known) if rank is None else rank + 1):
-                marks.append((context, min(i, RANKS - 1), int(i == rank)))
+            marks += [
+                (context, min(i, RANKS - 1), int(i == rank))
+                for i in range(len(known) if rank is None else rank + 1)
+            ]
             lists.learn(id_, c, rank)
             if rank is None:
                 full.append(c)
     rows = [recall_row(marks, context) for context in range(3)]
     if ids is not None:
         coder.section(share_of(bit_ends(rows[context][i]), bit) for context, i, bit in marks)
-    lengths = [abs(c).bit_length() for c in full]
-    first, weights = weights_of(lengths)
-    ends = length_ends(weights)
-    coder.section(share_of(ends, length - first) for length in lengths)
-    for c, length in zip(full, lengths, strict=True):
-        if length:
-            coder.raw(abs(c), length - 1)
-            coder.raw(int(c < 0), 1)
-    heading = Heading(() if ids is None else tuple(rows), first, weights)
+    lengths = Lengths.of(full)
+    put_by_length(coder, full, lengths, signs=True)
+    heading = Heading(() if ids is None else tuple(rows), lengths)
     flags = RECALL * (ids is not None) | FOUR_STATES * coder.many
     return bytes([flags, shift]) + heading.build() + coder.finish()
 
@@ -294,16 +276,6 @@ def recall_row(marks: list[tuple[int, int, int]], context: int) -> bytes:
     return bytes(probability(*pair) for pair in counts[:used])
 
 
-def weights_of(lengths: list[int]) -> tuple[int, bytes]:
-    """The smallest length, and the weights of that and those above it."""
-    if not lengths:
-        return 0, b"\1"
-    first, most = min(lengths), max(lengths)
-    counts = [lengths.count(length) for length in range(first, most + 1)]
-    top = max(counts)
-    return first, bytes(max(1, (255 * c + top // 2) // top) if c else 0 for c in counts)
-
-
 def decode_loop(rest: bytes, ids: NDArray[np.int32] | None, span: int, offset: int) -> Counts:
     """The corrections [span]."""
     heading, start = Heading.parse(rest, recall=ids is not None, offset=offset)
@@ -313,17 +285,10 @@ def decode_loop(rest: bytes, ids: NDArray[np.int32] | None, span: int, offset: i
     if ids is not None:
         ranks = decode_ranks(coder, heading, names)
     coder.section()
-    lists, out, ends = Lists(), [], length_ends(heading.weights)
+    lists, out = Lists(), []
     for id_, rank in zip(names, ranks, strict=True):
         known, _ = lists.meet(id_)
-        if rank is not None:
-            c = known[rank]
-        else:
-            length, c = heading.first + coder.symbol(ends), 0
-            if length:
-                magnitude = 1 << (length - 1) | coder.raw(length - 1)
-                c = -magnitude if coder.raw(1) else magnitude
-            coder.check()
+        c = coder.by_length(heading.lengths, signs=True) if rank is None else known[rank]
         if ids is not None:
             lists.learn(id_, c, rank)
         out.append(c)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,13 +11,27 @@ from ..errors import FormatError
 from ..integers import build_svarint, build_varint, parse_varint
 from ..kernels import compiled
 from ..limits import Level
-from .entropy import Decoder, Encoder, Signs, put_integers
+from .entropy import (
+    ERROR_BITS,
+    LENGTHS,
+    START_MOST,
+    Decoder,
+    Encoder,
+    Lengths,
+    Signs,
+    class_cost,
+    put_by_length,
+    put_integers,
+)
 from .grids import levels_of
 from .knots import Interpolation, KnotParameters, interpolate
 from .predicted import FOUR_STATES, INDEX_LIMIT, NO_ROOM, SIGN_CONTEXTS, SIGNS, check_index
 
 GAP_BITS = 24
 """A gap of 2^24 ticks is the longest within a packet of any level."""
+
+BY_LENGTH = 64
+"""Of a row of numbers: their lengths are coded, with frequencies of their own."""
 
 NO_KNOTS = "ticks that do not ascend, or a gap beyond 2^24, or an index beyond 2^32"
 """What an encoder must not ask for."""
@@ -57,12 +73,23 @@ def encode_loop(
     gaps = (np.diff(ticks) - 1).tolist()
     differences = np.diff(indices, axis=0).T.ravel().tolist()
     signs = Signs.of(differences)
-    first = put_integers(coder, gaps[:-1] if interpolation == "linear" else gaps, signs=False)
-    second = put_integers(coder, differences, signs=not signs.pay)
+    first = put_row(coder, gaps[:-1] if interpolation == "linear" else gaps, signs=False)
+    second = put_row(coder, differences, signs=not signs.pay)
     if signs.pay:
         signs.put(coder)
-    coding = bytes([first | coder.many * FOUR_STATES, second | signs.pay * SIGNS])
-    return coding + (signs.probabilities if signs.pay else b"") + coder.finish()
+    first[0] |= coder.many * FOUR_STATES
+    second[0] |= signs.pay * SIGNS
+    marks = signs.probabilities if signs.pay else b""
+    return bytes(first) + bytes(second) + marks + coder.finish()
+
+
+def put_row(coder: Encoder, numbers: list[int], *, signs: bool) -> bytearray:
+    """A section in the way that takes less; its coding without flags."""
+    lengths = Lengths.of(numbers)
+    if lengths.cost(numbers) < class_cost(numbers):
+        put_by_length(coder, numbers, lengths, signs=signs)
+        return bytearray([BY_LENGTH]) + lengths.build()
+    return bytearray(put_integers(coder, numbers, signs=signs))
 
 
 def encode_compiled(
@@ -130,17 +157,48 @@ def decode_numbers(
     data: bytes, further: int, components: int, offset: int, *, linear: bool
 ) -> tuple[list[int], list[int], int]:
     """Gaps less 1, differences component by component, and where the coder ended."""
-    stop = 2 + (SIGN_CONTEXTS if len(data) > 1 and data[1] & SIGNS else 0)
-    if len(data) < stop or data[0] & ~31 or data[1] & ~(15 | SIGNS) or not all(data[2:stop]):
-        raise FormatError("a coding that is not defined", requirement="RNG-002", offset=offset)
-    coder = Decoder(data[stop:], offset + stop, 4 if data[0] & FOUR_STATES else 1)
-    signs = data[2:stop]
-    gaps = coder.integers(further - linear, data[0] & 15, signs=False)
-    differences = coder.integers(further * components, data[1] & 15, signs=not signs)
-    if signs:
-        differences = coder.signed(differences, signs)
+    first, at = parse_row(data, 128 | SIGNS, offset)
+    second, stop = parse_row(data[at:], 128 | FOUR_STATES, offset)
+    start = at + stop
+    coder = Decoder(data[start:], offset + start, 4 if first.coding & FOUR_STATES else 1)
+    gaps = first.decode(coder, further - linear, signs=False)
+    differences = second.decode(coder, further * components, signs=not second.signs)
+    if second.signs:
+        differences = coder.signed(differences, second.signs)
     coder.finish()
     return gaps, differences, coder.place
+
+
+@dataclass(frozen=True)
+class RowCoding:
+    """How a row of numbers is coded: by a class, or by their lengths; probabilities of signs."""
+
+    coding: int
+    start: int
+    lengths: Lengths | None
+    signs: bytes
+
+    def decode(self, coder: Decoder, count: int, *, signs: bool) -> list[int]:
+        if self.lengths is None:
+            return coder.integers(count, self.coding & 15, self.start, signs=signs)
+        coder.section()
+        return [coder.by_length(self.lengths, signs=signs) for _ in range(count)]
+
+
+def parse_row(data: bytes, unused: int, offset: int) -> tuple[RowCoding, int]:
+    """And where it ends; ``unused``: bits that are 0."""
+    coding, start = data[:2].ljust(2, b"\xff")
+    lengths, stop = None, 2
+    wrong = coding & unused or start > START_MOST
+    if coding & BY_LENGTH:
+        lengths = Lengths.parse(data[1:])
+        stop = 1 + len(lengths.build()) if lengths else 0
+        most = lengths.first + len(lengths.weights) if lengths else LENGTHS
+        wrong = coding & (unused | 15) or most > ERROR_BITS + 1
+    marks = data[stop : stop + SIGN_CONTEXTS] if coding & SIGNS else b""
+    if wrong or not all(marks) or (coding & SIGNS and len(marks) < SIGN_CONTEXTS):
+        raise FormatError("a coding that is not defined", requirement="RNG-002", offset=offset)
+    return RowCoding(coding, start, lengths, marks), stop + len(marks)
 
 
 def decode_coded_knots(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..errors import FormatError, TruncatedError
 from ..integers import build_svarint, parse_svarint, rdiv
 from ..kernels import compiled
-from .entropy import OUT_OF_RANGE, Decoder, Encoder, Signs, put_bits, put_integers
+from .entropy import OUT_OF_RANGE, START_MOST, Decoder, Encoder, Signs, put_bits, put_integers
 from .references import Reference, build_references, parse_references
 from .sine import SINES
 
@@ -178,12 +178,12 @@ def encode_coded(
         errors = errors[np.concatenate(([0], same)) == 0]
     numbers = errors.tolist()
     signs = Signs.of(numbers)
-    number = put_integers(coder, numbers, signs=not signs.pay)
+    number, start = put_integers(coder, numbers, signs=not signs.pay)
     if signs.pay:
         signs.put(coder)
         marks = signs.probabilities
     coding = number | coder.many * FOUR_STATES | signs.pay * SIGNS
-    return bytes([coding]) + repeats + marks + coder.finish()
+    return bytes([coding, start]) + repeats + marks + coder.finish()
 
 
 def errors_of(y: NDArray[np.int64], c: list[int]) -> NDArray[np.int64]:
@@ -279,7 +279,7 @@ def decode_coded(
     coding, repeats, signs, start = parse_coding(data, predictor, offset)
     coder = Decoder(data[start:], offset + start, 4 if coding & FOUR_STATES else 1)
     same = [0, *coder.bits(span - 1, repeats)] if predictor.repeats else [0] * span
-    errors = coder.integers(same.count(0), coding & 15, signs=not signs)
+    errors = coder.integers(same.count(0), coding & 15, data[1], signs=not signs)
     if signs:
         errors = coder.signed(errors, signs)
     coder.finish()
@@ -309,14 +309,15 @@ def decode_coded(
 
 
 def parse_coding(data: bytes, predictor: Predictor, offset: int) -> tuple[int, bytes, bytes, int]:
-    """The byte that says how symbols are coded, the probabilities of repeats and of signs, and where
-    the coded bytes begin."""
+    """The byte that says how symbols are coded, the probabilities of repeats and of signs, and
+    where the coded bytes begin."""
     coding = data[0] if data else UNUSED_CODING
-    middle = 1 + REPEAT_CONTEXTS * predictor.repeats
+    middle = 2 + REPEAT_CONTEXTS * predictor.repeats
     stop = middle + (SIGN_CONTEXTS if coding & SIGNS else 0)
-    if coding & UNUSED_CODING or len(data) < stop or not all(data[1:stop]):
+    wrong = coding & UNUSED_CODING or len(data) < stop or data[1] > START_MOST
+    if wrong or not all(data[2:stop]):
         raise FormatError("a coding that is not defined", requirement="RNG-002", offset=offset)
-    return coding, data[1:middle], data[middle:stop], stop
+    return coding, data[2:middle], data[middle:stop], stop
 
 
 def check_index(index: int, limit: int, offset: int) -> None:

@@ -31,7 +31,7 @@ from ..integers import build_svarint, rdiv
 from ..kernels import compiled
 from .grids import nearest_uniform
 from .predict import LIMITS, REPEAT_SHARE, choose_predictors
-from .quick import encode_quick, costs_of
+from .quick import costs_of, encode_quick
 
 Counts = NDArray[np.int64]
 Levels = NDArray[np.int64]

@@ -164,8 +164,8 @@ class Settings:
         return self.floor or RANGE_FLOOR
 
     def cluster_of(self, recording: Recording) -> Fraction:
-        """Seconds of a cluster: as asked for; else ten, and for slow channels as many as make packets
-        long; and never few ticks."""
+        """Seconds of a cluster: as asked for; else ten, and for slow channels as many as make
+        packets long; and never few ticks."""
         if self.cluster is not None:
             return self.cluster
         fastest = max((channel.rate_exact for channel in recording.channels), default=Fraction(1))

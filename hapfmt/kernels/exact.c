@@ -10,7 +10,7 @@
 #pragma GCC diagnostic ignored "-Wunused-function"
 #endif
 
-enum { LENGTHS = 64, REMEMBERED = 32, RECALL = 1, FOUR = 2 };
+enum { REMEMBERED = 32, RECALL = 1, FOUR = 2 };
 enum { FRESH = 0, SAME = 1, KNOWN = 2, RECALLS = 3, RANKS = 6, LENGTH_CODES = 2 * RECALLS * RANKS };
 
 /* The corrections of each count, in lists. */
@@ -57,16 +57,15 @@ static inline void to_front(memory *m, int32_t id, int32_t *link)
 /* ---- decoding ---- */
 
 typedef struct {
-    int recall, shift, lanes, lengths, first;
-    int ranks[RECALLS];
+    int recall, lanes;
     uint8_t p[RECALLS][REMEMBERED];
-    share shares[LENGTHS];
+    length_table lengths;
 } heading;
 
 /* Bytes of what stands before the coded bytes; 0 where it is not defined. */
 static int64_t take_heading(const uint8_t *in, int64_t size, heading *h)
 {
-    int64_t at = 2, total = 0, sum = 0;
+    int64_t at = 2;
     if (size < 2) return 0;
     h->recall = in[0] & RECALL;
     h->lanes = in[0] & FOUR ? 4 : 1;
@@ -79,20 +78,8 @@ static int64_t take_heading(const uint8_t *in, int64_t size, heading *h)
             if (!in[at + i]) return 0;
         at += count;
     }
-    if (at + 2 > size) return 0;
-    h->first = in[at];
-    h->lengths = in[at + 1];
-    at += 2;
-    if (!h->lengths || h->first + h->lengths > LENGTHS || at + h->lengths > size) return 0;
-    for (int i = 0; i < h->lengths; i++) total += in[at + i];
-    if (!total) return 0;
-    for (int i = 0; i < h->lengths; i++) {
-        int64_t from = i + (SCALE - h->lengths) * sum / total;
-        sum += in[at + i];
-        h->shares[i].first = (uint16_t)from;
-        h->shares[i].width = (uint16_t)(i + 1 + (SCALE - h->lengths) * sum / total - from);
-    }
-    return at + h->lengths;
+    int64_t taken = take_lengths(in + at, size - at, &h->lengths);
+    return taken ? at + taken : 0;
 }
 
 /* ``ranks`` [span]: the place on the list of its count, -1 where a correction is coded in full;
@@ -116,20 +103,6 @@ static int get_ranks(decoder *d, const heading *h, const int32_t *ids, int64_t s
         last = id;
     }
     return DONE;
-}
-
-static int get_correction(decoder *d, const heading *h, int lane, int64_t *out)
-{
-    int length = h->first + get_symbol(d, lane, h->shares, h->lengths);
-    uint64_t size = 0;
-    *out = 0;
-    if (length) {
-        int low = length - 1 < 32 ? length - 1 : 32;
-        size = get_raw(d, low);
-        size |= get_raw(d, length - 1 - low) << low | (uint64_t)1 << (length - 1);
-        *out = get_raw(d, 1) ? -(int64_t)size : (int64_t)size;
-    }
-    return overrun(d) ? BAD_END : DONE;
 }
 
 static int decode_corrections(const uint8_t *in, int64_t size, const int32_t *ids, int64_t *out,
@@ -159,7 +132,7 @@ static int decode_corrections(const uint8_t *in, int64_t size, const int32_t *id
             out[t] = m.values[*link - 1];
             to_front(&m, ids[t], link);
         } else {
-            status = get_correction(&d, &h, lane, out + t);
+            status = get_length(&d, &h.lengths, lane, RAW_SIGNS, out + t);
             lane = (lane + 1) & (d.lanes - 1);
             if (ids) remember(&m, ids[t], out[t]);
         }
@@ -213,32 +186,6 @@ static int64_t put_recall(uint8_t *out, share *shares, const int64_t *counts)
     return at;
 }
 
-static int64_t put_lengths(uint8_t *out, share *shares, const int64_t *counts)
-{
-    int first = 0, last = LENGTHS - 1, n;
-    int64_t most = 0, total = 0, sum = 0;
-    while (first < LENGTHS - 1 && !counts[first]) first++;
-    while (last > first && !counts[last]) last--;
-    if (!counts[first]) first = last = 0;
-    n = last - first + 1;
-    for (int i = 0; i < n; i++)
-        if (counts[first + i] > most) most = counts[first + i];
-    out[0] = (uint8_t)first;
-    out[1] = (uint8_t)n;
-    for (int i = 0; i < n; i++) {
-        int64_t c = counts[first + i], w = c ? (255 * c + most / 2) / most : 0;
-        out[2 + i] = (uint8_t)(c && !w ? 1 : !most ? 1 : w);
-        total += out[2 + i];
-    }
-    for (int i = 0; i < n; i++) {
-        int64_t from = i + (SCALE - n) * sum / total;
-        sum += out[2 + i];
-        shares[first + i].first = (uint16_t)from;
-        shares[first + i].width = (uint16_t)(i + 1 + (SCALE - n) * sum / total - from);
-    }
-    return 2 + n;
-}
-
 static int encode_corrections(uint8_t *out, int64_t size, const int32_t *ids, const int64_t *in,
                               int64_t span, int shift, int64_t *work, int64_t *written)
 {
@@ -265,13 +212,9 @@ static int encode_corrections(uint8_t *out, int64_t size, const int32_t *ids, co
         else memcpy(rest, in, (size_t)(8 * span));
         note(&e, SECTION);
         for (int64_t i = 0; i < full; i++) {
-            uint64_t u = (uint64_t)(rest[i] < 0 ? -rest[i] : rest[i]);
-            int length = bit_length(u);
-            note(&e, LENGTH_CODES + length);
+            int length = bit_length((uint64_t)(rest[i] < 0 ? -rest[i] : rest[i]));
             counts[LENGTH_CODES + length]++;
-            if (!length) continue;
-            put_raw(&e, u, length - 1);
-            put_raw(&e, rest[i] < 0, 1);
+            put_length(&e, rest[i], RAW_SIGNS, LENGTH_CODES);
         }
         words = malloc((size_t)(2 * (e.noted + 8)));
         if (!words) status = NO_MEMORY;

@@ -14,7 +14,15 @@ static const uint8_t edges[SYMBOLS] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16,
 static const uint8_t extra[SYMBOLS] = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 2, 3, 4, 0};
 
 typedef struct { int64_t f, s; } averages;
-#define FRESH_AVERAGES {32, 32}
+enum { START_MOST = 163, FIRST_FEW = 16 };
+
+/* Both averages of the first block, by a byte of the packet. */
+INLINE averages averages_from(int start)
+{
+    int64_t mean = (int64_t)(4 + start % 4) << (start / 4);
+    averages a = {mean, mean};
+    return a;
+}
 
 INLINE int context_of(const averages *a, int *shift)
 {
@@ -74,10 +82,10 @@ INLINE void get_block(decoder *d, const class_table *t, int c, int count, int la
     d->next = next;
 }
 
-INLINE int get_integers_as(decoder *d, int class, int64_t count, int64_t *out, int lanes, int signs)
+INLINE int get_integers_as(decoder *d, int class, int start, int64_t count, int64_t *out, int lanes, int signs)
 {
     const class_table *t = hapfmt_classes + class;
-    averages a = FRESH_AVERAGES;
+    averages a = averages_from(start);
     for (int64_t at = 0; at < count; at += BLOCK) {
         int n = count - at < BLOCK ? (int)(count - at) : BLOCK, k[BLOCK], h, c = context_of(&a, &h);
         uint64_t sum = 0, beyond = 0;
@@ -118,13 +126,13 @@ INLINE int get_integers_as(decoder *d, int class, int64_t count, int64_t *out, i
     return DONE;
 }
 
-static int get_integers(decoder *d, int class, int64_t count, int64_t *out, int signs)
+static int get_integers(decoder *d, int class, int start, int64_t count, int64_t *out, int signs)
 {
     if (d->lanes == 1)
-        return signs == RAW_SIGNS ? get_integers_as(d, class, count, out, 1, RAW_SIGNS)
-                                  : get_integers_as(d, class, count, out, 1, UNSIGNED);
-    return signs == RAW_SIGNS ? get_integers_as(d, class, count, out, 4, RAW_SIGNS)
-                              : get_integers_as(d, class, count, out, 4, UNSIGNED);
+        return signs == RAW_SIGNS ? get_integers_as(d, class, start, count, out, 1, RAW_SIGNS)
+                                  : get_integers_as(d, class, start, count, out, 1, UNSIGNED);
+    return signs == RAW_SIGNS ? get_integers_as(d, class, start, count, out, 4, RAW_SIGNS)
+                              : get_integers_as(d, class, start, count, out, 4, UNSIGNED);
 }
 
 /* Signs of those that are not 0, each by the number before it. */
@@ -156,10 +164,47 @@ enum { BITS = CONTEXTS * SYMBOLS };
 
 typedef struct { int32_t counts[CONTEXTS * SYMBOLS]; } histogram;
 
-/* Notes a section of integers; ``first`` is added to its codes. */
-INLINE int put_integers(encoder *e, const int64_t *in, int64_t count, int signs, int first, histogram *seen)
+/* The byte for averages like those of the first few numbers. */
+static int start_of(const int64_t *in, int64_t count)
 {
-    averages a = FRESH_AVERAGES;
+    uint64_t sum = 0;
+    int64_t few = count < FIRST_FEW ? count : FIRST_FEW;
+    for (int64_t i = 0; i < few; i++) {
+        uint64_t u = (uint64_t)(in[i] < 0 ? -in[i] : in[i]);
+        sum += u >> ERROR_BITS ? 0 : u;
+    }
+    uint64_t mean = few ? 256 * sum / (uint64_t)few : 0;
+    int lg = bit_length(mean) - 1;
+    return mean < 4 ? 0 : 4 * (lg - 2) + (int)(mean >> (lg - 2) & 3);
+}
+
+/* Counts the symbols of integers; the raw bits beside them without signs, or -1. */
+static int64_t survey(const int64_t *in, int64_t count, int start, histogram *seen)
+{
+    averages a = averages_from(start);
+    int64_t bits = 0;
+    for (int64_t at = 0; at < count; at += BLOCK) {
+        int n = count - at < BLOCK ? (int)(count - at) : BLOCK, h, c = context_of(&a, &h);
+        uint64_t sum = 0;
+        for (int i = 0; i < n; i++) {
+            int64_t value = in[at + i];
+            uint64_t u = (uint64_t)(value < 0 ? -value : value), w = u >> h;
+            if (u >> ERROR_BITS) return -1;
+            int k = w >= edges[ESCAPE] ? ESCAPE : buckets[w];
+            seen->counts[SYMBOLS * c + k]++;
+            bits += h + (k == ESCAPE ? 5 + bit_length(w - edges[ESCAPE] + 1) : extra[k]);
+            sum += u;
+        }
+        learn(&a, sum);
+    }
+    return bits;
+}
+
+/* Notes a section of integers; ``first`` is added to its codes. */
+INLINE int put_integers(encoder *e, const int64_t *in, int64_t count, int start, int signs, int first,
+                        histogram *seen)
+{
+    averages a = averages_from(start);
     note(e, SECTION);
     for (int64_t at = 0; at < count; at += BLOCK) {
         int n = count - at < BLOCK ? (int)(count - at) : BLOCK, h, c = context_of(&a, &h);
@@ -187,17 +232,17 @@ INLINE int put_integers(encoder *e, const int64_t *in, int64_t count, int signs,
     return DONE;
 }
 
-/* The class that codes them in the fewest bits. */
-static int best_class(const histogram *seen)
+/* The class that codes them in the fewest bits; *least: 256 times these. */
+static int best_class(const histogram *seen, int64_t *least)
 {
     int best = 0;
-    int64_t least = -1;
+    *least = -1;
     for (int class = 0; class < CLASSES; class++) {
         const uint16_t *costs = hapfmt_classes[class].costs[0];
         int64_t cost = 0;
         for (int i = 0; i < CONTEXTS * SYMBOLS; i++) cost += (int64_t)seen->counts[i] * costs[i];
-        if (least < 0 || cost < least) {
-            least = cost;
+        if (*least < 0 || cost < *least) {
+            *least = cost;
             best = class;
         }
     }

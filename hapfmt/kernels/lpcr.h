@@ -25,7 +25,7 @@ typedef struct {
 
 /* How symbols are coded: the byte of SPEC 9.5 that says so, and the probabilities behind it. */
 typedef struct {
-    int class, lanes, signs;
+    int class, lanes, signs, start;
     uint8_t repeats[REPEAT_CONTEXTS], sign[SIGN_CONTEXTS];
 } coding;
 
@@ -219,14 +219,15 @@ static int synthesise(const plan *p, const uint8_t *same, int64_t *out)
 /* What the coded bytes begin with, and the bytes it takes; 0 where it is not defined. */
 static int take_coding(const uint8_t *in, int64_t size, int repeats, coding *c)
 {
-    int count = 1;
-    if (size < 1 || in[0] >> 6) return 0;
+    int count = 2;
+    if (size < 2 || in[0] >> 6 || in[1] > START_MOST) return 0;
+    c->start = in[1];
     c->class = in[0] & 15;
     c->lanes = in[0] & 16 ? 4 : 1;
     c->signs = in[0] & 32 ? LATER_SIGNS : RAW_SIGNS;
     int some = (repeats ? REPEAT_CONTEXTS : 0) + (c->signs == LATER_SIGNS ? SIGN_CONTEXTS : 0);
-    if (size < 1 + some) return 0;
-    for (int i = 1; i <= some; i++)
+    if (size < count + some) return 0;
+    for (int i = count; i < count + some; i++)
         if (!in[i]) return 0;
     if (repeats) {
         memcpy(c->repeats, in + count, REPEAT_CONTEXTS);
@@ -272,7 +273,7 @@ static int decode(const uint8_t *in, int64_t size, const plan *p, uint8_t *same,
         if (fresh < 0) status = (int)-fresh;
     }
     int64_t *errors = out + p->span - fresh;
-    if (!status) status = get_integers(&d, c.class, fresh, errors, c.signs);
+    if (!status) status = get_integers(&d, c.class, c.start, fresh, errors, c.signs);
     if (!status && c.signs == LATER_SIGNS) status = get_signs(&d, c.sign, fresh, errors);
     if (!status) status = check_end(&d);
     *taken = head + front_taken(&d);
@@ -357,33 +358,37 @@ INLINE int64_t errors_and_repeats(encoder *e, const plan *p, const int64_t *indi
 static int encode(workshop *w, const plan *p, const int64_t *indices, uint8_t *out, int64_t size,
                   int64_t *written)
 {
+    enum { HEAD = 2 + REPEAT_CONTEXTS + SIGN_CONTEXTS };
     encoder e;
     histogram seen;
     share shares[BITS + 2 * (REPEAT_CONTEXTS + SIGN_CONTEXTS)];
     int64_t repeats[2 * REPEAT_CONTEXTS] = {0}, signs[2 * SIGN_CONTEXTS];
-    int head = 1, many, later;
+    int head = 2, many, later;
     *written = 0;
     if (!within(indices, p->span, p->limit)) return BAD_INDEX;
-    int64_t room = size < 8 ? 0 : size - 8;
-    encoder_init(&e, w->codes, out + 8, room);
+    int64_t room = size < HEAD ? 0 : size - HEAD;
+    encoder_init(&e, w->codes, out + HEAD, room);
     memset(&seen, 0, sizeof seen);
     int64_t fresh = errors_and_repeats(&e, p, indices, w->errors, repeats), *errors = w->errors;
     later = signs_pay(errors, fresh, signs);
-    int status = later ? put_integers(&e, errors, fresh, UNSIGNED, 0, &seen)
-                       : put_integers(&e, errors, fresh, RAW_SIGNS, 0, &seen);
+    int first = start_of(errors, fresh);
+    int status = later ? put_integers(&e, errors, fresh, first, UNSIGNED, 0, &seen)
+                       : put_integers(&e, errors, fresh, first, RAW_SIGNS, 0, &seen);
     if (status) return status;
     if (later) note_signs(&e, errors, fresh, SIGN_CODES);
-    uint8_t start[8];
-    int class = best_class(&seen);
+    uint8_t start[HEAD];
+    int64_t cost;
+    int class = best_class(&seen, &cost);
     many = e.noted >= MANY;
     memcpy(shares, hapfmt_classes[class].shares, sizeof hapfmt_classes[class].shares);
     start[0] = (uint8_t)(class | 16 * many | 32 * later);
+    start[1] = (uint8_t)first;
     if (p->repeats) head += put_bits(shares + REPEAT_CODES, start + head, repeats, REPEAT_CONTEXTS);
     if (later) head += put_bits(shares + SIGN_CODES, start + head, signs, SIGN_CONTEXTS);
     int64_t coded = encoder_finish(&e, shares, many ? 4 : 1, w->words);
     *written = head + coded;
-    if (coded > room) { *written = coded + 8; return NO_ROOM; }
-    memmove(out + head, out + 8, (size_t)coded);
+    if (coded > room) { *written = coded + HEAD; return NO_ROOM; }
+    memmove(out + head, out + HEAD, (size_t)coded);
     memcpy(out, start, (size_t)head);
     return DONE;
 }
