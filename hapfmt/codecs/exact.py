@@ -46,7 +46,7 @@ FRESH, SAME, KNOWN = range(3)
 NO_ROOM = 5
 STATUS = {
     4: ("RNG-001", "the coded bytes do not end with their packet"),
-    6: ("EXA-005", "the frequencies of corrections are not defined"),
+    6: ("RNG-004", "the frequencies of corrections are not defined"),
 }
 """What the compiled loop returns, as the readable one says it."""
 

@@ -40,7 +40,7 @@ STATUS = {
     2: ("RNG-003", "a magnitude of 2^34 or more"),
     3: ("LPC-003", "index beyond the grid"),
     4: ("RNG-001", "the coded bytes do not end with their packet"),
-    6: ("RNG-002", "a coding that is not defined"),
+    6: ("RNG-004", "a coding that is not defined"),
     8: ("KTE-004", "more knots than the ticks left"),
 }
 """What the compiled loop returns, as the readable one says it."""
@@ -197,7 +197,7 @@ def parse_row(data: bytes, unused: int, offset: int) -> tuple[RowCoding, int]:
         wrong = coding & (unused | 15) or most > ERROR_BITS + 1
     marks = data[stop : stop + SIGN_CONTEXTS] if coding & SIGNS else b""
     if wrong or not all(marks) or (coding & SIGNS and len(marks) < SIGN_CONTEXTS):
-        raise FormatError("a coding that is not defined", requirement="RNG-002", offset=offset)
+        raise FormatError("a coding that is not defined", requirement="RNG-004", offset=offset)
     return RowCoding(coding, start, lengths, marks), stop + len(marks)
 
 

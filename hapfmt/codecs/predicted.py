@@ -36,7 +36,7 @@ STATUS = {
     2: ("RNG-003", "a magnitude of 2^34 or more"),
     3: ("LPC-003", "index beyond the grid"),
     4: ("RNG-001", "the coded bytes do not end with their packet"),
-    6: ("RNG-002", "a coding that is not defined"),
+    6: ("RNG-004", "a coding that is not defined"),
 }
 """What the compiled loop returns, as the readable one says it."""
 
@@ -316,7 +316,7 @@ def parse_coding(data: bytes, predictor: Predictor, offset: int) -> tuple[int, b
     stop = middle + (SIGN_CONTEXTS if coding & SIGNS else 0)
     wrong = coding & UNUSED_CODING or len(data) < stop or data[1] > START_MOST
     if wrong or not all(data[2:stop]):
-        raise FormatError("a coding that is not defined", requirement="RNG-002", offset=offset)
+        raise FormatError("a coding that is not defined", requirement="RNG-004", offset=offset)
     return coding, data[2:middle], data[middle:stop], stop
 
 
