@@ -177,9 +177,9 @@ def code_integers(coder, count, number, a, signs, integers=None):
                 rest = coder.number(length, None if u is None else y - 2**length)
                 high = 2**length + rest + 43
                 got = high * 2**h
-                if got < 2**34:
+                if coder.coded is None or got < 2**34:
                     got += coder.number(h, None if u is None else u % 2**h)
-            if got >= 2**34:
+            if coder.coded is not None and got >= 2**34:
                 raise BrokenRule("RNG-003")
             minus = 0
             if signs and got > 0:

@@ -6,7 +6,7 @@ import struct
 from fractions import Fraction
 
 import page
-from page import BrokenRule, Coder, varint
+from page import BrokenRule, Coder, bits_of, varint
 from page_coding import bit_ends, code_length, some_bytes, table_of
 
 
@@ -143,7 +143,19 @@ def decode_exact(rest: bytes, counts, affine, rule: int, digits: int, c=()) -> l
     return [word_at(p + c * 2**z) for p, c in zip(places, found, strict=True)]
 
 
-def encode_exact(words, counts, affine, rule: int, digits: int, *, p, table, states=1, c=()):
+EVEN = ((128,),) * 3
+"""Probabilities of ranks of which nothing is known."""
+
+
+def flat_table(numbers):
+    """All lengths that there are, equally likely."""
+    sizes = [bits_of(abs(n)) for n in numbers]
+    return min(sizes), [1] * (max(sizes) - min(sizes) + 1)
+
+
+def encode_exact(
+    words, counts, affine, rule: int, digits: int, *, p=None, table=None, states=1, c=()
+):
     """What follows the counts; words as signed integers b; ``p``: None without recall."""
     values = [value(count, *affine, rule, digits, c) for count in counts]
     away = [place(w) - place(bits(v)) for w, v in zip(words, values, strict=True)]
@@ -152,7 +164,8 @@ def encode_exact(words, counts, affine, rule: int, digits: int, *, p, table, sta
     z = 0
     while all(c % 2 ** (z + 1) == 0 for c in away):
         z += 1
-    return build_exact([c // 2**z for c in away], counts, z, p, table, states)
+    small = [c // 2**z for c in away]
+    return build_exact(small, counts, z, p, table or flat_table(small), states)
 
 
 def build_exact(small, counts, z, p, table, states=1) -> bytes:
