@@ -115,9 +115,14 @@ export class EntropyDecoder {
   }
 
   check() {
-    if (this.next - PAD + ((this.rawBits + 7) >> 3) > this.size) {
+    if (this.front + ((this.rawBits + 7) >> 3) > this.size) {
       broken('RNG-001', 'the coded bytes end too early', this.offset + this.size);
     }
+  }
+
+  // Bytes taken at the front.
+  get front() {
+    return this.next - PAD;
   }
 
   section() {
@@ -251,7 +256,7 @@ export class EntropyDecoder {
     const end = this.offset + this.size;
     const back = (this.rawBits + 7) >> 3;
     if (this.states.some((x) => x !== LEAST)) broken('RNG-001', 'a state that does not end with 65536', end);
-    if (this.next - PAD + back !== this.size) {
+    if (this.front + back !== this.size) {
       broken('RNG-001', 'the coded bytes are more or fewer than their symbols call for', end);
     }
     const rest = this.rawBits & 7;

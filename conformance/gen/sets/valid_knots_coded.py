@@ -58,7 +58,11 @@ def cases() -> Iterator[Case]:
 
 def examples() -> Iterator[Case]:
     held = [
-        coded(bytes.fromhex("0E 03 00 1E 0D 1E 00 0C 77 7C 52 38 02"), [(0, [7]), (3, [9]), (12, [2]), (13, [3])], 40)
+        coded(
+            bytes.fromhex("0E 03 00 1E 0D 1E 00 0C 77 7C 52 38 02"),
+            [(0, [7]), (3, [9]), (12, [2]), (13, [3])],
+            40,
+        )
     ]
     lines = [
         coded(bytes.fromhex("09"), [(0, [-5])], 7, LINEAR),
