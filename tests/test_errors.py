@@ -203,7 +203,6 @@ def test_predicted(fault):
 def test_coded_knots(fault):
     """
     KTE-002: Where it is present, f MUST be at least 1 and less than `span`.
-    KTE-003: b MUST be at most n: a decoder stops at the 1 number n + 1.
     KTE-004: Every tick MUST be less than `span` minus the number of knots that follow it.
     """
     assert_reported(fault)

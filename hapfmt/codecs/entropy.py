@@ -51,7 +51,7 @@ ROWS = (
 )  # fmt: skip
 """Shape, scale, zeros and half of each class: what was best for sensors' prediction errors."""
 
-OUT_OF_RANGE = "a prediction error of 2^34 or more"
+OUT_OF_RANGE = "an index beyond 2^32, or a prediction error of 2^34 or more"
 
 Ends = tuple[int, ...]
 """Where the share of each symbol ends: frequencies, added up, of which the last is 4096."""
