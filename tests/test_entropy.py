@@ -140,5 +140,5 @@ class TestSections:
     def test_a_few_bytes_ask_for_little(self):
         """The least that a symbol takes is 0.005 bits: some thousand ticks a byte, no more."""
         for number in range(16):
-            with pytest.raises(FormatError, match="RNG-00[13]"):
+            with pytest.raises(FormatError, match=r"RNG-00[13]"):
                 Decoder(b"\xff" * 40, 0, 1).integers(1 << 24, number, 0, signs=True)

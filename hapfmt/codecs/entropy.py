@@ -64,7 +64,7 @@ def ends_of(number: int, context: int) -> Ends:
     lg, fr = divmod(context + 8, 4)
     mean = (((9 + 2 * fr) << lg) // 8 + 1) * scale // 64 + 1
     ratio = 65536 * mean // (mean + 256)
-    g, least, ends = 65536, 0, []
+    g, least, ends = 65536, 0, list[int]()
     for w in range(1, EDGES[ESCAPE] + 1):
         g = isqrt(65536 * ratio) if w == 1 and half else g * ratio // 65536
         if w not in EDGES:

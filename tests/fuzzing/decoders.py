@@ -8,9 +8,9 @@ parameters, the parameters, and the packet.
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import forge as f
