@@ -4,7 +4,8 @@
 file has the functions of one codec or search, and names its twin: lpcr, knots, knots_coded,
 huffman (QUAN), exact (LPCX) and levels (grids) of codecs/; select, tube, sweep, links, quick,
 vectors and live (many packets in one call) of encoder/. Shared headers: coder.h, integers.h and
-coded.h are SPEC 9.4, one above the other; lpcr.h 9.5, search.h its predictors, lines.h lines between knots.
+coded.h are SPEC 9.4, one above the other; lpcr.h 9.5, search.h its predictors, lines.h what lies
+between knots.
 """
 
 from __future__ import annotations
@@ -195,8 +196,8 @@ class DeadbandLevels(Protocol):
 
 class CorrectionLoop(Protocol):
     """(exact values of a packet, ids int32 or none, corrections int64, zeros to work in, int64, two
-    for each id, shift) -> (status, bytes read or written); the corrections are filled, or for encoding the
-    bytes.
+    for each id, shift) -> (status, bytes read or written); the corrections are filled, or
+    for encoding the bytes.
     """
 
     def __call__(

@@ -108,11 +108,11 @@ def coders() -> Component:
     cases = []
     for seed in range(1, 9):
         rows = sections(seed, seed * seed + 3)
-        for states in (1, 4):
-            cases.append(coder_case(f"five sections, {seed}, {states} states", rows, states))
+        cases += [
+            coder_case(f"five sections, {seed}, {states} states", rows, states) for states in (1, 4)
+        ]
     for row in sections(3, 20):
-        for states in (1, 4):
-            cases.append(coder_case(f"{row['kind']}, {states} states", [row], states))
+        cases += [coder_case(f"{row['kind']}, {states} states", [row], states) for states in (1, 4)]
     cases.append(coder_case("nothing", [], 1))
     one = [sections(2, 9)[1]]
     whole = coded(one, 1)

@@ -51,8 +51,8 @@ def packets() -> Component:
         (
             "two components with a reference",
             bytes.fromhex(
-                "12 00 00 00 0E 2E 00 02 60 9C C5 02 4C 78 03 3B 04 63 B0 40 00 01 00 00 20 00 00 00 08"
-                " 00 23 FF F5 FF F5 5F F4 FF F5 FF F5 5F F5 9F 75 00 00"
+                "12 00 00 00 0E 2E 00 02 60 9C C5 02 4C 78 03 3B 04 63 B0 40 00 01 00 00 20 00 00"
+                " 00 08 00 23 FF F5 FF F5 5F F4 FF F5 FF F5 5F F5 9F 75 00 00"
             ),
             9,
             2,

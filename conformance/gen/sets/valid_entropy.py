@@ -77,7 +77,8 @@ def cases() -> Iterator[Case]:
     held = [(0, (0, 3))] + [(t, (luck.between(-90, 90), luck.between(0, 9))) for t in ticks]
     by_class, by_length = (9, 20), (64, (0, [9, 5, 0, 3, 1, 1, 1, 255, 2]))
     rows = [
-        (by_class, by_length, (), 1), (by_length, by_class, (), 4), (by_length, by_length, SIGNS, 1),
+        (by_class, by_length, (), 1), (by_length, by_class, (), 4),
+        (by_length, by_length, SIGNS, 1),
         (by_length, by_length, (), 4), (by_class, by_class, SIGNS, 4),
     ]  # fmt: skip
     yield valid(

@@ -168,7 +168,8 @@ def corrections() -> Iterator[Case]:
     four = page.encode([3, -4, 5, 8], states=4)
     values = [tenths.value(c) for c in (5, 3, -4, 5, 8)]
     yield valid(
-        "lpcx-constant-and-four-states", "Counts as a constant packet, and with four states.", ["EXA-003"],
+        "lpcx-constant-and-four-states", "Counts as a constant packet, and with four states.",
+        ["EXA-003"],
         tenths.track(
             tenths.coded(body, [5] * 4, values[:1] * 4, 0),
             tenths.coded(page.varint_bytes(len(four)) + four, [3, -4, 5, 8], values[1:], 4),

@@ -66,14 +66,17 @@ def examples() -> Iterator[Case]:
     ]
     lines = [
         coded(bytes.fromhex("09"), [(0, [-5])], 7, LINEAR),
-        coded(bytes.fromhex("02 01 00 00 04 20 00 06 BA B1 00"), [(0, [1]), (8, [5])], 9, LINEAR, start=7),
+        coded(bytes.fromhex("02 01 00 00 04 20 00 06 BA B1 00"), [(0, [1]), (8, [5])], 9,
+              LINEAR, start=7),
         coded(
             bytes.fromhex("00 03 05 21 0E 27 00 03 AD 68 D3 06 38"),
             [(0, [0]), (10, [20]), (12, [-3]), (30, [1])], 31, LINEAR, start=16,
         ),
     ]  # fmt: skip
-    wide = [coded(bytes.fromhex("02 04 01 04 20 06 34 01 E6 DC 23 05 C0"), [(0, [1, 2]), (5, [1, -300])], 20,
-                  clamped=(-400, 400))]  # fmt: skip
+    wide = [
+        coded(bytes.fromhex("02 04 01 04 20 06 34 01 E6 DC 23 05 C0"),
+              [(0, [1, 2]), (5, [1, -300])], 20, clamped=(-400, 400)),
+    ]  # fmt: skip
     yield valid(
         "coded-knots-examples", "The packets that the page shows.", ["RNG-001", "KTE-002"],
         track(*held),

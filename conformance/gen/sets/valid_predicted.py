@@ -40,7 +40,8 @@ def examples() -> Iterator[Case]:
     for body, indices in rows:
         packets.append(coded(bytes.fromhex(body), indices, start=start))
         start += len(indices)
-    both = "12 00 00 00 0E 2E 00 02 60 9C C5 02 4C 78 03 3B 04 63 B0 40 00 01 00 00 20 00 00 00 08 00 23 FF F5 FF F5 5F F4 FF F5 FF F5 5F F5 9F 75 00 00"
+    both = "12 00 00 00 0E 2E 00 02 60 9C C5 02 4C 78 03 3B 04 63 B0 40 00 01 00 00 20"
+    both += " 00 00 00 08 00 23 FF F5 FF F5 5F F4 FF F5 FF F5 5F F5 9F 75 00 00"
     pair = coded(bytes.fromhex(both), wave[:9], small)
     yield valid(
         "lpcr-examples", "The packets that the page of LPCR shows.", ["RNG-001"],

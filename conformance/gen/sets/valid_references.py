@@ -119,7 +119,8 @@ def cases() -> Iterator[Case]:
         page.encode(third, references=((0, 9, 9, 9), (1, 0, 45, 0)), components=([8] * 60, first)),
     ]
     yield valid(
-        "references-constant-and-four-states", "References to a constant component, and to one of four states.",
+        "references-constant-and-four-states",
+        "References to a constant component, and to one of four states.",
         ["LPC-007"],
         track(coded(page.encode_packet(parts), [8] * 60, first, third), width=3),
     )  # fmt: skip
