@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
 from typing import Any
 
-from .container.cluster import Packet, parse_count, parse_entry
+from .container.cluster import Packet, parse_rows, parse_table_head
 from .container.description import parse_description
 from .container.filewriter import FileWriter
 from .container.salvage import salvage_cluster
@@ -172,7 +172,7 @@ def salvage(catalogue: Catalogue, end: int) -> list[Packet | None]:
         return []
     sizes = (chunk.header.payload_size, len(chunk.payload))
     tracks, level, at = catalogue.tracks, catalogue.level, chunk.payload_offset
-    items = salvage_cluster(chunk.payload, tracks, level, at, chunk.header.seed, sizes)
+    items = salvage_cluster(chunk.payload, tracks, level, at, chunk.header.cluster_seed, sizes)
     return [item if isinstance(item, Packet) else None for item in items]
 
 
@@ -255,10 +255,9 @@ def track_ends(catalogue: Catalogue) -> dict[int, int]:
         chunk = read_chunk(catalogue.source, ref.offset)
         if chunk is None or not chunk.intact:
             continue
-        count, position = parse_count(chunk.payload, catalogue.level, chunk.payload_offset)
+        head = parse_table_head(chunk.payload, catalogue.level, chunk.payload_offset)
         found: dict[int, int] = {}
-        for _ in range(count):
-            entry, position = parse_entry(chunk.payload, position, chunk.payload_offset)
-            found[entry.track] = max(entry.stop, found.get(entry.track, 0))
+        for row in parse_rows(chunk.payload, head):
+            found[row.track] = max(row.stop, found.get(row.track, 0))
         ends = found | ends
     return ends

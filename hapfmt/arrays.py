@@ -61,8 +61,8 @@ def recording_of(
             raise ParameterError("transpose is for arrays; a table has a column for each channel")
         return _recording_of_frame(frame, rate, labels, units)
     if isinstance(data, Mapping):
-        labels = [str(name) for name in data] if labels is None else labels
         rows = [_row(value, str(name)) for name, value in data.items()]
+        labels, units = _described([str(name) for name in data], labels, units)
     else:
         rows = rows_of(data, labels, transpose)
     if rate is None:
@@ -83,20 +83,18 @@ def _recording_of_frame(
     units: Units | None,
 ) -> Recording:
     """A pandas.DataFrame: a channel for each column, the rows placed by the times of the index."""
+    from .convert.times import time_name
+
     columns = [str(name) for name in frame.columns]
-    names = columns if labels is None else _for_each(labels, "labels", len(columns))
-    codes = _units(units, names)
     known = frame.attrs.get("units") if units is None else None
-    if units is None and not known:
-        split = [split_name(column.strip()) for column in columns]
-        codes = [code for _, code in split]
-        names = unique([label for label, _ in split], []) if labels is None else names
-    elif isinstance(known, Mapping):
+    if isinstance(known, Mapping):
         known = {str(column): unit for column, unit in known.items()}
-        codes = [known.get(column, "1") for column in columns]
-    elif known is not None:
-        codes = _units(known, names)
-    rate, ticks, epoch_ns, notes = _grid_of_index(frame.index, rate, frame.attrs.get("epoch_ns"))
+        known = [known.get(column, "1") for column in columns]
+    names, codes = _described(columns, labels, units if known is None else known)
+    named = [column for column in columns if time_name(column) is not None]
+    rate, ticks, epoch_ns, notes = _grid_of_index(
+        frame.index, rate, frame.attrs.get("epoch_ns"), named[:1]
+    )
     for note in notes:
         warnings.warn(note, MovedTimesWarning, stacklevel=4)
     return Recording(
@@ -212,6 +210,20 @@ def _for_each(
     return list(texts)
 
 
+def _described(
+    names: Sequence[str], labels: str | Sequence[str] | None, units: Units | None
+) -> tuple[list[str], list[str]]:
+    """Labels and units of named columns; names such as "fx [N]" hold both."""
+    given = list(names) if labels is None else _for_each(labels, "labels", len(names))
+    if units:
+        return given, _units(units, given)
+    split = [split_name(name.strip()) for name in names]
+    return (
+        unique([label for label, _ in split], []) if labels is None else given,
+        [code for _, code in split],
+    )
+
+
 def _units(units: Units | None, labels: Sequence[str]) -> list[str]:
     """The unit of each label: one for all, a list, or {label: unit}, where others have unit 1."""
     if isinstance(units, Mapping):
@@ -270,19 +282,20 @@ def _frame_of(data: Any) -> Any:
 
 
 def _grid_of_index(
-    index: Any, rate: Rate | None, epoch_ns: int | None
+    index: Any, rate: Rate | None, epoch_ns: int | None, time_columns: Sequence[str]
 ) -> tuple[Fraction, NDArray[np.int64], int | None, tuple[str, ...]]:
     """Rate, ticks of the rows, epoch, and notes, from an index in seconds, of durations or dates.
 
-    Times are placed as those of a .csv file.
+    Times are placed as those of a .csv file. An index named "t [ms]" holds milliseconds.
     """
-    from .convert.times import Stamps
+    from .convert.times import Stamps, time_name
 
     kind = getattr(index.dtype, "kind", "O")
     given = None if rate is None else hertz(rate)
     if kind not in "fmM":
         if given is None:
-            raise ParameterError("the index of the DataFrame holds no times; give a rate")
+            advice = "".join(f", or use .set_index({column!r})" for column in time_columns)
+            raise ParameterError(f"the index of the DataFrame holds no times; give a rate{advice}")
         rows = np.arange(len(index))
         if kind in "iu" and not np.array_equal(index.to_numpy(), rows):
             raise ParameterError(
@@ -294,6 +307,8 @@ def _grid_of_index(
         raise ParameterError("the index of the DataFrame holds missing times")
     exponent = 0
     if kind == "f":
+        named = time_name(str(index.name))
+        exponent = 0 if named is None else named.exponent
         texts = map(repr, index.to_numpy().tolist())
     else:
         plain = index.tz_convert(None) if kind == "M" and index.tz is not None else index

@@ -104,7 +104,7 @@ def clock_json(chunk: Chunk) -> dict[str, Any]:
 
 def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[str, Any]]:
     read: Callable[..., Iterable[Any]] = parse_cluster if chunk.intact else salvage_cluster
-    tracks, level, seed = catalogue.tracks, catalogue.level, chunk.header.seed
+    tracks, level, seed = catalogue.tracks, catalogue.level, chunk.header.cluster_seed
     packets = read(chunk.payload, tracks, level, chunk.payload_offset, seed)
     out = []
     told = 0
@@ -133,7 +133,7 @@ def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[
 
 
 def numbers_json(catalogue: Catalogue, packet: Packet) -> dict[str, Any]:
-    """[ticks][components] counts, or words as unsigned integers; exact values as words [ticks]; or
+    """[ticks][components] counts, or words as unsigned integers, exact values likewise; or
     events."""
     from .reading.decoder import TrackDecoder
 

@@ -18,7 +18,7 @@ def clamp(x: int, low: int, high: int) -> int:
 
 
 def build_varint(value: int) -> bytes:
-    """SPEC CNV-002, CNV-003."""
+    """SPEC CNV-002."""
     if not 0 <= value < 1 << 53:
         raise ValueError(f"varint out of range: {value}")
     out = bytearray()
@@ -49,7 +49,7 @@ def parse_varint(data: bytes, position: int, base: int = 0) -> tuple[int, int]:
         if byte < 0x80:
             if byte == 0 and index:
                 raise FormatError(
-                    "varint longer than needed", requirement="CNV-003", offset=base + position
+                    "varint longer than needed", requirement="CNV-002", offset=base + position
                 )
             if value >= 1 << 53:
                 break

@@ -105,7 +105,7 @@ class Calibration:
 
     def covers(self, low: int, high: int) -> bool:
         """Whether every count in [low, high] keeps ``|count * a|`` and ``|count * a + b|`` within
-        2**53 (SPEC VAL-002)."""
+        2**53 (SPEC VAL-001)."""
         ends = (low * self.a, high * self.a)
         return max(max(abs(end), abs(end + self.b)) for end in ends) <= EXACT_LIMIT
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from .codecs.events import parse_events
-from .container.cluster import Packet, entry_size, parse_cluster
+from .container.cluster import Packet, parse_cluster, parse_table_head
 from .container.salvage import salvage_cluster
 from .container.source import Source
 from .container.walk import Chunk, Finding, walk
@@ -113,14 +113,15 @@ def add_packets(usage: Usage, catalogue: Catalogue, chunk: Chunk) -> int:
     """Book the packets of one DATA payload; returns their bytes."""
     try:
         read = parse_cluster if chunk.intact else salvage_cluster
-        items = read(chunk.payload, catalogue.tracks, catalogue.level, 0, chunk.header.seed)
+        items = read(chunk.payload, catalogue.tracks, catalogue.level, 0, chunk.header.cluster_seed)
         packets = [item for item in items if isinstance(item, Packet)]
+        row_size = parse_table_head(chunk.payload, catalogue.level, 0).row_size if packets else 0
     except FormatError:
-        packets = []
+        packets, row_size = [], 0
     for packet in packets:
         track = usage.tracks[packet.track]
         track.packets_size += len(packet.data)
-        track.table_size += entry_size(packet)
+        track.table_size += row_size
         track.exact_size += exact_size(packet, track.codec)
         track.packet_count += 1
         track.event_count += event_count(packet, track.codec)

@@ -9,7 +9,6 @@ from fractions import Fraction
 from typing import Any, BinaryIO
 
 from .container.index import (
-    FIRST_OFFSET,
     INDEX_EVERY,
     IndexEntry,
     ceil_ms,
@@ -139,11 +138,11 @@ def check_structure(catalogue: Catalogue) -> None:
             if chunk is None or not chunk.header.known:
                 continue
             index = parse_index(chunk.payload, ref.offset, chunk.payload_offset)
-            if index.covers_from != FIRST_OFFSET and index.previous not in indexes:
+            if index.previous and index.previous not in indexes:
                 raise FormatError(
                     "the previous index is missing",
                     requirement="IDX-004",
-                    offset=chunk.payload_offset + 8,
+                    offset=chunk.payload_offset,
                 )
             indexes.add(ref.offset)
             check_listing(index, ref.offset, listing, chunk.payload_offset)
@@ -169,7 +168,7 @@ def check_structure(catalogue: Catalogue) -> None:
     if (foot.data_count, foot.track_count, foot.duration_ns) != (*counts, stop_ns):
         raise FormatError(
             "the counts or the duration in the footer are wrong",
-            requirement="FOT-003",
+            requirement="FOT-002",
             offset=at + 16,
         )
     bare = [t for t in catalogue.tracks.values() if t.kind == "lf" and t.id not in bases]

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, Literal
 
 from .arrays import Units, recording_of
 from .atomic import refuse, target
-from .container.cluster import Packet, entry_fields
+from .container.cluster import Packet
 from .container.description import build_track
 from .container.extras import Attachment, build_attachment, build_metadata
 from .container.filewriter import FileWriter
@@ -84,9 +84,9 @@ def write(
     {label: array [samples]}, or a table of pandas or xarray with a column for each channel. NaN and
     masked values are gaps. Integers of up to 32 bits are kept as counts. Arrays need ``rate``,
     samples per second (1000, 35.618 or "44100/7"); a table may have times as its index: they place
-    the rows, and a MovedTimesWarning tells where they were moved. Columns named "fx [N]" or
-    "fx (N)" give labels and units. ``labels``: one text for each channel. ``units``: one text for
-    all channels, one for each, or {label: unit}.
+    the rows, and a MovedTimesWarning tells where they were moved. Names of columns and of a dict,
+    such as "fx [N]" or "fx (N)", give labels and units. ``labels``: one text for each channel.
+    ``units``: one text for all channels, one for each, or {label: unit}.
     An array of more rows than columns is refused, unless there is a label for each row: pass
     ``array.T``, or say ``transpose=True`` or ``False``.
 
@@ -175,7 +175,8 @@ def content_id(tracks: Sequence[Track], packets: Sequence[Packet], extras: Seque
     digest = hashlib.sha256()
     parts = [build_track(track) for track in tracks] + list(extras)
     for packet in packets:
-        parts += [entry_fields(packet), packet.data]
+        fields = b"%d %d %d" % (packet.track, packet.start, packet.span)
+        parts += [fields, packet.data]
     for part in parts:
         digest.update(len(part).to_bytes(8, "little") + part)
     return int.from_bytes(digest.digest()[:8], "little")

@@ -6,11 +6,12 @@ import hashlib
 import struct
 
 import numpy as np
+from singles import decode_counts, decode_exact
 
 from hapfmt.codecs import components as lpcr
 from hapfmt.codecs.entropy import Decoder, Lengths, ends_of
 from hapfmt.codecs.events import parse_events
-from hapfmt.codecs.exact import ExactParameters, decode_counts, decode_exact
+from hapfmt.codecs.exact import ExactParameters
 from hapfmt.codecs.grids import LpcParameters, deadband_levels
 from hapfmt.codecs.huffman import parse_codebook
 from hapfmt.codecs.knots import KnotParameters, decode_knots, interpolate, parse_knots

@@ -52,13 +52,20 @@ def memory_cap() -> Iterator[None]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that take seconds and seldom find what others do not: not in a quick run."""
-    if os.environ.get("HYPOTHESIS_PROFILE", "dev") not in ("brief", "dev", "steady"):
-        return
-    left_out = pytest.mark.skip(reason="runs with HYPOTHESIS_PROFILE=ci or nightly")
+    """Tests that take seconds and seldom find what others do not: not in a quick run. Tests of large
+    inputs: not in a brief run without the extension."""
+    from hapfmt.kernels import compiled
+
+    profile = os.environ.get("HYPOTHESIS_PROFILE", "dev")
+    left_out = {}
+    if profile in ("brief", "dev", "steady"):
+        left_out["deep"] = pytest.mark.skip(reason="runs with HYPOTHESIS_PROFILE=ci or nightly")
+    if profile == "brief" and not compiled:
+        left_out["compiled"] = pytest.mark.skip(reason="too slow in pure Python for this profile")
     for item in items:
-        if item.get_closest_marker("deep") is not None:
-            item.add_marker(left_out)
+        for name, skip in left_out.items():
+            if item.get_closest_marker(name) is not None:
+                item.add_marker(skip)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -72,7 +79,7 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def residual_file() -> bytes:
-    """LF and HF with a gap, 536 bytes: the second worked example of SPEC Annex B."""
+    """LF and HF with a gap, 536 bytes: the worked example `residual`."""
     return (ROOT / "conformance" / "examples" / "residual.hapf").read_bytes()
 
 

@@ -126,7 +126,7 @@ def packets_of(data: bytes) -> list[Packet]:
         chunk = read_chunk(source, ref.offset)
         assert chunk is not None
         found += parse_cluster(
-            chunk.payload, catalogue.tracks, catalogue.level, 0, chunk.header.seed
+            chunk.payload, catalogue.tracks, catalogue.level, 0, chunk.header.cluster_seed
         )
     return found
 

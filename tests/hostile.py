@@ -171,7 +171,7 @@ def packets(size: Size) -> bytes:
 def bad_packets(size: Size) -> bytes:
     """All of them damaged."""
     count = min(2 * size.chunks, 1 << 17)
-    payload = f.varint(count) + b"".join(f.entry(0, 0, i, 1, crc=i) for i in range(count))
+    payload = f.table([(0, 0, i, 1, i) for i in range(count)])
     return f.closed(head(), f.TRACK_0, ("DATA", payload, {"crc": 1}))
 
 
@@ -179,7 +179,7 @@ def index_entries(size: Size) -> bytes:
     """An index that lists a chunk at every byte, behind an attachment that makes room for them."""
     count = ((1 << 24) - 28) // 5 if size is WHOLE else size.chunks
     body = f.file(head(), f.TRACK_0, ("aTTc", b"\1a\0" + bytes(count)))
-    payload = f.index([], count=count) + b"HEAD\0" + b"HEAD\1" * (count - 1)
+    payload = f.index([], count=count) + b"HEAD\x08" + b"HEAD\1" * (count - 1)
     stop = len(body) + f.HEADER + len(payload) + f.FOOT
     return body + f.chunk("iNDX", payload, 3) + f.chunk("fOOT", f.foot(len(body), stop, 0, 1), 4)
 

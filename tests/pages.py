@@ -1,4 +1,4 @@
-"""The pages a user reads, README.md and docs/*.md: their prose and the blocks that run."""
+"""The pages a user reads, README.md and docs: their prose and the blocks that run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import commands
 from spec import ROOT
 
 README = ROOT / "README.md"
-PAGES = [README, *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [README, *sorted((ROOT / "docs").glob("**/*.md"))]
 BLOCK = re.compile(r"^ *```(\w*) *(\w*)[^\n]*\n(.*?)^ *```$", re.S | re.M)
 SHELL = re.compile(r"[|<>;&$*`\\]")
 WIDTH = 80

@@ -1,4 +1,4 @@
-"""What a player is to send, worked out sample by sample as SPEC 17.1 says it; and small profiles."""
+"""What a player is to send, worked out sample by sample by docs/spec/players.md; and small profiles."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Recordings to replay, and what arrived at a device, read from its bytes by the layouts alone.
 
-Nothing of hapfmt.replay is used here: what must arrive follows from SPEC 17.1, the reports as the
+Nothing of hapfmt.replay is used here: what must arrive follows from players.md, the reports as the
 profiles describe them, and the gain of 0.5 that a profile has.
 """
 
@@ -113,7 +113,7 @@ def shape(phase: int, length: int = RAMP) -> float:
 
 
 def count(wanted: float) -> int:
-    """Whole counts, as 17.1 rounds."""
+    """Whole counts, rounded as players.md says."""
     return floor(wanted + 0.5)
 
 

@@ -1,4 +1,4 @@
-"""SPEC.md as {id: sentence}, and what the docstrings of tests quote of it."""
+"""SPEC.md and docs/spec as {id: sentence}, and what the docstrings of tests quote of them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "SPEC.md").read_text(encoding="utf-8")
+PARTS = [TEXT, *(path.read_text("utf-8") for path in sorted((ROOT / "docs/spec").glob("*.md")))]
 ITEM = re.compile(r"^- \*\*(?P<id>[^*]+)\*\* (?P<sentence>.+?)(?=\n- |\n\n|\Z)", re.M | re.S)
 QUOTE = re.compile(r"^\s*(?P<id>[A-Z]{3}-\d{3}): (?P<sentence>.+?)\s*$", re.M)
 
 
 def items() -> list[tuple[str, str]]:
-    """(id, sentence) in order of the SPEC; line breaks within a sentence become spaces."""
-    return [(m["id"], " ".join(m["sentence"].split())) for m in ITEM.finditer(TEXT)]
+    """(id, sentence) in order of the pages; line breaks within a sentence become spaces."""
+    found = [match for part in PARTS for match in ITEM.finditer(part)]
+    return [(m["id"], " ".join(m["sentence"].split())) for m in found]
 
 
 REQUIREMENTS = dict(items())

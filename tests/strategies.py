@@ -85,7 +85,7 @@ def ranges(draw, bits):
 
 @st.composite
 def affines(draw, count_range=(-(2**31), 2**31 - 1)):
-    """Calibrations that keep VAL-001 and VAL-002 over a range of counts."""
+    """Calibrations that keep VAL-001 over a range of counts."""
     largest = max(map(abs, count_range))
     a = draw(st.sampled_from([1, -1, 3, 2**21]) | st.integers(1, 2**21))
     a = min(a, (1 << 53) // max(largest, 1))

@@ -1,4 +1,4 @@
-"""Events added to a file, and what edits make of them (SPEC 9.9, 13.1)."""
+"""Events added to a file, and what edits make of them (SPEC 9.9, docs/spec/editing.md)."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ def recording(path: Path, clusters: int = 3, *, close: bool = True) -> None:
 
 class TestClosedFiles:
     """
-    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk, and go on there with the file id of the file, the next sequence number, and the limits of the file's level.
+    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk. It continues there with the file id, the next sequence number, and the level of the file. It refuses a file with damage before that end, or with an unknown critical chunk.
     """
 
     @pytest.mark.parametrize("close", [True, False])
@@ -231,7 +231,7 @@ class TestAgainAndAgain:
 
 
 def test_a_live_writer_lists_every_ten_seconds(tmp_path: Path):
-    """IDX-005: A writer MUST write an index before the chunks that were not indexed yet, together with the next chunk, pass 4 MiB, unless there is nothing to list; and one before `fOOT`. A live writer also writes one every 10 seconds."""
+    """IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next chunk, pass 4 MiB; and one before `fOOT`. A live writer also writes one every 10 seconds. None is written where nothing is new, but before `fOOT`."""
     now = [100.0]
     path = tmp_path / "a"
     with create_live(path) as file:
@@ -312,7 +312,7 @@ def go_on(path: Path) -> list[str] | None:
 
 class TestCutFiles:
     """
-    WRT-007: Before it appends, a writer MUST cut off what follows the last whole chunk, write those packets of a cut `DATA` chunk whose CRC holds again as a new `DATA` chunk, and report what was lost.
+    WRT-007: Before it appends, a writer MUST cut off what follows the last whole chunk. It writes the packets of a cut `DATA` chunk whose CRC matches in a new `DATA` chunk, and reports the losses.
     """
 
     def test_at_every_byte(self, tmp_path: Path):
@@ -444,12 +444,13 @@ class TestCutFiles:
         index = [c for c in chunks(path.read_bytes()) if c.header.type == "iNDX"][-1]
         catalogue = open_catalogue(BytesSource(path.read_bytes()))
         assert catalogue.indexed and index.offset > len(data)
-        assert [ref.type for ref in catalogue.chunks] == ["HEAD", "TRAK", "DATA", "mETa"]
+        types = ["HEAD", "TRAK", "DATA", "iNDX", "mETa", "iNDX", "fOOT"]
+        assert [ref.type for ref in catalogue.chunks] == types
 
 
 class TestRefusals:
     """
-    WRT-008: A writer MUST NOT append to a file in which it finds damage before the end of the last whole chunk, or an unknown critical chunk.
+    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk. It continues there with the file id, the next sequence number, and the level of the file. It refuses a file with damage before that end, or with an unknown critical chunk.
     """
 
     def refused(self, path: Path, data: bytes, kind: type[HapfmtError], message: str) -> None:
@@ -590,6 +591,9 @@ def test_after_an_error_the_file_is_closed(tmp_path: Path):
 
 def test_the_examples(tmp_path: Path):
     for example in sorted((ROOT / "conformance" / "examples").glob("*.hapf")):
+        if example.stem == "salvaged":
+            # It is damaged.
+            continue
         path = tmp_path / example.name
         path.write_bytes(example.read_bytes())
         assert go_on(path) == []

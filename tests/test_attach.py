@@ -110,7 +110,7 @@ def test_too_large_for_the_level(file: Path, tmp_path: Path) -> None:
 
 
 class TestExtract:
-    """ATT-002: A reader that stores an attachment MUST NOT use more of its name than the last component, split at `/`, `\\` and `:`, without leading dots and control characters; where nothing is left it chooses a name of its own."""
+    """ATT-002: A reader that stores an attachment MUST NOT use more than the last component of its name, split at `/`, `\\` and `:`. It removes leading dots and control characters; where nothing is left it chooses a name."""
 
     def test_names_are_no_paths(self, tmp_path: Path) -> None:
         names = ["../../etc/passwd", "C:\\x\\..\\y.txt", "/", "a/.profile", "A/Y.TXT", "\x1b[2J"]

@@ -187,7 +187,7 @@ def test_a_failed_write_leaves_nothing(room: Path, tmp_path: Path) -> None:
 
 
 class TestExitCodes:
-    """VRD-001: A program that reads hapf files MUST end with the code of this table."""
+    """VRD-001: A program that reads hapf files MUST end with the code of this clause."""
 
     READERS = ("info", "verify", "du", "dump", "decode")
 

@@ -75,6 +75,7 @@ def test_larger_is_called_larger(tmp_path: Path) -> None:
     assert f"{size / 24:.1f} times LARGER than float64" in last and "smaller" not in last
 
 
+@pytest.mark.compiled
 def test_what_another_preset_would_save_is_about_right(tmp_path: Path) -> None:
     noise = np.random.default_rng(2).normal(size=(3, 20000)).cumsum(axis=1)
     source = saved(tmp_path, noise)

@@ -151,7 +151,7 @@ class TestDryRun:
         assert max(values_of(dry("--gain", "0.1").out)) == (10, -10)
 
     def test_what_is_limited_is_counted(self, dry, tmp_path):
-        """PLY-008: A player MUST say what it did not play: channels that the device cannot render, samples that are lost, frames left out, values that were limited."""
+        """PLY-008: A player MUST report what it did not play: channels that the device cannot render, lost samples, skipped frames, limited values."""
         path = tmp_path / "more.hapf"
         volts = Channel(np.zeros(4), Fraction(100), label="battery", unit="V")
         hapfmt.write(Recording((*steady(900, 100, 100).channels, volts)), path)
@@ -333,7 +333,7 @@ class TestRefusals:
         assert called("replay", touch, "--dry-run").code == 1
 
     def test_channels_without_an_actuator(self, dry, tmp_path):
-        """PLY-013: A player MUST refuse to play while a channel has no actuator and the user has not left it out, and MUST print, before anything moves, which channel drives which actuator, why, and which actuators rest."""
+        """PLY-013: A player MUST refuse to play while a channel has no actuator and the user has not left it out; before anything moves it MUST print which channel drives which actuator, why, and which actuators rest."""
         path = tmp_path / "more.hapf"
         volts = Channel(np.ones(4), Fraction(100), unit="V", label="battery, main")
         hapfmt.write(Recording((*steady(100, 100, 100).channels, volts)), path)

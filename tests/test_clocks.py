@@ -50,8 +50,8 @@ FILE = f.minimal(
 @given(st.lists(strategies.observations, max_size=8))
 def test_observations_come_back(observations):
     """
-    CLK-001: The name MUST lie within the payload and not be empty, and the payload end with the last of its observations or points.
-    CLK-003: Each tick MUST have a magnitude below 2^52, and each time fit an i64.
+    CLK-001: The name MUST lie within the payload and not be empty. At least one observation, or two points, follow, and fill the payload.
+    CLK-003: Each tick MUST have a magnitude below 2^52, and each time fit an i64. From point to point of a map both grow.
     """
     payloads = list(build_clocks(observations))
     assert [seen for each in payloads for seen in parse_clock(each, None, 0)] == observations
@@ -70,7 +70,7 @@ def test_maps_come_back(clock_map):
 @given(strategies.clock_maps(), st.integers(-(2**52), 2**52))
 def test_times_as_the_page_says(clock_map, tick):
     """
-    CLK-004: From point to point the ticks and the times MUST grow.
+    CLK-003: Each tick MUST have a magnitude below 2^52, and each time fit an i64. From point to point of a map both grow.
     """
     points = clock_map.points
     place = max((i for i, (k, _) in enumerate(points) if k <= tick), default=0)
@@ -131,9 +131,9 @@ def test_points_too_far_from_each_other():
 
 class TestFile:
     """
-    CLK-002: There MUST be at least one observation, and at least two points.
+    CLK-001: The name MUST lie within the payload and not be empty. At least one observation, or two points, follow, and fill the payload.
     CLK-005: The track id MUST be that of a track described before, not of kind events, or 0xFFFF.
-    CLK-006: A reader MUST NOT give samples other times than those of clause 7 unless its caller asks for a map.
+    CLK-006: A reader MUST give samples the times of clause 7 unless its caller asks for a map.
     """
 
     def test_read(self):
@@ -188,7 +188,7 @@ class TestFile:
 
     def test_an_index_that_names_another_chunk(self):
         """
-        IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
+        IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
         """
         chunks = [("HEAD", f.head()), f.TRACK_0, f.DATA_0, ("mETa", b"{}"), ("cLOk", f.clock(SEEN))]
         rows, at = [], 8

@@ -24,8 +24,7 @@ def as_the_page_has_it(events):
 @given(strategies.coded_events())
 def test_come_back(made):
     """
-    EVT-001: A packet MUST hold at least one event and at most 65536, and each MUST be whole.
-    EVT-002: The tick of every event MUST be less than `start + span`, and its end, tick plus duration, at most 2^48.
+    EVT-001: A packet MUST contain 1 to 65536 events, each whole. The tick of each is less than `start + span`; its end, tick plus duration, is at most 2^48.
     """
     start, span, events = made
     data = build_events(events, start)

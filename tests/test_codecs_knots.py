@@ -82,7 +82,7 @@ class TestParameters:
     def test_come_back(self, case):
         """
         KNT-001: `interpolation` and `coding` MUST be 0 or 1.
-        COD-002: The codec parameters (TLV 1, or a setup) MUST be present and as long as their layout; those of `QUAN` may be longer by the codebook, and `EVNT` has none.
+        COD-002: The codec parameters (TLV 1) MUST be present and as long as their layout. Those of `QUAN` also contain the codebook; `EVNT` has none.
         """
         level, parameters = case
         data = parameters.build()
@@ -109,9 +109,7 @@ class TestDecoding:
     def test_as_the_page_says(self, case):
         """
         KNT-002: There MUST be at least one knot, and a knot MUST be whole.
-        KNT-003: The difference of ticks MUST be at least 1.
-        KNT-005: The tick of every knot MUST be less than `span`.
-        KNT-006: Linear with more than one knot: the last knot's tick MUST be `span - 1`.
+        KNT-003: The ticks of knots MUST increase and be less than `span`. If linear with more than one knot, the last tick is `span - 1`.
         CNV-001: A decoder MUST compute every count with the integer arithmetic of this clause, or with one that gives the same integers.
         """
         parameters, (ticks, values, span) = case

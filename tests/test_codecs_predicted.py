@@ -180,6 +180,26 @@ class TestPackets:
     def test_the_chosen_predictor_can_be_decoded(self, indices):
         assert decoded(encode_best(indices), indices.size) == indices.tolist()
 
+    def test_quiet_parts_choose_the_predictor_as_loud_ones_do(self):
+        """A resonance that is a little louder than the counts, and loud white noise."""
+        rng = np.random.default_rng(5)
+        noise, x = rng.normal(0, 20, 16000), np.zeros(16000)
+        for t in range(2, x.size):
+            x[t] = 1.9 * np.cos(0.6) * x[t - 1] - 0.9025 * x[t - 2] + noise[t]
+        x[6000:8000] = rng.normal(0, 4000, 2000)
+        counts = np.rint(x).astype(np.int64)
+        data = encode_best(counts, thorough=False)
+        assert decoded(data, counts.size) == counts.tolist()
+        # By the energy of all samples, the loud eighth decides: 8.3 bits.
+        assert 8 * len(data) < 7.8 * counts.size
+
+    def test_balanced_predictors_of_extremes(self):
+        for seed in range(3):
+            rng = np.random.default_rng(seed)
+            counts = rng.integers(-3, 4, 4096)
+            counts[rng.integers(0, 4096, 40)] = rng.choice([-INDEX_LIMIT, INDEX_LIMIT], 40)
+            assert decoded(encode_best(counts), counts.size) == counts.tolist()
+
     @pytest.mark.parametrize("size", range(2, 7))
     def test_differences_of_extremes(self, size):
         for seed in range(20):

@@ -86,7 +86,7 @@ class TestParameters:
     @given(strategies.quan_parameters())
     def test_come_back(self, parameters):
         """
-        QNT-001: `step` MUST be at least 1 and at most what the level allows, and `2M + R + C + 1` at most 4096, R at most 24 and C at most 32.
+        QNT-001: `step` MUST be at least 1 and at most what the level of the file allows; `2M + R + C + 1` is at most 4096, R at most 24 and C at most 32.
         """
         back = QuanParameters.parse(parameters.build(), TWO, 0)
         assert (back.step, back.alphabet) == (parameters.step, parameters.alphabet)
@@ -118,9 +118,8 @@ class TestDecoding:
     @given(cases(), st.data())
     def test_mutated(self, case, data):
         """
-        COD-001: A decoder MUST use up all bytes of a packet, and report an error where bytes are missing or left over.
-        QNT-004: Runs MUST NOT pass the end of the last component.
-        QNT-005: The packet MUST end with the byte that holds the last bit, and the bits that fill it MUST be 0.
+        COD-001: A decoder MUST use all bytes of a packet, and report an error where bytes are missing or left over.
+        QNT-004: Runs MUST NOT pass the end of the last component. The packet ends with the byte that contains the last bit, and the bits that fill it are 0.
         """
         array, parameters = case
         packet = bytearray(encode_quantised(array, parameters))
@@ -137,7 +136,7 @@ class TestDecoding:
     @given(cases(), st.integers(1, 1000))
     def test_counts_are_levels_times_step(self, case, step):
         """
-        QNT-006: The magnitude of level times step MUST be at most twice the level's count bound (clause 15).
+        QNT-006: The magnitude of level times step MUST be at most twice the count bound (clause 15).
         """
         array, parameters = case
         parameters = QuanParameters(step, parameters.alphabet, parameters.lengths)

@@ -53,8 +53,8 @@ def test_numbers_come_back_bit_for_bit(case):
 @given(strategies.raw_arrays())
 def test_as_the_page_says(case):
     """
-    RAW-001: `word_size` MUST be 1, 2, 3 or 4 for counts, and the size of the number format for words.
-    RAW-002: The method MUST be 0 or 1.
+    RAW-001: `word_size` MUST be 1, 2, 3 or 4 for counts, and the size of the number format for raw numbers.
+    RAW-003: The method MUST be 0 or 1, with exactly `span * component_count * word_size` bytes. A DEFLATE stream is whole and ends with the packet; a decoder stops inflating at that size.
     """
     kind, size, array = case
     data = encode_raw(array, size)
@@ -70,8 +70,7 @@ def test_as_the_page_says(case):
 @given(strategies.raw_arrays(), st.data())
 def test_mutated(case, data):
     """
-    RAW-003: The bytes MUST be exactly `span * component_count * word_size`; a decoder stops inflating there.
-    RAW-004: The DEFLATE stream MUST be whole and end with the packet.
+    RAW-003: The method MUST be 0 or 1, with exactly `span * component_count * word_size` bytes. A DEFLATE stream is whole and ends with the packet; a decoder stops inflating at that size.
     """
     kind, size, array = case
     packet = bytearray(encode_raw(array, size))

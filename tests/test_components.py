@@ -39,11 +39,11 @@ from component_programs import (
 from spec import REQUIREMENTS
 
 from hapfmt.container.clocks import ClockMap, parse_clock, parse_map
-from hapfmt.container.cluster import parse_cluster, parse_count, parse_entry
+from hapfmt.container.cluster import Packet, parse_cluster, parse_rows, parse_table_head
 from hapfmt.container.lists import round_up
-from hapfmt.container.salvage import Salvage
+from hapfmt.container.salvage import salvage_cluster
 from hapfmt.container.track import Track
-from hapfmt.container.wire import seed_of
+from hapfmt.container.wire import cluster_seed
 from hapfmt.deadband import Deadband
 from hapfmt.errors import FormatError
 from hapfmt.limits import LEVELS
@@ -52,7 +52,7 @@ from hapfmt.reading.seconds import tick_range
 
 ROOM = Path(make_components.ROOM)
 LEVEL = LEVELS[1]
-SEED = seed_of(7)
+CLUSTER_SEED = cluster_seed(7, 2)
 
 
 def test_as_made():
@@ -69,15 +69,13 @@ class AnyTrack(dict):
 
 def cluster(case):
     payload = bytes.fromhex(case["payload"])
-    packets = parse_cluster(payload, AnyTrack(), LEVEL, 0, SEED)
-    _, position = parse_count(payload, LEVEL, 0)
-    entries = []
-    for packet in packets:
-        row, position = parse_entry(payload, position, 0)
-        entries.append(
-            {"track": row.track, "size": row.size, "start": row.start, "span": row.span,
-             "crc": row.crc, "offset": packet.offset}
-        )  # fmt: skip
+    packets = parse_cluster(payload, AnyTrack(), LEVEL, 0, CLUSTER_SEED)
+    rows = parse_rows(payload, parse_table_head(payload, LEVEL, 0))
+    entries = [
+        {"track": row.track, "size": row.size, "start": row.start, "span": row.span,
+         "crc": row.crc, "offset": packet.offset}
+        for row, packet in zip(rows, packets, strict=True)
+    ]  # fmt: skip
     return {"entries": entries}
 
 
@@ -88,9 +86,11 @@ def salvage(case):
         ends.append(following)
     payload = bytes.fromhex(case["bytes"])[: max(ends)]
     tracks = {id_: AnyTrack()[id_] for id_ in range(8)}
+    found = salvage_cluster(payload, tracks, LEVEL, 0, CLUSTER_SEED, ends)
     rows = [
-        [kept.place, kept.at, kept.entry.track, kept.entry.size, kept.entry.start, kept.entry.span]
-        for kept in Salvage(payload, tracks, LEVEL, SEED, ends).run()
+        [item.offset, item.track, len(item.data), item.start, item.span]
+        for item in found
+        if isinstance(item, Packet)
     ]
     return {"kept": rows}
 

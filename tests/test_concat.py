@@ -1,4 +1,4 @@
-"""Concatenation: of parts, of strangers, of what does not go together (SPEC 13.2)."""
+"""Concatenation: of parts, of strangers, of what does not go together (docs/spec/editing.md)."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def concat(files: list[bytes], **options: object) -> tuple[bytes, edit.Edited]:
 
 @given(names, st.sets(times.filter(bool), min_size=1, max_size=3))
 def test_parts_together_are_the_whole(name: str, cuts: set[Fraction]) -> None:
-    """EDT-004: A track MUST keep its description, but for what its place in the new file calls for; one description may stand for tracks of several files only where no decoded number, contract or text differs by it."""
+    """EDT-004: A track MUST keep its description except where its position in the new file requires a change; one description may serve tracks of several files only where no decoded number, contract or text differs by it."""
     file = made(name)
     whole, edited = concat(split_up(file, at=sorted(cuts)))
     assert_intact(whole)

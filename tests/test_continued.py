@@ -61,7 +61,7 @@ def by_tick(data, **asked):
 
 class TestOneChannel:
     """
-    TRK-018: A reader MUST deliver tracks that continue one another as one channel, each within its own coverage; the first of them describes it, but for deadband contracts, which each track has for itself, and the deviation, of which the largest numbers of all hold.
+    TRK-018: A reader MUST deliver tracks that continue one another as one channel, each within its own coverage. The first of them describes it. Each track keeps its own contract; the deviation of the channel is the largest.
     """
 
     def test_bands(self):
@@ -182,7 +182,7 @@ class TestContracts:
 
     def test_each_track_has_its_own(self, file):
         """
-        DBC-003: A verifier that is given x MUST check the contract with exact arithmetic, and report the number of samples outside and the worst ratio of the left side to the right.
+        DBC-003: A verifier that is given x MUST check the contract with exact arithmetic. It reports the number of samples outside and the worst ratio of the left side to the right.
         """
         report = verify(file, against=whole_of(self.A, self.B))
         assert report.verdict == "intact"
@@ -191,7 +191,7 @@ class TestContracts:
 
     def test_a_change_is_found_where_it_is(self, file):
         """
-        DBC-004: A channel without a contract MUST be stored without loss: its full band equals the counts, the words, or with exact values (9.7) the numbers, of the source.
+        DBC-004: A channel without a contract MUST be stored without loss: its full band equals the counts, the raw numbers, or with exact values (9.7) the numbers of the source.
         """
         changed = whole_of(self.A, self.B)
         values = changed.channels[1].stored.copy()
@@ -297,7 +297,7 @@ class TestDamage:
         late = ("DATA", f.cluster((0, 20, 1, f.KNOT_DATA)))
         bad = f.file(HEAD, ("aaaa", b"x", {"crc": 0}), *PARTS, *DATA, late)
         assert by_tick(bad) == FULL
-        assert ("overlap", "TRK-017") in [(x.code, x.requirement) for x in find(bad)]
+        assert ("overlap", "TRK-016") in [(x.code, x.requirement) for x in find(bad)]
 
 
 def find(data):

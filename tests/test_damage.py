@@ -66,8 +66,8 @@ def check(data: bytes, clean: dict) -> None:
 def test_every_flip(part):
     """
     REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC or file id differs.
-    REC-003: A reader that does not stop at the first damage MUST report every stretch of bytes that was lost, and every span, as far as the packets around it tell.
-    CHK-002: `header_crc` MUST be the CRC-32 of bytes 0 to 31 of the header, and a reader MUST use no field of a header whose CRC differs.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (12.2) names.
+    CHK-002: A header MUST have the sync word `F9 48 8B 1C`, a type of four ASCII letters, and the right `header_crc`. A reader uses no field of any other header.
     """
     for at in range(part, len(TWO), 8):
         for bit in range(8):
@@ -78,7 +78,7 @@ def test_every_flip(part):
 
 def test_every_deletion():
     """
-    REC-003: A reader that does not stop at the first damage MUST report every stretch of bytes that was lost, and every span, as far as the packets around it tell.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (12.2) names.
     FIL-002: The first chunk MUST start at offset 8, and each other chunk directly after the payload of the one before it.
     """
     for at in range(len(TWO)):
@@ -88,7 +88,7 @@ def test_every_deletion():
 def test_every_prefix():
     """
     FIL-003: A closed file MUST end with a `fOOT` chunk.
-    VRD-002: A file that was not closed MUST NOT be called intact.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause.
     """
     for size in range(len(TWO)):
         check(TWO[:size], CLEAN)
@@ -139,7 +139,7 @@ def test_residuals(residual_file, band):
 
 def test_a_lost_description_of_the_residual(residual_file):
     """
-    DEC-006: A decoder MUST deliver nothing in full band of a track of kind LF whose HF track is not known: without it the channel is lost.
+    DEC-003: The full band of a channel with an HF track MUST be delivered only for ticks that both tracks cover; the others are gaps. For an LF track whose HF track is not known it is empty.
     """
     clean = samples(residual_file)
     for bad in flips(residual_file, HF_TRACK):

@@ -60,6 +60,7 @@ def test_recovered_file_against_its_original(files):
     assert "recover" not in said and "break" not in said
 
 
+@pytest.mark.compiled
 def test_no_loss_behind_the_end(files):
     """The index rounds the end up to a millisecond, which is a part of a tick."""
     data = (files / "t.hapf").read_bytes()

@@ -1,4 +1,4 @@
-"""Subset, split and merge: laws of files that presets make (SPEC 13.2)."""
+"""Subset, split and merge: laws of files that presets make (docs/spec/editing.md)."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_a_subset_of_everything_is_the_same_file(name: str) -> None:
 def test_a_subset_reads_as_the_whole_does(
     name: str, data: st.DataObject, a: Fraction, b: Fraction
 ) -> None:
-    """EDT-002: An editor MUST copy packets bit for bit, each as a whole, but for the channel numbers in events, and add one number of seconds, whole ticks of every track, to the times of all that it takes from a file."""
+    """EDT-002: An editor MUST copy packets bit for bit, each as a whole, except the channel numbers in events. To all times that it takes from a file it adds one number of seconds, whole ticks of every track."""
     file = made(name)
     start, stop = min(a, b), max(a, b) + Fraction(1, 50)
     with hapfmt.Reader(file) as reader:
@@ -95,7 +95,7 @@ def restricted(channel: hapfmt.Channel, to: hapfmt.Channel) -> hapfmt.Channel:
 @pytest.mark.parametrize("name", PRESETS)
 @pytest.mark.parametrize("band", ["lf", "hf"])
 def test_a_band_becomes_channels_of_its_own(name: str, band: str) -> None:
-    """EDT-006: An LF or HF track that is left alone MUST become a track of kind full band, an HF track with the components of its base and B = 0, with a deadband contract that is not guaranteed."""
+    """EDT-006: An LF or HF track without its partner MUST become a track of kind full band, whose contract is not guaranteed. A former HF track gets the components of its base, with B = 0."""
     data = made(name)
     with hapfmt.Reader(data) as reader:
         split = [ref.label for ref in reader.channels if ref.residual]
@@ -187,7 +187,7 @@ def test_every_second_a_part(name: str) -> None:
 
 @given(names, st.data())
 def test_channels_apart_and_together_again(name: str, data: st.DataObject) -> None:
-    """EDT-003: The channels that an editor writes MUST be numbered from 0 on in the order of their old numbers, file by file, and events speak of the same channels as before; those of channels that are left out are left out."""
+    """EDT-003: The channels that an editor writes MUST be numbered from 0 on in the order of their old numbers, file by file; events name the same channels as before, and events of channels that are left out are left out."""
     file = made(name)
     labels = [channel.label for channel in hapfmt.read(file).channels]
     first = data.draw(st.sets(st.sampled_from(labels), min_size=1, max_size=len(labels) - 1))

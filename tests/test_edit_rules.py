@@ -1,4 +1,4 @@
-"""What an editor refuses, keeps and leaves out, in files made byte by byte (SPEC 13.1)."""
+"""What an editor refuses, keeps and leaves out, in files made byte by byte (docs/spec/editing.md)."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def types_of(data: bytes) -> list[str]:
 
 
 class TestRefusals:
-    """EDT-001: An editor MUST refuse a file in which it meets damage, one that was not closed, and one with an unknown critical chunk, and report whatever else it leaves out."""
+    """EDT-001: An editor MUST refuse a file with damage, one that was not closed, and one with an unknown critical chunk. It reports what else it leaves out."""
 
     @pytest.mark.parametrize("verb", ["subset", "split", "concat", "merge", "attach", "meta"])
     @pytest.mark.parametrize("fault", ["flipped", "cut", "open", "critical"])
@@ -162,7 +162,7 @@ class TestRefusals:
 
 
 class TestChunks:
-    """EDT-005: An editor MUST keep attachments, chunks of clocks, whose ticks move with their tracks, and chunks of unknown types that are safe to copy (5.2), under the new ids of the tracks in their headers; it leaves out other chunks of unknown types, and all but attachments that speak of a track that it leaves out."""
+    """EDT-005: Under the new track ids, an editor MUST keep attachments, clock chunks, and chunks of unknown types that are safe to copy. The ticks of clock chunks move with their tracks. It leaves out other chunks of unknown types, and all chunks except attachments that name a track that it leaves out."""
 
     def test_unknown_ones_by_their_letters(self) -> None:
         data = two_tracks(
@@ -309,7 +309,7 @@ class TestDescriptions:
 
 
 class TestTimes:
-    """EDT-008: Where ticks move, an editor MUST move a known epoch along, and not keep the UUID, which stands for one recording on one time line."""
+    """EDT-008: Where ticks move, an editor MUST move a known epoch by the same time. It drops the UUID, which names one recording on one time line."""
 
     def test_offsets(self) -> None:
         one, two = made("lossless"), made("lossless", 1, uuid=None)
@@ -382,7 +382,7 @@ class TestTimes:
 
 
 class TestDigests:
-    """EDT-007: An editor MUST NOT keep a digest unless every packet of its track, and none besides, stands in the new file, at the same ticks."""
+    """EDT-007: An editor MUST NOT keep a digest unless the new file contains every packet of its track, and no others, at the same ticks."""
 
     def test_of_what_is_kept_as_a_whole(self) -> None:
         data = made("paper step")
@@ -504,7 +504,7 @@ def test_clusters_stay_as_they_were() -> None:
 
 
 def test_an_index_that_points_elsewhere() -> None:
-    """IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ."""
+    """IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ."""
     payload = struct.pack("<QQI", 8, 0, 3) + b"HEAD\x00TRAK\x50DATA\x30\x00\x04"
     chunks = [("HEAD", forge.head()), forge.TRACK_0, forge.DATA_0]
     body = forge.file(*chunks, ("iNDX", payload))

@@ -49,7 +49,7 @@ def noise(size: int, width: int = 300, seed: int = 1) -> np.ndarray:
 class TestAnyRecording:
     @given(recordings(), encoder_settings())
     def test_comes_back_and_keeps_its_promises(self, recording, settings):
-        """DBC-002: With flag *guaranteed*, every sample MUST keep the contract: scalar form `|x - y| * kd <= max(kn * |x - zero|, floor * kd)` for each component; vector form the same with Euclidean norms over the components, compared by their squares, and the floor of the first component."""
+        """DBC-002: With flag *guaranteed*, every sample MUST keep the contract: for each component `|x - y| * kd <= max(kn * |x - zero|, floor * kd)`. The vector form is the same with Euclidean norms over the components, compared by their squares, and the floor of the first component."""
         data = encoded(recording, settings)
         report = hapfmt.verify(data, against=recording)
         assert report.verdict == "intact", (report.error, report.findings)
@@ -74,7 +74,7 @@ class TestAnyRecording:
 
     @given(recordings(), encoder_settings())
     def test_canonical_bytes(self, recording, settings):
-        """WRT-002: In canonical mode the file id is an input or follows from the content, no time of day, host, user or random number enters the file, and the same input and settings MUST give the same bytes with the same encoder version."""
+        """WRT-002: A writer MUST choose the file id at random. In canonical mode the id is an input or follows from the content. No time of day, host, user or random number enters the file: the same input and settings give the same bytes with the same encoder version."""
         assert encoded(recording, settings) == encoded(recording, settings)
 
 
@@ -93,7 +93,7 @@ class TestDeadband:
 
     @given(st.integers(0, 2**32))
     def test_vectors_by_their_norm(self, seed):
-        columns = [noise(400, 200, seed + i) for i in range(3)]
+        columns = [noise(150, 200, seed + i) for i in range(3)]
         axes = tuple(force(c, axis=a, group="tip") for a, c in zip("xyz", columns, strict=True))
         settings = deadband(k=0, floor=Tolerance(9, "lsb"))
         back = hapfmt.read(encoded(Recording(axes), settings))
@@ -116,7 +116,7 @@ def test_silence_is_one_value_for_all(axes):
     recording = Recording(tuple(channels))
     coded = encode(recording, deadband(k=0, floor="20lsb"))
     # Knots of a vector are looked for cluster by cluster.
-    assert len(coded.packets) == (4 if axes else 1)
+    assert len(coded.packets) == (3 if axes else 1)
     settings = deadband(k=0, floor="20lsb")
     report = hapfmt.verify(encoded(recording, settings), against=recording)
     assert report.verdict == "intact"
@@ -168,7 +168,7 @@ class TestPaper:
 
 
 def test_missing_samples_are_never_stored():
-    """WRT-004: An encoder MUST NOT store a value for a sample that its source marks as missing; in text and array files NaN is such a mark, as a word of a recording in memory it is a value."""
+    """WRT-004: An encoder MUST NOT store a value for a sample that its source marks as missing. NaN is such a mark in text and array files, but a value in a recording in memory."""
     x = np.array([1.0, np.nan, 2.0, 3.0, np.nan, np.nan, 4.0])
     back = hapfmt.read(encoded(Recording((Channel.from_physical(x, 10),))))
     assert back.channels[0].coverage == (Span(0, 1), Span(2, 4), Span(6, 7))
@@ -259,7 +259,8 @@ def test_packets_end_where_clusters_begin(start, ticks, cluster, rate):
         (["1/3600"], Settings.of("lossless"), 256 * 3600),
         (["1/3600", "8000"], Settings.of("paper"), 10),
         (["100"], Settings.of("lossless"), 120),
-        (["1000"], Settings.of("lossless"), 17),
+        (["1000"], Settings.of("lossless"), 66),
+        (["1000"], Settings.of("lossless", fast=True), 33),
         (["1"], Settings.of("lossless", fast=True), 256),
         (["1/3600"], Settings(cluster=Fraction(1)), 1),
         ([], Settings(), 256),

@@ -42,10 +42,9 @@ def assert_reported(fault: Fault) -> None:
 @each("CNV")
 def test_conventions(fault):
     """
-    CNV-002: A varint MUST be at most 8 bytes long and less than 2^53.
-    CNV-003: A varint MUST be minimal: its last byte is not 0 unless it is its only byte.
+    CNV-002: A varint MUST be less than 2^53, at most 8 bytes long, and minimal: its last byte is not 0 unless it is its only byte.
     CNV-004: Text MUST be well-formed UTF-8 (RFC 3629) without U+0000.
-    CNV-005: The first entry of a string list MUST NOT be the byte 255.
+    TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. The first entry of a string list is not the byte 255.
     """
     assert_reported(fault)
 
@@ -55,10 +54,8 @@ def test_file_layer(fault):
     """
     FIL-001: A file MUST begin with the signature.
     FIL-002: The first chunk MUST start at offset 8, and each other chunk directly after the payload of the one before it.
-    CHK-001: The sync word MUST be `F9 48 8B 1C`.
-    CHK-002: `header_crc` MUST be the CRC-32 of bytes 0 to 31 of the header, and a reader MUST use no field of a header whose CRC differs.
-    CHK-006: The type MUST be four ASCII letters; a header with another type is no header.
-    CHK-008: The payload MUST NOT be longer than the level allows (clause 15).
+    CHK-002: A header MUST have the sync word `F9 48 8B 1C`, a type of four ASCII letters, and the right `header_crc`. A reader uses no field of any other header.
+    LIM-001: A file MUST keep the limits of its level.
     """
     assert_reported(fault)
 
@@ -66,9 +63,9 @@ def test_file_layer(fault):
 @each("HED", "VER")
 def test_head(fault):
     """
-    HED-001: `HEAD` MUST be the first chunk.
-    HED-002: `HEAD` MUST hold the fixed layout and then whole TLVs.
-    HED-004: `level` MUST be 1 or 2; a reader reports another level as *unsupported*.
+    HED-001: `HEAD` MUST be the first chunk. A further `HEAD` chunk has the same payload, byte for byte.
+    HED-002: `HEAD` MUST contain the fixed layout and then whole TLVs.
+    HED-004: `level` MUST be 1 or 2. A reader reports another level as *unsupported*.
     HED-005: Bytes called `reserved`, here and in every other layout, MUST be 0.
     """
     assert_reported(fault)
@@ -77,11 +74,9 @@ def test_head(fault):
 @each("TLV")
 def test_tlv(fault):
     """
-    TLV-001: TLVs MUST stand in strictly increasing order of their type.
-    TLV-002: A TLV MUST end within its chunk, and no byte may be left over after the last one.
-    TLV-004: A list MUST have one entry, which speaks for all components of the track, or one entry for each.
+    TLV-001: TLVs MUST be in strictly increasing order of their type, each within its chunk, without bytes left over after the last one.
+    TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. The first entry of a string list is not the byte 255.
     TLV-005: Both numbers of a deviation MUST be finite and not negative, and `largest` at most `declared`.
-    TLV-007: A value that is a list MUST end with the last byte of its last entry.
     """
     assert_reported(fault)
 
@@ -89,17 +84,16 @@ def test_tlv(fault):
 @each("TRK")
 def test_tracks(fault):
     """
-    TRK-002: There MUST be at least one track, and `component_count`, `rate_num`, `rate_den` be at least 1; all tracks of a chunk together have at most 255 components.
-    TRK-003: Track ids MUST be at most 65533, and a track MUST be described once; a repeated `TRAK` chunk is equal to the first in every byte of its payload.
+    TRK-002: There MUST be at least one track, and `component_count`, `rate_num`, `rate_den` be at least 1. All tracks of a chunk together have at most 255 components.
+    TRK-003: Track ids MUST be at most 65533, and a track MUST be described once. A repeated `TRAK` chunk has the same payload, byte for byte.
     TRK-005: `count_min` MUST be at most `count_max`, and both MUST fit the width that the level allows for the kind (clause 15).
-    TRK-006: A track whose number format is not counts MUST be of kind full band, with codec `RAWB`, count_min and count_max 0, no calibration and no deadband contract.
-    TRK-007: `linked` of an HF track MUST name its base track, which is described before it, is of kind LF, and has the same component count, rate (as a ratio) and first channel; no two HF tracks have the same base.
-    TRK-009: An HF track MUST carry no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base.
-    TRK-012: In a closed file every track of kind LF MUST be the base of an HF track; an LF part that stands alone is of kind full band.
-    TRK-010: Channel numbers MUST be different for different components, but for those of tracks that continue one another, and those of all tracks that are not HF together are 0, 1, 2 ... without a hole once the file is closed; the highest is 65534, and tracks of kind events have none.
-    TRK-016: A continued track MUST be of kind full band or LF, described before under a smaller id, and have the same component count, channel numbers, rate (as a ratio), number format, calibrations and units as the track that continues it; no two tracks continue the same one.
-    TRK-017: The packets of a track that continues another MUST come after all packets of that other one, in time and within the file, and those of its HF track after all packets of the other one's HF track.
-    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min and count_max 0, `first_channel` and `linked` 0xFFFF, and of the TLVs of 6.2 no others than 2, 14 and 22; no track of another kind has that codec.
+    TRK-006: A track whose number format is not counts MUST be of kind full band, with codec `RAWB`. Its count_min and count_max are 0, and it has no calibration and no contract.
+    TRK-007: `linked` of an HF track MUST name its base track, an LF track described before it. Both have the same component count, rate (as a ratio) and first channel; no two HF tracks have the same base.
+    TRK-009: An HF track MUST have no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base.
+    TRK-012: In a closed file every track of kind LF MUST be the base of an HF track. An LF part alone is of kind full band.
+    TRK-010: Channel numbers MUST be at most 65534, and different for different components; only HF tracks and continued tracks share them. In a closed file they are 0, 1, 2 ... without a hole.
+    TRK-016: A continued track MUST be of kind full band or LF, described before under a smaller id, and continued only once. It has the component count, channel numbers, rate (as a ratio), number format, calibrations and units of the track that continues it. All its packets come before those of that track, in time and within the file. The same applies to their HF tracks.
+    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min and count_max 0, `first_channel` and `linked` 0xFFFF. Of the TLVs of 6.2 it has only 2, 14 and 22. No other kind has that codec.
     """
     assert_reported(fault)
 
@@ -108,13 +102,15 @@ def test_tracks(fault):
 def test_clusters(fault):
     """
     DAT-001: `packet_count` MUST be at least 1 and at most what the level allows.
-    DAT-002: Entries MUST stand in increasing order of (track, start).
+    DAT-002: Rows MUST stand in increasing order of (track, start).
     DAT-003: `span` MUST be at least 1 and at most what the level allows, and `start + span` at most 2^48.
-    DAT-004: `packet_crc` MUST be the file CRC of the four varints of its entry followed by the bytes of the packet.
+    DAT-004: `packet_crc` MUST be the cluster CRC of `packet_count`, `track`, `size`, `start` and `span`, each as u64, followed by the bytes of the packet.
+    DAT-010: Each of the four widths MUST be at most 6.
+    DAT-011: `table_crc` MUST be the cluster CRC of all bytes of the payload before it.
     DAT-005: The packets MUST fill the rest of the payload to its last byte.
-    DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file, but for tracks of kind events.
+    DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file. Tracks of kind events are exempt.
     DAT-008: A packet MUST belong to a track that is described.
-    DAT-009: Over all packets of a cluster, `span` times the component count of the track, for a packet of events its size in bytes, MUST add up to at most what the level allows; a decoder checks it before it takes memory.
+    DAT-009: Over a `DATA` chunk, `span` times the component count of the track MUST add up to at most what the level allows. A packet of events counts its size in bytes. A decoder checks this before it takes memory.
     """
     assert_reported(fault)
 
@@ -123,13 +119,13 @@ def test_clusters(fault):
 def test_index_and_footer(fault):
     """
     IDX-001: The payload MUST end with the last byte of the last of its `entry_count` entries.
-    IDX-002: The entries MUST list every chunk but `iNDX` and `fOOT` whose offset is at least `covers_from` and less than that of the index itself, in order of their offsets.
-    IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
-    IDX-004: `covers_from` MUST be at least 8; unless it is 8, `previous` MUST point to an `iNDX` chunk that stands between `covers_from` and the index itself.
-    IDX-006: For a `DATA` chunk `start_ms` MUST NOT be later than the start of its earliest packet and `start_ms + length_ms` not earlier than the end of its latest; times of 2^53 and more are set to 2^53 - 1.
+    IDX-002: The entries MUST list every chunk before the index: from the one at `previous` on, or from the first one where `previous` is 0.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
+    IDX-004: `previous` MUST be 0 or the offset of an `iNDX` chunk before this one.
+    IDX-006: For a `DATA` chunk `start_ms` MUST be at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
+    IDX-007: `first_sequence` MUST be the sequence number of the first chunk listed, so that the others have the numbers after it.
     FOT-001: The payload MUST be as long as the layout, and `stop_offset` the offset of its own end.
-    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it.
-    FOT-003: In the last `fOOT`, `data_count` and `track_count` MUST be the numbers of `DATA` chunks and of described tracks in the file, and `duration_ns` the end of the latest packet of any track, rounded up, at most the largest i64, 0 without packets.
+    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In the last `fOOT`, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     """
     assert_reported(fault)
 
@@ -137,10 +133,9 @@ def test_index_and_footer(fault):
 @each("MET", "ATT", "DGS")
 def test_extras(fault):
     """
-    MET-001: The payload MUST be one JSON object (RFC 8259) in UTF-8, nested at most 64 deep, whose texts are well-formed and whose numbers are finite as binary64 or integers, of at most 1000 characters.
+    MET-001: The payload MUST be one JSON object (RFC 8259) in UTF-8, nested at most 64 deep. Texts are well-formed; numbers are integers or finite as binary64, of at most 1000 characters each.
     ATT-001: Name and media type MUST lie within the payload, and the name MUST NOT be empty.
-    DGS-001: The payload MUST be a positive multiple of 32 bytes, and the tracks MUST be described before it.
-    DGS-004: There MUST be no digest of a track of kind events: events may be added to a file that is closed.
+    DGS-001: The payload MUST be a positive multiple of 32 bytes. The tracks are described before it; none is of kind events, since events may be added to a closed file.
     """
     assert_reported(fault)
 
@@ -148,9 +143,8 @@ def test_extras(fault):
 @each("VAL", "DBC")
 def test_values_and_contracts(fault):
     """
-    VAL-001: D MUST be at least 1, A MUST NOT be 0, and `|A|` and `|B|` are less than 2^52.
-    VAL-002: `|count * A|` and `|count * A + B|` MUST be at most 2^53 for every count of the declared range of the track, and `|count * A|` also for that of its HF track.
-    DBC-001: `kn` MUST be less than 2^16, `kd` at least 1 and less than 2^16, every `floor` at least 1 and less than 2^32, every `zero` a signed number of 32 bits, and undefined flag bits 0.
+    VAL-001: D MUST be at least 1, A MUST NOT be 0, and `|A|` and `|B|` are less than 2^52. For every count of the declared range of the track `|count * A|` and `|count * A + B|` are at most 2^53; for those of its HF track `|count * A|` is.
+    DBC-001: `kn` MUST be less than 2^16, `kd` at least 1 and less than 2^16. Every `floor` is at least 1 and less than 2^32, every `zero` a signed number of 32 bits, and undefined flag bits are 0.
     """
     assert_reported(fault)
 
@@ -160,9 +154,7 @@ def test_knots(fault):
     """
     KNT-001: `interpolation` and `coding` MUST be 0 or 1.
     KNT-002: There MUST be at least one knot, and a knot MUST be whole.
-    KNT-003: The difference of ticks MUST be at least 1.
-    KNT-005: The tick of every knot MUST be less than `span`.
-    KNT-006: Linear with more than one knot: the last knot's tick MUST be `span - 1`.
+    KNT-003: The ticks of knots MUST increase and be less than `span`. If linear with more than one knot, the last tick is `span - 1`.
     """
     assert_reported(fault)
 
@@ -170,14 +162,12 @@ def test_knots(fault):
 @each("COD", "QNT")
 def test_quantised(fault):
     """
-    COD-001: A decoder MUST use up all bytes of a packet, and report an error where bytes are missing or left over.
-    COD-002: The codec parameters (TLV 1, or a setup) MUST be present and as long as their layout; those of `QUAN` may be longer by the codebook, and `EVNT` has none.
-    QNT-001: `step` MUST be at least 1 and at most what the level allows, and `2M + R + C + 1` at most 4096, R at most 24 and C at most 32.
-    QNT-002: The codebook MUST NOT describe more symbols than there are.
-    QNT-003: The code words MUST be complete: over the symbols that have one, 2^-length adds up to 1; or exactly one symbol has one, and its length is 1.
-    QNT-004: Runs MUST NOT pass the end of the last component.
-    QNT-005: The packet MUST end with the byte that holds the last bit, and the bits that fill it MUST be 0.
-    QNT-006: The magnitude of level times step MUST be at most twice the level's count bound (clause 15).
+    COD-001: A decoder MUST use all bytes of a packet, and report an error where bytes are missing or left over.
+    COD-002: The codec parameters (TLV 1) MUST be present and as long as their layout. Those of `QUAN` also contain the codebook; `EVNT` has none.
+    QNT-001: `step` MUST be at least 1 and at most what the level of the file allows; `2M + R + C + 1` is at most 4096, R at most 24 and C at most 32.
+    QNT-003: The codebook MUST describe at most the symbols above. Its code words are complete: over the symbols that have one, 2^-length adds up to 1. Or exactly one symbol has one, of length 1.
+    QNT-004: Runs MUST NOT pass the end of the last component. The packet ends with the byte that contains the last bit, and the bits that fill it are 0.
+    QNT-006: The magnitude of level times step MUST be at most twice the count bound (clause 15).
     """
     assert_reported(fault)
 
@@ -212,11 +202,13 @@ def test_coded_knots(fault):
 @each("EXA")
 def test_exact(fault):
     """
-    EXA-001: A track of codec `LPCX` MUST be of kind full band, with one component, without deadband contract and without deviation.
-    EXA-002: `rule` MUST be at most 3, and `digits` 1 to 15 with rule 2, else 0.
+    EXA-001: A track of codec `LPCX` MUST be of kind full band, without deadband contract and without deviation.
+    EXA-002: `rule` MUST be at most 4, `digits` 1 to 15 with rule 2, else 0, and `terms` 1 to 16 with rule 4, else 0.
     EXA-003: The counts MUST end within the packet and lie within the declared range of their track: what is lossless is never clamped.
     EXA-004: Undefined flags MUST be 0, and z at most 63.
-    EXA-008: With rule 3 each coefficient MUST be finite and of a magnitude below 2^900.
+    EXA-008: Each coefficient and weight MUST be finite and of a magnitude below 2^900.
+    EXA-009: `a` MUST be a component that is decoded before, or the component itself with a `lag` of at least 1.
+    EXA-010: The parts MUST fit the packet: their sizes are together at most what follows them.
     """
     assert_reported(fault)
 
@@ -224,10 +216,8 @@ def test_exact(fault):
 @each("CLK")
 def test_clocks(fault):
     """
-    CLK-001: The name MUST lie within the payload and not be empty, and the payload end with the last of its observations or points.
-    CLK-002: There MUST be at least one observation, and at least two points.
-    CLK-003: Each tick MUST have a magnitude below 2^52, and each time fit an i64.
-    CLK-004: From point to point the ticks and the times MUST grow.
+    CLK-001: The name MUST lie within the payload and not be empty. At least one observation, or two points, follow, and fill the payload.
+    CLK-003: Each tick MUST have a magnitude below 2^52, and each time fit an i64. From point to point of a map both grow.
     CLK-005: The track id MUST be that of a track described before, not of kind events, or 0xFFFF.
     """
     assert_reported(fault)
@@ -236,9 +226,8 @@ def test_clocks(fault):
 @each("EVT")
 def test_events(fault):
     """
-    EVT-001: A packet MUST hold at least one event and at most 65536, and each MUST be whole.
-    EVT-002: The tick of every event MUST be less than `start + span`, and its end, tick plus duration, at most 2^48.
-    EVT-003: `size` MUST be at most 65535, and `channel` at most 65535 and in a closed file 0 or the number of a channel that there is.
+    EVT-001: A packet MUST contain 1 to 65536 events, each whole. The tick of each is less than `start + span`; its end, tick plus duration, is at most 2^48.
+    EVT-003: `size` and `channel` MUST be at most 65535. In a closed file `channel` is 0 or that of an existing channel.
     """
     assert_reported(fault)
 
@@ -246,11 +235,9 @@ def test_events(fault):
 @each("RAW")
 def test_raw(fault):
     """
-    RAW-001: `word_size` MUST be 1, 2, 3 or 4 for counts, and the size of the number format for words.
-    RAW-002: The method MUST be 0 or 1.
-    RAW-003: The bytes MUST be exactly `span * component_count * word_size`; a decoder stops inflating there.
-    RAW-004: The DEFLATE stream MUST be whole and end with the packet.
-    RAW-005: Counts MUST lie within the declared range of their track: what is lossless is never clamped.
+    RAW-001: `word_size` MUST be 1, 2, 3 or 4 for counts, and the size of the number format for raw numbers.
+    RAW-003: The method MUST be 0 or 1, with exactly `span * component_count * word_size` bytes. A DEFLATE stream is whole and ends with the packet; a decoder stops inflating at that size.
+    RAW-005: Counts MUST lie within the declared range of their track: lossless counts are never clamped.
     """
     assert_reported(fault)
 

@@ -1,4 +1,4 @@
-"""Annex B and conformance/examples: the same bytes, and what they decode to."""
+"""conformance/EXAMPLES.md and conformance/examples: the same bytes, and what they decode to."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from judge import rule
 from spec import ROOT, TEXT
@@ -14,8 +15,10 @@ from spec import ROOT, TEXT
 from hapfmt.reading.reader import Reader
 
 EXAMPLES = ROOT / "conformance" / "examples"
-LISTING = re.compile(r"`(\w+)\.hapf`:.*?```\n(.*?)\n```", re.S)
-ANNEX = dict(LISTING.findall(TEXT[TEXT.index("<!-- examples -->") :]))
+LISTING = re.compile(r"^## (\w+)\n.*?```\n(.*?)\n```", re.S | re.M)
+PAGE = dict(LISTING.findall((ROOT / "conformance" / "EXAMPLES.md").read_text("utf-8")))
+DAMAGED = {"salvaged": 0xE1}
+"""Examples that were damaged, and the offset of the byte that was changed."""
 
 
 def bytes_of(listing: str) -> bytes:
@@ -27,30 +30,46 @@ def bytes_of(listing: str) -> bytes:
     return out
 
 
-@pytest.mark.parametrize("name", ANNEX)
+@pytest.mark.parametrize("name", PAGE)
 def test_listings_are_the_files(name):
-    data = (EXAMPLES / f"{name}.hapf").read_bytes()
-    assert bytes_of(ANNEX[name]) == data
-    assert rule(data) == ("intact", None)
+    data, listed = (EXAMPLES / f"{name}.hapf").read_bytes(), bytes_of(PAGE[name])
+    changed = [at for at, (a, b) in enumerate(zip(data, listed, strict=True)) if a != b]
+    assert changed == ([DAMAGED[name]] if name in DAMAGED else [])
+    assert rule(listed) == ("intact", None)
+    assert rule(data)[0] == ("damaged" if name in DAMAGED else "intact")
 
 
-@pytest.mark.parametrize("name", ANNEX)
-def test_files_decode_to_what_stands_beside_them(name):
+def bits_of(values: np.ndarray) -> np.ndarray:
+    return values.view("u8") if values.dtype == np.float64 else values
+
+
+@pytest.mark.parametrize("name", PAGE)
+def test_files_decode_to_what_their_json_says(name):
     expected = json.loads((EXAMPLES / f"{name}.json").read_text())
     with Reader(EXAMPLES / f"{name}.hapf") as reader:
-        (channel,) = reader.read().channels
+        channels = reader.read().channels
         layers = [piece.events for piece in reader.pieces(reader.catalogue.layers)]
         clock = [[seen.tick, seen.time_ns, seen.uncertainty_ns] for seen in reader.clocks]
-    found = [
-        {"start": start, "counts": [[value] for value in values.tolist()]}
-        for start, values in channel.segments()
+    found = {
+        str(number): [
+            {"start": start, "counts": [[value] for value in bits_of(values).tolist()]}
+            for start, values in channel.segments()
+        ]
+        for number, channel in enumerate(channels)
+    }
+    exact = [
+        {"start": 0, "exact": [f"{word:016x}" for word in bits_of(channel.exact).tolist()]}
+        for channel in channels
+        if channel.exact is not None
     ]
-    beside = {"events": [list(event) for events in layers for event in events], "clock": clock}
-    assert expected == {"0": found, **{key: rows for key, rows in beside.items() if rows}}
+    rest = {"events": [list(event) for events in layers for event in events], "clock": clock}
+    rest["exact"] = exact
+    assert expected == found | {key: rows for key, rows in rest.items() if rows}
 
 
-def test_every_example_is_listed():
-    assert {path.stem for path in EXAMPLES.glob("*.hapf")} == set(ANNEX)
+def test_every_example_is_listed_and_named_in_the_spec():
+    assert {path.stem for path in EXAMPLES.glob("*.hapf")} == set(PAGE)
+    assert set(re.findall(r"conformance/EXAMPLES\.md#(\w+)", TEXT)) == set(PAGE)
 
 
 def test_the_generator_makes_what_is_committed():

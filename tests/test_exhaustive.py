@@ -83,9 +83,9 @@ def cases(data: bytes, kind: str) -> Iterator[bytes]:
 @pytest.mark.parametrize("name", FILES)
 def test_every_single_fault(name, kind):
     """
-    VRD-002: A file that was not closed MUST NOT be called intact.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause.
     REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC or file id differs.
-    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, with the same track id, start, span and bytes, and no other.
+    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, and no other. Track id, start, span and bytes stay the same.
     """
     bands = ("full", "lf") if name in ("residual", "perceptual") else ("full",)
     for number, bad in enumerate(cases(small(name), kind)):

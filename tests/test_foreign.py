@@ -34,6 +34,7 @@ def array(count: int) -> faults.Case:
     )
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("kind", faults.FOREIGN)
 @pytest.mark.parametrize(("count", "seconds"), [(16, 300), (64, 100)])
 def test_no_sample_of_another_recording(kind, count, seconds, monkeypatch):
@@ -80,7 +81,7 @@ def values(data: bytes, **given) -> list[int]:
 
 class TestChoice:
     """
-    REC-013: A reader that walks through a file MUST take the file id that the procedure `identify` gives, unless its caller names another, and report each other id that `walk` meets with both ids.
+    REC-013: A reader MUST take the file id that `identify` gives, unless its caller names another. It reports each other id that `walk` meets, with both ids.
     """
 
     def test_most_bytes_choose(self):
@@ -125,7 +126,7 @@ class TestChoice:
 
 class TestIds:
     """
-    WRT-002: In canonical mode the file id is an input or follows from the content, no time of day, host, user or random number enters the file, and the same input and settings MUST give the same bytes with the same encoder version.
+    WRT-002: A writer MUST choose the file id at random. In canonical mode the id is an input or follows from the content. No time of day, host, user or random number enters the file: the same input and settings give the same bytes with the same encoder version.
     """
 
     @staticmethod

@@ -85,8 +85,7 @@ class TestCodebook:
     )
     def test_any_bytes_are_read_as_the_page_says(self, data, symbols):
         """
-        QNT-002: The codebook MUST NOT describe more symbols than there are.
-        QNT-003: The code words MUST be complete: over the symbols that have one, 2^-length adds up to 1; or exactly one symbol has one, and its length is 1.
+        QNT-003: The codebook MUST describe at most the symbols above. Its code words are complete: over the symbols that have one, 2^-length adds up to 1. Or exactly one symbol has one, of length 1.
         """
         expected = slow_lengths(data, symbols)
         if expected is None:

@@ -54,7 +54,8 @@ def indexes(draw):
         IndexEntry(kind, at, *(sorted((draw(ms), draw(ms))) if kind == "DATA" else (0, 0)))
         for kind, at in [(draw(types), at) for at in offsets]
     )
-    return Index(8, draw(u64), rows)
+    previous = draw(st.sampled_from([0, rows[0].offset if rows else 8]))
+    return Index(previous, draw(st.integers(0, 2**32 - 1)), rows)
 
 
 @given(indexes())
@@ -64,7 +65,7 @@ def test_an_index_comes_back(index):
     """
     data = build_index(index)
     rows = [tuple(entry) for entry in index.entries]
-    assert data == f.index(rows, previous=index.previous)
+    assert data == f.index(rows, previous=index.previous, first=index.first_sequence)
     assert parse_index(data, 2**64, 0) == index
 
 
@@ -105,7 +106,7 @@ def test_nanoseconds_hold_the_time(seconds):
 
 def test_times_beyond_their_range():
     """
-    IDX-006: For a `DATA` chunk `start_ms` MUST NOT be later than the start of its earliest packet and `start_ms + length_ms` not earlier than the end of its latest; times of 2^53 and more are set to 2^53 - 1.
+    IDX-006: For a `DATA` chunk `start_ms` MUST be at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
     """
     far = Fraction(2**48 * 2**32)
     assert ceil_ns(far) == 2**63 - 1
@@ -122,15 +123,16 @@ def two_indexes(**changes) -> bytes:
     out += f.chunk("iNDX", f.index(rows), 3)
     data = len(out)
     out += f.chunk("DATA", f.cluster((0, 4, 4, f.KNOT_DATA)), 4)
-    given_ = {"covers_from": first_index, "previous": first_index} | changes
+    rows = [("iNDX", first_index, 0, 0), ("DATA", data, 0, 10**9)]
+    given_ = {"previous": first_index, "first": 3} | changes
     last_index = len(out)
-    out += f.chunk("iNDX", f.index([("DATA", data, 0, 10**9)], **given_), 5)
+    out += f.chunk("iNDX", f.index(rows, **given_), 5)
     return out + f.chunk("fOOT", f.foot(last_index, len(out) + f.FOOT, 2, 1, 8_000_000), 6)
 
 
 class TestChains:
     """
-    IDX-004: `covers_from` MUST be at least 8; unless it is 8, `previous` MUST point to an `iNDX` chunk that stands between `covers_from` and the index itself.
+    IDX-004: `previous` MUST be 0 or the offset of an `iNDX` chunk before this one.
     """
 
     def test_of_indexes(self):
@@ -138,26 +140,34 @@ class TestChains:
         assert rule(data) == ("intact", None)
         catalogue = open_catalogue(BytesSource(data))
         assert catalogue.indexed
-        assert [chunk.type for chunk in catalogue.chunks] == ["HEAD", "TRAK", "DATA", "DATA"]
+        types = ["HEAD", "TRAK", "DATA", "iNDX", "DATA", "iNDX", "fOOT"]
+        assert [chunk.type for chunk in catalogue.chunks] == types
         assert len(samples(data, start=0)) == 8
 
-    @pytest.mark.parametrize("previous", [0, 8, 2**63])
-    def test_out_of_place(self, previous):
+    @pytest.mark.parametrize(("previous", "id_"), [(0, "IDX-002"), (8, "IDX-004")])
+    def test_out_of_place(self, previous, id_):
         data = two_indexes(previous=previous)
-        assert rule(data) == ("nonconforming", "IDX-004")
+        assert rule(data) == ("nonconforming", id_)
         assert not open_catalogue(BytesSource(data)).indexed
+
+    @pytest.mark.parametrize("first", [0, 2, 4, 2**32 - 1])
+    def test_counts_from_another(self, first):
+        """
+        IDX-007: `first_sequence` MUST be the sequence number of the first chunk listed, so that the others have the numbers after it.
+        """
+        assert rule(two_indexes(first=first)) == ("nonconforming", "IDX-007")
 
     def test_previous_is_no_index(self):
         third = 8 + f.HEADER + len(f.head()) + f.HEADER + len(f.TRACK_0[1])
         data = f.minimal(
-            ahead={"entries": [("DATA", third, 0, 10**12)], "covers_from": third, "previous": third}
+            ahead={"entries": [("DATA", third, 0, 10**12)], "first": 2, "previous": third}
         )
         assert rule(data) == ("nonconforming", "IDX-004")
 
 
 class TestListing:
     """
-    IDX-002: The entries MUST list every chunk but `iNDX` and `fOOT` whose offset is at least `covers_from` and less than that of the index itself, in order of their offsets.
+    IDX-002: The entries MUST list every chunk before the index: from the one at `previous` on, or from the first one where `previous` is 0.
     """
 
     ROWS = (("HEAD", 8, 0, 0), ("TRAK", 88, 0, 0), ("DATA", DATA_AT, 0, 10**12))
@@ -185,7 +195,7 @@ class TestListing:
 
 class TestAHint:
     """
-    IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
     """
 
     @pytest.mark.parametrize("back", range(1, 70, 5))
@@ -223,8 +233,7 @@ class TestAHint:
 
 class TestFooter:
     """
-    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it.
-    FOT-003: In the last `fOOT`, `data_count` and `track_count` MUST be the numbers of `DATA` chunks and of described tracks in the file, and `duration_ns` the end of the latest packet of any track, rounded up, at most the largest i64, 0 without packets.
+    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In the last `fOOT`, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     """
 
     def test_true(self):
@@ -233,9 +242,9 @@ class TestFooter:
     @pytest.mark.parametrize(
         ("changes", "id_"),
         [({"index_offset": 0}, "FOT-002"), ({"index_offset": DATA_AT}, "FOT-002"),
-         ({"data_count": 0}, "FOT-003"), ({"data_count": 2**32 - 1}, "FOT-003"),
-         ({"track_count": 0}, "FOT-003"), ({"duration_ns": 0}, "FOT-003"),
-         ({"duration_ns": f.DURATION_NS + 1}, "FOT-003"), ({"stop_offset": 0}, "FOT-001")],
+         ({"data_count": 0}, "FOT-002"), ({"data_count": 2**32 - 1}, "FOT-002"),
+         ({"track_count": 0}, "FOT-002"), ({"duration_ns": 0}, "FOT-002"),
+         ({"duration_ns": f.DURATION_NS + 1}, "FOT-002"), ({"stop_offset": 0}, "FOT-001")],
     )  # fmt: skip
     def test_false(self, changes, id_):
         assert rule(f.minimal(**changes)) == ("nonconforming", id_)
@@ -248,7 +257,7 @@ class TestFooter:
     def test_closes_the_file(self):
         """
         FIL-003: A closed file MUST end with a `fOOT` chunk.
-        VRD-002: A file that was not closed MUST NOT be called intact.
+        VRD-001: A program that reads hapf files MUST end with the code of this clause.
         """
         data = f.minimal()
         assert rule(data[: -f.FOOT]) == ("damaged", "FIL-003")
@@ -260,7 +269,8 @@ class TestFooter:
         out = first + f.chunk("DATA", f.cluster((0, 4, 4, f.KNOT_DATA)), 5)
         at = len(out)
         rows = [("HEAD", 8, 0, 0), ("TRAK", 88, 0, 0), ("DATA", DATA_AT, 0, 10**9)]
-        rows += [("DATA", len(first), 0, 10**9)]
+        rows += [("iNDX", DATA_AT + f.HEADER + len(f.DATA_0[1]), 0, 0)]
+        rows += [("fOOT", len(first) - f.FOOT, 0, 0), ("DATA", len(first), 0, 10**9)]
         out += f.chunk("iNDX", f.index(rows), 6)
         assert rule(out)[0] == "damaged"
         out += f.chunk("fOOT", f.foot(at, len(out) + f.FOOT, 2, 1, 8_000_000), 7)
@@ -283,7 +293,7 @@ def long_file() -> bytes:
 
 class TestWriter:
     """
-    IDX-005: A writer MUST write an index before the chunks that were not indexed yet, together with the next chunk, pass 4 MiB, unless there is nothing to list; and one before `fOOT`. A live writer also writes one every 10 seconds.
+    IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next chunk, pass 4 MiB; and one before `fOOT`. A live writer also writes one every 10 seconds. None is written where nothing is new, but before `fOOT`.
     """
 
     def test_an_index_in_4_mib(self, long_file):
@@ -421,7 +431,7 @@ class TestNotClosed:
 
 class TestLazily:
     """
-    IDX-003: A reader MUST check an entry against the header that it points to before it uses it, and read the file in order where they differ.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
     """
 
     def closed(self) -> bytes:

@@ -66,7 +66,7 @@ def test_frozen_varints(value, text):
 @given(strategies.varints, st.binary(max_size=3), st.binary(max_size=3))
 def test_a_varint_comes_back(value, before, after):
     """
-    CNV-002: A varint MUST be at most 8 bytes long and less than 2^53.
+    CNV-002: A varint MUST be less than 2^53, at most 8 bytes long, and minimal: its last byte is not 0 unless it is its only byte.
     """
     data = build_varint(value)
     assert data == varint(value)
@@ -103,8 +103,7 @@ any_bytes = st.binary(max_size=40) | st.lists(
 @given(any_bytes)
 def test_any_bytes_are_read_as_the_page_says(data):
     """
-    CNV-002: A varint MUST be at most 8 bytes long and less than 2^53.
-    CNV-003: A varint MUST be minimal: its last byte is not 0 unless it is its only byte.
+    CNV-002: A varint MUST be less than 2^53, at most 8 bytes long, and minimal: its last byte is not 0 unless it is its only byte.
     """
     expected = slow_varints(data)
     if expected is None:

@@ -89,7 +89,7 @@ class TestDecoding:
         assert (fast == by_the_twin(codec, decode_within, *given)).all()
 
     def test_where_a_knot_may_stand(self):
-        """KNT-005 and KNT-006 at their ends."""
+        """KNT-003 at its ends."""
         for gaps in ([1], [2], [3], [2, 1], [1, 1], [1, 2], [2**24], [2**24 + 1], [1, 2**24 - 1],
                      [1, 2**24], [2**53 - 1], [0]):  # fmt: skip
             data = b"\2" + b"".join(build_varint(gap) + b"\2" for gap in gaps)

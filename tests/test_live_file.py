@@ -180,14 +180,14 @@ class TestCreation:
 
 class TestWrites:
     """
-    WRT-009: A writer that cannot write a chunk whole MUST report it, and leave no part of the chunk in the file where the system lets it cut.
+    WRT-001: A writer MUST write a chunk only when it is complete, header and payload in one piece. If it cannot write it whole, it reports that, and removes the part where the system lets it cut.
     """
 
     def test_short_writes_are_gone_on_with(self, tmp_path: Path, monkeypatch):
         real = os.pwrite
         monkeypatch.setattr(os, "pwrite", lambda fd, data, at: real(fd, data[:7], at))
         with create_live(tmp_path / "a") as file:
-            record(file, 3)
+            record(file, 3, 8)
         assert hapfmt.verify(tmp_path / "a").verdict == "intact"
 
     def test_a_system_that_writes_nothing(self, tmp_path: Path, monkeypatch):
@@ -203,7 +203,7 @@ class TestWrites:
         monkeypatch.delattr(os, "pwrite")
         monkeypatch.delattr(os, "pread")
         with create_live(tmp_path / "a") as file:
-            record(file, 3)
+            record(file, 3, 8)
         with open_append(tmp_path / "a") as more:
             more.writer.cluster(packets(3))
         assert hapfmt.verify(tmp_path / "a").verdict == "intact"
@@ -212,7 +212,7 @@ class TestWrites:
     def test_at_every_limit_of_the_size(self, tmp_path: Path):
         whole = tmp_path / "whole"
         with create_live(whole) as file:
-            record(file, 3)
+            record(file, 3, 8)
         data, ends = whole.read_bytes(), {}
         for number, chunk in enumerate(walk(BytesSource(whole.read_bytes()), [])):
             ends[chunk.stop] = number
@@ -221,7 +221,7 @@ class TestWrites:
             path = tmp_path / f"{limit}"
             with create_live(path, sync=SyncPolicy("never")) as file, size_limit(limit):
                 with pytest.raises(OSError, match=str(path)) as caught:
-                    record(file, 3)
+                    record(file, 3, 8)
                 assert caught.value.errno == errno.EFBIG
             report = hapfmt.verify(path)
             assert report.verdict == "intact" or codes(report) == {"not-closed"}
@@ -384,11 +384,12 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(place)], check=True)
 
 
+@pytest.mark.compiled
 def test_a_full_disk_at_every_fill_state(small_disk: Path):
     path, ballast = small_disk / "a.hapf", small_disk / "ballast"
     verdicts = set()
     for pages in range(16):
-        for size in (1, 40, 300):
+        for size in (1, 300) if pages % 2 else (40,):
             ballast.write_bytes(bytes(4096 * pages))
             done = 0
             with pytest.raises(OSError) as caught, create_live(path) as file:

@@ -43,6 +43,7 @@ SETTINGS = {
 }
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("preset", SETTINGS)
 def test_writing_holds_no_second_recording(preset):
     for minutes in (6, 18):

@@ -35,7 +35,7 @@ PARTS = 4
 @pytest.mark.parametrize("part", range(PARTS))
 def test_mutants(part: int, tmp_path: Path) -> None:
     """
-    VRD-001: A program that reads hapf files MUST end with the code of this table.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause.
     """
     told: Counter[str] = Counter()
     for seed in range(part * COUNT // PARTS, (part + 1) * COUNT // PARTS):
@@ -70,8 +70,8 @@ def two_events(first: int, second: int, *more: Row) -> bytes:
 
 def test_packets_of_events_that_start_together() -> None:
     """
-    DAT-002: Entries MUST stand in increasing order of (track, start).
-    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, with the same track id, start, span and bytes, and no other.
+    DAT-002: Rows MUST stand in increasing order of (track, start).
+    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, and no other. Track id, start, span and bytes stay the same.
     """
     data = two_events(0, 0)
     assert verify(data).exit_code == 2

@@ -333,6 +333,31 @@ class TestTables:
         frame.attrs["units"] = {"fx [N]": "m"}
         assert named() == as_they_are
 
+    def test_names_of_a_dict_give_units_too(self):
+        rows = {"fx [N]": [1.0, 2], "finger (left)": [3.0, 4]}
+
+        def named(**given):
+            return [(c.label, c.unit) for c in Recording.from_array(rows, 10, **given)]
+
+        assert named() == [("fx", "N"), ("finger (left)", "1")]
+        assert named(labels=["a", "b"]) == [("a", "N"), ("b", "1")]
+        assert named(units={"fx [N]": "m"}) == [("fx [N]", "m"), ("finger (left)", "1")]
+        assert named(units="m") == [("fx [N]", "m"), ("finger (left)", "m")]
+
+    def test_the_name_of_the_index_gives_its_unit(self):
+        pandas = pytest.importorskip("pandas")
+        frame = pandas.DataFrame({"x": range(4)}, index=[5.0, 10.0, 15.0, 20.0])
+        rates = {"t [ms]": 200, "time_ms": 200, "t [s]": 0.2, "time": 0.2}
+        for name, rate in rates.items():
+            assert Recording.from_array(frame.rename_axis(index=name))[0].rate == rate
+
+    def test_a_column_of_times_is_named(self):
+        pandas = pytest.importorskip("pandas")
+        frame = pandas.DataFrame({"t [s]": [0.0, 0.1], "x": [1.0, 2.0]})
+        with pytest.raises(ParameterError, match=r"or use \.set_index\('t \[s\]'\)"):
+            Recording.from_array(frame)
+        assert [c.label for c in Recording.from_array(frame, 10)] == ["t", "x"]
+
     def test_the_index_places_the_rows(self):
         pandas = pytest.importorskip("pandas")
         frame = pandas.DataFrame({"x": range(4)}, index=[5.0, 5.1, 5.2, 5.4])

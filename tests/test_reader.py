@@ -65,7 +65,7 @@ class TestBands:
 
     def test_each(self):
         """
-        DEC-005: A decoder asked for LF only MUST deliver d, and asked for HF only e^ with B of the calibration taken as 0; a full-band track is delivered where LF is asked for, and nothing of it where HF is.
+        DEC-005: A decoder MUST deliver d where only LF is wanted. Where only HF is wanted it delivers e^, with B of the calibration taken as 0. A full-band track belongs to LF.
         """
         assert rule(self.DATA) == ("intact", None)
         assert values(self.DATA) == [5, 6, 4, 5]
@@ -93,7 +93,7 @@ class TestBands:
 
     def test_clamping_of_a_track(self):
         """
-        DEC-001: A decoder MUST clamp each decoded count to the declared range of its track.
+        DEC-001: A decoder MUST clamp each decoded count to the declared range of its track. It clamps the sum of LF and HF to the range of the LF track.
         """
         data = pair(f.svarint(5), b"\x18", lf_range=(-9, 3), hf_range=(0, 0))
         assert values(data, band="lf") == [3] * 4
@@ -101,7 +101,7 @@ class TestBands:
 
     def test_clamping_of_the_sum(self):
         """
-        DEC-002: A decoder MUST clamp the sum of LF and HF to the declared range of the LF track.
+        DEC-001: A decoder MUST clamp each decoded count to the declared range of its track. It clamps the sum of LF and HF to the range of the LF track.
         """
         data = pair(f.svarint(5), b"\x18", lf_range=(5, 5))
         assert values(data) == [5, 5, 5, 5]
@@ -118,7 +118,7 @@ class TestBands:
     )
     def test_ticks_that_both_cover(self, lf_at, hf_at, both):
         """
-        DEC-003: A channel with an HF track MUST be delivered, in full band, only for ticks that both tracks cover; the others are gaps.
+        DEC-003: The full band of a channel with an HF track MUST be delivered only for ticks that both tracks cover; the others are gaps. For an LF track whose HF track is not known it is empty.
         """
         hf = {4: b"\x18", 2: b"\x10"}[hf_at[1]]
         data = pair(f.svarint(5), hf, lf_at=lf_at, hf_at=hf_at)
@@ -146,7 +146,7 @@ class TestBands:
 
 class TestGaps:
     """
-    DEC-004: A decoder MUST NOT fill gaps with values. Where an output cannot leave them out it says so by NaN or a mask.
+    DEC-004: A decoder MUST NOT fill gaps with values. Where an output cannot leave them out, it marks them by NaN or a mask.
     REC-004: Missing spans MUST stay gaps.
     """
 
@@ -328,9 +328,9 @@ class TestDecodedOnly:
 def test_files_that_are_written_are_intact(recording, settings):
     """
     CHK-005: `sequence` MUST be 0 in the first chunk and greater by one in each next chunk.
-    IDX-002: The entries MUST list every chunk but `iNDX` and `fOOT` whose offset is at least `covers_from` and less than that of the index itself, in order of their offsets.
-    FOT-003: In the last `fOOT`, `data_count` and `track_count` MUST be the numbers of `DATA` chunks and of described tracks in the file, and `duration_ns` the end of the latest packet of any track, rounded up, at most the largest i64, 0 without packets.
-    DGS-003: A digest MUST be that of the packets of its track that stand before it in the file, and of no others.
+    IDX-002: The entries MUST list every chunk before the index: from the one at `previous` on, or from the first one where `previous` is 0.
+    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In the last `fOOT`, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
+    DGS-003: A digest MUST be that of exactly the packets of its track in chunks before it, by sequence numbers.
     """
     file = encoded(recording, settings)
     report = hapfmt.verify(file)
@@ -344,7 +344,7 @@ def test_files_that_are_written_are_intact(recording, settings):
 
 class TestValues:
     """
-    VAL-003: A reader that gives binary64 values MUST give the correctly rounded quotient, one division of two exact binary64 integers, or the exact values of clause 9.7.
+    VAL-003: A reader that gives binary64 values MUST give the correctly rounded quotient, or the exact values of 9.7. (The quotient is one division of two exact binary64 integers.)
     """
 
     @given(strategies.affines((-(2**23), 2**23 - 1)), st.integers(-(2**23), 2**23 - 1))
@@ -388,7 +388,7 @@ class TestLimits:
             f.file(HEAD, ("TRAK", f.trak(f.tlv(1, b"")[:-2] + b"\xff\xff"), {"track": 0})),
             f.file(HEAD, f.TRACK_0, ("DATA", f.varint(2**32))),
             f.file(HEAD, f.TRACK_0, ("DATA", f.cluster((0, 0, 2**32, f.KNOT_DATA)))),
-            f.file(HEAD, f.TRACK_0, ("DATA", b"\1" + f.entry(0, 2**32, 0, 4))),
+            f.file(HEAD, f.TRACK_0, ("DATA", f.table([(0, 2**32, 0, 4, 0)]))),
             f.file(
                 HEAD, f.TRACK_0, ("DATA", f.cluster((0, 0, 4, b"\0" + f.varint(2**32) + b"\0")))
             ),

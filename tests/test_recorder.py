@@ -87,11 +87,11 @@ def chunkings(draw, sources):
     most = draw(st.sampled_from([1, 7, 100, 5000]))
     left = {place: 0 for place, source in enumerate(sources) if source[1].size}
     calls = []
-    while left and len(calls) < 3000:
+    while left and len(calls) < 600:
         place = int(rng.choice(list(left)))
         size = sources[place][1].size
         at, stop = left[place], min(left[place] + int(rng.integers(1, most + 1)), size)
-        if len(calls) > 2000:
+        if len(calls) > 400:
             stop = size
         calls.append((place, at, stop))
         left[place] = stop
@@ -100,6 +100,7 @@ def chunkings(draw, sources):
     return calls
 
 
+@pytest.mark.compiled
 @given(st.data())
 def test_any_chunking_gives_the_recording_of_the_whole(data):
     found = data.draw(st.lists(sources(), min_size=1, max_size=4, unique_by=lambda s: s[0].label))

@@ -90,7 +90,7 @@ def test_an_intact_file_comes_back_the_same():
 )
 def test_any_damage_of_any_file(recording, settings, band, data):
     """
-    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, with the same track id, start, span and bytes, and no other.
+    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, and no other. Track id, start, span and bytes stay the same.
     REC-004: Missing spans MUST stay gaps.
     """
     out = io.BytesIO()
@@ -111,7 +111,7 @@ def test_any_damage_of_any_file(recording, settings, band, data):
 
 def test_packets_are_copied_and_no_others():
     """
-    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, with the same track id, start, span and bytes, and no other.
+    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, and no other. Track id, start, span and bytes stay the same.
     """
     rows = [(0, 4 * i, 4, f.svarint(i)) for i in range(5)]
     data = f.closed(
@@ -128,7 +128,7 @@ def test_packets_are_copied_and_no_others():
 
 def test_a_packet_that_does_not_decode_is_left_out():
     """
-    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, with the same track id, start, span and bytes, and no other.
+    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, and no other. Track id, start, span and bytes stay the same.
     """
     late = ("DATA", f.cluster((0, 4, 4, b"\x80")))
     data = f.closed(("HEAD", f.head()), f.TRACK_0, f.DATA_0, late, duration_ns=8_000_000)
@@ -142,7 +142,7 @@ def test_a_packet_that_does_not_decode_is_left_out():
 @pytest.mark.parametrize("payload", [f.trak(b""), f.trak(f.tlv(1, b"\2\1"))])
 def test_a_track_whose_parameters_are_wrong_is_left_out(payload):
     """
-    REC-007: A recovered file MUST describe every track of which an intact description was found, but for HF tracks whose base is lost and tracks whose codec parameters break a rule; each in the same bytes, but where the track that it continues is lost.
+    REC-007: A recovered file MUST describe every track of which an intact description was found. Its bytes stay the same unless the track that it continues is lost. HF tracks whose base is lost and tracks whose codec parameters break a rule are left out.
     """
     second = f.trak(first_channel=1)
     data = f.closed(
@@ -158,7 +158,7 @@ def test_a_track_whose_parameters_are_wrong_is_left_out(payload):
 
 def test_descriptions_are_copied():
     """
-    REC-007: A recovered file MUST describe every track of which an intact description was found, but for HF tracks whose base is lost and tracks whose codec parameters break a rule; each in the same bytes, but where the track that it continues is lost.
+    REC-007: A recovered file MUST describe every track of which an intact description was found. Its bytes stay the same unless the track that it continues is lost. HF tracks whose base is lost and tracks whose codec parameters break a rule are left out.
     """
     tlvs = f.HOLD + f.tlv(2, f.strings("f")) + f.tlv(0x4000, b"unknown, ancillary")
     data = f.closed(("HEAD", f.head()), ("TRAK", f.trak(tlvs), {"track": 0}), f.DATA_0)
@@ -168,7 +168,7 @@ def test_descriptions_are_copied():
 
 class TestLostDescriptions:
     """
-    REC-008: For each LF track without its HF track a recoverer MUST describe an HF track without packets, and for channel numbers that are missing below the highest one, or that an event speaks of, tracks without packets whose components have the label `(lost)`.
+    REC-008: For each LF track without its HF track a recoverer MUST describe an HF track without packets. For missing channel numbers below the highest one, and those that events speak of, it describes tracks without packets. Their components have the label `(lost)`.
     """
 
     pair = (
@@ -193,7 +193,9 @@ class TestLostDescriptions:
         assert verify(good).verdict == "intact"
         assert (hapfmt.Reader(good).channels, samples(good)) == ([], {})
 
-    @pytest.mark.parametrize("number", [1, 255, 256, 600, 65_534])
+    @pytest.mark.parametrize(
+        "number", [1, 255, 256, 600, pytest.param(65_534, marks=pytest.mark.deep)]
+    )
     def test_of_channels(self, number):
         data = f.closed(
             ("HEAD", f.head()), ("TRAK", f.trak(first_channel=number), {"track": 3}),
@@ -238,7 +240,7 @@ def test_a_digest_that_differs_is_told():
 
 class TestOtherChunks:
     """
-    REC-010: A recoverer MUST copy intact metadata, attachments and clock chunks, intact chunks of unknown critical types, and those of unknown ancillary types that are safe to copy; the other unknown ones only from a file without damage.
+    REC-010: A recoverer MUST copy intact metadata, attachments and clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies the other unknown ones only from a file without damage.
     """
 
     def kept(self, data: bytes) -> list[str]:
@@ -275,7 +277,7 @@ class TestOtherChunks:
 
     def test_unknown_critical_parts_stay_unsupported(self):
         """
-        VRD-003: `info`, `verify` and `recover` MUST work on files with unknown critical parts as far as they are understood.
+        VRD-003: Programs that inspect, verify or recover files MUST work on files with unknown critical parts as far as these are understood.
         """
         data = f.minimal(("ABCD", b"what"))
         good, done = recovered(data)
@@ -293,7 +295,7 @@ class TestOtherChunks:
 
 def test_a_track_with_an_unknown_codec_is_copied():
     """
-    VRD-003: `info`, `verify` and `recover` MUST work on files with unknown critical parts as far as they are understood.
+    VRD-003: Programs that inspect, verify or recover files MUST work on files with unknown critical parts as far as these are understood.
     """
     unknown = ("TRAK", f.trak(codec=b"xNEW", first_channel=1), {"track": 1})
     cluster = ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA), (1, 0, 4, b"what")))
@@ -328,6 +330,7 @@ def test_what_was_lost_is_noted():
     assert hapfmt.Reader(recovered(data)[0]).metadata == {}
 
 
+@pytest.mark.compiled
 def test_the_note_names_channels_and_seconds():
     x = np.random.default_rng(1).normal(size=(3, 20_000))
     stream = io.BytesIO()
@@ -382,7 +385,7 @@ def test_what_is_no_file_is_refused(tmp_path):
 
 def test_the_file_id_is_new():
     """
-    WRT-005: A writer MUST choose the file id at random outside canonical mode.
+    WRT-002: A writer MUST choose the file id at random. In canonical mode the id is an input or follows from the content. No time of day, host, user or random number enters the file: the same input and settings give the same bytes with the same encoder version.
     """
     ids = set()
     for _ in range(3):
@@ -477,7 +480,7 @@ def test_a_digest_that_packets_were_appended_to_is_no_damage():
     whole = out.getvalue()
     data = whole[: payload_of(whole, "iNDX") - f.HEADER]
     with hapfmt.Reader(whole) as reader:
-        sequence = len(reader.catalogue.chunks)
+        sequence = len(reader.catalogue.chunks) - 2
     again = dict(zip(("track", "start", "span", "data"), packets(whole)[0], strict=True))
     late = (again["track"], again["start"] + 40, again["span"], again["data"])
     data += f.chunk("DATA", f.cluster(late), sequence)

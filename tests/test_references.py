@@ -158,6 +158,7 @@ class TestTracks:
         assert sizes == [32, 8]
         assert_same(recording, written(recording)[0])
 
+    @pytest.mark.compiled
     def test_long_packets_are_cut(self):
         recording = Recording(channels(skin(32, 9000), rate=10_000))
         made = encode(recording, replace(ARCHIVE, cluster=100))

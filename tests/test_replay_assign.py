@@ -77,7 +77,7 @@ def test_words(text, words):
 
 class TestWords:
     """
-    PLY-012: A player MUST NOT let a channel drive an actuator unless the user assigned it, or words of the channel's label, body site or axis name this actuator, no other actuator, and no other channel that is played names it as well.
+    PLY-012: A channel MUST NOT drive an actuator unless the user assigned it, or its label, body site or axis names that actuator. Then the channel names no other actuator, and no other played channel names this one.
     """
 
     @pytest.mark.parametrize(
@@ -325,13 +325,13 @@ class TestAdvice:
         assert "  play it --map force=ACTUATOR" in said and "--ignore" not in said
 
     def test_many_channels_are_refused_in_few_words(self):
-        said = refused([f"c{i}" for i in range(3000)], GLOVE5)
-        assert "3000 of 3000" in said and "and 2988 more" in said and len(said) < 2000
+        said = refused([f"c{i}" for i in range(300)], GLOVE5)
+        assert "300 of 300" in said and "and 288 more" in said and len(said) < 2000
 
 
 class TestPlan:
     """
-    PLY-013: A player MUST refuse to play while a channel has no actuator and the user has not left it out, and MUST print, before anything moves, which channel drives which actuator, why, and which actuators rest.
+    PLY-013: A player MUST refuse to play while a channel has no actuator and the user has not left it out; before anything moves it MUST print which channel drives which actuator, why, and which actuators rest.
     """
 
     def test_each_route_has_its_reason(self):

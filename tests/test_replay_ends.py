@@ -44,7 +44,7 @@ SIGNALS = [signal.Signals[x] for x in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr
 
 
 def test_signals(tmp_path, constant):
-    """PLY-007: On every end that it lives to see, a player MUST send the neutral frame, several times, as the last."""
+    """PLY-007: However it ends, as far as it still runs, a player MUST send the neutral frame last, several times."""
     devices = [(glove(serial=f"SN{number}"), ()) for number in SIGNALS]
     with world(devices=devices) as w:
         running = rd.together(w, constant, rd.patient(tmp_path))

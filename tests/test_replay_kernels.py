@@ -1,4 +1,4 @@
-"""Clause 17.1: kernels and places, alone; and which channel plays where."""
+"""docs/spec/players.md: kernels and places, alone; and which channel plays where."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hapfmt.replay.render.units import factor_for, parse_term
 
 MILLI = Calibration(1, 0, 1000)
 FLAT, STOP, FLOOR_DB = 0.85, 1.16, -80.0
-"""What clause 17.1 says of the sinc, in cutoffs."""
+"""The sinc of docs/spec/players.md, in cutoffs."""
 ratios = st.sampled_from(
     [Fraction(1, 10), Fraction(3, 7), Fraction(1), Fraction(21, 10), Fraction(7)]
 )

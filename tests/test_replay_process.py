@@ -131,7 +131,7 @@ def check_rest(got: list[Line], *, ramped: bool = True) -> None:
 
 
 class TestEnds:
-    """PLY-007: On every end that it lives to see, a player MUST send the neutral frame, several times, as the last."""
+    """PLY-007: However it ends, as far as it still runs, a player MUST send the neutral frame last, several times."""
 
     def test_clean(self, file):
         report = played(file)

@@ -260,7 +260,7 @@ def test_good_profiles(path, value):
 
 @pytest.mark.parametrize("key", ["minimum", "maximum", "rest", "slew", "rate"])
 def test_limits_are_required(key):
-    """PLY-001: A player MUST refuse to play without limits: for each actuator the lowest, highest and resting value and the largest change per second, for the device the rate of its frames."""
+    """PLY-001: A player MUST refuse to play without limits: for each actuator the lowest, highest and resting value and the largest change per second; for the device the rate of its frames."""
     changed = put("timing.rate" if key == "rate" else f"actuator[1].{key}", ...)
     said = refusal(changed)
     assert re.match(rf"(timing|actuator\[1\])\.{key}: is missing; add .*\[PLY-001\]$", said)
@@ -269,7 +269,7 @@ def test_limits_are_required(key):
 @pytest.mark.parametrize("key", ["minimum", "maximum", "rest", "slew", "step"])
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
 def test_limits_of_profiles_made_in_code(key, value):
-    """PLY-001: A player MUST refuse to play without limits: for each actuator the lowest, highest and resting value and the largest change per second, for the device the rate of its frames."""
+    """PLY-001: A player MUST refuse to play without limits: for each actuator the lowest, highest and resting value and the largest change per second; for the device the rate of its frames."""
     limits = {"minimum": 0.0, "maximum": 1.0, "rest": 0.0, "slew": 100.0, "step": 0.1, key: value}
     one = Profile("x", "", "", (), Timing(Fraction(1)), (Actuator("a", "N", **limits),))
     with pytest.raises(ParameterError, match=rf"^actuator\[0\]\.{key}: .*PLY-001"):

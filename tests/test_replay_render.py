@@ -1,4 +1,4 @@
-"""Clause 17.1: from a recording to the values that a device is to get."""
+"""docs/spec/players.md: from a recording to the values that a device is to get."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ class TestEverySampleIsWhatThePageSays:
     )
     def test_values_and_coverage(self, recording, settings, band, rate, speed, data):
         """
-        PLY-009: A player MUST send for sample n of a replay what the channel is at `start + n * speed / rate` seconds of the recording, rate being that of the device, computed with exact rational numbers.
-        PLY-010: A player MUST treat a channel as known at a time t of the recording exactly where it covers tick `floor(t * rate)`, rate being that of the channel, with a finite value.
+        PLY-009: For sample n of a replay a player MUST send the value of the channel at `start + n * speed / rate` seconds of the recording. Here rate is that of the device; the time is an exact rational number.
+        PLY-010: A player MUST treat a channel as known at a time t exactly where it covers tick `floor(t * rate)` with a finite value. Here rate is that of the channel.
         """
         assume(any(channel.stored.size for channel in recording.channels))
         widest = max(channel.rate_exact for channel in recording.channels) * speed / rate
@@ -137,7 +137,7 @@ class TestEverySampleIsWhatThePageSays:
     @pytest.mark.parametrize("rate", [100, 999, 1000, 4000])
     def test_no_force_before_the_touch_and_none_beyond_it(self, band, rate):
         """
-        PLY-011: What a player sends between two ticks of an LF or full-band track MUST lie within the lowest and the highest of the ticks less than w away, and come from ticks without a gap in between.
+        PLY-011: Between two ticks of an LF or full-band track a player MUST stay within the range of the ticks less than w away. No gap lies between these ticks.
         """
         counts = np.zeros(4000, np.int32)
         counts[1500:2500] = 3300

@@ -189,7 +189,7 @@ class TestRamps:
 
 
 class TestLimits:
-    """PLY-002: A player MUST keep every value that it sends within the limits, and its difference from the value sent before within the largest change of one sample, whatever the file says and whatever happens."""
+    """PLY-002: Whatever the file contains and whatever happens, a player MUST keep every value that it sends within the limits. Its difference from the value before is at most the largest change of one sample."""
 
     def test_slew(self):
         schedule = started(np.ones(20), make_profile(make_actuator(slew=200)))
@@ -404,7 +404,7 @@ class TestLossOfSignal:
 
 
 class TestTime:
-    """PLY-005: A player MUST NOT send a frame before its time, twice, or out of order; a frame that is a period late or more is left out for the one that is due."""
+    """PLY-005: A player MUST NOT send a frame before its time, twice, or out of order; it skips a frame that is a period late or more and sends the one that is due."""
 
     def test_never_early_never_twice(self):
         schedule = started(np.ones(9))

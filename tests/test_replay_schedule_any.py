@@ -153,7 +153,7 @@ Replays.TestCase.settings = settings(stateful_step_count=40)
 
 
 class TestAnyReplay(Replays.TestCase):
-    """PLY-002: A player MUST keep every value that it sends within the limits, and its difference from the value sent before within the largest change of one sample, whatever the file says and whatever happens."""
+    """PLY-002: Whatever the file contains and whatever happens, a player MUST keep every value that it sends within the limits. Its difference from the value before is at most the largest change of one sample."""
 
 
 def unlimited(self, wanted):

@@ -130,11 +130,13 @@ def test_exact_values_beside_counts():
 
 
 class TestDamage:
+    @pytest.mark.compiled
     @pytest.mark.parametrize("data", [CHAIN, STEADY, GAPS])
     def test_any_byte(self, data):
         for at in range(len(data)):
             same(flipped(data, at), ("full",))
 
+    @pytest.mark.compiled
     @pytest.mark.parametrize("data", [CHAIN, STEADY])
     def test_any_length(self, data):
         """Files that were not closed."""
@@ -305,6 +307,7 @@ class TestLayouts:
         if order != "by time":
             assert bool(renderer.apart) == (ahead == 100)
 
+    @pytest.mark.compiled
     def test_a_tick_an_hour_beside_a_thousand_a_second(self):
         """The next tick of the slow one lies an hour ahead: the other is not held until then."""
         fast = Channel(

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from spec import REQUIREMENTS, ROOT, items, quotes
+from spec import REQUIREMENTS, ROOT, TEXT, items, quotes
 
 PENDING: set[str] = set()
 """Requirements that no test checks yet."""
@@ -41,3 +41,15 @@ def test_every_requirement_is_quoted_by_a_test():
 def test_errors_carry_ids_of_the_spec(path):
     ids = re.findall(r"\"([A-Z]{3}-\d{3})\"", path.read_text(encoding="utf-8"))
     assert set(ids) <= REQUIREMENTS.keys()
+
+
+def test_clause_16_says_who_keeps_and_checks_each_requirement():
+    part = TEXT[TEXT.index("| kept by | checked by") : TEXT.index("A decoder is a reader that")]
+    listed = []
+    for cell in re.findall(r"\| ([^|]+) \|$", part, re.M)[1:]:
+        for first, last in re.findall(r"([A-Z]{3}(?:-\d{3})?)(?: to ([A-Z]{3}-\d{3}))?", cell):
+            if last:
+                listed += [id_ for id_ in REQUIREMENTS if first <= id_ <= last]
+            else:
+                listed += [id_ for id_ in REQUIREMENTS if id_.startswith(first)]
+    assert sorted(listed) == sorted(REQUIREMENTS)

@@ -33,7 +33,7 @@ def filled(size: int, bait: bytes) -> bytes:
 @pytest.mark.parametrize("edge", EDGES)
 def test_edges_of_buffers(edge, bait):
     """
-    REC-002: A recovering reader MUST find at least the chunks and packets that the procedure below finds.
+    REC-002: A recovering reader MUST find at least the chunks and packets that the procedures below find.
     """
     front = b"\xf9" * edge + filled(min(edge, 1 << 14) + 1, bait)
     for shift in SHIFTS:
@@ -66,7 +66,7 @@ def damaged_at(at: int) -> bytes:
 @pytest.mark.parametrize("kind", ["bytes", "file"])
 def test_a_walk_across_edges(edge, kind, tmp_path: Path):
     """
-    REC-002: A recovering reader MUST find at least the chunks and packets that the procedure below finds.
+    REC-002: A recovering reader MUST find at least the chunks and packets that the procedures below find.
     """
     for shift in (0, 1, 2, 3, 4, 16, 35, 36):
         data = damaged_at(edge - shift)

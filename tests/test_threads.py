@@ -42,12 +42,14 @@ def written(threads: int, preset: str, **more: object) -> bytes:
     return stream.getvalue()
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("preset", PRESETS)
 def test_the_bytes_do_not_depend_on_threads(preset):
     one = written(1, preset)
     assert all(written(threads, preset) == one for threads in COUNTS[1:])
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("threads", COUNTS)
 def test_reading_does_not_depend_on_threads(threads):
     data = written(1, "lossless")

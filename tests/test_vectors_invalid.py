@@ -102,7 +102,7 @@ def recovered(data: bytes) -> tuple[int, str]:
 @pytest.mark.parametrize("case", COMMITTED)
 def test_committed(case):
     """
-    VRD-001: A program that reads hapf files MUST end with the code of this table.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause.
     LIM-001: A file MUST keep the limits of its level.
     """
     place = f"{case['set']}/{case['name']}"
@@ -132,7 +132,7 @@ WHOLE = {
     "two clusters": invalid_clusters.clusters(
         invalid_clusters.held((0, 0, 4)), invalid_clusters.held((0, 4, 4)), span=8
     ),
-    "two indexes": invalid_clusters.second_index(broken.END),
+    "two indexes": invalid_clusters.second_index(("iNDX", broken.END, 0, 0)),
     "a footer": invalid_clusters.footer(invalid_clusters.FOOT),
     "a contract": invalid_clusters.contract(),
     "a calibration": invalid_clusters.calibrated(3, 4, 5),

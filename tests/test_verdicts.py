@@ -46,7 +46,7 @@ def test_the_list(
     codes: set[str], error: HapfmtError | None, unknown: bool, lost: bool, code: int
 ) -> None:
     """
-    VRD-001: A program that reads hapf files MUST end with the code of this table.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause.
     """
     assert verdict_of(codes, error=error, unknown=unknown, lost=lost) == code
 
@@ -134,7 +134,7 @@ def verify_unknown(data: bytes) -> bool:
 @pytest.mark.parametrize("path", vectors(), ids=lambda path: f"{path.parent.name}/{path.stem}")
 def test_every_verb(path: Path, tmp_path: Path) -> None:
     """
-    VRD-001: A program that reads hapf files MUST end with the code of this table.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause.
     """
     data = path.read_bytes()
     expected = json.loads(

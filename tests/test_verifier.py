@@ -48,7 +48,7 @@ DAMAGED = ("mETa", b"{}", {"crc": 0})
 )
 def test_verdicts(more, verdict, code):
     """
-    VRD-001: A program that reads hapf files MUST end with the code of this table.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause.
     """
     report = verify(f.minimal(*more))
     assert (report.verdict, report.exit_code) == (verdict, code)
@@ -62,7 +62,7 @@ def test_damage_goes_before_a_broken_rule():
 
 def test_a_version_of_the_future_is_not_judged():
     """
-    VER-002: A reader MUST report the outcome *unsupported* for an unknown major version or an unknown bit in `incompat`, and check no other rule of that file.
+    VER-001: A reader MUST read every file of major version 1 without unknown bits in `incompat`, whatever its minor version. For all other files it reports the outcome *unsupported*, and checks no other rule.
     """
     for fields in ({"major": 2}, {"incompat": 1}):
         data = f.closed(("HEAD", f.head(**fields)), f.TRACK_0, BROKEN, DAMAGED)
@@ -71,7 +71,7 @@ def test_a_version_of_the_future_is_not_judged():
 
 def test_parts_that_are_understood():
     """
-    VRD-003: `info`, `verify` and `recover` MUST work on files with unknown critical parts as far as they are understood.
+    VRD-003: Programs that inspect, verify or recover files MUST work on files with unknown critical parts as far as these are understood.
     """
     report = verify(f.minimal(UNKNOWN, ("aaaa", b"")))
     assert report.unknown == ["XXXX", "aaaa"]
@@ -118,8 +118,8 @@ FIVES = slow_digest([[5]] * 4, 4, True, [(0, 4)])
 
 class TestDigests:
     """
-    DGS-001: The payload MUST be a positive multiple of 32 bytes, and the tracks MUST be described before it.
-    DGS-002: A verifier MUST report a digest that differs from the one it computes; where a track has several, the last one counts, and where a packet of the track was not delivered none is compared.
+    DGS-001: The payload MUST be a positive multiple of 32 bytes. The tracks are described before it; none is of kind events, since events may be added to a closed file.
+    DGS-002: A verifier MUST report a digest that differs from the one it computes. Of several for one track the last one counts; none is compared where the track may lack data (12.2).
     """
 
     def test_true(self):
@@ -161,7 +161,7 @@ class TestDigests:
     @given(strategies.packets())
     def test_as_the_page_says(self, case):
         """
-        DGS-003: A digest MUST be that of the packets of its track that stand before it in the file, and of no others.
+        DGS-003: A digest MUST be that of exactly the packets of its track in chunks before it, by sequence numbers.
         """
         track, packets, _ = case
         decoder, digest = TrackDecoder(track, LEVELS[1]), TrackDigest()
@@ -187,10 +187,10 @@ def recorded(x: np.ndarray) -> Recording:
 
 class TestContracts:
     """
-    DBC-002: With flag *guaranteed*, every sample MUST keep the contract: scalar form `|x - y| * kd <= max(kn * |x - zero|, floor * kd)` for each component; vector form the same with Euclidean norms over the components, compared by their squares, and the floor of the first component.
-    DBC-004: A channel without a contract MUST be stored without loss: its full band equals the counts, the words, or with exact values (9.7) the numbers, of the source.
-    TLV-006: `largest` MUST be at least the distance of every source value from the physical value of its count; a channel of counts without a deviation was on its lattice exactly, or has exact values (9.7).
-    DBC-003: A verifier that is given x MUST check the contract with exact arithmetic, and report the number of samples outside and the worst ratio of the left side to the right.
+    DBC-002: With flag *guaranteed*, every sample MUST keep the contract: for each component `|x - y| * kd <= max(kn * |x - zero|, floor * kd)`. The vector form is the same with Euclidean norms over the components, compared by their squares, and the floor of the first component.
+    DBC-004: A channel without a contract MUST be stored without loss: its full band equals the counts, the raw numbers, or with exact values (9.7) the numbers of the source.
+    TLV-006: No source value MUST be further than `largest` from the physical value of its count. Without a deviation both are equal, or the track has exact values (9.7).
+    DBC-003: A verifier that is given x MUST check the contract with exact arithmetic. It reports the number of samples outside and the worst ratio of the left side to the right.
     """
 
     @given(strategies.recordings(), strategies.encoder_settings())

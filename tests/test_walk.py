@@ -159,7 +159,7 @@ def damaged(draw, data):
 @given(damaged(DATA) | damaged(ATTACHED))
 def test_finds_what_the_page_finds(data):
     """
-    REC-002: A recovering reader MUST find at least the chunks and packets that the procedure below finds.
+    REC-002: A recovering reader MUST find at least the chunks and packets that the procedures below find.
     """
     assert fast_walk(data)[0] == slow_walk(data)
 
@@ -174,7 +174,7 @@ def test_any_bytes(data):
 @given(damaged(DATA))
 def test_every_byte_is_a_chunk_or_reported(data):
     """
-    REC-003: A reader that does not stop at the first damage MUST report every stretch of bytes that was lost, and every span, as far as the packets around it tell.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (12.2) names.
     """
     chunks, findings = fast_walk(data)
     covered = bytearray(len(data))
@@ -248,7 +248,7 @@ def nested(count: int) -> bytes:
 
 def test_nested_headers_are_bounded():
     """
-    REC-005: A reader MUST bound its work on nested headers: it may stop and report *unsupported* once the payloads it took checksums of add up to more than 16 times the size of the file plus 64 MiB.
+    REC-005: A reader MUST bound its work on nested headers. It may stop and report *unsupported* once it took checksums of more than 16 times the size of the file plus 64 MiB.
     """
     data = nested(8000)
     began = time.perf_counter()

@@ -94,6 +94,7 @@ def run(more: list[str], tests: list[str]) -> int:
             shutil.copytree(ROOT / name, Path(folder) / name, ignore=built)
         for name in ("SPEC.md", "README.md", "pyproject.toml"):
             shutil.copy(ROOT / name, folder)
+        shutil.copytree(ROOT / "docs" / "spec", Path(folder) / "docs" / "spec")
         why = build(Path(folder) / "hapfmt" / "kernels" / "_kernels.abi3.so", more)
         if why:
             print(f"not run: {why}")

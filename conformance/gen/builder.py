@@ -66,13 +66,19 @@ def joined(fields: list[Field]) -> bytes:
 
 
 class File:
-    """Chunks in order; ``fields`` is the whole file, field by field."""
+    """Chunks in order; ``fields`` is the whole file, field by field. ``brief``: a chunk header is
+    one field, and so is HEAD."""
 
-    def __init__(self, file_id: int) -> None:
+    def __init__(self, file_id: int, *, brief: bool = False) -> None:
         self.file_id = file_id
+        self.brief = brief
         self.sequence = 0
         self.fields: list[Field] = [(SIGNATURE, "signature")]
         self.offsets: dict[str, int] = {}
+        self.listed: list[tuple[str, int, int, int]] = []
+        self.data_count = 0
+        self.stop_ns = 0
+        self.first = self.last_index = 0
 
     @property
     def offset(self) -> int:
@@ -82,7 +88,13 @@ class File:
     def data(self) -> bytes:
         return joined(self.fields)
 
-    def chunk(self, type_: str, payload: list[Field], track: int = 0xFFFF) -> None:
+    def cluster(self, packets: list[Packet], times: tuple[int, int]) -> None:
+        """A DATA chunk."""
+        self.chunk("DATA", cluster(packets, self.file_id, self.sequence), times=times)
+
+    def chunk(self, type_: str, payload: list[Field], track: int = 0xFFFF,
+              times: tuple[int, int] = (0, 0)) -> None:  # fmt: skip
+        """``times``: of DATA, the start of its first packet and the end of its last one in ns."""
         body = joined(payload)
         header = [
             raw(SYNC, "sync word"),
@@ -95,59 +107,66 @@ class File:
             u32(file_crc(body, self.file_id), "file CRC of the payload"),
         ]
         header.append(u32(zlib.crc32(joined(header)), "CRC-32 of the header"))
+        if self.brief:
+            about = f"header: {type_}, sequence number {self.sequence}, payload {len(body)} bytes"
+            about += "" if track == 0xFFFF else f", track {track}"
+            header = [raw(joined(header), about)]
         self.offsets.setdefault(type_, self.offset)
+        self.listed.append((type_, self.offset, *times))
+        self.data_count += type_ == "DATA"
+        self.stop_ns = max(self.stop_ns, times[1])
         self.fields += header + payload
         self.sequence += 1
 
     def head(self, level: int = 1) -> None:
-        self.chunk(
-            "HEAD",
-            [
-                u8(1, "major version"),
-                u8(0, "minor version"),
-                u8(level, "level"),
-                u8(0, "reserved"),
-                u32(0, "incompatible features: none"),
-                u32(0, "compatible features: none"),
-                raw(bytes(16), "no UUID"),
-                i64(0, "epoch: not known"),
-                u64((1 << 64) - 1, "epoch uncertainty: not known"),
-            ],
-        )
-
-    def close(self, data: list[tuple[int, int, int]], listed: list[tuple[str, int]],
-              tracks: int) -> None:  # fmt: skip
-        """``data``: (offset, start ns, stop ns) of DATA chunks; ``listed``: other chunks."""
-        at = self.offset
-        rows = sorted([(o, "DATA", a, b) for o, a, b in data] + [(o, t, 0, 0) for t, o in listed])
         payload = [
-            u64(8, "covers from offset 8"),
-            u64(0, "no index before"),
-            u32(len(rows), f"{len(rows)} entries"),
+            u8(1, "major version"),
+            u8(0, "minor version"),
+            u8(level, "level"),
+            u8(0, "reserved"),
+            u32(0, "incompatible features: none"),
+            u32(0, "compatible features: none"),
+            raw(bytes(16), "no UUID"),
+            i64(0, "epoch: not known"),
+            u64((1 << 64) - 1, "epoch uncertainty: not known"),
         ]
-        before = 8
-        for offset, type_, start, stop in rows:
+        about = f"version 1.0, level {level}, no UUID, epoch not known"
+        self.chunk("HEAD", [raw(joined(payload), about)] if self.brief else payload)
+
+    def index(self) -> None:
+        """An iNDX of the chunks from the index before it on."""
+        at, before = self.offset, self.last_index
+        previous = f"from the index before it on, at {before}" if before else None
+        payload = [
+            u64(before, previous or "no index before"),
+            u32(self.first, f"the first one listed is chunk {self.first}"),
+            u32(len(self.listed), f"{len(self.listed)} entries"),
+        ]
+        for type_, offset, start_ns, stop_ns in self.listed:
             payload += [
                 raw(type_.encode(), f"a {type_} chunk"),
                 varint(offset - before, f"{offset - before} bytes on, at offset {offset}"),
             ]
             if type_ == "DATA":
-                first, last = start // 10**6, -(-stop // 10**6)
+                start, stop = start_ns // 10**6, -(-stop_ns // 10**6)
                 payload += [
-                    varint(first, f"start {first} ms"),
-                    varint(last - first, f"{last - first} ms long"),
+                    varint(start, f"start {start} ms"),
+                    varint(stop - start, f"{stop - start} ms long"),
                 ]
             before = offset
+        self.listed, self.first, self.last_index = [], self.sequence, at
         self.chunk("iNDX", payload)
-        stop = max((b for _, _, b in data), default=0)
+
+    def close(self, tracks: int) -> None:
+        self.index()
         self.chunk(
             "fOOT",
             [
-                u64(at, f"index at offset {at}"),
+                u64(self.last_index, f"index at offset {self.last_index}"),
                 u64(self.offset + HEADER + 32, "offset of the end of this chunk"),
-                u32(len(data), "number of DATA chunks"),
+                u32(self.data_count, "number of DATA chunks"),
                 u32(tracks, "number of tracks"),
-                i64(stop, f"duration {stop} ns"),
+                i64(self.stop_ns, f"duration {self.stop_ns} ns"),
             ],
         )
 
@@ -156,25 +175,43 @@ def file_crc(data: bytes, file_id: int) -> int:
     return zlib.crc32(file_id.to_bytes(8, "little") + data)
 
 
-def packet(
-    track: int, start: int, body: list[Field], span: int, file_id: int
-) -> tuple[list[Field], list[Field]]:
-    """A row of the packet table, and the packet."""
-    entry = [
-        varint(track, f"packet of track {track}"),
-        varint(len(joined(body)), f"{len(joined(body))} bytes"),
-        varint(start, f"start tick {start}"),
-        varint(span, f"{span} ticks"),
+Packet = tuple[int, int, list[Field], int]
+"""Track, start tick, the packet's fields, span."""
+
+FIELDS = (("track", "track {}"), ("size", "{} bytes"), ("start", "start tick {}"),
+          ("span", "{} ticks"))  # fmt: skip
+
+
+def cluster(packets: list[Packet], file_id: int, sequence: int) -> list[Field]:
+    """The table, and the packets."""
+
+    def cluster_crc(data: bytes) -> int:
+        return file_crc(struct.pack("<Q", sequence) + data, file_id)
+
+    bodies = [joined(body) for _, _, body, _ in packets]
+    rows = [
+        (track, len(body), start, span)
+        for (track, start, _, span), body in zip(packets, bodies, strict=True)
     ]
-    entry.append(u32(file_crc(joined(entry + body), file_id), "packet CRC"))
-    return entry, body
-
-
-def cluster(packets: list[tuple[list[Field], list[Field]]]) -> list[Field]:
-    fields = [varint(len(packets), f"{len(packets)} packets")]
-    for entry, _ in packets:
-        fields += entry
-    for _, body in packets:
+    least = [min(column) for column in zip(*rows, strict=True)]
+    widths = [
+        (max(column) - low).bit_length() + 7 >> 3
+        for column, low in zip(zip(*rows, strict=True), least, strict=True)
+    ]
+    told = ", ".join(f"{name} {width}" for (name, _), width in zip(FIELDS, widths, strict=True))
+    fields = [
+        varint(len(packets), "1 packet" if len(packets) == 1 else f"{len(packets)} packets"),
+        u16(sum(width << 4 * i for i, width in enumerate(widths)), f"bytes in a row: {told}"),
+    ]
+    fields += [varint(low, f"least {name}") for (name, _), low in zip(FIELDS, least, strict=True)]
+    for row, body in zip(rows, bodies, strict=True):
+        for value, low, width, (_, text) in zip(row, least, widths, FIELDS, strict=True):
+            if width:
+                fields.append(raw((value - low).to_bytes(width, "little"), text.format(value)))
+        crc = cluster_crc(struct.pack("<5Q", len(packets), *row) + body)
+        fields.append(u32(crc, f"packet CRC of track {row[0]}, start tick {row[2]}"))
+    fields.append(u32(cluster_crc(joined(fields)), "table CRC"))
+    for _, _, body, _ in packets:
         fields += body
     return fields
 

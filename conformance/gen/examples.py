@@ -1,24 +1,35 @@
-"""The worked examples of SPEC Annex B.
+"""The worked examples, conformance/EXAMPLES.md: whole files, byte by byte, and what they decode to.
 
 python conformance/gen/examples.py          compare with what is committed
-python conformance/gen/examples.py --write  write conformance/examples/ and the listings in SPEC.md
+python conformance/gen/examples.py --write  write EXAMPLES.md and conformance/examples/
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-import re
+import struct
 import sys
+import textwrap
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import deflate
+import forge
+import page_exact
+import page_knots_coded
+import page_predicted
+import page_quantised
+import page_raw
 from builder import (
+    Field,
     File,
     bits,
-    cluster,
     i32,
     i64,
+    joined,
     listing,
-    packet,
     raw,
     svarint,
     u8,
@@ -26,112 +37,146 @@ from builder import (
     u32,
     varint,
 )
+from page_numbers import varint_bytes
+from page_quantised import Escape, Run
 
-HERE = Path(__file__).resolve().parent
-SPEC = HERE.parent.parent / "SPEC.md"
-EXAMPLES = HERE.parent / "examples"
+ROOM = Path(__file__).resolve().parent.parent
+PAGE = ROOM / "EXAMPLES.md"
+EXAMPLES = ROOM / "examples"
+
+KINDS = ("full band", "LF", "HF", "events")
+FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64")
 
 
-def hold() -> tuple[File, dict[str, object]]:
-    """One force channel, 1 kHz, held: 1.00 N for three ticks, then 1.25 N for five."""
+class Example(NamedTuple):
+    """``note``: Markdown. ``expected``: by channel number its spans, and events, clocks, exact
+    values. ``broken``: (offset, bytes) that damage put over the listed ones."""
+
+    file: File
+    note: str
+    expected: dict[str, Any]
+    broken: Sequence[tuple[int, bytes]] = ()
+
+    @property
+    def data(self) -> bytes:
+        out = bytearray(self.file.data)
+        for at, new in self.broken:
+            out[at : at + len(new)] = new
+        return bytes(out)
+
+
+def track(codec: str, *, low: int = 0, high: int = 255, range_notes: tuple[str, str] | None = None,
+          kind: int = 0, number_format: int = 0, components: int = 1,
+          rate: tuple[int, int, str] = (1000, 1, "1 Hz"), channel: int = 0, linked: int = 0xFFFF,
+          tlvs: Sequence[tuple[int, str, list[Field]]] = ()) -> list[Field]:  # fmt: skip
+    """A description; ``tlvs`` are (type, what it is, value)."""
+    counted = "one TLV" if len(tlvs) == 1 else f"{len(tlvs)} TLVs"
+    wide = "one component" if components == 1 else f"{components} components"
+    number = "no channel" if channel == 0xFFFF else f"channel {channel}"
+    base = "linked to no track" if linked == 0xFFFF else f"base: track {linked}"
+    notes = range_notes or (f"lowest count {low}", f"highest count {high}")
+    out = [
+        u8(len(tlvs), counted),
+        u8(components, wide),
+        u8(kind, f"kind: {KINDS[kind]}"),
+        u8(number_format, f"number format: {FORMATS[number_format]}"),
+        raw(codec.encode(), "codec"),
+        u32(rate[0], f"rate {rate[0]} /"),
+        u32(rate[1], rate[2]),
+        i32(low, notes[0]),
+        i32(high, notes[1]),
+        u16(channel, number),
+        u16(linked, base),
+    ]
+    for type_, what, value in tlvs:
+        size = len(joined(value))
+        out += [u16(type_, f"TLV {type_}, {what}"), u16(size, f"{size} bytes"), *value]
+    return out
+
+
+def plain(*tracks: list[Field]) -> list[Field]:
+    return [
+        varint(0, "the tracks follow uncompressed"),
+        *(field for each in tracks for field in each),
+    ]
+
+
+def knots(interpolation: int = 0, step: int = 1) -> tuple[int, str, list[Field]]:
+    """Parameters of KNOT with varints on a uniform grid."""
+    return 1, "codec parameters", [
+        u8(interpolation, ("hold", "linear")[interpolation]),
+        u8(0, "varints"),
+        u8(0, "uniform grid"),
+        varint(step, f"step {step}"),
+        svarint(0, "zero 0"),
+    ]  # fmt: skip
+
+
+def strings(type_: int, what: str, *texts: str | None) -> tuple[int, str, list[Field]]:
+    """A string list; None: the same text as before."""
+    fields = []
+    for text in texts:
+        if text is None:
+            fields.append(u8(255, "the same text as before"))
+        else:
+            data = text.encode()
+            fields.append(raw(bytes([len(data)]) + data, repr(text)))
+    return type_, what, fields
+
+
+def span(start: int, *rows: Any) -> dict[str, Any]:
+    """A covered span: for each tick its count, or the counts of each component."""
+    return {"start": start, "counts": [list(r) if isinstance(r, tuple) else [r] for r in rows]}
+
+
+MS = 1_000_000
+
+
+def hold() -> Example:
     f = File(0x00000001)
     f.head()
-    f.chunk(
-        "TRAK",
-        [
-            varint(0, "the tracks as they are"),
-            u8(4, "4 TLVs"),
-            u8(1, "one component"),
-            u8(0, "kind: full band"),
-            u8(0, "number format: counts"),
-            raw(b"KNOT", "codec"),
-            u32(1000, "rate 1000 /"),
-            u32(1, "1 Hz"),
-            i32(0, "lowest count 0"),
-            i32(255, "highest count 255"),
-            u16(0, "channel 0"),
-            u16(0xFFFF, "linked to no track"),
-            u16(1, "TLV 1, codec parameters"),
-            u16(5, "5 bytes"),
-            u8(0, "hold"),
-            u8(0, "varints"),
-            u8(0, "uniform grid"),
-            varint(25, "step 25"),
-            svarint(0, "zero 0"),
-            u16(2, "TLV 2, label"),
-            u16(6, "6 bytes"),
-            raw(b"\x05force", "'force'"),
-            u16(3, "TLV 3, calibration"),
-            u16(3, "3 bytes"),
-            svarint(1, "A = 1"),
-            svarint(0, "B = 0"),
-            varint(100, "D = 100: a count is 10 mN"),
-            u16(4, "TLV 4, unit"),
-            u16(2, "2 bytes"),
-            raw(b"\x01N", "'N'"),
-        ],
-        track=0,
-    )
-    at = f.offset
+    calibration = [
+        svarint(1, "A = 1"), svarint(0, "B = 0"), varint(100, "D = 100: a count is 10 mN"),
+    ]  # fmt: skip
+    tlvs = [
+        knots(step=25),
+        strings(2, "label", "force"),
+        (3, "calibration", calibration),
+        strings(4, "unit", "N"),
+    ]
+    f.chunk("TRAK", plain(track("KNOT", tlvs=tlvs)), track=0)
     body = [
         svarint(4, "first knot, tick 0: index 4, count 100"),
         varint(3, "next knot 3 ticks later"),
         svarint(1, "index 1 more: 5, count 125"),
     ]
-    f.chunk("DATA", cluster([packet(0, 0, body, 8, f.file_id)]))
-    f.close([(at, 0, 8_000_000)], [("HEAD", 8), ("TRAK", f.offsets["TRAK"])], 1)
-    return f, {"0": [{"start": 0, "counts": [[100]] * 3 + [[125]] * 5}]}
+    f.cluster([(0, 0, body, 8)], (0, 8 * MS))
+    f.close(1)
+    note = """The smallest useful file: codec `KNOT` with varints, a label, a unit and a
+calibration. One force channel at 1 kHz; one count is 10 mN. It decodes to the counts 100 100 100
+125 125 125 125 125: 1.00 N for 3 ms, then 1.25 N for 5 ms."""
+    return Example(f, note, {"0": [span(0, 100, 100, 100, 125, 125, 125, 125, 125)]})
 
 
-def residual() -> tuple[File, dict[str, object]]:
-    """Lines with a texture on them, and a gap of 2 ticks: LF track 0, HF track 1."""
-    f = File(0x00000002)
+def residual() -> Example:
+    f = File(0x00000002, brief=True)
     f.head()
-    f.chunk(
-        "TRAK",
-        [
-            varint(0, "the tracks as they are"),
-            u8(1, "one TLV"),
-            u8(1, "one component"),
-            u8(1, "kind: LF"),
-            u8(0, "number format: counts"),
-            raw(b"KNOT", "codec"),
-            u32(500, "rate 500 /"),
-            u32(1, "1 Hz"),
-            i32(-32, "lowest count -32"),
-            i32(31, "highest count 31"),
-            u16(0, "channel 0"),
-            u16(0xFFFF, "linked to no track"),
-            u16(1, "TLV 1, codec parameters"),
-            u16(5, "5 bytes"),
-            u8(1, "linear"),
-            u8(0, "varints"),
-            u8(0, "uniform grid"),
-            varint(1, "step 1"),
-            svarint(0, "zero 0"),
-            u8(1, "one TLV"),
-            u8(1, "one component"),
-            u8(2, "kind: HF"),
-            u8(0, "number format: counts"),
-            raw(b"QUAN", "codec"),
-            u32(500, "rate 500 /"),
-            u32(1, "1 Hz"),
-            i32(-2, "lowest count -2"),
-            i32(1, "highest count 1: level 1 times step 2 is clamped to it"),
-            u16(0, "channel 0"),
-            u16(0, "base: track 0"),
-            u16(1, "TLV 1, codec parameters"),
-            u16(10, "10 bytes"),
-            u32(2, "step 2"),
-            u16(1, "M = 1: symbols 0, 1, 2 are levels 0, 1, -1"),
-            u8(1, "R = 1: symbol 3 is a run of 2 or 3 zeros"),
-            u8(0, "C = 0"),
-            raw(bytes.fromhex("3231"), "lengths 3 2 3 1: code words 110, 10, 111, 0"),
-        ],
-        track=0,
-    )
-    at = f.offset
-    knots = [
+    quantiser = [
+        u32(2, "step 2"),
+        u16(1, "M = 1: symbols 0, 1, 2 are levels 0, 1, -1"),
+        u8(1, "R = 1: symbol 3 is a run of 2 or 3 zeros"),
+        u8(0, "C = 0"),
+        raw(bytes.fromhex("3231"), "lengths 3 2 3 1: code words 110, 10, 111, 0"),
+    ]
+    clamped = ("lowest count -2", "highest count 1: level 1 times step 2 is clamped to it")
+    half = (500, 1, "1 Hz")
+    slow = track("KNOT", kind=1, rate=half, low=-32, high=31, tlvs=[knots(1)])
+    fast = track(
+        "QUAN", kind=2, rate=half, low=-2, high=1, range_notes=clamped, linked=0,
+        tlvs=[(1, "codec parameters", quantiser)],
+    )  # fmt: skip
+    f.chunk("TRAK", plain(slow, fast), track=0)
+    lines = [
         svarint(10, "first knot, tick 0: index 10"),
         varint(2, "2 ticks later"),
         svarint(-5, "index 5"),
@@ -142,62 +187,29 @@ def residual() -> tuple[File, dict[str, object]]:
     texture = [bits("110 10 111 0 1", "0, 1, -1, a run of 3; 6 bits fill the byte")]
     silence = [bits("0 0", "a run of 2; 6 bits fill the byte")]
     rows = [
-        packet(0, 0, knots, 6, f.file_id),
-        packet(0, 8, later, 2, f.file_id),
-        packet(1, 0, texture, 6, f.file_id),
-        packet(1, 8, silence, 2, f.file_id),
+        (0, 0, lines, 6),
+        (0, 8, later, 2),
+        (1, 0, texture, 6),
+        (1, 8, silence, 2),
     ]
-    f.chunk("DATA", cluster(rows))
-    listed = [("HEAD", 8), ("TRAK", f.offsets["TRAK"])]
-    f.close([(at, 0, 20_000_000)], listed, 2)
-    full = [[10], [9], [3], [9], [13], [17]]
-    return f, {"0": [{"start": 0, "counts": full}, {"start": 8, "counts": [[17], [17]]}]}
+    f.cluster(rows, (0, 20 * MS))
+    f.close(2)
+    note = """LF + HF: one channel at 500 Hz in two tracks, with a gap at ticks 6 and 7. The LF
+track decodes to d = 10 8 5 9 13 17, then 17 17. At tick 1 it is `10 + rdiv(-5 * 1, 2) = 10 - 2`,
+a tie. The HF track decodes to e^ = 0 1 -2 0 0 0, then 0 0: level 1 at tick 1 would be 2 and is
+clamped. The channel is 10 9 3 9 13 17, then 17 17."""
+    return Example(f, note, {"0": [span(0, 10, 9, 3, 9, 13, 17), span(8, 17, 17)]})
 
 
-def marks() -> tuple[File, dict[str, object]]:
-    """A constant channel at 1 kHz, a layer of two events in microseconds, and another clock."""
-    f = File(0x00000003)
+def marks() -> Example:
+    f = File(0x00000003, brief=True)
     f.head()
-    f.chunk(
-        "TRAK",
-        [
-            varint(0, "the tracks as they are"),
-            u8(1, "one TLV"),
-            u8(1, "one component"),
-            u8(0, "kind: full band"),
-            u8(0, "number format: counts"),
-            raw(b"KNOT", "codec"),
-            u32(1000, "rate 1000 /"),
-            u32(1, "1 Hz"),
-            i32(0, "lowest count 0"),
-            i32(1, "highest count 1"),
-            u16(0, "channel 0"),
-            u16(0xFFFF, "linked to no track"),
-            u16(1, "TLV 1, codec parameters"),
-            u16(5, "5 bytes"),
-            u8(0, "hold"),
-            u8(0, "varints"),
-            u8(0, "uniform grid"),
-            varint(1, "step 1"),
-            svarint(0, "zero 0"),
-            u8(1, "one TLV"),
-            u8(1, "one component"),
-            u8(3, "kind: events"),
-            u8(0, "number format: counts"),
-            raw(b"EVNT", "codec"),
-            u32(1_000_000, "rate 1000000 /"),
-            u32(1, "1 Hz: ticks of 1 us"),
-            i32(0, "lowest count 0"),
-            i32(0, "highest count 0"),
-            u16(0xFFFF, "no channel"),
-            u16(0xFFFF, "linked to no track"),
-            u16(2, "TLV 2, label"),
-            u16(6, "6 bytes"),
-            raw(b"\x05touch", "the layer 'touch'"),
-        ],
-        track=0,
-    )
-    at = f.offset
+    still = track("KNOT", high=1, tlvs=[knots()])
+    layer = track(
+        "EVNT", kind=3, rate=(1_000_000, 1, "1 Hz: ticks of 1 us"), high=0, channel=0xFFFF,
+        tlvs=[strings(2, "label", "touch")],
+    )  # fmt: skip
+    f.chunk("TRAK", plain(still, layer), track=0)
     events = [
         varint(0, "at the start of the packet, 1500 us"),
         varint(0, "a moment"),
@@ -211,68 +223,407 @@ def marks() -> tuple[File, dict[str, object]]:
         raw("µm".encode(), "'µm'"),
     ]
     rows = [
-        packet(0, 0, [svarint(1, "a single knot: constant 1")], 4, f.file_id),
-        packet(1, 1500, events, 501, f.file_id),
+        (0, 0, [svarint(1, "a single knot: constant 1")], 4),
+        (1, 1500, events, 501),
     ]
-    f.chunk("DATA", cluster(rows))
-    clock = f.offset
+    f.cluster(rows, (0, 4 * MS))
+    clock = [
+        u8(2, "2 bytes"),
+        raw(b"pc", "the clock 'pc'"),
+        varint(2, "2 observations"),
+        svarint(0, "tick 0"),
+        i64(5_000_000_000, "at 5000000000 ns"),
+        varint(1000, "give or take 1000 ns"),
+        svarint(4, "4 ticks later"),
+        svarint(4_000_160, "4000160 ns later: 40 ppm fast"),
+        varint(1000, "give or take 1000 ns"),
+    ]
+    f.chunk("cLOk", clock, track=0)
+    f.close(2)
+    found = [[1500, 0, None, "go"], [2000, 1000, 0, "µm"]]
+    seen = [[0, 5_000_000_000, 1000], [4, 5_004_000_160, 1000]]
+    note = """Events and clocks: a constant channel at 1 kHz, a layer of two events (codec
+`EVNT`), and a clock that was observed twice. The events are 'go' at 1.5 ms, and 'µm' of channel
+0 from 2 to 3 ms."""
+    return Example(f, note, {"0": [span(0, 1, 1, 1, 1)], "events": found, "clock": seen})
+
+
+def quantised() -> Example:
+    f = File(0x00000004, brief=True)
+    f.head()
+    m, r, c = 1, 2, 3
+    lengths = [2, 3, 3, 3, 3, 0, 0, 2]
+    book = page_quantised.codebook(lengths)
+    parameters = [
+        u32(3, "step 3"),
+        u16(m, "M = 1: symbols 0, 1, 2 are levels 0, 1, -1"),
+        u8(r, "R = 2: symbol 3 is a run of 2 or 3 zeros, 4 of 4 to 7"),
+        u8(c, "C = 3: symbol 5 is magnitude 2, 6 is 3 or 4, 7 is 5 to 8"),
+        raw(book, "lengths 2 3 3 3 3, none for 2 symbols, 2; a 0 fills the byte"),
+    ]
+    words = page_quantised.code_words(lengths)
     f.chunk(
-        "cLOk",
-        [
-            u8(2, "2 bytes"),
-            raw(b"pc", "the clock 'pc'"),
-            varint(2, "2 observations"),
-            svarint(0, "tick 0"),
-            i64(5_000_000_000, "at 5000000000 ns"),
-            varint(1000, "give or take 1000 ns"),
-            svarint(4, "4 ticks later"),
-            svarint(4_000_160, "4000160 ns later: 40 ppm fast"),
-            varint(1000, "give or take 1000 ns"),
-        ],
+        "TRAK",
+        plain(track("QUAN", low=-24, high=24, tlvs=[(1, "codec parameters", parameters)])),
         track=0,
     )
-    listed = [("HEAD", 8), ("TRAK", f.offsets["TRAK"]), ("cLOk", clock)]
-    f.close([(at, 0, 4_000_000)], listed, 2)
-    told = [[1500, 0, None, "go"], [2000, 1000, 0, "µm"]]
-    seen = [[0, 5_000_000_000, 1000], [4, 5_004_000_160, 1000]]
-    expected = {"0": [{"start": 0, "counts": [[1]] * 4}], "events": told, "clock": seen}
-    return f, expected
+    tokens = [1, Escape(-6), Run(5), -1, Escape(8), 0, Run(2), 1]
+    levels = page_quantised.levels_of(tokens)
+    body = page_quantised.encode(tokens, m, r, lengths)
+    assert page_quantised.decode(body, len(levels), m, r, lengths) == levels
+    told = ", ".join(f"{symbol}: {word}" for symbol, word in sorted(words.items()))
+    about = "1, escape -6, 5 zeros, -1, escape 8, 0, 2 zeros, 1"
+    f.cluster([(0, 0, [raw(body, about)], len(levels))], (0, len(levels) * MS))
+    f.close(1)
+    row = []
+    for token in tokens:
+        symbol, extra = page_quantised.symbol_of(token, m, r)
+        row.append(f"`{words[symbol]}`" + (f" + `{extra}`" if extra else ""))
+    note = f"""Codec `QUAN` with runs and escapes. The code words, by symbol, are {told}. The
+packet holds, one after the other, code words + extra bits: {", ".join(row)}. The levels are
+{" ".join(map(str, levels))}; a count is 3 times its level."""
+    return Example(f, note, {"0": [span(0, *(3 * level for level in levels))]})
 
 
-NOTES = {
-    "hold": """`hold.hapf`: one force channel at 1 kHz, a count is 10 mN. It decodes to the counts
-100 100 100 125
-125 125 125 125: 1.00 N for 3 ms, then 1.25 N for 5 ms.""",
-    "residual": """`residual.hapf`: one channel at 500 Hz of two tracks, a gap at ticks 6 and 7.
-d is 10 8 5 9 13 17,
-then 17 17: at tick 1 `10 + rdiv(-5 * 1, 2) = 10 - 2`, a tie. e^ is 0 1 -2 0 0 0, then 0 0: the
-level 1 at
-tick 1 would be 2 and is clamped. The channel is 10 9 3 9 13 17, then 17 17.""",
-    "marks": """`marks.hapf`: a constant channel at 1 kHz, a layer of two events, and a clock that
-was observed twice. The events are 'go' at 1.5 ms, and 'µm' of channel 0 from 2 to 3 ms.""",
+def binary64(x: float) -> int:
+    return page_exact.word_at(page_exact.place(page_exact.bits(page_exact.Fraction(x)))) % 2**64
+
+
+def raws() -> Example:
+    f = File(0x00000005, brief=True)
+    f.head()
+    two = [u8(2, "2 bytes per number"), raw(bytes(3), "reserved")]
+    eight = [u8(8, "8 bytes per number"), raw(bytes(3), "reserved")]
+    vector = track("RAWB", low=-300, high=300, components=2, tlvs=[(1, "codec parameters", two)])
+    doubles = track(
+        "RAWB", low=0, high=0, number_format=5, channel=2, tlvs=[(1, "codec parameters", eight)]
+    )
+    f.chunk("TRAK", plain(vector, doubles), track=0)
+    counts = [[1, -2, 300], [0, 5, -300]]
+    stored = page_raw.encode(counts, 2)
+    planes = [
+        u8(0, "stored"),
+        raw(stored[1:4], "low bytes of 1, -2, 300"),
+        raw(stored[4:7], "high bytes of 1, -2, 300"),
+        raw(stored[7:10], "low bytes of 0, 5, -300"),
+        raw(stored[10:13], "high bytes of 0, 5, -300"),
+    ]
+    assert stored[13:] == b""
+    numbers = [0.1] * 12
+    words = [binary64(x) for x in numbers]
+    squeezed = page_raw.encode([words], 8, page_raw.DEFLATE, deflate.FIXED)
+    body = [u8(1, "DEFLATE"), raw(squeezed[1:], "96 bytes: 12 lowest bytes, ... 12 highest bytes")]
+    rows = [(0, 0, planes, 3), (1, 0, body, 12)]
+    f.cluster(rows, (0, 12 * MS))
+    f.close(2)
+    note = """Codec `RAWB`: two channels of counts in one track, stored, and a channel of
+binary64 numbers, compressed. Channel 0 is 1 -2 300, channel 1 is 0 5 -300, channel 2 is 12 times
+0.1, `3FB999999999999A`. Each component is stored byte plane by byte plane."""
+    a, b = counts
+    return Example(f, note, {"0": [span(0, *a)], "1": [span(0, *b)], "2": [span(0, *words)]})
+
+
+def coded() -> Example:
+    f = File(0x00000006, brief=True)
+    f.head()
+    parameters = [
+        u8(1, "linear"), u8(1, "entropy coding"), u8(0, "uniform grid"), varint(10, "step 10"),
+        svarint(500, "zero 500"),
+    ]  # fmt: skip
+    vector = track(
+        "KNOT", low=0, high=1000, components=2, tlvs=[(1, "codec parameters", parameters)]
+    )
+    f.chunk("TRAK", plain(vector), track=0)
+    given = [(0, [0, 5]), (4, [2, 3]), (6, [-1, 3]), (9, [0, 0])]
+    packet = page_knots_coded.encode_knots(given, True)
+    assert page_knots_coded.decode_knots(packet, True, 10, 2, 2**24) == given
+    body = [
+        svarint(0, "first knot: index 0 of component 0"),
+        svarint(5, "index 5 of component 1"),
+        varint(3, "3 knots after it"),
+        raw(packet[3:5], "gaps: class 0, one state; averages begin at 32"),
+        raw(packet[5:7], "differences: class 0, raw signs; averages begin at 32"),
+        raw(packet[7:], "coded bytes"),
+    ]
+    f.cluster([(0, 0, body, 10)], (0, 10 * MS))
+    f.close(1)
+    first = [500, 505, 510, 515, 520, 505, 490, 493, 497, 500]
+    second = [550, 545, 540, 535, 530, 530, 530, 520, 510, 500]
+    note = """Codec `KNOT` with entropy coding: two components share the ticks of their knots.
+The indices are 0 and 5 at tick 0, 2 and 3 at tick 4, -1 and 3 at tick 6, 0 and 0 at tick 9; a
+count is 500 + 10 * index. Channel 0 is 500 505 510 515 520 505 490 493 497 500, channel 1 is 550
+545 540 535 530 530 530 520 510 500."""
+    return Example(f, note, {"0": [span(0, *first)], "1": [span(0, *second)]})
+
+
+def predicted() -> Example:
+    f = File(0x00000007, brief=True)
+    f.head()
+    lossless = [u8(0, "uniform grid"), varint(1, "step 1"), svarint(0, "zero 0")]
+    weber = [
+        u8(1, "deadband grid"), varint(20, "floor 20"), svarint(0, "zero 0"), varint(1, "kn = 1"),
+        varint(10, "kd = 10"),
+    ]  # fmt: skip
+    pair = track("LPCR", low=-100, high=100, components=2, tlvs=[(1, "codec parameters", lossless)])
+    rough = track("LPCR", low=-500, high=500, channel=2, tlvs=[(1, "codec parameters", weber)])
+    f.chunk("TRAK", plain(pair, rough), track=0)
+    squares = [0, 1, 4, 9, 16, 25, 36, 49]
+    twin = [(x + 1) // 2 for x in squares]
+    one = page_predicted.encode(squares, g=2)
+    reference = (0, 0, 32, 0)
+    two = page_predicted.encode(twin, references=[reference], components=[squares])
+    both = varint_bytes(len(one)) + one + two
+    assert page_predicted.decode_packet(both, 8, 2**24, 2) == [squares, twin]
+    first = [
+        varint(len(one), f"component packet 0: {len(one)} bytes"),
+        u8(2, "flags: second differences"),
+        u8(0, "no predictor"),
+        svarint(0, "base 0"),
+        raw(one[3:5], "class 0, one state, raw signs; averages begin at 32"),
+        raw(one[5:], "coded bytes"),
+        u8(0x40, "component packet 1, flags: references"),
+        u8(0, "no predictor"),
+        u8(1, "one reference"),
+        u8(0, "component 0"),
+        raw(two[4:7], "weights 0, 32, 0: half of what component 0 does at this tick"),
+        svarint(0, "base 0"),
+        raw(two[8:10], "class 0, one state, raw signs; averages begin at 32"),
+        raw(two[10:], "coded bytes"),
+    ]
+    assert joined(first) == both
+    constant = [
+        varint(3, "component packet 0: 3 bytes"),
+        u8(0x10, "flags: constant"), u8(0, "no predictor"), svarint(5, "base 5"),
+        u8(0x10, "component packet 1, flags: constant"), u8(0, "no predictor"),
+        svarint(-5, "base -5"),
+    ]  # fmt: skip
+    indices = [0, 1, 2, 2, -1]
+    coarse = page_predicted.encode(indices)
+    levels = page_predicted.grid_levels(1, 10, 20, 2**24)
+    grid = [
+        u8(0, "flags"), u8(0, "no predictor"), svarint(0, "base 0"),
+        raw(coarse[3:5], "class 0, one state, raw signs; averages begin at 32"),
+        raw(coarse[5:], "coded bytes"),
+    ]  # fmt: skip
+    rows = [
+        (0, 0, first, 8),
+        (0, 8, constant, 3),
+        (1, 0, grid, 5),
+    ]
+    f.cluster(rows, (0, 11 * MS))
+    f.close(2)
+    rough_counts = [levels[abs(i)] * (-1 if i < 0 else 1) for i in indices]
+    note = f"""Codec `LPCR`. Track 0 is lossless and has two components: second differences, and
+a reference of weight 1/2. Channel 0 is {" ".join(map(str, squares))}, then 5 5 5; channel 1 is
+{" ".join(map(str, twin))}, then -5 -5 -5. Track 1 is on a deadband grid: the indices
+{" ".join(map(str, indices))} are the counts {" ".join(map(str, rough_counts))}."""
+    expected = {
+        "0": [span(0, *squares, 5, 5, 5)],
+        "1": [span(0, *twin, -5, -5, -5)],
+        "2": [span(0, *rough_counts)],
+    }
+    return Example(f, note, expected)
+
+
+def exact() -> Example:
+    f = File(0x00000008, brief=True)
+    f.head()
+    rule0 = [u8(0, "rule 0: quotient"), u8(0, "no digits"), raw(bytes(2), "reserved")]
+    tenths = [svarint(1, "A = 1"), svarint(0, "B = 0"), varint(10, "D = 10")]
+    tlvs = [(1, "codec parameters", rule0), (3, "calibration", tenths)]
+    f.chunk("TRAK", plain(track("LPCX", low=0, high=10, tlvs=tlvs)), track=0)
+    counts = [1, 2, 3, 3, 7, 3]
+    numbers = [0.1, 0.2, 0.30000000000000004, 0.30000000000000004, 0.7000000000000001,
+               0.30000000000000004]  # fmt: skip
+    indices = page_predicted.encode(counts)
+    words = [page_exact.bits(page_exact.Fraction(x)) for x in numbers]
+    rest = page_exact.encode_exact(words, counts, (1, 0, 10), 0, 0, p=page_exact.EVEN)
+    data = varint_bytes(len(indices)) + indices + rest
+    affine = (1, 0, 10)
+    assert page_exact.decode(data, 6, affine, 0, 0) == (counts, words)
+    body = [
+        varint(len(indices), f"{len(indices)} bytes of LPCR: the counts"),
+        raw(indices, "1, 2, 3, 3, 7, 3"),
+        u8(1, "flags: recall"),
+        u8(0, "corrections in steps of 2^0"),
+        raw(rest[2:8], "three times one probability of ranks, 128"),
+        u8(1, "lengths from 1 on"),
+        u8(1, "one length"),
+        u8(1, "its weight"),
+        raw(rest[11:], "coded bytes: corrections 0, 0, 1, 1, 1, 1"),
+    ]
+    f.cluster([(0, 0, body, 6)], (0, 6 * MS))
+    f.close(1)
+    told = " ".join(repr(x) for x in numbers)
+    note = f"""Codec `LPCX`, exact doubles: a logger computed `count * 0.1`, and the file stores
+`count / 10` with the correction that is left. The counts are {" ".join(map(str, counts))}; the
+exact values are {told}. Where the quotient is not the source's number, the next binary64 number
+is."""
+    values = [{"start": 0, "exact": [f"{word % 2**64:016x}" for word in words]}]
+    return Example(f, note, {"0": [span(0, *counts)], "exact": values})
+
+
+def described() -> Example:
+    f = File(0x00000009, brief=True)
+    f.head()
+    calibrations = [
+        svarint(1, "A = 1"), svarint(0, "B = 0"), varint(1000, "D = 1000"),
+        svarint(1, "A = 1"), svarint(-500, "B = -500"), varint(1000, "D = 1000"),
+    ]  # fmt: skip
+    contract = [
+        varint(10, "kd = 10"), varint(1, "kn = 1"), u8(2, "guaranteed, each component alone"),
+        varint(5, "floor 5"), svarint(0, "zero 0"), varint(8, "floor 8"), svarint(500, "zero 500"),
+    ]  # fmt: skip
+    deviation = [
+        raw(forge.deviation(2**-9, 2**-10), "declared 2^-9 N, largest 2^-10 N"),
+        raw(forge.deviation(0, 0), "none of component 1"),
+    ]
+    tlvs = [
+        knots(),
+        strings(2, "label", "fx", "fy"),
+        (3, "calibration", calibrations),
+        strings(4, "unit", "N"),
+        strings(6, "quantity", "force", None),
+        strings(8, "axis", "x", "y"),
+        strings(10, "group", "tip", None),
+        strings(12, "body site", "index finger"),
+        strings(14, "device", "stylus"),
+        (16, "deadband contract", contract),
+        (18, "deviation", deviation),
+        (22, "provenance", [raw(b"bench 2", "'bench 2'")]),
+    ]
+    f.chunk("TRAK", plain(track("KNOT", components=2, high=1000, tlvs=tlvs)), track=0)
+    second = track("KNOT", channel=2, tlvs=[knots()])
+    inside = joined(second)
+    squeezed = deflate.deflate(inside, deflate.FIXED)
+    f.chunk(
+        "TRAK",
+        [
+            varint(len(inside), f"{len(inside)} bytes once inflated"),
+            raw(squeezed, "DEFLATE: a track of channel 2"),
+        ],
+        track=1,
+    )
+    both = [svarint(100, "component 0: index 100"), svarint(600, "component 1: index 600")]
+    rows = [
+        (0, 0, both, 4),
+        (1, 0, [svarint(7, "a single knot: constant 7")], 4),
+    ]
+    f.cluster(rows, (0, 4 * MS))
+    f.close(2)
+    note = """Every TLV of `TRAK`, and a description as a DEFLATE stream. Channel 0 is 0.1 N,
+channel 1 is (600 - 500) / 1000 = 0.1 N, channel 2 is 7. The byte 255 repeats the text before it;
+a list of one entry applies to all components."""
+    return Example(
+        f, note, {"0": [span(0, *[100] * 4)], "1": [span(0, *[600] * 4)], "2": [span(0, *[7] * 4)]}
+    )
+
+
+def digests() -> Example:
+    f = File(0x0000000A, brief=True)
+    f.head()
+    f.chunk("TRAK", plain(track("KNOT", tlvs=[knots()])), track=0)
+    f.chunk("mETa", [raw(b'{"subject": 7}', '{"subject": 7}')])
+    rows = [(0, 0, [svarint(5, "a single knot: constant 5")], 2)]
+    f.cluster(rows, (0, 2 * MS))
+    f.index()
+    rows = [(0, 4, [svarint(6, "a single knot: constant 6")], 1)]
+    f.cluster(rows, (4 * MS, 5 * MS))
+    numbers = hashlib.sha256(struct.pack("<3i", 5, 5, 6)).digest()
+    coverage = struct.pack("<4Q", 0, 2, 4, 1)
+    digest = hashlib.sha256(numbers + coverage).digest()
+    f.chunk("dGST", [raw(digest, "SHA-256 of what track 0 decodes to")], track=0)
+    points = [
+        u8(3, "3 bytes"), raw(b"UTC", "the clock 'UTC'"), varint(2, "2 points"),
+        svarint(0, "tick 0"), i64(1_700_000_000 * 10**9, "at 1700000000 s"),
+        varint(1000, "1000 ticks later"), varint(1_000_040_000, "1000040000 ns later"),
+    ]  # fmt: skip
+    f.chunk("cMAp", points, track=0)
+    attachment = [
+        u8(5, "5 bytes"), raw(b"a.txt", "the name 'a.txt'"), u8(10, "10 bytes"),
+        raw(b"text/plain", "the media type"), raw(b"hello", "the content"),
+    ]  # fmt: skip
+    f.chunk("aTTc", attachment)
+    f.close(1)
+    note = f"""Two indexes, metadata, a digest, a map of a clock and an attachment. The channel
+is 5 5, a gap at ticks 2 and 3, then 6. The digest is the SHA-256 of 64 bytes: first the SHA-256
+of the counts `05 00 00 00 05 00 00 00 06 00 00 00`, which is `{numbers.hex()}`; then the
+coverage, the u64 numbers 0, 2, 4, 1. Tick 500 is 500 020 000 ns after 1 700 000 000 s UTC."""
+    return Example(f, note, {"0": [span(0, 5, 5), span(4, 6)]})
+
+
+def salvaged() -> Example:
+    f = File(0x0000000B, brief=True)
+    f.head()
+    f.chunk("TRAK", plain(track("KNOT", tlvs=[knots()])), track=0)
+    bodies = [
+        (0, [svarint(1, "packet of ticks 0 to 3: constant 1")]),
+        (4, [svarint(2, "packet of ticks 4 to 7: constant 2")]),
+        (8, [svarint(3, "packet of ticks 8 to 11: constant 3")]),
+    ]
+    rows = [(0, start, body, 4) for start, body in bodies]
+    f.cluster(rows, (0, 12 * MS))
+    end = f.offset
+    f.close(1)
+    at = end - 2
+    note = f"""A damaged `DATA` payload. The listing is the file as it was written. In
+`salvaged.hapf` the byte at offset 0x{at:X}, the packet of ticks 4 to 7, is `05`: a reader that
+did not check would deliver -3. The payload CRC of the chunk differs, so the reader salvages
+packets: the CRC of the first and of the third packet matches, that of the second does not. The
+channel is 1 1 1 1, a gap at ticks 4 to 7, then 3 3 3 3. The damage report names ticks 4 to 7 of
+track 0, and the exit code is 3."""
+    expected = {"0": [span(0, 1, 1, 1, 1), span(8, 3, 3, 3, 3)]}
+    return Example(f, note, expected, [(at, b"\x05")])
+
+
+MAKERS: dict[str, Callable[[], Example]] = {
+    "hold": hold,
+    "residual": residual,
+    "marks": marks,
+    "quantised": quantised,
+    "raw": raws,
+    "coded": coded,
+    "predicted": predicted,
+    "exact": exact,
+    "described": described,
+    "digests": digests,
+    "salvaged": salvaged,
 }
-MAKERS = {"hold": hold, "residual": residual, "marks": marks}
+
+HEADER = """# Worked examples
+
+Each listing is a whole file of `conformance/examples/`: offset, bytes, meaning. After the first
+example a chunk header is one field of 36 bytes. The `.json` of the same name has what the file
+decodes to. `conformance/gen/examples.py` makes this page and the files, and
+`tests/test_examples.py` compares them with a reader.
+"""
 
 
-def annex() -> str:
-    """Annex B between its markers."""
-    parts = ["<!-- examples -->"]
+def text() -> str:
+    parts = [HEADER]
     for name, make in MAKERS.items():
-        parts += [f"\n{NOTES[name]}\n", "```", listing(make()[0].fields), "```"]
-    return "\n".join([*parts, "<!-- end -->"])
+        example = make()
+        parts += [
+            f"## {name}",
+            "",
+            textwrap.fill(example.note, 110, break_long_words=False, break_on_hyphens=False),
+            "",
+            "```",
+            listing(example.file.fields),
+            "```",
+            "",
+        ]
+    return "\n".join(parts)
 
 
 def outputs() -> dict[Path, bytes]:
     """Every file that this script makes."""
-    found: dict[Path, bytes] = {}
+    found: dict[Path, bytes] = {PAGE: text().encode()}
     for name, make in MAKERS.items():
-        file, expected = make()
-        found[EXAMPLES / f"{name}.hapf"] = file.data
-        text = json.dumps(expected, sort_keys=True, indent=1)
-        found[EXAMPLES / f"{name}.json"] = (text + "\n").encode()
-    text = SPEC.read_text(encoding="utf-8")
-    marked = re.compile(r"<!-- examples -->.*?<!-- end -->", re.S)
-    found[SPEC] = marked.sub(lambda _: annex(), text).encode()
+        example = make()
+        found[EXAMPLES / f"{name}.hapf"] = example.data
+        expected = json.dumps(example.expected, sort_keys=True, indent=1)
+        found[EXAMPLES / f"{name}.json"] = (expected + "\n").encode()
     return found
 
 
@@ -281,7 +632,10 @@ def main() -> int:
         for path, data in outputs().items():
             path.write_bytes(data)
         return 0
-    wrong = [path.name for path, data in outputs().items() if path.read_bytes() != data]
+    made = outputs()
+    wrong = [
+        path.name for path, data in made.items() if not path.exists() or path.read_bytes() != data
+    ]
     print(f"differ: {', '.join(wrong)}" if wrong else "all as committed")
     return 1 if wrong else 0
 

@@ -49,6 +49,8 @@ def file_crc(data: bytes, file_id: int = FILE_ID) -> int:
 
 def chunk(type_: str, payload: bytes, sequence: int, *, size=None, track=NONE, flags=0, crc=None,
           header_crc=None, file_id=FILE_ID, sync=SYNC) -> bytes:  # fmt: skip
+    if isinstance(payload, Cluster):
+        payload = payload.at(sequence, file_id)
     size = len(payload) if size is None else size
     crc = file_crc(payload, file_id) if crc is None else crc
     header = struct.pack(
@@ -112,9 +114,13 @@ def coded_knot_parameters(interpolation: int = 0, **grid: int) -> bytes:
 
 
 def lpcx_parameters(rule: int = 0, digits: int = 0, reserved: bytes = bytes(2),
-                    coefficients: Sequence[float] = ()) -> bytes:  # fmt: skip
+                    coefficients: Sequence[float] = (),
+                    terms: Sequence[tuple[int, int, float]] = ()) -> bytes:  # fmt: skip
+    """``reserved``: the number of terms, where it is not theirs, and the reserved byte."""
     numbers = struct.pack(f"<{len(coefficients)}d", *coefficients)
-    return struct.pack("<BB2s", rule, digits, reserved) + numbers
+    rows = b"".join(struct.pack("<BBd", *term) for term in terms)
+    count = bytes([len(terms) or reserved[0], reserved[1]])
+    return struct.pack("<BB2s", rule, digits, count) + numbers + rows
 
 
 HOLD = tlv(1, knot_parameters())
@@ -230,26 +236,71 @@ def clock_map(points, name: str = "pc", count: int | None = None) -> bytes:
     return out
 
 
-def entry(track: int, size: int, start: int, span: int, body: bytes = b"", crc=None,
+class Cluster(bytes):
+    """A DATA payload; its CRCs are those of the chunk with number ``sequence``."""
+
+    packets: tuple
+    given: dict
+
+    def at(self, sequence: int, file_id: int = FILE_ID) -> bytes:
+        """The same as the payload of another chunk."""
+        return cluster(*self.packets, **{"sequence": sequence, "file_id": file_id} | self.given)
+
+
+def cluster_crc(data: bytes, sequence: int = 2, file_id: int = FILE_ID) -> int:
+    return file_crc(struct.pack("<Q", sequence) + data, file_id)
+
+
+def packet_crc(count: int, track: int, start: int, span: int, body: bytes, sequence: int = 2,
+               file_id: int = FILE_ID) -> int:  # fmt: skip
+    fields = struct.pack("<5Q", count, track, len(body), start, span)
+    return cluster_crc(fields + body, sequence, file_id)
+
+
+def bytes_of(value: int) -> int:
+    return (value.bit_length() + 7) // 8
+
+
+def table(rows, *, count=None, widths=None, least=None, crc=None, sequence: int = 2,
           file_id: int = FILE_ID) -> bytes:  # fmt: skip
-    fields = varint(track) + varint(size) + varint(start) + varint(span)
-    crc = file_crc(fields + body, file_id) if crc is None else crc
-    return fields + crc.to_bytes(4, "little")
+    """The table of (track, size, start, span, packet CRC)."""
+    columns = list(zip(*rows, strict=True))[:4] or [(0,)] * 4
+    least = [min(column) for column in columns] if least is None else least
+    if widths is None:
+        widths = [bytes_of(max(c) - low) for c, low in zip(columns, least, strict=True)]
+    out = varint(len(rows) if count is None else count)
+    out += struct.pack("<H", sum(width << 4 * i for i, width in enumerate(widths)))
+    out += b"".join(map(varint, least))
+    for *fields, packet_crc_ in rows:
+        for value, low, width in zip(fields, least, widths, strict=True):
+            out += (value - low).to_bytes(width, "little")
+        out += packet_crc_.to_bytes(4, "little")
+    crc = cluster_crc(out, sequence, file_id) if crc is None else crc
+    return out + crc.to_bytes(4, "little")
 
 
-def cluster(*packets: tuple[int, int, int, bytes], file_id: int = FILE_ID) -> bytes:
-    """DATA payload of (track, start, span, bytes)."""
+def cluster(*packets: tuple[int, int, int, bytes], **given) -> Cluster:
+    """DATA payload of (track, start, span, bytes). Of DATA_0's place where ``sequence`` is not
+    given; ``file`` and ``closed`` put in the right one. ``crcs``: wrong ones, by packet; the rest
+    of ``given`` goes to ``table``."""
+    changes = dict(given)
+    crcs = changes.pop("crcs", {})
+    place = {name: changes[name] for name in ("sequence", "file_id") if name in changes}
+    count = changes.get("count", len(packets))
     rows = [
-        entry(track, len(body), start, span, body, file_id=file_id)
+        (track, len(body), start, span, packet_crc(count, track, start, span, body, **place))
         for track, start, span, body in packets
     ]
-    return varint(len(packets)) + b"".join(rows) + b"".join(body for *_, body in packets)
+    rows = [(*row[:4], crcs.get(i, row[4])) for i, row in enumerate(rows)]
+    out = Cluster(table(rows, **changes) + b"".join(body for *_, body in packets))
+    out.packets, out.given = packets, given
+    return out
 
 
-def index(entries, *, covers_from: int = 8, previous: int = 0, count=None) -> bytes:
+def index(entries, *, previous: int = 0, first: int = 0, count=None) -> bytes:
     """iNDX payload of (type, offset, start ms, stop ms)."""
     count = len(entries) if count is None else count
-    out, before = bytearray(struct.pack("<QQI", covers_from, previous, count)), covers_from
+    out, before = bytearray(struct.pack("<QII", previous, first, count)), previous
     for type_, offset, start, stop in entries:
         out += type_.encode() + varint(offset - before)
         out += varint(start) + varint(stop - start) if type_ == "DATA" else b""

@@ -19,7 +19,7 @@ def decode(data: bytes, start: int, span: int) -> list[tuple[int, int, int, str]
         step, duration, channel, size = numbers
         tick += step
         if tick >= start + span or tick + duration > 2**48:
-            raise BrokenRule("EVT-002")
+            raise BrokenRule("EVT-001")
         if size > 65535 or channel > 65535:
             raise BrokenRule("EVT-003")
         if at + size > len(data):

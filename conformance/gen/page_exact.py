@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import struct
+from collections.abc import Sequence
 from fractions import Fraction
+from typing import NamedTuple
 
 import page
 from page import BrokenRule, Coder, bits_of, varint
@@ -123,8 +126,12 @@ def decode(data: bytes, span: int, affine, rule: int, digits: int, last: int = 2
 
 def decode_exact(rest: bytes, counts, affine, rule: int, digits: int, c=()) -> list[int]:
     values = [value(count, *affine, rule, digits, c) for count in counts]
-    if not rest:
-        return [bits(v) % 2**64 for v in values]
+    away = moves(rest, counts) if rest else [0] * len(values)
+    return [word_at(place(bits(v)) + each) for v, each in zip(values, away, strict=True)]
+
+
+def moves(rest: bytes, counts) -> list[int]:
+    """The corrections of a part, times 2^z."""
     if len(rest) < 2 or rest[0] > 3 or rest[1] > 63:
         raise BrokenRule("EXA-004")
     (flags, z), at, p = rest[:2], 2, None
@@ -139,8 +146,101 @@ def decode_exact(rest: bytes, counts, affine, rule: int, digits: int, c=()) -> l
     coder = Coder(rest[at:], 4 if flags // 2 else 1)
     found = corrections(coder, counts, p, table)
     coder.finish()
-    places = [place(bits(v)) for v in values]
-    return [word_at(p + c * 2**z) for p, c in zip(places, found, strict=True)]
+    return [c * 2**z for c in found]
+
+
+class Component(NamedTuple):
+    """What the description says of one: A, B, D, the rule, and (a, lag, w) of its terms."""
+
+    affine: tuple[int, int, int]
+    rule: int = 0
+    digits: int = 0
+    c: tuple[float, ...] = ()
+    terms: tuple[tuple[int, int, float], ...] = ()
+
+
+def order(components: Sequence[Component]) -> list[int]:
+    places = range(len(components))
+    return [a for a in places if components[a].rule != 4] + [
+        a for a in places if components[a].rule == 4
+    ]
+
+
+def number_of(word: int) -> Fraction | None:
+    """None where it is not finite."""
+    x = struct.unpack("<d", struct.pack("<Q", word % 2**64))[0]
+    return Fraction(x) if math.isfinite(x) else None
+
+
+def finite(q: Fraction | None) -> Fraction | None:
+    """Rounded; None from 2^1024 on, after rounding."""
+    if q is None:
+        return None
+    q = rounded(q)
+    return q if abs(q) < 2**1024 else None
+
+
+def linear(t: int, count: int, mine: Component, columns) -> Fraction:
+    """v of rule 4; columns: the words of components, as far as they are known."""
+    v: Fraction | None = Fraction(mine.c[0])
+    for a, lag, w in mine.terms:
+        x = number_of(columns[a][t - lag]) if t >= lag else None
+        product = None if x is None else finite(Fraction(w) * x)
+        v = None if v is None or product is None else finite(v + product)
+    return value(count, *mine.affine, 0, 0) if v is None else v
+
+
+def split_parts(rest: bytes, count: int) -> list[bytes]:
+    if not rest:
+        return [b""] * count
+    sizes, at = [], 0
+    for _ in range(count - 1):
+        size, at = varint(rest, at)
+        sizes.append(size)
+    if sum(sizes) > len(rest) - at:
+        raise BrokenRule("EXA-010")
+    parts = []
+    for size in [*sizes, len(rest) - at - sum(sizes)]:
+        parts.append(rest[at : at + size])
+        at += size
+    return parts
+
+
+def decode_components(data: bytes, span: int, components: Sequence[Component], last=2**32):
+    """(counts, words) of each component of a packet."""
+    n, at = varint(data, 0)
+    if n > len(data) - at:
+        raise BrokenRule("EXA-003")
+    counts = page.decode_packet(data[at : at + n], span, last, len(components))
+    parts = split_parts(data[at + n :], len(components))
+    words: dict[int, list[int]] = {}
+    for place_ in order(components):
+        mine, row = components[place_], counts[place_]
+        away = [0] * span
+        if parts[place_]:
+            away = moves(parts[place_], row)
+        words[place_] = []
+        for t, count in enumerate(row):
+            if mine.rule == 4:
+                v = linear(t, count, mine, words)
+            else:
+                v = value(count, *mine.affine, mine.rule, mine.digits, mine.c)
+            words[place_].append(word_at(place(bits(v)) + away[t]))
+    return counts, [words[a] for a in range(len(components))]
+
+
+def encode_components(words, counts, components: Sequence[Component], recall=False) -> bytes:
+    """A packet; words as signed integers b."""
+    parts = []
+    for mine, own, row in zip(components, words, counts, strict=True):
+        if mine.rule == 4:
+            values = [linear(t, count, mine, words) for t, count in enumerate(row)]
+        else:
+            values = [value(c, *mine.affine, mine.rule, mine.digits, mine.c) for c in row]
+        parts.append(corrected(own, values, row, EVEN if recall else None))
+    coded = page.encode_packet([page.encode(list(row)) for row in counts])
+    rest = b"".join(page.varint_bytes(len(part)) for part in parts[:-1]) + b"".join(parts)
+    return page.varint_bytes(len(coded)) + coded + (rest if any(parts) else b"")
 
 
 EVEN = ((128,),) * 3
@@ -158,6 +258,11 @@ def encode_exact(
 ):
     """What follows the counts; words as signed integers b; ``p``: None without recall."""
     values = [value(count, *affine, rule, digits, c) for count in counts]
+    return corrected(words, values, counts, p, table, states)
+
+
+def corrected(words, values, counts, p, table=None, states=1) -> bytes:
+    """A part: what leads from the values to the words."""
     away = [place(w) - place(bits(v)) for w, v in zip(words, values, strict=True)]
     if not any(away):
         return b""

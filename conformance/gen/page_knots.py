@@ -59,9 +59,9 @@ def parse(data: bytes, width: int, span: int, interpolation: int,
         knots.append((tick, values))
     ticks = [tick for tick, _ in knots]
     if ticks[-1] >= span:
-        raise BrokenRule("KNT-005")
+        raise BrokenRule("KNT-003")
     if interpolation == LINEAR and len(knots) > 1 and ticks[-1] != span - 1:
-        raise BrokenRule("KNT-006")
+        raise BrokenRule("KNT-003")
     return knots
 
 

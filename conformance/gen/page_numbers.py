@@ -30,7 +30,7 @@ def varint(data: bytes, at: int) -> tuple[int, int]:
         if byte < 128:
             break
     if group and byte == 0:
-        raise BrokenRule("CNV-003")
+        raise BrokenRule("CNV-002")
     if number >= 2**53:
         raise BrokenRule("CNV-002")
     return number, at + group + 1

@@ -54,7 +54,7 @@ def lengths_of(book: bytes, symbols: int) -> list[int]:
             out += [0] * (nibbles[at + 1] + 1)
             at += 2
     if len(out) > symbols:
-        raise BrokenRule("QNT-002")
+        raise BrokenRule("QNT-003")
     used = [length for length in out if length > 0]
     if used != [1] and sum(2 ** (15 - length) for length in used) != 2**15:
         raise BrokenRule("QNT-003")
@@ -139,5 +139,5 @@ def decode(data: bytes, count: int, m: int, r: int, lengths: list[int]) -> list[
     if len(out) > count:
         raise BrokenRule("QNT-004")
     if len(bits) - at >= 8 or "1" in bits[at:]:
-        raise BrokenRule("QNT-005")
+        raise BrokenRule("QNT-004")
     return out

@@ -21,13 +21,13 @@ FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64")
 
 class Packet(NamedTuple):
     """``rows``: a number for each tick, or for each tick the numbers of its components; counts
-    as the track delivers them, clamped. ``exact``: the words of LPCX."""
+    as the track delivers them, clamped. ``exact``: the words of LPCX, likewise."""
 
     start: int
     rows: Sequence[Any]
     body: bytes
     cluster: int = 0
-    exact: Sequence[int] = ()
+    exact: Sequence[Any] = ()
 
     @property
     def span(self) -> int:
@@ -106,12 +106,13 @@ class Track:
     def component(self, i: int) -> dict[int, int]:
         return {tick: row[i] for tick, row in self.rows().items()}
 
-    def exact(self) -> dict[int, int]:
+    def exact(self) -> dict[int, tuple[int, ...]]:
+        """The words of each tick."""
         return {
-            packet.start + i: word
+            packet.start + i: tuple(row) if isinstance(row, (tuple, list)) else (row,)
             for packet in self.packets
-            for i, word in enumerate(packet.exact)
-        }  # fmt: skip
+            for i, row in enumerate(packet.exact)
+        }
 
     def told(self, i: int) -> dict[str, Any]:
         """Members of component i's channel, without its samples."""
@@ -211,7 +212,11 @@ def channel_of(tracks: Sequence[Track], number: int, bases: dict[int | None, Tra
     for track in tracks:
         values |= full_band(track, number - track.channel, bases.get(track.id))
     out = first.told(i) | sampled(values, words=first.words)
-    exact = {tick: word for track in tracks for tick, word in track.exact().items()}
+    exact = {
+        tick: row[number - track.channel]
+        for track in tracks
+        for tick, row in track.exact().items()
+    }  # fmt: skip
     if exact:
         quotients = {tick: double_of(values[tick], first.affine(i)) for tick in values}
         exact = quotients | exact
@@ -280,7 +285,7 @@ def digest(track: Track, packets: Sequence[Packet] | None = None) -> bytes:
     part = replace(track, packets=track.packets if packets is None else packets)
     exact, rows = part.exact(), part.rows()
     size = 8 if exact else {"counts": 4, "binary16": 2, "binary32": 4}.get(track.number_format, 8)
-    numbers_ = [(exact[tick],) if exact else row for tick, row in sorted(rows.items())]
+    numbers_ = [exact[tick] if exact else row for tick, row in sorted(rows.items())]
     raw = b"".join((n % 256**size).to_bytes(size, "little") for row in numbers_ for n in row)
     covered = b"".join(struct.pack("<QQ", a, b - a) for a, b in spans_of(rows))
     return hashlib.sha256(hashlib.sha256(raw).digest() + covered).digest()

@@ -93,20 +93,28 @@ class Laid:
         return found
 
 
-def rows_of(packets: Sequence[Packet], payload: int) -> tuple[Row, ...]:
-    table = [len(f.entry(*_sized(each))) for each in packets]
-    entry = payload + len(f.varint(len(packets)))
-    at = entry + sum(table)
+class Wide(list[Packet]):
+    """A cluster each of whose fields has a byte in the rows."""
+
+
+def cluster(packets: list[Packet]) -> f.Cluster:
+    given = {"widths": (1, 1, 1, 1)} if isinstance(packets, Wide) else {}
+    return f.cluster(*packets, **given)
+
+
+def rows_of(packets: list[Packet], payload: int) -> tuple[Row, ...]:
+    whole = cluster(packets)
+    at = payload + len(whole) - sum(len(body) for *_, body in packets)
+    columns = [[p[0] for p in packets], [len(p[3]) for p in packets]]
+    columns += [[p[1] for p in packets], [p[2] for p in packets]]
+    size = 4 + sum(f.bytes_of(max(column) - min(column)) for column in columns)
+    size = 8 if isinstance(packets, Wide) else size
+    entry = at - 4 - size * len(packets)
     out = []
-    for (track, start, _, body), size in zip(packets, table, strict=True):
+    for track, start, _, body in packets:
         out.append(Row(track, start, entry, entry + size, at, at + len(body)))
         entry, at = entry + size, at + len(body)
     return tuple(out)
-
-
-def _sized(each: Packet) -> tuple[int, int, int, int]:
-    track, start, span, body = each
-    return track, len(body), start, span
 
 
 def lay(*chunks: Chunk, close: bool = True, skip: Sequence[int] = ()) -> Laid:
@@ -130,7 +138,7 @@ def lay(*chunks: Chunk, close: bool = True, skip: Sequence[int] = ()) -> Laid:
         at = len(data)
         if isinstance(each, list):
             start, stop = min(p[1] for p in each), max(p[1] + p[2] for p in each)
-            add("DATA", f.cluster(*each), {}, rows_of(each, at + HEADER))
+            add("DATA", cluster(each), {}, rows_of(each, at + HEADER))
             listed.append(("DATA", at, start, stop))
             stop_tick, clusters = max(stop, stop_tick), clusters + 1
             continue
@@ -139,11 +147,8 @@ def lay(*chunks: Chunk, close: bool = True, skip: Sequence[int] = ()) -> Laid:
         if type_ == "TRAK":
             first = given.get("track", 0)
             numbers_ |= set(range(first, first + f.tracks_in(payload)))
-        if type_ == "iNDX":
-            add(type_, payload or f.index(listed), given, ())
-        else:
-            add(type_, payload, given, ())
-            listed.append((type_, at, 0, 0))
+        add(type_, f.index(listed) if type_ == "iNDX" and not payload else payload, given, ())
+        listed.append((type_, at, 0, 0))
     if close:
         index = len(data)
         add("iNDX", f.index(listed), {}, ())

@@ -26,7 +26,7 @@ import plain  # noqa: E402
 
 PARAMETERS = {
     "Parameters": {"codec"}, "Contract": {"component_count"},
-    "Observation": {"number"}, "Point": {"number"},
+    "Observation": {"number"}, "Point": {"number"}, "Row": {"widths"},
 }  # fmt: skip
 """What types are given, in place of what they read."""
 
@@ -61,7 +61,7 @@ def as_plain(value: Any) -> Any:
     if not hasattr(value, "_io"):
         return value
     name = type(value).__name__
-    if name in ("Varint", "Svarint"):
+    if name in ("Varint", "Svarint", "Digits"):
         return value.value
     given = PARAMETERS.get(name, set())
     fields = {key: each for key, each in vars(value).items() if key[0] != "_" and key not in given}
@@ -109,9 +109,9 @@ def check(module: ModuleType, data: bytes) -> list[str]:
                 kinds[id_] = track["kind"]
     for each in wanted["chunks"]:
         if each["header"]["type"] == "DATA":
-            rows = zip(each["payload"]["entries"], each["payload"]["packets"], strict=True)
-            for row, packet in rows:
-                if kinds.get(row["track"]) == 3:
+            payload = each["payload"]
+            for row, packet in zip(payload["rows"], payload["packets"], strict=True):
+                if kinds.get(payload["least_track"] + row["track"]) == 3:
                     events = as_plain(module.Hapf.EventPacket.from_bytes(packet))
                     out += differences(events, plain.events(packet), "events")
     return out

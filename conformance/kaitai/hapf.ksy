@@ -23,7 +23,7 @@ seq:
 types:
   varint:
     doc: An unsigned integer below 2^53 in groups of seven bits, the least significant first.
-    doc-ref: SPEC.md clause 2, CNV-002, CNV-003
+    doc-ref: SPEC.md clause 2, CNV-002
     seq:
       - id: groups
         type: u1
@@ -118,7 +118,7 @@ types:
         doc: Size of the payload in bytes.
       - id: track
         type: u2
-        doc: Track id that the chunk speaks of; 0xFFFF where it speaks of none.
+        doc: Track id that the chunk refers to; 0xFFFF: none.
       - id: flags
         type: u2
         doc: Bits 0 to 7 critical, 8 to 15 ancillary; 0 in version 1.0.
@@ -235,7 +235,7 @@ types:
         doc: Declared range of a decoded count, highest.
       - id: first_channel
         type: u2
-        doc: Channel number of the first component; the others follow on.
+        doc: Channel number of the first component; the others follow.
       - id: linked
         type: u2
         doc: For HF the id of its base track; else of the track that it continues, or 0xFFFF.
@@ -306,7 +306,7 @@ types:
             '"QUAN"': quan_parameters
             '"RAWB"': rawb_parameters
             '"LPCR"': lpcr_parameters
-            '"LPCX"': lpcx_parameters
+            '"LPCX"': lpcx_components
         doc: The parameters; bytes where the codec is not known.
   knot_parameters:
     doc-ref: SPEC.md 9.1
@@ -371,6 +371,13 @@ types:
         type: varint
         if: grid == grid::deadband
         doc: Its denominator.
+  lpcx_components:
+    doc-ref: SPEC.md 9.7
+    seq:
+      - id: components
+        type: lpcx_parameters
+        repeat: eos
+        doc: In their order.
   lpcx_parameters:
     doc-ref: SPEC.md 9.7
     seq:
@@ -381,8 +388,11 @@ types:
       - id: digits
         type: u1
         doc: Significant digits with rule 2; else 0.
+      - id: terms
+        type: u1
+        doc: Number of terms with rule 4; else 0.
       - id: reserved
-        size: 2
+        type: u1
         doc: "0."
       - id: coefficients
         type: f8
@@ -390,6 +400,27 @@ types:
         repeat-expr: 4
         if: rule == rule::cubic
         doc: c0 to c3 of rule 3.
+      - id: constant
+        type: f8
+        if: rule == rule::linear
+        doc: c0 of rule 4.
+      - id: weights
+        type: lpcx_term
+        repeat: expr
+        repeat-expr: terms
+        doc: The terms of rule 4.
+  lpcx_term:
+    doc-ref: SPEC.md 9.7
+    seq:
+      - id: component
+        type: u1
+        doc: A component of the track.
+      - id: lag
+        type: u1
+        doc: In ticks.
+      - id: weight
+        type: f8
+        doc: Of its exact value.
   calibration_list:
     doc: Physical value = (count * A + B) / D.
     doc-ref: SPEC.md clause 8
@@ -462,33 +493,77 @@ types:
       - id: packet_count
         type: varint
         doc: How many packets.
-      - id: entries
-        type: packet_entry
+      - id: widths
+        type: u2
+        doc: Bytes of each field of a row, four bits each, track in the lowest, then size, start, span.
+      - id: least_track
+        type: varint
+        doc: Least track id of the packets.
+      - id: least_size
+        type: varint
+        doc: Bytes of the smallest packet.
+      - id: least_start
+        type: varint
+        doc: Earliest tick that a packet starts at.
+      - id: least_span
+        type: varint
+        doc: Fewest ticks of a packet.
+      - id: rows
+        type: row(widths)
         repeat: expr
         repeat-expr: packet_count.value
-        doc: Table of the packets, in increasing order of (track, start).
+        doc: One for each packet, in increasing order of (track, start).
+      - id: table_crc
+        type: u4
+        doc: Cluster CRC of all bytes of the payload before it.
       - id: packets
-        size: entries[_index].size.value
+        size: least_size.value + rows[_index].size.value
         repeat: expr
         repeat-expr: packet_count.value
         doc: The packets, whose bytes their codecs read (clause 9); those of EVNT as type event_packet.
-  packet_entry:
+  row:
+    doc: What the least values of the cluster are to be added to.
+    params:
+      - id: widths
+        type: u2
+        doc: Those of the cluster.
     seq:
       - id: track
-        type: varint
+        type: digits(widths & 15)
         doc: Track id.
       - id: size
-        type: varint
+        type: digits((widths >> 4) & 15)
         doc: Bytes of the packet.
       - id: start
-        type: varint
+        type: digits((widths >> 8) & 15)
         doc: Tick of the first sample.
       - id: span
-        type: varint
+        type: digits((widths >> 12) & 15)
         doc: Number of ticks.
       - id: packet_crc
         type: u4
-        doc: File CRC of the four varints, followed by the packet.
+        doc: Cluster CRC of packet_count, track, size, start and span, then the packet.
+  digits:
+    doc: A number in as many bytes as the cluster says, least significant first.
+    params:
+      - id: width
+        type: u1
+        doc: How many bytes.
+    seq:
+      - id: digits
+        type: u1
+        repeat: expr
+        repeat-expr: width
+        doc: At most six.
+    instances:
+      value:
+        value: >-
+          (width > 0 ? digits[0] : 0)
+          + (width > 1 ? digits[1] * 0x100 : 0)
+          + (width > 2 ? digits[2] * 0x10000 : 0)
+          + (width > 3 ? digits[3] * 0x1000000 : 0)
+          + (width > 4 ? digits[4] * 0x100000000 : 0)
+          + (width > 5 ? digits[5] * 0x10000000000 : 0)
   event_packet:
     doc: Packet of codec EVNT; which packets these are says the description of their track.
     doc-ref: SPEC.md 9.9
@@ -519,12 +594,12 @@ types:
     doc: A list of chunks, with the times of clusters.
     doc-ref: SPEC.md 6.5
     seq:
-      - id: covers_from
-        type: u8
-        doc: Offset from which on every chunk up to this one is listed.
       - id: previous
         type: u8
-        doc: Offset of the iNDX chunk before this one; 0 means none.
+        doc: Offset of the iNDX chunk that the list begins with; 0 means none.
+      - id: first_sequence
+        type: u4
+        doc: Sequence number of the first chunk that is listed.
       - id: entry_count
         type: u4
         doc: Number of entries.
@@ -532,7 +607,7 @@ types:
         type: index_entry
         repeat: expr
         repeat-expr: entry_count
-        doc: In order of the offsets.
+        doc: One for each chunk, in the order of the file.
   index_entry:
     seq:
       - id: type
@@ -542,7 +617,7 @@ types:
         doc: Type of the chunk.
       - id: distance
         type: varint
-        doc: Offset of its header minus that of the entry before; of the first, minus covers_from.
+        doc: Offset of its header minus that of the entry before; of the first, minus previous.
       - id: start_ms
         type: varint
         if: type == "DATA"
@@ -701,3 +776,4 @@ enums:
     1: product
     2: significant_digits
     3: cubic
+    4: linear

@@ -171,14 +171,23 @@ def text(c: Cursor, _: Plain) -> Plain:
 
 
 def data(c: Cursor) -> Plain:
-    def entry(c: Cursor) -> Plain:
-        out: Plain = {field: c.varint() for field in ("track", "size", "start", "span")}
-        return out | {"packet_crc": int.from_bytes(c.take(4), "little")}
-
+    fields = ("track", "size", "start", "span")
     count = c.varint()
-    entries = c.times(count, entry)
-    packets = [c.take(row["size"]) for row in entries]
-    return {"packet_count": count, "entries": entries, "packets": packets}
+    widths = int.from_bytes(c.take(2), "little")
+
+    def row(c: Cursor) -> Plain:
+        sizes = [widths >> 4 * place & 15 for place in range(4)]
+        out: Plain = {
+            field: int.from_bytes(c.take(size), "little")
+            for field, size in zip((*fields, "packet_crc"), (*sizes, 4), strict=True)
+        }
+        return out
+
+    out: Plain = {"packet_count": count, "widths": widths}
+    out |= {f"least_{field}": c.varint() for field in fields}
+    rows = c.times(count, row)
+    out |= {"rows": rows, "table_crc": int.from_bytes(c.take(4), "little")}
+    return out | {"packets": [c.take(out["least_size"] + each["size"]) for each in rows]}
 
 
 def index(c: Cursor) -> Plain:

@@ -59,7 +59,7 @@ MUTANTS = (
     mutant(
         "overlong-varints",
         "Varints that are longer than needed are taken.",
-        "CNV-003",
+        "CNV-002",
         Edit("integers:parse_varint", "if byte == 0 and index:", "if False:"),
         Edit("codecs.varints:parse_varints", "(sizes > 1) & (raw[stops - 1] == 0)", "sizes < 1"),
     ),
@@ -85,7 +85,7 @@ MUTANTS = (
     mutant(
         "same-text-ignored",
         "The byte 255 of a string list is an empty text.",
-        "CNV-005 TLV-004",
+        "TLV-004",
         Edit("container.tlv:parse_strings", "items.append(items[-1])", 'items.append("")'),
     ),
     mutant(

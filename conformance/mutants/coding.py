@@ -40,7 +40,7 @@ MUTANTS = (
     mutant(
         "codebook-run-one-short",
         "The nibbles 0, n stand for n symbols without a code word.",
-        "QNT-002 QNT-003",
+        "QNT-003",
         Edit(HUFFMAN, "[0] * (nibbles[position] + 1)", "[0] * nibbles[position]"),
     ),
     mutant(
@@ -52,7 +52,7 @@ MUTANTS = (
     mutant(
         "filler-unchecked",
         "The bits that fill the last byte of a QUAN packet may be anything.",
-        "QNT-005",
+        "QNT-004",
         Edit("codecs.quantised:check_end", "if stop % 8 and", "if False and"),
     ),
     mutant(
@@ -68,7 +68,7 @@ MUTANTS = (
     mutant(
         "deflate-end-unchecked",
         "A DEFLATE stream may end before its packet, or not at all.",
-        "RAW-004",
+        "RAW-003",
         Edit(
             "container.deflate:inflate", "if not unpacker.eof or unpacker.unused_data:", "if False:"
         ),
@@ -268,7 +268,7 @@ MUTANTS = (
     mutant(
         "knots-line-ends-early",
         "The last knot of a line may stand a tick before the end of its packet.",
-        "KNT-006",
+        "KNT-003",
         Edit("codecs.knots:check_ticks", "0 < last < span - 1", "0 < last < span - 2"),
     ),
     mutant(
@@ -286,7 +286,7 @@ MUTANTS = (
     mutant(
         "hold-a-tick-late",
         "A held count begins a tick after its knot.",
-        "KNT-005",
+        "KNT-003",
         Edit(
             "codecs.knots:interpolate",
             "np.diff(np.append(ticks, span))",
@@ -298,9 +298,51 @@ MUTANTS = (
         "The exact values of LPCX are the values of the counts, without corrections.",
         "EXA-006 EXA-007",
         Edit(
-            "codecs.exact:decode_exact",
-            "unordered(ordered(doubles) + (corrections << rest[1]))",
-            "doubles",
+            "codecs.exact:decode_moves",
+            "return corrections << rest[1]",
+            "return 0 * corrections",
+        ),
+    ),
+    mutant(
+        "exact-linear-early",
+        "Rule 4 of LPCX is used before all lags lie within the packet, with zeros.",
+        "EXA-009 EXA-007",
+        Edit(
+            "codecs.values:linear_values",
+            "        if t >= reach:\n",
+            "        if True:\n",
+        ),
+        Edit(
+            "codecs.values:linear_values",
+            "v += weight * x[t - lag]",
+            "v += weight * (x[t - lag] if t >= lag else 0.0)",
+        ),
+    ),
+    mutant(
+        "exact-linear-rounded-once",
+        "The sum of rule 4 is rounded at the end alone.",
+        "EXA-009 EXA-007",
+        Edit(
+            "codecs.values:linear_values",
+            "            v = c0\n"
+            "            for x, lag, weight in rows:\n"
+            "                v += weight * x[t - lag]",
+            "            from fractions import Fraction\n"
+            "            row = [(w, x[t - lag]) for x, lag, w in rows]\n"
+            "            whole = all(isfinite(x) for _, x in row)\n"
+            "            v = sum((Fraction(w) * Fraction(x) for w, x in row), Fraction(c0))"
+            " if whole else c0 + float('nan')\n"
+            "            v = float(v) if abs(v) < 2**1023 else quotient",
+        ),
+    ),
+    mutant(
+        "exact-linear-in-turn",
+        "Components of LPCX are decoded in their order, the linear ones too.",
+        "EXA-009",
+        Edit(
+            "codecs.exact:in_order",
+            "key=lambda place: parameters[place].rule == LINEAR",
+            "key=lambda place: 0",
         ),
     ),
     mutant(

@@ -9,7 +9,7 @@ HEADER = "container.walk:header_at"
 FIND = "container.walk:find_header"
 WALK = "container.walk:walk"
 LEARN = "reading.catalogue:Catalogue.learn"
-RUN = "container.salvage:Salvage.run"
+RUN = "container.salvage:salvage_cluster"
 EXIT = "verdict:verdict_of"
 PAYLOAD_HOLDS = "crc32(payload, header.seed) == header.payload_crc"
 IDENTIFY = "container.walk:identify"
@@ -39,12 +39,12 @@ MUTANTS = (
         "DAT-004 REC-001",
         Edit(
             "container.salvage:Salvage.holds",
-            " or packet_crc(self.seed, entry.fields, data) != entry.crc",
-            "",
+            "return packet_crc(self.seed, self.head.packet_count, row, data) == row.crc",
+            "return True",
         ),
         Edit(
             "container.cluster:parse_cluster",
-            "if packet_crc(seed, entry.fields, data) != entry.crc:",
+            "if packet_crc(seed, head.packet_count, row, data) != row.crc:",
             "if False:",
         ),
     ),
@@ -62,7 +62,43 @@ MUTANTS = (
         "packet-crc-without-file-id",
         "The CRC of a packet is a plain CRC-32: packets of other files hold.",
         "DAT-004 CHK-004",
-        Edit("container.cluster:packet_crc", "crc32(fields, seed)", "crc32(fields)"),
+        Edit("container.wire:cluster_seed", ", seed_of(file_id))", ")"),
+    ),
+    mutant(
+        "packet-crc-without-sequence",
+        "The CRC of a packet leaves out the number of its chunk: packets of other chunks hold.",
+        "DAT-004",
+        Edit(
+            "container.wire:cluster_seed",
+            'zlib.crc32(sequence.to_bytes(8, "little"), seed_of(file_id))',
+            "seed_of(file_id)",
+        ),
+    ),
+    mutant(
+        "packet-crc-without-count",
+        "The CRC of a packet leaves out how many packets there are.",
+        "DAT-004",
+        Edit("container.cluster:packet_crc", "FIELDS.pack(count, ", "FIELDS.pack(0, "),
+    ),
+    mutant(
+        "table-crc-ignored",
+        "The CRC of a table is not looked at.",
+        "DAT-011",
+        Edit(
+            "container.cluster:parse_table",
+            "if crc32(part[: head.rows_stop], seed) != stored:",
+            "if False:",
+        ),
+    ),
+    mutant(
+        "least-values-ignored",
+        "The fields of a row are taken without their least values.",
+        "DAT-004",
+        Edit(
+            "container.cluster:parse_rows",
+            "track, size, start, span = head.least",
+            "track = size = start = span = 0",
+        ),
     ),
     mutant(
         "payload-crc-without-file-id",
@@ -89,7 +125,7 @@ MUTANTS = (
             "held = HEADER_SIZE + header.payload_size if chunk.intact else 0",
             "held = int(chunk.intact)",
         ),
-        Edit(IDENTIFY, "held = held_size(chunk.payload, header.seed)", "held = 0"),
+        Edit(IDENTIFY, "held = held_size(chunk.payload, header.cluster_seed)", "held = 0"),
     ),
     mutant(
         "file-id-from-within",
@@ -177,7 +213,7 @@ MUTANTS = (
     mutant(
         "ends-at-first-footer",
         "Where there are several footers the first one ends the file.",
-        "FOT-003 FIL-003",
+        "FOT-002 FIL-003",
         Edit(
             WALK,
             "yield chunk",
@@ -194,23 +230,19 @@ MUTANTS = (
         "salvage-nothing",
         "Of a damaged DATA payload nothing is delivered.",
         "REC-002",
-        Edit(
-            RUN,
-            "for place in sorted(self.found):",
-            "self.found.clear()\n    for place in sorted(self.found):",
-        ),
+        Edit(RUN, "if salvage.head is None or not salvage.kept:", "if True:"),
     ),
     mutant(
         "salvage-forwards-only",
         "Packets of a damaged payload are placed from the front alone.",
         "REC-002",
-        Edit(RUN, "self.backwards(stop, self.table_stop)", "pass"),
+        Edit(RUN, "salvage.place_backwards(size)", "pass"),
     ),
     mutant(
-        "salvage-without-search",
-        "Where the table of a damaged payload cannot be read, no entry is looked for.",
+        "salvage-backwards-only",
+        "Packets of a damaged payload are placed from the end alone.",
         "REC-002",
-        Edit(RUN, "self.search()", "self.found.update(before[0])"),
+        Edit(RUN, "salvage.place_forwards()", "pass"),
     ),
     mutant(
         "salvage-header-size-only",
@@ -229,20 +261,30 @@ MUTANTS = (
         ),
     ),
     mutant(
-        "packets-of-the-next-chunk",
-        "A salvaged packet may cover ticks of the chunk that follows.",
-        "REC-002 DAT-006",
-        Edit("reading.packets:PacketPass.beyond", "return late", "return False"),
-    ),
-    mutant(
         "lost-times-ignored",
         "What is lost is not told closer by the times of the indexes.",
         "REC-003 REC-012",
         Edit(
-            "reading.timeline:Timeline.between",
-            "if not lost:",
-            "return UNKNOWN\n    if not lost:",
+            "reading.timeline:Timeline.missing",
+            "if len(gone) < count:",
+            "if True:",
         ),
+    ),
+    mutant(
+        "lost-times-by-place",
+        "The first entry of every index is taken for chunk 0.",
+        "IDX-007 REC-012",
+        Edit(
+            "reading.timeline:Timeline.__init__",
+            "enumerate(index.entries, index.first_sequence)",
+            "enumerate(index.entries)",
+        ),
+    ),
+    mutant(
+        "lost-times-of-neighbours",
+        "What a damaged chunk lost is not bounded by its own entry.",
+        "REC-003 REC-012",
+        Edit("reading.timeline:Timeline.of", "return UNKNOWN if", "return UNKNOWN if True or"),
     ),
     mutant(
         "lost-end-unreported",
@@ -269,7 +311,7 @@ MUTANTS = (
     mutant(
         "exit-0-not-closed",
         "A file that was not closed ends with code 0.",
-        "VRD-002",
+        "VRD-001",
         Edit(EXIT, "if found and not broken:", "if found and False:"),
     ),
     mutant(
@@ -314,9 +356,16 @@ MUTANTS = (
         role="verifier",
     ),
     mutant(
+        "index-number-unchecked",
+        "The number of the first chunk that an index lists is not compared.",
+        "IDX-007",
+        Edit("container.index:check_listing", "if index.first_sequence != start:", "if False:"),
+        role="verifier",
+    ),
+    mutant(
         "footer-unchecked",
         "The counts of a footer are not compared with the file.",
-        "FOT-003",
+        "FOT-002",
         Edit(
             "verifier:check_structure",
             "if (foot.data_count, foot.track_count, foot.duration_ns) != (*counts, stop_ns):",

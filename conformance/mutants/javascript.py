@@ -66,7 +66,7 @@ MUTANTS = (
     javascript(
         "lf-for-full-band",
         "Where the HF track is lost the LF track is played as the full band.",
-        "DEC-006",
+        "DEC-003",
         Edit(
             "channels.js",
             "track.kind === 'full' || residual ? new Part",
@@ -76,7 +76,7 @@ MUTANTS = (
     javascript(
         "sum-not-clamped",
         "The sum of LF and HF is not clamped from above.",
-        "DEC-002",
+        "DEC-001",
         Edit(
             "channels.js",
             "sum < countMin ? countMin : sum > countMax ? countMax : sum",

@@ -40,13 +40,13 @@ MUTANTS = (
     mutant(
         "sum-not-clamped",
         "The sum of LF and HF is not clamped.",
-        "DEC-002",
+        "DEC-001",
         Edit(SUM, "np.clip(both, low, high)", "both"),
     ),
     mutant(
         "sum-clamped-to-hf",
         "The sum of LF and HF is clamped to the range of the HF track.",
-        "DEC-002",
+        "DEC-001",
         Edit(
             SUM,
             "low, high = lf.track.count_min, lf.track.count_max",
@@ -56,7 +56,7 @@ MUTANTS = (
     mutant(
         "hf-a-tick-late",
         "The residual of a tick is added to the tick after it.",
-        "DEC-002 DEC-003",
+        "DEC-001 DEC-003",
         Edit(SUM, "e[j : j + span.ticks]", "np.roll(e[j : j + span.ticks], 1, axis=0)"),
     ),
     mutant(
@@ -76,10 +76,10 @@ MUTANTS = (
     mutant(
         "lf-for-full-band",
         "Where the HF track is lost the LF track is played as the full band.",
-        "DEC-006",
+        "DEC-003",
         Edit(
             PART,
-            "# Its HF track is lost: what is left is not the channel (DEC-006).\n"
+            "# Its HF track is lost: what is left is not the channel (DEC-003).\n"
             "        return Decoded(part.track)",
             "return self.tracks[part.track.id]",
         ),
@@ -148,14 +148,14 @@ MUTANTS = (
         "TRK-020",
         Edit(
             "container.description:unpack",
-            'inflate(payload[start:], size, "TRK-020", "TRK-020", offset + start)',
+            'inflate(payload[start:], size, "TRK-020", offset + start)',
             "__import__('zlib').decompressobj(-15).decompress(payload[start:])",
         ),
     ),
     mutant(
         "a-byte-after-the-tracks",
         "What follows the last track is skipped.",
-        "TLV-002",
+        "TLV-001",
         Edit(
             "container.description:parse_records",
             "while position < len(plain) or not components:",
@@ -236,7 +236,7 @@ MUTANTS = (
     mutant(
         "major-version-ignored",
         "Any major version is read.",
-        "VER-002",
+        "VER-001",
         Edit(HEAD, "if raw.major != MAJOR:", "if False:"),
     ),
     mutant(
@@ -252,7 +252,7 @@ MUTANTS = (
     mutant(
         "incompat-ignored",
         "Unknown bits in incompat are ignored.",
-        "VER-002",
+        "VER-001",
         Edit(HEAD, "if raw.incompat & ~KNOWN_INCOMPAT:", "if False:"),
     ),
     mutant(

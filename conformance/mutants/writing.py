@@ -131,13 +131,13 @@ MUTANTS = (
     encoder(
         "footer-counts-clusters-twice",
         "The footer counts one DATA chunk too many.",
-        "FOT-003",
+        "FOT-002",
         Edit(f"{WRITER}.foot", "self.data_count,", "self.data_count + 1,"),
     ),
     encoder(
         "footer-rounds-down",
         "The footer rounds the duration down.",
-        "FOT-003",
+        "FOT-002",
         Edit(
             "container.index:ceil_ns",
             "-(-seconds.numerator * 10**9 // seconds.denominator)",
@@ -145,13 +145,13 @@ MUTANTS = (
         ),
     ),
     encoder(
-        "packet-crc-without-entry",
-        "The CRC of a packet does not cover its entry.",
+        "packet-crc-without-row",
+        "The CRC of a packet does not cover its row.",
         "DAT-004",
         Edit(
             "container.cluster:build_cluster",
-            "packet_crc(seed, fields, packet.data)",
-            'packet_crc(seed, b"", packet.data)',
+            "packet_crc(seed, count, row, packet.data)",
+            "crc32(packet.data, seed)",
         ),
     ),
     encoder(
@@ -160,14 +160,24 @@ MUTANTS = (
         "DAT-004",
         Edit(
             "container.cluster:build_cluster",
-            "packet_crc(seed, fields, packet.data)",
-            "packet_crc(0, fields, packet.data)",
+            "packet_crc(seed, count, row, packet.data)",
+            "packet_crc(0, count, row, packet.data)",
+        ),
+    ),
+    encoder(
+        "packet-crc-of-another-chunk",
+        "The CRCs of all clusters are those of chunk 0.",
+        "DAT-004 DAT-011",
+        Edit(
+            f"{WRITER}.data",
+            "cluster_seed(self.file_id, self.sequence)",
+            "cluster_seed(self.file_id, 0)",
         ),
     ),
     encoder(
         "overlong-varint-written",
         "Varints of one byte are written with two.",
-        "CNV-003",
+        "CNV-002",
         Edit("integers:build_varint", "out.append(value)\n", "out += bytes([value | 0x80, 0])\n"),
     ),
     encoder(

@@ -60,15 +60,15 @@ def varint(data: bytes, position: int) -> tuple[int, int]:
 
 
 class Index(NamedTuple):
-    covers_from: int
     previous: int
+    first_sequence: int
     entries: list[tuple[str, int]]
 
 
 def index_of(payload: bytes) -> Index:
     """Types and offsets that it lists."""
-    covers_from, previous, count = struct.unpack_from("<QQI", payload)
-    position, offset = 20, covers_from
+    previous, first_sequence, count = struct.unpack_from("<QII", payload)
+    position, offset = 16, previous
     entries = []
     for _ in range(count):
         type_ = payload[position : position + 4].decode("latin-1")
@@ -80,11 +80,12 @@ def index_of(payload: bytes) -> Index:
             _, position = varint(payload, position)
     if position != len(payload):
         raise ValueError("an index does not end with its last entry")
-    return Index(covers_from, previous, entries)
+    return Index(previous, first_sequence, entries)
 
 
 def index_faults(data: bytes) -> Iterator[str]:
-    """Where the indexes of a closed file do not lead to every chunk (IDX-002, FOT-001, FOT-002)."""
+    """Where the indexes of a closed file do not lead to every chunk (IDX-002, IDX-007, FOT-001,
+    FOT-002)."""
     try:
         found = chunks(data)
     except (ValueError, struct.error) as error:
@@ -102,6 +103,8 @@ def index_faults(data: bytes) -> Iterator[str]:
         yield f"fOOT: index_offset {at}, the last index stands at {max(indexes, default=0)}"
         return
     listed: dict[int, str] = {}
+    numbers = {chunk.offset: number for number, chunk in enumerate(found)}
+    end = at
     while True:
         try:
             index = index_of(indexes[at].payload)
@@ -109,13 +112,16 @@ def index_faults(data: bytes) -> Iterator[str]:
             yield f"no index that can be read at {at}"
             return
         listed |= {offset: type_ for type_, offset in index.entries}
-        if index.covers_from == FIRST_OFFSET:
+        first = index.entries[0][1] if index.entries else at
+        if numbers.get(first) != index.first_sequence:
+            yield f"the index at {at} counts the chunk at {first} as {index.first_sequence}"
+        if not index.previous:
             break
         if not index.previous < at:
             yield f"the index at {at} names {index.previous} as the one before"
             return
         at = index.previous
-    there = {c.offset: c.type for c in found if c.type not in ("iNDX", "fOOT")}
+    there = {chunk.offset: chunk.type for chunk in found if chunk.offset < end}
     for offset in sorted(there.keys() | listed.keys()):
         if there.get(offset) != listed.get(offset):
             is_there, is_listed = there.get(offset, "no chunk"), listed.get(offset, "nothing")

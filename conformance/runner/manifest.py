@@ -93,6 +93,7 @@ def make_on_demand(cases: Sequence[Case], folder: Path) -> None:
 
 
 def rules(room: Path = ROOM) -> list[str]:
-    """Ids of SPEC.md, where that stands beside."""
-    path = room.parent / "SPEC.md"
-    return sorted(set(RULE.findall(path.read_text(encoding="utf-8")))) if path.exists() else []
+    """Ids of SPEC.md and docs/spec, where these are present."""
+    pages = [room.parent / "SPEC.md", *(room.parent / "docs" / "spec").glob("*.md")]
+    texts = [page.read_text(encoding="utf-8") for page in pages if page.exists()]
+    return sorted({rule for text in texts for rule in RULE.findall(text)})

@@ -66,14 +66,23 @@ def cross_terms(predictor: Predictor, earlier: Sequence[Indices]) -> Indices | N
 
 def split_components(data: bytes, count: int, offset: int) -> list[tuple[int, int]]:
     """Where each component packet begins and ends."""
+    found = parts_of(data, count, offset)
+    if found is None:
+        raise FormatError(
+            "component packets larger than their packet", requirement="LPC-001", offset=offset
+        )
+    return found
+
+
+def parts_of(data: bytes, count: int, offset: int) -> list[tuple[int, int]] | None:
+    """Where parts begin and end whose sizes, but that of the last, stand before them; None where
+    they do not fit."""
     sizes, position = [], 0
     for _ in range(count - 1):
         size, position = parse_varint(data, position, offset)
         sizes.append(size)
     if sum(sizes) > len(data) - position:
-        raise FormatError(
-            "component packets larger than their packet", requirement="LPC-001", offset=offset
-        )
+        return None
     ends = [position + sum(sizes[: place + 1]) for place in range(count - 1)] + [len(data)]
     return list(zip([position, *ends], ends, strict=False))
 

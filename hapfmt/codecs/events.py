@@ -76,10 +76,10 @@ def parse_events(data: bytes, start: int, span: int, offset: int) -> list[CodedE
         tick += step
         if tick >= start + span:
             raise FormatError(
-                "an event after the end of its packet", requirement="EVT-002", offset=at
+                "an event after the end of its packet", requirement="EVT-001", offset=at
             )
         if tick + duration > TICK_LIMIT:
-            raise FormatError("an event that ends after 2^48", requirement="EVT-002", offset=at)
+            raise FormatError("an event that ends after 2^48", requirement="EVT-001", offset=at)
         if channel > CHANNELS:
             raise FormatError(
                 f"an event of channel {channel - 1}", requirement="EVT-003", offset=at

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,20 +17,27 @@ from ..errors import FormatError
 from ..integers import parse_varint
 from ..kernels import compiled
 from ..limits import Level
-from .components import decode_predicted
+from .components import decode_predicted, parts_of
 from .entropy import Decoder, Encoder, Lengths, bit_ends, probability, put_by_length, share_of
 from .grids import LpcParameters
 from .values import (
     COEFFICIENT_LIMIT,
     COEFFICIENTS,
     CUBIC,
+    LINEAR,
+    QUOTIENT,
     Counts,
     Doubles,
-    digits_fit,
+    Term,
+    by_places,
+    linear_values,
     ordered,
-    unordered,
+    predictions,
+    rule_fits,
     values_of,
 )
+
+TERM = struct.Struct("<BBd")
 
 RECALL, FOUR_STATES = 1, 2
 LENGTHS = 64
@@ -58,36 +67,80 @@ class ExactParameters:
     rule: int = 0
     digits: int = 0
     coefficients: tuple[float, ...] = ()
-    """c0 to c3 of the cubic rule."""
+    """c0 to c3 of the cubic rule, c0 of the linear one."""
+
+    terms: tuple[Term, ...] = ()
 
     def build(self) -> bytes:
-        fields = {"rule": self.rule, "digits": self.digits, "reserved": bytes(2)}
-        return bytes(LPCX_PARAMETERS.build(fields)) + np.array(self.coefficients, "<f8").tobytes()
+        fields = {"rule": self.rule, "digits": self.digits, "terms": len(self.terms), "reserved": 0}
+        numbers = np.array(self.coefficients, "<f8").tobytes()
+        rows = b"".join(struct.pack("<BBd", *term) for term in self.terms)
+        return bytes(LPCX_PARAMETERS.build(fields)) + numbers + rows
 
     @classmethod
     def parse(cls, data: bytes, offset: int) -> ExactParameters:
-        raw = parse_fixed(LPCX_PARAMETERS, data, 0, "COD-002", offset)
-        rest, count = data[LPCX_PARAMETERS.sizeof() :], COEFFICIENTS * (raw.rule == CUBIC)
-        if raw.rule <= CUBIC and len(rest) != 8 * count:
+        (found,) = parse_parameters(data, 1, offset)
+        return found
+
+    @classmethod
+    def parse_next(cls, data: bytes, at: int, base: int) -> tuple[ExactParameters, int]:
+        """Those that stand at ``at`` of the data, and where they end; ``base``: of the data."""
+        raw, offset = parse_fixed(LPCX_PARAMETERS, data, at, "COD-002", base), base + at
+        if raw.reserved:
+            raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=offset + 3)
+        if not rule_fits(raw.rule, raw.digits, raw.terms):
             raise FormatError(
-                "LPCX parameters of another length", requirement="COD-002", offset=offset
+                f"rule {raw.rule} with {raw.digits} digits and {raw.terms} terms",
+                requirement="EXA-002",
+                offset=offset,
             )
-        if any(raw.reserved):
-            raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=offset + 2)
-        if not digits_fit(raw.rule, raw.digits):
+        at += LPCX_PARAMETERS.sizeof()
+        count = COEFFICIENTS if raw.rule == CUBIC else int(raw.rule == LINEAR)
+        stop = at + 8 * count + TERM.size * raw.terms
+        if stop > len(data):
             raise FormatError(
-                f"rule {raw.rule} with {raw.digits} digits", requirement="EXA-002", offset=offset
+                "LPCX parameters end within a component", requirement="COD-002", offset=base
             )
-        coefficients = np.frombuffer(rest, "<f8")
+        coefficients = np.frombuffer(data, "<f8", count, at).tolist()
+        terms = [Term(*row) for row in TERM.iter_unpack(data[at + 8 * count : stop])]
         # So is what is no number refused.
-        if not (np.abs(coefficients) < COEFFICIENT_LIMIT).all():
+        if not all(abs(w) < COEFFICIENT_LIMIT for w in [*coefficients, *(t.weight for t in terms)]):
             raise FormatError(
-                "a coefficient of 2^900 or more", requirement="EXA-008", offset=offset + 4
+                "a coefficient of 2^900 or more", requirement="EXA-008", offset=base + at
             )
-        return cls(raw.rule, raw.digits, tuple(coefficients.tolist()))
+        return cls(raw.rule, raw.digits, tuple(coefficients), tuple(terms)), stop
 
     def values(self, counts: Counts, affine: Affine) -> Doubles:
-        return values_of(counts, affine, self.rule, self.digits, self.coefficients)
+        """What counts stand for, of the linear rule by its rule 0."""
+        rule = QUOTIENT if self.rule == LINEAR else self.rule
+        return values_of(counts, affine, rule, self.digits, self.coefficients)
+
+
+def parse_parameters(data: bytes, count: int, offset: int) -> tuple[ExactParameters, ...]:
+    """Of each component."""
+    found: list[ExactParameters] = []
+    at = 0
+    for _ in range(count):
+        parameters, at = ExactParameters.parse_next(data, at, offset)
+        found.append(parameters)
+    if at < len(data):
+        raise FormatError("bytes follow the LPCX parameters", requirement="COD-002", offset=offset)
+    known: set[int] = set()
+    for place in in_order(found):
+        for term in found[place].terms:
+            if term.component not in known and (term.component != place or not term.lag):
+                raise FormatError(
+                    f"component {place} from {term.component}, {term.lag} ticks before",
+                    requirement="EXA-009",
+                    offset=offset,
+                )
+        known.add(place)
+    return tuple(found)
+
+
+def in_order(parameters: Sequence[ExactParameters]) -> list[int]:
+    """The components as they are decoded: linear ones last."""
+    return sorted(range(len(parameters)), key=lambda place: parameters[place].rule == LINEAR)
 
 
 def split_packet(data: bytes, offset: int) -> tuple[bytes, bytes, int]:
@@ -98,27 +151,47 @@ def split_packet(data: bytes, offset: int) -> tuple[bytes, bytes, int]:
     return data[start : start + size], data[start + size :], offset + start + size
 
 
-def decode_counts(data: bytes, span: int, level: Level, offset: int) -> Counts:
-    """The counts [span] alone: the exact values are not looked at."""
+def decode_counts(data: bytes, span: int, count: int, level: Level, offset: int) -> Counts:
+    """The counts [span, components] alone: the exact values are not looked at."""
     coded, _, stop = split_packet(data, offset)
-    return decode_predicted(coded, LpcParameters(), span, 1, level, stop - len(coded))[:, 0]
+    return decode_predicted(coded, LpcParameters(), span, count, level, stop - len(coded))
 
 
 def decode_exact(
-    data: bytes, parameters: ExactParameters, affine: Affine, counts: Counts, offset: int
+    data: bytes,
+    parameters: Sequence[ExactParameters],
+    affines: Sequence[Affine],
+    counts: Counts,
+    offset: int,
 ) -> Doubles:
-    """The source's doubles [span], given the counts of the same packet."""
+    """The source's doubles [span, components], given the counts of the same packet."""
     _, rest, at = split_packet(data, offset)
-    doubles = parameters.values(counts, affine)
+    ends = parts_of(rest, len(parameters), at) if rest else [(0, 0)] * len(parameters)
+    if ends is None:
+        raise FormatError("parts larger than their packet", requirement="EXA-010", offset=at)
+    out = np.empty((len(parameters), len(counts)))
+    for place in in_order(parameters):
+        start, stop = ends[place]
+        column = np.ascontiguousarray(counts[:, place])
+        moves = decode_moves(rest[start:stop], column, at + start)
+        values = parameters[place].values(column, affines[place])
+        if parameters[place].rule == LINEAR:
+            c0, terms = parameters[place].coefficients[0], parameters[place].terms
+            out[place] = linear_values(values, c0, terms, list(out), moves, place)
+        else:
+            out[place] = by_places(values, moves)
+    return np.ascontiguousarray(out.T)
+
+
+def decode_moves(rest: bytes, counts: Counts, at: int) -> Counts:
+    """By how many places the values of a component are corrected, modulo 2^64."""
     if not rest:
-        return doubles
+        return np.zeros(counts.size, np.int64)
     if len(rest) < 2 or rest[0] & ~(RECALL | FOUR_STATES) or rest[1] >= LENGTHS:
         raise FormatError("corrections that are not defined", requirement="EXA-004", offset=at)
     ids = ids_of(counts) if rest[0] & RECALL else None
     loop = decode_loop if compiled is None else decode_compiled
-    corrections = loop(rest, ids, counts.size, at)
-    with np.errstate(over="ignore"):
-        return unordered(ordered(doubles) + (corrections << rest[1]))
+    return loop(rest, ids, counts.size, at) << rest[1]
 
 
 def encode_exact(
@@ -155,9 +228,16 @@ class Lacking:
 
 
 def lacking_of(
-    source: Doubles, parameters: ExactParameters, affine: Affine, counts: Counts
+    source: Doubles,
+    parameters: ExactParameters,
+    affine: Affine,
+    counts: Counts,
+    sources: Sequence[Doubles] = (),
 ) -> Lacking:
+    """``sources``: of all components, where the rule is linear."""
     doubles = parameters.values(counts, affine)
+    if parameters.rule == LINEAR:
+        doubles = predictions(doubles, parameters.coefficients[0], parameters.terms, sources)
     corrections = corrections_of(source, doubles)
     together = int(np.bitwise_or.reduce(corrections))
     shift = max((together & -together).bit_length() - 1, 0)

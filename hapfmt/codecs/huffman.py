@@ -92,7 +92,7 @@ def build_codebook(lengths: NDArray[np.int64]) -> bytes:
 
 
 def parse_codebook(data: bytes, symbols: int, offset: int) -> NDArray[np.int64]:
-    """Lengths [symbols] from nibbles; QNT-002 and QNT-003 checked."""
+    """Lengths [symbols] from nibbles; QNT-003 checked."""
     nibbles = [nibble for byte in data for nibble in (byte >> 4, byte & 15)]
     lengths: list[int] = []
     position = 0
@@ -106,7 +106,7 @@ def parse_codebook(data: bytes, symbols: int, offset: int) -> NDArray[np.int64]:
             position += 1
         if len(lengths) > symbols:
             raise FormatError(
-                "more code words than symbols", requirement="QNT-002", offset=offset + position // 2
+                "more code words than symbols", requirement="QNT-003", offset=offset + position // 2
             )
     out = np.zeros(symbols, np.int64)
     out[: len(lengths)] = lengths

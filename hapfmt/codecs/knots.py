@@ -76,7 +76,7 @@ def build_knots(ticks: NDArray[np.int64], indices: NDArray[np.int64]) -> bytes:
 def interpolate(
     ticks: NDArray[np.int64], counts: NDArray[np.int64], span: int, interpolation: Interpolation
 ) -> NDArray[np.int64]:
-    """Counts [span, components] from knots that keep KNT-005 and KNT-006."""
+    """Counts [span, components] from knots that keep KNT-003."""
     if interpolation == "hold" or ticks.size == 1:
         return np.repeat(counts, np.diff(np.append(ticks, span)), axis=0)
     lengths = np.diff(ticks)
@@ -132,8 +132,8 @@ def check_ticks(
 ) -> None:
     last = int(ticks[-1])
     if last >= span:
-        raise FormatError("knot beyond its packet", requirement="KNT-005", offset=offset)
+        raise FormatError("knot beyond its packet", requirement="KNT-003", offset=offset)
     if interpolation == "linear" and 0 < last < span - 1:
         raise FormatError(
-            "the last line does not end at the packet's end", requirement="KNT-006", offset=offset
+            "the last line does not end at the packet's end", requirement="KNT-003", offset=offset
         )

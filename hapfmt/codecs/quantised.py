@@ -242,17 +242,17 @@ def decode_levels(
 
 
 def check_end(data: bytes, stop: int, offset: int) -> None:
-    """QNT-005: the packet ends with the byte that holds bit ``stop - 1``, filled with zeros."""
+    """QNT-004: the packet ends with the byte that holds bit ``stop - 1``, filled with zeros."""
     if len(data) != (stop + 7) // 8:
         raise FormatError(
             "bytes left over after the last level",
-            requirement="QNT-005",
+            requirement="QNT-004",
             offset=offset + (stop + 7) // 8,
         )
     if stop % 8 and data[-1] & ((1 << (8 - stop % 8)) - 1):
         raise FormatError(
             "bits after the last level are not 0",
-            requirement="QNT-005",
+            requirement="QNT-004",
             offset=offset + len(data) - 1,
         )
 

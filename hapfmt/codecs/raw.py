@@ -101,5 +101,5 @@ def unpack(data: bytes, expected: int, offset: int) -> bytes:
             )
         return data[1:]
     if data[0] != DEFLATE:
-        raise FormatError(f"raw method {data[0]}", requirement="RAW-002", offset=offset)
-    return inflate(data[1:], expected, "RAW-003", "RAW-004", offset + 1)
+        raise FormatError(f"raw method {data[0]}", requirement="RAW-003", offset=offset)
+    return inflate(data[1:], expected, "RAW-003", offset + 1)

@@ -6,20 +6,28 @@ The bit patterns of doubles in the order of their values are integers here as we
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
-from typing import Any
+from math import isfinite
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..container.track import Affine
 
-QUOTIENT, PRODUCT, SIGNIFICANT, CUBIC = range(4)
+QUOTIENT, PRODUCT, SIGNIFICANT, CUBIC, LINEAR = range(5)
 PLACES_LIMIT, DIGITS_LIMIT = 22, 15
 """10^22 is the last power of ten that is a double, 10^15 the last below 2^53."""
 
 COEFFICIENTS, COEFFICIENT_LIMIT = 4, 2.0**900
 """Polynomials of 32-bit counts stay finite below this limit."""
+
+TERMS_LIMIT = 16
+"""Of a linear rule."""
+
+DOUBLE, BITS = struct.Struct("<d"), struct.Struct("<q")
+LAST_PLACE, HALF = (1 << 63) - 1, 1 << 63
 
 WIDE = 1 << 62
 """Products below are taken in 64 bits."""
@@ -28,17 +36,25 @@ Counts = NDArray[np.int64]
 Doubles = NDArray[np.float64]
 
 
-def digits_fit(rule: int, digits: int) -> bool:
+class Term(NamedTuple):
+    """Of a linear rule: a weight for the exact value of a component some ticks before."""
+
+    component: int
+    lag: int
+    weight: float
+
+
+def rule_fits(rule: int, digits: int, terms: int) -> bool:
     """EXA-002."""
-    if rule == SIGNIFICANT:
-        return 1 <= digits <= DIGITS_LIMIT
-    return rule <= CUBIC and digits == 0
+    least, most = (1, DIGITS_LIMIT) if rule == SIGNIFICANT else (0, 0)
+    fewest, many = (1, TERMS_LIMIT) if rule == LINEAR else (0, 0)
+    return rule <= LINEAR and least <= digits <= most and fewest <= terms <= many
 
 
 def values_of(
     counts: Counts, affine: Affine, rule: int, digits: int, coefficients: Sequence[float] = ()
 ) -> Doubles:
-    """The double of each count [samples] by the rule; counts as VAL-002 allows them."""
+    """The double of each count [samples] by the rule; counts as VAL-001 allows them."""
     a, b, d = affine
     if rule == CUBIC:
         # NumPy has no fused multiply-add. The last sum turns -0.0 into 0.0.
@@ -54,6 +70,71 @@ def values_of(
         return np.asarray(quotients)
     distinct, places = np.unique(counts, return_inverse=True)
     return many_in_digits(distinct * a + b, d, digits)[places]
+
+
+def predictions(
+    quotients: Doubles, c0: float, terms: Sequence[Term], columns: Sequence[Doubles]
+) -> Doubles:
+    """What a linear rule gives where all exact values are known; ``quotients``: what the counts of
+    its component stand for."""
+    size = quotients.size
+    reach = min(max(term.lag for term in terms), size)
+    total = np.full(size - reach, c0)
+    with np.errstate(all="ignore"):
+        for component, lag, weight in terms:
+            total += weight * columns[component][reach - lag : size - lag]
+    return np.concatenate(
+        (quotients[:reach], np.where(np.isfinite(total), total + 0.0, quotients[reach:]))
+    )
+
+
+def linear_values(
+    quotients: Doubles,
+    c0: float,
+    terms: Sequence[Term],
+    columns: Sequence[Doubles],
+    moves: Counts,
+    own: int,
+) -> Doubles:
+    """The exact values of component ``own`` by its linear rule. ``quotients``: what its counts
+    stand for; ``columns``: the exact values of those that are decoded before it; ``moves``: the
+    places by which each value is corrected."""
+    if all(term.component != own for term in terms):
+        return by_places(predictions(quotients, c0, terms, columns), moves)
+    out: list[float] = []
+    moved: dict[int, bytes] = {}
+    lists = {t.component: columns[t.component].tolist() for t in terms if t.component != own}
+    rows = [(lists.get(term.component, out), term.lag, term.weight) for term in terms]
+    reach = max(term.lag for term in terms)
+    for t, (quotient, move) in enumerate(zip(quotients.tolist(), moves.tolist(), strict=True)):
+        v = quotient
+        if t >= reach:
+            v = c0
+            for x, lag, weight in rows:
+                v += weight * x[t - lag]
+        v = v + 0.0 if isfinite(v) else quotient
+        if move:
+            word = word_at(place_of(v) + move)
+            (v,) = DOUBLE.unpack(word)
+            moved[t] = word
+        out.append(v)
+    found = np.array(out)
+    for t, word in moved.items():
+        # NaN with its bits.
+        found[t : t + 1].view(np.int64)[0] = BITS.unpack(word)[0]
+    return found
+
+
+def place_of(double: float) -> int:
+    """Its place in the order of doubles."""
+    (bits,) = BITS.unpack(DOUBLE.pack(double))
+    return int(bits if bits >= 0 else ~(bits & LAST_PLACE))
+
+
+def word_at(place: int) -> bytes:
+    """The double at a place modulo 2^64."""
+    place = (place + HALF) % (2 * HALF) - HALF
+    return BITS.pack(place if place >= 0 else ~place - HALF)
 
 
 def many_in_places(numerators: Counts, d: int, places: int) -> Doubles:
@@ -125,3 +206,11 @@ def unordered(places: Counts) -> Doubles:
     """The doubles at these places of the order."""
     bits: NDArray[Any] = np.where(places < 0, ~places | ~LARGEST, places)
     return np.ascontiguousarray(bits, np.int64).view(np.float64)
+
+
+def by_places(doubles: Doubles, moves: Counts) -> Doubles:
+    """The doubles so many places on, modulo 2^64."""
+    if not moves.any():
+        return doubles
+    with np.errstate(over="ignore"):
+        return unordered(ordered(doubles) + moves)

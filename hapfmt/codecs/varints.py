@@ -11,7 +11,7 @@ from ..kernels import compiled
 
 
 def parse_varints(data: bytes, offset: int) -> NDArray[np.int64]:
-    """All varints in ``data``, which stands at ``offset``; CNV-002 and CNV-003 checked."""
+    """All varints in ``data``, which stands at ``offset``; CNV-002 checked."""
     raw = np.frombuffer(data, np.uint8)
     last = raw < 0x80
     if raw.size and not last[-1]:
@@ -23,7 +23,7 @@ def parse_varints(data: bytes, offset: int) -> NDArray[np.int64]:
     sizes = stops - starts
     check(sizes > VARINT_SIZE, starts, offset, "varint of more than 8 bytes", "CNV-002")
     check(
-        (sizes > 1) & (raw[stops - 1] == 0), starts, offset, "varint longer than needed", "CNV-003"
+        (sizes > 1) & (raw[stops - 1] == 0), starts, offset, "varint longer than needed", "CNV-002"
     )
     values = np.zeros(stops.size, np.int64)
     for group in range(int(sizes.max(initial=0))):

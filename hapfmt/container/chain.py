@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 
 from ..errors import FormatError
 from ..limits import Limits
-from .index import FIRST_OFFSET, Index, IndexEntry, check_listing, entry_count, parse_index
+from .index import Index, IndexEntry, check_listing, entry_count, parse_index
 from .source import Source
 from .walk import header_at, read_chunk
-from .wire import HEADER_SIZE
 
 if TYPE_CHECKING:
     from ..reading.catalogue import Catalogue
@@ -37,7 +36,7 @@ def index_chain(
         limits.check_records(listed)
         index = parse_index(chunk.payload, position, chunk.payload_offset)
         parts.append((position, index))
-        if index.covers_from == FIRST_OFFSET:
+        if not index.previous:
             return parts[::-1]
         position, position_after = index.previous, position
 
@@ -56,17 +55,6 @@ def chain_of(catalogue: Catalogue, entries: Sequence[IndexEntry]) -> list[tuple[
             parts.append((offset, index))
         return parts
     return []
-
-
-def last_sequence(catalogue: Catalogue) -> int:
-    """Of a file without damage: an index lists neither itself nor what follows it."""
-    source = catalogue.source
-    file_id = catalogue.file_id
-    position, sequence = max(ref.offset for ref in catalogue.chunks), 0
-    while (header := header_at(source, position, file_id)) is not None:
-        sequence = header.sequence
-        position += HEADER_SIZE + header.payload_size
-    return sequence
 
 
 def copied_tracks(source: Source, entries: Sequence[IndexEntry]) -> set[int]:

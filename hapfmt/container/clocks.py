@@ -157,7 +157,7 @@ def parse_clock(payload: bytes, track: int | None, offset: int) -> list[ClockObs
     at = position
     count, position = parse_varint(payload, position, offset)
     if count < 1:
-        raise FormatError("no observation", requirement="CLK-002", offset=offset + at)
+        raise FormatError("no observation", requirement="CLK-001", offset=offset + at)
     found: list[ClockObservation] = []
     tick = time_ns = 0
     for place in range(count):
@@ -180,7 +180,7 @@ def parse_map(payload: bytes, track: int | None, offset: int) -> ClockMap:
     at = position
     count, position = parse_varint(payload, position, offset)
     if count < 2:
-        raise FormatError("a map of fewer than 2 points", requirement="CLK-002", offset=offset + at)
+        raise FormatError("a map of fewer than 2 points", requirement="CLK-001", offset=offset + at)
     at = position
     tick, position = parse_svarint(payload, position, offset)
     time_ns, position = parse_time(payload, position, offset)
@@ -192,7 +192,7 @@ def parse_map(payload: bytes, track: int | None, offset: int) -> ClockMap:
         later, position = parse_varint(payload, position, offset)
         if not (step and later):
             raise FormatError(
-                "a clock that does not advance", requirement="CLK-004", offset=offset + at
+                "a clock that does not advance", requirement="CLK-003", offset=offset + at
             )
         tick, time_ns = tick + step, time_ns + later
         check_bounds(tick, time_ns, offset + at)

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import struct
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from ..errors import ChecksumError, FormatError, TruncatedError
 from ..integers import build_varint, parse_varint
 from ..limits import TICK_LIMIT, Level
 from .track import Track
 from .wire import crc32
+
+CRC_SIZE = 4
+MOST_BYTES = 6
+"""Of one field in a row (SPEC DAT-010)."""
+ROW_ROOM = 20
+"""Bytes of a row at most, if its fields keep the limits of level 2."""
+HEAD_ROOM = 35
+"""Bytes of packet_count, widths and the least values at most."""
+FIELDS = struct.Struct("<5Q")
+"""What a packet CRC covers before the packet: packet_count, track, size, start, span."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,16 +40,14 @@ class Packet:
         return self.start + self.span
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """One row of the packet table."""
+class Row(NamedTuple):
+    """One row of the table; ``offset``: where it stands in the payload."""
 
     track: int
     size: int
     start: int
     span: int
     crc: int
-    fields: bytes
     offset: int
 
     @property
@@ -45,97 +55,166 @@ class Entry:
         return self.start + self.span
 
 
-def entry_fields(packet: Packet) -> bytes:
-    return b"".join(
-        build_varint(v) for v in (packet.track, len(packet.data), packet.start, packet.span)
-    )
+class TableHead(NamedTuple):
+    """What stands before the rows: how many there are, the bytes of each field, its least value;
+    ``size``: of this head."""
+
+    packet_count: int
+    widths: tuple[int, ...]
+    least: tuple[int, ...]
+    size: int
+
+    @property
+    def row_size(self) -> int:
+        return sum(self.widths) + CRC_SIZE
+
+    @property
+    def rows_stop(self) -> int:
+        return self.size + self.packet_count * self.row_size
+
+    @property
+    def table_size(self) -> int:
+        """From the first byte of the payload to the first packet."""
+        return self.rows_stop + CRC_SIZE
 
 
-def packet_crc(seed: int, fields: bytes, data: bytes) -> int:
-    """Of an entry and its packet (SPEC DAT-004); ``seed``: where the file CRC starts."""
-    return crc32(data, crc32(fields, seed))
+def packet_crc(seed: int, count: int, row: Row, data: bytes) -> int:
+    """SPEC DAT-004; ``seed``: where the cluster CRC starts, ``count``: packets in the cluster."""
+    return crc32(data, crc32(FIELDS.pack(count, row.track, row.size, row.start, row.span), seed))
 
 
 def build_cluster(packets: Sequence[Packet], seed: int) -> bytes:
-    """The DATA payload; packets in order of (track, start)."""
-    table, body = [build_varint(len(packets))], []
-    for packet in packets:
-        fields = entry_fields(packet)
-        table += [fields, packet_crc(seed, fields, packet.data).to_bytes(4, "little")]
-        body.append(packet.data)
-    return b"".join(table + body)
+    """The DATA payload; packets in order of (track, start), ``seed``: of the cluster CRC."""
+    count = len(packets)
+    rows = [Row(p.track, len(p.data), p.start, p.span, 0, 0) for p in packets]
+    columns = list(zip(*(row[:4] for row in rows), strict=True))
+    least = [min(column) for column in columns]
+    widths = [
+        (max(column) - low).bit_length() + 7 >> 3
+        for column, low in zip(columns, least, strict=True)
+    ]
+    out = bytearray(build_varint(count))
+    out += sum(width << 4 * place for place, width in enumerate(widths)).to_bytes(2, "little")
+    for low in least:
+        out += build_varint(low)
+    for row, packet in zip(rows, packets, strict=True):
+        for value, low, width in zip(row, least, widths, strict=False):
+            out += (value - low).to_bytes(width, "little")
+        out += packet_crc(seed, count, row, packet.data).to_bytes(CRC_SIZE, "little")
+    out += crc32(bytes(out), seed).to_bytes(CRC_SIZE, "little")
+    return bytes(out) + b"".join(packet.data for packet in packets)
 
 
-def entry_size(packet: Packet) -> int:
-    """Bytes that the packet's row takes in the table."""
-    return len(entry_fields(packet)) + 4
+def alone_size(packet: Packet) -> int:
+    """Bytes of the payload that holds this packet and no other."""
+    least = (packet.track, len(packet.data), packet.start, packet.span)
+    head = 1 + 2 + sum(len(build_varint(value)) for value in least)
+    return head + 2 * CRC_SIZE + len(packet.data)
 
 
-def parse_entry(payload: bytes, position: int, base: int) -> tuple[Entry, int]:
-    start_of_entry = position
-    track, position = parse_varint(payload, position, base)
-    size, position = parse_varint(payload, position, base)
-    start, position = parse_varint(payload, position, base)
-    span, position = parse_varint(payload, position, base)
-    if len(payload) - position < 4:
-        raise TruncatedError(
-            "the packet table ends early", requirement="DAT-005", offset=base + position
-        )
-    fields = payload[start_of_entry:position]
-    crc = int.from_bytes(payload[position : position + 4], "little")
-    return Entry(track, size, start, span, crc, fields, base + start_of_entry), position + 4
-
-
-def parse_count(payload: bytes, level: Level, base: int) -> tuple[int, int]:
+def parse_table_head(payload: bytes, level: Level, base: int) -> TableHead:
+    """Of the payload at ``base``, as much of it as is there."""
     count, position = parse_varint(payload, 0, base)
     if count < 1:
         raise FormatError("a cluster without packets", requirement="DAT-001", offset=base)
     level.check("packets", count, "DAT-001", base)
-    return count, position
+    if len(payload) - position < 2:
+        raise TruncatedError("the table ends early", requirement="DAT-005", offset=base + position)
+    packed = int.from_bytes(payload[position : position + 2], "little")
+    widths = tuple(packed >> 4 * place & 15 for place in range(4))
+    if max(widths) > MOST_BYTES:
+        raise FormatError(
+            f"a field of {max(widths)} bytes", requirement="DAT-010", offset=base + position
+        )
+    position += 2
+    least = []
+    for _ in range(4):
+        low, position = parse_varint(payload, position, base)
+        least.append(low)
+    return TableHead(count, widths, tuple(least), position)
 
 
-def check_entry(entry: Entry, level: Level) -> None:
-    if entry.span < 1:
-        raise FormatError("a packet without ticks", requirement="DAT-003", offset=entry.offset)
-    level.check("span_ticks", entry.span, "DAT-003", entry.offset)
-    if entry.start + entry.span > TICK_LIMIT:
-        raise FormatError("ticks beyond 2^48", requirement="DAT-003", offset=entry.offset)
+def parse_rows(payload: bytes, head: TableHead) -> Iterator[Row]:
+    """As many as are whole."""
+    stop = min(head.rows_stop, len(payload)) - head.row_size
+    a, b, c, d = head.widths
+    track, size, start, span = head.least
+    number = int.from_bytes
+    for at in range(head.size, stop + 1, head.row_size):
+        i, j = at + a, at + a + b
+        k, end = j + c, j + c + d
+        yield Row(
+            track + number(payload[at:i], "little"),
+            size + number(payload[i:j], "little"),
+            start + number(payload[j:k], "little"),
+            span + number(payload[k:end], "little"),
+            number(payload[end : end + CRC_SIZE], "little"),
+            at,
+        )
+
+
+def check_times(row: Row, level: Level, base: int) -> None:
+    if row.span < 1:
+        raise FormatError("a packet without ticks", requirement="DAT-003", offset=base + row.offset)
+    level.check("span_ticks", row.span, "DAT-003", base + row.offset)
+    if row.start + row.span > TICK_LIMIT:
+        raise FormatError("ticks beyond 2^48", requirement="DAT-003", offset=base + row.offset)
+
+
+def parse_table(
+    part: bytes, size: int, tracks: Mapping[int, Track], level: Level, base: int, seed: int
+) -> tuple[TableHead, list[Row]]:
+    """The table of a payload of ``size`` bytes, which ``part`` begins with; every rule checked."""
+    head = parse_table_head(part, level, base)
+    if len(part) < head.table_size:
+        raise TruncatedError("the table ends early", requirement="DAT-005", offset=base + len(part))
+    rows = list(parse_rows(part, head))
+    stored = int.from_bytes(part[head.rows_stop : head.table_size], "little")
+    if crc32(part[: head.rows_stop], seed) != stored:
+        raise ChecksumError(
+            "table CRC differs", requirement="DAT-011", offset=base + head.rows_stop
+        )
+    samples, position = 0, head.table_size
+    before = (-1, 0)
+    for row in rows:
+        check_times(row, level, base)
+        if (row.track, row.start) <= before:
+            raise FormatError(
+                "packets out of order", requirement="DAT-002", offset=base + row.offset
+            )
+        before = row.track, row.start
+        if row.track not in tracks:
+            raise FormatError(
+                f"packet of track {row.track}, which is not described",
+                requirement="DAT-008",
+                offset=base + row.offset,
+            )
+        samples += tracks[row.track].weight(row.span, row.size)
+        level.check("cluster_samples", samples, "DAT-009", base + row.offset)
+        position += row.size
+        if position > size:
+            raise TruncatedError(
+                "a packet runs past its cluster", requirement="DAT-005", offset=base + row.offset
+            )
+    if position != size:
+        raise FormatError(
+            "bytes left over after the last packet", requirement="DAT-005", offset=base + position
+        )
+    return head, rows
 
 
 def parse_cluster(
     payload: bytes, tracks: Mapping[int, Track], level: Level, base: int, seed: int
 ) -> list[Packet]:
     """All packets of an intact DATA payload that stands at ``base``, every rule checked."""
-    count, position = parse_count(payload, level, base)
-    entries: list[Entry] = []
-    samples = 0
-    for _ in range(count):
-        entry, position = parse_entry(payload, position, base)
-        check_entry(entry, level)
-        if entries and (entry.track, entry.start) <= (entries[-1].track, entries[-1].start):
-            raise FormatError("packets out of order", requirement="DAT-002", offset=entry.offset)
-        if entry.track not in tracks:
-            raise FormatError(
-                f"packet of track {entry.track}, which is not described",
-                requirement="DAT-008",
-                offset=entry.offset,
+    head, rows = parse_table(payload, len(payload), tracks, level, base, seed)
+    packets, position = [], head.table_size
+    for row in rows:
+        data = payload[position : position + row.size]
+        if packet_crc(seed, head.packet_count, row, data) != row.crc:
+            raise ChecksumError(
+                "packet CRC differs", requirement="DAT-004", offset=base + row.offset
             )
-        samples += tracks[entry.track].weight(entry.span, entry.size)
-        level.check("cluster_samples", samples, "DAT-009", entry.offset)
-        entries.append(entry)
-    packets = []
-    for entry in entries:
-        data = payload[position : position + entry.size]
-        if len(data) < entry.size:
-            raise TruncatedError(
-                "a packet runs past its cluster", requirement="DAT-005", offset=entry.offset
-            )
-        if packet_crc(seed, entry.fields, data) != entry.crc:
-            raise ChecksumError("packet CRC differs", requirement="DAT-004", offset=entry.offset)
-        packets.append(Packet(entry.track, entry.start, entry.span, data, base + position))
-        position += entry.size
-    if position != len(payload):
-        raise FormatError(
-            "bytes left over after the last packet", requirement="DAT-005", offset=base + position
-        )
+        packets.append(Packet(row.track, row.start, row.span, data, base + position))
+        position += row.size
     return packets

@@ -15,21 +15,21 @@ MARKED = 16
 END, FIRST_LENGTH = 256, 257
 
 
-def inflate(data: bytes, size: int, length_rule: str, stream_rule: str, offset: int) -> bytes:
-    """The ``size`` bytes that a whole stream stands for, at most one more in memory; the rules
-    that another length and a bad stream break."""
+def inflate(data: bytes, size: int, requirement: str, offset: int) -> bytes:
+    """The ``size`` bytes that a whole stream stands for, at most one more in memory;
+    ``requirement``: the rule that another length and a bad stream break."""
     unpacker = zlib.decompressobj(-zlib.MAX_WBITS)
     try:
         out = unpacker.decompress(data, size + 1)
     except zlib.error as error:
-        raise FormatError(f"DEFLATE: {error}", requirement=stream_rule, offset=offset) from None
+        raise FormatError(f"DEFLATE: {error}", requirement=requirement, offset=offset) from None
     if len(out) != size:
         raise FormatError(
-            "DEFLATE stream of another length", requirement=length_rule, offset=offset
+            "DEFLATE stream of another length", requirement=requirement, offset=offset
         )
     if not unpacker.eof or unpacker.unused_data:
         raise FormatError(
-            "DEFLATE stream ends too late or too early", requirement=stream_rule, offset=offset
+            "DEFLATE stream ends too late or too early", requirement=requirement, offset=offset
         )
     return out
 

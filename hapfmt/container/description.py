@@ -163,7 +163,7 @@ def unpack(payload: bytes, level: Level, offset: int) -> tuple[bytes, int]:
         return payload[start:], offset + start
     # As it is it fits a payload too, behind a byte.
     level.check("payload_size", size + 1, "TRK-020", offset)
-    return inflate(payload[start:], size, "TRK-020", "TRK-020", offset + start), offset
+    return inflate(payload[start:], size, "TRK-020", offset + start), offset
 
 
 def described_size(payload: bytes) -> int:
@@ -183,7 +183,7 @@ def parse_records(plain: bytes, base: int) -> Iterator[tuple[Any, Tlvs, int]]:
     position = components = 0
     while position < len(plain) or not components:
         start, tlvs = position, Tlvs()
-        raw = parse_fixed(TRACK, plain, position, "TLV-002" if components else "TRK-002", base)
+        raw = parse_fixed(TRACK, plain, position, "TLV-001" if components else "TRK-002", base)
         components += raw.component_count
         if min(raw.component_count, raw.rate_num, raw.rate_den) < 1 or components > COMPONENTS:
             raise FormatError(
@@ -250,11 +250,11 @@ def parse_track(raw: Any, tlvs: Tlvs, id_: int, at: int, offset: int) -> Track:
 
 
 def find_unsupported(raw: Any, tlvs: Tlvs) -> str | None:
-    """What of a track this reader does not know (TRK-004, TLV-003, TRK-011)."""
+    """What of a track this reader does not know (TRK-011, TLV-003)."""
     if raw.kind >= len(KINDS):
-        return f"kind {raw.kind} [TRK-004]"
+        return f"kind {raw.kind} [TRK-011]"
     if raw.number_format >= len(NUMBER_FORMATS):
-        return f"number format {raw.number_format} [TRK-004]"
+        return f"number format {raw.number_format} [TRK-011]"
     critical = [type_ for type_ in tlvs if type_ % 2 and type_ not in KNOWN]
     if critical:
         return f"critical TLV {critical[0]} [TLV-003]"
@@ -323,13 +323,13 @@ def check_events(track: Track, tlvs: Tlvs, offset: int) -> None:
 
 
 def check_exact(track: Track, offset: int) -> None:
-    """VAL-002."""
+    """VAL-001."""
     ends = (track.count_min, track.count_max)
     for a, b, _ in {component.calibration for component in track.components}:
         if max(max(abs(end * a), abs(end * a + b)) for end in ends) > EXACT_LIMIT:
             raise FormatError(
                 "count * A + B above 2^53 within the declared range",
-                requirement="VAL-002",
+                requirement="VAL-001",
                 offset=offset,
             )
 

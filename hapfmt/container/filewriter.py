@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from ..errors import ParameterError
 from ..limits import LEVELS, Level
-from .chain import chain_of, copied_tracks, last_sequence
+from .chain import chain_of, copied_tracks
 from .clocks import ClockMap, ClockObservation, build_clocks, build_map
-from .cluster import Packet, build_cluster, entry_size
+from .cluster import HEAD_ROOM, ROW_ROOM, Packet, build_cluster
 from .description import Record, build_track, chunks_of
 from .extras import Attachment, build_attachment, build_metadata
 from .index import (
@@ -32,7 +32,7 @@ from .index import (
     floor_ms,
 )
 from .track import Track, complete, silent_tracks
-from .wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk, seed_of
+from .wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk, cluster_seed
 
 if TYPE_CHECKING:
     from ..reading.catalogue import Catalogue
@@ -60,10 +60,11 @@ class Stream(Protocol):
 
 
 class Part(NamedTuple):
-    """An index in the chain: its offset, what it covers, its first entry, its payload's size."""
+    """An index in the chain: its offset and sequence number, that of the first chunk that it lists,
+    its payload's size."""
 
     offset: int
-    covers_from: int
+    sequence: int
     first: int
     size: int
 
@@ -71,7 +72,7 @@ class Part(NamedTuple):
 class FileWriter:
     """Writes chunks to a stream, one after the other, and the index and the footer by itself.
 
-    ``file_id`` None: at random (SPEC WRT-005). The stream needs ``write`` only. ``clock`` gives
+    ``file_id`` None: at random (SPEC WRT-002). The stream needs ``write`` only. ``clock`` gives
     seconds to a live writer: it writes an index every 10 of them.
     """
 
@@ -114,9 +115,11 @@ class FileWriter:
         self.copied: set[int] = set()
         """First track ids of TRAK chunks that stand in the file twice, NO_TRACK for HEAD."""
         self.entries: list[IndexEntry] = []
+        """Of all chunks: their places are the sequence numbers."""
         self.resumed_entries = 0
         self.parts: list[Part] = []
         self.indexed_entries = 0
+        """Chunks up to the last index and its footer."""
         self.indexed_to = FIRST_OFFSET
         self.seconds = clock
         self.indexed_at = clock() if clock else 0.0
@@ -150,16 +153,18 @@ class FileWriter:
                 ceil_ms(Fraction(ref.stop_ns or 0, 10**9)),
             )
             for ref in catalogue.chunks
-            if ref.type not in ("iNDX", "fOOT")
         ]
         self.resumed_entries = len(self.entries)
         offsets = [entry.offset for entry in self.entries]
         self.copied = copied_tracks(catalogue.source, self.entries)
         for offset, index in chain_of(catalogue, self.entries):
-            first = bisect_left(offsets, index.covers_from)
-            self.parts.append(Part(offset, index.covers_from, first, len(build_index(index))))
-            self.indexed_to, self.indexed_entries = offset, bisect_left(offsets, offset)
-        self.sequence = 1 + last_sequence(catalogue)
+            place = bisect_left(offsets, offset)
+            size = len(build_index(index))
+            self.parts.append(Part(offset, place, index.first_sequence, size))
+            self.indexed_to, self.indexed_entries = offset, place + 1
+        if catalogue.closed:
+            self.indexed_entries = len(self.entries)
+        self.sequence = len(self.entries)
         self.data_count = len(catalogue.data)
         self.stop = catalogue.duration
         self.closed = catalogue.closed
@@ -192,6 +197,12 @@ class FileWriter:
             )
         if type_ != "iNDX" and self.index_due(HEADER_SIZE + len(payload)):
             self.index()
+        self.put_chunk(type_, payload, track, times, flags)
+
+    def put_chunk(
+        self, type_: str, payload: bytes, track: int, times: tuple[int, int], flags: int
+    ) -> None:
+        """Under the next sequence number."""
         if self.sequence >= SEQUENCE_LIMIT:
             raise ParameterError("a file holds at most 2^32 chunks")
         entry = IndexEntry(type_, self.offset, *times)
@@ -205,8 +216,7 @@ class FileWriter:
             raise
         self.closed = type_ == "fOOT"
         self.sequence += 1
-        if type_ not in ("iNDX", "fOOT"):
-            self.entries.append(entry)
+        self.entries.append(entry)
 
     def describe(self, tracks: Sequence[Track]) -> None:
         """TRAK chunks, as few as hold them in this order."""
@@ -244,7 +254,7 @@ class FileWriter:
         packets = sorted(packets, key=lambda p: (p.track, p.start))
         try:
             for packet in packets:
-                weight = len(packet.data) + entry_size(packet)
+                weight = len(packet.data) + ROW_ROOM
                 count = self.tracks[packet.track].weight(packet.span, len(packet.data))
                 # Packets of events may start together; in one cluster they must not (DAT-002).
                 again = batch and (batch[-1].track, batch[-1].start) == (packet.track, packet.start)
@@ -275,8 +285,14 @@ class FileWriter:
             ends[rate] = min(low, packet.start), max(high, packet.stop)
         start = min(Fraction(low * d, n) for (n, d), (low, _) in ends.items())
         stop = max(Fraction(high * d, n) for (n, d), (_, high) in ends.items())
-        payload = build_cluster(packets, seed_of(self.file_id))
-        self.chunk("DATA", payload, times=(floor_ms(start), ceil_ms(stop)))
+        room = HEAD_ROOM + sum(ROW_ROOM + len(packet.data) for packet in packets)
+        if self.failed:
+            raise self.failed
+        if self.index_due(HEADER_SIZE + room):
+            self.index()
+        payload = build_cluster(packets, cluster_seed(self.file_id, self.sequence))
+        times = floor_ms(start), ceil_ms(stop)
+        self.put_chunk("DATA", payload, NO_TRACK, times, 0)
         self.data_count += 1
         self.stop = max(self.stop, stop)
 
@@ -294,19 +310,19 @@ class FileWriter:
 
     def index(self, *, closing: bool = False) -> None:
         """An index of what was not indexed yet; at the end of more, so that the chain is short."""
-        first, covers_from = self.indexed_entries, self.indexed_to
         parts = list(self.parts)
+        first = parts[-1].sequence if parts else 0
         if closing:
             room = self.level.payload_size - JOINT_SIZE
-            room -= len(build_index(Index(covers_from, 0, tuple(self.entries[first:]))))
+            room -= len(build_index(Index(0, first, tuple(self.entries[first:]))))
             while parts and self.joins(parts[-1], first, room):
-                _, covers_from, first, size = parts.pop()
+                _, _, first, size = parts.pop()
                 room -= size - INDEX_SIZE + JOINT_SIZE
-        before = self.last_index if covers_from == FIRST_OFFSET else parts[-1].offset
-        payload = build_index(Index(covers_from, before, tuple(self.entries[first:])))
-        offset = self.offset
+        before = parts[-1].offset if parts else 0
+        payload = build_index(Index(before, first, tuple(self.entries[first:])))
+        offset, sequence = self.offset, self.sequence
         self.chunk("iNDX", payload)
-        self.parts = [*parts, Part(offset, covers_from, first, len(payload))]
+        self.parts = [*parts, Part(offset, sequence, first, len(payload))]
         self.indexed_to, self.indexed_entries = offset, len(self.entries)
         self.indexed_at = self.seconds() if self.seconds else 0.0
 

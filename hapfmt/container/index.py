@@ -32,8 +32,8 @@ class IndexEntry(NamedTuple):
 
 
 class Index(NamedTuple):
-    covers_from: int
     previous: int
+    first_sequence: int
     entries: tuple[IndexEntry, ...]
 
 
@@ -61,13 +61,13 @@ def build_index(index: Index) -> bytes:
     head = build_fields(
         INDEX,
         {
-            "covers_from": index.covers_from,
             "previous": index.previous,
+            "first_sequence": index.first_sequence,
             "entry_count": len(index.entries),
         },
     )
     out = bytearray(head)
-    before = index.covers_from
+    before = index.previous
     for entry in index.entries:
         out += entry.type.encode("ascii") + build_varint(entry.offset - before)
         if entry.type == "DATA":
@@ -89,18 +89,16 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
         raise FormatError(
             "index length and entry count differ", requirement="IDX-001", offset=offset
         )
-    if (raw.entry_count - 1) * HEADER_SIZE >= max(own_offset - raw.covers_from, 1):
+    if raw.entry_count * HEADER_SIZE > max(own_offset - raw.previous, 0):
         raise FormatError(
             "more entries than there are chunks before the index",
             requirement="IDX-002",
-            offset=offset + 16,
+            offset=offset + 12,
         )
-    if raw.covers_from < FIRST_OFFSET:
-        raise FormatError("index covers the signature", requirement="IDX-004", offset=offset)
-    if raw.covers_from != FIRST_OFFSET and not raw.covers_from <= raw.previous < own_offset:
-        raise FormatError("previous index out of place", requirement="IDX-004", offset=offset + 8)
+    if raw.previous and not FIRST_OFFSET <= raw.previous < own_offset:
+        raise FormatError("previous index out of place", requirement="IDX-004", offset=offset)
     entries: list[IndexEntry] = []
-    position, chunk_offset = INDEX_SIZE, raw.covers_from
+    position, chunk_offset = INDEX_SIZE, raw.previous
     for _ in range(raw.entry_count):
         at = position
         letters = payload[at : at + 4]
@@ -128,7 +126,7 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
         raise FormatError(
             "bytes left over after an index", requirement="IDX-001", offset=offset + position
         )
-    return Index(raw.covers_from, raw.previous, tuple(entries))
+    return Index(raw.previous, raw.first_sequence, tuple(entries))
 
 
 def build_foot(foot: Foot) -> bytes:
@@ -147,10 +145,10 @@ def parse_foot(payload: bytes, offset: int, *, moved: bool = False) -> Foot:
 
 
 def check_listing(index: Index, own_offset: int, chunks: Sequence[IndexEntry], offset: int) -> None:
-    """IDX-002 and IDX-006 against what was found in the file itself, in order of the offsets."""
-    start = bisect_left(chunks, index.covers_from, key=lambda chunk: chunk.offset)
+    """IDX-002, IDX-006 and IDX-007 against all chunks of the file, in order of their offsets."""
+    start = bisect_left(chunks, index.previous, key=lambda chunk: chunk.offset)
     stop = bisect_left(chunks, own_offset, key=lambda chunk: chunk.offset)
-    expected = [chunk for chunk in chunks[start:stop] if chunk.type not in ("iNDX", "fOOT")]
+    expected = chunks[start:stop]
     for listed, found in zip(index.entries, expected, strict=False):
         if (listed.type, listed.offset) != (found.type, found.offset):
             break
@@ -158,5 +156,11 @@ def check_listing(index: Index, own_offset: int, chunks: Sequence[IndexEntry], o
             raise FormatError("index times miss samples", requirement="IDX-006", offset=offset)
     else:
         if len(expected) == len(index.entries):
+            if index.first_sequence != start:
+                raise FormatError(
+                    f"the index counts its chunks from {index.first_sequence}, not {start}",
+                    requirement="IDX-007",
+                    offset=offset + 8,
+                )
             return
     raise FormatError("the index does not match the chunks", requirement="IDX-002", offset=offset)

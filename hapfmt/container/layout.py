@@ -1,7 +1,7 @@
 """The fixed layouts of the format: SPEC's tables are printed from these declarations.
 
 Flat structs of plain little-endian integers and bytes, one line of meaning each. They check
-nothing: every check and every conversion stands in wire.py, track.py, cluster.py and index.py.
+nothing: every check and every conversion is in wire.py, track.py, cluster.py and index.py.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CHUNK_HEADER = Struct(
     "file_id" / Int64ul * "file id, the same in every chunk of the file",
     "sequence" / Int32ul * "sequence number: 0 for the first chunk, one more for each next",
     "payload_size" / Int32ul * "size of the payload in bytes",
-    "track" / Int16ul * "track id the chunk speaks of; 0xFFFF where it speaks of none",
+    "track" / Int16ul * "track id that the chunk refers to; 0xFFFF: none",
     "flags" / Int16ul * "bits 0-7 critical, bits 8-15 ancillary; all 0 in version 1.0",
     "payload_crc" / Int32ul * "file CRC of the payload",
     "header_crc" / Int32ul * "CRC-32 of the 32 bytes before it",
@@ -56,7 +56,7 @@ TRACK = Struct(
     "rate_den" / Int32ul * "denominator of the rate",
     "count_min" / Int32sl * "declared range of a decoded count, lowest",
     "count_max" / Int32sl * "declared range of a decoded count, highest",
-    "first_channel" / Int16ul * "channel number of the first component; the others follow on",
+    "first_channel" / Int16ul * "channel number of the first component; the others follow",
     "linked" / Int16ul * "HF: id of its base track; else of the track that it continues, or 0xFFFF",
 )
 
@@ -71,8 +71,8 @@ DEVIATION = Struct(
 )
 
 INDEX = Struct(
-    "covers_from" / Int64ul * "offset from which on every chunk up to this one is listed",
-    "previous" / Int64ul * "offset of the iNDX chunk before this one; 0: none",
+    "previous" / Int64ul * "offset of the iNDX chunk that the list begins with; 0: none",
+    "first_sequence" / Int32ul * "sequence number of the first chunk that is listed",
     "entry_count" / Int32ul * "number of entries",
 )
 
@@ -92,14 +92,15 @@ QUAN_PARAMETERS = Struct(
 )
 
 RAWB_PARAMETERS = Struct(
-    "word_size" / Int8ul * "bytes per word: 1, 2, 3, 4 or 8",
+    "word_size" / Int8ul * "bytes per number: 1, 2, 3, 4 or 8",
     "reserved" / Bytes(3) * "0",
 )
 
 LPCX_PARAMETERS = Struct(
-    "rule" / Int8ul * "0 quotient, 1 product, 2 significant digits, 3 cubic",
+    "rule" / Int8ul * "0 quotient, 1 product, 2 significant digits, 3 cubic, 4 linear",
     "digits" / Int8ul * "rule 2: significant digits; else 0",
-    "reserved" / Bytes(2) * "0",
+    "terms" / Int8ul * "rule 4: number of terms; else 0",
+    "reserved" / Int8ul * "0",
 )
 
 TABLES: dict[str, Construct] = {

@@ -45,7 +45,7 @@ class Cursor:
     def take(self, size: int) -> bytes:
         if size > self.left:
             raise TruncatedError(
-                "a list ends within an entry", requirement="TLV-007", offset=self.place
+                "a list ends within an entry", requirement="TLV-004", offset=self.place
             )
         self.position += size
         return self.value[self.position - size : self.position]
@@ -53,7 +53,7 @@ class Cursor:
     def end(self) -> None:
         if self.left:
             raise FormatError(
-                "bytes left over after a list", requirement="TLV-007", offset=self.place
+                "bytes left over after a list", requirement="TLV-004", offset=self.place
             )
 
 

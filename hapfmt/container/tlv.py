@@ -33,12 +33,12 @@ def parse_tlv(payload: bytes, position: int, base: int, found: Tlvs) -> int:
     at = base + position
     start = position + TLV_SIZE
     if start > len(payload):
-        raise FormatError("bytes left over after the last TLV", requirement="TLV-002", offset=at)
+        raise FormatError("bytes left over after the last TLV", requirement="TLV-001", offset=at)
     head = read_fields(TLV, payload, position)
     if found and head.type <= next(reversed(found)):
         raise FormatError("TLV types not increasing", requirement="TLV-001", offset=at)
     if head.size > len(payload) - start:
-        raise FormatError("a TLV runs past the end of its chunk", requirement="TLV-002", offset=at)
+        raise FormatError("a TLV runs past the end of its chunk", requirement="TLV-001", offset=at)
     found[head.type] = (base + start, payload[start : start + head.size])
     return start + int(head.size)
 
@@ -72,7 +72,7 @@ def parse_strings(value: bytes, count: int, offset: int) -> tuple[str, ...]:
         if value[position] == SAME:
             if not items:
                 raise FormatError(
-                    "no text before the first", requirement="CNV-005", offset=offset + position
+                    "no text before the first", requirement="TLV-004", offset=offset + position
                 )
             items.append(items[-1])
             position += 1
@@ -80,7 +80,7 @@ def parse_strings(value: bytes, count: int, offset: int) -> tuple[str, ...]:
         stop = position + 1 + value[position]
         if stop > len(value):
             raise FormatError(
-                "a string runs past its list", requirement="TLV-007", offset=offset + position
+                "a string runs past its list", requirement="TLV-004", offset=offset + position
             )
         items.append(parse_text(value[position + 1 : stop], offset + position + 1))
         position = stop

@@ -275,6 +275,6 @@ class TrackTable:
         if base and reach * max(abs(c.calibration.a) for c in base.components) > EXACT_LIMIT:
             raise FormatError(
                 "count * A above 2^53 within the declared range of an HF track",
-                requirement="VAL-002",
+                requirement="VAL-001",
                 offset=track.offset,
             )

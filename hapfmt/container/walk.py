@@ -192,7 +192,7 @@ def identify(source: Source) -> int | None:
         held = HEADER_SIZE + header.payload_size if chunk.intact else 0
         if header.type == "DATA" and not chunk.intact:
             work = spend(work, chunk, TABLE_WORK)
-            held = held_size(chunk.payload, header.seed)
+            held = held_size(chunk.payload, header.cluster_seed)
         votes[header.file_id] = votes.get(header.file_id, 0) + held
         sure = chunk.intact or header.type == "aTTc" or follows(source, header, stop)
         position = find_header(source, stop if sure else position + 1, None)

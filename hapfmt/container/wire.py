@@ -46,6 +46,7 @@ __all__ = [
     "Head",
     "build_chunk",
     "check_file_id",
+    "cluster_seed",
     "crc32",
     "id_text",
     "seed_of",
@@ -69,6 +70,11 @@ def id_text(file_id: int) -> str:
 def seed_of(file_id: int) -> int:
     """Where a file CRC starts: the CRC-32 of the file id (SPEC clause 2)."""
     return zlib.crc32(file_id.to_bytes(8, "little"))
+
+
+def cluster_seed(file_id: int, sequence: int) -> int:
+    """Where a cluster CRC starts: the file CRC of the sequence number (SPEC 6.4)."""
+    return zlib.crc32(sequence.to_bytes(8, "little"), seed_of(file_id))
 
 
 @cache
@@ -127,8 +133,13 @@ class ChunkHeader:
 
     @property
     def seed(self) -> int:
-        """Where the CRCs of the payload and of its packets start."""
+        """Where the CRC of the payload starts."""
         return seed_of(self.file_id)
+
+    @property
+    def cluster_seed(self) -> int:
+        """Where the CRCs of a table and of its packets start."""
+        return cluster_seed(self.file_id, self.sequence)
 
     @property
     def critical(self) -> bool:
@@ -161,13 +172,13 @@ def parse_header(data: bytes, offset: int) -> ChunkHeader:
     raw = parse_fixed(CHUNK_HEADER, data, 0, "FIL-002", offset)
     if raw.sync != SYNC:
         raise FormatError(
-            "no sync word where a chunk should start", requirement="CHK-001", offset=offset
+            "no sync word where a chunk should start", requirement="CHK-002", offset=offset
         )
     if raw.header_crc != crc32(data[:CRC_OFFSET]):
         raise ChecksumError("chunk header CRC differs", requirement="CHK-002", offset=offset)
     if not (raw.type.isascii() and raw.type.isalpha()):
-        raise FormatError("chunk type is not four letters", requirement="CHK-006", offset=offset)
-    LEVELS[2].check("payload_size", raw.payload_size, "CHK-008", offset)
+        raise FormatError("chunk type is not four letters", requirement="CHK-002", offset=offset)
+    LEVELS[2].check("payload_size", raw.payload_size, "LIM-001", offset)
     return ChunkHeader(
         raw.type.decode("ascii"),
         raw.file_id,
@@ -235,10 +246,10 @@ def parse_head(payload: bytes, offset: int) -> Head:
 
     raw = parse_fixed(HEAD, payload, 0, "HED-002", offset)
     if raw.major != MAJOR:
-        raise UnsupportedError(f"major version {raw.major}", requirement="VER-002", offset=offset)
+        raise UnsupportedError(f"major version {raw.major}", requirement="VER-001", offset=offset)
     if raw.incompat & ~KNOWN_INCOMPAT:
         raise UnsupportedError(
-            f"incompatible feature bits {raw.incompat:#x}", requirement="VER-002", offset=offset + 4
+            f"incompatible feature bits {raw.incompat:#x}", requirement="VER-001", offset=offset + 4
         )
     if raw.level not in LEVELS:
         raise UnsupportedError(f"level {raw.level}", requirement="HED-004", offset=offset + 2)

@@ -28,18 +28,11 @@ from .common import (
     unit_of,
     with_notes,
 )
-from .times import Grid, Stamps, seconds_of_date, spans_at
+from .times import TIME_UNITS, Grid, Stamps, seconds_of_date, spans_at, time_name
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.A | re.I)
-_TIME_UNITS = {"s": 0, "sec": 0, "ms": -3, "us": -6, "\u00b5s": -6, "\u03bcs": -6, "ns": -9}
-"""Powers of ten, s."""
-_TIME_UNIT = "|".join(_TIME_UNITS)
 _COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.A | re.I)
 """A number with a decimal comma."""
-_TIME = re.compile(
-    r"(?:t|(?i:times?|time ?stamps?|date ?time))"
-    rf"(?: ?\[({_TIME_UNIT})\]| ?\(({_TIME_UNIT})\)|[ _]({_TIME_UNIT}))?"
-)
 _DELIMITERS = "\t;,"
 """Where two are equally frequent in the header, the first of them is not likely to be in a name."""
 _LINE_LIMIT = 1 << 24
@@ -191,16 +184,14 @@ class _Table:
         return csv.reader(lines, delimiter=self._delimiter, skipinitialspace=True, strict=True)
 
     def _time_column(self) -> Stamps | None:
-        match = _TIME.fullmatch(self._names[0])
-        self._unit_missing = match is not None and not match.lastindex
-        if match is None:
-            return None
-        return Stamps(_TIME_UNITS[match[match.lastindex] if match.lastindex else "s"])
+        named = time_name(self._names[0])
+        self._unit_missing = named is not None and named.unit is None
+        return None if named is None else Stamps(named.exponent)
 
     def _column_in_seconds(self) -> Stamps | None:
         """A first column of another name with a unit of time: times, if they rise in every row."""
         unit = split_name(self._names[0])[1]
-        return Stamps(_TIME_UNITS[unit]) if unit in _TIME_UNITS and len(self._names) > 1 else None
+        return Stamps(TIME_UNITS[unit]) if unit in TIME_UNITS and len(self._names) > 1 else None
 
     def _add_rising(self, cell: str) -> None:
         assert self._rising is not None
@@ -341,11 +332,6 @@ def _channel(
         label=label,
         unit=unit_of(unit, label, notes),
     )
-
-
-def may_be_times(name: str) -> bool:
-    """Whether a first column of this name may hold the times of the rows."""
-    return _TIME.fullmatch(name) is not None or split_name(name)[1] in _TIME_UNITS
 
 
 def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[str]:

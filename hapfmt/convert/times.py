@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from ..errors import ParameterError
 from ..limits import TICK_LIMIT
 from ..recording import Span
+from ..units import split_name
 from .common import checked_rate
 
 _EXACT = Context(prec=160)
@@ -57,6 +58,36 @@ class Grid(NamedTuple):
     ticks: NDArray[np.int64]
     notes: tuple[str, ...]
     epoch_ns: int | None = None
+
+
+TIME_UNITS = {"s": 0, "sec": 0, "ms": -3, "us": -6, "\u00b5s": -6, "\u03bcs": -6, "ns": -9}
+"""Powers of ten, s."""
+_TIME_UNIT = "|".join(TIME_UNITS)
+_TIME = re.compile(
+    r"(?:t|(?i:times?|time ?stamps?|date ?time))"
+    rf"(?: ?\[({_TIME_UNIT})\]| ?\(({_TIME_UNIT})\)|[ _]({_TIME_UNIT}))?"
+)
+
+
+class TimeName(NamedTuple):
+    """The name of a column of times. ``exponent``: power of ten of its unit, s."""
+
+    unit: str | None
+    exponent: int
+
+
+def time_name(name: str) -> TimeName | None:
+    """What a name such as "t [ms]" says of a column; None where it does not name times."""
+    match = _TIME.fullmatch(name)
+    if match is None:
+        return None
+    unit = match[match.lastindex] if match.lastindex else None
+    return TimeName(unit, TIME_UNITS[unit or "s"])
+
+
+def may_be_times(name: str) -> bool:
+    """Whether a first column of this name may hold the times of the rows."""
+    return time_name(name) is not None or split_name(name)[1] in TIME_UNITS
 
 
 class Stamps:

@@ -1,4 +1,4 @@
-"""Files cut, joined and completed without encoding anything anew (SPEC 13.2).
+"""Files cut, joined and completed without encoding anything anew (docs/spec/editing.md).
 
 from hapfmt import edit
 

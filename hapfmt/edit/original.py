@@ -184,7 +184,7 @@ class Original(Closing):
             raise self.damaged(ChecksumError, message, ref.offset)
         try:
             level, at = self.catalogue.level, chunk.payload_offset
-            return parse_cluster(chunk.payload, self.tracks, level, at, chunk.header.seed)
+            return parse_cluster(chunk.payload, self.tracks, level, at, chunk.header.cluster_seed)
         except FormatError as error:
             raise error.at(path=self.source.path) from None
 

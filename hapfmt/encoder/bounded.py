@@ -17,6 +17,7 @@ from ..deadband import Deadband
 from ..recording import Channel, Span
 from .glitches import without_glitches
 from .grids import Indices, grid_within, nearest_level, nearest_uniform
+from .lengths import fitting_packets
 from .packed import Coded, fill_below
 from .plan import Promise
 from .predict import encode_best, quick_estimate
@@ -126,11 +127,15 @@ def code_grid(
     if smallest is not None and hopeless((indices for _, indices in pieces()), smallest):
         return None
     coded = Coded(replace(base, codec="LPCR", parameters=grid.build()))
-    return fill_below(
-        coded,
-        ((span, code(indices)) for span, indices in pieces()),
-        smallest,
-    )
+
+    def packets() -> Iterator[tuple[Span, bytes]]:
+        for span, indices in pieces():
+            yield from fitting_packets(span, indices, partial(code_part, indices))
+
+    def code_part(indices: Indices, part: slice) -> bytes:
+        return code(indices[part])
+
+    return fill_below(coded, packets(), smallest)
 
 
 def hopeless(pieces: Iterable[Indices], size: int) -> bool:

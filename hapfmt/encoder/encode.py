@@ -29,9 +29,10 @@ from .exact import encode_doubles
 from .gridded import Gridded, fine_grid, on_grid, without_odd_values
 from .groups import group_units
 from .lattice import Lattice, sparse
+from .linear import COSTLY, RUN_LIMIT, Relation, encode_linear, find_relations, stretches
 from .packed import Coded
 from .plan import Promise, promises_of, vector_promise
-from .references import SAVED, Links, encode_run, find_runs, step_of
+from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
 from .settings import ALL, Settings
 from .source import Source, cut, side_by_side
 from .texture import encode_textured
@@ -160,6 +161,8 @@ def encode(
     count = len(recording)
     done = progress or (lambda _done, _all: None)
     parts = list(encode_parts(job, 0, count, lambda done_now: done(done_now, count)))
+    if settings.references and not settings.fast:
+        parts = list(with_relations(parts, job))
     if settings.preset != "lossless" and settings.smallest:
         parts = with_lossless(parts, job, recorded)
     decisions: list[Decision] = []
@@ -248,6 +251,75 @@ def encode_members(members: list[Gridded], links: Links, first: int, job: Job) -
         yield Part(joint, first, members)
     else:
         yield from apart
+
+
+def with_relations(parts: list[Part], job: Job) -> Iterator[Part]:
+    """The parts, those in one track that hold doubles which are linear in each other."""
+    for run in runs_of_doubles(parts, job):
+        channels = [job.originals[part.first] for part in run]
+        costly = [
+            8 * part.unit.size > COSTLY * channel.stored.size
+            for part, channel in zip(run, channels, strict=True)
+        ]
+        columns = [channel.stored for channel in channels]
+        found = find_relations(columns, costly) if len(run) > 1 and any(costly) else []
+        at = 0
+        for start, stop in stretches(found):
+            yield from run[at:start]
+            yield from joined(run[start:stop], columns[start:stop], found, start, job)
+            at = stop
+        yield from run[at:]
+
+
+def joined(
+    parts: list[Part],
+    columns: list[NDArray[np.float64]],
+    found: list[Relation],
+    start: int,
+    job: Job,
+) -> list[Part]:
+    """One part, where that is smaller. ``found``: counted from ``start`` places before."""
+    first = parts[0].first
+    members = [part.members[0] for part in parts]
+    channels = [each.channel for each in members]
+    moved = [
+        each._replace(
+            target=each.target - start,
+            source=each.source - start,
+            terms=tuple(t._replace(component=t.component - start) for t in each.terms),
+        )
+        for each in found
+        if start <= each.target < start + len(parts)
+    ]
+    units = [part.unit for part in parts]
+    joint = encode_linear(channels, columns, units, moved, first, job.cluster)
+    if joint is None or joint.size >= (1 - SAVED) * sum(part.unit.size for part in parts):
+        return parts
+    return [Part(joint, first, members)]
+
+
+def runs_of_doubles(parts: list[Part], job: Job) -> Iterator[list[Part]]:
+    """All parts in their order; those side by side that one track of doubles might hold."""
+    run: list[Part] = []
+    for part in parts:
+        channel = job.originals[part.first]
+        fits = (
+            len(part.members) == 1
+            and part.members[0].promise.lossless
+            and channel.stored.dtype == np.float64
+            and bool(np.isfinite(channel.stored).all())
+        )
+        if run and not (
+            fits and len(run) < RUN_LIMIT and same_ticks(job.originals[run[0].first], channel)
+        ):
+            yield run
+            run = []
+        run.append(part)
+        if not fits:
+            yield run
+            run = []
+    if run:
+        yield run
 
 
 def with_lossless(parts: list[Part], job: Job, recorded: list[Channel]) -> list[Part]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..codecs.exact import ExactParameters, corrections_of, lacking_of
+from ..codecs.exact import ExactParameters, Lacking, corrections_of, lacking_of
 from ..codecs.values import (
     COEFFICIENT_LIMIT,
     CUBIC,
@@ -27,10 +27,11 @@ from ..codecs.values import (
 )
 from ..container.cluster import Packet
 from ..container.track import Affine, Track
-from ..integers import build_varint
+from ..integers import build_varint, parse_varint
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..recording import Calibration, Channel, Span
 from .lattice import Lattice, find_lattice, natural_lattices
+from .lengths import fitting_packets
 from .near import Near
 from .packed import Coded
 from .predict import encode_best
@@ -133,15 +134,19 @@ def coded_as(
     coded = Coded(track)
     at = beside = 0
     for span in spans:
-        piece = slice(at, at + span.ticks)
+        values, counts = x[at : at + span.ticks], candidate.counts[at : at + span.ticks]
         at += span.ticks
+
+        def code(part: slice, values: Doubles = values, counts: Counts = counts) -> bytes:
+            return packet_of(values[part], candidate, counts[part])
+
         try:
-            data, exact_size = packet_of(x[piece], candidate, candidate.counts[piece])
+            for part, data in fitting_packets(span, counts, code):
+                coded.packets.append(Packet(0, part.start, part.ticks, data))
+                beside += exact_size(data)
         except ValueError:
             # Too far from its count, or counts too far from each other.
             return None
-        coded.packets.append(Packet(0, span.start, span.ticks, data))
-        beside += exact_size
     reason = f"bit for bit: counts of {candidate.how}, and {beside} bytes of exact values"
     return Beside(Unit(coded, None, "predicted + exact", reason, exact=True), beside)
 
@@ -227,11 +232,11 @@ def printed_rule(u: Doubles) -> Iterator[ExactParameters]:
         yield ExactParameters(SIGNIFICANT, digits)
 
 
-def binary_grid(x: Doubles) -> Candidate | None:
-    """Multiples of a power of two, the range of x taking GRID_BITS; None where they are too large
-    for a calibration."""
+def binary_grid(x: Doubles, bits: int = GRID_BITS) -> Candidate | None:
+    """Multiples of a power of two, the range of x taking so many bits; None where they are too
+    large for a calibration."""
     low, high = float(x.min()), float(x.max())
-    power = GRID_BITS - 1 - frexp(high / 2 - low / 2)[1]
+    power = bits - 1 - frexp(high / 2 - low / 2)[1]
     # Counts and B stay below 2^52, D below 2^53.
     reach = max(-low, high)
     power = min(power, 52, 52 - frexp(reach)[1])
@@ -239,7 +244,7 @@ def binary_grid(x: Doubles) -> Candidate | None:
         return None
     scaled = np.rint(np.ldexp(x, power)).astype(np.int64)
     middle = int(np.rint(np.ldexp(low / 2 + high / 2, power)))
-    if int(np.abs(scaled).max()) < 1 << GRID_BITS:
+    if int(np.abs(scaled).max()) < 1 << bits:
         middle = 0
     counts = scaled - middle
     a, d = (1, 1 << power) if power >= 0 else (1 << -power, 1)
@@ -251,9 +256,19 @@ def binary_grid(x: Doubles) -> Candidate | None:
     return Candidate(calibration, counts, ExactParameters(), f"a binary grid of step {a / d:.6g}")
 
 
-def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> tuple[bytes, int]:
-    """One packet of these samples, and how many of its bytes are exact values."""
+def exact_size(packet: bytes) -> int:
+    """How many of its bytes are exact values."""
+    size, at = parse_varint(packet, 0)
+    return len(packet) - at - size
+
+
+def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> bytes:
+    """One packet of these samples."""
     coded = encode_best(counts)
-    lacking = lacking_of(x, candidate.parameters, candidate.affine, counts)
-    beside = min((lacking.build(recall=recall) for recall in (False, True)), key=len)
-    return build_varint(len(coded)) + coded + beside, len(beside)
+    beside = smallest_exact(lacking_of(x, candidate.parameters, candidate.affine, counts))
+    return build_varint(len(coded)) + coded + beside
+
+
+def smallest_exact(lacking: Lacking) -> bytes:
+    """With recall or without."""
+    return min((lacking.build(recall=recall) for recall in (False, True)), key=len)

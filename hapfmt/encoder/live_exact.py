@@ -36,8 +36,7 @@ HEADROOM, AT_REST = 32, Fraction(2)
 """How many times the range of the first block the counts hold; and the range of nothing but 0."""
 
 POWERS, MIDDLE = range(15, -10, -1), 1 << 51
-"""Decimals of a step, and the numerator of the middle count: what calibrations hold (VAL-001 and
-VAL-002)."""
+"""Decimals of a step, and the numerator of the middle count: what calibrations hold (VAL-001)."""
 
 SEEN = 16
 """So many distinct values tell a lattice; fewer only one of plain decimals or binary fractions."""

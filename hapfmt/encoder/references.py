@@ -85,7 +85,7 @@ def find_runs(
             step is not None
             and stop < min(len(groups), at + RUN_LIMIT)
             and steps[stop] == step
-            and alike(first, groups[stop][0])
+            and same_ticks(first, groups[stop][0])
         ):
             stop += 1
         run = [group[0] for group in groups[at:stop]]
@@ -103,7 +103,7 @@ def find_runs(
         at = stop
 
 
-def alike(one: Channel, other: Channel) -> bool:
+def same_ticks(one: Channel, other: Channel) -> bool:
     return one.rate_exact == other.rate_exact and one.coverage == other.coverage
 
 

@@ -37,16 +37,16 @@ BITS = range(2, 17)
 ARCHIVE_CLUSTER = Fraction(10)
 """Seconds (SPEC clause 13)."""
 
-LEARNING, LONGEST_CLUSTER = 1 << 14, Fraction(120)
-"""Samples of a packet whose predictor and whose row in a packet table cost little
-(a glove at 100 Hz: clusters of 120 s take 36 % less than those of 41 s, measured), and the seconds
-that a slow channel may wait for them."""
+LONG, LONGEST_CLUSTER = 1 << 16, Fraction(120)
+"""Samples of the longest packet, which the encoder cuts where pieces are smaller; and the seconds
+that a slow channel may wait for them. Shorter clusters cost 1 to 3 % (da Vinci torques, 16 s for
+20), and a glove at 100 Hz 4 % (32 s for 120)."""
 
 LEAST_TICKS = 256
 """Of the fastest channel in a cluster. With one in each, as ten seconds give it, 1000 samples of
 1/3600 Hz took 49 kB; so they take 1.3 kB."""
 
-LONG_PACKET = 1 << 15
+LONG_FAST = 1 << 15
 """Samples of a packet of --fast: as long as one predictor does for."""
 
 RANGE_FLOOR = Tolerance(0.002, "range")
@@ -164,17 +164,13 @@ class Settings:
         return self.floor or RANGE_FLOOR
 
     def cluster_of(self, recording: Recording) -> Fraction:
-        """Seconds of a cluster: as asked for; else ten, and for slow channels as many as make
-        packets long; and never few ticks."""
+        """Seconds of a cluster: as asked for; else as many as a long packet of the fastest channel
+        has, from ten on; and never few ticks."""
         if self.cluster is not None:
             return self.cluster
         fastest = max((channel.rate_exact for channel in recording.channels), default=Fraction(1))
-        seconds = ARCHIVE_CLUSTER
-        if self.fast:
-            seconds = min(Fraction(ceil(LONG_PACKET / fastest)), LONGEST_CLUSTER)
-        else:
-            learning = Fraction(ceil(LEARNING / fastest))
-            seconds = min(max(ARCHIVE_CLUSTER, learning), LONGEST_CLUSTER)
+        longest = min(Fraction(ceil((LONG_FAST if self.fast else LONG) / fastest)), LONGEST_CLUSTER)
+        seconds = longest if self.fast else max(ARCHIVE_CLUSTER, longest)
         return max(seconds, Fraction(ceil(LEAST_TICKS / fastest)))
 
     def describe(self) -> str:

@@ -15,7 +15,7 @@ typedef struct {
     const uint8_t *at, *end;
 } reader;
 
-/* CNV-002, CNV-003; -1 where one is broken. */
+/* CNV-002; -1 where one is broken. */
 static inline int64_t get_varint(reader *r)
 {
     uint64_t value = 0;

@@ -11,7 +11,7 @@ from math import isinf
 import numpy as np
 from numpy.typing import NDArray
 
-from ..convert.csv import may_be_times
+from ..convert.times import may_be_times
 from ..errors import ParameterError
 from ..units import split_name, to_ucum, units_for
 from .inputs import Input

@@ -69,7 +69,7 @@ class Assembly:
         if self.band == "lf" or part.track.kind != "lf":
             return self.tracks[part.track.id]
         if part.residual is None:
-            # Its HF track is lost: what is left is not the channel (DEC-006).
+            # Its HF track is lost: what is left is not the channel (DEC-003).
             return Decoded(part.track)
         if part.track.id not in self.sums:
             lf, hf = self.tracks[part.track.id], self.tracks[part.residual.id]

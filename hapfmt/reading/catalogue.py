@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
 from ..container.clocks import ClockMap, ClockObservation, parse_clock, parse_map
-from ..container.cluster import parse_count, parse_entry
+from ..container.cluster import parse_rows, parse_table_head
 from ..container.description import described_size, parse_description
 from ..container.extras import Attachment, parse_attachment, parse_metadata
 from ..container.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
@@ -20,7 +20,7 @@ from ..container.source import Source
 from ..container.track import Contract, Track, TrackTable
 from ..container.walk import Chunk, Finding, header_at, read_chunk
 from ..container.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
-from ..errors import FormatError, UnsupportedError
+from ..errors import FormatError, TruncatedError, UnsupportedError
 from ..limits import LEVELS, Level, Limits
 from ..verdict import HARMLESS, verdict_of
 
@@ -372,7 +372,7 @@ class Catalogue:
             self.head_payload = chunk.payload
         elif chunk.payload != self.head_payload:
             raise FormatError(
-                "a second, different HEAD", requirement="HED-006", offset=chunk.offset
+                "a second, different HEAD", requirement="HED-001", offset=chunk.offset
             )
 
     def time_range(self, chunk: Chunk) -> tuple[int, int] | tuple[None, None]:
@@ -380,23 +380,25 @@ class Catalogue:
 
         None where a description is lost: a copy of it may still follow.
         """
-        count, position = parse_count(chunk.payload, self.level, chunk.payload_offset)
+        table = parse_table_head(chunk.payload, self.level, chunk.payload_offset)
         first = last = None
-        for _ in range(count):
-            entry, position = parse_entry(chunk.payload, position, chunk.payload_offset)
-            track = self.tracks.get(entry.track)
+        for row in parse_rows(chunk.payload, table):
+            track = self.tracks.get(row.track)
             if track is None:
                 if self.damaged:
                     return None, None
                 raise FormatError(
-                    f"packet of track {entry.track}, which is not described",
+                    f"packet of track {row.track}, which is not described",
                     requirement="DAT-008",
-                    offset=entry.offset,
+                    offset=chunk.payload_offset + row.offset,
                 )
             # Of integers: fractions take longer than the samples of a short packet.
             rate, tick_ns = track.rate.numerator, track.rate.denominator * 10**9
-            start, stop = entry.start * tick_ns // rate, -(-entry.stop * tick_ns // rate)
+            start, stop = row.start * tick_ns // rate, -(-row.stop * tick_ns // rate)
             first = start if first is None else min(first, start)
             last = stop if last is None else max(last, stop)
-        assert first is not None and last is not None
+        if first is None or last is None:
+            raise TruncatedError(
+                "the table ends early", requirement="DAT-005", offset=chunk.payload_offset
+            )
         return first, last

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..codecs import components, knots, knots_coded, quantised
 from ..codecs.events import CodedEvent, parse_events
-from ..codecs.exact import ExactParameters, decode_counts, decode_exact
+from ..codecs.exact import ExactParameters, decode_counts, decode_exact, parse_parameters
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters
 from ..codecs.quantised import QuanParameters
@@ -22,7 +22,8 @@ from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Level
 from ..recording import Span, append_span
 
-Parameters = KnotParameters | QuanParameters | RawParameters | LpcParameters | ExactParameters
+Exact = tuple[ExactParameters, ...]
+Parameters = KnotParameters | QuanParameters | RawParameters | LpcParameters | Exact
 
 
 CODEBOOKS = 128
@@ -74,28 +75,28 @@ class TrackDecoder:
             # Once more, to tell the place.
             return QuanParameters.parse(self.track.parameters, self.level, self.track.offset)
 
-    def parse_exact(self) -> ExactParameters:
+    def parse_exact(self) -> Exact:
         track = self.track
         lossy = track.contract or any(c.deviation for c in track.components)
-        if track.kind != "full" or len(track.components) != 1 or lossy:
+        if track.kind != "full" or lossy:
             raise FormatError(
-                "exact values in a track that is not one lossless channel",
+                "exact values in a track that is not lossless",
                 requirement="EXA-001",
                 offset=track.offset,
             )
-        return ExactParameters.parse(track.parameters, track.offset)
+        return parse_parameters(track.parameters, len(track.components), track.offset)
 
     def decode_exact(self, packet: Packet, counts: NDArray[np.int32]) -> NDArray[np.float64] | None:
-        """The source's doubles [span], for the counts that ``decode`` gave of the same packet; None
-        where the counts are all there is."""
-        if not isinstance(self.parameters, ExactParameters):
+        """The source's doubles [span, components], for the counts that ``decode`` gave of the same
+        packet; None where the counts are all there is."""
+        if not isinstance(self.parameters, tuple):
             return None
         try:
             return decode_exact(
                 packet.data,
                 self.parameters,
-                self.track.components[0].calibration,
-                counts[:, 0].astype(np.int64),
+                [component.calibration for component in self.track.components],
+                counts.astype(np.int64),
                 packet.offset,
             )
         except HapfmtError as error:
@@ -120,10 +121,10 @@ class TrackDecoder:
                 if track.number_format == "counts":
                     self.check_range(numbers, packet.offset, "RAW-005")
                 return numbers
-            if isinstance(parameters, ExactParameters):
-                counts = decode_counts(packet.data, packet.span, self.level, packet.offset)
+            if isinstance(parameters, tuple):
+                counts = decode_counts(packet.data, packet.span, size, self.level, packet.offset)
                 self.check_range(counts, packet.offset, "EXA-003")
-                return counts.astype(np.int32)[:, None]
+                return counts.astype(np.int32)
             if isinstance(parameters, KnotParameters):
                 coded = parameters.coded
                 within = knots_coded.decode_within if coded else knots.decode_within

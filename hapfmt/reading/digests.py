@@ -76,5 +76,5 @@ def digested_tracks(catalogue: Catalogue, chunk: Chunk, *, harmed: bool) -> rang
             offset=at,
         )
     if any(i in tracks and tracks[i].kind == "events" for i in ids):
-        raise FormatError("Tracks of events have no checksum", requirement="DGS-004", offset=at)
+        raise FormatError("Tracks of events have no checksum", requirement="DGS-001", offset=at)
     return ids

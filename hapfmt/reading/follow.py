@@ -244,7 +244,7 @@ class Follower(Closing):
 
     def packets(self, chunk: Chunk) -> Iterator[Packet]:
         catalogue, at = self.catalogue, chunk.payload_offset
-        tracks, level, seed = catalogue.tracks, catalogue.level, chunk.header.seed
+        tracks, level, seed = catalogue.tracks, catalogue.level, chunk.header.cluster_seed
         if catalogue.unsupported:
             raise catalogue.unsupported
         if chunk.intact:

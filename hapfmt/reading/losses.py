@@ -45,9 +45,13 @@ class Losses:
             return
         for id_ in tracks:
             start, stop = ticks(times, self.tracks[id_].rate)
-            hole = self.open.setdefault(id_, Hole(start, stop, offset))
-            hole.start = min(hole.start, start)
-            hole.stop = None if None in (hole.stop, stop) else max(hole.stop or 0, stop or 0)
+            self.widen(id_, start, stop, offset)
+
+    def widen(self, track: int, start: int, stop: int | None, offset: int) -> None:
+        """These ticks of the track may be lost, but for those that other packets have."""
+        hole = self.open.setdefault(track, Hole(start, stop, offset))
+        hole.start = min(hole.start, start)
+        hole.stop = None if None in (hole.stop, stop) else max(hole.stop or 0, stop or 0)
 
     def settle(self, track: int, last: int, start: int) -> None:
         """The track's next packet starts at ``start``, the one before ended at ``last``."""

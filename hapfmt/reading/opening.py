@@ -24,8 +24,8 @@ OTHER_FORMATS = {".npz": "an NPZ", ".npy": "an NPY", ".csv": "a CSV", ".wav": "a
 MS = 10**6
 """Nanoseconds."""
 FOOT_SIZE = HEADER_SIZE + 32
-LATER = frozenset({"DATA", "aTTc", "dGST", "cLOk", "cMAp"})
-"""Chunks that are read when somebody asks for them."""
+LATER = frozenset({"DATA", "aTTc", "dGST", "cLOk", "cMAp", "iNDX", "fOOT"})
+"""Chunks that are read when somebody asks for them, or not needed beside the last index."""
 BACK = INDEX_EVERY + 2 * LEVELS[2].payload_size
 """How far from the end of a file that was not closed an index is looked for: so much at most may
 stand behind it, and one more chunk that is not whole."""
@@ -89,7 +89,10 @@ def from_foot(source: Source, chunk: Chunk, limits: Limits) -> Catalogue | None:
     catalogue = Catalogue(source, limits, file_id, indexed=True)
     catalogue.foot = parse_foot(chunk.payload, chunk.payload_offset)
     offset = catalogue.foot.index_offset
-    return catalogue if learn_listed(catalogue, offset, file_id) else None
+    if not learn_listed(catalogue, offset, file_id):
+        return None
+    catalogue.chunks.append(ChunkRef("fOOT", chunk.offset))
+    return catalogue
 
 
 def from_checkpoint(source: Source, file_id: int, limits: Limits) -> Catalogue | None:
@@ -125,7 +128,7 @@ def learn_checkpoint(catalogue: Catalogue, file_id: int) -> Chunk | None:
     index = last_index(source, file_id)
     if index is None or not learn_listed(catalogue, index.offset, file_id):
         return None
-    last = catalogue.chunks[-1]
+    last = catalogue.chunks[-2]
     before = header_at(source, last.offset, file_id)
     if before is None or before.sequence + 1 != index.header.sequence:
         return None
@@ -160,6 +163,7 @@ def learn_listed(catalogue: Catalogue, offset: int, file_id: int) -> bool:
             return False
         stop = chunk.stop
         catalogue.learn(chunk)
+    catalogue.chunks.append(ChunkRef("iNDX", offset))
     return catalogue.head is not None
 
 
@@ -200,13 +204,8 @@ def index_entries(
     source: Source, offset: int, file_id: int, limits: Limits | None = None
 ) -> list[IndexEntry]:
     """All entries, oldest first, by the chain of indexes that ends at ``offset``."""
-    limits = limits or Limits()
-    kept: list[list[IndexEntry]] = []
-    stop = 1 << 64
-    for _, index in reversed(index_chain(source, offset, file_id, limits)):
-        kept.append([entry for entry in index.entries if entry.offset < stop])
-        stop = min(stop, index.covers_from)
-    return [entry for entries in reversed(kept) for entry in entries]
+    chain = index_chain(source, offset, file_id, limits)
+    return [entry for _, index in chain for entry in index.entries]
 
 
 def from_walk(
@@ -329,7 +328,7 @@ def lose_strangers(catalogue: Catalogue) -> None:
     for track in catalogue.tracks.values():
         if track.kind == "hf" and track.base not in catalogue.tracks:
             message = f"HF track {track.id} has lost its base track {track.base}"
-            catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-006")
+            catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-003")
 
 
 def no_signature(source: Source) -> FormatError:

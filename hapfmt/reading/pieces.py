@@ -19,8 +19,8 @@ NOTHING = np.zeros((0, 1), np.int32)
 
 class Piece(NamedTuple):
     """One decoded packet: numbers [ticks, components] from tick ``start`` on; exact: the source's
-    doubles [ticks], where they stand beside the counts and were asked for; events of a layer, which
-    has no numbers."""
+    doubles, likewise, where they stand beside the counts and were asked for; events of a layer,
+    which has no numbers."""
 
     track: Track
     start: int

@@ -438,7 +438,7 @@ class Reader(Closing):
 
     def lost_parts(self, chosen: Sequence[ChannelRef], band: Band) -> list[LostSpan]:
         """What nobody can give for want of a description: LF tracks without their HF track
-        (DEC-006), and tracks that a known one continues."""
+        (DEC-003), and tracks that a known one continues."""
         parts = {part.track.id: part for ref in chosen for part in ref.parts}
         bare = [p.track for p in parts.values() if p.track.kind == "lf" and not p.residual]
         if band != "full":

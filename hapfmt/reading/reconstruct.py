@@ -48,7 +48,7 @@ class Decoded:
     def add(
         self, start: int, numbers: NDArray[Any], exact: NDArray[np.float64] | None = None
     ) -> None:
-        """numbers [ticks, components] from tick ``start`` on; exact: [ticks]"""
+        """numbers [ticks, components] from tick ``start`` on; exact: the same"""
         if not len(numbers):
             return
         append_span(self.spans, Span(start, start + len(numbers)))
@@ -65,12 +65,12 @@ class Decoded:
         return joined
 
     def exact(self) -> NDArray[np.float64] | None:
-        """[samples], or None where the counts are all there is."""
+        """[samples, components], or None where the counts are all there is."""
         return self.doubles.joined()
 
 
 def add_residual(lf: Decoded, hf: Decoded) -> Decoded:
-    """d + e^, clamped to the LF track's range, where both are covered (DEC-002, DEC-003)."""
+    """d + e^, clamped to the LF track's range, where both are covered (DEC-001, DEC-003)."""
     low, high = lf.track.count_min, lf.track.count_max
     d, e = lf.numbers(), hf.numbers()
     out = Decoded(lf.track)
@@ -101,7 +101,7 @@ def build_channel(
     decoded: Decoded, index: int, component: Component, *, hf_only: bool = False
 ) -> Channel:
     """The channel of component ``index``; ``component`` is its description in the base track."""
-    counts = decoded.track.number_format == "counts"
+    counts, exact = decoded.track.number_format == "counts", decoded.exact()
     a, b, d = component.calibration
     deviation = Deviation(*component.deviation) if component.deviation else None
     return Channel(
@@ -117,5 +117,5 @@ def build_channel(
         body_site=component.body_site,
         device=component.device,
         deviation=deviation,
-        exact=decoded.exact(),
+        exact=None if exact is None else np.ascontiguousarray(exact[:, index]),
     )

@@ -1,16 +1,14 @@
-"""When the DATA chunks of a damaged file stood, by the indexes that hold (SPEC 12.2)."""
+"""Which DATA chunks a damaged file has lost, and when they were, by its indexes (SPEC 12.2)."""
 
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Mapping, Sequence
-from itertools import accumulate
 from typing import NamedTuple
 
-from ..container.index import FIRST_OFFSET, MS_LIMIT, Index, parse_index
+from ..container.index import MS_LIMIT, IndexEntry, parse_index
 from ..container.walk import read_chunk
 from ..errors import FormatError
-from .catalogue import Catalogue, ChunkRef
+from .catalogue import Catalogue
 
 ANYWHERE = 1 << 63
 """Bytes may have come in or gone: an index does not stand where it stood."""
@@ -28,26 +26,10 @@ NOTHING = Times(0, 0)
 
 
 class Timeline:
-    """What indexes say of the DATA chunks, by their sequence numbers."""
+    """What the intact indexes say of chunks, by their sequence numbers."""
 
-    def __init__(self, catalogue: Catalogue, refs: Sequence[ChunkRef]) -> None:
-        known = [None if ref.start_ns is None else ref.sequence for ref in refs]
-        self.before = list(accumulate([None, *known], newest))
-        """Before each of the chunks, the sequence number of the last one that is intact."""
-        self.after = list(accumulate([None, *reversed(known)], newest))[::-1]
-        """That of the first one from there on."""
-        self.listed: dict[int, tuple[int, int]] = {}
-        """Milliseconds of the DATA chunks, of all from some one on."""
-        self.first: int | None = None
-        """The sequence number from which on all chunks are listed."""
-        self.end = 0
-        """Where the last index stands: nothing says what came after it."""
-        self.read(catalogue)
-        self.numbers = sorted(self.listed)
-
-    def read(self, catalogue: Catalogue) -> None:
-        types = {ref.sequence: ref.type for ref in catalogue.chunks if ref.sequence is not None}
-        last = -1
+    def __init__(self, catalogue: Catalogue) -> None:
+        self.listed: dict[int, IndexEntry] = {}
         for ref in catalogue.chunks:
             chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "iNDX" else None
             if chunk is None or not chunk.intact or not chunk.header.known:
@@ -56,53 +38,30 @@ class Timeline:
                 index = parse_index(chunk.payload, ANYWHERE, chunk.payload_offset)
             except FormatError:
                 continue
-            numbers = sequences(index, chunk.header.sequence, types)
-            if numbers is None:
-                continue
-            first = numbers[0] if numbers else chunk.header.sequence
-            if self.first is None or first > last + 1:
-                self.first, self.listed = first, {}
-            self.first = min(self.first, first)
-            last, self.end = chunk.header.sequence, ref.offset
-            for entry, number in zip(index.entries, numbers, strict=True):
-                if entry.type == "DATA":
-                    self.listed[number] = entry.start_ms, entry.stop_ms
-        if catalogue.foot is not None:
-            self.end = ANYWHERE
+            self.listed |= dict(enumerate(index.entries, index.first_sequence))
+        self.found = sorted({ref.sequence for ref in catalogue.chunks if ref.sequence is not None})
+        self.gone = sorted(self.listed.keys() - set(self.found))
+        """Sequence numbers of chunks that are listed and were not found."""
 
-    def between(self, number: int, offset: int) -> Times:
-        """Times of the DATA chunks that are lost, or damaged, around the chunk with this number
-        among the chunks, or just before it; ``offset``: of the damage."""
-        before, high = self.before[number], self.after[number]
-        low = -1 if before is None else before
-        if self.first is None or low + 1 < self.first or (high is None and offset > self.end):
-            return UNKNOWN
-        stop = len(self.numbers) if high is None else bisect_left(self.numbers, high)
-        lost = self.numbers[bisect_right(self.numbers, low) : stop]
-        if not lost:
+    def of(self, sequence: int) -> Times:
+        """When the packets of the DATA chunk with this number are."""
+        entry = self.listed.get(sequence)
+        return UNKNOWN if entry is None or entry.type != "DATA" else times_of([entry])
+
+    def missing(self, low: int, high: int) -> Times:
+        """The same for the chunks between two numbers that were not found."""
+        if high <= low + 1:
             return NOTHING
-        times = [self.listed[each] for each in lost]
-        latest = max(stop for _, stop in times)
-        return Times(min(start for start, _ in times), latest if latest < MS_LIMIT else None)
+        count = high - low - 1
+        count -= bisect_left(self.found, high) - bisect_right(self.found, low)
+        gone = self.gone[bisect_right(self.gone, low) : bisect_left(self.gone, high)]
+        if len(gone) < count:
+            return UNKNOWN
+        return times_of([entry for n in gone if (entry := self.listed[n]).type == "DATA"])
 
 
-def newest(last: int | None, number: int | None) -> int | None:
-    return last if number is None else number
-
-
-def sequences(index: Index, own: int, types: Mapping[int, str]) -> list[int] | None:
-    """The sequence numbers of the chunks that an index lists: all before it but iNDX and fOOT, so
-    that they are told from behind. None where the chunks that were found contradict."""
-    numbers = []
-    number = own
-    for entry in reversed(index.entries):
-        number -= 1
-        while types.get(number) in ("iNDX", "fOOT"):
-            number -= 1
-        if number < 0 or types.get(number, entry.type) != entry.type:
-            return None
-        numbers.append(number)
-    if index.covers_from == FIRST_OFFSET and number != 0:
-        # An index or a footer between them was not found.
-        return None
-    return numbers[::-1]
+def times_of(entries: list[IndexEntry]) -> Times:
+    if not entries:
+        return NOTHING
+    stop = max(entry.stop_ms for entry in entries)
+    return Times(min(entry.start_ms for entry in entries), stop if stop < MS_LIMIT else None)

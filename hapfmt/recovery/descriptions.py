@@ -41,7 +41,7 @@ def usable(catalogue: Catalogue) -> dict[int, Track]:
     for track in sorted(catalogue.tracks.values(), key=lambda t: (t.kind == "hf", t.id)):
         if track.kind == "hf" and track.base not in found:
             message = f"HF track {track.id} has lost its base track {track.base}"
-            catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-006")
+            catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-003")
             continue
         found[track.id] = track
     return found

@@ -51,7 +51,7 @@ class Extras:
     def wanted(self, chunk: Chunk) -> bool:
         header, offset = chunk.header, chunk.payload_offset
         try:
-            self.catalogue.level.check("payload_size", header.payload_size, "CHK-008", offset)
+            self.catalogue.level.check("payload_size", header.payload_size, "LIM-001", offset)
             if header.type == "mETa":
                 parse_metadata(chunk.payload, offset)
             elif header.type == "aTTc":

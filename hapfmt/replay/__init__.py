@@ -1,4 +1,4 @@
-"""Recordings played on devices (SPEC 17.1).
+"""Recordings played on devices (docs/spec/players.md).
 
 profile/      what a device takes, and what it must never be given
 render/       file -> values at the device's rate, only the channels and bands it can render

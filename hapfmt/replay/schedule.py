@@ -1,4 +1,4 @@
-"""Values -> the frame that is due (SPEC 17.1). Pure: no clock, no sleep, no device.
+"""Values -> the frame that is due (docs/spec/players.md). Pure: no clock, no sleep, no device.
 
 Time is whatever the caller says it is. Frame k is due ``ceil(k * period)`` nanoseconds after the
 start; the recording goes on by one frame with each, sent or skipped, while it plays, and stands

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import forge as f
 import numpy as np
+import singles
 from numpy.typing import NDArray
 
 from hapfmt.codecs import components, exact, knots, knots_coded, predicted, quantised, raw
@@ -184,7 +185,7 @@ AFFINES = (
     Affine(-3, 7, 1000),
     Affine((1 << 22) - 1, -1, 3),
 )
-"""Calibrations that keep VAL-002 at either level; chosen by the bits for the width."""
+"""Calibrations that keep VAL-001 at either level; chosen by the bits for the width."""
 
 
 def lpcx(data: bytes) -> None:
@@ -192,11 +193,11 @@ def lpcx(data: bytes) -> None:
     parameters = ask and settled(ExactParameters.parse, ask.parameters, AT)
     if not ask or not parameters:
         return
-    counts = both(lambda: exact.decode_counts(ask.packet, ask.span, ask.level, AT))
+    counts = both(lambda: singles.decode_counts(ask.packet, ask.span, ask.level, AT))
     if counts is None or max(-int(counts.min()), int(counts.max())) >= 1 << 31:
         return
     affine = AFFINES[WIDTHS.index(ask.width)]
-    doubles = both(lambda: exact.decode_exact(ask.packet, parameters, affine, counts, AT))
+    doubles = both(lambda: singles.decode_exact(ask.packet, parameters, affine, counts, AT))
     if doubles is None:
         return
     for recall in (False, True):
@@ -206,7 +207,7 @@ def lpcx(data: bytes) -> None:
             continue  # a correction of 2^63 has no code but with z = 63
         coded, _, _ = exact.split_packet(ask.packet, AT)
         again = f.varint(len(coded)) + coded + rest
-        back = exact.decode_exact(again, parameters, affine, counts, AT)
+        back = singles.decode_exact(again, parameters, affine, counts, AT)
         assert back.tobytes() == doubles.tobytes()
 
 

@@ -40,31 +40,64 @@ def file_crc(data: bytes, file_id: int) -> int:
     return zlib.crc32(file_id.to_bytes(8, "little") + data)
 
 
-def mend_cluster(payload: bytes, file_id: int = 7) -> bytes:
-    """The CRC of every packet that lies within the payload."""
-    out = bytearray(payload)
+class Table(NamedTuple):
+    """``rows``: track, size, start, span; ``head``: where they begin, ``row``: bytes of each."""
+
+    rows: list[tuple[int, ...]]
+    head: int
+    row: int
+
+    @property
+    def stop(self) -> int:
+        """Where the CRC of the table begins."""
+        return self.head + self.row * len(self.rows)
+
+
+def table_at(payload: bytes) -> Table | None:
+    """None where the table does not lie within the payload."""
     found = varint_at(payload, 0)
     if found is None or found[0] > len(payload):
-        return payload
+        return None
     count, at = found
-    rows = []
+    packed = int.from_bytes(payload[at : at + 2], "little")
+    widths = [packed >> 4 * place & 15 for place in range(4)]
+    at += 2
+    least = []
+    for _ in range(4):
+        found = varint_at(payload, at)
+        if found is None:
+            return None
+        least.append(found[0])
+        at = found[1]
+    head, size, rows = at, sum(widths) + 4, []
+    if head + count * size + 4 > len(payload):
+        return None
     for _ in range(count):
-        begin, fields = at, []
-        for _ in range(4):
-            found = varint_at(payload, at)
-            if found is None:
-                return bytes(out)
-            fields.append(found[0])
-            at = found[1]
-        if at + 4 > len(payload):
-            return bytes(out)
-        rows.append((begin, at, fields[1]))
+        row = []
+        for low, width in zip(least, widths, strict=True):
+            row.append(low + int.from_bytes(payload[at : at + width], "little"))
+            at += width
+        rows.append(tuple(row))
         at += 4
-    for begin, crc_at, size in rows:
-        body = payload[at : at + size]
-        crc = file_crc(payload[begin:crc_at] + body, file_id)
+    return Table(rows, head, size)
+
+
+def mend_cluster(payload: bytes, file_id: int = 7, sequence: int = 2) -> bytes:
+    """The CRCs of the table and of every packet."""
+    table = table_at(payload)
+    if table is None:
+        return payload
+    out = bytearray(payload)
+    chunk = struct.pack("<Q", sequence)
+    at, crc_at = table.stop + 4, table.head - 4
+    for track, size, start, span in table.rows:
+        crc_at += table.row
+        fields = [value % (1 << 64) for value in (len(table.rows), track, size, start, span)]
+        crc = file_crc(chunk + struct.pack("<5Q", *fields) + payload[at : at + size], file_id)
         out[crc_at : crc_at + 4] = crc.to_bytes(4, "little")
         at += size
+    crc = file_crc(chunk + bytes(out[: table.stop]), file_id)
+    out[table.stop : table.stop + 4] = crc.to_bytes(4, "little")
     return bytes(out)
 
 
@@ -102,7 +135,7 @@ def build(parts: list[Part]) -> bytes:
     for sequence, part in enumerate(parts):
         payload = part.payload
         if part.type == b"DATA":
-            payload = mend_cluster(payload, file_id)
+            payload = mend_cluster(payload, file_id, sequence)
         elif part.type == b"iNDX":
             index_at = len(out)
         elif part.type == b"fOOT" and len(payload) == 32:

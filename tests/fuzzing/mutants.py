@@ -22,7 +22,7 @@ from hapfmt.recovery.recover import recover
 from hapfmt.verifier import verify
 
 from .files import LIMITS, of_file
-from .mend import SIZE, Part, build, parts_of, varint_at
+from .mend import SIZE, Part, build, parts_of, table_at
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 VECTORS = ROOT / "conformance" / "vectors"
@@ -71,23 +71,11 @@ class Row(NamedTuple):
 
 def rows_of(payload: bytes) -> list[Row] | None:
     """The packets of a cluster; None where its table cannot be read."""
-    found = varint_at(payload, 0)
-    if found is None or found[0] > len(payload):
+    table = table_at(payload)
+    if table is None:
         return None
-    count, at = found
-    fields = []
-    for _ in range(count):
-        row = []
-        for _ in range(4):
-            found = varint_at(payload, at)
-            if found is None:
-                return None
-            row.append(found[0])
-            at = found[1]
-        at += 4
-        fields.append(row)
-    rows = []
-    for track, size, start, span in fields:
+    at, rows = table.stop + 4, []
+    for track, size, start, span in table.rows:
         rows.append(Row(track, start, span, payload[at : at + size]))
         at += size
     return rows if at == len(payload) else None
@@ -95,11 +83,20 @@ def rows_of(payload: bytes) -> list[Row] | None:
 
 def cluster_of(rows: list[Row]) -> bytes:
     """CRCs are zero: ``build`` makes them right."""
-    table = b"".join(
-        varint(r.track) + varint(len(r.data)) + varint(r.start) + varint(r.span) + bytes(4)
-        for r in rows
-    )
-    return varint(len(rows)) + table + b"".join(row.data for row in rows)
+    fields = [(row.track, len(row.data), row.start, row.span) for row in rows]
+    least = [min(column) for column in zip(*fields, strict=True)] or [0] * 4
+    widths = [
+        (max(column) - low).bit_length() + 7 >> 3
+        for column, low in zip(zip(*fields, strict=True), least, strict=False)
+    ]
+    out = varint(len(rows))
+    out += sum(width % 16 << 4 * place for place, width in enumerate(widths)).to_bytes(2, "little")
+    out += b"".join(map(varint, least))
+    for row in fields:
+        for value, low, width in zip(row, least, widths, strict=True):
+            out += (value - low).to_bytes(width, "little")
+        out += bytes(4)
+    return out + bytes(4) + b"".join(row.data for row in rows)
 
 
 def number(rng: random.Random, old: int) -> int:

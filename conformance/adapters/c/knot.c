@@ -80,7 +80,7 @@ static int64_t varint(Bytes *in) {
         uint8_t byte = *take(in, 1);
         value |= (uint64_t)(byte & 127) << 7 * place;
         if (byte < 128) {
-            if (place && !byte) stop(NONCONFORMING, "a varint is not minimal [CNV-003]");
+            if (place && !byte) stop(NONCONFORMING, "a varint is not minimal [CNV-002]");
             if (value >> 53) break;
             return (int64_t)value;
         }
@@ -104,7 +104,7 @@ static int64_t rdiv(int64_t n, int64_t d) {
 static void head(Bytes in, FILE *json, uint64_t file_id) {
     const uint8_t *at = take(&in, 44);
     int dated = number(at + 36, 8) != UINT64_MAX, named = 0;
-    if (at[0] != 1 || number(at + 4, 4)) stop(UNSUPPORTED, "another version [VER-002]");
+    if (at[0] != 1 || number(at + 4, 4)) stop(UNSUPPORTED, "another version [VER-001]");
     if (at[2] != 1) stop(UNSUPPORTED, "level %d [HED-004]", at[2]);
     while (in.at < in.end) {
         const uint8_t *tlv = take(&in, 4);
@@ -295,7 +295,7 @@ static void describe_one(Bytes *in, Track *track) {
         critical |= type & 1 && type > 3;
     }
     if (critical || track->kind > 2 || track->format || !has_setup) track->known = 0;
-    if (!track->known) outcome = UNSUPPORTED; /* TRK-004, TRK-011, TLV-003 */
+    if (!track->known) outcome = UNSUPPORTED; /* TRK-011, TLV-003 */
 }
 
 static void describe(Bytes in, unsigned id) {
@@ -517,7 +517,7 @@ static void knots(const Track *track, Bytes in, int64_t span, int64_t *counts) {
         else step = 1 + rows[further - 1 - left];
         tick += step;
         if (step < 1 || tick >= span - (track->coding ? left : 0))
-            stop(NONCONFORMING, "a knot's tick [KNT-003, KNT-005, KTE-004]");
+            stop(NONCONFORMING, "a knot's tick [KNT-003, KTE-004]");
         for (int c = 0; c < width; c++) {
             int64_t before = count[c];
             int64_t at = (c + 2) * further - track->linear - 1 - left;
@@ -529,7 +529,7 @@ static void knots(const Track *track, Bytes in, int64_t span, int64_t *counts) {
         }
     }
     if (track->linear && tick && tick < span - 1)
-        stop(NONCONFORMING, "the last knot of a line [KNT-006]");
+        stop(NONCONFORMING, "the last knot of a line [KNT-003]");
     for (; tick < span; tick++)
         for (int c = 0; c < width; c++) counts[tick * width + c] = count[c];
     free(rows);
@@ -557,19 +557,29 @@ static void deliver(Track *track, unsigned id, int64_t start, int64_t span, int6
     if (fclose(out)) stop(ERROR, "%s cannot be written", path);
 }
 
-static void cluster(Bytes in, uint32_t seed) {
-    typedef struct { int64_t track, size, start, span; const uint8_t *row, *crc; } Entry;
-    int64_t count = varint(&in), samples = 0;
+static uint32_t crc_of_number(uint32_t crc, uint64_t value) { /* of a u64 */
+    uint8_t bytes[8];
+    for (int i = 0; i < 8; i++) bytes[i] = (uint8_t)(value >> 8 * i);
+    return crc32(crc, bytes, 8);
+}
+
+static void cluster(Bytes in, uint32_t seed) { /* 6.4; `seed`: where a cluster CRC goes on from */
+    typedef struct { int64_t track, size, start, span; uint64_t crc; } Entry;
+    const uint8_t *begin = in.at;
+    int64_t count = varint(&in), samples = 0, least[4];
     if (count < 1 || count > PACKETS) stop(NONCONFORMING, "how many packets [DAT-001]");
+    const uint8_t *at = take(&in, 2);
+    int widths[4] = {at[0] & 15, at[0] >> 4, at[1] & 15, at[1] >> 4};
+    for (int i = 0; i < 4; i++)
+        if (widths[i] > 6) stop(NONCONFORMING, "the bytes of a field [DAT-010]");
+    for (int i = 0; i < 4; i++) least[i] = varint(&in);
     Entry *entries = room_for(NULL, (size_t)count, sizeof(Entry));
     for (int64_t i = 0; i < count; i++) {
         Entry *e = entries + i;
-        e->row = in.at;
-        e->track = varint(&in);
-        e->size = varint(&in);
-        e->start = varint(&in);
-        e->span = varint(&in);
-        e->crc = take(&in, 4);
+        int64_t *fields[4] = {&e->track, &e->size, &e->start, &e->span};
+        for (int f = 0; f < 4; f++)
+            *fields[f] = least[f] + (int64_t)number(take(&in, (size_t)widths[f]), widths[f]);
+        e->crc = number(take(&in, 4), 4);
         if (e->span < 1 || e->span > SPAN || e->start + e->span > (int64_t)1 << 48)
             stop(NONCONFORMING, "a span [DAT-003]");
         if (e->track >= TRACKS || !tracks[e->track].described)
@@ -577,12 +587,18 @@ static void cluster(Bytes in, uint32_t seed) {
         samples += e->span * tracks[e->track].components;
         if (samples > CLUSTER) stop(NONCONFORMING, "too many samples [DAT-009]");
     }
+    uint32_t found = crc32(seed, begin, (size_t)(in.at - begin));
+    if (found != number(take(&in, 4), 4)) stop(NONCONFORMING, "a table's CRC [DAT-011]");
     for (int64_t i = 0; i < count; i++) {
         Entry *e = entries + i;
         Track *track = tracks + e->track;
         Bytes packet = {take(&in, (size_t)e->size), in.at};
-        uint32_t crc = crc32(seed, e->row, (size_t)(e->crc - e->row));
-        if (crc32(crc, packet.at, (size_t)e->size) != number(e->crc, 4))
+        uint32_t crc = crc_of_number(seed, (uint64_t)count);
+        crc = crc_of_number(crc, (uint64_t)e->track);
+        crc = crc_of_number(crc, (uint64_t)e->size);
+        crc = crc_of_number(crc, (uint64_t)e->start);
+        crc = crc_of_number(crc, (uint64_t)e->span);
+        if (crc32(crc, packet.at, (size_t)e->size) != e->crc)
             stop(NONCONFORMING, "a packet's CRC [DAT-004]");
         if (!track->known) continue;
         packet.end = packet.at + e->size;
@@ -628,7 +644,7 @@ static void walk(Bytes in, FILE *json) {
         if (!sequence && memcmp(h + 4, "HEAD", 4)) stop(NONCONFORMING, "no HEAD [HED-001]");
         if (!sequence) head(payload, json, file_id);
         if (known && !memcmp(h + 4, "TRAK", 4)) describe(payload, (unsigned)number(h + 24, 2));
-        if (known && !memcmp(h + 4, "DATA", 4)) cluster(payload, seed);
+        if (known && !memcmp(h + 4, "DATA", 4)) cluster(payload, crc_of_number(seed, sequence));
     }
     if (!sequence) stop(NONCONFORMING, "no chunk");
     if (in.at < in.end || !closed) outcome = DAMAGED;

@@ -45,7 +45,7 @@ export function readDigests(bytes, chunk, allTracks, tracks, damaged) {
     if (!damaged && track.description.chunk.position > chunk.position) {
       broken('DGS-001', `a digest of track ${id}, which is described behind it`, offset);
     }
-    if (track.kind === 'events') broken('DGS-004', `a digest of track ${id} of kind events`, offset);
+    if (track.kind === 'events') broken('DGS-001', `a digest of track ${id} of kind events`, offset);
     if (tracks.has(id)) digests.push({ track: id, digest: bytes.subarray(offset, offset + DIGEST_SIZE), offset, chunk });
   }
   return digests;
@@ -76,7 +76,7 @@ function checkMoment(tick, time, offset) {
 const countOf = (reader, least) => {
   const at = reader.offset;
   const count = reader.varint();
-  if (count < least) broken('CLK-002', `${count} entries, not ${least}`, at);
+  if (count < least) broken('CLK-001', `${count} entries, not ${least}`, at);
   // Each takes a byte or more: LIM-002.
   if (count > reader.left) broken('CLK-001', `${count} entries in ${reader.left} bytes`, at);
   if (count > ENTRY_BOUND) unsupported('LIM-003', 'more observations than this reader keeps', at);
@@ -114,7 +114,7 @@ export function readMap(bytes, chunk, allTracks, damaged) {
     const at = reader.offset;
     const ticks = first ? reader.svarint() : reader.varint();
     const step = first ? reader.i64() : BigInt(reader.varint());
-    if (!first && (ticks === 0 || step === 0n)) broken('CLK-004', 'ticks and times that do not grow', at);
+    if (!first && (ticks === 0 || step === 0n)) broken('CLK-003', 'ticks and times that do not grow', at);
     tick += ticks;
     time += step;
     checkMoment(tick, time, at);

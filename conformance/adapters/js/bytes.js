@@ -89,7 +89,7 @@ export class Reader {
       const byte = source[i];
       value += (byte & 127) * scale;
       if (byte < 128) {
-        if (byte === 0 && i > first) broken('CNV-003', 'a varint that is not minimal', this.base + first);
+        if (byte === 0 && i > first) broken('CNV-002', 'a varint that is not minimal', this.base + first);
         // Eight groups are 56 bits: the sum rounds, but never from 2^53 or more to below it.
         if (value >= 2 ** 53) broken('CNV-002', 'a varint of 2^53 or more', this.base + first);
         this.position = i + 1;

@@ -54,7 +54,7 @@ class Part {
     const e = this.collect('numbers', Int32Array, spans, residual);
     for (let i = 0; i < out.length; i++) {
       const sum = out[i] + e[i];
-      out[i] = sum < countMin ? countMin : sum > countMax ? countMax : sum; // DEC-002
+      out[i] = sum < countMin ? countMin : sum > countMax ? countMax : sum; // DEC-001
     }
     return out;
   }
@@ -83,7 +83,7 @@ export function channelsOf(file, decoded) {
     if (track.kind === 'events' || track.kind === 'hf' || track.unsupported) continue;
     const residual = residuals.get(track.id);
     track.channels.forEach((number, component) => {
-      // DEC-006: nothing in full band of an LF track whose HF track is not known.
+      // DEC-003: nothing in full band of an LF track whose HF track is not known.
       const whole = track.kind === 'full' || residual ? new Part(entry, component, residual) : null;
       add(lists.channels, number, track, component, whole);
       add(lists.lf, number, track, component, new Part(entry, component));

@@ -25,7 +25,7 @@ const idText = (high, low) => `0x${word(high)}${word(low)}`;
 
 export function randomId() {
   const [high, low] = globalThis.crypto.getRandomValues(new Uint32Array(2));
-  return idText(high, low); // WRT-005
+  return idText(high, low); // WRT-002
 }
 
 function idBytes(fileId) {
@@ -36,6 +36,13 @@ function idBytes(fileId) {
 
 // Where a file CRC starts (clause 2): the CRC of the file id.
 export const seedOf = (fileId) => crc32(idBytes(fileId));
+
+// Where a cluster CRC starts (6.4): the file CRC of the sequence number.
+export function clusterSeed(seed, sequence) {
+  const bytes = new Uint8Array(8);
+  new DataView(bytes.buffer).setUint32(0, sequence, true);
+  return crc32(bytes, 0, 8, seed);
+}
 
 // There are few types and many chunks: each name is made once.
 const types = new Map();

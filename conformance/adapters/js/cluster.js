@@ -1,87 +1,89 @@
 // DATA (6.4): the table of a cluster and the CRC of a packet.
-import { Reader } from './bytes.js';
+import { Reader, putVarint } from './bytes.js';
 import { crc32 } from './crc32.js';
 import { HapfError } from './error.js';
 import { LIMITS, TICK_BOUND } from './limits.js';
 
-const TWO53 = 2 ** 53;
+const WIDTH_BOUND = 6;
+const FIELDS = new Uint8Array(40);
+const FIELDS_VIEW = new DataView(FIELDS.buffer);
 
-// An entry of the table: { at, track, size, start, span, crc, rowEnd }, or null where there is none.
-export function readEntry(bytes, at, end) {
-  let p = at;
-  const fields = [0, 0, 0, 0];
-  for (let f = 0; f < 4; f++) {
-    let value = 0;
-    let scale = 1;
-    for (let i = 0; ; i++) {
-      if (p >= end || i === 8) return null;
-      const byte = bytes[p++];
-      value += (byte & 127) * scale;
-      if (byte < 128) {
-        if (byte === 0 && i > 0) return null;
-        break;
-      }
-      scale *= 128;
-    }
-    if (value >= TWO53) return null;
-    fields[f] = value;
-  }
-  if (p + 4 > end) return null;
-  const crc = (bytes[p] | (bytes[p + 1] << 8) | (bytes[p + 2] << 16) | (bytes[p + 3] << 24)) >>> 0;
-  const [track, size, start, span] = fields;
-  return { at, track, size, start, span, crc, rowEnd: p + 4 };
+function numberAt(bytes, at, width) {
+  let value = 0;
+  for (let i = width - 1; i >= 0; i--) value = value * 256 + bytes[at + i];
+  return value;
 }
 
-// What can be read of a table from the front: { count, entries, tableEnd, fault }.
+// What can be read of a table: { count, entries, tableEnd, fault }. An entry is a row that is whole, { at, rowEnd, count,
+// track, size, start, span, crc }; tableEnd is null where the head cannot be read.
 export function readTable(bytes, start, end, packetBound = LIMITS[2].packetBound) {
   const table = { count: null, entries: [], tableEnd: null, fault: null };
   const reader = new Reader(bytes, { start, end, requirement: 'DAT-005' });
+  const widths = [];
+  const least = [];
   try {
     table.count = reader.varint();
-  } catch (error) {
-    table.fault = error;
-    error.also = ['DAT-001'];
-    return table;
-  }
-  let at = reader.position;
-  // More than the level allows are not read at all (LIM-002).
-  if (table.count < 1 || table.count > packetBound) {
-    table.fault = new HapfError('broken', 'DAT-001', `${table.count} packets`, start);
-    if (table.count) table.fault.also = ['LIM-001'];
-    return table;
-  }
-  for (let i = 0; i < table.count; i++) {
-    const entry = readEntry(bytes, at, end);
-    if (!entry) {
-      table.fault = entryFault(bytes, at, end);
+    // More than the level allows are not read at all (LIM-002).
+    if (table.count < 1 || table.count > packetBound) {
+      table.fault = new HapfError('broken', 'DAT-001', `${table.count} packets`, start);
+      if (table.count) table.fault.also = ['LIM-001'];
       return table;
     }
+    const packed = reader.u16();
+    for (let i = 0; i < 4; i++) widths.push((packed >> (4 * i)) & 15);
+    if (Math.max(...widths) > WIDTH_BOUND) {
+      table.fault = new HapfError('broken', 'DAT-010', `a field of ${Math.max(...widths)} bytes`, reader.offset - 2);
+      return table;
+    }
+    for (let i = 0; i < 4; i++) least.push(reader.varint());
+  } catch (error) {
+    table.fault = error;
+    error.also = ['DAT-001', 'CNV-002'];
+    return table;
+  }
+  const rowSize = widths[0] + widths[1] + widths[2] + widths[3] + 4;
+  let at = reader.position;
+  table.tableEnd = at + table.count * rowSize + 4;
+  for (let i = 0; i < table.count && at + rowSize <= end; i++) {
+    const entry = { at, rowEnd: at + rowSize, count: table.count, track: 0, size: 0, start: 0, span: 0, crc: 0 };
+    const values = [0, 0, 0, 0];
+    let place = at;
+    for (let f = 0; f < 4; f++) {
+      values[f] = least[f] + numberAt(bytes, place, widths[f]);
+      place += widths[f];
+    }
+    [entry.track, entry.size, entry.start, entry.span] = values;
+    entry.crc = numberAt(bytes, place, 4);
     table.entries.push(entry);
     at = entry.rowEnd;
   }
-  table.tableEnd = at;
+  if (table.tableEnd > end) table.fault = new HapfError('truncated', 'DAT-005', 'the table ends early', end);
   return table;
-}
-
-function entryFault(bytes, at, end) {
-  const reader = new Reader(bytes, { start: at, end, requirement: 'DAT-005' });
-  try {
-    for (let i = 0; i < 4; i++) reader.varint();
-    reader.u32();
-  } catch (error) {
-    return error;
-  }
-  return new HapfError('broken', 'DAT-001', 'no entry', at);
 }
 
 export function keepsTimes(entry, limits) {
   return entry.span >= 1 && entry.span <= limits.spanBound && entry.start + entry.span <= TICK_BOUND;
 }
 
-// DAT-004; seed: where the file CRC starts.
+// DAT-011; seed: where the cluster CRC starts.
+export function hasTableCrc(bytes, start, table, seed) {
+  const at = table.tableEnd - 4;
+  return crc32(bytes, start, at, seed) === numberAt(bytes, at, 4);
+}
+
+// Where the CRC of a packet goes on behind its row.
+function crcOfFields(values, seed) {
+  values.forEach((value, i) => {
+    FIELDS_VIEW.setUint32(8 * i, value % 2 ** 32, true);
+    FIELDS_VIEW.setUint32(8 * i + 4, Math.floor(value / 2 ** 32), true);
+  });
+  return crc32(FIELDS, 0, 40, seed);
+}
+
+// DAT-004.
 export function hasCrc(bytes, entry, offset, seed) {
-  return offset + entry.size <= bytes.length
-    && crc32(bytes, offset, offset + entry.size, crc32(bytes, entry.at, entry.rowEnd - 4, seed)) === entry.crc;
+  const { count, track, size, start, span, crc } = entry;
+  return offset + size <= bytes.length && crc32(bytes, offset, offset + size, crcOfFields([count, track, size, start, span], seed)) === crc;
 }
 
 // DAT-009 counts samples; of events, bytes.
@@ -90,10 +92,11 @@ export function samplesOf(entry, track) {
 }
 
 // The rules that the table of an intact cluster breaks, as HapfErrors.
-export function tableFaults(table, start, end, tracks, limits) {
+export function tableFaults(bytes, table, start, end, tracks, limits, seed) {
   if (table.fault) return [table.fault];
   const faults = [];
   const fault = (requirement, message, offset) => faults.push(new HapfError('broken', requirement, message, offset));
+  if (!hasTableCrc(bytes, start, table, seed)) fault('DAT-011', 'the CRC of a table differs', table.tableEnd - 4);
   let room = end - table.tableEnd;
   let samples = 0;
   let before = null;
@@ -104,7 +107,7 @@ export function tableFaults(table, start, end, tracks, limits) {
       break;
     }
     if (before && (entry.track < before.track || (entry.track === before.track && entry.start <= before.start))) {
-      fault('DAT-002', 'entries out of order', entry.at);
+      fault('DAT-002', 'rows out of order', entry.at);
     }
     if (!keepsTimes(entry, limits)) {
       fault('DAT-003', `start ${entry.start}, span ${entry.span}`, entry.at);
@@ -130,4 +133,42 @@ export function placePackets(entries, from) {
     offset += entry.size;
     return placed;
   });
+}
+
+// Bytes that a packet adds to a payload at most, and those before the rows and behind them.
+export const ROW_ROOM = 20;
+export const HEAD_ROOM = 40;
+
+function bytesFor(value) {
+  let width = 0;
+  for (let rest = value; rest > 0; rest = Math.floor(rest / 256)) width++;
+  return width;
+}
+
+// A DATA payload of packets { track, start, span, bytes }, in order; seed: where the cluster CRC starts.
+export function makeCluster(packets, seed) {
+  const rows = packets.map(({ track, start, span, bytes }) => [track, bytes.length, start, span]);
+  const least = [0, 1, 2, 3].map((f) => rows.reduce((low, row) => Math.min(low, row[f]), Infinity));
+  const widths = [0, 1, 2, 3].map((f) => bytesFor(rows.reduce((high, row) => Math.max(high, row[f] - least[f]), 0)));
+  const list = [];
+  const put = (value, width) => {
+    for (let i = 0, rest = value; i < width; i++, rest = Math.floor(rest / 256)) list.push(rest % 256);
+  };
+  putVarint(list, packets.length);
+  put(widths.reduce((sum, width, f) => sum + width * 16 ** f, 0), 2);
+  for (const value of least) putVarint(list, value);
+  rows.forEach((row, i) => {
+    row.forEach((value, f) => put(value - least[f], widths[f]));
+    const { bytes } = packets[i];
+    put(crc32(bytes, 0, bytes.length, crcOfFields([packets.length, ...row], seed)), 4);
+  });
+  put(crc32(Uint8Array.from(list), 0, list.length, seed), 4);
+  const payload = new Uint8Array(list.length + packets.reduce((sum, { bytes }) => sum + bytes.length, 0));
+  payload.set(list, 0);
+  let at = list.length;
+  for (const { bytes } of packets) {
+    payload.set(bytes, at);
+    at += bytes.length;
+  }
+  return payload;
 }

@@ -1,7 +1,8 @@
-// Which packets a reader delivers, and in which order (12.1, DAT-006, TRK-017).
+// Which packets a reader delivers, and in which order (12.1, DAT-006, TRK-016).
+import { clusterSeed } from './chunk.js';
 import { hasCrc, placePackets, readTable, samplesOf, tableFaults } from './cluster.js';
 import { HapfError, unsupported } from './error.js';
-import { bytesOf, salvage } from './salvage.js';
+import { salvage } from './salvage.js';
 
 // A packet that is kept takes more memory than its row (LIM-003).
 const PACKET_BOUND = 2 ** 22;
@@ -20,12 +21,9 @@ export function deliver({ bytes, chunks, allTracks, tracks, limits, damaged, rec
   }
   const damages = [];
   clusters.sort((a, b) => a.chunk.sequence - b.chunk.sequence || a.chunk.position - b.chunk.position);
-  clusters.forEach((cluster, i) => {
-    cluster.next = clusters[i + 1]?.chunk ?? null;
-  });
   for (const cluster of clusters) {
     if (cluster.salvaged && (damaged || recovering)) reportHoles(cluster, damages);
-    leaveOut({ bytes, cluster, allTracks, tracks, limits, note, damages });
+    leaveOut({ cluster, allTracks, tracks, limits, note });
   }
   const held = [];
   const packets = [];
@@ -46,25 +44,26 @@ export function deliver({ bytes, chunks, allTracks, tracks, limits, damaged, rec
 
 function readCluster({ bytes, chunk, allTracks, limits, meter, note }) {
   const { payloadStart, end } = chunk;
+  const seed = clusterSeed(chunk.seed, chunk.sequence);
   const packetOf = (entry) => ({
     ...entry, bytes: bytes.subarray(entry.offset, entry.offset + entry.size), chunk, chunkOffset: chunk.position,
     left: false, delivered: false,
   });
   if (chunk.intact) {
     const table = readTable(bytes, payloadStart, end, limits.packetBound);
-    const faults = tableFaults(table, payloadStart, end, allTracks, limits);
+    const faults = tableFaults(bytes, table, payloadStart, end, allTracks, limits, seed);
     for (const fault of faults) note(fault, chunk);
     if (!faults.length) {
       const kept = placePackets(table.entries, table.tableEnd).map(packetOf);
       for (const packet of kept) {
-        if (hasCrc(bytes, packet, packet.offset, chunk.seed)) continue;
+        if (hasCrc(bytes, packet, packet.offset, seed)) continue;
         packet.left = true;
         note(new HapfError('broken', 'DAT-004', 'the CRC of a packet differs', packet.rowEnd - 4), chunk, false, packet);
       }
       return { chunk, kept, holes: [], salvaged: false };
     }
   }
-  const found = salvage(bytes, chunk, allTracks, limits, meter);
+  const found = salvage(bytes, chunk, limits, seed, meter);
   const kept = found.kept.map(packetOf);
   const byRow = new Map(kept.map((packet) => [packet.at, packet]));
   const packet = (entry) => (entry ? byRow.get(entry.at) : null);
@@ -74,9 +73,9 @@ function readCluster({ bytes, chunk, allTracks, limits, meter, note }) {
 
 // bad-table where nothing tells which packets are missing, else bad-packet for each hole (12.2).
 function reportHoles(cluster, damages) {
-  const { chunk, kept, holes, payloadEnd, limit, allRead } = cluster;
+  const { chunk, kept, holes, payloadEnd, limit } = cluster;
   const start = chunk.payloadStart;
-  if (!kept.length || (bytesOf(kept) < 4 && !allRead)) {
+  if (!kept.length) {
     const damage = {
       code: 'bad-table', offset: start, size: Math.max(limit - start, 0), requirement: 'DAT-005',
       message: 'the table of the packets is damaged', chunk,
@@ -96,10 +95,9 @@ function reportHoles(cluster, damages) {
 }
 
 // Packets that hold and are not delivered whatever stands elsewhere in time.
-function leaveOut({ cluster, allTracks, tracks, limits, note, damages, bytes }) {
-  const { chunk, kept, salvaged } = cluster;
+function leaveOut({ cluster, allTracks, tracks, limits, note }) {
+  const { chunk, kept } = cluster;
   let samples = 0;
-  const next = salvaged ? firstStarts(bytes, cluster.next) : null;
   for (const packet of kept) {
     if (packet.left) continue;
     const track = allTracks.get(packet.track);
@@ -118,34 +116,24 @@ function leaveOut({ cluster, allTracks, tracks, limits, note, damages, bytes }) 
     if (samples > limits.sampleBound) {
       leave('DAT-009', 'more samples than the level allows');
       samples -= samplesOf(packet, track);
-    } else if (salvaged && track.kind !== 'events' && next && packet.start + packet.span > (next.get(packet.track) ?? Infinity)) {
-      packet.left = true;
-      packet.overlap = true;
-      damages.push(overlapOf(packet));
     }
   }
 }
 
-function firstStarts(bytes, chunk) {
-  if (!chunk?.intact) return null;
-  const starts = new Map();
-  for (const { track, start } of readTable(bytes, chunk.payloadStart, chunk.end).entries) {
-    if (!starts.has(track)) starts.set(track, start);
-  }
-  return starts;
+function overlapOf(packet) {
+  packet.damage = {
+    code: 'overlap', offset: packet.offset, size: packet.size, requirement: 'DAT-006', chunk: packet.chunk, packet,
+    message: `a packet of track ${packet.track} at tick ${packet.start} overlaps another`,
+  };
+  return packet.damage;
 }
 
-const overlapOf = (packet) => ({
-  code: 'overlap', offset: packet.offset, size: packet.size, requirement: 'DAT-006', chunk: packet.chunk, packet,
-  message: `a packet of track ${packet.track} at tick ${packet.start} overlaps another`,
-});
-
-// DAT-006 within a chain of tracks that continue one another; TRK-017.
+// DAT-006 within a chain of tracks that continue one another; TRK-016.
 function inTime(packet, track, chains, damaged, note, damages) {
   if (track.kind === 'events') return true;
   const rank = track.kind === 'hf' ? track.base : track.id;
   const state = chains.get(track.chain) ?? { end: 0, rank };
-  const requirement = rank === state.rank ? 'DAT-006' : 'TRK-017';
+  const requirement = rank === state.rank ? 'DAT-006' : 'TRK-016';
   if (packet.start < state.end) {
     packet.left = true;
     packet.overlap = true;
@@ -158,7 +146,7 @@ function inTime(packet, track, chains, damaged, note, damages) {
   }
   if (rank < state.rank) {
     packet.left = true;
-    note(new HapfError('broken', 'TRK-017', `track ${track.id} behind a track that continues it`, packet.at), packet.chunk, false, packet);
+    note(new HapfError('broken', 'TRK-016', `track ${track.id} behind a track that continues it`, packet.at), packet.chunk, false, packet);
     return false;
   }
   chains.set(track.chain, { end: packet.start + packet.span, rank });

@@ -69,7 +69,7 @@ export function makeTrack(number, channel, bytes, job) {
   return track;
 }
 
-function checkValues(track) { // VAL-002
+function checkValues(track) { // VAL-001
   try {
     checkCalibration(track.calibrations[0], track, null, null);
   } catch (error) {

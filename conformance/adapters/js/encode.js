@@ -1,11 +1,9 @@
 // The verb `encode`: a job of conformance/README.md as a file (clause 13). Each channel is a track of its own: counts
 // by LPCR, without loss or on the grid of a contract, words as they are.
-import { putVarint } from './bytes.js';
 import { randomId } from './chunk.js';
-import { crc32 } from './crc32.js';
 import { TrackDigest } from './digest.js';
 import { encodeEvents } from './encode-events.js';
-import { describe, emptyTrack, encodeTrack, le, makeTrack, needsLevel2, refuse } from './encode-tracks.js';
+import { describe, emptyTrack, encodeTrack, makeTrack, needsLevel2, refuse } from './encode-tracks.js';
 import { durationNs, packetMs } from './indexes.js';
 import { writeJson } from './json.js';
 import { TRACK_BOUND, limitsOf } from './limits.js';
@@ -15,29 +13,14 @@ export const MODES = ['lossless', 'deadband'];
 
 const CHUNK_BYTES = 2 ** 19;
 
-function rowOf({ track, start, span, bytes }, seed) {
-  const row = [];
-  for (const value of [track, bytes.length, start, span]) putVarint(row, value);
-  const crc = crc32(bytes, 0, bytes.length, crc32(Uint8Array.from(row), 0, row.length, seed));
-  return [...row, ...le(crc, 4)];
-}
-
 // One DATA chunk.
 function writeCluster(writer, packets, tracks) {
-  const table = [];
-  putVarint(table, packets.length);
-  for (const packet of packets) table.push(...rowOf(packet, writer.seed));
-  const payload = new Uint8Array(table.length + packets.reduce((sum, { bytes }) => sum + bytes.length, 0));
-  payload.set(table);
-  let at = table.length;
   let times = null;
   for (const packet of packets) {
-    payload.set(packet.bytes, at);
-    at += packet.bytes.length;
     const [start, stop] = packetMs(packet, tracks[packet.track]);
     times = times === null ? [start, stop] : [start < times[0] ? start : times[0], stop > times[1] ? stop : times[1]];
   }
-  writer.write('DATA', payload, { times });
+  writer.writeData(packets, times);
 }
 
 // One or several, as the limits of the level call for.

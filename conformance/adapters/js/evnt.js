@@ -16,9 +16,9 @@ export function decodeEvents(track, bytes, start, span, offset = 0) {
     const at = reader.offset;
     if (events.length === EVENT_BOUND) broken('EVT-001', `more than ${EVENT_BOUND} events`, at);
     tick += reader.varint();
-    if (tick >= start + span) broken('EVT-002', `an event at tick ${tick}`, at);
+    if (tick >= start + span) broken('EVT-001', `an event at tick ${tick}`, at);
     const duration = reader.varint();
-    if (duration > TICK_BOUND - tick) broken('EVT-002', `an event of ${duration} ticks`, at);
+    if (duration > TICK_BOUND - tick) broken('EVT-001', `an event of ${duration} ticks`, at);
     const channel = reader.varint();
     if (channel > CHANNEL_BOUND) broken('EVT-003', `an event of channel ${channel}`, at);
     const size = reader.varint();

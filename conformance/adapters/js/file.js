@@ -86,7 +86,7 @@ function read(file) {
   readIndexes(file, noteIt);
 }
 
-// HED-001, HED-006. VER-002, HED-004 and TLV-003 end it.
+// HED-001. VER-001, HED-004 and TLV-003 end it.
 function readHeads(file) {
   let first = null;
   for (const chunk of file.chunks) {
@@ -94,7 +94,7 @@ function readHeads(file) {
     const payload = file.bytes.subarray(chunk.payloadStart, chunk.end);
     if (first) {
       const same = payload.length === first.payload.length && payload.every((byte, i) => byte === first.payload[i]);
-      if (!same) note(file, new HapfError('broken', 'HED-006', 'a further HEAD differs from the first', chunk.payloadStart), chunk);
+      if (!same) note(file, new HapfError('broken', 'HED-001', 'a further HEAD differs from the first', chunk.payloadStart), chunk);
       continue;
     }
     try {
@@ -118,11 +118,11 @@ function readHeads(file) {
   }
 }
 
-// CHK-008, CHK-009, CHK-010.
+// LIM-001, CHK-009, CHK-010.
 function readUnknown(file, limits) {
   for (const chunk of file.chunks) {
     if (chunk.payloadSize > limits.payloadBound) {
-      const error = new HapfError('broken', 'CHK-008', `a payload of ${chunk.payloadSize} bytes`, chunk.position + 16);
+      const error = new HapfError('broken', 'LIM-001', `a payload of ${chunk.payloadSize} bytes`, chunk.position + 16);
       error.also = ['LIM-001'];
       if (chunk.intact) note(file, error, chunk);
       chunk.tooLarge = true;
@@ -194,7 +194,6 @@ function readAncillary(file, noteIt) {
 // 6.5, 6.6: kept in a file with damage, where they tell what is missing; checked in another.
 function readIndexes(file, noteIt) {
   const { bytes, chunks, damaged, held, allTracks } = file;
-  const ordinary = chunks.filter((c) => c.type !== 'iNDX' && c.type !== 'fOOT');
   const byPosition = new Map(chunks.map((chunk) => [chunk.position, chunk]));
   const times = new Map();
   if (!damaged) {
@@ -221,7 +220,7 @@ function readIndexes(file, noteIt) {
           if (entries > ENTRY_BOUND) unsupported('LIM-003', 'more index entries than this reader keeps', chunk.position);
           file.indexes.push(index);
         } else {
-          for (const fault of checkIndex(index, ordinary, byPosition, times)) noteIt(fault, chunk);
+          for (const fault of checkIndex(index, chunks, byPosition, times)) noteIt(fault, chunk);
         }
         lastIndex = chunk;
       } else if (chunk.type === 'fOOT') {

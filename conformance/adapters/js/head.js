@@ -8,11 +8,11 @@ const HEAD_SIZE = 44;
 // The next TLV, of a type above `before`: { type, value, offset }, offset being that of the value.
 export function readTlv(reader, before) {
   const at = reader.offset;
-  if (reader.left < 4) broken('TLV-002', 'a piece of a TLV', at);
+  if (reader.left < 4) broken('TLV-001', 'a piece of a TLV', at);
   const type = reader.u16();
   const size = reader.u16();
   if (type <= before) broken('TLV-001', `TLV ${type} behind ${before}`, at);
-  if (size > reader.left) broken('TLV-002', `TLV ${type} passes the end of its chunk`, at);
+  if (size > reader.left) broken('TLV-001', `TLV ${type} passes the end of its chunk`, at);
   const offset = reader.offset;
   return { type, value: reader.bytes(size), offset };
 }
@@ -24,17 +24,17 @@ function readTlvs(reader) {
   return tlvs;
 }
 
-// VER-002 first: of a file of another version no other rule is checked.
+// VER-001 first: of a file of another version no other rule is checked.
 export function readHead(bytes, chunk) {
   const reader = new Reader(bytes, { start: chunk.payloadStart, end: chunk.end, requirement: 'HED-002' });
   const at = chunk.payloadStart;
   const major = reader.u8();
-  if (major !== 1) unsupported('VER-002', `major version ${major}`, at);
+  if (major !== 1) unsupported('VER-001', `major version ${major}`, at);
   const minor = reader.u8();
   const level = reader.u8();
   const reserved = reader.u8();
   const incompat = reader.u32();
-  if (incompat !== 0) unsupported('VER-002', `unknown feature bits ${incompat.toString(16)}`, at + 4);
+  if (incompat !== 0) unsupported('VER-001', `unknown feature bits ${incompat.toString(16)}`, at + 4);
   if (!(level in LIMITS)) unsupported('HED-004', `level ${level}`, at + 2);
   if (reader.left < HEAD_SIZE - 8) broken('HED-002', 'HEAD is too short', at);
   const compat = reader.u32();

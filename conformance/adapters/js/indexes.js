@@ -10,12 +10,12 @@ const NS_BOUND = 2n ** 63n - 1n;
 
 export function readIndex(bytes, chunk) {
   const reader = new Reader(bytes, { start: chunk.payloadStart, end: chunk.end, requirement: 'IDX-001' });
-  const coversFrom = Number(reader.u64());
   const previous = Number(reader.u64());
+  const firstSequence = reader.u32();
   const count = reader.u32();
-  if (count * ENTRY_LEAST > reader.left) broken('IDX-001', `${count} entries in ${reader.left} bytes`, chunk.payloadStart + 16);
+  if (count * ENTRY_LEAST > reader.left) broken('IDX-001', `${count} entries in ${reader.left} bytes`, chunk.payloadStart + 12);
   const entries = [];
-  let offset = coversFrom;
+  let offset = previous;
   for (let i = 0; i < count; i++) {
     const at = reader.offset;
     const type = String.fromCharCode(...reader.bytes(4));
@@ -29,7 +29,7 @@ export function readIndex(bytes, chunk) {
     entries.push(entry);
   }
   if (reader.left) broken('IDX-001', `${reader.left} bytes behind the last entry`, reader.offset);
-  return { chunk, coversFrom, previous, entries };
+  return { chunk, previous, firstSequence, entries };
 }
 
 // How many of the chunks stand before a position.
@@ -53,26 +53,26 @@ export function packetMs(packet, track) {
   return [(BigInt(packet.start) * scale) / rate, ceilDiv(BigInt(packet.start + packet.span) * scale, rate)];
 }
 
-// IDX-002, IDX-004, IDX-006 in a file without damage. ordinary: chunks but iNDX and fOOT, in order; times: chunk
-// position -> [first, last] ms.
-export function checkIndex(index, ordinary, byPosition, times) {
-  const { chunk, coversFrom, previous, entries } = index;
+// IDX-002, IDX-004, IDX-006, IDX-007 in a file without damage. chunks: all, in order; times: chunk position ->
+// [first, last] ms.
+export function checkIndex(index, chunks, byPosition, times) {
+  const { chunk, previous, firstSequence, entries } = index;
   const faults = [];
   const at = chunk.payloadStart;
-  if (coversFrom < 8) faults.push(fault('IDX-004', `covers from offset ${coversFrom}`, at));
-  if (coversFrom > 8) {
-    const before = byPosition.get(previous);
-    if (!before || before.type !== 'iNDX' || previous >= chunk.position || previous < coversFrom) {
-      faults.push(fault('IDX-004', `no index before at offset ${previous}`, at + 8));
-    }
+  const before = byPosition.get(previous);
+  if (previous > 0 && (!before || before.type !== 'iNDX' || previous >= chunk.position)) {
+    faults.push(fault('IDX-004', `no index before at offset ${previous}`, at));
   }
-  const first = placeOf(ordinary, coversFrom);
-  const count = placeOf(ordinary, chunk.position) - first;
+  const first = placeOf(chunks, previous);
+  const count = placeOf(chunks, chunk.position) - first;
   const differs = count === entries.length
-    ? entries.findIndex(({ type, offset }, i) => type !== ordinary[first + i].type || offset !== ordinary[first + i].position)
+    ? entries.findIndex(({ type, offset }, i) => type !== chunks[first + i].type || offset !== chunks[first + i].position)
     : Math.min(Math.max(count, 0), entries.length);
+  if (differs < 0 && count > 0 && firstSequence !== chunks[first].sequence) {
+    faults.push(fault('IDX-007', `counts its chunks from ${firstSequence}, not ${chunks[first].sequence}`, at + 8));
+  }
   if (differs >= 0) {
-    const place = entries[differs]?.at ?? at + 16;
+    const place = entries[differs]?.at ?? at + 12;
     faults.push(fault('IDX-002', `entry ${differs} is not the chunk that stands there`, place));
     return faults;
   }
@@ -125,7 +125,7 @@ export function durationNs(packets, allTracks) {
   return latest > NS_BOUND ? NS_BOUND : latest;
 }
 
-// FOT-001, FOT-002; FOT-003 where `totals` are given: of the last one.
+// FOT-001, FOT-002; FOT-002 where `totals` are given: of the last one.
 export function checkFoot(foot, last, totals) {
   const { chunk } = foot;
   const faults = [];
@@ -133,10 +133,10 @@ export function checkFoot(foot, last, totals) {
   if (foot.stopOffset !== BigInt(chunk.end)) faults.push(fault('FOT-001', `an end at offset ${foot.stopOffset}`, at + 8));
   if (!last || foot.indexOffset !== BigInt(last.position)) faults.push(fault('FOT-002', `an index at offset ${foot.indexOffset}`, at));
   if (totals) {
-    if (foot.dataCount !== totals.dataCount) faults.push(fault('FOT-003', `${foot.dataCount} DATA chunks`, at + 16));
-    if (foot.trackCount !== totals.trackCount) faults.push(fault('FOT-003', `${foot.trackCount} tracks`, at + 20));
+    if (foot.dataCount !== totals.dataCount) faults.push(fault('FOT-002', `${foot.dataCount} DATA chunks`, at + 16));
+    if (foot.trackCount !== totals.trackCount) faults.push(fault('FOT-002', `${foot.trackCount} tracks`, at + 20));
     if (totals.durationNs !== null && foot.durationNs !== totals.durationNs) {
-      faults.push(fault('FOT-003', `a duration of ${foot.durationNs} ns, not ${totals.durationNs}`, at + 24));
+      faults.push(fault('FOT-002', `a duration of ${foot.durationNs} ns, not ${totals.durationNs}`, at + 24));
     }
   }
   return faults;

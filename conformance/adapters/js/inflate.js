@@ -54,14 +54,14 @@ const fixedLengths = new Uint8Array(288).fill(8, 0, 144).fill(9, 144, 256).fill(
 let fixedCodes = null;
 
 class Inflater {
-  constructor(bytes, offset, [lengthRule, streamRule]) {
+  constructor(bytes, offset, rule) {
     this.bytes = bytes;
     this.offset = offset;
     this.at = 0;
     this.hold = 0;
     this.held = 0;
-    this.lengthRule = lengthRule;
-    this.fail = (message) => broken(streamRule, `DEFLATE: ${message}`, offset + this.at);
+    this.rule = rule;
+    this.fail = (message) => broken(rule, `DEFLATE: ${message}`, offset + this.at);
   }
 
   // The next n bits, n <= 16, the first being the lowest.
@@ -139,7 +139,7 @@ class Inflater {
 
   run(out) {
     let filled = 0;
-    const more = () => broken(this.lengthRule, 'DEFLATE: more bytes than it should stand for', this.offset + this.at);
+    const more = () => broken(this.rule, 'DEFLATE: more bytes than it should stand for', this.offset + this.at);
     for (let last = 0; last === 0;) {
       last = this.bits(1);
       const method = this.bits(2);
@@ -181,20 +181,19 @@ class Inflater {
         }
       }
     }
-    if (filled < out.length) broken(this.lengthRule, 'DEFLATE: fewer bytes than it should stand for', this.offset);
+    if (filled < out.length) broken(this.rule, 'DEFLATE: fewer bytes than it should stand for', this.offset);
     // Whole bytes that were fetched ahead do not belong to the stream.
     return this.at - (this.held >> 3);
   }
 }
 
-// Gives the `size` bytes that the stream stands for; it ends with `bytes`. rules: those that another size and a
-// stream that is no good break.
-export function inflate(bytes, size, offset, rules) {
-  const [lengthRule, streamRule] = rules;
+// Gives the `size` bytes that the stream stands for; it ends with `bytes`. rule: the one that another size and a
+// bad stream break.
+export function inflate(bytes, size, offset, rule) {
   // Two bits stand for 258 bytes at most: what cannot be is not allocated (LIM-002).
-  if (size > 1032 * bytes.length) broken(lengthRule, 'DEFLATE: fewer bytes than it should stand for', offset);
+  if (size > 1032 * bytes.length) broken(rule, 'DEFLATE: fewer bytes than it should stand for', offset);
   const out = new Uint8Array(size);
-  const used = new Inflater(bytes, offset, rules).run(out);
-  if (used < bytes.length) broken(streamRule, `${bytes.length - used} bytes after the DEFLATE stream`, offset + used);
+  const used = new Inflater(bytes, offset, rule).run(out);
+  if (used < bytes.length) broken(rule, `${bytes.length - used} bytes after the DEFLATE stream`, offset + used);
   return out;
 }

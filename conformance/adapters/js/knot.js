@@ -42,7 +42,7 @@ function decodePlainKnots(track, bytes, span, out, offset) {
     const at = reader.offset;
     const ticks = reader.varint();
     if (ticks < 1) broken('KNT-003', 'two knots of one tick', at);
-    if (tick + ticks >= span) broken('KNT-005', `a knot at tick ${tick + ticks} of ${span}`, at);
+    if (tick + ticks >= span) broken('KNT-003', `a knot at tick ${tick + ticks} of ${span}`, at);
     readCounts();
     for (let c = 0; c < C; c++) {
       if (interpolation === 0) putHold(out, tick * C + c, C, ticks, from[c], low, high);
@@ -53,7 +53,7 @@ function decodePlainKnots(track, bytes, span, out, offset) {
   }
   // What the last knot says of the ticks from its own on: all of them with hold, and with a single knot.
   if (interpolation === 1 && tick > 0 && tick < span - 1) {
-    broken('KNT-006', `the last knot at tick ${tick} of ${span}`, reader.offset);
+    broken('KNT-003', `the last knot at tick ${tick} of ${span}`, reader.offset);
   }
   for (let c = 0; c < C; c++) putHold(out, tick * C + c, C, span - tick, from[c], low, high);
 }

@@ -7,15 +7,15 @@ const TWO32 = 2 ** 32;
 const TWO31 = 2 ** 31;
 
 function readerOf(tlv) {
-  return new Reader(tlv.value, { base: tlv.offset, requirement: 'TLV-007' });
+  return new Reader(tlv.value, { base: tlv.offset, requirement: 'TLV-004' });
 }
 
-// TLV-004: one entry or `wanted` of them; what is left over is TLV-007.
+// TLV-004: one entry or `wanted` of them; what is left over is TLV-004.
 function readList(tlv, wanted, readEntry) {
   const reader = readerOf(tlv);
   const list = [];
   while (reader.left > 0 && list.length < wanted) list.push(readEntry(reader, list));
-  if (reader.left > 0) broken('TLV-007', `bytes behind the last entry of TLV ${tlv.type}`, reader.offset);
+  if (reader.left > 0) broken('TLV-004', `bytes behind the last entry of TLV ${tlv.type}`, reader.offset);
   if (list.length !== 1 && list.length !== wanted) {
     broken('TLV-004', `${list.length} entries in TLV ${tlv.type}, not 1 or ${wanted}`, tlv.offset);
   }
@@ -27,7 +27,7 @@ export function readStrings(tlv, wanted) {
     const at = reader.offset;
     const size = reader.u8();
     if (size < 255) return reader.text(size);
-    if (!list.length) broken('CNV-005', 'the first entry repeats the one before it', at);
+    if (!list.length) broken('TLV-004', 'the first entry repeats the one before it', at);
     return list[list.length - 1];
   });
 }
@@ -65,6 +65,6 @@ export function readContract(tlv, componentCount) {
     floors.push(floor);
     zeros.push(zero);
   }
-  if (reader.left > 0) broken('TLV-007', 'bytes behind a deadband contract', reader.offset);
+  if (reader.left > 0) broken('TLV-004', 'bytes behind a deadband contract', reader.offset);
   return { kn, kd, vector: (flags & 1) === 1, guaranteed: (flags & 2) === 2, floors, zeros };
 }

@@ -153,17 +153,17 @@ function decodeComponent(header, coded, offset, indices, span, highest, index) {
 }
 
 // The component packets of a packet: their bytes and where they begin.
-function splitComponents(bytes, componentCount, offset) {
-  const reader = new Reader(bytes, { base: offset, requirement: 'LPC-001' });
+export function splitComponents(bytes, componentCount, offset, requirement = 'LPC-001') {
+  const reader = new Reader(bytes, { base: offset, requirement });
   const sizes = [];
   let sum = 0;
   for (let i = 1; i < componentCount; i++) {
     const size = reader.varint();
     sum += size;
-    if (sum > bytes.length) broken('LPC-001', 'component packets larger than the packet', reader.offset);
+    if (sum > bytes.length) broken(requirement, 'component packets larger than the packet', reader.offset);
     sizes.push(size);
   }
-  if (sum > reader.left) broken('LPC-001', 'component packets larger than the packet', reader.offset);
+  if (sum > reader.left) broken(requirement, 'component packets larger than the packet', reader.offset);
   sizes.push(reader.left - sum);
   return sizes.map((size) => ({ offset: reader.offset, bytes: reader.bytes(size) }));
 }

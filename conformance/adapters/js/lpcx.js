@@ -5,34 +5,63 @@ import { broken } from './error.js';
 import { valueRule } from './exact.js';
 import { UniformGrid } from './grid.js';
 import { limitsOf } from './limits.js';
-import { decodeIndices } from './lpcr.js';
+import { decodeIndices, splitComponents } from './lpcr.js';
 
 const LIST_BOUND = 32;
-const RULE_BOUND = 3;
+const RULE_BOUND = 4;
 const RULE_CUBIC = 3;
+const RULE_LINEAR = 4;
 const COEFFICIENT_BOUND = 2 ** 900;
 
+// Of each component { rule, digits, coefficients, terms: [{ a, lag, w }] }.
 export function parseLpcx(reader, track) {
   const { offset } = reader;
-  if (track.kind !== 'full' || track.componentCount !== 1 || track.contract || track.deviation) {
-    broken('EXA-001', 'a track of codec LPCX that is not full band, of one component, without contract and deviation', offset);
+  if (track.kind !== 'full' || track.contract || track.deviation) {
+    broken('EXA-001', 'a track of codec LPCX that is not full band, without contract and deviation', offset);
   }
+  const setup = [];
+  for (let i = 0; i < track.componentCount; i++) setup.push(parseComponent(reader));
+  const known = new Set();
+  for (const component of decodingOrder(setup)) {
+    for (const { a, lag } of setup[component].terms) {
+      if (!known.has(a) && (a !== component || lag === 0)) broken('EXA-009', `component ${component} from ${a}, ${lag} ticks before`, offset);
+    }
+    known.add(component);
+  }
+  return setup;
+}
+
+function parseComponent(reader) {
+  const { offset } = reader;
   const rule = reader.u8();
   const digits = reader.u8();
-  if (reader.bytes(2).some((byte) => byte !== 0)) broken('HED-005', 'reserved bytes that are not 0', offset + 2);
+  const count = reader.u8();
+  if (reader.u8() !== 0) broken('HED-005', 'a reserved byte that is not 0', offset + 3);
   if (rule > RULE_BOUND) broken('EXA-002', `rule ${rule}`, offset);
   const [least, most] = rule === 2 ? [1, 15] : [0, 0];
   if (digits < least || digits > most) broken('EXA-002', `rule ${rule} with ${digits} digits`, offset);
+  const [fewest, many] = rule === RULE_LINEAR ? [1, 16] : [0, 0];
+  if (count < fewest || count > many) broken('EXA-002', `rule ${rule} with ${count} terms`, offset);
+  const number = () => {
+    const at = reader.offset;
+    const bytes = reader.bytes(8);
+    const found = new DataView(bytes.buffer, bytes.byteOffset, 8).getFloat64(0, true);
+    if (!(Math.abs(found) < COEFFICIENT_BOUND)) broken('EXA-008', `the coefficient ${found}`, at);
+    return found;
+  };
   const coefficients = [];
-  if (rule === RULE_CUBIC) {
-    const bytes = reader.bytes(32);
-    const view = new DataView(bytes.buffer, bytes.byteOffset, 32);
-    for (let i = 0; i < 4; i++) {
-      coefficients.push(view.getFloat64(8 * i, true));
-      if (!(Math.abs(coefficients[i]) < COEFFICIENT_BOUND)) broken('EXA-008', `the coefficient ${coefficients[i]}`, offset + 4 + 8 * i);
-    }
-  }
-  return { rule, digits, coefficients };
+  const expected = rule === RULE_CUBIC ? 4 : rule === RULE_LINEAR ? 1 : 0;
+  for (let i = 0; i < expected; i++) coefficients.push(number());
+  const terms = [];
+  for (let i = 0; i < count; i++) terms.push({ a: reader.u8(), lag: reader.u8(), w: number() });
+  return { rule, digits, coefficients, terms };
+}
+
+// Components of rule 4 come last.
+function decodingOrder(setup) {
+  const places = setup.map((_, component) => component);
+  const isLinear = (component) => setup[component].rule === RULE_LINEAR;
+  return [...places.filter((component) => !isLinear(component)), ...places.filter(isLinear)];
 }
 
 // Numbers of 64 bits are two halves of 32 here, in the order of the memory: lower, upper.
@@ -68,8 +97,9 @@ export function movePlace(halves, at, lower, upper, z) {
 
 // A correction of up to 63 bits, as two halves.
 class Corrections {
-  constructor(flags, reader) {
+  constructor(flags, z, reader) {
     this.recall = (flags & 1) !== 0;
+    this.z = z;
     this.p = this.recall ? [0, 1, 2].map(() => readRanks(reader)) : null;
     this.table = readLengths(reader, 64);
     this.coder = new EntropyDecoder(reader.bytes(reader.left), reader.offset, flags & 2 ? 4 : 1);
@@ -164,50 +194,77 @@ function readRanks(reader) {
   return readProbabilities(reader, n);
 }
 
-function readExact(track, reader, counts) {
-  const { rule, digits, coefficients } = track.setup;
-  const span = counts.length;
-  const exact = new BigUint64Array(span);
-  const values = new Float64Array(exact.buffer);
-  const halves = new Int32Array(exact.buffer);
-  const valueOf = valueRule(rule, digits, track.calibrations[0], coefficients);
-  for (let t = 0; t < span; t++) values[t] = valueOf(counts[t]);
-  if (reader.left === 0) return exact;
-
-  const { offset } = reader;
-  reader.requirement = 'EXA-004';
+// The corrections of one component, or null where all are 0.
+function readPart(part, offset) {
+  if (part.length === 0) return null;
+  const reader = new Reader(part, { base: offset, requirement: 'EXA-004' });
   const flags = reader.u8();
   if (flags > 3) broken('EXA-004', `flags ${flags}`, offset);
   const z = reader.u8();
   if (z > 63) broken('EXA-004', `steps of 2^${z}`, offset);
-  const corrections = new Corrections(flags, reader);
-  const ranks = corrections.ranks(counts);
-  corrections.coder.section();
-  for (let t = 0; t < span; t++) {
-    corrections.next(counts[t], ranks[t]);
-    const { lower, upper } = corrections;
-    if (lower !== 0 || upper !== 0) movePlace(halves, 2 * t, lower, upper, z);
+  return new Corrections(flags, z, reader);
+}
+
+// v of rule 4 at each tick; columns: the exact values of components that are known, its own as they come.
+function linearRule({ coefficients: [c0], terms }, columns, quotient) {
+  const reach = Math.max(...terms.map(({ lag }) => lag));
+  const rows = terms.map(({ a, lag, w }) => ({ x: columns[a], lag, w }));
+  return (count, t) => {
+    if (t < reach) return quotient(count);
+    let v = c0;
+    for (const { x, lag, w } of rows) v += w * x[t - lag];
+    return Number.isFinite(v) ? v + 0 : quotient(count);
+  };
+}
+
+function readExact(track, rest, base, span, counts) {
+  const { setup, componentCount: C } = track;
+  const parts = rest.length === 0 ? setup.map(() => ({ bytes: rest, offset: base })) : splitComponents(rest, C, base, 'EXA-010');
+  const exact = new BigUint64Array(span * C);
+  const columns = setup.map(() => new Float64Array(span));
+  for (const component of decodingOrder(setup)) {
+    const { rule, digits, coefficients } = setup[component];
+    const values = columns[component];
+    const halves = new Int32Array(values.buffer);
+    const isLinear = rule === RULE_LINEAR;
+    const alone = valueRule(isLinear ? 0 : rule, digits, track.calibrations[component], coefficients);
+    const valueOf = isLinear ? linearRule(setup[component], columns, alone) : alone;
+    const corrections = readPart(parts[component].bytes, parts[component].offset);
+    const column = Int32Array.from({ length: span }, (_, t) => counts[t * C + component]);
+    const ranks = corrections?.ranks(column);
+    corrections?.coder.section();
+    for (let t = 0; t < span; t++) {
+      const count = column[t];
+      values[t] = valueOf(count, t);
+      if (corrections === null) continue;
+      corrections.next(count, ranks[t]);
+      const { lower, upper, z } = corrections;
+      if (lower !== 0 || upper !== 0) movePlace(halves, 2 * t, lower, upper, z);
+    }
+    corrections?.coder.finish();
+    const words = new BigUint64Array(values.buffer);
+    for (let t = 0; t < span; t++) exact[t * C + component] = words[t];
   }
-  corrections.coder.finish();
   return exact;
 }
 
 export function decodeLpcx(track, bytes, span, counts, offset, wantsExact) {
-  const { countMin: low, countMax: high } = track;
+  const { countMin: low, countMax: high, componentCount: C } = track;
   const reader = new Reader(bytes, { base: offset, requirement: 'EXA-003' });
   const n = reader.varint();
   const at = reader.offset;
   const grid = new UniformGrid(1, 0, limitsOf(track.level).countBound);
-  decodeIndices(grid, 1, reader.bytes(n), span, at, (component, index) => {
+  decodeIndices(grid, C, reader.bytes(n), span, at, (component, index) => {
     for (let t = 0; t < span; t++) {
       const count = index[t];
       if (count < low || count > high) broken('EXA-003', `the count ${count} is out of range`, at);
-      counts[t] = count;
+      counts[t * C + component] = count;
     }
   });
   if (!wantsExact) return null;
   try {
-    return readExact(track, reader, counts);
+    const base = reader.offset;
+    return readExact(track, reader.bytes(reader.left), base, span, counts);
   } catch (error) {
     error.counts = counts; // they stand all the same (EXA-006)
     throw error;

@@ -16,7 +16,7 @@ export function readCodebook(bytes, symbolCount, offset = 0) {
     const length = nibble(i);
     if (length === 0 && i + 1 === end) break;
     const next = symbol + (length === 0 ? nibble(++i) + 1 : 1);
-    if (next > symbolCount) broken('QNT-002', 'a codebook of more symbols than there are', offset + (i >> 1));
+    if (next > symbolCount) broken('QNT-003', 'a codebook of more symbols than there are', offset + (i >> 1));
     if (length > 0) lengths[symbol] = length;
     symbol = next;
   }
@@ -106,6 +106,6 @@ export function decodeQuan(track, bytes, span, out, offset) {
     at = at < last ? at + C : at - last + 1;
   }
   if (bits.position > bits.size) broken('COD-001', 'code words are missing', offset + bytes.length);
-  if (bits.usedBytes !== bytes.length) broken('QNT-005', 'bytes after the last code word', offset + bits.usedBytes);
-  if (!bits.filledWithZeros) broken('QNT-005', 'bits after the last code word that are not 0', offset + bytes.length);
+  if (bits.usedBytes !== bytes.length) broken('QNT-004', 'bytes after the last code word', offset + bits.usedBytes);
+  if (!bits.filledWithZeros) broken('QNT-004', 'bits after the last code word that are not 0', offset + bytes.length);
 }

@@ -17,9 +17,9 @@ export function parseRawb(reader, track) {
 function readPlanes(bytes, size, offset) {
   if (bytes.length === 0) broken('COD-001', 'a packet without a method', offset);
   const method = bytes[0];
-  if (method > 1) broken('RAW-002', `method ${method}`, offset);
+  if (method > 1) broken('RAW-003', `method ${method}`, offset);
   const body = bytes.subarray(1);
-  if (method === 1) return inflate(body, size, offset + 1, ['RAW-003', 'RAW-004']);
+  if (method === 1) return inflate(body, size, offset + 1, 'RAW-003');
   if (body.length !== size) broken('RAW-003', `${body.length} bytes instead of ${size}`, offset);
   return body;
 }

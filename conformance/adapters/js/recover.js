@@ -1,10 +1,8 @@
 // Recovering a file (12.3): a writer of what was found.
-import { putVarint } from './bytes.js';
 import { isCritical, isSafeToCopy, randomId } from './chunk.js';
-import { crc32 } from './crc32.js';
 import { descriptionsOf } from './describe.js';
 import { INDEX_STRETCH, durationNs, packetMs } from './indexes.js';
-import { samplesOf } from './cluster.js';
+import { HEAD_ROOM, ROW_ROOM, samplesOf } from './cluster.js';
 import { writeJson } from './json.js';
 import { judgeRecovery, reportOf } from './report.js';
 import { verifyFile } from './verify.js';
@@ -34,8 +32,8 @@ export function recoverFile(bytes, { fileId } = {}) {
     const payload = file.bytes.subarray(chunk.payloadStart, chunk.end);
     const { type, track, flags } = chunk;
     if (chunk.known && type === 'DATA') {
-      for (const cluster of clustersOf(byChunk.get(chunk) ?? [], file, writer.seed)) {
-        writer.write('DATA', cluster.payload, { times: cluster.times });
+      for (const cluster of clustersOf(byChunk.get(chunk) ?? [], file)) {
+        writer.writeData(cluster, timesOf(cluster, file));
         dataCount++;
       }
     } else if (chunk.known && chunk.good && type !== 'dGST') {
@@ -76,50 +74,35 @@ function headPayload(file) {
 }
 
 // The packets of one cluster, in as many chunks as the limits of the level call for.
-function* clustersOf(packets, file, seed) {
+function* clustersOf(packets, file) {
   const { payloadBound, packetBound, sampleBound } = file.limits;
   const sorted = [...packets].sort((a, b) => a.track - b.track || a.start - b.start);
   let group = [];
-  let size = 8;
+  let size = HEAD_ROOM;
   let samples = 0;
   for (const packet of sorted) {
-    const room = packet.rowEnd - packet.at + packet.size;
+    const room = ROW_ROOM + packet.size;
     const more = samplesOf(packet, file.allTracks.get(packet.track));
     const last = group[group.length - 1];
     const same = last && last.track === packet.track && last.start === packet.start;
     if (group.length && (same || size + room > payloadBound || group.length >= packetBound || samples + more > sampleBound)) {
-      yield clusterOf(group, file, seed);
-      [group, size, samples] = [[], 8, 0];
+      yield group;
+      [group, size, samples] = [[], HEAD_ROOM, 0];
     }
     group.push(packet);
     size += room;
     samples += more;
   }
-  if (group.length) yield clusterOf(group, file, seed);
+  if (group.length) yield group;
 }
 
-function clusterOf(packets, file, seed) {
-  const count = [];
-  putVarint(count, packets.length);
-  const rows = packets.map((packet) => {
-    const row = file.bytes.slice(packet.at, packet.rowEnd);
-    const fields = crc32(row, 0, row.length - 4, seed);
-    new DataView(row.buffer).setUint32(row.length - 4, crc32(packet.bytes, 0, packet.size, fields), true);
-    return row;
-  });
-  const parts = [Uint8Array.from(count), ...rows, ...packets.map((packet) => packet.bytes)];
-  const payload = new Uint8Array(parts.reduce((sum, part) => sum + part.length, 0));
-  let at = 0;
+function timesOf(packets, file) {
   let times = null;
-  for (const part of parts) {
-    payload.set(part, at);
-    at += part.length;
-  }
   for (const packet of packets) {
     const [start, stop] = packetMs(packet, file.allTracks.get(packet.track));
     times = times ? [start < times[0] ? start : times[0], stop > times[1] ? stop : times[1]] : [start, stop];
   }
-  return { payload, times };
+  return times;
 }
 
 // REC-009: those that were compared and hold, of tracks that are kept; of tracks that cannot be decoded those of a file

@@ -33,7 +33,8 @@ function rulesAsDamage(file, notes) {
     if (packet) {
       const code = packet.overlap ? 'overlap' : 'bad-packet';
       const took = packet.overlap ? [] : [spanOf(packet)];
-      file.damages.push({ code, offset: packet.offset, size: packet.size, requirement, message, took, chunk: packet.chunk, packet });
+      packet.damage = { code, offset: packet.offset, size: packet.size, requirement, message, took, chunk: packet.chunk, packet };
+      file.damages.push(packet.damage);
     } else {
       file.damages.push({ code: 'bad-chunk', offset: chunk.position, size: chunk.end - chunk.position, requirement, message, chunk });
     }

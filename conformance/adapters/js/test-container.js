@@ -1,6 +1,6 @@
 // Checks of conformance/components that speak of chunks and times, as in test-components.js.
 import { readClock, readMap } from './ancillary.js';
-import { seedOf } from './chunk.js';
+import { clusterSeed, seedOf } from './chunk.js';
 import { hasCrc, placePackets, readTable, tableFaults } from './cluster.js';
 import { checkContracts } from './contract.js';
 import { broken } from './error.js';
@@ -12,13 +12,9 @@ import { firstTick, secondsOf, tickOfTime, timeOfTick } from './times.js';
 const bytesOf = (text) => Uint8Array.from(text.match(/../g) ?? [], (pair) => parseInt(pair, 16));
 const LEVEL = limitsOf(1);
 const NO_TRACK = 0xffff;
-const SEED = seedOf('0x0000000000000007');
+const SEED = clusterSeed(seedOf('0x0000000000000007'), 2);
 
 const everyTrack = { get: () => ({ kind: 'full', componentCount: 1 }), has: () => true };
-
-function firstTracks(count) {
-  return new Map(Array.from({ length: count }, (_, id) => [id, { id, kind: 'full', componentCount: 1 }]));
-}
 
 const pointsOf = (c) => c.points.map(([tick, time]) => ({ tick, timeNs: BigInt(time) }));
 
@@ -30,7 +26,7 @@ export const containers = {
   cluster(c) {
     const bytes = bytesOf(c.payload);
     const table = readTable(bytes, 0, bytes.length, LEVEL.packetBound);
-    const [fault] = tableFaults(table, 0, bytes.length, everyTrack, LEVEL);
+    const [fault] = tableFaults(bytes, table, 0, bytes.length, everyTrack, LEVEL, SEED);
     if (fault) throw fault;
     const packets = placePackets(table.entries, table.tableEnd);
     for (const packet of packets) if (!hasCrc(bytes, packet, packet.offset, SEED)) broken('DAT-004', 'the CRC differs', packet.at);
@@ -38,9 +34,9 @@ export const containers = {
   },
   salvage(c) {
     const bytes = bytesOf(c.bytes);
-    const chunk = { payloadStart: 0, payloadSize: c.payload_size, next: c.next_header, seed: SEED };
-    const { kept } = salvage(bytes, chunk, firstTracks(8), LEVEL, { take() {} });
-    return { kept: kept.map(({ at, offset, track, size, start, span }) => [at, offset, track, size, start, span]) };
+    const chunk = { payloadStart: 0, payloadSize: c.payload_size, next: c.next_header };
+    const { kept } = salvage(bytes, chunk, LEVEL, SEED, { take() {} });
+    return { kept: kept.map(({ offset, track, size, start, span }) => [offset, track, size, start, span]) };
   },
   'clock-chunks'(c) {
     const bytes = bytesOf(c.payload);

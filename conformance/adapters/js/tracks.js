@@ -92,7 +92,7 @@ function linkBases({ tracks, allTracks, damaged, note }) {
       } catch (error) {
         note(error, base.description.chunk);
         tracks.delete(track.id);
-        track.left = 'VAL-002';
+        track.left = 'VAL-001';
         base.hf = null;
         break;
       }

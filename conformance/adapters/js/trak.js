@@ -45,12 +45,12 @@ function unpack({ payload, chunk, level }) {
   const rest = payload.subarray(reader.position);
   if (size === 0) return { bytes: rest, base: reader.offset };
   if (size >= limitsOf(level).payloadBound) broken('TRK-020', `tracks of ${size} bytes`, chunk.payloadStart);
-  return { bytes: inflate(rest, size, reader.offset, ['TRK-020', 'TRK-020']), base: null };
+  return { bytes: inflate(rest, size, reader.offset, 'TRK-020'), base: null };
 }
 
 function readTracks(description, bytes, base, faults) {
   const { chunk, firstId, level, tracks } = description;
-  const reader = new Reader(bytes, { base, requirement: 'TLV-002' });
+  const reader = new Reader(bytes, { base, requirement: 'TLV-001' });
   let components = 0;
   while (reader.left > 0) {
     const at = reader.offset;
@@ -104,11 +104,11 @@ function describe(track, faults) {
   readSetup(track, faults);
 }
 
-// TRK-004, TLV-003.
+// TRK-011, TLV-003.
 function strangePart(track) {
   const { at, tlvs } = track;
-  if (!track.kind) return new HapfError('unsupported', 'TRK-004', `kind ${track.kindNumber}`, at + 2);
-  if (!track.numberFormat) return new HapfError('unsupported', 'TRK-004', `number format ${track.formatNumber}`, at + 3);
+  if (!track.kind) return new HapfError('unsupported', 'TRK-011', `kind ${track.kindNumber}`, at + 2);
+  if (!track.numberFormat) return new HapfError('unsupported', 'TRK-011', `number format ${track.formatNumber}`, at + 3);
   const tlv = [...tlvs.values()].find(({ type }) => type % 2 === 1 && !KNOWN_TLVS.has(type));
   return tlv ? new HapfError('unsupported', 'TLV-003', `unknown critical TLV ${tlv.type}`, tlv.offset - 4) : null;
 }

@@ -15,18 +15,18 @@ export function readCalibration(reader) {
   return { A, B, D };
 }
 
-// VAL-002 for a track, and for its HF track where that is given.
+// VAL-001 for a track, and for its HF track where that is given.
 export function checkCalibration({ A, B }, track, hfTrack, offset) {
   const product = (count) => BigInt(count) * BigInt(A);
   const fits = (v) => v <= PRODUCT_BOUND && v >= -PRODUCT_BOUND;
   for (const count of [track.countMin, track.countMax]) {
     if (!fits(product(count)) || !fits(product(count) + BigInt(B))) {
-      broken('VAL-002', `count ${count} has no exact physical value`, offset);
+      broken('VAL-001', `count ${count} has no exact physical value`, offset);
     }
   }
   if (!hfTrack) return;
   for (const count of [hfTrack.countMin, hfTrack.countMax]) {
-    if (!fits(product(count))) broken('VAL-002', `count ${count} of the residual has no exact physical value`, offset);
+    if (!fits(product(count))) broken('VAL-001', `count ${count} of the residual has no exact physical value`, offset);
   }
 }
 

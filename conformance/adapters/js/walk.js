@@ -1,5 +1,5 @@
 // The procedure `walk` of clause 12.1: all chunks of a file, through damage.
-import { HEADER_SIZE, beginsWithSignature, findHeader, readHeader } from './chunk.js';
+import { HEADER_SIZE, beginsWithSignature, clusterSeed, findHeader, readHeader } from './chunk.js';
 import { crc32 } from './crc32.js';
 import { unsupported } from './error.js';
 import { heldSize } from './salvage.js';
@@ -124,7 +124,7 @@ function identify(bytes, payloadHolds, meter) {
     let held = intact ? HEADER_SIZE + payloadSize : 0;
     if (type === 'DATA' && !intact) {
       meter.take(8 * (end - payloadStart), position);
-      held = heldSize(bytes, header);
+      held = heldSize(bytes, header, clusterSeed(header.seed, sequence));
     }
     votes.set(fileId, (votes.get(fileId) ?? 0) + held);
     const stop = payloadStart + payloadSize;

@@ -1,6 +1,7 @@
 // Writing chunks (5.1), the index (6.5) and the end of a file (6.6).
 import { putVarint } from './bytes.js';
-import { HEADER_SIZE, SIGNATURE, makeChunk, seedOf } from './chunk.js';
+import { HEADER_SIZE, SIGNATURE, clusterSeed, makeChunk, seedOf } from './chunk.js';
+import { HEAD_ROOM, ROW_ROOM, makeCluster } from './cluster.js';
 
 const INDEX_STRETCH = 4 * 2 ** 20;
 const INDEX_ROOM = 2 ** 19;
@@ -14,28 +15,40 @@ export class Writer {
     this.offset = SIGNATURE.length;
     this.sequence = 0;
     this.pending = [];
-    this.pendingFrom = 8;
     this.previous = 0;
     this.size = 0;
   }
 
-  write(type, payload, { track, flags, times } = {}) {
+  // IDX-005: before a chunk of so many bytes.
+  makeRoom(size) {
+    const far = this.offset - this.previous + size > INDEX_STRETCH || this.size > INDEX_ROOM;
+    if (far && this.pending.some(({ type }) => type !== 'iNDX')) this.writeIndex();
+  }
+
+  // A DATA chunk of packets { track, start, span, bytes }, in order.
+  writeData(packets, times) {
+    const room = packets.reduce((sum, { bytes }) => sum + ROW_ROOM + bytes.length, HEADER_SIZE + HEAD_ROOM);
+    this.makeRoom(room);
+    this.put('DATA', makeCluster(packets, clusterSeed(this.seed, this.sequence)), { times });
+  }
+
+  write(type, payload, given = {}) {
+    if (type !== 'iNDX') this.makeRoom(HEADER_SIZE + payload.length);
+    this.put(type, payload, given);
+  }
+
+  put(type, payload, { track, flags, times }) {
     const size = HEADER_SIZE + payload.length;
-    // IDX-005.
-    const far = this.offset - this.pendingFrom + size > INDEX_STRETCH || this.size > INDEX_ROOM;
-    if (far && this.pending.length && type !== 'iNDX') this.writeIndex();
-    if (type !== 'iNDX' && type !== 'fOOT') {
-      this.pending.push({ type, offset: this.offset, times });
-      this.size += 4 + 8 + (times ? 16 : 0);
-    }
+    this.pending.push({ type, offset: this.offset, times });
+    this.size += 4 + 8 + (times ? 16 : 0);
     this.parts.push(makeChunk({ type, fileId: this.fileId, sequence: this.sequence++, track, flags }, payload));
     this.offset += size;
   }
 
-  // It covers from the index before it on (IDX-004), which it need not list.
+  // Of all chunks from the index before it on.
   writeIndex() {
     const list = [];
-    let before = this.pendingFrom;
+    let before = this.previous;
     for (const { type, offset, times } of this.pending) {
       for (let i = 0; i < 4; i++) list.push(type.charCodeAt(i));
       putVarint(list, offset - before);
@@ -45,18 +58,17 @@ export class Writer {
       putVarint(list, start);
       putVarint(list, stop - start);
     }
-    const payload = new Uint8Array(20 + list.length);
+    const payload = new Uint8Array(16 + list.length);
     const view = new DataView(payload.buffer);
-    view.setBigUint64(0, BigInt(this.pendingFrom), true);
-    view.setBigUint64(8, BigInt(this.previous), true);
-    view.setUint32(16, this.pending.length, true);
-    payload.set(list, 20);
+    view.setBigUint64(0, BigInt(this.previous), true);
+    view.setUint32(8, this.sequence - this.pending.length, true);
+    view.setUint32(12, this.pending.length, true);
+    payload.set(list, 16);
     const at = this.offset;
     this.pending = [];
     this.size = 0;
     this.write('iNDX', payload);
     this.previous = at;
-    this.pendingFrom = at;
   }
 
   writeFoot(dataCount, trackCount, duration) {

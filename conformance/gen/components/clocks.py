@@ -35,7 +35,7 @@ def parse(data: bytes, *, is_map: bool) -> Case:
     name, at = name_of(data)
     count, at = number(data, at)
     if count < 1 + is_map:
-        raise BrokenRule("CLK-002")
+        raise BrokenRule("CLK-001")
     rows: list[list[int]] = []
     for _ in range(count):
         u, at = number(data, at)
@@ -48,7 +48,7 @@ def parse(data: bytes, *, is_map: bool) -> Case:
         else:
             v, at = number(data, at)
             if is_map and (u < 1 or v < 1):
-                raise BrokenRule("CLK-004")
+                raise BrokenRule("CLK-003")
             tick = rows[-1][0] + (u if is_map else signed(u))
             time = rows[-1][1] + (v if is_map else signed(v))
         if abs(tick) >= 2**52 or not -(2**63) <= time < 2**63:
@@ -99,7 +99,7 @@ def chunks() -> Component:
     return Component(
         "clock-chunks",
         "6.10",
-        ("CLK-001", "CLK-002", "CLK-003", "CLK-004", "CNV-004"),
+        ("CLK-001", "CLK-003", "CNV-004"),
         "Payloads of cLOk, observations as [tick, time_ns, uncertainty_ns], and of cMAp, points as "
         "[tick, time_ns].",
         cases,

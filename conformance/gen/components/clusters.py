@@ -15,21 +15,11 @@ from .component import Case, Component, also, tried
 
 def parse(data: bytes) -> Case:
     """At level 1, with each track described and of one component."""
-    count, at = number(data, 0)
-    if not 1 <= count <= 2**14:
-        raise BrokenRule("DAT-001")
-    rows = []
-    for _ in range(count):
-        begin = at
-        fields = []
-        for _ in range(4):
-            value, at = number(data, at)
-            fields.append(value)
-        if at + 4 > len(data):
-            raise BrokenRule("DAT-005")
-        crc = int.from_bytes(data[at : at + 4], "little")
-        at += 4
-        rows.append((*fields, crc, data[begin : at - 4]))
+    count, rows, at = table(data)
+    crc = int.from_bytes(data[at : at + 4], "little")
+    if f.cluster_crc(data[:at]) != crc:
+        raise BrokenRule("DAT-011")
+    at += 4
     for _, _, start, span, *_ in rows:
         if not 1 <= span <= 2**24 or start + span > 2**48:
             raise BrokenRule("DAT-003")
@@ -39,8 +29,8 @@ def parse(data: bytes) -> Case:
     if sum(size for _, size, *_ in rows) != len(data) - at:
         raise BrokenRule("DAT-005")
     entries = []
-    for track, size, start, span, crc, text in rows:
-        if f.file_crc(text + data[at : at + size]) != crc:
+    for track, size, start, span, crc in rows:
+        if f.packet_crc(count, track, start, span, data[at : at + size]) != crc:
             raise BrokenRule("DAT-004")
         entries.append(
             {"track": track, "size": size, "start": start, "span": span, "crc": crc, "offset": at}
@@ -49,6 +39,33 @@ def parse(data: bytes) -> Case:
     if sum(row[3] for row in rows) > 2**22:
         raise BrokenRule("DAT-009")
     return {"entries": entries}
+
+
+def table(data: bytes) -> tuple[int, list[tuple[int, ...]], int]:
+    """packet_count, the rows, and where they end."""
+    count, at = number(data, 0)
+    if not 1 <= count <= 2**14:
+        raise BrokenRule("DAT-001")
+    widths = [int.from_bytes(data[at : at + 2], "little") >> 4 * i & 15 for i in range(4)]
+    if at + 2 > len(data):
+        raise BrokenRule("DAT-005")
+    if max(widths) > 6:
+        raise BrokenRule("DAT-010")
+    at += 2
+    least = []
+    for _ in range(4):
+        value, at = number(data, at)
+        least.append(value)
+    if at + count * (sum(widths) + 4) + 4 > len(data):
+        raise BrokenRule("DAT-005")
+    rows = []
+    for _ in range(count):
+        row = []
+        for low, width in zip((*least, 0), (*widths, 4), strict=True):
+            row.append(low + int.from_bytes(data[at : at + width], "little"))
+            at += width
+        rows.append(tuple(row))
+    return count, rows, at
 
 
 def number(data: bytes, at: int) -> tuple[int, int]:
@@ -61,7 +78,7 @@ def tables() -> Component:
     five = f.svarint(5)
     pair = f.cluster((0, 0, 4, five), (3, 2, 2, f.svarint(-5)))
     late = f.cluster((0, 2**48 - 4, 4, five))
-    one = f.entry(0, 1, 0, 4, five)
+    one = (0, 0, 4, five)
     rows: list[tuple[str, bytes]] = [
         ("one packet", f.cluster((0, 0, 4, five))),
         ("two tracks", pair),
@@ -85,10 +102,15 @@ def tables() -> Component:
         ("too many samples in all", f.cluster((0, 0, 2**21, five), (1, 0, 2**21 + 1, five))),
         (
             "another start than its checksum says",
-            f.varint(1) + f.entry(0, 1, 1, 4, five, crc=crc_of(one)) + five,
+            f.cluster((0, 1, 4, five), crcs={0: f.packet_crc(1, *one)}),
         ),
         ("another packet than its checksum says", f.cluster((0, 0, 4, five))[:-1] + f.svarint(6)),
-        ("a number that is not minimal", f.varint(1) + b"\x80\0" + one[1:] + five),
+        ("a packet of another chunk", f.cluster(one, sequence=3)),
+        ("another table than its checksum says", f.cluster(one, crc=0)),
+        ("fields of six bytes", f.cluster(one, (0, 8, 4, five), widths=(6, 6, 6, 6))),
+        ("the least values are 0", f.cluster(one, (1, 8, 5, five), least=(0, 0, 0, 0))),
+        ("a field of seven bytes", f.cluster(one, widths=(0, 0, 7, 0))),
+        ("a number that is not minimal", bytes(f.cluster(one))[:3] + b"\x80\0" + bytes(12)),
     ]
     cases = [
         tried({"name": name, "payload": data}, lambda data=data: parse(data)) for name, data in rows
@@ -96,15 +118,12 @@ def tables() -> Component:
     return Component(
         "cluster",
         "6.4",
-        ("DAT-001", "DAT-002", "DAT-003", "DAT-004", "DAT-005", "DAT-009"),
-        "Payloads of DATA at level 1 under the file id 7, every track described, with one "
-        "component: the rows of the table, with the offset of each packet in the payload.",
+        ("DAT-001", "DAT-002", "DAT-003", "DAT-004", "DAT-005", "DAT-009", "DAT-010", "DAT-011"),
+        "Payloads of DATA at level 1, of chunk 2 under the file id 7. Every track is described, "
+        "with one component. Expected: the rows of the table, with the offset of each packet in "
+        "the payload.",
         also(cases, {"no bytes": ["DAT-001"], "more packets than level 1 has": ["DAT-005"]}),
     )
-
-
-def crc_of(row: bytes) -> int:
-    return int.from_bytes(row[-4:], "little")
 
 
 FORMATS = {

@@ -47,7 +47,7 @@ def packets() -> Component:
     return Component(
         "evnt",
         "9.9",
-        ("EVT-001", "EVT-002", "EVT-003", "CNV-004", "COD-001"),
+        ("EVT-001", "EVT-003", "CNV-004", "COD-001"),
         "Packets of EVNT: events as [tick, duration, channel or null, text]. `then`: the packet "
         "goes on "
         "with this byte, so many times.",

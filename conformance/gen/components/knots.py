@@ -1,4 +1,4 @@
-"""Clauses 9.1 and 9.6: knots in varints and coded adaptively, and the lines between them."""
+"""Clauses 9.1 and 9.6: knots in varints and entropy coded, and the lines between them."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def parse(data: bytes, linear: bool, step: int, span: int, width: int) -> Knots:
         raise BrokenRule("KNT-002")
     ticks = [tick for tick, _ in out]
     if ticks[-1] >= span:
-        raise BrokenRule("KNT-005")
+        raise BrokenRule("KNT-003")
     if linear and len(out) > 1 and ticks[-1] != span - 1:
-        raise BrokenRule("KNT-006")
+        raise BrokenRule("KNT-003")
     return out
 
 
@@ -125,7 +125,7 @@ def plain_knots() -> Component:
     return Component(
         "knot",
         "9.1",
-        ("KNT-002", "KNT-003", "KNT-005", "KNT-006", "LPC-003", "CNV-001", "COD-001"),
+        ("KNT-002", "KNT-003", "LPC-003", "CNV-001", "COD-001"),
         "Packets of KNOT in varints at level 1, on the uniform grid of `step` and zero 0: knots as "
         "[tick, [count of each component]], and the counts of each component before they are "
         "clamped.",

@@ -48,7 +48,7 @@ def read(words: dict[int, str], data: bytes, m: int, r: int, total: int):
     if len(levels) > total:
         raise BrokenRule("QNT-004")
     if "1" in bits[at:] or len(bits) - at >= 8:
-        raise BrokenRule("QNT-005") if at else BrokenRule("QNT-005", "COD-001")
+        raise BrokenRule("QNT-004") if at else BrokenRule("QNT-004", "COD-001")
     return symbols, levels
 
 
@@ -109,7 +109,7 @@ def codebooks() -> Component:
     return Component(
         "codebook",
         "9.2",
-        ("QNT-002", "QNT-003"),
+        ("QNT-003",),
         "Codebooks: the code word length of every symbol (0: none), and the code words. An empty "
         "word "
         "takes no bits.",
@@ -203,7 +203,7 @@ def packets() -> Component:
     return Component(
         "quan",
         "9.2",
-        ("QNT-004", "QNT-005", "QNT-006", "COD-001"),
+        ("QNT-004", "QNT-006", "COD-001"),
         "Packets of QUAN with `total` levels, at level 1: the symbols with the number of their "
         "extra "
         "bits, the levels, and the counts before they are clamped.",

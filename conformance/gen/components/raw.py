@@ -15,9 +15,9 @@ from .component import Case, Component, tried
 
 def parse(data: bytes, span: int, count: int, size: int, signed: bool) -> list[list[int]]:
     if not data:
-        raise BrokenRule("COD-001", "RAW-002")
+        raise BrokenRule("COD-001", "RAW-003")
     if data[0] > 1:
-        raise BrokenRule("RAW-002")
+        raise BrokenRule("RAW-003")
     whole = inflated(data[1:], span * count * size) if data[0] else data[1:]
     if len(whole) != span * count * size:
         raise BrokenRule("RAW-003")
@@ -35,13 +35,13 @@ def inflated(data: bytes, size: int) -> bytes:
     try:
         out = stream.decompress(data, size + 1)
     except zlib.error:
-        raise BrokenRule("RAW-004") from None
+        raise BrokenRule("RAW-003") from None
     if len(out) > size:
         raise BrokenRule("RAW-003")
     if len(out) < size and not stream.eof:
-        raise BrokenRule("RAW-003", "RAW-004")
+        raise BrokenRule("RAW-003")
     if not stream.eof or stream.unused_data:
-        raise BrokenRule("RAW-004")
+        raise BrokenRule("RAW-003")
     return out
 
 
@@ -121,7 +121,7 @@ def packets() -> Component:
     return Component(
         "rawb",
         "9.3",
-        ("RAW-002", "RAW-003", "RAW-004", "COD-001"),
+        ("RAW-003", "COD-001"),
         "Packets of RAWB: the numbers of each component, counts where `signed`, else words.",
         cases,
     )

@@ -3,185 +3,71 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import forge as f
-from page import BrokenRule, varint
+from page import BrokenRule
 
+from .clusters import table
 from .component import Case, Component
 
 REACH = 65536
-TRACKS = frozenset(range(8))
-"""Described, of one component each."""
-
-
-@dataclass(frozen=True)
-class Entry:
-    at: int
-    stop: int
-    track: int
-    size: int
-    start: int
-    span: int
-    crc: int
-
-
-def entry_at(payload: bytes, at: int) -> Entry | None:
-    fields, stop = [], at
-    try:
-        for _ in range(4):
-            value, stop = varint(payload, stop)
-            fields.append(value)
-    except BrokenRule:
-        return None
-    if stop + 4 > len(payload):
-        return None
-    crc = int.from_bytes(payload[stop : stop + 4], "little")
-    return Entry(at, stop + 4, *fields, crc)
 
 
 class Salvage:
-    """``payload``: all bytes from the payload on; ``ends``: where it may end."""
+    """``payload``: all bytes from the payload on."""
 
-    def __init__(self, payload: bytes, size: int, following: int | None, tracks=TRACKS):
-        self.tracks = tracks
+    def __init__(self, payload: bytes, size: int, following: int | None):
         self.ends = [size]
         if following is not None and following != size and following - size <= REACH:
             self.ends.append(following)
         self.payload = payload[: max(self.ends)]
-        self.front: list[Entry] = []
-        self.kept: dict[Entry, int] = {}
-
-    def holds(self, entry: Entry, at: int) -> bool:
-        data = self.payload[at : at + entry.size]
-        if at < 0 or len(data) < entry.size:
-            return False
-        fields = self.payload[entry.at : entry.stop - 4]
-        good = 1 <= entry.span <= 2**24 and entry.start + entry.span <= 2**48
-        return good and f.file_crc(fields + data) == entry.crc
-
-    def run(self) -> list[tuple[Entry, int]]:
-        """(entry, offset of its packet) of those kept, in order of the entries."""
-        whole = self.by_table()
-        sizes = sum(entry.size for entry in self.kept)
-        last = bool(self.front) and self.front[-1] in self.kept
-        sure = whole and (len(self.kept) == len(self.front) or (last and sizes >= 4))
-        if not sure:
-            first, self.kept = self.kept, {}
-            self.search()
-            if len(self.kept) <= len(first):
-                self.kept = first
-        self.before()
-        return sorted(self.kept.items(), key=lambda pair: pair[0].at)
-
-    def by_table(self) -> bool:
-        """1; whether all entries were read."""
+        self.kept: dict[int, int] = {}
         try:
-            count, at = varint(self.payload, 0)
+            self.count, self.rows, self.at = read(self.payload)
         except BrokenRule:
+            self.count, self.rows, self.at = 0, [], 0
+
+    def holds(self, row: tuple[int, ...], at: int) -> bool:
+        track, size, start, span, crc = row
+        body = self.payload[at : at + size]
+        if at < 0 or at + size > len(self.payload):
             return False
-        if not 1 <= count <= 2**14:
-            return False
-        while len(self.front) < count:
-            entry = entry_at(self.payload, at)
-            if entry is None:
-                return False
-            self.front.append(entry)
-            at = entry.stop
-        table = at
-        for entry in self.front:
-            if self.holds(entry, at):
-                self.kept[entry] = at
-            at += entry.size
-        for end in self.ends:
+        good = 1 <= span <= 2**24 and start + span <= 2**48
+        return good and f.packet_crc(self.count, track, start, span, body) == crc
+
+    def run(self) -> list[tuple[tuple[int, ...], int]]:
+        """(row, offset of its packet) of those kept, in order of the rows."""
+        at = self.at
+        for number, row in enumerate(self.rows):
+            if self.holds(row, at):
+                self.kept[number] = at
+            at += row[1]
+        for end in self.ends if len(self.rows) == self.count else ():
             at = end
-            for entry in reversed(self.front):
-                at -= entry.size
-                if at < table or (self.kept.get(entry) is not None and entry.size > 0):
-                    break
-                if self.holds(entry, at):
-                    self.kept[entry] = at
-        return True
+            for number, row in reversed(list(enumerate(self.rows))):
+                at -= row[1]
+                if number not in self.kept and self.holds(row, at):
+                    self.kept[number] = at
+        return [(self.rows[number], self.kept[number]) for number in sorted(self.kept)]
 
-    def useful(self, entry: Entry | None) -> bool:
-        return entry is not None and entry.track in self.tracks and entry.size > 0
 
-    def empty(self, entry: Entry) -> bool:
-        return entry.track in self.tracks and entry.size == 0
+def read(payload: bytes) -> tuple[int, list[tuple[int, ...]], int]:
+    """packet_count, the rows that are whole, and where the first packet should begin."""
+    count, rows, stop = table(payload + bytes(4 + 32 * 2**14))
+    size = (stop - head_size(payload)) // count
+    whole = max(len(payload) - head_size(payload), 0) // size
+    return count, rows[:whole], stop + 4
 
-    def search(self) -> None:
-        """2"""
-        last = self.last_entry()
-        if last is not None:
-            entry, at = last
-            self.kept[entry] = at
-            table = entry.stop
-            while (behind := entry_at(self.payload, table)) and self.empty(behind):
-                if not self.holds(behind, at + entry.size):
-                    break
-                self.kept[behind] = at + entry.size
-                table = behind.stop
-        else:
-            found = self.first_packet()
-            if found is None:
-                return
-            table = found
-        at = table
-        for entry in self.front:
-            if entry.stop > at or entry in self.kept:
-                break
-            if self.holds(entry, at):
-                self.kept[entry] = at
-            at += entry.size
 
-    def last_entry(self) -> tuple[Entry, int] | None:
-        """2a"""
-        found: list[tuple[Entry, int]] = []
-        for offset in range(1, min(REACH, len(self.payload))):
-            entry = entry_at(self.payload, offset)
-            if self.useful(entry):
-                found += [
-                    (entry, end - entry.size)
-                    for end in self.ends
-                    if self.holds(entry, end - entry.size)
-                ]
-        barrier = min((at for _, at in found), default=0)
-        before = [pair for pair in found if pair[0].at < barrier]
-        return before[-1] if before else None
-
-    def first_packet(self) -> int | None:
-        """2b"""
-        useful = [(place, e) for place, e in enumerate(self.front) if self.useful(e)]
-        best, most = None, 0
-        for place, entry in sorted(useful, key=lambda pair: pair[1].size)[:4]:
-            before = sum(e.size for e in self.front[:place])
-            for table in range(entry.stop, min(REACH, len(self.payload))):
-                if not self.holds(entry, table + before):
-                    continue
-                count, at = 0, table
-                for e in self.front:
-                    count += self.holds(e, at)
-                    at += e.size
-                if count > most:
-                    best, most = table, count
-            if most > 1:
-                break
-        return best
-
-    def before(self) -> None:
-        """3"""
-        waiting = list(self.kept)
-        while waiting:
-            after = waiting.pop()
-            for offset in range(max(after.at - 36, 1), after.at):
-                entry = entry_at(self.payload, offset)
-                if entry is None or entry.stop != after.at or entry in self.kept:
-                    continue
-                at = self.kept[after] - entry.size
-                if entry.track in self.tracks and self.holds(entry, at):
-                    self.kept[entry] = at
-                    waiting.append(entry)
-                    break
+def head_size(payload: bytes) -> int:
+    """Of packet_count, widths and the four least values."""
+    at = passed = 0
+    while passed < 5:
+        passed += payload[at] < 128
+        at += 1
+        if passed == 1 and payload[at - 1] < 128:
+            at += 2
+    return at
 
 
 FIVE = [
@@ -189,7 +75,8 @@ FIVE = [
     (2, 100, 300, bytes.fromhex("2a2b2c")), (3, 0, 4, bytes.fromhex("3a3b3c3d3e")),
     (4, 7, 9, bytes.fromhex("4a4b4c4d4e4f50")),
 ]  # fmt: skip
-WHOLE = f.cluster(*FIVE)
+WHOLE = bytes(f.cluster(*FIVE))
+EMPTY = bytes(f.cluster((0, 0, 4, b""), (1, 0, 4, b"\1\2")))
 TABLE = len(WHOLE) - sum(len(body) for *_, body in FIVE)
 BEHIND = bytes.fromhex("f9488b1c6f7468657220")
 """What follows in the file."""
@@ -201,7 +88,7 @@ def flip(at: int, bit: int = 0) -> bytes:
 
 def salvage_case(name: str, payload: bytes, size: int, following: int | None) -> Case:
     kept = Salvage(payload, size, following).run()
-    rows = [[e.at, at, e.track, e.size, e.start, e.span] for e, at in kept]
+    rows = [[at, *row[:4]] for row, at in kept]
     return {"name": name, "bytes": payload, "payload_size": size, "next_header": following,
             "kept": rows}  # fmt: skip
 
@@ -213,23 +100,22 @@ def choices() -> Component:
         (f"a bit of packet {i} is flipped", flip(at) + BEHIND, n, n)
         for i, at in enumerate((packets, packets + 4, packets + 10, packets + 13, packets + 18))
     ]
-    starts = entry_starts()
+    starts = row_starts()
     rows += [
-        (f"a bit of the start tick of row {i} is flipped", flip(at + 2) + BEHIND, n, n)
+        (f"a bit of the {field} in row {i} is flipped", flip(at + place) + BEHIND, n, n)
         for i, at in enumerate(starts)
-    ]
-    rows += [
-        (f"row {i} is longer by a byte: bit 7 of its track", flip(at, 7) + BEHIND, n, n)
-        for i, at in enumerate(starts)
-    ]
-    rows += [
-        (f"the size in row {i} differs", flip(at + 1, 1) + BEHIND, n, n)
-        for i, at in enumerate(starts)
+        for field, place in (("track", 0), ("size", 1), ("start", 2), ("span", 3))
     ]
     rows += [
         ("the count differs: 4 of 5", bytes([4]) + WHOLE[1:] + BEHIND, n, n),
         ("the count differs: 7 of 5", bytes([7]) + WHOLE[1:] + BEHIND, n, n),
         ("the count is no varint", b"\xff" * 8 + WHOLE[8:] + BEHIND, n, n),
+        ("the width of the start ticks differs", flip(2) + BEHIND, n, n),
+        ("a field of seven bytes", WHOLE[:2] + b"\x77" + WHOLE[3:] + BEHIND, n, n),
+        ("the least track differs", flip(3) + BEHIND, n, n),
+        ("the least start differs", flip(5) + BEHIND, n, n),
+        ("the CRC of the table differs", flip(packets - 1) + BEHIND, n, n),
+        ("the size in two rows differs", flip_two(starts[1] + 1, starts[3] + 1) + BEHIND, n, n),
         ("a byte of packet 1 is missing", cut(packets + 5, 1) + BEHIND, n, n - 1),
         ("packet 1 is missing", cut(packets + 4, 6) + BEHIND, n, n - 6),
         ("a byte of the table is missing", cut(starts[2] + 1, 1) + BEHIND, n, n - 1),
@@ -244,39 +130,34 @@ def choices() -> Component:
         ("cut within the table", WHOLE[: starts[3] + 2], n, None),
         ("the size in the header is too large", WHOLE + BEHIND, n + 30, n),
         ("the size in the header is too small", WHOLE + BEHIND, n - 9, n),
-        ("the first three rows are zeros", bytes(starts[3]) + WHOLE[starts[3] :] + BEHIND, n, n),
+        ("the first three rows are zeros",
+         WHOLE[: starts[0]] + bytes(starts[3] - starts[0]) + WHOLE[starts[3] :] + BEHIND, n, n),
         ("the whole table is zeros", bytes(packets) + WHOLE[packets:] + BEHIND, n, n),
+        ("the payload of another chunk", f.cluster(*FIVE, sequence=3) + BEHIND, n, n),
+        ("a packet without bytes is left", EMPTY[:-1] + b"\0", len(EMPTY), None),
         ("no bytes", b"", n, None),
     ]  # fmt: skip
     cases = [salvage_case(*row) for row in rows]
-    body = bytes.fromhex("6a6b6c")
-    like_an_entry = (0, 0, 4, bytes.fromhex("0affff7f0b0c0d0e0f10"))
-    anywhere = (1, 0, 40, b"\4")
-    six = f.cluster(like_an_entry, anywhere, *FIVE[2:], (8, 0, 4, body))
-    n, last = len(six), len(six) - len(body)
-    for name, data in (
-        ("the last track is not described", six[:last] + b"\0" + six[last + 1 :]),
-        ("the last track is not described, and the count differs", b"\x26" + six[1:]),
-    ):
-        cases.append(salvage_case(name, data + BEHIND, n, n))
     return Component(
         "salvage", "12.1", ("REC-001", "REC-002", "DAT-003", "DAT-004"),
         "Damaged payloads of DATA chunks, with all the bytes from the payload on, the "
         "`payload_size` of "
         "the header, and the offset where the walk finds the next header, all counted from the "
         "payload. "
-        "Tracks 0 to 7 are described, the level is 1, the file id 7. `kept`: the packets, as "
-        "[offset of the entry, of "
-        "the packet, track, size, start, span], in order of their entries.", cases,
+        "The level is 1, the file id 7, the sequence number 2. `kept`: the packets, as "
+        "[offset of the packet, track, size, start, span], in order of their rows.", cases,
     )  # fmt: skip
 
 
-def entry_starts() -> list[int]:
-    out, at = [], 1
-    for _ in FIVE:
-        out.append(at)
-        at = entry_at(WHOLE, at).stop
-    return out
+def row_starts() -> list[int]:
+    begin = head_size(WHOLE)
+    size = (TABLE - 4 - begin) // len(FIVE)
+    return [begin + size * number for number in range(len(FIVE))]
+
+
+def flip_two(first: int, second: int) -> bytes:
+    once = flip(first)
+    return once[:second] + bytes([once[second] ^ 1]) + once[second + 1 :]
 
 
 def cut(at: int, size: int) -> bytes:

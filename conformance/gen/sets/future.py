@@ -31,18 +31,18 @@ def tlvs(*types: int) -> bytes:
 
 
 VERSIONS = [
-    ("major-2", "VER-002", "The major version is 2.", headed(major=2)),
-    ("major-0", "VER-002", "The major version is 0.", headed(major=0)),
-    ("major-255-and-another-head", "VER-002",
+    ("major-2", "VER-001", "The major version is 2.", headed(major=2)),
+    ("major-0", "VER-001", "The major version is 0.", headed(major=0)),
+    ("major-255-and-another-head", "VER-001",
      "Another major version, with another level, file id and reserved byte.",
      headed(major=255, level=9, reserved=1)),
-    ("major-2-of-other-chunks", "VER-002", "Another major version, with empty chunks.",
+    ("major-2-of-other-chunks", "VER-001", "Another major version, with empty chunks.",
      f.file(("HEAD", f.head(major=2)), ("TRAK", b""), ("iNDX", b""), ("fOOT", b""))),
-    ("incompat-bit-0", "VER-002", "Bit 0 of incompat is set.", headed(incompat=1)),
-    ("incompat-bit-31", "VER-002", "Bit 31 of incompat is set.", headed(incompat=2**31)),
-    ("incompat-and-a-broken-rule", "VER-002", "With an unknown feature packets overlap.",
+    ("incompat-bit-0", "VER-001", "Bit 0 of incompat is set.", headed(incompat=1)),
+    ("incompat-bit-31", "VER-001", "Bit 31 of incompat is set.", headed(incompat=2**31)),
+    ("incompat-and-a-broken-rule", "VER-001", "With an unknown feature packets overlap.",
      headed(incompat=4, data=("DATA", TWICE))),
-    ("incompat-and-damage", "VER-002", "With an unknown feature the CRC of a payload differs.",
+    ("incompat-and-damage", "VER-001", "With an unknown feature the CRC of a payload differs.",
      headed(BAD, incompat=1)),
     ("level-0", "HED-004", "The level is 0.", headed(level=0)),
     ("level-3", "HED-004", "The level is 3.", headed(level=3)),
@@ -107,9 +107,9 @@ CODECS = [
 ]  # fmt: skip
 
 TRACKS = [
-    *[(f"kind-{kind}", "TRK-004", f"A track is of kind {kind}.", beside(other(kind=kind)))
+    *[(f"kind-{kind}", "TRK-011", f"A track is of kind {kind}.", beside(other(kind=kind)))
       for kind in (4, 255)],
-    *[(f"number-format-{number}", "TRK-004", f"A track has the number format {number}.",
+    *[(f"number-format-{number}", "TRK-011", f"A track has the number format {number}.",
        beside(other(number_format=number, count_min=0, count_max=0)))
       for number in (6, 255)],
     *[(f"track-tlv-{type_}", "TLV-003", f"A track carries a critical TLV of type {type_}.",

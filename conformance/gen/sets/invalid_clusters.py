@@ -31,7 +31,7 @@ def held(*packets: tuple[int, int, int]) -> bytes:
     return f.cluster(*[(*packet, f.KNOT_DATA) for packet in packets])
 
 
-ONE = f.entry(0, 1, 0, 4, f.KNOT_DATA)
+ONE = (0, 0, 4, f.KNOT_DATA)
 CLUSTERS = [
     ("no-packet", "DAT-001", "A cluster has no packet.",
      clusters(held((0, 0, 4)), b"\0"), KEPT),
@@ -46,18 +46,27 @@ CLUSTERS = [
     ("packet-past-2-to-48", "DAT-003", "A packet ends at tick 2^48 + 1.",
      clusters(held((0, 0, 4), (0, 2**48 - 3, 4)), span=2**48 + 1)),
     ("packet-crc-differs", "DAT-004", "The CRC of a packet differs, that of its chunk is right.",
-     clusters(b"\1" + f.entry(0, 1, 0, 4, f.KNOT_DATA, crc=0) + f.KNOT_DATA), None, 2),
-    ("packet-crc-of-the-bytes-alone", "DAT-004", "The CRC of a packet leaves out its entry.",
-     clusters(b"\1" + f.entry(0, 1, 0, 4, crc=f.file_crc(f.KNOT_DATA)) + f.KNOT_DATA), None, 2),
+     clusters(f.cluster(ONE, crcs={0: 0})), None, 2),
+    ("packet-crc-of-the-bytes-alone", "DAT-004", "The CRC of a packet leaves out its row.",
+     clusters(f.cluster(ONE, crcs={0: f.cluster_crc(f.KNOT_DATA)})), None, 2),
+    ("packet-crc-of-another-count", "DAT-004", "The CRC of a packet is that of one of two.",
+     clusters(f.cluster(ONE, crcs={0: f.packet_crc(2, *ONE)})), None, 2),
+    ("packet-crc-of-another-chunk", "DAT-004", "The CRC of a packet is that of one in chunk 3.",
+     clusters(f.cluster(ONE, crcs={0: f.packet_crc(1, *ONE, sequence=3)})), None, 2),
+    ("table-crc-differs", "DAT-011", "The CRC of a table differs, that of its chunk is right.",
+     clusters(f.cluster(ONE, crc=0)), None, 2),
+    ("table-crc-of-another-chunk", "DAT-011", "The CRC of a table is that of chunk 3.",
+     clusters(f.table([(0, 1, 0, 4, f.packet_crc(1, *ONE))], sequence=3) + f.KNOT_DATA), None, 2),
+    ("row-fields-of-7-bytes", "DAT-010", "The start ticks of a table have seven bytes.",
+     clusters(f.cluster(ONE, widths=(0, 0, 7, 0)))),
     ("packets-and-a-byte", "DAT-005", "A byte follows the last packet.",
      clusters(held((0, 0, 4)) + b"\0"), KEPT),
     ("packet-past-the-payload", "DAT-005", "A packet has a byte more than is left.",
-     clusters(b"\1" + f.entry(0, 2, 0, 4, f.KNOT_DATA) + f.KNOT_DATA)),
-    ("packet-count-too-large", ("DAT-005", "CNV-002", "DAT-001"),
-     "A table of one packet announces two.",
-     clusters(b"\2" + ONE + f.KNOT_DATA)),
-    ("table-cut-short", ("DAT-005", "CNV-002"), "A cluster ends within its table.",
-     clusters(b"\1" + ONE[:-1])),
+     clusters(f.table([(0, 2, 0, 4, f.packet_crc(1, *ONE))]) + f.KNOT_DATA)),
+    ("packet-count-too-large", ("DAT-005", "DAT-011"), "A table of one packet announces two.",
+     clusters(f.cluster(ONE, count=2))),
+    ("table-cut-short", ("DAT-005", "DAT-011"), "A cluster ends within its table.",
+     clusters(bytes(f.cluster(ONE))[:-2])),
     ("cluster-of-no-bytes", ("CNV-002", "DAT-001", "DAT-005"), "A cluster has no bytes.",
      clusters(held((0, 0, 4)), b""), KEPT),
     ("packets-overlap", "DAT-006", "Two packets of a cluster share a tick.",
@@ -79,20 +88,20 @@ CLUSTERS = [
 ]  # fmt: skip
 
 
-def listing(*entries: tuple, count: int | None = None, covers_from: int = 8, previous: int = 0,
+def listing(*entries: tuple, count: int | None = None, first: int = 0, previous: int = 0,
             more: bytes = b"", cut: int = 0) -> bytes:  # fmt: skip
     """HEAD, TRACK, DATA, an index with these entries, the footer."""
-    payload = f.index(entries, count=count, covers_from=covers_from, previous=previous) + more
+    payload = f.index(entries, count=count, first=first, previous=previous) + more
     payload = payload[: len(payload) - cut]
     body = f.file(HEAD, TRACK, DATA) + f.chunk("iNDX", payload, 3)
     return body + f.chunk("fOOT", f.foot(END, len(body) + f.FOOT, 1, 1, f.DURATION_NS), 4)
 
 
-def second_index(previous: int, covers_from: int = END) -> bytes:
-    """A second index that lists nothing; of the first, the entries are right."""
+def second_index(*entries: tuple, previous: int = END, first: int = 3) -> bytes:
+    """A second index; of the first, the entries are right."""
     body = f.file(HEAD, TRACK, DATA) + f.chunk("iNDX", f.index(RIGHT), 3)
     at = len(body)
-    body += f.chunk("iNDX", f.index((), covers_from=covers_from, previous=previous), 4)
+    body += f.chunk("iNDX", f.index(entries, previous=previous, first=first), 4)
     return body + f.chunk("fOOT", f.foot(at, len(body) + f.FOOT, 1, 1, f.DURATION_NS), 5)
 
 
@@ -107,8 +116,8 @@ INDEXES = [
      listing(*RIGHT, more=b"\0"), KEPT),
     ("index-without-times", ("CNV-002", "IDX-001"), "The entry of DATA ends without its times.",
      listing(*RIGHT, cut=len(f.varint(LATE)) + 1), KEPT),
-    ("index-distance-not-minimal", "CNV-003", "A distance of 0 is stored as 80 00.",
-     listing(count=3, more=b"HEAD\x80\0" + f.index(RIGHT)[25:]), KEPT),
+    ("index-distance-not-minimal", "CNV-002", "A distance of 8 is stored as 88 00.",
+     listing(count=3, more=b"HEAD\x88\0" + f.index(RIGHT)[21:]), KEPT),
     ("index-without-a-chunk", "IDX-002", "TRAK is not listed.",
      listing(RIGHT[0], RIGHT[2])),
     ("index-without-data", "IDX-002", "DATA is not listed.", listing(*RIGHT[:2])),
@@ -118,16 +127,16 @@ INDEXES = [
      listing(RIGHT[0], ("TRAK", TRACK_AT + 1, 0, 0), RIGHT[2]), KEPT, None, "IDX-003"),
     ("index-chunk-twice", "IDX-002", "TRAK is listed twice.",
      listing(*RIGHT[:2], *RIGHT[1:]), KEPT),
-    ("index-covers-the-signature", "IDX-004", "An index covers the file from offset 0 on.",
-     listing(*RIGHT, covers_from=0), KEPT),
-    ("index-previous-0", "IDX-004", "An index covers a part, and names no index before it.",
-     listing(RIGHT[2], covers_from=DATA_AT), KEPT),
+    ("index-previous-0", "IDX-002", "An index lists a part, and names no index before it.",
+     listing(RIGHT[2], first=2), KEPT),
     ("index-previous-is-data", "IDX-004", "The index before is a DATA chunk.",
-     second_index(DATA_AT), KEPT),
+     second_index(RIGHT[2], ("iNDX", END, 0, 0), previous=DATA_AT, first=2), KEPT),
     ("index-previous-is-itself", "IDX-004", "An index names itself as the one before.",
-     second_index(END + f.HEADER + len(f.index(RIGHT))), KEPT),
-    ("index-previous-not-covered", "IDX-004", "The index before stands before covers_from.",
-     second_index(END, END + f.HEADER + len(f.index(RIGHT))), KEPT),
+     second_index(previous=END + f.HEADER + len(f.index(RIGHT))), KEPT),
+    ("index-without-the-index-before", "IDX-002", "The index before is not listed.",
+     second_index(), KEPT),
+    ("index-counts-from-1", "IDX-007", "An index of all chunks counts them from 1 on.",
+     listing(*RIGHT, first=1), KEPT),
     ("index-starts-too-late", "IDX-006", "An index says that DATA starts at 1 ms, not at 0.",
      listing(*RIGHT[:2], ("DATA", DATA_AT, 1, LATE)), KEPT),
     ("index-stops-too-early", "IDX-006", "An index says that DATA ends at 3 ms, not at 4.",
@@ -154,19 +163,19 @@ FOOTERS = [
      f.minimal(index_offset=8), KEPT),
     ("footer-of-the-first-index", "FOT-002", "The footer names the first of two indexes.",
      f.closed(HEAD, TRACK, DATA, ("iNDX", f.index(RIGHT)), index_offset=END,
-              ahead={"entries": [], "covers_from": END, "previous": END}), KEPT),
+              ahead={"entries": [("iNDX", END, 0, 0)], "previous": END, "first": 3}), KEPT),
     ("footer-without-index", "FOT-002", "No index stands before the footer.",
      f.file(HEAD, TRACK, DATA, ("fOOT", f.foot(0, END + f.FOOT, 1, 1, f.DURATION_NS))), KEPT),
-    ("footer-other-clusters", "FOT-003", "The footer counts two DATA chunks of one.",
+    ("footer-other-clusters", "FOT-002", "The footer counts two DATA chunks of one.",
      f.minimal(data_count=2), KEPT),
-    ("footer-other-tracks", "FOT-003", "The footer counts no track.",
+    ("footer-other-tracks", "FOT-002", "The footer counts no track.",
      f.minimal(track_count=0), KEPT),
-    ("footer-other-duration", "FOT-003", "The footer says a nanosecond less.",
+    ("footer-other-duration", "FOT-002", "The footer says a nanosecond less.",
      f.minimal(duration_ns=f.DURATION_NS - 1), KEPT),
-    ("footer-duration-rounded-down", "FOT-003", "The footer rounds 4 ticks of 3 Hz down.",
+    ("footer-duration-rounded-down", "FOT-002", "The footer rounds 4 ticks of 3 Hz down.",
      described(rate_num=3)[:-f.FOOT] + f.chunk("fOOT", f.foot(END, SIZE, 1, 1, 1_333_333_333), 4),
      KEPT),
-    ("footer-counts-one-track-twice", "FOT-003", "The footer counts a TRAK chunk and its copy.",
+    ("footer-counts-one-track-twice", "FOT-002", "The footer counts a TRAK chunk and its copy.",
      f.closed(HEAD, TRACK, DATA, TRACK, track_count=2), KEPT),
 ]  # fmt: skip
 
@@ -187,13 +196,13 @@ VALUES = [
     ("calibration-b-too-low", "VAL-001", "B is -2^52.",
      calibrated(b=-(2**52), count_min=0, count_max=1), KEPT),
     ("calibration-d-too-high", ("CNV-002", "VAL-001"), "D is 2^53.", calibrated(d=2**53), KEPT),
-    ("calibration-products-too-large", "VAL-002", "100 * A is above 2^53.",
+    ("calibration-products-too-large", "VAL-001", "100 * A is above 2^53.",
      calibrated(2**53 // 100 + 1), KEPT),
-    ("calibration-products-too-low", "VAL-002", "-100 * A is below -2^53.",
+    ("calibration-products-too-low", "VAL-001", "-100 * A is below -2^53.",
      calibrated(2**53 // 100 + 1, count_max=99), KEPT),
-    ("calibration-sums-too-large", "VAL-002", "2 * A + B is 2^53 + 1.",
+    ("calibration-sums-too-large", "VAL-001", "2 * A + B is 2^53 + 1.",
      calibrated(2**52 - 1, 3, count_min=0, count_max=2), KEPT),
-    ("calibration-products-of-hf", "VAL-002", "For an HF track count * A is above 2^53.",
+    ("calibration-products-of-hf", "VAL-001", "For an HF track count * A is above 2^53.",
      series((f.trak(f.HOLD + f.tlv(3, f.calibration(2**46)), kind=1), 0),
             (f.trak(kind=2, base=0, count_max=129), 1))),
     ("deadband-kd-2-to-16", "DBC-001", "The Weber fraction has kd = 2^16.",
@@ -207,11 +216,11 @@ VALUES = [
      contract(entries=((2**32, 0),)), KEPT),
     ("deadband-zero-too-high", "DBC-001", "The zero of a contract is 2^31.",
      contract(entries=((1, 2**31),)), KEPT),
-    ("deadband-cut-short", ("TLV-007", "CNV-002"), "A contract ends before its flags.",
+    ("deadband-cut-short", ("TLV-004", "CNV-002"), "A contract ends before its flags.",
      described(f.HOLD + f.tlv(16, f.deadband()[:2])), KEPT),
-    ("deadband-without-floor", ("CNV-002", "TLV-007"), "A contract ends before its floor.",
+    ("deadband-without-floor", ("CNV-002", "TLV-004"), "A contract ends before its floor.",
      described(f.HOLD + f.tlv(16, f.deadband(entries=()))), KEPT),
-    ("deadband-of-one-component-for-two", ("CNV-002", "TLV-007"),
+    ("deadband-of-one-component-for-two", ("CNV-002", "TLV-004"),
      "The contract of two components has one floor.",
      described(f.HOLD + f.tlv(16, f.deadband()), component_count=2, packet=b"\x0A\x0A")),
 ]  # fmt: skip

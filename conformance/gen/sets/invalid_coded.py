@@ -257,12 +257,20 @@ def corrected(length: int) -> bytes:
 ZERO = b"\0\0\0\1\1" + b"\0\1\0\0"
 """One correction of 0, in full."""
 
+
+def pair(one: Any, other: Any, rest: bytes) -> bytes:
+    """Two components of fives, linear by their terms; those without are quotients."""
+    rules = [f.lpcx_parameters(4, 0, bytes(2), [0.0], terms) if terms else f.lpcx_parameters()
+             for terms in (one, other)]  # fmt: skip
+    return packed(b"LPCX", b"".join(rules), b"\7\3\x10\0\x0a\x10\0\x0a" + rest, component_count=2)
+
+
 EXACT = [
     ("exact-parameters-cut-short", "COD-002", "The parameters of LPCX have three bytes.",
      described(f.lpcx_parameters()[:-1], b"LPCX")),
     ("exact-parameters-and-a-byte", "COD-002", "A byte follows the parameters of LPCX.",
      described(f.lpcx_parameters() + b"\0", b"LPCX")),
-    ("exact-vector", "EXA-001", "A track of LPCX has two components.",
+    ("exact-of-two-with-one-rule", "COD-002", "A track of LPCX has two components, and one rule.",
      exact(COUNTS, component_count=2), None, [0, 2]),
     ("exact-lf", "EXA-001", "A track of LPCX is of kind LF.",
      broken.series((f.trak(f.tlv(1, f.lpcx_parameters()), codec=b"LPCX", kind=1), 0),
@@ -272,7 +280,33 @@ EXACT = [
      exact(COUNTS, tlvs=f.tlv(16, f.deadband())), [FIVES]),
     ("exact-with-deviation", "EXA-001", "A track of LPCX has a deviation.",
      exact(COUNTS, tlvs=f.tlv(18, f.deviation(1, 1))), [FIVES]),
-    ("exact-rule-4", "EXA-002", "The rule is 4.", exact(COUNTS, 4), [FIVES]),
+    ("exact-rule-5", "EXA-002", "The rule is 5.", exact(COUNTS, 5), [FIVES]),
+    ("exact-cubic-with-terms", "EXA-002", "The rule is 3 and terms 1.",
+     exact(COUNTS, 3, 0, b"\1\0", (0, 1, 0, 0), [(0, 1, 1.0)]), [FIVES]),
+    ("exact-linear-without-terms", "EXA-002", "The rule is 4 and terms 0.",
+     exact(COUNTS, 4, 0, bytes(2), [0.0]), [FIVES]),
+    ("exact-linear-with-digits", "EXA-002", "The rule is 4 and digits 1.",
+     exact(COUNTS, 4, 1, bytes(2), [0.0], [(0, 1, 1.0)]), [FIVES]),
+    ("exact-17-terms", "EXA-002", "The rule is 4 and terms 17.",
+     exact(COUNTS, 4, 0, bytes(2), [0.0], [(0, 1, 1.0)] * 17), [FIVES]),
+    ("exact-term-missing", "COD-002", "The rule is 4 and terms 1, with none.",
+     described(f.lpcx_parameters(4, 0, b"\1\0", [0.0]), b"LPCX")),
+    ("exact-term-too-many", "COD-002", "The rule is 4 and terms 1, with two.",
+     described(f.lpcx_parameters(4, 0, bytes(2), [0.0], [(0, 1, 1.0)]) + bytes(10), b"LPCX")),
+    *[(f"exact-{name}", "EXA-008", f"A weight is {what}.",
+       exact(COUNTS, 4, 0, bytes(2), [0.0], [(0, 1, each)]), [FIVES])
+      for name, what, each in (("weight-nan", "no number", nan),
+                               ("weight-of-2-to-900", "2^900", 2.0**900))],
+    ("exact-constant-infinite", "EXA-008", "The constant of rule 4 is infinite.",
+     exact(COUNTS, 4, 0, bytes(2), [inf], [(0, 1, 1.0)]), [FIVES]),
+    ("exact-of-its-own-tick", "EXA-009", "A component is linear in itself, with lag 0.",
+     exact(COUNTS, 4, 0, bytes(2), [0.0], [(0, 0, 1.0)]), [FIVES]),
+    ("exact-of-no-component", "EXA-009", "A component is linear in number 1, of one.",
+     exact(COUNTS, 4, 0, bytes(2), [0.0], [(1, 1, 1.0)]), [FIVES]),
+    ("exact-of-a-later-one", "EXA-009", "Component 0 is linear in 1, which is linear too.",
+     pair([(1, 1, 1.0)], [(0, 1, 1.0)], b""), None, [0, 2]),
+    ("exact-parts-past-the-packet", "EXA-010", "The first of two parts has 2 bytes, of 1.",
+     pair([(1, 0, 1.0)], None, b"\2\0"), None, [0, 2]),
     ("exact-cubic-with-digits", "EXA-002", "The rule is 3 and digits 1.",
      exact(COUNTS, 3, 1, bytes(2), (0, 1, 0, 0)), [FIVES]),
     ("exact-coefficient-missing", "COD-002", "The rule is 3, with three coefficients.",

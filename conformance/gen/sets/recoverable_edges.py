@@ -41,7 +41,7 @@ def across(edge: int, shift: int, *, from_start: bool) -> Case:
         f"edge-{where}-{edge}-{shift}",
         f"After a lost byte a header stands with {shift} of its bytes before offset {edge} of the "
         f"{where}.",
-        ["REC-002", "CHK-001"], "transmission/lost-bytes", data,
+        ["REC-002", "CHK-002"], "transmission/lost-bytes", data,
         decode=w.decoded(dict.fromkeys(range(3), ALL)) | {"attachments": []},
         damages=[("bad-payload", place.at, place.size)],
     )  # fmt: skip

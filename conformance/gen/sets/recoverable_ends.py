@@ -30,23 +30,23 @@ def cases() -> Iterator[Case]:
 def open_files() -> Iterator[Case]:
     yield wrecked(
         "not-closed", "A file without index and footer: all that stands in it is valid.",
-        ["FIL-003", "VRD-002"], "crash/not-closed", OPEN.data,
+        ["FIL-003", "VRD-001"], "crash/not-closed", OPEN.data,
         damages=[("not-closed", len(OPEN.data), 0)], recover=0,
     )  # fmt: skip
     yield wrecked(
         "no-footer", "A file with an index and without a footer.",
-        ["FIL-003", "VRD-002"], "crash/not-closed", DATA[: FOOT.at],
+        ["FIL-003", "VRD-001"], "crash/not-closed", DATA[: FOOT.at],
         damages=[("not-closed", FOOT.at, 0)], recover=0,
     )  # fmt: skip
     yield wrecked(
         "cut-between", "Cut between two clusters: nobody can know of the third.",
-        ["FIL-003", "VRD-002"], "crash/cut-between", DATA[: THIRD.at], kept=TWO_CLUSTERS,
+        ["FIL-003", "VRD-001"], "crash/cut-between", DATA[: THIRD.at], kept=TWO_CLUSTERS,
         damages=[("not-closed", THIRD.at, 0)], recover=0,
     )  # fmt: skip
     more = f.chunk("DATA", f.cluster(*w.clusters(12)[0]), 7)
     yield wrecked(
         "stale-footer", "A cluster was appended behind the footer, and the file not closed again.",
-        ["FIL-003", "FOT-003", "VRD-002"], "crash/not-closed", DATA + more,
+        ["FIL-003", "FOT-002", "VRD-001"], "crash/not-closed", DATA + more,
         kept=dict.fromkeys(range(3), ((0, 16),)),
         damages=[("not-closed", END + len(more), 0)], recover=0,
     )  # fmt: skip
@@ -57,7 +57,7 @@ def cuts() -> Iterator[Case]:
     stop = one.at + 3
     yield wrecked(
         "cut-payload", "Cut within a packet: those before it are kept.",
-        ["FIL-003", "REC-002", "REC-003", "REC-012", "VRD-002"], "crash/cut-payload", DATA[:stop],
+        ["FIL-003", "REC-002", "REC-003", "REC-012", "VRD-001"], "crash/cut-payload", DATA[:stop],
         kept={0: ((0, 12),), 1: ((0, 8),), 2: ((0, 8),)},
         damages=[
             ("truncated", THIRD.at, stop - THIRD.at),
@@ -68,7 +68,7 @@ def cuts() -> Iterator[Case]:
     yield wrecked(
         "last-cluster-of-an-open-file",
         "The last chunk of a file that was not closed is damaged: nobody knows how much followed.",
-        ["REC-003", "REC-012", "VRD-002"], "transmission/bit-flip", w.flip(OPEN.data, row.at),
+        ["REC-003", "REC-012", "VRD-001"], "transmission/bit-flip", w.flip(OPEN.data, row.at),
         kept={0: ((0, 12),), 1: ((0, 8),), 2: ((0, 12),)},
         damages=[
             ("bad-payload", THIRD.at, THIRD.size), ("bad-packet", row.at, row.size),
@@ -78,7 +78,7 @@ def cuts() -> Iterator[Case]:
     stop = row.entry_stop
     yield wrecked(
         "cut-table", "Cut within the table of a cluster: no packet is left of it.",
-        ["REC-003", "REC-012", "VRD-002"], "crash/cut-payload", DATA[:stop], kept=TWO_CLUSTERS,
+        ["REC-003", "REC-012", "VRD-001"], "crash/cut-payload", DATA[:stop], kept=TWO_CLUSTERS,
         damages=[
             ("truncated", THIRD.at, stop - THIRD.at),
             ("bad-table", THIRD.payload, stop - THIRD.payload), ("not-closed", stop, 0),
@@ -87,7 +87,7 @@ def cuts() -> Iterator[Case]:
     stop = THIRD.payload
     yield wrecked(
         "cut-behind-header", "Cut right behind the header of a cluster.",
-        ["REC-003", "REC-012", "VRD-002"], "crash/cut-payload", DATA[:stop], kept=TWO_CLUSTERS,
+        ["REC-003", "REC-012", "VRD-001"], "crash/cut-payload", DATA[:stop], kept=TWO_CLUSTERS,
         damages=[
             ("truncated", THIRD.at, w.HEADER), ("bad-table", stop, 0), ("not-closed", stop, 0),
         ],
@@ -96,14 +96,14 @@ def cuts() -> Iterator[Case]:
     stop = THIRD.at + 31
     yield wrecked(
         "cut-header", "Cut within a header: its bytes are no chunk.",
-        ["CHK-002", "REC-003", "REC-012", "VRD-002"], "crash/cut-header", DATA[:stop],
+        ["CHK-002", "REC-003", "REC-012", "VRD-001"], "crash/cut-header", DATA[:stop],
         kept=TWO_CLUSTERS, damages=[("garbage", THIRD.at, 31), ("not-closed", stop, 0)],
         lost=THIRD_ON,
     )  # fmt: skip
     for name, place in (("index", INDEX), ("footer", FOOT)):
         stop = place.stop - 5
         yield wrecked(
-            f"cut-{name}", f"Cut within the {name}.", ["REC-003", "VRD-002"], "crash/cut-payload",
+            f"cut-{name}", f"Cut within the {name}.", ["REC-003", "VRD-001"], "crash/cut-payload",
             DATA[:stop], lost=EVERYTHING_AFTER,
             damages=[("truncated", place.at, stop - place.at), ("not-closed", stop, 0)],
         )  # fmt: skip
@@ -217,7 +217,8 @@ def chain() -> Case:
     begun = w.lay(*chunks, close=False)
     first, third, fourth = begun.of("iNDX"), begun.of("DATA", 2), begun.of("DATA", 3)
     rows = [("DATA", third.at, 80, 84), ("DATA", fourth.at, 120, 124)]
-    index = f.index(rows, covers_from=first.at, previous=first.at)
+    rows = [("iNDX", first.at, 0, 0), *rows]
+    index = f.index(rows, previous=first.at, first=first.sequence)
     laid = w.lay(*chunks, ("iNDX", index), close=False)
     second = laid.of("DATA", 1)
     return wrecked(

@@ -102,20 +102,20 @@ def metadata() -> Iterator[Case]:
     left = WHOLE | {"metadata": {"c": 3}}
     yield wrecked(
         "metadata-lost", "A chunk of metadata is damaged: its members are lost, not the others.",
-        ["MET-002", "REC-010", "REC-011"], "transmission/bit-flip",
+        ["MET-001", "REC-010", "REC-011"], "transmission/bit-flip",
         w.flip(laid.data, laid.of("mETa").payload + 5), decode=left, damages=[bad(laid, "mETa")],
         recovered={"decode": WHOLE},
     )  # fmt: skip
     laid = w.lay(HEAD, THREE, ("mETa", b"{a:1}"), *w.clusters(0, 4, 8), ("mETa", b'{"c":3}'))
     yield wrecked(
         "metadata-broken-and-damage", "Beside damage, metadata that break a rule are left out.",
-        ["MET-001", "MET-002", "REC-010"], "structure/metadata", laid.data + b"\0", decode=left,
+        ["MET-001", "REC-010"], "structure/metadata", laid.data + b"\0", decode=left,
         damages=[("garbage", len(laid.data), 1), bad_chunk(laid, "mETa")],
         recovered={"decode": WHOLE},
     )  # fmt: skip
     yield wrecked(
         "metadata-broken", "Metadata break a rule, nothing else is wrong: recover leaves them out.",
-        ["MET-001", "MET-002", "REC-010"], "structure/metadata", laid.data, decode=WHOLE,
+        ["MET-001", "REC-010"], "structure/metadata", laid.data, decode=WHOLE,
         damages=[], verdict="nonconforming", exits={"decode": [0, 2], "verify": 2},
     )  # fmt: skip
 

@@ -89,46 +89,68 @@ def packets() -> Iterator[Case]:
 
 
 def tables() -> Iterator[Case]:
-    """An entry is lost with its packet, whatever becomes of the bytes behind it."""
-    fields = ("track", "size", "start", "span", "crc")
-    for place, field in enumerate(fields):
+    """A row is lost with its packet, and no other."""
+    wide = w.lay(HEAD, THREE, *map(w.Wide, w.clusters(0, 4, 8)))
+    place = wide.of("DATA", 1)
+    bad = ("bad-payload", place.at, place.size)
+    zero, one, two = place.rows
+    for offset, field in enumerate(("track", "size", "start", "span", "crc")):
         yield wrecked(
-            f"entry-flip-{field}", f"A bit of the {field} in a table: one packet is lost.",
-            [*RULES, "DAT-004"], "transmission/bit-flip", w.flip(DATA, ONE.entry + place),
-            kept=without_second(1), damages=[BAD, hole(ONE.at, ONE.stop)], lost=second(1),
+            f"row-flip-{field}", f"A bit of the {field} in a row: one packet is lost.",
+            RULES, "transmission/bit-flip", w.flip(wide.data, one.entry + offset),
+            kept=without_second(1), damages=[bad, hole(one.at, one.stop)], lost=second(1),
         )  # fmt: skip
+    sizes = w.flip(w.flip(wide.data, zero.entry + 1), two.entry + 1)
     yield wrecked(
-        "entry-grows", "A varint of the first entry goes on: all entries behind it move.",
-        RULES, "transmission/bit-flip", w.flip(DATA, ZERO.entry + 2, 0x80),
-        kept=without_second(0), damages=[BAD, hole(SECOND.payload, ZERO.stop)], lost=second(0),
-    )  # fmt: skip
-    yield wrecked(
-        "entry-grows-between", "A varint of the second entry goes on: the last one is looked for.",
-        RULES, "transmission/bit-flip", w.flip(DATA, ONE.entry, 0x80),
-        kept=without_second(1), damages=[BAD, hole(ONE.at, ONE.stop)], lost=second(1),
-    )  # fmt: skip
-    yield wrecked(
-        "entry-grows-last", "A varint of the last entry goes on: the first packet is looked for.",
-        RULES, "transmission/bit-flip", w.flip(DATA, TWO.entry + 1, 0x80),
-        kept=without_second(2), damages=[BAD, hole(TWO.at, TWO.stop)], lost=second(2),
+        "row-sizes-around", "The sizes in the first and in the last row are wrong: nothing tells "
+        "where the packet between them stands.",
+        RULES, "transmission/bit-flip", sizes, kept=without_second(0, 1, 2),
+        damages=[bad, table_of(place)], lost=second(0, 1, 2),
     )  # fmt: skip
     burst = w.over(DATA, TWO.entry, b"\xff" * 8 + bytes(7))
     yield wrecked(
-        "table-and-packet", "The last entry and the first packet are overwritten.",
+        "table-and-packet", "The last row and the first packet are overwritten.",
         RULES, "transmission/burst", burst, kept=without_second(0, 2),
         damages=[BAD, hole(SECOND.payload, ZERO.stop), hole(TWO.at, TWO.stop)],
         lost=second(0, 2),
     )  # fmt: skip
+    yield wrecked(
+        "table-crc-flip",
+        "A bit of table_crc is wrong, and every packet holds: nothing is lost, and recover ends "
+        "with 0.",
+        ["CHK-003", "DAT-011", "REC-002", "VRD-001"], "transmission/bit-flip",
+        w.flip(DATA, TABLE - 1), damages=[BAD], recover=0,
+    )  # fmt: skip
+
+
+def table_of(place: w.Place) -> Damage:
+    return ("bad-table", place.payload, place.size - w.HEADER)
 
 
 def counts() -> Iterator[Case]:
-    """The number of packets is under no CRC of a packet: they all are found."""
-    for count in (0, 2, 4, 0x83):
+    """No row holds where the head of the table is wrong."""
+    rows = [
+        (
+            f"count-{count}",
+            0,
+            bytes([count]),
+            f"The number of packets is {count & 127}"
+            f"{' and goes on' if count > 127 else ''} in place of 3",
+        )
+        for count in (0, 2, 4, 0x83)
+    ]
+    rows += [
+        ("width-of-the-track", 1, b"\0", "The width of the track ids is 0 in place of 1"),
+        ("width-of-the-span", 2, b"\x10", "The width of the spans is 1 in place of 0"),
+        ("least-track", 3, b"\1", "The least track id is 1 in place of 0"),
+        ("least-size", 4, b"\x08", "The least size is 8 in place of 7"),
+        ("least-start", 5, b"\x05", "The least start tick is 5 in place of 4"),
+    ]  # fmt: skip
+    for name, at, new, about in rows:
         yield wrecked(
-            f"count-{count}", f"The number of packets is {count & 127}"
-            f"{' and goes on' if count > 127 else ''} in place of 3: all of them are found.",
-            ["DAT-001", "REC-002"], "transmission/bit-flip",
-            w.over(DATA, SECOND.payload, bytes([count])), damages=[BAD], recover=[0, 3],
+            name, f"{about}: the cluster is lost.", ["DAT-001", "DAT-004", "REC-001", "REC-012"],
+            "transmission/bit-flip", w.over(DATA, SECOND.payload + at, new),
+            kept=without_second(0, 1, 2), damages=[BAD, table_of(SECOND)], lost=second(0, 1, 2),
         )  # fmt: skip
 
 
@@ -151,21 +173,16 @@ def lengths() -> Iterator[Case]:
         kept=without_second(1), damages=[BAD, ("bad-packet", ONE.at, 0)], lost=second(1),
     )  # fmt: skip
     yield wrecked(
-        "table-byte-gone", "A byte of the first entry is missing.",
+        "table-byte-gone", "A byte of the first row is missing: the cluster is lost.",
         RULES, "transmission/lost-bytes", w.without(DATA, ZERO.entry + 3),
-        kept=without_second(0), damages=[BAD, hole(SECOND.payload, ZERO.stop - 1)],
-        lost=second(0),
+        kept=without_second(0, 1, 2), damages=[BAD, table_of(SECOND)], lost=second(0, 1, 2),
     )  # fmt: skip
     yield wrecked(
         "table-byte-more",
-        "A byte too many stands in the last entry: the others are found from the end, one byte "
-        "behind the end of the table.",
+        "A byte too many stands in the last row: the packets of the others are found from the end.",
         RULES, "transmission/added-bytes", w.with_bytes(DATA, TWO.entry + 4, b"\0"),
         kept=without_second(2), lost=second(2),
-        damages=[
-            BAD, hole(SECOND.payload, ZERO.at + 1), hole(TWO.at + 1, TWO.stop),
-            ("garbage", SECOND.stop, 1),
-        ],
+        damages=[BAD, hole(ONE.stop + 1, TWO.stop), ("garbage", SECOND.stop, 1)],
     )  # fmt: skip
     last = w.without(DATA, THIRD.rows[2].stop - 1)
     row = THIRD.rows[2]
@@ -178,12 +195,13 @@ def lengths() -> Iterator[Case]:
 
 
 def foreign() -> Iterator[Case]:
-    """The header of one cluster, bytes of another: its packets hold, and are themselves."""
+    """The header of one cluster, bytes of another: no packet of the other holds there."""
+    after = [(track, 4, 12) for track in range(3)]
     moved = w.without(DATA, SECOND.payload, THIRD.payload)
     yield wrecked(
         "payload-of-the-next", "The header of a cluster stands before the payload of the next.",
-        RULES, "transmission/lost-bytes", moved, kept=dict.fromkeys(range(3), GAP),
-        damages=[BAD, ("missing-chunk", SECOND.stop, 0)], lost=second(0, 1, 2),
+        RULES, "transmission/lost-bytes", moved, kept=dict.fromkeys(range(3), ((0, 4),)),
+        damages=[BAD, table_of(SECOND), ("missing-chunk", SECOND.stop, 0)], lost=after,
     )  # fmt: skip
     row = STEADY.row(2, 8)
     torn = w.without(DATA, ONE.at, row.at)
@@ -198,45 +216,53 @@ def foreign() -> Iterator[Case]:
     torn = w.without(DATA, ONE.entry, row.entry)
     yield wrecked(
         "table-of-two-clusters", "The table begins as that of one cluster and goes on as the next.",
-        RULES, "transmission/lost-bytes", torn,
-        kept={0: ((0, 4),), 1: GAP, 2: GAP},
-        damages=[BAD, hole(SECOND.payload, ONE.at), ("missing-chunk", SECOND.stop, 0)],
-        lost=[(0, 4, 12), (1, 4, 8), (2, 4, 8)],
+        RULES, "transmission/lost-bytes", torn, kept=dict.fromkeys(range(3), ((0, 4),)),
+        damages=[BAD, table_of(SECOND), ("missing-chunk", SECOND.stop, 0)], lost=after,
     )  # fmt: skip
-    copied = w.over(DATA, SECOND.payload, DATA[THIRD.payload : THIRD.stop])
-    yield wrecked(
-        "payload-copied-from-the-next", "The payload of the next cluster stands in two places.",
-        RULES, "transmission/misplaced-write", copied, kept=dict.fromkeys(range(3), GAP),
-        damages=[BAD, *[("overlap", row.at, row.size) for row in SECOND.rows]],
-        lost=second(0, 1, 2),
-    )  # fmt: skip
-    copied = w.over(DATA, SECOND.payload, DATA[FIRST.payload : FIRST.stop])
-    yield wrecked(
-        "payload-copied-from-before", "The payload of the cluster before stands in two places.",
-        RULES, "transmission/misplaced-write", copied, kept=dict.fromkeys(range(3), GAP),
-        damages=[BAD, *[("overlap", row.at, row.size) for row in SECOND.rows]],
-        lost=second(0, 1, 2),
-    )  # fmt: skip
+    for name, other in (("the-next", THIRD), ("before", FIRST)):
+        copied = w.over(DATA, SECOND.payload, DATA[other.payload : other.stop])
+        yield wrecked(
+            f"payload-copied-from-{name}",
+            "The payload of another cluster stands in two places: its packets count where they "
+            "belong, and take no place from others.",
+            [*RULES, "DAT-006"], "transmission/misplaced-write", copied,
+            kept=dict.fromkeys(range(3), GAP), damages=[BAD, table_of(SECOND)],
+            lost=second(0, 1, 2),
+        )  # fmt: skip
 
 
 def stale() -> Iterator[Case]:
-    sparse = w.lay(HEAD, THREE, *w.clusters(0, 40, 80))
+    sparse = w.lay(HEAD, THREE, *w.clusters(0, 40, 80, 120))
     place = sparse.of("DATA", 1)
     other = f.cluster(*w.clusters(60)[0])
+    rest = ((80, 84), (120, 124))
     yield wrecked(
         "stale-payload",
-        "A payload keeps every rule and is not what its header speaks of: what stood there is "
-        "missing, though no packet of it is.",
-        ["CHK-003", "REC-003", "REC-012"], "transmission/misplaced-write",
+        "A payload keeps every rule, but as that of another chunk: what stood there is missing.",
+        ["CHK-003", "DAT-004", "REC-003", "REC-012"], "transmission/misplaced-write",
         w.over(sparse.data, place.payload, other),
-        kept=dict.fromkeys(range(3), ((0, 4), (60, 64), (80, 84))),
-        damages=[("bad-payload", place.at, place.size)],
+        kept=dict.fromkeys(range(3), ((0, 4), *rest)),
+        damages=[("bad-payload", place.at, place.size), table_of(place)],
         lost=[(track, 40, 44) for track in range(3)],
+    )  # fmt: skip
+    third, row = sparse.of("DATA", 2), place.rows[1]
+    yield wrecked(
+        "hole-behind-a-damaged-cluster",
+        "A packet of a cluster is damaged, and the cluster behind it is missing: the entry of each "
+        "tells of its own packets alone.",
+        ["REC-003", "REC-012"], "transmission/lost-bytes",
+        w.flip(w.without(sparse.data, third.at, third.stop), row.at),
+        kept=dict.fromkeys((0, 2), ((0, 4), (40, 44), (120, 124))) | {1: ((0, 4), (120, 124))},
+        damages=[
+            ("bad-payload", place.at, place.size), hole(row.at, row.stop),
+            ("missing-chunk", third.at, 0),
+        ],
+        lost=[(0, 44, 84), (1, 40, 84), (2, 80, 84)],
     )  # fmt: skip
 
 
 def small() -> Iterator[Case]:
-    """Packets of a byte or none: too few bits to tell where the table ends."""
+    """Packets of a byte or none."""
     one = ("TRAK", f.trak(), {"track": 0})
     single = w.lay(HEAD, one, *[[w.packet(0, at, 1)] for at in range(3)])
     place = single.of("DATA", 1)
@@ -254,27 +280,27 @@ def small() -> Iterator[Case]:
     place = pairs.of("DATA", 1)
     yield wrecked(
         "two-packets-of-a-byte",
-        "The number of packets is wrong, and those found are too short to tell that they are all.",
-        ["DAT-001", "REC-002", "REC-003"], "transmission/bit-flip",
-        w.over(pairs.data, place.payload, b"\3"), kept=dict.fromkeys(range(2), ((0, 3),)),
-        damages=[
-            ("bad-payload", place.at, place.size),
-            ("bad-table", place.payload, place.size - w.HEADER),
-        ], recover=[0, 3],
+        "The number of packets is wrong: no packet holds, however short.",
+        ["DAT-004", "REC-002", "REC-003"], "transmission/bit-flip",
+        w.over(pairs.data, place.payload, b"\1"),
+        kept=dict.fromkeys(range(2), ((0, 1), (2, 3))),
+        damages=[("bad-payload", place.at, place.size), table_of(place)],
+        lost=[(0, 1, 2), (1, 1, 2)],
     )  # fmt: skip
     zeros = f.tlv(1, f.quan_parameters(b"\x10", m=0))
     silent = f.trak(zeros, track_count=1, codec=b"QUAN", first_channel=2)
     quiet = [[*(w.packet(t, at) for t in range(2)), (2, at, 4, b"")] for at in (0, 4, 8)]
     empty = w.lay(HEAD, two, ("TRAK", silent, {"track": 2}), *quiet)
     place = empty.of("DATA", 1)
+    row = empty.row(1, 4)
     numbers = {"spans": [[0, 12]], "numbers": w.numbers([0] * 12)}
-    decode = w.decoded(dict.fromkeys(range(2), ALL))
+    decode = w.decoded({0: ALL, 1: GAP})
     decode["tracks"].append({"track": 2, **numbers})
     decode["channels"].append({"channel": 2, **numbers})
     yield wrecked(
-        "empty-packet", "A packet without bytes is found by its entry behind the last one.",
-        RULES, "transmission/bit-flip", w.over(empty.data, place.payload, b"\1"),
-        decode=decode, damages=[("bad-payload", place.at, place.size)], recover=[0, 3],
+        "empty-packet", "A packet without bytes holds by its row alone.",
+        RULES, "transmission/bit-flip", w.flip(empty.data, row.at + 3), decode=decode,
+        damages=[("bad-payload", place.at, place.size), hole(row.at, row.stop)], lost=[(1, 4, 8)],
         codecs=("KNOT", "QUAN"),
     )  # fmt: skip
     wide = f.trak(f.tlv(1, f.knot_parameters(1)), component_count=1)

@@ -125,7 +125,7 @@ def bands() -> Iterator[Case]:
     yield wrecked(
         "hf-description-lost",
         "The description of an HF track is lost: nothing in full band, the LF part alone is left.",
-        ["DEC-006", "REC-008", "REC-012", "TRK-012"], "transmission/bit-flip",
+        ["DEC-003", "REC-008", "REC-012", "TRK-012"], "transmission/bit-flip",
         spoilt(laid, 1), decode=left, lost=[(0, 0, None), (1, 0, 12)],
         damages=[bad(laid, "TRAK", 1), *unheld(laid, 1, 0, 4, 8)],
         recovered={"decode": {name: left[name] for name in ("channels", "lf", "hf")}},
@@ -133,7 +133,7 @@ def bands() -> Iterator[Case]:
     place = laid.of("TRAK", 1)
     yield wrecked(
         "lf-description-lost", "The description of an LF track is lost, and so is its channel.",
-        ["DEC-006", "REC-007", "REC-012", "TRK-007"], "transmission/bit-flip",
+        ["DEC-003", "REC-007", "REC-012", "TRK-007"], "transmission/bit-flip",
         spoilt(laid, 0), lost=[(0, 0, 12)],
         decode={"tracks": decode_of(slow, fast)["tracks"][1:], "channels": [], "lf": [], "hf": []},
         damages=[bad(laid, "TRAK"), *unheld(laid, 0, 0, 4, 8), ("lost-base", place.at, 0)],

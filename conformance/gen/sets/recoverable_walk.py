@@ -83,7 +83,7 @@ def heads() -> Iterator[Case]:
     twice = w.lay(HEAD, THREE, *w.clusters(0, 4, 8), HEAD, THREE)
     yield wrecked(
         "head-by-its-copy", "The payload of HEAD is damaged, its copy at the end is not.",
-        ["CHK-003", "HED-006"], "transmission/bit-flip", w.flip(twice.data, HEAD_PLACE.payload),
+        ["CHK-003", "HED-001"], "transmission/bit-flip", w.flip(twice.data, HEAD_PLACE.payload),
         damages=[("bad-payload", 8, 80)], recover=0,
     )  # fmt: skip
     yield wrecked(
@@ -144,10 +144,10 @@ def between() -> Iterator[Case]:
     )  # fmt: skip
     skipped = w.lay(HEAD, THREE, *w.clusters(0, 4, 8), skip=(3,))
     for name, about, rule, chunk in (
-        ("type-with-a-digit", "A header whose type is not four letters is no header.", "CHK-006",
+        ("type-with-a-digit", "A header whose type is not four letters is no header.", "CHK-002",
          f.chunk("DAT1", b"abc", 3)),
         ("size-above-level-2", "A header with a payload above the level-2 limit is no header.",
-         "CHK-008", f.chunk("aTTc", b"abc", 3, size=(1 << 24) + 1)),
+         "LIM-001", f.chunk("aTTc", b"abc", 3, size=(1 << 24) + 1)),
     ):  # fmt: skip
         yield wrecked(
             name, about, [rule, "REC-002"], "framing/false-header",
@@ -165,7 +165,7 @@ def headers() -> Iterator[Case]:
     ):
         yield wrecked(
             f"header-flip-{name}", f"{about}: the whole cluster is lost, and found to be.",
-            ["CHK-001", "CHK-002", "REC-001", "REC-003", "REC-004"], "transmission/bit-flip",
+            ["CHK-002", "REC-001", "REC-003", "REC-004"], "transmission/bit-flip",
             w.flip(DATA, SECOND.at + place), kept=NO_SECOND, lost=LOST_SECOND,
             damages=[("garbage", SECOND.at, SECOND.size), ("missing-chunk", THIRD.at, 0)],
         )  # fmt: skip
@@ -207,13 +207,13 @@ def repeats() -> Iterator[Case]:
     )  # fmt: skip
     yield wrecked(
         "damaged-then-whole",
-        "A damaged cluster and then the same one whole: the whole one counts, the packets of the "
-        "damaged one overlap with it.",
+        "A damaged cluster and then the same one whole: the whole one gives the packet that the "
+        "damaged one has lost.",
         ["CHK-003", "CHK-005", "DAT-006"], "framing/duplicate",
         w.flip(w.with_bytes(DATA, SECOND.stop, chunk), row.at),
         damages=[
             ("bad-payload", SECOND.at, SECOND.size), ("bad-packet", row.at, row.size),
-            ("overlap", STEADY.row(0, 4).at, 7), ("overlap", STEADY.row(2, 4).at, 7),
+            *[("overlap", SECOND.size + STEADY.row(track, 4).at, 7) for track in (0, 2)],
             ("out-of-order", SECOND.stop, 0),
         ], recover=[0, 3],
     )  # fmt: skip

@@ -110,7 +110,7 @@ def edges() -> Iterator[Case]:
     whole = {"size": 4, "low": low, "high": top}
     yield render(
         "physical-largest", "The sum count * A + B is 2^53 and -2^53, over several D.",
-        ["VAL-002", "VAL-003"],
+        ["VAL-001", "VAL-003"],
         *(
             raw([top, low, top - 1, low + 1], (2**23, 0, d), id=i, channel=i, **whole)
             for i, d in enumerate((1, 3, 7, 2**53 - 1))
@@ -144,7 +144,7 @@ def channels() -> Iterator[Case]:
     )  # fmt: skip
     yield render(
         "physical-of-a-sum", "The value of a sum of both bands, clamped: B counts once.",
-        ["DEC-002", "DEC-005", "VAL-003"], slow, residual,
+        ["DEC-001", "DEC-005", "VAL-003"], slow, residual,
     )  # fmt: skip
     rows = [(1, 2, 3), (-4, 5, 6)]
     each = [(1, 0, 10), (7, -3, 9), (-2, 5, 3)]

@@ -73,6 +73,80 @@ class Source:
         )  # fmt: skip
 
 
+def joint(*components: page_exact.Component, rows: Sequence[Sequence[int]],
+          numbers: Sequence[Sequence[float | int]], **fields: Any) -> Track:  # fmt: skip
+    """``rows``: the counts of each component, ``numbers``: the doubles."""
+    words = [[word(n) for n in column] for column in numbers]
+    body = page_exact.encode_components(words, rows, components, fields.pop("recall", False))
+    found = page_exact.decode_components(body, len(rows[0]), components)
+    exact = [[w % 2**64 for w in column] for column in words]
+    assert found == ([list(row) for row in rows], exact)
+    packet = Packet(0, list(zip(*rows, strict=True)), body, exact=list(zip(*exact, strict=True)))
+    affines = [each.affine for each in components]
+    parameters = [
+        f.lpcx_parameters(each.rule, each.digits, bytes(2), each.c, each.terms)
+        for each in components
+    ]
+    return Track(
+        codec="LPCX", parameters=b"".join(parameters), width=len(components), calibration=affines,
+        tlvs=f.tlv(3, b"".join(f.calibration(*affine) for affine in affines)),
+        packets=[packet], low=WIDE[0], high=WIDE[1], **fields,
+    )  # fmt: skip
+
+
+def linear_cases() -> Iterator[Case]:
+    luck = Luck(77)
+    sensor = [luck.between(-900, 900) for _ in range(60)]
+    raw, filtered = [c / 10 for c in sensor], [0.0]
+    for t in range(1, len(raw)):
+        filtered.append(0.685 * filtered[t - 1] + 0.315 * raw[t])
+    quotient = page_exact.Component((1, 0, 10))
+    coarse = page_exact.Component((1, 0, 4))
+
+    def linear(c0: float, *terms: tuple[int, int, float]) -> page_exact.Component:
+        return coarse._replace(rule=4, c=(c0,), terms=terms)
+
+    def near(column: Sequence[float]) -> list[int]:
+        return [round(4 * x) for x in column]
+
+    scaled = [1.5 - 2.25 * x for x in raw]
+    delayed = [0.0, *(x / 3 for x in raw[:-1])]
+    yield valid(
+        "lpcx-components", "Two components, each with a rule of its own; one has no corrections.",
+        ["EXA-010", "EXA-007"],
+        joint(quotient, page_exact.Component((1, 0, 7), 1), rows=[sensor, sensor],
+              numbers=[raw, [x * (1 / 7) + 1e-9 for x in sensor]]),
+        joint(quotient, quotient, rows=[sensor, sensor[::-1]], numbers=[raw, raw[::-1]], id=1,
+              channel=2),
+    )  # fmt: skip
+    yield valid(
+        "lpcx-linear", "A channel, itself filtered, scaled, and one tick late.",
+        ["EXA-009", "EXA-007"],
+        joint(quotient, linear(0.0, (1, 1, 0.685), (0, 0, 0.315)), linear(1.5, (0, 0, -2.25)),
+              linear(0.0, (0, 1, 1 / 3)),
+              rows=[sensor, near(filtered), near(scaled), near(delayed)],
+              numbers=[raw, filtered, scaled, delayed]),
+    )  # fmt: skip
+    yield valid(
+        "lpcx-linear-first", "What is linear stands before what it is linear in.",
+        ["EXA-009", "EXA-007"],
+        joint(linear(0.0, (0, 1, 0.685), (2, 0, 0.315)), linear(1.5, (2, 0, -2.25)), quotient,
+              rows=[near(filtered), near(scaled), sensor], numbers=[filtered, scaled, raw],
+              recall=True),
+    )  # fmt: skip
+    lost = [0.0, -0.0, float("inf"), 1e308, -1e308, NAN, 5e-324, 3.0]
+    wide = [0] * len(lost)
+    yield valid(
+        "lpcx-linear-not-finite", "Sums that are not finite, -0.0, and lags beyond the packet.",
+        ["EXA-009", "EXA-007"],
+        joint(quotient, linear(-0.0, (0, 0, 2.0), (0, 0, 0.5)), linear(0.0, (2, 200, 1.0)),
+              linear(-0.0, (3, 1, -3.0)),
+              rows=[wide, wide, near([1.5] * 8), [1, *wide[1:]]],
+              numbers=[lost, [0.25, -0.0, 7.0, 1e308, 0.0, NAN, 5e-324, 7.5], [1.5] * 8,
+                       [0.25, -0.75, 2.25, 0.0, -0.0, float("inf"), 2.0, -6.0]]),
+    )  # fmt: skip
+
+
 def cases() -> Iterator[Case]:
     yield from examples()
     yield from rules()
@@ -258,6 +332,7 @@ def corrections() -> Iterator[Case]:
         ["EXA-007"],
         tenths.track(farthest(tenths, [0, 1, 2], flipped)),
     )  # fmt: skip
+    yield from linear_cases()
     yield valid(
         "lpcx-two-packets", "What one packet recalls, the next one does not; and a gap.",
         ["DAT-007", "EXA-007"],

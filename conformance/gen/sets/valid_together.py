@@ -100,7 +100,7 @@ def cases() -> Iterator[Case]:
     digests = [(track.id, digest(track)) for track in tracks]
     yield case_of(
         "valid", "together", "Codecs, bands, words, events, clocks and extras in one recording.",
-        ["DEC-001", "DEC-002", "DEC-003", "DGS-002", "DAT-007", "EVT-004", "HED-006", "TRK-003"],
+        ["DEC-001", "DEC-003", "DGS-002", "DAT-007", "EVT-004", "HED-001", "TRK-003"],
         *tracks, layers=[marks],
         file={
             "before": [("mETa", b'{"subject": "S1", "task": "stroke"}')],

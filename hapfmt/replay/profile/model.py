@@ -1,4 +1,4 @@
-"""A device profile: what it takes, and what it must never be given (SPEC 17.1)."""
+"""A device profile: what it takes, and what it must never be given (docs/spec/players.md)."""
 
 from __future__ import annotations
 

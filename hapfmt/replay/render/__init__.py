@@ -1,4 +1,4 @@
-"""Recording -> values for a device: assignment of channels, streaming, resampling (SPEC 17.1)."""
+"""Recording -> values for a device: assignment of channels, resampling (docs/spec/players.md)."""
 
 from .assign import Assignment, Route, assign
 from .renderer import Position, Renderer

@@ -98,7 +98,7 @@ class Feed:
     def sums(
         self, base: Queue, residual: Queue | None, tick: int
     ) -> Iterator[tuple[int, NDArray[np.generic], Piece]]:
-        """Full band: a track of its own, or d + e^ where both are there (DEC-002, DEC-003)."""
+        """Full band: a track of its own, or d + e^ where both are there (DEC-001, DEC-003)."""
         index = self.meaning.index
         while base.pieces:
             d = base.pieces[0]
@@ -125,7 +125,8 @@ class Feed:
                 residual.pop()
 
     def add(self, start: int, numbers: NDArray[np.generic], piece: Piece) -> None:
-        values = self.meaning.values(numbers, piece.exact, piece.track.number_format)
+        exact = None if piece.exact is None else piece.exact[:, self.meaning.index]
+        values = self.meaning.values(numbers, exact, piece.track.number_format)
         if self.runs and self.runs[-1].stop == start:
             last = self.runs.pop()
             start, values = last.start, np.concatenate([last.values, values])

@@ -1,4 +1,4 @@
-"""Resampling kernels: which value a channel has between its ticks (SPEC 17.1).
+"""Resampling kernels: which value a channel has between its ticks (docs/spec/players.md).
 
 ``ratio`` is rate of the channel times speed by rate of the device; p = max(1, ratio) is the width
 of a kernel in ticks, so that what the device cannot render is taken away before it folds back. x is

@@ -1,0 +1,199 @@
+"""Doubles that are linear in others: rule 4 of LPCX, and how the encoder finds it."""
+
+from __future__ import annotations
+
+import io
+import struct
+
+import numpy as np
+import page_exact
+import pytest
+from forge import lpcx_parameters
+from hypothesis import given
+from hypothesis import strategies as st
+
+import hapfmt
+from hapfmt.codecs.exact import ExactParameters, decode_exact, lacking_of, parse_parameters
+from hapfmt.codecs.values import LINEAR, Term
+from hapfmt.container.track import Affine
+from hapfmt.encoder.encode import encode
+from hapfmt.encoder.linear import Relation, find_relations, stretches
+from hapfmt.errors import FormatError
+from hapfmt.integers import build_varint
+from hapfmt.recording import Channel, Recording, Span
+
+RATE = 1000
+CONSTANT = bytes.fromhex("10 00 0A")
+"""A component packet of fives."""
+
+AWKWARD = [0.0, -0.0, 1.0, -2.5, 5e-324, 1e308, -1e308, float("inf"), float("nan"), 1e-300]
+doubles = st.sampled_from(AWKWARD) | st.floats(width=64)
+weights = st.sampled_from([0.0, -0.0, 1.0, -1.0, 0.5, 1e270, 5e-324]) | st.floats(
+    -1e3, 1e3, allow_nan=False
+)
+
+
+def words(x):
+    return [word % 2**64 for word in struct.unpack(f"<{len(x)}q", np.asarray(x, "<f8").tobytes())]
+
+
+@st.composite
+def cases(draw):
+    """Parameters of some components, and the doubles of each."""
+    count, span = draw(st.integers(1, 4)), draw(st.integers(1, 12))
+    order = draw(st.permutations(range(count)))
+    linear = sorted(order[draw(st.integers(0, count)) :])
+    rules = []
+    for place in range(count):
+        if place not in linear:
+            rules.append(ExactParameters(draw(st.integers(0, 1))))
+            continue
+        known = [a for a in range(count) if a not in linear or a < place]
+        own = st.builds(Term, st.just(place), st.integers(1, 14), weights)
+        other = st.builds(Term, st.sampled_from(known), st.integers(0, 14), weights)
+        terms = draw(st.lists(own | other if known else own, min_size=1, max_size=16))
+        rules.append(ExactParameters(LINEAR, 0, (draw(weights),), tuple(terms)))
+    columns = [draw(st.lists(doubles, min_size=span, max_size=span)) for _ in range(count)]
+    return tuple(rules), [np.array(column) for column in columns]
+
+
+@given(cases())
+def test_doubles_come_back_as_the_page_says(case):
+    """EXA-007: The exact values MUST be the numbers of the source, every bit of them."""
+    rules, columns = case
+    count, span = len(rules), columns[0].size
+    fives = np.full((span, count), 5)
+    try:
+        parts = [
+            lacking_of(x, rule, Affine(1, 0, 10), fives[:, 0], columns).build(recall=False)
+            for x, rule in zip(columns, rules, strict=True)
+        ]
+    except ValueError:
+        return
+    coded = b"".join(build_varint(len(CONSTANT)) for _ in rules[1:]) + CONSTANT * count
+    rest = b"".join(build_varint(len(part)) for part in parts[:-1]) + b"".join(parts)
+    data = build_varint(len(coded)) + coded + (rest if any(parts) else b"")
+    found = decode_exact(data, rules, [Affine(1, 0, 10)] * count, fives, 0)
+    assert [words(column) for column in found.T] == [words(column) for column in columns]
+    told = [
+        page_exact.Component((1, 0, 10), rule.rule, 0, rule.coefficients, rule.terms)
+        for rule in rules
+    ]
+    _, expected = page_exact.decode_components(data, span, told)
+    assert expected == [words(column) for column in columns]
+
+
+@given(cases())
+def test_parameters_come_back(case):
+    """
+    EXA-009: `a` MUST be a component that is decoded before, or the component itself with a `lag` of at least 1.
+    """
+    rules, _ = case
+    data = b"".join(rule.build() for rule in rules)
+    assert data == b"".join(
+        lpcx_parameters(rule.rule, 0, bytes(2), rule.coefficients, rule.terms) for rule in rules
+    )
+    assert parse_parameters(data, len(rules), 0) == rules
+    for wrong in (data[:-1], data + b"\0"):
+        with pytest.raises(FormatError):
+            parse_parameters(wrong, len(rules), 0)
+    with pytest.raises(FormatError):
+        parse_parameters(data, len(rules) + 1, 0)
+
+
+def sensor(size=4000, seed=1):
+    """A converter of 12 bits, in volts, as doubles."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(size) / RATE
+    return np.rint(600 * np.sin(9 * t) + 40 * rng.normal(size=size)) * (10 / 4096)
+
+
+def filtered(x, a=0.731, b=0.269):
+    y = np.zeros(x.size)
+    for t in range(1, x.size):
+        y[t] = a * y[t - 1] + b * x[t]
+    return y
+
+
+def written(*columns, **options):
+    recording = Recording(tuple(Channel(x, RATE, label=f"c{i}") for i, x in enumerate(columns)))
+    out = io.BytesIO()
+    hapfmt.write(recording, out, **options)
+    back = hapfmt.read(out.getvalue())
+    for x, channel in zip(columns, back.channels, strict=True):
+        assert channel.samples().tobytes() == x.tobytes()
+    assert hapfmt.verify(out.getvalue(), against=recording).verdict == "intact"
+    return len(out.getvalue())
+
+
+NOISE = np.random.default_rng(8).normal(size=4000)
+
+
+@pytest.mark.parametrize(
+    ("source", "made"),
+    [
+        (sensor(), filtered(sensor())),
+        (NOISE, filtered(NOISE)),
+        (NOISE, NOISE * 0.3183),
+        (NOISE, 0.1 - NOISE / 3),
+        (NOISE, np.concatenate(([0.0], np.diff(NOISE))) / 0.0007),
+        (NOISE, np.concatenate(([0.0], NOISE[:-1]))),
+    ],
+    ids=["filtered sensor", "filtered", "scaled", "moved", "differences", "late"],
+)
+@pytest.mark.parametrize("first", [False, True])
+def test_what_follows_from_another_channel_costs_little(source, made, first):
+    together = written(made, source) if first else written(source, made)
+    # Counts of 12 bits, and little for the doubles.
+    assert together - written(source) < 8000 < 0.4 * written(made)
+
+
+def test_equal_doubles_are_found():
+    assert written(NOISE, NOISE) < written(NOISE) + 6000
+    assert written(NOISE, -2.5 * NOISE, NOISE) < written(NOISE) + 12000
+
+
+def test_channels_between_stay_what_they_are():
+    states = np.repeat([0.0, 1.0], 2000)
+    size = written(NOISE, states, sensor(), filtered(sensor()), NOISE[::-1].copy())
+    assert size < 2 * written(NOISE) + written(sensor()) + 7000
+
+
+def test_parts_of_a_track_with_gaps():
+    x = NOISE
+    spans = (Span(0, 1700), Span(2000, 4300))
+    channels = [Channel(x * w, RATE, coverage=spans, label=str(w)) for w in (1.0, 0.3, -7.7)]
+    encoded = encode(Recording(tuple(channels)))
+    assert [len(track.components) for track in encoded.tracks] == [3]
+    out = io.BytesIO()
+    hapfmt.write(Recording(tuple(channels)), out)
+    back = hapfmt.read(out.getvalue())
+    for channel, again in zip(channels, back.channels, strict=True):
+        assert again.coverage == channel.coverage
+        assert again.samples().tobytes() == channel.samples().tobytes()
+    with hapfmt.Reader(out.getvalue()) as reader:
+        part = reader.read(["0.3"], start=3, stop=3.5)
+    assert part.channels[0].samples().tobytes() == (x * 0.3)[2700:3200].tobytes()
+
+
+def test_no_references_keeps_them_apart():
+    recording = Recording((Channel(NOISE, RATE), Channel(NOISE * 2, RATE)))
+    assert len(encode(recording, hapfmt.Settings(references=False)).tracks) == 2
+    assert len(encode(recording).tracks) == 1
+
+
+def test_noise_is_related_to_nothing():
+    rng = np.random.default_rng(3)
+    assert not find_relations(rng.normal(size=(4, 4000)), [True] * 4)
+    assert not find_relations(np.ones((3, 4000)), [True] * 3)
+    assert not find_relations([NOISE[:100], NOISE[:100] * 2], [True] * 2)
+
+
+def test_stretches_hold_their_relations():
+    def relation(target, source):
+        return Relation(target, source, 0.0, (), 0.0)
+
+    assert stretches([]) == []
+    assert stretches([relation(3, 1), relation(2, 5), relation(8, 7)]) == [(1, 6), (7, 9)]
+    assert stretches([relation(0, 1), relation(2, 3)]) == [(0, 2), (2, 4)]
+    assert stretches([relation(0, 9), relation(2, 3)]) == [(0, 10)]
