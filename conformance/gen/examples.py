@@ -447,10 +447,10 @@ def exact() -> Example:
         u8(1, "flags: recall"),
         u8(0, "corrections in steps of 2^0"),
         raw(rest[2:8], "three times one probability of ranks, 128"),
-        u8(1, "lengths from 1 on"),
-        u8(1, "one length"),
-        u8(1, "its weight"),
-        raw(rest[11:], "coded bytes: corrections 0, 0, 1, 1, 1, 1"),
+        u8(0, "lengths from 0 on"),
+        u8(2, "two lengths"),
+        raw(rest[10:12], "equal weights"),
+        raw(rest[12:], "coded bytes: corrections 0, 0, 1, 1, 1, 1"),
     ]
     f.cluster([(0, 0, body, 6)], (0, 6 * MS))
     f.close(1)
