@@ -1,4 +1,4 @@
-"""The damage report: what is wrong with a file, and which samples that took (SPEC 12.2)."""
+"""The damage report: what is wrong with a file, what that took (docs/spec/recovery.md)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ WORDS = {
 
 
 def damage_report(catalogue: Catalogue, lost: Sequence[LostSpan]) -> dict[str, Any]:
-    """The JSON object of SPEC 12.2."""
+    """The JSON object of docs/spec/recovery.md."""
     damages: list[dict[str, Any]] = [
         {**finding.as_json(), "lost": []} for finding in catalogue.findings
     ]

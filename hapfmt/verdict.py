@@ -26,7 +26,7 @@ def verdict_of(
 ) -> int:
     """The first row of the table that applies, as an exit code.
 
-    ``codes`` are those of the findings (SPEC 12.2), ``error`` ended the work, ``unknown`` says that
+    ``codes`` are those of the findings, ``error`` ended the work, ``unknown`` says that
     a critical part is not understood, ``lost`` that samples are missing.
     """
     found = set(codes)

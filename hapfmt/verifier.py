@@ -42,7 +42,7 @@ class Report:
     file_code: int = INTACT
     """The exit code for the file alone, whatever the original holds."""
     damage: dict[str, Any] | None = None
-    """The report of SPEC 12.2; None where the file could not be opened."""
+    """The damage report; None where the file could not be opened."""
     error: HapfmtError | None = None
     digests: int = 0
     packets: int = 0
@@ -141,7 +141,7 @@ def check_structure(catalogue: Catalogue) -> None:
             if index.previous and index.previous not in indexes:
                 raise FormatError(
                     "the previous index is missing",
-                    requirement="IDX-004",
+                    requirement="IDX-002",
                     offset=chunk.payload_offset,
                 )
             indexes.add(ref.offset)

@@ -57,7 +57,7 @@ def fields(packets):
 @given(clusters())
 def test_comes_back(packets):
     """
-    DAT-002: Rows MUST stand in increasing order of (track, start).
+    DAT-002: Rows MUST be in increasing order of (track, start).
     DAT-005: The packets MUST fill the rest of the payload to its last byte.
     """
     payload = build_cluster(packets, SEED)
@@ -149,7 +149,7 @@ def test_any_bytes(data):
 )
 def test_promises_take_no_memory(payload):
     """
-    DAT-001: `packet_count` MUST be at least 1 and at most what the level allows.
+    DAT-001: `packet_count` MUST be at least 1 and at most what the level allows, and each of the four widths at most 6.
     DAT-003: `span` MUST be at least 1 and at most what the level allows, and `start + span` at most 2^48.
     DAT-009: Over a `DATA` chunk, `span` times the component count of the track MUST add up to at most what the level allows. A packet of events counts its size in bytes. A decoder checks this before it takes memory.
     """

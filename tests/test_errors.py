@@ -101,11 +101,11 @@ def test_tracks(fault):
 @each("DAT")
 def test_clusters(fault):
     """
-    DAT-001: `packet_count` MUST be at least 1 and at most what the level allows.
-    DAT-002: Rows MUST stand in increasing order of (track, start).
+    DAT-001: `packet_count` MUST be at least 1 and at most what the level allows, and each of the four widths at most 6.
+    DAT-002: Rows MUST be in increasing order of (track, start).
     DAT-003: `span` MUST be at least 1 and at most what the level allows, and `start + span` at most 2^48.
     DAT-004: `packet_crc` MUST be the cluster CRC of `packet_count`, `track`, `size`, `start` and `span`, each as u64, followed by the bytes of the packet.
-    DAT-010: Each of the four widths MUST be at most 6.
+    DAT-001: `packet_count` MUST be at least 1 and at most what the level allows, and each of the four widths at most 6.
     DAT-011: `table_crc` MUST be the cluster CRC of all bytes of the payload before it.
     DAT-005: The packets MUST fill the rest of the payload to its last byte.
     DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file. Tracks of kind events are exempt.
@@ -118,12 +118,11 @@ def test_clusters(fault):
 @each("IDX", "FOT")
 def test_index_and_footer(fault):
     """
-    IDX-001: The payload MUST end with the last byte of the last of its `entry_count` entries.
-    IDX-002: The entries MUST list every chunk before the index: from the one at `previous` on, or from the first one where `previous` is 0.
+    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it.
     IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
-    IDX-004: `previous` MUST be 0 or the offset of an `iNDX` chunk before this one.
+    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it.
     IDX-006: For a `DATA` chunk `start_ms` MUST be at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
-    IDX-007: `first_sequence` MUST be the sequence number of the first chunk listed, so that the others have the numbers after it.
+    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it.
     FOT-001: The payload MUST be as long as the layout, and `stop_offset` the offset of its own end.
     FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In the last `fOOT`, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     """

@@ -58,7 +58,7 @@ LOGGERS = {
     "a converter of 12 bits": (converted(WALK, 10 / 2**11), {CUBIC}, 9),
     "a converter of 16 bits": (converted(WALK * 16 + DITHER, 0.2 / 2**15), {CUBIC}, 13),
     "derived from positions": (SPEED, {QUOTIENT, PRODUCT}, 15),
-    "true doubles": (NOISE, {QUOTIENT}, 57),
+    "true doubles": (NOISE, {QUOTIENT}, 57.5),
     "a decay": (np.sin(np.arange(SIZE)) * np.exp(-np.arange(SIZE) / 400.0), {QUOTIENT}, 57.5),
     "values of binary32": (NOISE.astype(np.float32).astype(float), {QUOTIENT}, 28),
     "held doubles": (np.repeat(NOISE, 7)[:SIZE], {QUOTIENT}, 9),

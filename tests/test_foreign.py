@@ -40,7 +40,7 @@ def array(count: int) -> faults.Case:
 def test_no_sample_of_another_recording(kind, count, seconds, monkeypatch):
     """
     REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC or file id differs.
-    REC-012: A damage report MUST name every sample that is missing, by a span of its track or of one that its channel needs.
+    REC-012: A damage report MUST name every missing sample, by a span of its track or of one that its channel needs.
     """
     monkeypatch.setattr(faults, "TAXEL_SECONDS", seconds)
     case = array(count)

@@ -52,7 +52,7 @@ STEADY = file_of(*[[row(track, start) for track in range(3)] for start in (0, 4,
 def test_a_damaged_packet_costs_its_own_track(cluster, track):
     """
     REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (12.2) names.
-    REC-012: A damage report MUST name every sample that is missing, by a span of its track or of one that its channel needs.
+    REC-012: A damage report MUST name every missing sample, by a span of its track or of one that its channel needs.
     """
     body = payload_of(STEADY, "DATA", cluster) + TABLE + 5 * track
     in_table = payload_of(STEADY, "DATA", cluster) + TABLE_HEAD + ROW * track + 3
@@ -154,7 +154,7 @@ def test_a_byte_of_a_row_costs_one_packet(at):
 
 def test_report():
     """
-    REC-012: A damage report MUST name every sample that is missing, by a span of its track or of one that its channel needs.
+    REC-012: A damage report MUST name every missing sample, by a span of its track or of one that its channel needs.
     """
     at = payload_of(STEADY, "DATA", 1) + TABLE + 5
     report = verify(flipped(STEADY, at)).damage

@@ -147,7 +147,6 @@ class TestBands:
 class TestGaps:
     """
     DEC-004: A decoder MUST NOT fill gaps with values. Where an output cannot leave them out, it marks them by NaN or a mask.
-    REC-004: Missing spans MUST stay gaps.
     """
 
     DATA = f.closed(
@@ -328,7 +327,7 @@ class TestDecodedOnly:
 def test_files_that_are_written_are_intact(recording, settings):
     """
     CHK-005: `sequence` MUST be 0 in the first chunk and greater by one in each next chunk.
-    IDX-002: The entries MUST list every chunk before the index: from the one at `previous` on, or from the first one where `previous` is 0.
+    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it.
     FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In the last `fOOT`, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     DGS-003: A digest MUST be that of exactly the packets of its track in chunks before it, by sequence numbers.
     """

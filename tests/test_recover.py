@@ -1,4 +1,4 @@
-"""Clause 12.3: what ``recover`` writes."""
+"""docs/spec/recovery.md: what ``recover`` writes."""
 
 from __future__ import annotations
 
@@ -90,8 +90,8 @@ def test_an_intact_file_comes_back_the_same():
 )
 def test_any_damage_of_any_file(recording, settings, band, data):
     """
-    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, and no other. Track id, start, span and bytes stay the same.
-    REC-004: Missing spans MUST stay gaps.
+    REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode. Track id, start, span and bytes stay the same.
+    DEC-004: A decoder MUST NOT fill gaps with values. Where an output cannot leave them out, it marks them by NaN or a mask.
     """
     out = io.BytesIO()
     hapfmt.write(recording, out, settings, canonical=f.FILE_ID)
@@ -111,7 +111,7 @@ def test_any_damage_of_any_file(recording, settings, band, data):
 
 def test_packets_are_copied_and_no_others():
     """
-    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, and no other. Track id, start, span and bytes stay the same.
+    REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode. Track id, start, span and bytes stay the same.
     """
     rows = [(0, 4 * i, 4, f.svarint(i)) for i in range(5)]
     data = f.closed(
@@ -128,7 +128,7 @@ def test_packets_are_copied_and_no_others():
 
 def test_a_packet_that_does_not_decode_is_left_out():
     """
-    REC-006: A recovered file MUST hold every packet that clause 12 delivers and that decodes, and no other. Track id, start, span and bytes stay the same.
+    REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode. Track id, start, span and bytes stay the same.
     """
     late = ("DATA", f.cluster((0, 4, 4, b"\x80")))
     data = f.closed(("HEAD", f.head()), f.TRACK_0, f.DATA_0, late, duration_ns=8_000_000)
@@ -142,7 +142,7 @@ def test_a_packet_that_does_not_decode_is_left_out():
 @pytest.mark.parametrize("payload", [f.trak(b""), f.trak(f.tlv(1, b"\2\1"))])
 def test_a_track_whose_parameters_are_wrong_is_left_out(payload):
     """
-    REC-007: A recovered file MUST describe every track of which an intact description was found. Its bytes stay the same unless the track that it continues is lost. HF tracks whose base is lost and tracks whose codec parameters break a rule are left out.
+    REC-007: A recovered file MUST describe every track of which an intact description was found. Its bytes stay the same unless the track that it continues is lost. HF tracks whose base is lost and tracks whose codec parameters break a rule are left out. Tracks without packets are added: an HF track for each LF track without one, and tracks with the label `(lost)`. The latter have the missing channel numbers below the highest one, and those that events name.
     """
     second = f.trak(first_channel=1)
     data = f.closed(
@@ -158,7 +158,7 @@ def test_a_track_whose_parameters_are_wrong_is_left_out(payload):
 
 def test_descriptions_are_copied():
     """
-    REC-007: A recovered file MUST describe every track of which an intact description was found. Its bytes stay the same unless the track that it continues is lost. HF tracks whose base is lost and tracks whose codec parameters break a rule are left out.
+    REC-007: A recovered file MUST describe every track of which an intact description was found. Its bytes stay the same unless the track that it continues is lost. HF tracks whose base is lost and tracks whose codec parameters break a rule are left out. Tracks without packets are added: an HF track for each LF track without one, and tracks with the label `(lost)`. The latter have the missing channel numbers below the highest one, and those that events name.
     """
     tlvs = f.HOLD + f.tlv(2, f.strings("f")) + f.tlv(0x4000, b"unknown, ancillary")
     data = f.closed(("HEAD", f.head()), ("TRAK", f.trak(tlvs), {"track": 0}), f.DATA_0)
@@ -168,7 +168,7 @@ def test_descriptions_are_copied():
 
 class TestLostDescriptions:
     """
-    REC-008: For each LF track without its HF track a recoverer MUST describe an HF track without packets. For missing channel numbers below the highest one, and those that events speak of, it describes tracks without packets. Their components have the label `(lost)`.
+    REC-007: A recovered file MUST describe every track of which an intact description was found. Its bytes stay the same unless the track that it continues is lost. HF tracks whose base is lost and tracks whose codec parameters break a rule are left out. Tracks without packets are added: an HF track for each LF track without one, and tracks with the label `(lost)`. The latter have the missing channel numbers below the highest one, and those that events name.
     """
 
     pair = (
@@ -213,7 +213,7 @@ class TestLostDescriptions:
 
 def test_digests():
     """
-    REC-009: A recoverer MUST NOT copy a digest that is not the one of what it kept.
+    REC-010: A recoverer MUST copy intact metadata, attachments and clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept.
     """
     x = np.arange(100)
     channels = (hapfmt.Channel(x, 1000, label="a"), hapfmt.Channel(x * x, 1000, label="b"))
@@ -240,7 +240,7 @@ def test_a_digest_that_differs_is_told():
 
 class TestOtherChunks:
     """
-    REC-010: A recoverer MUST copy intact metadata, attachments and clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies the other unknown ones only from a file without damage.
+    REC-010: A recoverer MUST copy intact metadata, attachments and clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept.
     """
 
     def kept(self, data: bytes) -> list[str]:
@@ -320,7 +320,7 @@ def test_unknown_versions_are_refused(changes, tmp_path):
 
 def test_what_was_lost_is_noted():
     """
-    REC-011: A recoverer MUST report what was lost, and say so in the member `notes` of the metadata.
+    REC-011: A recoverer MUST report all losses, and mention them in the member `notes` of the metadata.
     """
     data = f.minimal()
     good, done = recovered(flipped(data, payload_of(data, "DATA") + 9))

@@ -190,7 +190,7 @@ def test_what_is_unknown_comes_before_a_broken_rule():
 )
 def test_what_recover_leaves_out_is_reported(chunk):
     """
-    REC-011: A recoverer MUST report what was lost, and say so in the member `notes` of the metadata.
+    REC-011: A recoverer MUST report all losses, and mention them in the member `notes` of the metadata.
     """
     layer = ("TRAK", f.layer(), {"track": 1})
     out = io.BytesIO()

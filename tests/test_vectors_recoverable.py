@@ -40,7 +40,7 @@ CASES = [case for case in load() if case.set in ("recoverable", "render")]
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_case(case):
     """
-    REC-012: A damage report MUST name every sample that is missing, by a span of its track or of one that its channel needs.
+    REC-012: A damage report MUST name every missing sample, by a span of its track or of one that its channel needs.
     """
     here = Here()
     result = run_case(case, here, [here])
@@ -72,7 +72,7 @@ PLACES = [place for place in w.STEADY.places if place.type == "DATA"]
 @pytest.mark.parametrize("laid", [w.STEADY, w.OPEN], ids=["closed", "open"])
 def test_bytes_of_two_clusters(laid):
     """
-    REC-012: A damage report MUST name every sample that is missing, by a span of its track or of one that its channel needs.
+    REC-012: A damage report MUST name every missing sample, by a span of its track or of one that its channel needs.
     """
     second, third = PLACES[1:]
     for start in range(second.payload, second.stop, 3):
@@ -83,7 +83,7 @@ def test_bytes_of_two_clusters(laid):
 @pytest.mark.parametrize("source", [0, 2])
 def test_bytes_of_another_cluster(source):
     """
-    REC-012: A damage report MUST name every sample that is missing, by a span of its track or of one that its channel needs.
+    REC-012: A damage report MUST name every missing sample, by a span of its track or of one that its channel needs.
     """
     data, size, at = w.STEADY.data, PLACES[1].stop - PLACES[1].payload, PLACES[1].payload
     other = data[PLACES[source].payload : PLACES[source].stop]

@@ -1,6 +1,7 @@
 """Faults in one file: wrong samples that are delivered, how many come back, and what recover makes.
 
 python tools/faults.py [--trials N] [--quick] [--many] [--foreign]      default 1000 of each kind
+python tools/faults.py --sizes [--trials N]       what comes back of files of 2 kB, 200 kB and 5 MB
 
 --quick: 50 of each kind. --many: a recorder's file too, 22 channels at 1 kHz in clusters of 1 s.
 --foreign: tactile arrays too, of 16, 64 and 200 mostly silent channels, and all of them with parts
@@ -13,7 +14,8 @@ import argparse
 import io
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
 
@@ -88,6 +90,7 @@ FAULTS: dict[str, Fault] = {
 }
 
 
+NEED_BLOCKS = ("4 KiB zeroed", "two 4 KiB blocks swapped")
 BLOCK, MOST_BLOCKS = 4096, 16
 Foreign = Callable[[bytes, bytes, Rng], bytes]
 """Parts of the second file in the first."""
@@ -339,15 +342,80 @@ def run(job: tuple[str, str, int]) -> list[str]:
     return [kind, *map(str, figures)]
 
 
+SIZES = {"2 kB": (1, 2_000), "200 kB": (8, 200_000), "5 MB": (8, 5_000_000)}
+"""Channels, and about how many bytes."""
+
+PRESETS = ("lossless", "near-lossless", "perceptual", "paper")
+SIZE_RATE, TRIED_SECONDS, LONGEST = 1000, 8.0, 1500.0
+
+
+@cache
+def sized(name: str, preset: str) -> Case:
+    """Forces at 1 kHz, for as long as makes a file of that size."""
+    count, wanted = SIZES[name]
+    settings = hapfmt.Settings.of(preset)
+
+    def made(seconds: float) -> bytes:
+        channels = [
+            replace(simulate("cork", seconds, seed, SIZE_RATE).channels[0], label=f"force {seed}")
+            for seed in range(count)
+        ]
+        stream = io.BytesIO()
+        hapfmt.write(hapfmt.Recording(tuple(channels)), stream, settings, canonical=1)
+        return stream.getvalue()
+
+    seconds, data = TRIED_SECONDS, b""
+    for _ in range(3):
+        data = made(seconds)
+        seconds = min(seconds * wanted / len(data), LONGEST)
+    return Case(name, preset, data, hapfmt.read(data), b"")
+
+
+def run_size(job: tuple[str, str, str, int]) -> str:
+    """The mean share that comes back, and the least, in %."""
+    name, preset, kind, trials = job
+    found = sized(name, preset)
+    if kind in NEED_BLOCKS and len(found.data) < 2 * BLOCK:
+        return "-"
+    rng = np.random.default_rng(11)
+    shares = []
+    for _ in range(trials):
+        broken = FAULTS[kind](found.data, rng)
+        right = 0
+        with suppress(hapfmt.HapfmtError), hapfmt.Reader(broken, threads=1) as reader:
+            right, wrong = compare(found.clean, reader.read())
+            assert not wrong
+        shares.append(100 * right / found.clean.sample_count)
+    return f"{np.mean(shares):.1f} / {np.min(shares):.0f}"
+
+
+def print_sizes(trials: int) -> None:
+    for name in SIZES:
+        about = ", ".join(f"{preset} {len(sized(name, preset).data)}" for preset in PRESETS)
+        print(f"\nFiles of about {name} ({about} bytes), {trials} trials of each kind\n")
+        jobs = [(name, preset, kind, trials) for kind in FAULTS for preset in PRESETS]
+        with ProcessPoolExecutor(2) as pool:
+            cells = list(pool.map(run_size, jobs))
+        rows = [
+            [kind, *cells[len(PRESETS) * i : len(PRESETS) * (i + 1)]]
+            for i, kind in enumerate(FAULTS)
+        ]
+        print_table(["recovered: mean / least, %", *PRESETS], rows)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--trials", type=int, default=1000)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--many", action="store_true")
     parser.add_argument("--foreign", action="store_true")
+    parser.add_argument("--sizes", action="store_true")
     options = parser.parse_args()
     trials = 50 if options.quick else options.trials
     print_origin()
+    if options.sizes:
+        print_sizes(trials)
+        return
     headers = ["fault", "trials", "wrong samples", "of them silent", "faults not reported",
                "losses not named", "recovered %", "worst %", "refused by recover",
                "not intact after recover", "other samples after recover"]  # fmt: skip

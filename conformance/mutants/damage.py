@@ -273,7 +273,7 @@ MUTANTS = (
     mutant(
         "lost-times-by-place",
         "The first entry of every index is taken for chunk 0.",
-        "IDX-007 REC-012",
+        "IDX-002 REC-012",
         Edit(
             "reading.timeline:Timeline.__init__",
             "enumerate(index.entries, index.first_sequence)",
@@ -358,7 +358,7 @@ MUTANTS = (
     mutant(
         "index-number-unchecked",
         "The number of the first chunk that an index lists is not compared.",
-        "IDX-007",
+        "IDX-002",
         Edit("container.index:check_listing", "if index.first_sequence != start:", "if False:"),
         role="verifier",
     ),

@@ -1,4 +1,4 @@
-"""Wrong recoverers and encoders (SPEC 12.3, clauses 11 and 13)."""
+"""Wrong recoverers and encoders (docs/spec/recovery.md, clauses 11 and 13)."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ MUTANTS = (
     recoverer(
         "recover-keeps-digests",
         "Digests are copied, whatever was lost of their tracks.",
-        "REC-009",
+        "REC-010",
         Edit(f"{COPY}.copy_digests", "if same and track not in self.outrun:", "if True:"),
     ),
     recoverer(
         "recover-without-places",
         "Nothing is described for tracks whose description is lost.",
-        "REC-008 TRK-010 TRK-012",
+        "REC-007 TRK-010 TRK-012",
         Edit(
             "recovery.descriptions:describe",
             "places = placeholders({track.id: track for track in kept}, catalogue)",

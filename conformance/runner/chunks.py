@@ -84,7 +84,7 @@ def index_of(payload: bytes) -> Index:
 
 
 def index_faults(data: bytes) -> Iterator[str]:
-    """Where the indexes of a closed file do not lead to every chunk (IDX-002, IDX-007, FOT-001,
+    """Where the indexes of a closed file do not lead to every chunk (IDX-002, FOT-001,
     FOT-002)."""
     try:
         found = chunks(data)

@@ -1,4 +1,4 @@
-"""The verbs verify and recover: the damage report of SPEC 12.2, and what is not damage."""
+"""The verbs verify and recover: the damage report, and what is not damage."""
 
 from __future__ import annotations
 

@@ -28,10 +28,10 @@ def index_chain(
         chunk = read_chunk(source, position, file_id)
         if chunk is None or not chunk.intact or chunk.header.type != "iNDX":
             raise FormatError(
-                "no index where one should be", requirement="IDX-004", offset=position
+                "no index where one should be", requirement="IDX-002", offset=position
             )
         if parts and chunk.stop > position_after:
-            raise FormatError("indexes overlap", requirement="IDX-004", offset=position)
+            raise FormatError("indexes overlap", requirement="IDX-002", offset=position)
         listed += entry_count(chunk.payload)
         limits.check_records(listed)
         index = parse_index(chunk.payload, position, chunk.payload_offset)

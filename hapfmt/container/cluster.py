@@ -15,7 +15,7 @@ from .wire import crc32
 
 CRC_SIZE = 4
 MOST_BYTES = 6
-"""Of one field in a row (SPEC DAT-010)."""
+"""Of one field in a row (SPEC DAT-001)."""
 ROW_ROOM = 20
 """Bytes of a row at most, if its fields keep the limits of level 2."""
 HEAD_ROOM = 35
@@ -124,7 +124,7 @@ def parse_table_head(payload: bytes, level: Level, base: int) -> TableHead:
     widths = tuple(packed >> 4 * place & 15 for place in range(4))
     if max(widths) > MOST_BYTES:
         raise FormatError(
-            f"a field of {max(widths)} bytes", requirement="DAT-010", offset=base + position
+            f"a field of {max(widths)} bytes", requirement="DAT-001", offset=base + position
         )
     position += 2
     least = []

@@ -84,10 +84,10 @@ def entry_count(payload: bytes) -> int:
 
 def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
     """The iNDX payload at ``offset``, whose chunk starts at ``own_offset``."""
-    raw = parse_fixed(INDEX, payload, 0, "IDX-001", offset)
+    raw = parse_fixed(INDEX, payload, 0, "IDX-002", offset)
     if len(payload) < INDEX_SIZE + raw.entry_count * ENTRY_SIZES[0]:
         raise FormatError(
-            "index length and entry count differ", requirement="IDX-001", offset=offset
+            "index length and entry count differ", requirement="IDX-002", offset=offset
         )
     if raw.entry_count * HEADER_SIZE > max(own_offset - raw.previous, 0):
         raise FormatError(
@@ -96,7 +96,7 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
             offset=offset + 12,
         )
     if raw.previous and not FIRST_OFFSET <= raw.previous < own_offset:
-        raise FormatError("previous index out of place", requirement="IDX-004", offset=offset)
+        raise FormatError("previous index out of place", requirement="IDX-002", offset=offset)
     entries: list[IndexEntry] = []
     position, chunk_offset = INDEX_SIZE, raw.previous
     for _ in range(raw.entry_count):
@@ -104,7 +104,7 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
         letters = payload[at : at + 4]
         if len(letters) < 4:
             raise FormatError(
-                "the index ends within an entry", requirement="IDX-001", offset=offset + at
+                "the index ends within an entry", requirement="IDX-002", offset=offset + at
             )
         if not (letters.isascii() and letters.isalpha()):
             raise FormatError(
@@ -124,7 +124,7 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
             entries.append(IndexEntry(letters.decode("latin-1"), chunk_offset))
     if position != len(payload):
         raise FormatError(
-            "bytes left over after an index", requirement="IDX-001", offset=offset + position
+            "bytes left over after an index", requirement="IDX-002", offset=offset + position
         )
     return Index(raw.previous, raw.first_sequence, tuple(entries))
 
@@ -145,7 +145,7 @@ def parse_foot(payload: bytes, offset: int, *, moved: bool = False) -> Foot:
 
 
 def check_listing(index: Index, own_offset: int, chunks: Sequence[IndexEntry], offset: int) -> None:
-    """IDX-002, IDX-006 and IDX-007 against all chunks of the file, in order of their offsets."""
+    """IDX-002 and IDX-006 against all chunks of the file, in order of their offsets."""
     start = bisect_left(chunks, index.previous, key=lambda chunk: chunk.offset)
     stop = bisect_left(chunks, own_offset, key=lambda chunk: chunk.offset)
     expected = chunks[start:stop]
@@ -159,7 +159,7 @@ def check_listing(index: Index, own_offset: int, chunks: Sequence[IndexEntry], o
             if index.first_sequence != start:
                 raise FormatError(
                     f"the index counts its chunks from {index.first_sequence}, not {start}",
-                    requirement="IDX-007",
+                    requirement="IDX-002",
                     offset=offset + 8,
                 )
             return

@@ -34,6 +34,7 @@ from .packed import Coded
 from .plan import Promise, promises_of, vector_promise
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
 from .settings import ALL, Settings
+from .shorter import shorten
 from .source import Source, cut, side_by_side
 from .texture import encode_textured
 from .unit import ENCODE_LEVEL, Unit, encode_constant, encode_paper, is_constant, whole_range
@@ -165,6 +166,8 @@ def encode(
         parts = list(with_relations(parts, job))
     if settings.preset != "lossless" and settings.smallest:
         parts = with_lossless(parts, job, recorded)
+    if settings.preset != "paper" and settings.cluster is None:
+        shorten_units([part.unit for part in parts])
     decisions: list[Decision] = []
     for part in parts:
         notes = [note for _, note in calm[part.first : part.stop]]
@@ -293,8 +296,10 @@ def joined(
     ]
     units = [part.unit for part in parts]
     joint = encode_linear(channels, columns, units, moved, first, job.cluster)
-    if joint is None or joint.size >= (1 - SAVED) * sum(part.unit.size for part in parts):
+    apart = sum(unit.size for unit in units)
+    if joint is None or joint.size >= (1 - SAVED) * apart:
         return parts
+    joint.saved = apart - joint.size
     return [Part(joint, first, members)]
 
 
@@ -545,6 +550,24 @@ def encode_floating(channel: Channel, spans: tuple[Span, ...], first_channel: in
             channel, spans, first_channel, words, least=lambda: words_size(channel, spans)
         )
     return words()
+
+
+def shorten_units(units: list[Unit]) -> None:
+    """Packets of a small file that lose little where they are damaged."""
+    before = [unit.size for unit in units]
+    # Packets of two bands are checked side by side.
+    alone = [unit.base for unit in units if unit.residual is None]
+    others = [
+        coded for unit in units if unit.residual is not None for coded in (unit.base, unit.residual)
+    ]
+    shorten(alone, others, sum(unit.saved for unit in units))
+    for unit, size in zip(units, before, strict=True):
+        more = unit.size - size
+        if unit.parts and more:
+            share, rest = divmod(more, len(unit.parts))
+            unit.parts = tuple(
+                (why, each + share + (place < rest)) for place, (why, each) in enumerate(unit.parts)
+            )
 
 
 def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:

@@ -84,6 +84,9 @@ class Unit:
     least: float = 0.0
     """Bits that the channels hardly stay below without loss; 0: not known."""
 
+    saved: int = 0
+    """Bytes that channels take less in one track than apart."""
+
     instead: bool = False
     """Whether it takes the place of a lossy form that is larger."""
 

@@ -1,4 +1,4 @@
-"""``recover``: damaged file -> intact file (SPEC 12.3)."""
+"""``recover``: damaged file -> intact file (docs/spec/recovery.md)."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Recovery:
     told: list[str] = field(default_factory=list)
     """Damage and losses, for people."""
     damage: dict[str, Any] = field(default_factory=dict)
-    """The report of SPEC 12.2."""
+    """The damage report of docs/spec/recovery.md."""
     packets: int = 0
     samples: int = 0
     digests: int = 0

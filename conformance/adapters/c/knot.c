@@ -571,7 +571,7 @@ static void cluster(Bytes in, uint32_t seed) { /* 6.4; `seed`: where a cluster C
     const uint8_t *at = take(&in, 2);
     int widths[4] = {at[0] & 15, at[0] >> 4, at[1] & 15, at[1] >> 4};
     for (int i = 0; i < 4; i++)
-        if (widths[i] > 6) stop(NONCONFORMING, "the bytes of a field [DAT-010]");
+        if (widths[i] > 6) stop(NONCONFORMING, "the bytes of a field [DAT-001]");
     for (int i = 0; i < 4; i++) least[i] = varint(&in);
     Entry *entries = room_for(NULL, (size_t)count, sizeof(Entry));
     for (int64_t i = 0; i < count; i++) {

@@ -32,7 +32,7 @@ export function readTable(bytes, start, end, packetBound = LIMITS[2].packetBound
     const packed = reader.u16();
     for (let i = 0; i < 4; i++) widths.push((packed >> (4 * i)) & 15);
     if (Math.max(...widths) > WIDTH_BOUND) {
-      table.fault = new HapfError('broken', 'DAT-010', `a field of ${Math.max(...widths)} bytes`, reader.offset - 2);
+      table.fault = new HapfError('broken', 'DAT-001', `a field of ${Math.max(...widths)} bytes`, reader.offset - 2);
       return table;
     }
     for (let i = 0; i < 4; i++) least.push(reader.varint());

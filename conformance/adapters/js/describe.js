@@ -1,4 +1,4 @@
-// TRAK chunks that a recoverer writes (12.3): tracks that it keeps, and those that it makes up.
+// TRAK chunks that a recoverer writes (docs/spec/recovery.md): tracks that it keeps, and those that it makes up.
 import { limitsOf } from './limits.js';
 import { NONE } from './trak.js';
 
@@ -69,7 +69,7 @@ function payloadsOf(list, bound) {
   });
 }
 
-// REC-007, REC-008: -> [{ track, payload, ids }], each base and each track that is continued before those that need it.
+// REC-007: -> [{ track, payload, ids }], each base and each track that is continued before those that need it.
 export function descriptionsOf(file) {
   const kept = new Set();
   for (const track of file.allTracks.values()) {

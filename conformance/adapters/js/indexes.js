@@ -9,11 +9,11 @@ const MS_BOUND = 2 ** 53 - 1;
 const NS_BOUND = 2n ** 63n - 1n;
 
 export function readIndex(bytes, chunk) {
-  const reader = new Reader(bytes, { start: chunk.payloadStart, end: chunk.end, requirement: 'IDX-001' });
+  const reader = new Reader(bytes, { start: chunk.payloadStart, end: chunk.end, requirement: 'IDX-002' });
   const previous = Number(reader.u64());
   const firstSequence = reader.u32();
   const count = reader.u32();
-  if (count * ENTRY_LEAST > reader.left) broken('IDX-001', `${count} entries in ${reader.left} bytes`, chunk.payloadStart + 12);
+  if (count * ENTRY_LEAST > reader.left) broken('IDX-002', `${count} entries in ${reader.left} bytes`, chunk.payloadStart + 12);
   const entries = [];
   let offset = previous;
   for (let i = 0; i < count; i++) {
@@ -28,7 +28,7 @@ export function readIndex(bytes, chunk) {
     }
     entries.push(entry);
   }
-  if (reader.left) broken('IDX-001', `${reader.left} bytes behind the last entry`, reader.offset);
+  if (reader.left) broken('IDX-002', `${reader.left} bytes behind the last entry`, reader.offset);
   return { chunk, previous, firstSequence, entries };
 }
 
@@ -53,7 +53,7 @@ export function packetMs(packet, track) {
   return [(BigInt(packet.start) * scale) / rate, ceilDiv(BigInt(packet.start + packet.span) * scale, rate)];
 }
 
-// IDX-002, IDX-004, IDX-006, IDX-007 in a file without damage. chunks: all, in order; times: chunk position ->
+// IDX-002, IDX-006 in a file without damage. chunks: all, in order; times: chunk position ->
 // [first, last] ms.
 export function checkIndex(index, chunks, byPosition, times) {
   const { chunk, previous, firstSequence, entries } = index;
@@ -61,7 +61,7 @@ export function checkIndex(index, chunks, byPosition, times) {
   const at = chunk.payloadStart;
   const before = byPosition.get(previous);
   if (previous > 0 && (!before || before.type !== 'iNDX' || previous >= chunk.position)) {
-    faults.push(fault('IDX-004', `no index before at offset ${previous}`, at));
+    faults.push(fault('IDX-002', `no index before at offset ${previous}`, at));
   }
   const first = placeOf(chunks, previous);
   const count = placeOf(chunks, chunk.position) - first;
@@ -69,7 +69,7 @@ export function checkIndex(index, chunks, byPosition, times) {
     ? entries.findIndex(({ type, offset }, i) => type !== chunks[first + i].type || offset !== chunks[first + i].position)
     : Math.min(Math.max(count, 0), entries.length);
   if (differs < 0 && count > 0 && firstSequence !== chunks[first].sequence) {
-    faults.push(fault('IDX-007', `counts its chunks from ${firstSequence}, not ${chunks[first].sequence}`, at + 8));
+    faults.push(fault('IDX-002', `counts its chunks from ${firstSequence}, not ${chunks[first].sequence}`, at + 8));
   }
   if (differs >= 0) {
     const place = entries[differs]?.at ?? at + 12;

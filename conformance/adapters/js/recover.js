@@ -1,4 +1,4 @@
-// Recovering a file (12.3): a writer of what was found.
+// Recovering a file (docs/spec/recovery.md): a writer of what was found.
 import { isCritical, isSafeToCopy, randomId } from './chunk.js';
 import { descriptionsOf } from './describe.js';
 import { INDEX_STRETCH, durationNs, packetMs } from './indexes.js';
@@ -105,7 +105,7 @@ function timesOf(packets, file) {
   return times;
 }
 
-// REC-009: those that were compared and hold, of tracks that are kept; of tracks that cannot be decoded those of a file
+// REC-010: those that were compared and hold, of tracks that are kept; of tracks that cannot be decoded those of a file
 // without damage. One that packets of its track follow is not kept.
 function copiedDigests(file) {
   const whole = !file.damages.some(({ code }) => code !== 'not-closed');

@@ -1,4 +1,4 @@
-// The verdict (clause 14) and the damage report (12.2).
+// The verdict (clause 14) and the damage report (docs/spec/recovery.md).
 import { SIGNATURE } from './chunk.js';
 import { findLosses, spanOf } from './lost.js';
 

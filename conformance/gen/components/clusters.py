@@ -50,7 +50,7 @@ def table(data: bytes) -> tuple[int, list[tuple[int, ...]], int]:
     if at + 2 > len(data):
         raise BrokenRule("DAT-005")
     if max(widths) > 6:
-        raise BrokenRule("DAT-010")
+        raise BrokenRule("DAT-001")
     at += 2
     least = []
     for _ in range(4):
@@ -118,7 +118,7 @@ def tables() -> Component:
     return Component(
         "cluster",
         "6.4",
-        ("DAT-001", "DAT-002", "DAT-003", "DAT-004", "DAT-005", "DAT-009", "DAT-010", "DAT-011"),
+        ("DAT-001", "DAT-002", "DAT-003", "DAT-004", "DAT-005", "DAT-009", "DAT-011"),
         "Payloads of DATA at level 1, of chunk 2 under the file id 7. Every track is described, "
         "with one component. Expected: the rows of the table, with the offset of each packet in "
         "the payload.",

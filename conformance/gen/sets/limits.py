@@ -163,7 +163,7 @@ FORBIDDEN = [
 
 LARGE = 2**53 - 1
 PROMISES = [
-    ("index-of-2-to-32-entries", ("IDX-001", "IDX-002"),
+    ("index-of-2-to-32-entries", "IDX-002",
      "An index of none promises 2^32 - 1 entries.",
      f.closed(HEAD, TRACK, ahead={"entries": (), "count": 2**32 - 1})),
     ("cluster-of-2-to-53-packets", "DAT-001", "A cluster promises 2^53 - 1 packets.",

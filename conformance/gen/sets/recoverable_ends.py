@@ -223,7 +223,7 @@ def chain() -> Case:
     second = laid.of("DATA", 1)
     return wrecked(
         "index-chain", "Two indexes in a chain tell of a cluster each that is lost.",
-        ["IDX-004", "REC-003", "REC-012"], "transmission/bit-flip",
+        ["IDX-002", "REC-003", "REC-012"], "transmission/bit-flip",
         w.flip(w.flip(laid.data, second.at + 30), fourth.at + 30),
         kept=dict.fromkeys(range(3), ((0, 4), (80, 84))),
         lost=[(track, start, start + 4) for track in range(3) for start in (40, 120)],

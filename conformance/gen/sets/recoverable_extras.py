@@ -1,4 +1,4 @@
-"""Damage beside the samples: digests, metadata, attachments, clocks (SPEC 6.7 to 6.10, 12.3)."""
+"""Damage beside the samples: digests, metadata, attachments, clocks (SPEC 6.7 to 6.10)."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ def digests() -> Iterator[Case]:
     place = laid.of("dGST").payload + 32
     yield wrecked(
         "digest-differs", "A track decodes to other numbers than its digest says.",
-        ["DGS-002", "REC-009"], "structure/digest", laid.data,
+        ["DGS-002", "REC-010"], "structure/digest", laid.data,
         damages=[("bad-digest", place, 32)], exits={"decode": [0, 3]},
     )  # fmt: skip
     laid = digested(WRONG, ("mETa", b'{"a":1}'))
     data = w.flip(laid.data, laid.of("mETa").payload + 2)
     yield wrecked(
         "digest-differs-and-damage", "A digest is compared in a file with damage elsewhere, too.",
-        ["DGS-002", "REC-009"], "structure/digest", data,
+        ["DGS-002", "REC-010"], "structure/digest", data,
         damages=[bad(laid, "mETa"), ("bad-digest", laid.of("dGST").payload + 32, 32)],
     )  # fmt: skip
     laid = digested(DIGESTS)
@@ -74,13 +74,13 @@ def digests() -> Iterator[Case]:
     yield wrecked(
         "digest-of-what-is-lost",
         "No digest is compared where a packet of its track is lost, and it is not copied.",
-        ["DGS-002", "REC-009"], "transmission/bit-flip", w.flip(laid.data, row.at), kept=kept,
+        ["DGS-002", "REC-010"], "transmission/bit-flip", w.flip(laid.data, row.at), kept=kept,
         damages=[("bad-payload", place.at, place.size), ("bad-packet", row.at, row.size)],
         lost=[(1, 4, 8)],
     )  # fmt: skip
     yield wrecked(
         "digest-chunk-damaged", "The chunk of digests is damaged: none is compared.",
-        ["DGS-002", "REC-009"], "transmission/bit-flip",
+        ["DGS-002", "REC-010"], "transmission/bit-flip",
         w.flip(laid.data, laid.of("dGST").payload + 40), damages=[bad(laid, "dGST")],
     )  # fmt: skip
     early = w.lay(
@@ -90,7 +90,7 @@ def digests() -> Iterator[Case]:
     )  # fmt: skip
     yield wrecked(
         "digest-before-packets", "A digest holds for the packets before it; recover leaves it out.",
-        ["DGS-003", "REC-009"], "crash/not-closed", early.data,
+        ["DGS-003", "REC-010"], "crash/not-closed", early.data,
         damages=[("not-closed", len(early.data), 0)], recover=0,
     )  # fmt: skip
 

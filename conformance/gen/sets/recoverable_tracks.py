@@ -1,4 +1,4 @@
-"""Descriptions that are lost, and what is left without them (SPEC 12.1, 12.2, 12.3)."""
+"""Descriptions that are lost, and what is left without them (SPEC 12.1, 12.2)."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def full_band() -> Iterator[Case]:
         "description-lost",
         "The description of a track is lost: its packets hold and cannot be delivered. The "
         "recovered file has a channel without samples in its place.",
-        ["DAT-008", "REC-003", "REC-007", "REC-008", "REC-012"], "transmission/bit-flip",
+        ["DAT-008", "REC-003", "REC-007", "REC-012"], "transmission/bit-flip",
         spoilt(laid, 0), decode=decode, lost=[(0, 0, 12)],
         damages=[bad(laid, "TRAK"), *unheld(laid, 0, 0, 4, 8)],
         recovered={"decode": {"channels": [empty, *decode["channels"]]}},
@@ -102,13 +102,13 @@ def parameters() -> Iterator[Case]:
     recovered = {"decode": {"channels": [empty, *left["channels"]]}}
     yield wrecked(
         "parameters-broken", "The codec parameters of a track break a rule: recover leaves it out.",
-        ["KNT-001", "REC-007", "REC-008"], "structure/description", laid.data, decode={},
+        ["KNT-001", "REC-007"], "structure/description", laid.data, decode={},
         damages=[], verdict="nonconforming", exits={"decode": 2, "verify": 2}, recovered=recovered,
     )  # fmt: skip
     yield wrecked(
         "parameters-broken-and-damage",
         "In a file with damage a track whose codec parameters break a rule is part of it.",
-        ["KNT-001", "REC-007", "REC-008", "REC-012"], "structure/description", laid.data + b"\0",
+        ["KNT-001", "REC-007", "REC-012"], "structure/description", laid.data + b"\0",
         decode=left, recovered=recovered, lost=[(0, 0, 8)],
         damages=[
             ("garbage", len(laid.data), 1), ("bad-chunk", place.at, place.size),
@@ -125,7 +125,7 @@ def bands() -> Iterator[Case]:
     yield wrecked(
         "hf-description-lost",
         "The description of an HF track is lost: nothing in full band, the LF part alone is left.",
-        ["DEC-003", "REC-008", "REC-012", "TRK-012"], "transmission/bit-flip",
+        ["DEC-003", "REC-007", "REC-012", "TRK-012"], "transmission/bit-flip",
         spoilt(laid, 1), decode=left, lost=[(0, 0, None), (1, 0, 12)],
         damages=[bad(laid, "TRAK", 1), *unheld(laid, 1, 0, 4, 8)],
         recovered={"decode": {name: left[name] for name in ("channels", "lf", "hf")}},
@@ -144,7 +144,7 @@ def bands() -> Iterator[Case]:
     cluster = laid.of("DATA", 1)
     yield wrecked(
         "hf-packet-lost", "A packet of an HF track is lost: a gap in full band alone.",
-        ["DEC-003", "REC-004", "REC-012"], "transmission/bit-flip", w.flip(laid.data, row.at),
+        ["DEC-003", "DEC-004", "REC-012"], "transmission/bit-flip", w.flip(laid.data, row.at),
         decode=decode_of(slow, short), lost=[(1, 4, 8)],
         damages=[("bad-payload", cluster.at, cluster.size), ("bad-packet", row.at, row.size)],
     )  # fmt: skip
@@ -152,7 +152,7 @@ def bands() -> Iterator[Case]:
     short = Track(id=0, kind="lf", packets=parts(0, 0, 8))
     yield wrecked(
         "lf-packet-lost", "A packet of an LF track is lost: a gap in full band.",
-        ["DEC-003", "REC-004", "REC-012"], "transmission/bit-flip", w.flip(laid.data, row.at),
+        ["DEC-003", "DEC-004", "REC-012"], "transmission/bit-flip", w.flip(laid.data, row.at),
         decode=decode_of(short, fast), lost=[(0, 4, 8)],
         damages=[
             ("bad-payload", cluster.at, cluster.size),
@@ -215,7 +215,7 @@ def layers() -> Iterator[Case]:
         "event-of-a-lost-channel",
         "An event speaks of a channel that has lost its description: it stays one, without "
         "samples.",
-        ["EVT-003", "REC-008", "REC-012"], "transmission/bit-flip", spoilt(laid, 1),
+        ["EVT-003", "REC-007", "REC-012"], "transmission/bit-flip", spoilt(laid, 1),
         decode=decode, lost=[(1, 0, 4)], codecs=("KNOT", "EVNT"),
         damages=[bad(laid, "TRAK", 1), *unheld(laid, 1, 0)],
         recovered={"decode": {
