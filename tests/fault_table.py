@@ -553,8 +553,8 @@ FAULTS = [
     Fault("LPC-007", 138, "nine references", several(
         b"\3" * 9 + b"\x10\0\0" * 9 + b"\x40\0\x09" + b"".join(
             bytes([a, 0, 0, 0]) for a in range(9)), 10)),
-    Fault("LPC-008", 106, "no number of references", several(FIRST + b"\x40\0")),
-    Fault("LPC-008", 106, "references cut short", several(FIRST + b"\x40\0\1\0\0\0")),
+    Fault("LPC-006", 106, "no number of references", several(FIRST + b"\x40\0")),
+    Fault("LPC-006", 106, "references cut short", several(FIRST + b"\x40\0\1\0\0\0")),
     # 9.7
     Fault("COD-002", 100, "LPCX cut short", described(b"")),
     Fault("COD-002", 100, "LPCX too long", described(f.lpcx_parameters() + b"\0")),
@@ -570,15 +570,15 @@ FAULTS = [
         f.lpcx_parameters(terms=[(0, 1, 1.0)]))),
     Fault("COD-002", 100, "a term is missing", described(
         f.lpcx_parameters(4, 0, b"\1\0", [0.0]))),
-    Fault("EXA-008", 104, "a weight of 2^900", described(
+    Fault("EXA-002", 104, "a weight of 2^900", described(
         f.lpcx_parameters(4, 0, bytes(2), [0.0], [(0, 1, 2.0**900)]))),
-    Fault("EXA-009", 100, "linear in its own tick", described(
+    Fault("EXA-002", 100, "linear in its own tick", described(
         f.lpcx_parameters(4, 0, bytes(2), [0.0], [(0, 0, 1.0)]))),
-    Fault("EXA-010", 108, "parts past the packet", lambda: decode_parts(FIVES + b"\2\0", AT)),
+    Fault("EXA-003", 108, "parts past the packet", lambda: decode_parts(FIVES + b"\2\0", AT)),
     Fault("COD-002", 100, "no coefficients", described(f.lpcx_parameters(3))),
-    Fault("EXA-008", 104, "a coefficient of 2^900", described(
+    Fault("EXA-002", 104, "a coefficient of 2^900", described(
         f.lpcx_parameters(3, 0, bytes(2), (0, 1, 0, 2.0**900)))),
-    Fault("EXA-008", 104, "a coefficient that is no number", described(
+    Fault("EXA-002", 104, "a coefficient that is no number", described(
         f.lpcx_parameters(3, 0, bytes(2), (float("nan"), 1, 0, 0)))),
     Fault("EXA-002", 100, "digits of a quotient", described(f.lpcx_parameters(0, 1))),
     Fault("EXA-002", 100, "no significant digit", described(f.lpcx_parameters(2, 0))),

@@ -9,6 +9,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "SPEC.md").read_text(encoding="utf-8")
+EXAMPLES = (ROOT / "conformance" / "EXAMPLES.md").read_text(encoding="utf-8")
 PARTS = [TEXT, *(path.read_text("utf-8") for path in sorted((ROOT / "docs/spec").glob("*.md")))]
 ITEM = re.compile(r"^- \*\*(?P<id>[^*]+)\*\* (?P<sentence>.+?)(?=\n- |\n\n|\Z)", re.M | re.S)
 QUOTE = re.compile(r"^\s*(?P<id>[A-Z]{3}-\d{3}): (?P<sentence>.+?)\s*$", re.M)

@@ -10,6 +10,7 @@ import pytest
 import strategies
 from hypothesis import given
 from hypothesis import strategies as st
+from spec import EXAMPLES
 from twins import built
 
 from hapfmt.codecs import components, predicted
@@ -86,8 +87,8 @@ class TestPackets:
     @given(strategies.component_rows(TWO.count_bound))
     def test_as_the_page_says(self, rows):
         """
-        LPC-007: With flag *references* r MUST be 1 to 8, and the numbers a less than that of the component itself, each greater than the one before.
-        LPC-008: With flag *references* a component packet MUST hold r and r references.
+        LPC-007: With flag *references* r MUST be 1 to 8. Each number a is less than that of the component itself, and greater than the one before.
+        LPC-006: A component packet MUST contain at least `flags`, `m` and m coefficients, and with flag *references* r and r references.
         """
         rows = short(rows)
         lists = [indices.tolist() for indices, _ in rows]
@@ -215,7 +216,7 @@ EXAMPLE = re.compile(r"^\| `([0-9A-F ]+)` \| ([-0-9, ]+); ([-0-9, ]+?)(?: \(.*)?
 
 
 def test_example_of_the_page():
-    ((text, *columns),) = EXAMPLE.findall(page.TEXT)
+    ((text, *columns),) = EXAMPLE.findall(EXAMPLES)
     rows = [[int(number) for number in column.split(", ")] for column in columns]
     data = bytes.fromhex(text)
     assert decoded(data, len(rows[0]), 2) == decoded_as_the_page_says(data, len(rows[0]), 2) == rows

@@ -12,6 +12,7 @@ import pytest
 import strategies
 from hypothesis import given
 from hypothesis import strategies as st
+from spec import EXAMPLES
 
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.knots import KnotParameters, build_knots, decode_knots
@@ -133,7 +134,7 @@ EXAMPLE = re.compile(
 
 
 def test_examples_of_the_page():
-    examples = EXAMPLE.findall(page.TEXT)
+    examples = EXAMPLE.findall(EXAMPLES)
     assert len(examples) == 5
     for text, interpolation, span, knots in examples:
         data = bytes.fromhex(text)

@@ -15,6 +15,7 @@ import strategies
 from forge import svarint
 from hypothesis import given
 from hypothesis import strategies as st
+from spec import EXAMPLES
 
 from hapfmt.codecs.components import decode_predicted
 from hapfmt.codecs.grids import LpcParameters, deadband_levels
@@ -80,7 +81,7 @@ def decoded_as_the_page_says(data, span, limit=INDEX_LIMIT):
 class TestParameters:
     @given(strategies.levels.flatmap(lambda v: st.tuples(st.just(v), strategies.lpc_parameters(v))))
     def test_come_back(self, case):
-        """LPC-002: `grid` MUST be 0 or 1; `step` at most what the level allows, and on the uniform grid at least 1; `zero` a signed number of 32 bits; `kn` and `kd` at least 1 and less than 2^16, and `kd` at most 1024 * `kn`."""
+        """LPC-002: `grid` MUST be 0 or 1, and `step` at most what the level allows; it may be 0 on the deadband grid only. `zero` is a signed number of 32 bits. `kn` and `kd` are at least 1 and less than 2^16, and `kd` at most 1024 * `kn`."""
         level, parameters = case
         data = parameters.build()
         assert LpcParameters.parse(data, level, 0) == parameters
@@ -106,7 +107,7 @@ class TestPackets:
     def test_as_the_page_says(self, case):
         """
         LPC-004: g MUST be at most 4, at most 1 where m > 0; m at most 32; k[i] at least -127; bits 5 and 7 of the flags 0; and of a constant component packet g, m and the other flags 0.
-        LPC-006: A component packet MUST hold at least `flags`, `m` and m coefficients.
+        LPC-006: A component packet MUST contain at least `flags`, `m` and m coefficients, and with flag *references* r and r references.
         """
         indices, predictor = case
         row = indices[:60].tolist()
@@ -123,7 +124,7 @@ class TestPackets:
 
     @given(cases, st.sampled_from([0, 3, 2**24, 2**32]), st.data())
     def test_mutated(self, case, limit, data):
-        """LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the level's count bound (clause 12); deadband, |i| at most N."""
+        """LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the count bound (clause 12); deadband, |i| at most N."""
         indices, predictor = case
         packet = bytearray(packet_of(indices[:40], predictor) or b"\0\0\0")
         at = data.draw(st.integers(0, len(packet) - 1))
@@ -358,7 +359,7 @@ EXAMPLE = re.compile(r"^\| `([0-9A-F]{2}(?: [0-9A-F]{2})*)` \| ([-0-9, ]+?)(?: \
 
 
 def test_examples_of_the_page():
-    examples = EXAMPLE.findall(page.TEXT)
+    examples = EXAMPLE.findall(EXAMPLES)
     assert len(examples) == 5
     for text, numbers in examples:
         indices = [int(number) for number in numbers.split(", ")]

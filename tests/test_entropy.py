@@ -83,7 +83,7 @@ class TestClasses:
 
     @given(st.lists(st.integers(0, 255), min_size=1, max_size=64).filter(any))
     def test_lengths_as_the_page_says(self, weights):
-        """RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n MUST be at least 1, `first` + n at most 64, in knots at most 35, and one weight more than 0."""
+        """RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n is at least 1, `first` + n at most 64, in knots at most 35. At least one weight is more than 0."""
         lengths = Lengths(0, bytes(weights))
         assert list(lengths.ends) == page_coding.length_ends(weights)
         data = lengths.build()
@@ -108,7 +108,7 @@ class TestSections:
     @given(rows, bits, st.data())
     def test_mutated(self, row, marks, data):
         """
-        RNG-001: After the last symbol every state MUST be 65536. The words and the raw bits MUST take up all coded bytes, and the bits left over in the byte that both share the end of MUST be 0. What lies before the first or behind the last coded byte is 0; a decoder stops at the latest with the block, or outside blocks with the number, that takes more than there is.
+        RNG-001: After the last symbol every state MUST be 65536. The words and the raw bits MUST take up all coded bytes. Bits left over between them are 0. What lies before the first or behind the last coded byte is 0; a decoder stops at the latest with the block, or outside blocks with the number, that takes more than there is.
         RNG-003: The magnitude u MUST be less than 2^34.
         """
         whole, p, way, signs, many = coded(row, marks)

@@ -105,7 +105,6 @@ def test_clusters(fault):
     DAT-002: Rows MUST be in increasing order of (track, start).
     DAT-003: `span` MUST be at least 1 and at most what the level allows, and `start + span` at most 2^48.
     DAT-004: `packet_crc` MUST be the cluster CRC of `packet_count`, `track`, `size`, `start` and `span`, each as u64, followed by the bytes of the packet.
-    DAT-001: `packet_count` MUST be at least 1 and at most what the level allows, and each of the four widths at most 6.
     DAT-011: `table_crc` MUST be the cluster CRC of all bytes of the payload before it.
     DAT-005: The packets MUST fill the rest of the payload to its last byte.
     DAT-006: Packets of one track MUST NOT overlap in time and MUST come in order of time within the file. Tracks of kind events are exempt.
@@ -120,9 +119,7 @@ def test_index_and_footer(fault):
     """
     IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it.
     IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
-    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it.
     IDX-006: For a `DATA` chunk `start_ms` MUST be at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
-    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it.
     FOT-001: The payload MUST be as long as the layout, and `stop_offset` the offset of its own end.
     FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In the last `fOOT`, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     """
@@ -174,17 +171,16 @@ def test_quantised(fault):
 @each("RNG", "LPC")
 def test_predicted(fault):
     """
-    RNG-001: After the last symbol every state MUST be 65536. The words and the raw bits MUST take up all coded bytes, and the bits left over in the byte that both share the end of MUST be 0. What lies before the first or behind the last coded byte is 0; a decoder stops at the latest with the block, or outside blocks with the number, that takes more than there is.
+    RNG-001: After the last symbol every state MUST be 65536. The words and the raw bits MUST take up all coded bytes. Bits left over between them are 0. What lies before the first or behind the last coded byte is 0; a decoder stops at the latest with the block, or outside blocks with the number, that takes more than there is.
     RNG-003: The magnitude u MUST be less than 2^34.
-    RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n MUST be at least 1, `first` + n at most 64, in knots at most 35, and one weight more than 0.
+    RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n is at least 1, `first` + n at most 64, in knots at most 35. At least one weight is more than 0.
     LPC-001: The component packets MUST fit the packet: their sizes are together at most what follows them.
-    LPC-002: `grid` MUST be 0 or 1; `step` at most what the level allows, and on the uniform grid at least 1; `zero` a signed number of 32 bits; `kn` and `kd` at least 1 and less than 2^16, and `kd` at most 1024 * `kn`.
-    LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the level's count bound (clause 15); deadband, |i| at most N.
+    LPC-002: `grid` MUST be 0 or 1, and `step` at most what the level allows; it may be 0 on the deadband grid only. `zero` is a signed number of 32 bits. `kn` and `kd` are at least 1 and less than 2^16, and `kd` at most 1024 * `kn`.
+    LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the count bound (clause 12); deadband, |i| at most N.
     LPC-004: g MUST be at most 4, at most 1 where m > 0; m at most 32; k[i] at least -127; bits 5 and 7 of the flags 0; and of a constant component packet g, m and the other flags 0.
     LPC-005: Every |p[j]| after each n MUST be at most 2^36, and every |c[j]| at most 2^21.
-    LPC-006: A component packet MUST hold at least `flags`, `m` and m coefficients.
-    LPC-007: With flag *references* r MUST be 1 to 8, and the numbers a less than that of the component itself, each greater than the one before.
-    LPC-008: With flag *references* a component packet MUST hold r and r references.
+    LPC-006: A component packet MUST contain at least `flags`, `m` and m coefficients, and with flag *references* r and r references.
+    LPC-007: With flag *references* r MUST be 1 to 8. Each number a is less than that of the component itself, and greater than the one before.
     """
     assert_reported(fault)
 
@@ -201,13 +197,10 @@ def test_coded_knots(fault):
 @each("EXA")
 def test_exact(fault):
     """
-    EXA-001: A track of codec `LPCX` MUST be of kind full band, without deadband contract and without deviation.
-    EXA-002: `rule` MUST be at most 4, `digits` 1 to 15 with rule 2, else 0, and `terms` 1 to 16 with rule 4, else 0.
-    EXA-003: The counts MUST end within the packet and lie within the declared range of their track: what is lossless is never clamped.
+    EXA-001: A track of codec `LPCX` MUST be of kind full band, without contract and without deviation.
+    EXA-002: `rule` MUST be at most 4. `digits` is 1 to 15 with rule 2, else 0, `terms` 1 to 16 with rule 4, else 0. Coefficients and weights are finite and of a magnitude below 2^900. `a` is a component that is decoded before, or the component itself with a `lag` of at least 1.
+    EXA-003: The counts MUST end within the packet and lie within the declared range of their track: lossless counts are never clamped. The parts fit the packet: their sizes are together at most what follows them.
     EXA-004: Undefined flags MUST be 0, and z at most 63.
-    EXA-008: Each coefficient and weight MUST be finite and of a magnitude below 2^900.
-    EXA-009: `a` MUST be a component that is decoded before, or the component itself with a `lag` of at least 1.
-    EXA-010: The parts MUST fit the packet: their sizes are together at most what follows them.
     """
     assert_reported(fault)
 

@@ -42,6 +42,7 @@ from page_quantised import Escape, Run
 
 ROOM = Path(__file__).resolve().parent.parent
 PAGE = ROOM / "EXAMPLES.md"
+PACKETS = ROOM / "gen" / "packets.md"
 EXAMPLES = ROOM / "examples"
 
 KINDS = ("full band", "LF", "HF", "events")
@@ -613,7 +614,7 @@ def text() -> str:
             "```",
             "",
         ]
-    return "\n".join(parts)
+    return "\n".join([*parts, PACKETS.read_text("utf-8")])
 
 
 def outputs() -> dict[Path, bytes]:

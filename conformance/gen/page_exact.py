@@ -198,7 +198,7 @@ def split_parts(rest: bytes, count: int) -> list[bytes]:
         size, at = varint(rest, at)
         sizes.append(size)
     if sum(sizes) > len(rest) - at:
-        raise BrokenRule("EXA-010")
+        raise BrokenRule("EXA-003")
     parts = []
     for size in [*sizes, len(rest) - at - sum(sizes)]:
         parts.append(rest[at : at + size])

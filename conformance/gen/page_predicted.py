@@ -126,7 +126,7 @@ def decode(data: bytes, span: int, last: int, components=()) -> list[int]:
     if refers:
         r = data[at] if at < len(data) else 0
         if at + 1 + 4 * r > len(data):
-            raise BrokenRule("LPC-008")
+            raise BrokenRule("LPC-006")
         for k in range(r):
             a, *w = data[at + 1 + 4 * k : at + 5 + 4 * k]
             references.append((a, *(byte - 256 * (byte > 127) for byte in w)))

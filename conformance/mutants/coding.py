@@ -306,7 +306,7 @@ MUTANTS = (
     mutant(
         "exact-linear-early",
         "Rule 4 of LPCX is used before all lags lie within the packet, with zeros.",
-        "EXA-009 EXA-007",
+        "EXA-002 EXA-007",
         Edit(
             "codecs.values:linear_values",
             "        if t >= reach:\n",
@@ -321,7 +321,7 @@ MUTANTS = (
     mutant(
         "exact-linear-rounded-once",
         "The sum of rule 4 is rounded at the end alone.",
-        "EXA-009 EXA-007",
+        "EXA-002 EXA-007",
         Edit(
             "codecs.values:linear_values",
             "            v = c0\n"
@@ -338,7 +338,7 @@ MUTANTS = (
     mutant(
         "exact-linear-in-turn",
         "Components of LPCX are decoded in their order, the linear ones too.",
-        "EXA-009",
+        "EXA-002",
         Edit(
             "codecs.exact:in_order",
             "key=lambda place: parameters[place].rule == LINEAR",

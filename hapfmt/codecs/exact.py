@@ -106,7 +106,7 @@ class ExactParameters:
         # So is what is no number refused.
         if not all(abs(w) < COEFFICIENT_LIMIT for w in [*coefficients, *(t.weight for t in terms)]):
             raise FormatError(
-                "a coefficient of 2^900 or more", requirement="EXA-008", offset=base + at
+                "a coefficient of 2^900 or more", requirement="EXA-002", offset=base + at
             )
         return cls(raw.rule, raw.digits, tuple(coefficients), tuple(terms)), stop
 
@@ -131,7 +131,7 @@ def parse_parameters(data: bytes, count: int, offset: int) -> tuple[ExactParamet
             if term.component not in known and (term.component != place or not term.lag):
                 raise FormatError(
                     f"component {place} from {term.component}, {term.lag} ticks before",
-                    requirement="EXA-009",
+                    requirement="EXA-002",
                     offset=offset,
                 )
         known.add(place)
@@ -168,7 +168,7 @@ def decode_exact(
     _, rest, at = split_packet(data, offset)
     ends = parts_of(rest, len(parameters), at) if rest else [(0, 0)] * len(parameters)
     if ends is None:
-        raise FormatError("parts larger than their packet", requirement="EXA-010", offset=at)
+        raise FormatError("parts larger than their packet", requirement="EXA-003", offset=at)
     out = np.empty((len(parameters), len(counts)))
     for place in in_order(parameters):
         start, stop = ends[place]

@@ -34,7 +34,7 @@ def parse_references(
     end = position + 1 + REFERENCE_SIZE * count
     if end > len(data):
         raise TruncatedError(
-            "the packet ends within its references", requirement="LPC-008", offset=offset + position
+            "the packet ends within its references", requirement="LPC-006", offset=offset + position
         )
     references = []
     for at in range(position + 1, end, REFERENCE_SIZE):

@@ -30,7 +30,7 @@ function readComponentHeader(reader, component) {
     if (header.k[i] < -127) broken('LPC-004', 'a reflection coefficient of -128', reader.offset - 1);
   }
   if (flags & 64) {
-    reader.requirement = 'LPC-008';
+    reader.requirement = 'LPC-006';
     const { offset } = reader;
     const r = reader.u8();
     if (r < 1 || r > 8) broken('LPC-007', `${r} references`, offset);

@@ -24,7 +24,7 @@ export function parseLpcx(reader, track) {
   const known = new Set();
   for (const component of decodingOrder(setup)) {
     for (const { a, lag } of setup[component].terms) {
-      if (!known.has(a) && (a !== component || lag === 0)) broken('EXA-009', `component ${component} from ${a}, ${lag} ticks before`, offset);
+      if (!known.has(a) && (a !== component || lag === 0)) broken('EXA-002', `component ${component} from ${a}, ${lag} ticks before`, offset);
     }
     known.add(component);
   }
@@ -46,7 +46,7 @@ function parseComponent(reader) {
     const at = reader.offset;
     const bytes = reader.bytes(8);
     const found = new DataView(bytes.buffer, bytes.byteOffset, 8).getFloat64(0, true);
-    if (!(Math.abs(found) < COEFFICIENT_BOUND)) broken('EXA-008', `the coefficient ${found}`, at);
+    if (!(Math.abs(found) < COEFFICIENT_BOUND)) broken('EXA-002', `the coefficient ${found}`, at);
     return found;
   };
   const coefficients = [];
@@ -219,7 +219,7 @@ function linearRule({ coefficients: [c0], terms }, columns, quotient) {
 
 function readExact(track, rest, base, span, counts) {
   const { setup, componentCount: C } = track;
-  const parts = rest.length === 0 ? setup.map(() => ({ bytes: rest, offset: base })) : splitComponents(rest, C, base, 'EXA-010');
+  const parts = rest.length === 0 ? setup.map(() => ({ bytes: rest, offset: base })) : splitComponents(rest, C, base, 'EXA-003');
   const exact = new BigUint64Array(span * C);
   const columns = setup.map(() => new Float64Array(span));
   for (const component of decodingOrder(setup)) {

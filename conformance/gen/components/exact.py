@@ -102,7 +102,7 @@ def values() -> Component:
     return Component(
         "exact-values",
         "9.7, 8",
-        ("VAL-003", "EXA-002", "EXA-008"),
+        ("VAL-003", "EXA-002"),
         "The value v of counts by the rules of 9.7, as the bits of binary64 (16 hexadecimal "
         "digits, "
         "highest first). Rule 0 is also VAL-003. Rule 3 has coefficients c0 to c3, as bits too.",

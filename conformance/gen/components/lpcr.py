@@ -133,7 +133,7 @@ def packets() -> Component:
             "LPC-005",
             "LPC-006",
             "LPC-007",
-            "LPC-008",
+            "LPC-006",
             "RNG-001",
             "RNG-004",
             "COD-001",

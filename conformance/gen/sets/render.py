@@ -239,7 +239,7 @@ def exact() -> Iterator[Case]:
     )):  # fmt: skip
         yield render(
             f"exact-cubic-{name}", f"Rule 3 rounds each product and each sum: {about}.",
-            ["EXA-007", "EXA-008"], lattice(bends(wrong, seed), (1, 0, 10), 3, coefficients=bent),
+            ["EXA-007", "EXA-002"], lattice(bends(wrong, seed), (1, 0, 10), 3, coefficients=bent),
         )  # fmt: skip
     tens = [10**p + i for p in range(7) for i in (-1, 0, 1)]
     yield render(

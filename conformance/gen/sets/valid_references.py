@@ -28,7 +28,7 @@ def cases() -> Iterator[Case]:
     first = walk(31, 60, 9)
     yield valid(
         "references-same-tick", "One reference, weight 3/4 of its own tick.",
-        ["LPC-007", "LPC-008", "CNV-001"],
+        ["LPC-007", "LPC-006", "CNV-001"],
         track(
             packet(first, near(first, 1), coding=[ALONE, Coding(references=((0, 0, 48, 0),))]),
             width=2,
