@@ -9,14 +9,7 @@ import numpy as np
 from singles import decode_counts, decode_exact
 
 from hapfmt.codecs import components as lpcr
-from hapfmt.codecs.adaptive import (
-    EVEN,
-    TABLES,
-    BitModel,
-    IntegerModel,
-    RangeDecoder,
-    SymbolModel,
-)
+from hapfmt.codecs.entropy import Decoder, Lengths, ends_of
 from hapfmt.codecs.events import parse_events
 from hapfmt.codecs.exact import ExactParameters
 from hapfmt.codecs.grids import LpcParameters, deadband_levels
@@ -26,7 +19,6 @@ from hapfmt.codecs.knots_coded import decode_indices
 from hapfmt.codecs.predicted import step_up
 from hapfmt.codecs.quantised import Alphabet, QuanParameters, decode_levels, decode_quantised
 from hapfmt.codecs.raw import RawParameters, decode_raw
-from hapfmt.codecs.rice import RiceReader
 from hapfmt.codecs.sine import SINES
 from hapfmt.codecs.values import ordered, unordered, values_of
 from hapfmt.container.tlv import parse_strings
@@ -76,60 +68,39 @@ def strings(case):
     return {"texts": list(parse_strings(bytes.fromhex(case["bytes"]), case["components"], 0))}
 
 
-def bit_model(case):
-    model, steps = BitModel(), []
-    for bit in [step[1] for step in case.get("steps", [])]:
-        chance = model.probability()
-        model.update(bit)
-        steps.append([chance, bit, model.p, model.q, model.n])
-    for bit, count in case.get("bits", []):
-        for _ in range(count):
-            model.update(bit)
-    after = {"P": model.probability(), "p": model.p, "q": model.q, "n": model.n}
-    return {"steps": steps} if steps else {"after": after}
+def classes(case):
+    if "class" in case:
+        return {"ends": [list(ends_of(case["class"], c)) for c in range(36)]}
+    rows = (ends_of(number, c) for number in range(16) for c in range(36))
+    return {"sha256": hashlib.sha256(np.array([*rows], "<u2").tobytes()).hexdigest()}
 
 
-def symbol_model(case):
-    model, steps = SymbolModel(tuple(case["z"]), case["n"]), []
-    for symbol in [step[0] for step in case.get("steps", [])]:
-        model.update(symbol)
-        steps.append([symbol, model.n, *model.z])
-    for i in range(case.get("count", 0)):
-        model.update(i * case["times"] % 16)
-    return {"steps": steps} if steps else {"after": {"n": model.n, "z": model.z}}
+def lengths(case):
+    return {"ends": list(Lengths(0, bytes(case["weights"])).ends)}
 
 
-def first_probabilities(case):
-    z = TABLES[case["context"]] if "context" in case else EVEN
-    return {"z": list(z)}
-
-
-def range_coder(case):
-    coder = RangeDecoder(bytes.fromhex(case["coded"]))
-    bits = [BitModel() for _ in range(4)]
-    symbols = [SymbolModel(TABLES[4 * i], 10) for i in range(3)]
-    start, steps = {"width": coder.width, "x": coder.x}, []
-    for kind, which, *_ in case["steps"]:
-        if kind == "bit":
-            got = coder.bit(bits[which])
-        else:
-            got = coder.symbol(symbols[which]) if kind == "symbol" else coder.raw(which)
-        steps.append([kind, which, got, coder.width, coder.x, coder.taken, coder.raw_bits])
-    assert steps == case["steps"]
+def entropy_coder(case):
+    coder, after, found = Decoder(bytes.fromhex(case["coded"]), 0, case["states"]), [], []
+    for section in case["sections"]:
+        found.append({**section, "values": section_of(coder, section)})
+        after.append([*coder.states, coder.front, coder.raw_bits])
     coder.finish()
-    return {"start": start, "steps": steps}
+    return {"sections": found, "after": after}
 
 
-def integer_model(case):
-    coder = RangeDecoder(bytes.fromhex(case["coded"]))
-    model, steps = IntegerModel(), []
-    for _ in range(len(case["steps"]) + ("error" in case)):
-        h, c = model.scale()
-        e = model.decode(coder)
-        state = [model.f, model.s, model.t, coder.width, coder.x, coder.taken, coder.raw_bits]
-        steps.append([e, c, h, *state])
-    coder.finish()
-    return {"steps": steps}
+def section_of(coder, section):
+    kind, values = section["kind"], section["values"]
+    if kind == "bits":
+        return coder.bits(len(values), bytes(section["p"]))
+    if kind == "signs":
+        coder.section()
+        return coder.signed([abs(e) for e in values], bytes(section["p"]))
+    if kind == "lengths":
+        coder.section()
+        table = Lengths(section["first"], bytes(section["weights"]))
+        return [coder.by_length(table, signs=True) for _ in values]
+    signs = kind == "class"
+    return coder.integers(len(values), section["class"], section["start"], signs=signs)
 
 
 def knot(case):
@@ -235,18 +206,6 @@ def grid(case):
         out["first_levels"] = y[:24].tolist()
         out["sha256"] = hashlib.sha256(y.astype("<i8").tobytes()).hexdigest()
     return out
-
-
-def rice(case):
-    reader, blocks = RiceReader(bytes.fromhex(case["bits"]), 0), []
-    for t in range(case["ticks"]):
-        e = reader.decode()
-        if t % 32 == 0:
-            blocks.append({"w": reader.width, "errors": []})
-        blocks[-1]["errors"].append(e)
-        blocks[-1]["bits_read"] = reader.taken
-    reader.finish()
-    return {"blocks": blocks}
 
 
 def lpcr_packet(case):

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import forge as f
 import numpy as np
 import page
+import page_exact
 from singles import decode_counts, decode_exact
 
 from hapfmt.codecs import knots_coded
@@ -159,11 +160,7 @@ def decode_parts(data: bytes, offset: int) -> Any:
 
 def corrected(length: int) -> bytes:
     """A correction of so many bits."""
-    coder = page.Range()
-    for i in range(length + 1):
-        coder.code(page.Bit(), int(i < length))
-    coder.number(length, 0)
-    return b"\0\0" + coder.finish()
+    return page_exact.build_exact([2**length // 2], [5], 0, None, (length, [1]))
 
 
 def exact_track(**given: Any) -> bytes:
@@ -509,8 +506,13 @@ FAULTS = [
         ("DATA", f.cluster((0, 0, 1, b"\0\x7f")))))),
     Fault("RAW-003", 101, "bytes after it", words(deflated(bytes(2)) + b"\0")),
     # 9.4 and 9.5
-    Fault("RNG-001", 103, "a byte too much", predicted(page.encode([1]) + b"\0")),
-    Fault("RNG-003", 105, "2^34", predicted(page.encode([2**34], forge=True))),
+    Fault("RNG-001", 109, "a byte too much", predicted(page.encode([1]) + b"\0")),
+    Fault("RNG-003", 109, "2^34", predicted(page.encode([0], forge=[2**34]))),
+    Fault("RNG-004", 103, "no coding", predicted(b"\0\0\0")),
+    Fault("RNG-004", 103, "coding bit 6", predicted(b"\0\0\0\x40\0")),
+    Fault("RNG-004", 103, "start 164", predicted(b"\0\0\0\0\xa4")),
+    Fault("RNG-004", 103, "repeats of probability 0", predicted(b"\x08\0\0\0\0\1\1\1\0")),
+    Fault("RNG-004", 103, "signs cut short", predicted(b"\0\0\0\x20\0\1\1")),
     Fault("COD-002", 100, "LPCR cut short", grid(b"")),
     Fault("COD-002", 100, "LPCR too long", grid(f.lpcr_parameters() + b"\0")),
     Fault("CNV-002", 102, "LPCR without zero", grid(b"\0\1")),
@@ -529,7 +531,7 @@ FAULTS = [
     Fault("LPC-002", 100, "kd = 0", grid(f.lpcr_parameters(1, kn=1, kd=0))),
     Fault("LPC-002", 101, "step 2^24 + 1", grid(f.lpcr_parameters(step=2**24 + 1))),
     Fault("LPC-003", 100, "base 2^24 + 1", predicted(b"\0\0" + f.svarint(2**24 + 1))),
-    Fault("LPC-003", 105, "index 2^24 + 1", predicted(page.encode([2**24 + 1]))),
+    Fault("LPC-003", 109, "index 2^24 + 1", predicted(page.encode([2**24 + 1]))),
     Fault("LPC-004", 100, "difference 5", predicted(b"\5\0\0")),
     Fault("LPC-004", 100, "difference 2, order 1", predicted(b"\2\1\0\0")),
     Fault("LPC-004", 100, "order 33", predicted(b"\0\x21" + bytes(34))),
@@ -539,13 +541,7 @@ FAULTS = [
     Fault("LPC-004", 100, "constant with bit 5", predicted(b"\x30\0\0")),
     Fault("LPC-004", 100, "constant with repeats", predicted(b"\x18\0\0")),
     Fault("LPC-004", 100, "constant with order 1", predicted(b"\x10\1\0\0")),
-    Fault("LPC-010", 100, "Rice with repeats", predicted(b"\x88\0\0")),
-    Fault("LPC-004", 100, "Rice with bit 5", predicted(b"\xa0\0\0")),
-    Fault("LPC-011", 104, "width -1", predicted(b"\x80\0\0\x40")),
-    Fault("LPC-011", 111, "width 32", predicted(b"\x80\0\0" + bytes(6) + b"\x08\0")),
-    Fault("LPC-012", 103, "no Rice codes", predicted(b"\x80\0\0")),
-    Fault("LPC-012", 104, "a byte after the Rice codes", predicted(b"\x80\0\0\x80\0")),
-    Fault("LPC-012", 104, "padding", predicted(b"\x80\0\0\x81")),
+    Fault("LPC-004", 100, "bit 7", predicted(b"\x80\0\0\x16")),
     Fault("LPC-005", 102, "p above 2^36", predicted(b"\0\x20" + b"\x7f\x81" * 16 + b"\0")),
     Fault("LPC-005", 102, "c above 2^21", predicted(b"\0\x0b" + b"\x81" * 11 + b"\0")),
     Fault("LPC-006", 100, "no flags", predicted(b"")),
@@ -593,11 +589,13 @@ FAULTS = [
         ("DATA", f.cluster((0, 0, 1, b"\4\x10\0" + f.svarint(101))))))),
     Fault("CNV-002", 100, "no counts", counts(b"")),
     Fault("EXA-004", 104, "flags alone", beside(b"\0")),
-    Fault("EXA-004", 104, "flag bit 1 of corrections", beside(b"\2\0\0")),
+    Fault("EXA-004", 104, "flag bit 2 of corrections", beside(b"\4\0\0")),
     Fault("EXA-004", 104, "shift 64", beside(b"\0\x40\0")),
-    Fault("RNG-001", 106, "a coded byte too much", beside(corrected(0) + b"\0")),
-    Fault("RNG-001", 106, "no corrections", beside(b"\0\0")),
-    Fault("RNG-001", 114, "raw bits cut short", beside(corrected(60)[:-1])),
+    Fault("RNG-001", 113, "a coded byte too much", beside(corrected(0) + b"\0")),
+    Fault("RNG-001", 109, "no corrections", beside(b"\0\0\0\1\1")),
+    Fault("RNG-004", 104, "no table of lengths", beside(b"\0\0")),
+    Fault("RNG-004", 104, "33 ranks", beside(b"\1\0\x21" + b"\1" * 40)),
+    Fault("RNG-001", 113, "raw bits cut short", beside(corrected(60)[:-1])),
     Fault("CNV-002", 102, "no base", predicted(b"\0\0")),
     Fault("COD-001", 103, "bytes after a constant", predicted(b"\x10\0\0\0")),
     # 9.6
@@ -605,13 +603,16 @@ FAULTS = [
     Fault("LPC-003", 100, "first index 2^24 + 1", further(f.svarint(2**24 + 1))),
     Fault("KTE-002", 101, "no knot follows", further(b"\0\0")),
     Fault("KTE-002", 101, "as many follow as there are ticks", further(b"\0\2")),
-    Fault("KTE-003", 103, "a gap of 25 bits", further(b"\0\1\0")),
-    Fault("KTE-004", 102, "a knot at tick 2 of 2",
-          further(page.encode_knots([(0, [0]), (2, [1])], False, 2, forge=True))),
-    Fault("LPC-003", 105, "index 2^24 + 1",
-          further(page.encode_knots([(0, [0]), (1, [2**24 + 1])], False, 2, forge=True))),
-    Fault("RNG-001", 102, "a byte after the knots",
-          further(page.encode_knots([(0, [0]), (1, [1])], False, 2) + b"\0")),
+    Fault("RNG-004", 102, "no coding of knots", further(b"\0\1")),
+    Fault("RNG-004", 102, "knots with bit 7", further(b"\0\1\x80\0\0\0")),
+    Fault("RNG-004", 102, "differences with lengths and a class", further(b"\0\1\0\0\x41\0")),
+    Fault("RNG-004", 102, "36 lengths", further(b"\0\1\x40\x23\1\1")),
+    Fault("KTE-004", 110, "a knot at tick 2 of 2",
+          further(page.encode_knots([(0, [0]), (2, [1])], False))),
+    Fault("LPC-003", 110, "index 2^24 + 1",
+          further(page.encode_knots([(0, [0]), (1, [2**24 + 1])], False))),
+    Fault("RNG-001", 110, "a byte after the knots",
+          further(page.encode_knots([(0, [0]), (1, [1])], False) + b"\0")),
     # 6.10
     Fault("CLK-001", 100, "no name", clock(b"")),
     Fault("CLK-001", 100, "an empty name", clock(f.clock([(0, 0, 0)], ""))),

@@ -232,7 +232,7 @@ def lpc_parameters(draw, level=LEVELS[2]):
 @st.composite
 def coded_knots(draw, level=LEVELS[2]):
     grid = draw(lpc_parameters(level))
-    return KnotParameters(draw(st.sampled_from(["hold", "linear"])), grid, adaptive=True)
+    return KnotParameters(draw(st.sampled_from(["hold", "linear"])), grid, coded=True)
 
 
 @st.composite
@@ -258,10 +258,10 @@ def predictors(draw, index_limit=INDEX_LIMIT):
     ks = st.lists(st.integers(-width, width) | st.just(0), max_size=32)
     reflections = tuple(draw(st.just([]) | ks))
     difference = draw(st.integers(0, 1 if reflections else DIFFERENCE_LIMIT))
-    ways = draw(st.sampled_from([(False, (), False), (True, (), False), (False, (), True)]))
-    predictor = Predictor(difference, reflections, base, *ways)
+    repeats = draw(st.booleans())
+    predictor = Predictor(difference, reflections, base, repeats)
     if predictor.coefficients is None:
-        predictor = Predictor(difference, reflections[:2], base, *ways)
+        predictor = Predictor(difference, reflections[:2], base, repeats)
     return predictor
 
 
@@ -293,7 +293,7 @@ def component_rows(draw, index_limit=INDEX_LIMIT, count=None):
         rows.append(row.clip(-index_limit, index_limit))
     chosen = [draw(predictors(index_limit)) for _ in rows]
     return [
-        (row, replace(p, references=() if p.rice else draw(references(place))))
+        (row, replace(p, references=draw(references(place))))
         for place, (row, p) in enumerate(zip(rows, chosen, strict=True))
     ]
 

@@ -90,7 +90,7 @@ class TestCounts:
         coded = encode_knots(ticks, rows, joined)
         assert both(
             knots_coded, knots_coded.decode_within, coded,
-            KnotParameters(joined, LpcParameters(), adaptive=True), *given,
+            KnotParameters(joined, LpcParameters(), coded=True), *given,
         ) == clipped(rows, low, high)  # fmt: skip
 
     @pytest.mark.parametrize("run", [4, 9, 200])
@@ -109,7 +109,7 @@ class TestCounts:
                 got = both(knots, knots.decode_within, data, KnotParameters("linear"), *given)
                 assert got == expected
                 coded = encode_knots(ticks, values, "linear")
-                parameters = KnotParameters("linear", LpcParameters(), adaptive=True)
+                parameters = KnotParameters("linear", LpcParameters(), coded=True)
                 got = both(knots_coded, knots_coded.decode_within, coded, parameters, *given)
                 assert got == expected
 
@@ -175,5 +175,5 @@ class TestBounds:
                 assert got == wanted if by <= 0 else got == "LPC-003"
                 data = encode_knots(np.array([0, 1]), np.array([[value], [1]]), "hold")
                 got = both(knots_coded, knots_coded.decode_within, data,
-                           KnotParameters("hold", grid, adaptive=True), *given)  # fmt: skip
+                           KnotParameters("hold", grid, coded=True), *given)  # fmt: skip
                 assert got == wanted if by <= 0 else got == "LPC-003"

@@ -395,7 +395,7 @@ class TestConstantStretches:
     @pytest.mark.parametrize("preset", ["lossless"])
     def test_exact_values_are_not_joined(self, preset):
         """The same count and the same bytes, but the corrections of one sample only."""
-        x = np.array([0.02, -0.0, -0.0])
+        x = np.append(np.arange(1, 20) * 0.02, [-0.0, -0.0])
         recording = Recording((Channel(x, Fraction(1)),))
         data = encoded(recording, Settings.of(preset, cluster=Fraction(1)))
         back = hapfmt.read(data).channels[0]

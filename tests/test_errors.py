@@ -174,12 +174,13 @@ def test_quantised(fault):
 @each("RNG", "LPC")
 def test_predicted(fault):
     """
-    RNG-001: The coded bytes MUST end as this rule says: with that many bytes, that front, and zeros between front and back. A decoder checks it after the last symbol, and stops earlier, as soon as N - 15 + W, W so far, is more than 8 times the number of coded bytes: they cannot end so any more.
-    RNG-003: The magnitude u MUST be less than 2^34: a decoder stops after step 2 or 3 where it is not.
+    RNG-001: After the last symbol every state MUST be 65536. The words and the raw bits MUST take up all coded bytes, and the bits left over in the byte that both share the end of MUST be 0. What lies before the first or behind the last coded byte is 0; a decoder stops at the latest with the block, or outside blocks with the number, that takes more than there is.
+    RNG-003: The magnitude u MUST be less than 2^34.
+    RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n MUST be at least 1, `first` + n at most 64, in knots at most 35, and one weight more than 0.
     LPC-001: The component packets MUST fit the packet: their sizes are together at most what follows them.
     LPC-002: `grid` MUST be 0 or 1; `step` at most what the level allows, and on the uniform grid at least 1; `zero` a signed number of 32 bits; `kn` and `kd` at least 1 and less than 2^16, and `kd` at most 1024 * `kn`.
     LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the level's count bound (clause 15); deadband, |i| at most N.
-    LPC-004: g MUST be at most 4, at most 1 where m > 0; m at most 32; k[i] at least -127; bit 5 of the flags 0; and of a constant component packet g, m and the other flags 0.
+    LPC-004: g MUST be at most 4, at most 1 where m > 0; m at most 32; k[i] at least -127; bits 5 and 7 of the flags 0; and of a constant component packet g, m and the other flags 0.
     LPC-005: Every |p[j]| after each n MUST be at most 2^36, and every |c[j]| at most 2^21.
     LPC-006: A component packet MUST hold at least `flags`, `m` and m coefficients.
     LPC-007: With flag *references* r MUST be 1 to 8, and the numbers a less than that of the component itself, each greater than the one before.
@@ -192,7 +193,6 @@ def test_predicted(fault):
 def test_coded_knots(fault):
     """
     KTE-002: Where it is present, f MUST be at least 1 and less than `span`.
-    KTE-003: b MUST be at most n: a decoder stops at the 1 number n + 1.
     KTE-004: Every tick MUST be less than `span` minus the number of knots that follow it.
     """
     assert_reported(fault)

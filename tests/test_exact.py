@@ -53,7 +53,7 @@ LOGGERS = {
     "binary32": (
         (WALK * np.float32(0.1)).astype(np.float32).astype(float),
         {QUOTIENT, PRODUCT},
-        13,
+        13.1,
     ),
     "a converter of 12 bits": (converted(WALK, 10 / 2**11), {CUBIC}, 9),
     "a converter of 16 bits": (converted(WALK * 16 + DITHER, 0.2 / 2**15), {CUBIC}, 13),

@@ -22,6 +22,7 @@ from hapfmt.deadband import Deadband
 from hapfmt.encoder import live_many, predict, quick, tube
 from hapfmt.encoder.grids import grid_within
 from hapfmt.encoder.live_many import (
+    QUICK,
     How,
     Job,
     Missing,
@@ -72,12 +73,13 @@ def jobs(draw):
         task = Task(low, high, draw(st.sampled_from(GRIDS)), draw(st.sampled_from(BANDS)))
         if draw(st.booleans()):
             task = knots_task(draw, low, high)
-        way = draw(st.just(Predictor(rice=True)) | predictors())
+        quick = draw(st.booleans())
+        way = draw(predictors())
         way = replace(way, base=0, references=())
         if way.coefficients is None:
             way = Predictor(1)
-        how = How.GIVEN if way.rice else draw(st.sampled_from(How))
-        rows.append(job(block, task, way, how))
+        how = How.GIVEN if quick else draw(st.sampled_from(How))
+        rows.append(job(block, task, None if quick else way, how))
     return rows
 
 
@@ -93,8 +95,10 @@ def knots_task(draw, low, high):
 
 
 def job(block, task, predictor, how=How.GIVEN):
-    """Its record follows from the grids of all, and is put in last."""
-    return Job(block, task, b"", habit_of(predictor), how)
+    """Its record follows from the grids of all, and is put in last; no predictor: a quick one is
+    looked for."""
+    habit = QUICK if predictor is None else habit_of(predictor)
+    return Job(block, task, b"", habit, how)
 
 
 def both(rows):
@@ -119,7 +123,7 @@ class TestTwin:
             if row.how is How.GIVEN or task.knots:
                 assert habit == row.habit
             if task.knots and isinstance(packet, bytes):
-                parameters = KnotParameters(task.knots, task.grid, adaptive=True)
+                parameters = KnotParameters(task.knots, task.grid, coded=True)
                 y = decode_coded_knots(packet, parameters, block.size, 1, LEVELS[2], 0)[:, 0]
                 y = np.clip(y, task.low, task.high)
                 assert not task.band.outside(block.astype(np.int64), y).any()
@@ -178,7 +182,7 @@ class TestTwin:
             job(x, Task(-1000, 899, WHOLE, None), Predictor(1)),
             job(x, Task(-1000, 1000, LpcParameters(50), Deadband(0, 1, (3,), (0,))), Predictor(1)),
             job(x, Task(-1000, 1000, WHOLE, None), Predictor(4)),
-            job(x, Task(-1000, 1000, WHOLE, None), Predictor(rice=True)),
+            job(x, Task(-1000, 1000, WHOLE, None), None),
         ]
         found = [packet for packet, _ in both(rows)]
         assert found[1:3] == [Missing.OUTSIDE, Missing.BROKEN]
@@ -299,7 +303,7 @@ class TestEdges:
     def test_knots_lie_between_the_least_and_the_largest_count(self, knots, top):
         task = Task(-100, 100, WHOLE, Deadband(0, 1, (6,), (0,)), knots, 5)
         packet = packets_of(np.repeat([0, top], 9), task)
-        parameters = KnotParameters(knots, WHOLE, adaptive=True)
+        parameters = KnotParameters(knots, WHOLE, coded=True)
         y = decode_coded_knots(packet, parameters, 18, 1, LEVELS[2], 0)[:, 0]
         assert set(y.tolist()) == {top // 2}
 
@@ -309,7 +313,7 @@ class TestEdges:
         """Counts at 0 and ``step``: within 3 of each other up to 6."""
         task = Task(-100, 100, WHOLE, Deadband(0, 1, (4,), (0,)), knots, 3)
         packet = packets_of(np.repeat([0, step], 9), task)
-        parameters = KnotParameters(knots, WHOLE, adaptive=True)
+        parameters = KnotParameters(knots, WHOLE, coded=True)
         y = decode_coded_knots(packet, parameters, 18, 1, LEVELS[2], 0)[:, 0]
         assert (len(set(y.tolist())) == 1) is (step == 6)
 

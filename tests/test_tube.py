@@ -128,7 +128,7 @@ def test_lines_between_values_of_a_grid(tube, grid, wider):
     ticks, values = fewest_linear(x - width, x + width, levels)
     indices = places(values, values, levels)[0] + first
     assert (grid.counts(indices, 2**24) == values).all()
-    parameters = KnotParameters("linear", grid, adaptive=True)
+    parameters = KnotParameters("linear", grid, coded=True)
     packet = encode_knots(ticks, indices[:, None], "linear")
     y = decode_coded_knots(packet, parameters, x.size, 1, LEVELS[1], 0)[:, 0]
     assert (np.abs(x - y) <= width).all()

@@ -118,7 +118,7 @@ def keeps_up(found: dict[str, float]) -> bool:
 @click.command(help=__doc__)
 @click.option("--seconds", default=300.0, help="Of the long run.")
 @click.option("--preset", default="lossless", help="lossless, near-lossless or perceptual.")
-@click.option("--fast", is_flag=True, help="Preset lossless: Rice codes.")
+@click.option("--fast", is_flag=True, help="Preset lossless: less search.")
 @click.option("--channels", default=0, help="So many and no search.")
 @click.option("--child", is_flag=True, hidden=True)
 @click.option("--file", "path", default="", hidden=True)

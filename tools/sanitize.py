@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parent.parent
 TESTS = [
     *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "tests").glob("test_kernels*.py")),
     "tests/test_codecs_predicted.py",
-    "tests/test_codecs_rice.py",
+    "tests/test_entropy.py",
     "tests/test_codecs_exact.py",
     "tests/test_codecs_knots.py",
     "tests/test_codecs_knots_coded.py",

@@ -323,11 +323,11 @@ binary64 numbers, compressed. Channel 0 is 1 -2 300, channel 1 is 0 5 -300, chan
     return Example(f, note, {"0": [span(0, *a)], "1": [span(0, *b)], "2": [span(0, *words)]})
 
 
-def adaptive() -> Example:
+def coded() -> Example:
     f = File(0x00000006, brief=True)
     f.head()
     parameters = [
-        u8(1, "linear"), u8(1, "adaptive coding"), u8(0, "uniform grid"), varint(10, "step 10"),
+        u8(1, "linear"), u8(1, "entropy coding"), u8(0, "uniform grid"), varint(10, "step 10"),
         svarint(500, "zero 500"),
     ]  # fmt: skip
     vector = track(
@@ -335,19 +335,21 @@ def adaptive() -> Example:
     )
     f.chunk("TRAK", plain(vector), track=0)
     given = [(0, [0, 5]), (4, [2, 3]), (6, [-1, 3]), (9, [0, 0])]
-    coded = page_knots_coded.encode_knots(given, True, 10)
-    assert page_knots_coded.decode_knots(coded, True, 10, 2, 2**24) == given
+    packet = page_knots_coded.encode_knots(given, True)
+    assert page_knots_coded.decode_knots(packet, True, 10, 2, 2**24) == given
     body = [
         svarint(0, "first knot: index 0 of component 0"),
         svarint(5, "index 5 of component 1"),
         varint(3, "3 knots after it"),
-        raw(coded[3:], "coded bytes"),
+        raw(packet[3:5], "gaps: class 0, one state; averages begin at 32"),
+        raw(packet[5:7], "differences: class 0, raw signs; averages begin at 32"),
+        raw(packet[7:], "coded bytes"),
     ]
     f.cluster([(0, 0, body, 10)], (0, 10 * MS))
     f.close(1)
     first = [500, 505, 510, 515, 520, 505, 490, 493, 497, 500]
     second = [550, 545, 540, 535, 530, 530, 530, 520, 510, 500]
-    note = """Codec `KNOT` with adaptive coding: two components share the ticks of their knots.
+    note = """Codec `KNOT` with entropy coding: two components share the ticks of their knots.
 The indices are 0 and 5 at tick 0, 2 and 3 at tick 4, -1 and 3 at tick 6, 0 and 0 at tick 9; a
 count is 500 + 10 * index. Channel 0 is 500 505 510 515 520 505 490 493 497 500, channel 1 is 550
 545 540 535 530 530 530 520 510 500."""
@@ -377,14 +379,16 @@ def predicted() -> Example:
         u8(2, "flags: second differences"),
         u8(0, "no predictor"),
         svarint(0, "base 0"),
-        raw(one[3:], "coded bytes"),
+        raw(one[3:5], "class 0, one state, raw signs; averages begin at 32"),
+        raw(one[5:], "coded bytes"),
         u8(0x40, "component packet 1, flags: references"),
         u8(0, "no predictor"),
         u8(1, "one reference"),
         u8(0, "component 0"),
         raw(two[4:7], "weights 0, 32, 0: half of what component 0 does at this tick"),
         svarint(0, "base 0"),
-        raw(two[8:], "coded bytes"),
+        raw(two[8:10], "class 0, one state, raw signs; averages begin at 32"),
+        raw(two[10:], "coded bytes"),
     ]
     assert joined(first) == both
     constant = [
@@ -397,7 +401,9 @@ def predicted() -> Example:
     coarse = page_predicted.encode(indices)
     levels = page_predicted.grid_levels(1, 10, 20, 2**24)
     grid = [
-        u8(0, "flags"), u8(0, "no predictor"), svarint(0, "base 0"), raw(coarse[3:], "coded bytes"),
+        u8(0, "flags"), u8(0, "no predictor"), svarint(0, "base 0"),
+        raw(coarse[3:5], "class 0, one state, raw signs; averages begin at 32"),
+        raw(coarse[5:], "coded bytes"),
     ]  # fmt: skip
     rows = [
         (0, 0, first, 8),
@@ -431,7 +437,7 @@ def exact() -> Example:
                0.30000000000000004]  # fmt: skip
     indices = page_predicted.encode(counts)
     words = [page_exact.bits(page_exact.Fraction(x)) for x in numbers]
-    rest = page_exact.encode_exact(words, counts, (1, 0, 10), 0, 0, True)
+    rest = page_exact.encode_exact(words, counts, (1, 0, 10), 0, 0, p=page_exact.EVEN)
     data = varint_bytes(len(indices)) + indices + rest
     affine = (1, 0, 10)
     assert page_exact.decode(data, 6, affine, 0, 0) == (counts, words)
@@ -440,7 +446,11 @@ def exact() -> Example:
         raw(indices, "1, 2, 3, 3, 7, 3"),
         u8(1, "flags: recall"),
         u8(0, "corrections in steps of 2^0"),
-        raw(rest[2:], "coded bytes: corrections 0, 0, 1, 1, 1, 1"),
+        raw(rest[2:8], "three times one probability of ranks, 128"),
+        u8(0, "lengths from 0 on"),
+        u8(2, "two lengths"),
+        raw(rest[10:12], "equal weights"),
+        raw(rest[12:], "coded bytes: corrections 0, 0, 1, 1, 1, 1"),
     ]
     f.cluster([(0, 0, body, 6)], (0, 6 * MS))
     f.close(1)
@@ -572,7 +582,7 @@ MAKERS: dict[str, Callable[[], Example]] = {
     "marks": marks,
     "quantised": quantised,
     "raw": raws,
-    "adaptive": adaptive,
+    "coded": coded,
     "predicted": predicted,
     "exact": exact,
     "described": described,

@@ -18,10 +18,16 @@ class Coding(NamedTuple):
     g: int = 0
     ks: tuple[int, ...] = ()
     base: int = 0
-    repeats: bool = False
+    repeats: tuple[int, ...] = ()
     references: tuple[tuple[int, int, int, int], ...] = ()
-    rice: bool = False
-    widths: tuple[int, ...] = (5,)
+    number: int = 0
+    start: int = 12
+    signs: tuple[int, ...] = ()
+    states: int = 1
+
+
+EVEN = (128,) * 4
+"""Probabilities of repeats of which nothing is known."""
 
 
 class Grid(NamedTuple):

@@ -1,8 +1,8 @@
 """SPEC 9 a second time, read from the page alone: slow, and nothing to get wrong. The modules
 page_* hold one clause each; here are the names of 9.4 to 9.6. Imports nothing from hapfmt."""
 
-from page_coding import EDGES, EXTRA, Bit, Integers, Range, Symbols, first
-from page_knots_coded import Magnitudes, code_knots, decode_knots, encode_knots
+from page_coding import CLASSES, EDGES, EXTRA, Coder, class_ends
+from page_knots_coded import decode_knots, encode_knots
 from page_numbers import (
     BrokenRule,
     bits_of,
@@ -17,7 +17,6 @@ from page_predicted import (
     DIGEST,
     TEXT,
     K,
-    code_samples,
     cross_terms,
     decode,
     decode_packet,
@@ -30,25 +29,19 @@ from page_predicted import (
     tolerance,
     tops_by_search,
 )
-from page_rice import Rice
 
 __all__ = [
+    "CLASSES",
     "DIGEST",
     "EDGES",
     "EXTRA",
     "TEXT",
-    "Bit",
     "BrokenRule",
-    "Integers",
+    "Coder",
     "K",
-    "Magnitudes",
-    "Range",
-    "Rice",
-    "Symbols",
     "bits_of",
     "clamp",
-    "code_knots",
-    "code_samples",
+    "class_ends",
     "cross_terms",
     "decode",
     "decode_knots",
@@ -57,7 +50,6 @@ __all__ = [
     "encode",
     "encode_knots",
     "encode_packet",
-    "first",
     "grid_levels",
     "prediction",
     "rdiv",

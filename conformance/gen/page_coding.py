@@ -2,90 +2,96 @@
 
 from __future__ import annotations
 
-from page_numbers import BrokenRule, bits_of, clamp
+import re
+from functools import cache
+from math import isqrt
+from pathlib import Path
+
+from page_numbers import BrokenRule, bits_of
+
+CLAUSE = (Path(__file__).resolve().parent.parent.parent / "SPEC.md").read_text(encoding="utf-8")
+CLAUSE = CLAUSE[CLAUSE.index("### 9.4") : CLAUSE.index("### 9.5")]
+ROWS = [
+    [int(n) for n in re.findall(r"-?\d+", row)]
+    for row in re.findall(r"^\| (?:shape|scale|zeros|half) \|(.*)\|$", CLAUSE, re.M)
+]
+CLASSES = list(zip(*ROWS, strict=True))
+DIGEST = re.search(r"`([0-9a-f]{64})`", CLAUSE)[1]
+
+EDGES = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 20, 28, 44]
+EXTRA = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 2, 3, 4]
 
 
-class Bit:
-    """A bit model."""
-
-    def __init__(self):
-        self.p = self.q = 32768
-        self.n = 0
-
-    def chance(self) -> int:
-        return clamp(self.p if self.n < 8 else (3 * self.p + self.q) // 4, 64, 65472)
-
-    def learn(self, b: int) -> None:
-        t, r = 65535 * b, 131072 // (2 * self.n + 3)
-        self.p = self.p + ((t - self.p) * r) // 65536
-        self.q = self.q + (t - self.q) // 16
-        self.n = min(self.n + 1, 250)
+@cache
+def class_ends(number: int, c: int) -> list[int]:
+    shape, scale, zeros, half = CLASSES[number]
+    lg, fr = (c + 8) // 4, (c + 8) % 4
+    m = (((9 + 2 * fr) * 2**lg) // 8 + 1) * scale // 64 + 1
+    t = 65536 * m // (m + 256)
+    g = [65536, isqrt(65536 * t) if half == 1 else t]
+    for w in range(2, 45):
+        g.append(g[w - 1] * t // 65536)
+    tail = [(8 + shape) * each * 65536 // (8 * 65536 + shape * each) for each in g]
+    less = [x * 64512 // max(tail[1], 1) if zeros == -1 else x * (64 - zeros) // 64 for x in tail]
+    ends = [k + 1 + (65536 - min(less[EDGES[k + 1]], 65535)) * 4080 // 65536 for k in range(15)]
+    return [*ends, 4096]
 
 
-class Symbols:
-    """A symbol model."""
-
-    def __init__(self, z: list[int], n: int):
-        self.z, self.n = list(z), n
-
-    def learn(self, s: int) -> None:
-        r = 131072 // (2 * self.n + 3)
-        for i in range(15):
-            if i < s:
-                self.z[i] = self.z[i] + ((65535 - self.z[i]) * r) // 65536
-            else:
-                self.z[i] = self.z[i] - (self.z[i] * r) // 65536
-        self.n = min(self.n + 1, 250)
+def bit_ends(p: int) -> list[int]:
+    return [4096 - 16 * p, 4096]
 
 
-class Range:
-    """The decoder where there are coded bytes; else the encoder, which is told each bit.
+def length_ends(weights) -> list[int]:
+    n, total = len(weights), sum(weights)
+    return [i + 1 + (4096 - n) * sum(weights[: i + 1]) // total for i in range(n)]
 
-    The number is one integer, and raw bits are a list: slow, and nothing to get wrong.
-    """
 
-    def __init__(self, coded: bytes | None = None):
-        self.coded, self.n, self.width, self.low = coded, 15, 32768, 0
+class Coder:
+    """The decoder where there are coded bytes; else the encoder, which is told each symbol."""
+
+    def __init__(self, coded: bytes | None = None, states: int = 1):
+        self.coded, self.front, self.states = coded, 0, states
         self.raw: list[int] = []
-        self.x = self.read(15) if coded is not None else 0
+        self.sections: list[list] = []
+        self.i = 0
+        self.x = [self.word() * 65536 + self.word() for _ in range(states)]
+        self.check()
 
-    def read(self, n: int) -> int:
-        """The first n bits of the number."""
-        number = int.from_bytes(self.coded, "big")
-        over = n - 8 * len(self.coded)
-        return number << over if over >= 0 else number >> -over
+    def word(self) -> int:
+        if self.coded is None:
+            return 0
+        pair = (self.coded + bytes(self.front + 2))[self.front : self.front + 2]
+        self.front += 2
+        return pair[0] * 256 + pair[1]
 
-    def take(self, lower: int, width: int) -> None:
-        self.low, self.x, self.width = self.low + lower, self.x - lower, width
-        while self.width < 32768:
-            self.width, self.low, self.n = 2 * self.width, 2 * self.low, self.n + 1
-            if self.coded is not None:
-                self.x = 2 * self.x + self.read(self.n) % 2
+    def section(self) -> None:
+        self.i = 0
+        self.sections.append([])
 
-    def code(self, model: Bit, b: int | None = None) -> int:
-        m = (self.width * model.chance()) // 65536
-        if self.coded is not None:
-            b = 1 if self.x < m else 0
-        self.take(*((0, m) if b else (m, self.width - m)))
-        model.learn(b)
-        return b
-
-    def symbol(self, model: Symbols, s: int | None = None) -> int:
-        v = [((self.width - 16) * model.z[i]) // 65536 + 15 - i for i in range(15)] + [0]
-        if self.coded is not None:
-            s = next(i for i in range(16) if self.x >= v[i])
-        self.take(v[s], (v[s - 1] if s > 0 else self.width) - v[s])
-        model.learn(s)
-        return s
+    def symbol(self, ends, k: int | None = None) -> int:
+        at = self.i % self.states
+        self.i += 1
+        if self.coded is None:
+            self.sections[-1].append((ends, k))
+            return k
+        x = self.x[at]
+        slot = x % 4096
+        k = next(k for k, end in enumerate(ends) if slot < end)
+        first = ends[k - 1] if k > 0 else 0
+        x = (ends[k] - first) * (x // 4096) + slot - first
+        if x < 65536:
+            x = x * 65536 + self.word()
+        self.x[at] = x
+        return k
 
     def number(self, bits: int, value: int | None = None) -> int:
         """Raw bits, lowest first."""
         out = 0
         for i in range(bits):
+            at = len(self.raw)
             if self.coded is None:
                 bit = value // 2**i % 2
             else:
-                at = len(self.raw)
                 byte = self.coded[-1 - at // 8] if at // 8 < len(self.coded) else 0
                 bit = byte // 2 ** (at % 8) % 2
             self.raw.append(bit)
@@ -93,86 +99,151 @@ class Range:
         return out
 
     def check(self) -> None:
-        """RNG-001, after each number."""
-        if self.coded is not None and self.n - 15 + len(self.raw) > 8 * len(self.coded):
+        """RNG-001, before the end."""
+        if self.coded is not None and self.front - -len(self.raw) // 8 > len(self.coded):
             raise BrokenRule("RNG-001")
 
     def end(self) -> bytes:
-        """All coded bytes."""
-        for r in (15, 14):
-            v = -(-self.low // 2**r) * 2**r
-            if v + 2**r <= self.low + self.width:
-                break
-        size = -(-(self.n - r + len(self.raw)) // 8)
-        whole = v // 2**r * 2 ** (8 * size - self.n + r)
-        return (whole + sum(bit * 2**i for i, bit in enumerate(self.raw))).to_bytes(size, "big")
+        """All coded bytes: each step of the decoder backwards, from the last to the first."""
+        x, words = [65536] * self.states, []
+        for section in reversed(self.sections):
+            for i, (ends, k) in reversed(list(enumerate(section))):
+                at, first = i % self.states, ends[k - 1] if k > 0 else 0
+                width = ends[k] - first
+                # The state before is this one, or its part above a word that was read.
+                if x[at] // width * 4096 >= 2**32:
+                    words.insert(0, x[at] % 65536)
+                    x[at] //= 65536
+                x[at] = x[at] // width * 4096 + x[at] % width + first
+        front = b"".join(each.to_bytes(4, "big") for each in x)
+        front += b"".join(word.to_bytes(2, "big") for word in words)
+        back = sum(bit * 2**i for i, bit in enumerate(self.raw))
+        return front + back.to_bytes(-(-len(self.raw) // 8), "big")
 
     def finish(self) -> bytes:
         """All coded bytes; RNG-001."""
-        if self.coded is not None and self.coded != self.end():
+        if self.coded is None:
+            return self.end()
+        spare = self.number(-len(self.raw) % 8)
+        used = self.front + len(self.raw) // 8
+        if self.x != [65536] * self.states or used != len(self.coded) or spare:
             raise BrokenRule("RNG-001")
-        return self.end()
+        return self.coded
 
 
-EDGES = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 20, 28, 44]
-EXTRA = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 2, 3, 4]
+def code_bits(coder, count, p, bits=None):
+    """A section of bits, each with the probability that the two before it choose."""
+    coder.section()
+    out = []
+    for t in range(count):
+        r1 = out[t - 1] if t >= 1 else 0
+        r2 = out[t - 2] if t >= 2 else 0
+        out.append(coder.symbol(bit_ends(p[2 * r1 + r2]), None if bits is None else bits[t]))
+        coder.check()
+    return out
 
 
-def first(c: int) -> list[int]:
-    lg, fr = (c + 8) // 4, (c + 8) % 4
-    m = ((9 + 2 * fr) * 2**lg) // 8 + 5
-    t = (65536 * m) // (m + 256)
-    tail = [65536]
-    for w in range(1, 45):
-        tail.append(tail[w - 1] * t // 65536)
-    return [tail[EDGES[i + 1]] for i in range(15)]
-
-
-class Integers:
-    """The integer model."""
-
-    def __init__(self):
-        self.f = self.s = 32
-        self.t = self.g = 0
-        self.z = [Symbols(first(c), 10) for c in range(36)]
-        self.y = Symbols([4096 * (15 - i) for i in range(15)], 2)
-        self.signs = [Bit() for _ in range(3)]
-
-    def code(self, coder: Range, e: int | None = None) -> int:
-        """The next integer; the one that is given, where ``coder`` encodes."""
-        u = None if e is None else abs(e)
-        mean = (self.f + self.s) // 2
+def code_integers(coder, count, number, a, signs, integers=None):
+    """A section of integers of a class; ``signs``: with raw signs."""
+    coder.section()
+    f = s = (4 + a % 4) * 2 ** (a // 4)
+    out = []
+    for start in range(0, count, 8):
+        size = min(8, count - start)
+        told = None if integers is None else integers[start : start + size]
+        mean = (f + s) // 2
         lg = max(bits_of(mean), 1) - 1
-        fr = ((mean * 4) // 2**lg) % 4
+        fr = mean * 4 // 2**lg % 4
         h = max(0, lg - 10)
         c = max(0, 4 * min(lg, 10) + fr - 8)
-        # 1
-        w = None if u is None else u // 2**h
-        k = coder.symbol(
-            self.z[c], None if u is None else max(i for i in range(16) if EDGES[i] <= w)
-        )
-        # 2
-        if k == 15:
-            length = None if u is None else bits_of(w - 43) - 1
-            some = coder.symbol(self.y, None if u is None else min(length, 15))
-            if some == 15:
-                some += coder.number(5, None if u is None else length - 15)
-            rest = coder.number(some, None if u is None else w - 43 - 2**some)
-            got = (2**some + rest + 43) * 2**h + coder.number(h, None if u is None else u % 2**h)
-        # 3
-        else:
-            low = EDGES[k] * 2**h
-            got = low + coder.number(EXTRA[k] + h, None if u is None else u - low)
-        if got >= 2**34:
-            raise BrokenRule("RNG-003")
-        # 4
-        sign = 0
-        if got > 0:
-            minus = None if e is None else int(e < 0)
-            sign = -1 if coder.code(self.signs[self.g + 1], minus) else 1
-        self.g = sign
-        a = min(7, bits_of(self.t + 1))
-        self.f += (256 * got - self.f) // 8
-        self.s += (256 * got - self.s) // 2**a
-        self.t += 1
-        return sign * got
+        ends = class_ends(number, c)
+        ks = [
+            coder.symbol(
+                ends,
+                None if told is None else sum(abs(told[i]) // 2**h >= edge for edge in EDGES) - 1,
+            )
+            for i in range(size)
+        ]
+        total = 0
+        for i, k in enumerate(ks):
+            e = None if told is None else told[i]
+            u = None if e is None else abs(e)
+            if k < 15:
+                low = EDGES[k] * 2**h
+                got = low + coder.number(EXTRA[k] + h, None if u is None else u - low)
+            else:
+                y = None if u is None else u // 2**h - 43
+                length = coder.number(6, None if u is None else bits_of(y) - 1)
+                rest = coder.number(length, None if u is None else y - 2**length)
+                high = 2**length + rest + 43
+                got = high * 2**h
+                if coder.coded is None or got < 2**34:
+                    got += coder.number(h, None if u is None else u % 2**h)
+            if coder.coded is not None and got >= 2**34:
+                raise BrokenRule("RNG-003")
+            minus = 0
+            if signs and got > 0:
+                minus = coder.number(1, None if e is None else int(e < 0))
+            out.append(-got if minus else got)
+            total += got
+        coder.check()
+        f += (32 * total - f) // 2
+        s += 3 * (32 * total - s) // 16
+    return out
+
+
+def code_lengths(coder, count, table, signs, integers=None):
+    """A section of integers by length; ``table``: (first, weights)."""
+    coder.section()
+    return [
+        code_length(coder, table, signs, None if integers is None else integers[i])
+        for i in range(count)
+    ]
+
+
+def code_length(coder, table, signs, e=None):
+    first, weights = table
+    u = None if e is None else abs(e)
+    length = first + coder.symbol(length_ends(weights), None if u is None else bits_of(u) - first)
+    got = 0
+    if length > 0:
+        got = 2 ** (length - 1)
+        got += coder.number(length - 1, None if u is None else u - got)
+        if signs and coder.number(1, None if e is None else int(e < 0)):
+            got = -got
+    coder.check()
+    return got
+
+
+def code_signs(coder, magnitudes, p, integers=None):
+    """The integers, given their magnitudes."""
+    coder.section()
+    out = []
+    for i, u in enumerate(magnitudes):
+        minus = 0
+        if u > 0:
+            before = out[-1] if out else 0
+            x = p[0 if before < 0 else 2 if before > 0 else 1]
+            minus = coder.symbol(bit_ends(x), None if integers is None else int(integers[i] < 0))
+            coder.check()
+        out.append(-u if minus else u)
+    return out
+
+
+def table_of(data: bytes, at: int, most: int = 64):
+    """(first, weights) and where they end; RNG-004."""
+    if len(data) < at + 2 or len(data) < at + 2 + data[at + 1]:
+        raise BrokenRule("RNG-004")
+    first, n = data[at : at + 2]
+    weights = list(data[at + 2 : at + 2 + n])
+    if n < 1 or first + n > most or not any(weights):
+        raise BrokenRule("RNG-004")
+    return (first, weights), at + 2 + n
+
+
+def some_bytes(data: bytes, at: int, count: int):
+    """Probabilities, and where they end; RNG-004."""
+    found = list(data[at : at + count])
+    if len(found) < count or 0 in found:
+        raise BrokenRule("RNG-004")
+    return found, at + count

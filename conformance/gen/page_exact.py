@@ -9,7 +9,8 @@ from fractions import Fraction
 from typing import NamedTuple
 
 import page
-from page import Bit, BrokenRule, Range, bits_of, varint
+from page import BrokenRule, Coder, bits_of, varint
+from page_coding import bit_ends, code_length, some_bytes, table_of
 
 
 def nearest(q: Fraction) -> Fraction:
@@ -63,49 +64,54 @@ def word_at(number: int) -> int:
     return number if number >= 0 else 2**63 + (-1 - number)
 
 
-def number(coder: Range, models, bits: int, value: int | None) -> int:
-    j = 1
-    for i in range(bits - 1, -1, -1):
-        j = 2 * j + coder.code(models[j], None if value is None else value // 2**i % 2)
-    return j - 2**bits
-
-
-def corrections(coder: Range, counts, recall: bool, shift: int, given=None):
-    """One after the other; ``given`` where ``coder`` encodes."""
-    x_models = [Bit() for _ in range(2**10)]
-    r = [[Bit() for _ in range(32)] for _ in range(3)]
-    t = [Bit() for _ in range(63)]
+def code_ranks(coder, counts, p, given=None):
+    """For each correction the place on the list of its count, None where it is on none."""
+    coder.section()
+    sizes: dict[int, int] = {}
     lists: dict[int, list[int]] = {}
     out = []
     for at, count in enumerate(counts):
-        c = None if given is None else given[at]
-        found = None
-        if recall:
-            x = 0 if count not in lists else 1 if count == counts[at - 1] else 2
-            known = lists.get(count, [0])
-            rank = None
-            for i, entry in enumerate(known):
-                if coder.code(r[x][i], None if c is None else int(c == entry)):
-                    found, rank = entry, i
-                    break
-        if found is None:
-            target = None if c is None else bits_of(abs(c))
-            length = found = 0
-            while length < 63 and coder.code(t[length], target and int(length < target)):
-                length += 1
-            if length > 0:
-                e = min(length - 1, max(length + shift - 53, 0), 10)
-                field = 2 ** (length - e - 1)
-                high = None if c is None else abs(c) // field % 2**e
-                high = number(coder, x_models, e, high) + 2**e
-                low = coder.number(length - e - 1, None if c is None else abs(c) % field)
-                negative = coder.number(1, None if c is None else int(c < 0))
-                found = (-1 if negative else 1) * (high * field + low)
-        if recall:
-            rest = [entry for i, entry in enumerate(lists.get(count, [])) if i != rank]
-            lists[count] = [found, *rest][:32]
-        out.append(found)
-        coder.check()
+        x = 0 if count not in sizes else 1 if count == counts[at - 1] else 2
+        size, rank = sizes.get(count, 1), None
+        known = lists.get(count, [0])
+        for i in range(size):
+            hit = None if given is None else int(given[at] == known[i])
+            row = p[x]
+            chance = row[min(i, len(row) - 1)] if row else 128
+            bit = coder.symbol(bit_ends(chance), hit)
+            coder.check()
+            if bit:
+                rank = i
+                break
+        out.append(rank)
+        sizes[count] = size if rank is not None or count not in sizes else min(size + 1, 32)
+        if given is not None:
+            lists[count] = recalled(lists.get(count, []), given[at], rank)
+    return out
+
+
+def recalled(known, correction, rank):
+    """The list of a count after this correction."""
+    rest = [entry for i, entry in enumerate(known) if i != rank]
+    return [correction, *rest][:32]
+
+
+def corrections(coder, counts, p, table, given=None):
+    """All; ``p``: None without recall; ``given`` where ``coder`` encodes."""
+    ranks = [None] * len(counts)
+    if p is not None:
+        ranks = code_ranks(coder, counts, p, given)
+    coder.section()
+    lists: dict[int, list[int]] = {}
+    out = []
+    for at, (count, rank) in enumerate(zip(counts, ranks, strict=True)):
+        if rank is None:
+            c = code_length(coder, table, True, None if given is None else given[at])
+        else:
+            c = lists.get(count, [0])[rank]
+        if p is not None:
+            lists[count] = recalled(lists.get(count, []), c, rank)
+        out.append(c)
     return out
 
 
@@ -126,11 +132,19 @@ def decode_exact(rest: bytes, counts, affine, rule: int, digits: int, c=()) -> l
 
 def moves(rest: bytes, counts) -> list[int]:
     """The corrections of a part, times 2^z."""
-    if len(rest) < 2 or rest[0] > 1 or rest[1] > 63:
+    if len(rest) < 2 or rest[0] > 3 or rest[1] > 63:
         raise BrokenRule("EXA-004")
-    recall, z = rest[0] == 1, rest[1]
-    coder = Range(rest[2:])
-    found = corrections(coder, counts, recall, z)
+    (flags, z), at, p = rest[:2], 2, None
+    if flags % 2:
+        p = []
+        for _ in range(3):
+            if at >= len(rest) or rest[at] > 32:
+                raise BrokenRule("RNG-004")
+            row, at = some_bytes(rest, at + 1, rest[at])
+            p.append(row)
+    table, at = table_of(rest, at)
+    coder = Coder(rest[at:], 4 if flags // 2 else 1)
+    found = corrections(coder, counts, p, table)
     coder.finish()
     return [c * 2**z for c in found]
 
@@ -223,19 +237,31 @@ def encode_components(words, counts, components: Sequence[Component], recall=Fal
             values = [linear(t, count, mine, words) for t, count in enumerate(row)]
         else:
             values = [value(c, *mine.affine, mine.rule, mine.digits, mine.c) for c in row]
-        parts.append(corrected(own, values, row, recall))
+        parts.append(corrected(own, values, row, EVEN if recall else None))
     coded = page.encode_packet([page.encode(list(row)) for row in counts])
     rest = b"".join(page.varint_bytes(len(part)) for part in parts[:-1]) + b"".join(parts)
     return page.varint_bytes(len(coded)) + coded + (rest if any(parts) else b"")
 
 
-def encode_exact(words, counts, affine, rule: int, digits: int, recall, c=()) -> bytes:
-    """What follows the counts; words as signed integers b."""
+EVEN = ((128,),) * 3
+"""Probabilities of ranks of which nothing is known."""
+
+
+def flat_table(numbers):
+    """All lengths that there are, equally likely."""
+    sizes = [bits_of(abs(n)) for n in numbers]
+    return min(sizes), [1] * (max(sizes) - min(sizes) + 1)
+
+
+def encode_exact(
+    words, counts, affine, rule: int, digits: int, *, p=None, table=None, states=1, c=()
+):
+    """What follows the counts; words as signed integers b; ``p``: None without recall."""
     values = [value(count, *affine, rule, digits, c) for count in counts]
-    return corrected(words, values, counts, recall)
+    return corrected(words, values, counts, p, table, states)
 
 
-def corrected(words, values, counts, recall) -> bytes:
+def corrected(words, values, counts, p, table=None, states=1) -> bytes:
     """A part: what leads from the values to the words."""
     away = [place(w) - place(bits(v)) for w, v in zip(words, values, strict=True)]
     if not any(away):
@@ -243,7 +269,27 @@ def corrected(words, values, counts, recall) -> bytes:
     z = 0
     while all(c % 2 ** (z + 1) == 0 for c in away):
         z += 1
-    coder = Range()
     small = [c // 2**z for c in away]
-    corrections(coder, counts, recall, z, small)
-    return bytes([recall, z]) + coder.finish()
+    return build_exact(small, counts, z, p, table or flat_table(small), states)
+
+
+def build_exact(small, counts, z, p, table, states=1) -> bytes:
+    """What follows the counts, of these corrections."""
+    coder = Coder(states=states)
+    corrections(coder, counts, p, table, small)
+    head = [(p is not None) + 2 * (states == 4), z]
+    for row in p or ():
+        head += [len(row), *row]
+    first, weights = table
+    return bytes([*head, first, len(weights), *weights]) + coder.finish()
+
+
+def heading_of(rest: bytes):
+    """(p, table, states) of what follows the counts."""
+    at, p = 2, None
+    if rest[0] % 2:
+        p = []
+        for _ in range(3):
+            p.append(list(rest[at + 1 : at + 1 + rest[at]]))
+            at += 1 + rest[at]
+    return p, table_of(rest, at)[0], 4 if rest[0] // 2 else 1

@@ -2,61 +2,31 @@
 
 from __future__ import annotations
 
-from page_coding import Bit, Range
-from page_numbers import BrokenRule, bits_of, signed, svarint_bytes, varint, varint_bytes
+from page_coding import Coder, code_integers, code_lengths, code_signs, some_bytes, table_of
+from page_numbers import BrokenRule, signed, svarint_bytes, varint, varint_bytes
 
 
-class Magnitudes:
-    """The magnitude model of length n."""
-
-    def __init__(self, n: int):
-        self.n = n
-        self.ls = [Bit() for _ in range(n + 1)]
-        self.hs = [Bit() for _ in range(n + 1)]
-
-    def code(self, coder: Range, u: int | None = None) -> int:
-        b = 0
-        while coder.code(self.ls[b], None if u is None else int(b < bits_of(u))):
-            b += 1
-            if b > self.n:
-                raise BrokenRule("KTE-003")
-        if b < 2:
-            return b
-        high = coder.code(self.hs[b], None if u is None else u // 2 ** (b - 2) % 2)
-        return (2 + high) * 2 ** (b - 2) + coder.number(
-            b - 2, None if u is None else u % 2 ** (b - 2)
-        )
+def row_of(data: bytes, at: int, unused: int):
+    """(coding, start byte or table) and where it ends."""
+    if len(data) < at + 2 or data[at] & unused:
+        raise BrokenRule("RNG-004")
+    coding = data[at]
+    if coding // 64:
+        if coding % 16:
+            raise BrokenRule("RNG-004")
+        start, at = table_of(data, at + 1, 35)
+    else:
+        start, at = data[at + 1], at + 2
+        if start > 163:
+            raise BrokenRule("RNG-004")
+    return (coding, start), at
 
 
-def code_knots(coder, f, linear, span, first, last, knots=None):
-    """Ticks and rows of indices, the first knot's too."""
-    gaps, differences = Magnitudes(24), Magnitudes(34)
-    s, signs = [Bit() for _ in range(3)], [0] * len(first)
-    out = [(0, first)]
-    for number in range(1, f + 1):
-        tick, row = out[-1]
-        following = f - number
-        told = None if knots is None else knots[number]
-        if linear and following == 0:
-            tick = span - 1
-        else:
-            tick += 1 + gaps.code(coder, told and told[0] - tick - 1)
-        if tick >= span - following:
-            raise BrokenRule("KTE-004")
-        new = []
-        for i, before in enumerate(row):
-            d = told and told[1][i] - before
-            u = differences.code(coder, told and abs(d))
-            sign = 0
-            if u:
-                sign = -1 if coder.code(s[signs[i] + 1], told and int(d < 0)) else 1
-            signs[i] = sign
-            new.append(before + sign * u)
-        if any(abs(index) > last for index in new):
-            raise BrokenRule("LPC-003")
-        out.append((tick, new))
-        coder.check()
-    return out
+def code_row(coder, count, way, signs, numbers=None):
+    coding, start = way
+    if coding // 64:
+        return code_lengths(coder, count, start, signs, numbers)
+    return code_integers(coder, count, coding % 16, start, signs, numbers)
 
 
 def decode_knots(data: bytes, linear: bool, span: int, width: int, last: int):
@@ -72,22 +42,48 @@ def decode_knots(data: bytes, linear: bool, span: int, width: int, last: int):
     f, at = varint(data, at)
     if not 1 <= f < span:
         raise BrokenRule("KTE-002")
-    coder = Range(data[at:])
-    out = code_knots(coder, f, linear, span, first, last)
+    gaps, at = row_of(data, at, 128 + 32)
+    differences, at = row_of(data, at, 128 + 16)
+    signs, at = some_bytes(data, at, 3 * (differences[0] // 32 % 2))
+    coder = Coder(data[at:], 4 if gaps[0] // 16 % 2 else 1)
+    ticks = code_row(coder, f - linear, gaps, False)
+    steps = code_row(coder, f * width, differences, not signs)
+    if signs:
+        steps = code_signs(coder, steps, signs)
     coder.finish()
+    out = [(0, first)]
+    for number in range(f):
+        tick, row = out[-1]
+        following = f - 1 - number
+        tick = span - 1 if linear and following == 0 else tick + 1 + ticks[number]
+        if tick >= span - following:
+            raise BrokenRule("KTE-004")
+        new = [index + steps[i * f + number] for i, index in enumerate(row)]
+        if any(abs(index) > last for index in new):
+            raise BrokenRule("LPC-003")
+        out.append((tick, new))
     return out
 
 
-def encode_knots(knots, linear: bool, span: int, *, last=2**32, forge=False) -> bytes:
-    """The packet of (tick, indices); ``forge``: it may end with what breaks a rule."""
+def encode_knots(
+    knots, linear: bool, *, gaps=(0, 12), differences=(0, 12), signs=(), states=1
+) -> bytes:
+    """The packet of (tick, indices); ways as row_of gives them."""
     first = knots[0][1]
     head = b"".join(map(svarint_bytes, first))
     if len(knots) == 1:
         return head
-    coder = Range()
-    try:
-        code_knots(coder, len(knots) - 1, linear, span, first, last, knots)
-    except BrokenRule:
-        if not forge:
-            raise
-    return head + varint_bytes(len(knots) - 1) + coder.finish()
+    coder = Coder(states=states)
+    pairs = list(zip(knots, knots[1:], strict=False))
+    ticks = [b[0] - a[0] - 1 for a, b in pairs]
+    ticks = ticks[:-1] if linear else ticks
+    steps = [b[1][i] - a[1][i] for i in range(len(first)) for a, b in pairs]
+    code_row(coder, len(ticks), gaps, False, ticks)
+    code_row(coder, len(steps), differences, not signs, steps)
+    if signs:
+        code_signs(coder, [abs(e) for e in steps], signs, steps)
+    body = b""
+    for (coding, start), flags in ((gaps, 16 * (states == 4)), (differences, 32 * bool(signs))):
+        told = [start] if isinstance(start, int) else [start[0], len(start[1]), *start[1]]
+        body += bytes([coding | flags, *told])
+    return head + varint_bytes(len(pairs)) + body + bytes(signs) + coder.finish()

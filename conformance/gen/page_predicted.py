@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from page_coding import Bit, Integers, Range
+from page_coding import Coder, code_bits, code_integers, code_signs, some_bytes
 from page_numbers import BrokenRule, rdiv, signed, svarint_bytes, varint, varint_bytes
-from page_rice import Rice
 
 TEXT = (Path(__file__).resolve().parent.parent.parent / "SPEC.md").read_text(encoding="utf-8")
 ANNEX_D = TEXT[TEXT.index("## Annex D") :]
@@ -58,30 +57,28 @@ def cross_terms(references, components, span, g, c):
     return [rdiv(n, 64) for n in sums]
 
 
-def code_samples(coder, span, g, c, base, repeats, last, indices=None, x=None):
-    """The loop over the ticks of a packet that is not constant; the indices."""
-    model = coder if isinstance(coder, Rice) else Integers()
-    q = [Bit() for _ in range(4)]
-    out, z, y, r = [], [], [], []
-    x = x or [0] * span
+def code_errors(coder, span, way, errors=None, repeated=None):
+    """(prediction errors, repeat bits of all ticks), in up to three sections; ``way``: (class,
+    start, probabilities of repeats, those of signs), the last two empty where there are none."""
+    number, start, repeats, signs = way
+    r = [0] * span
+    if repeats:
+        r[1:] = code_bits(coder, span - 1, repeats, repeated and repeated[1:])
+    out = code_integers(coder, r.count(0), number, start, not signs, errors)
+    if signs:
+        out = code_signs(coder, [abs(e) for e in out], signs, errors)
+    return out, r
+
+
+def samples(errors, r, span, g, c, base, last, x):
+    """The indices."""
+    out, z, y = [], [], []
+    following = iter(errors)
     for t in range(span):
-        bit = 0
-        if repeats and t >= 1:
-            r1, r2 = (r[t - 1], r[t - 2] if t >= 2 else 0)
-            bit = coder.code(
-                q[2 * r1 + r2], None if indices is None else indices[t] == indices[t - 1]
-            )
-        r.append(bit)
-        if bit:
+        if r[t]:
             z.append(z[-1])
         else:
-            pred = prediction(c, y, t)
-            e = None
-            if indices is not None:
-                z.append(indices[t] - base)
-                e = difference(z, g, t) - pred - x[t]
-                z.pop()
-            now = pred + x[t] + model.code(coder, e)
+            now = prediction(c, y, t) + x[t] + next(following)
             # y[t] is the g-th difference of z: solve for z[t].
             z.append(0)
             z[t] = now - difference(z, g, t)
@@ -89,9 +86,13 @@ def code_samples(coder, span, g, c, base, repeats, last, indices=None, x=None):
         out.append(z[t] + base)
         if abs(out[-1]) > last:
             raise BrokenRule("LPC-003")
-        if isinstance(coder, Range):
-            coder.check()
     return out
+
+
+def errors_of(indices, r, g, c, base, x):
+    z = [index - base for index in indices]
+    y = [difference(z, g, t) for t in range(len(z))]
+    return [y[t] - prediction(c, y[:t], t) - x[t] for t in range(len(z)) if not r[t]]
 
 
 def decode_packet(data: bytes, span: int, last: int, count: int) -> list[list[int]]:
@@ -117,13 +118,10 @@ def decode(data: bytes, span: int, last: int, components=()) -> list[int]:
     flags, m = data[:2]
     g, repeats, constant, refers = flags % 8, flags // 8 % 2, flags // 16 % 2, flags // 64 % 2
     ks = [byte - 256 * (byte > 127) for byte in data[2 : 2 + m]]
-    rice = flags // 128
-    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks or flags // 32 % 2:
+    if g > 4 or (m > 0 and g > 1) or m > 32 or -128 in ks or flags // 32 % 2 or flags > 127:
         raise BrokenRule("LPC-004")
-    if constant and (g or m or repeats or refers or rice):
+    if constant and (g or m or repeats or refers):
         raise BrokenRule("LPC-004")
-    if rice and (repeats or refers):
-        raise BrokenRule("LPC-010")
     at, references = 2 + m, []
     if refers:
         r = data[at] if at < len(data) else 0
@@ -140,37 +138,42 @@ def decode(data: bytes, span: int, last: int, components=()) -> list[int]:
     base = signed(number)
     if abs(base) > last:
         raise BrokenRule("LPC-003")
-    coded = data[at:]
     if constant:
-        if coded:
+        if data[at:]:
             raise BrokenRule("COD-001")
         return [base] * span
-    coder = Rice(coded) if rice else Range(coded)
     c = step_up(ks)
     x = cross_terms(references, components, span, g, c)
-    out = code_samples(coder, span, g, c, base, repeats, last, None, x)
+    if len(data) < at + 2 or data[at] > 63 or data[at + 1] > 163:
+        raise BrokenRule("RNG-004")
+    coding, start = data[at : at + 2]
+    p, at = some_bytes(data, at + 2, 4 * repeats)
+    signs, at = some_bytes(data, at, 3 * (coding // 32))
+    coder = Coder(data[at:], 4 if coding // 16 % 2 else 1)
+    errors, r = code_errors(coder, span, (coding % 16, start, p, signs))
     coder.finish()
-    return out
+    return samples(errors, r, span, g, c, base, last, x)
 
 
 def encode(
-    indices, g=0, ks=(), base=0, repeats=False, references=(), components=(), *,
-    rice=False, last=2**32, forge=False, widths=(5,),
+    indices, g=0, ks=(), base=0, repeats=(), references=(), components=(), *,
+    number=0, start=12, signs=(), states=1, forge=None,
 ):  # fmt: skip
-    """A component packet that is not constant; ``forge``: it may end with what breaks a rule."""
-    coder, c = Rice(widths=widths) if rice else Range(), step_up(ks)
+    """A component packet that is not constant; ``forge``: these errors, whatever the indices."""
+    coder, c = Coder(states=states), step_up(ks)
     x = cross_terms(references, components, len(indices), g, c)
-    try:
-        code_samples(coder, len(indices), g, c, base, repeats, last, indices, x)
-    except BrokenRule:
-        if not forge:
-            raise
-    flags = g + 8 * repeats + 64 * bool(references) + 128 * rice
+    r = [int(bool(repeats) and t > 0 and i == indices[t - 1]) for t, i in enumerate(indices)]
+    errors = errors_of(indices, r, g, c, base, x) if forge is None else forge
+    if any(abs(e) >= 2**34 for e in errors) and forge is None:
+        raise BrokenRule("RNG-003")
+    code_errors(coder, len(indices), (number, start, repeats, signs), errors, r)
+    flags = g + 8 * bool(repeats) + 64 * bool(references)
     header = bytes([flags, len(ks)]) + bytes(k % 256 for k in ks)
     if references:
         header += bytes([len(references)])
         header += b"".join(bytes(byte % 256 for byte in each) for each in references)
-    return header + svarint_bytes(base) + coder.finish()
+    coding = bytes([number + 16 * (states == 4) + 32 * bool(signs), start, *repeats, *signs])
+    return header + svarint_bytes(base) + coding + coder.finish()
 
 
 def encode_packet(parts: list[bytes]) -> bytes:

@@ -767,7 +767,7 @@ enums:
     1: linear
   knot_coding:
     0: varints
-    1: adaptive
+    1: entropy
   grid:
     0: uniform
     1: deadband

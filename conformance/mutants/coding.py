@@ -6,18 +6,17 @@ from .mutant import Edit, Rebind, mutant
 
 HUFFMAN = "codecs.huffman:parse_codebook"
 SYMBOLS = "codecs.quantised:Alphabet.expand"
-BITS = "codecs.adaptive:BitModel.update"
-SCALE = "codecs.adaptive:IntegerModel.learn"
+CODER = "codecs.entropy:Decoder"
+ENDS = "codecs.entropy:ends_of"
+AVERAGES = "codecs.entropy:Averages"
 STEP_UP = "codecs.predicted:step_up"
 PREDICT = "codecs.predicted:predict"
 PREDICTED = "(sum(a * b for a, b in zip(c, history, strict=True)) + (1 << (SHIFT - 1))) >> SHIFT"
 TRUNCATED = "int((sum(a * b for a, b in zip(c, history, strict=True)) + 4096) / 8192)"
 CROSS = "codecs.components:cross_terms"
 TAPS = "codecs.components:taps_of"
-RICE = "codecs.rice:RiceReader.code"
 GRID = "codecs.grids:deadband_levels"
-MODELS = (BITS, "codecs.adaptive:SymbolModel.update")
-BUCKETS = tuple(f"codecs.adaptive:{name}" for name in ("IntegerModel.decode", "bucket_of"))
+BUCKETS = (f"{CODER}._magnitude", ENDS)
 
 MUTANTS = (
     mutant(
@@ -75,83 +74,98 @@ MUTANTS = (
         ),
     ),
     mutant(
-        "bit-model-slow",
-        "The q of a bit model moves by a 32nd, not by a 16th.",
+        "averages-slow",
+        "The fast average moves by a quarter, not by a half.",
         "RNG-001",
-        Edit(BITS, "(t - q) >> 4", "(t - q) >> 5"),
+        Edit(f"{AVERAGES}.learn", "(mean - self.f) // 2", "(mean - self.f) // 4"),
     ),
     mutant(
-        "bit-model-mixed-late",
-        "The q of a bit model is mixed in from n = 9 on.",
+        "averages-slow-fast",
+        "The slow average moves by a quarter.",
         "RNG-001",
-        Edit("codecs.adaptive:BitModel.probability", "self.n < FAST_FROM", "self.n <= FAST_FROM"),
+        Edit(f"{AVERAGES}.learn", "3 * (mean - self.s) // 16", "(mean - self.s) // 4"),
     ),
     mutant(
-        "bit-model-unclamped",
-        "The probability of a bit is not clamped to 64 ... 65472.",
+        "averages-truncate",
+        "What the slow average moves by is rounded towards zero.",
         "RNG-001",
-        Edit(
-            "codecs.adaptive:BitModel.probability",
-            "return LEAST if mixed < LEAST else MOST if mixed > MOST else mixed",
-            "return max(mixed, 1)",
-        ),
+        Edit(f"{AVERAGES}.learn", "3 * (mean - self.s) // 16", "int(3 * (mean - self.s) / 16)"),
     ),
     mutant(
-        "models-never-settle",
-        "The n of models grows to 255 instead of 250.",
-        "RNG-001",
-        Rebind("codecs.adaptive:RATES", "tuple(131072 // (2 * n + 3) for n in range(256))", MODELS),
-        Rebind("codecs.adaptive:COUNT_LIMIT", "255", MODELS),
+        "averages-start",
+        "Averages begin at 32, whatever the start byte.",
+        "RNG-004",
+        Edit(f"{AVERAGES}.start", "(4 + start % 4) << (start // 4)", "32"),
     ),
     mutant(
-        "models-learn-slowly",
-        "R is 131072 // (2n + 4).",
+        "blocks-of-four",
+        "Four integers share a context.",
         "RNG-001",
-        Rebind("codecs.adaptive:RATES", "tuple(131072 // (2 * n + 4) for n in range(251))", MODELS),
-    ),
-    mutant(
-        "scale-shift",
-        "The fast average of the integer model moves by a 16th.",
-        "RNG-001",
-        Edit(SCALE, "(u - self.f) >> 3", "(u - self.f) >> 4"),
-    ),
-    mutant(
-        "scale-slow-shift",
-        "The slow average of the integer model slows down to a 256th.",
-        "RNG-001",
-        Edit(SCALE, "min(7, (self.t + 1).bit_length())", "min(8, (self.t + 1).bit_length())"),
+        Rebind("codecs.entropy:BLOCK", "4", (f"{CODER}.integers",)),
     ),
     mutant(
         "buckets-off-by-one",
         "The bucket 13 begins at 21.",
         "RNG-001",
-        Rebind("codecs.adaptive:EDGES", "EDGES[:13] + (21,) + EDGES[14:]", BUCKETS),
+        Rebind("codecs.entropy:EDGES", "EDGES[:13] + (21,) + EDGES[14:]", BUCKETS),
     ),
     mutant(
-        "escape-length-limit",
-        "Five raw bits follow a length of 14 already.",
+        "classes-without-half",
+        "No class begins with half a step.",
+        "RNG-001",
+        Edit(ENDS, "if w == 1 and half else", "if False else"),
+    ),
+    mutant(
+        "classes-with-all-zeros",
+        "No class has more zeros than its shape gives.",
+        "RNG-001",
+        Edit(ENDS, "tail * (64 - zeros) // 64", "tail"),
+    ),
+    mutant(
+        "escape-length-short",
+        "The length of an escape has five bits.",
         "RNG-001 RNG-003",
-        Edit("codecs.adaptive:IntegerModel.decode", "if length == 15:", "if length >= 14:"),
+        Edit(f"{CODER}._magnitude", "self.raw(6)", "self.raw(5)"),
     ),
     mutant(
         "signs-without-context",
-        "All signs share one bit model.",
-        "RNG-001",
-        Edit("codecs.adaptive:IntegerModel.decode", "self.signs[self.g + 1]", "self.signs[1]"),
+        "All signs of their own share one probability.",
+        "RNG-004",
+        Edit(f"{CODER}.signed", "probabilities[last + 1]", "probabilities[1]"),
     ),
     mutant(
         "coder-end-unchecked",
-        "What stands behind the last symbol of coded bytes is not looked at.",
+        "What the states are after the last symbol is not looked at.",
         "RNG-001",
-        Edit(
-            "codecs.adaptive:RangeDecoder.finish", "if not whole or number", "if False and number"
-        ),
+        Edit(f"{CODER}.finish", "any(x != LEAST for x in self.states)", "False"),
     ),
     mutant(
-        "coder-reads-ones",
-        "After the last coded byte the range decoder reads bits that are 1.",
+        "coder-padding-unchecked",
+        "Bits left over behind the last raw bit may be anything.",
         "RNG-001",
-        Edit("codecs.adaptive:RangeDecoder.shift", '.ljust(8, b"\\0")', '.ljust(8, b"\\xff")'),
+        Edit(f"{CODER}.finish", "padding = self.raw(-self.raw_bits % 8)", "padding = 0"),
+    ),
+    mutant(
+        "coder-words-swapped",
+        "Words have their lowest byte first.",
+        "RNG-001",
+        Edit(f"{CODER}._word", '"big"', '"little"'),
+    ),
+    mutant(
+        "sections-go-on",
+        "A section goes on with the state after that of the last symbol.",
+        "RNG-001",
+        Edit(f"{CODER}.section", "self.lane = 0", "pass"),
+    ),
+    mutant(
+        "lengths-without-least",
+        "The symbols of lengths have no least share.",
+        "RNG-004",
+        Edit(
+            "codecs.entropy:Lengths.ends",
+            "i + 1 + (SCALE - n) * sums // total",
+            "max(i + 1, SCALE * sums // total)",
+        ),
     ),
     mutant(
         "prediction-truncates",
@@ -225,9 +239,9 @@ MUTANTS = (
     ),
     mutant(
         "repeats-context",
-        "The models of repeats go by the last bit alone.",
+        "The probability of a repeat goes by the last bit alone.",
         "LPC-004",
-        Edit("codecs.predicted:decode_coded", "2 * same + (recent >> 1)", "2 * same"),
+        Edit(f"{CODER}.bits", "2 * found[-1] + (recent >> 1)", "2 * found[-1]"),
     ),
     mutant(
         "constants-with-flags",
@@ -238,24 +252,6 @@ MUTANTS = (
             "(constant and (order or flags != CONSTANT))",
             "(constant and order)",
         ),
-    ),
-    mutant(
-        "rice-escape-as-code",
-        "The 24 zeros of a Rice code are followed by its low bits like any others.",
-        "LPC-012",
-        Edit(RICE, "if zeros == ZEROS else", "if zeros > ZEROS else"),
-    ),
-    mutant(
-        "rice-escape-short",
-        "Only 34 bits follow the escape of a Rice code.",
-        "LPC-012",
-        Edit(RICE, "self.bits(RAW_BITS)", "self.bits(RAW_BITS - 1)"),
-    ),
-    mutant(
-        "rice-end-unchecked",
-        "What stands behind the last Rice code is not looked at.",
-        "LPC-012",
-        Edit("codecs.rice:RiceReader.finish", "if -(-self.taken", "if False and -(-self.taken"),
     ),
     mutant(
         "grid-off-by-one",
@@ -388,7 +384,7 @@ MUTANTS = (
         "A correction coded by its rank stays where it is on its list.",
         "EXA-007",
         Edit(
-            "codecs.exact:CorrectionModel.learn",
+            "codecs.exact:Lists.learn",
             "known.insert(0, correction)",
             "known.insert(rank or 0, correction)",
         ),
@@ -398,12 +394,12 @@ MUTANTS = (
         "The sign of a correction is read before its low bits.",
         "EXA-007",
         Edit(
-            "codecs.exact:decode_loop",
-            "magnitude = high << low | coder.raw(low)\n"
-            "                c = -magnitude if coder.raw(1) else magnitude",
-            "c = coder.raw(1)\n"
-            "                magnitude = high << low | coder.raw(low)\n"
-            "                c = -magnitude if c else magnitude",
+            "codecs.entropy:Decoder.by_length",
+            "u = 1 << (length - 1) | self.raw(length - 1) if length else 0\n"
+            "    e = -u if signs and u and self.raw(1) else u",
+            "negative = signs and length and self.raw(1)\n"
+            "    u = 1 << (length - 1) | self.raw(length - 1) if length else 0\n"
+            "    e = -u if negative else u",
         ),
     ),
 )

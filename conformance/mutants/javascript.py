@@ -43,9 +43,9 @@ MUTANTS = (
     ),
     javascript(
         "scale-of-32-bits",
-        "The averages of the integer model are shifted, whatever their size.",
+        "The averages are those of 32 bits, whatever their size.",
         "RNG-003",
-        Edit("integer-model.js", "if (u < SMALL / 256 && f < SMALL && s < SMALL) {", "if (true) {"),
+        Edit("entropy.js", "const m = 32 * sum;", "const m = (32 * sum) | 0;"),
     ),
     javascript(
         "raw-unsigned",

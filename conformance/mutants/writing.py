@@ -233,19 +233,19 @@ MUTANTS = (
         Edit("encoder.check:largest_errors", "if contract and contract.guaranteed:", "if False:"),
     ),
     encoder(
-        "carry-lost",
-        "The range encoder does not carry into bytes that it put out.",
+        "words-backwards",
+        "The words of the entropy coder stand in the order that it finds them.",
         "RNG-001",
-        Edit("codecs.adaptive:RangeEncoder.put", "if top >> (8 * size):", "if False:"),
+        Edit("codecs.entropy:Encoder.finish", "for word in reversed(words)", "for word in words"),
     ),
     encoder(
         "coder-ends-late",
         "The coded bytes have a byte more than they need.",
         "RNG-001",
         Edit(
-            "codecs.adaptive:RangeEncoder.finish",
-            "return bytes(self.out + self.back[::-1])",
-            'return bytes(self.out + b"\\0" + self.back[::-1])',
+            "codecs.entropy:Encoder.finish",
+            "return front + self._back()",
+            'return front + b"\\0" + self._back()',
         ),
     ),
     encoder(

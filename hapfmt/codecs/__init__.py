@@ -2,9 +2,7 @@
 
 * KNOT: knots.py. QUAN: quantised.py, huffman.py, bits.py. RAWB: raw.py.
 * LPCR: components.py cuts a packet into component packets, references.py says what they tell of
-  each other, predicted.py is one of them, coded by adaptive.py or rice.py; grids.py and sine.py are
-  its grids and its table.
+  each other, predicted.py is one of them; grids.py and sine.py are its grids and its table.
 * LPCX: exact.py, values.py.
-* adaptive.py is the coding of 9.4; adaptive_many.py and varints.py do the same to many numbers at
-  once.
+* entropy.py is the coding of 9.4; varints.py reads and writes many numbers at once.
 """

@@ -17,8 +17,8 @@ from ..errors import FormatError
 from ..integers import parse_varint
 from ..kernels import compiled
 from ..limits import Level
-from .adaptive import BitModel, RangeDecoder, RangeEncoder
 from .components import decode_predicted, parts_of
+from .entropy import Decoder, Encoder, Lengths, bit_ends, probability, put_by_length, share_of
 from .grids import LpcParameters
 from .values import (
     COEFFICIENT_LIMIT,
@@ -39,22 +39,25 @@ from .values import (
 
 TERM = struct.Struct("<BBd")
 
-RECALL = 1
+RECALL, FOUR_STATES = 1, 2
 LENGTHS = 64
 """A correction has 0 to 63 bits."""
-
-HIGH_BITS = 10
-"""Bits of a correction that can stand above those of a mantissa and below the leading 1."""
 
 REMEMBERED = 32
 """Corrections that are remembered of a count."""
 
+RANKS = 6
+"""Of the places on a list, that many have a probability of their own: this encoder's choice."""
+
 FRESH, SAME, KNOWN = range(3)
 """A count that was not met before in the packet, that of the sample before, another one."""
 
-BAD_ERROR, NO_ROOM = 2, 5
-WHOLE = 1 << 62
-"""More bytes than anything takes."""
+NO_ROOM = 5
+STATUS = {
+    4: ("RNG-001", "the coded bytes do not end with their packet"),
+    6: ("RNG-004", "the frequencies of corrections are not defined"),
+}
+"""What the compiled loop returns, as the readable one says it."""
 
 
 @dataclass(frozen=True)
@@ -184,12 +187,11 @@ def decode_moves(rest: bytes, counts: Counts, at: int) -> Counts:
     """By how many places the values of a component are corrected, modulo 2^64."""
     if not rest:
         return np.zeros(counts.size, np.int64)
-    if len(rest) < 2 or rest[0] & ~RECALL or rest[1] >= LENGTHS:
+    if len(rest) < 2 or rest[0] & ~(RECALL | FOUR_STATES) or rest[1] >= LENGTHS:
         raise FormatError("corrections that are not defined", requirement="EXA-004", offset=at)
     ids = ids_of(counts) if rest[0] & RECALL else None
     loop = decode_loop if compiled is None else decode_compiled
-    corrections = loop(rest[2:], ids, counts.size, rest[1], at + 2)
-    return corrections << rest[1]
+    return loop(rest, ids, counts.size, at) << rest[1]
 
 
 def encode_exact(
@@ -201,9 +203,7 @@ def encode_exact(
     recall: bool,
 ) -> bytes:
     """What follows the counts in their packet. ValueError where a correction needs 64 bits."""
-    data = lacking_of(source, parameters, affine, counts).build(recall=recall)
-    assert data is not None
-    return data
+    return lacking_of(source, parameters, affine, counts).build(recall=recall)
 
 
 @dataclass(frozen=True)
@@ -220,16 +220,11 @@ class Lacking:
     def ids(self) -> NDArray[np.int32]:
         return ids_of(self.counts)
 
-    def build(self, *, recall: bool, below: int = WHOLE) -> bytes | None:
-        """None where that is found to take ``below`` bytes or more before it is finished."""
+    def build(self, *, recall: bool) -> bytes:
         if not self.corrections.any():
             return b""
-        ids = self.ids if recall else None
-        if compiled is not None:
-            coded: bytes | None = encode_compiled(self.corrections, ids, self.shift)
-        else:
-            coded = encode_loop(self.corrections, ids, self.shift, below)
-        return None if coded is None else bytes([RECALL * recall, self.shift]) + coded
+        loop = encode_loop if compiled is None else encode_compiled
+        return loop(self.corrections, self.ids if recall else None, self.shift)
 
 
 def lacking_of(
@@ -260,32 +255,24 @@ def corrections_of(source: Doubles, doubles: Doubles) -> Counts:
     return corrections
 
 
-def high_bits(length: int, shift: int) -> int:
-    """e of SPEC 9.7: bits of a correction that belong to the exponent."""
-    return max(min(length - 1, length + shift - 53, HIGH_BITS), 0)
-
-
 def ids_of(counts: Counts) -> NDArray[np.int32]:
     """The place of each count among the distinct ones of its packet."""
     return np.unique(counts, return_inverse=True)[1].astype(np.int32)
 
 
-class CorrectionModel:
-    """Bit models, and the corrections remembered of each count, the last one first."""
+class Lists:
+    """The corrections remembered of each count, the last one first."""
 
     def __init__(self) -> None:
-        self.lengths = [BitModel() for _ in range(LENGTHS - 1)]
-        self.highs = [BitModel() for _ in range(1 << HIGH_BITS)]
-        self.recalls = [[BitModel() for _ in range(REMEMBERED)] for _ in range(3)]
         self.remembered: dict[int, list[int]] = {}
         self.last = -1
 
-    def meet(self, id_: int) -> tuple[list[int], list[BitModel]]:
-        """What was remembered of a count, and the models of its recall."""
+    def meet(self, id_: int) -> tuple[list[int], int]:
+        """What was remembered of a count, and the context of its ranks."""
         known = self.remembered.get(id_)
         context = FRESH if known is None else SAME if id_ == self.last else KNOWN
         self.last = id_
-        return [0] if known is None else known, self.recalls[context]
+        return [0] if known is None else known, context
 
     def learn(self, id_: int, correction: int, rank: int | None) -> None:
         """``rank`` on the list of its count, None where it was coded in full."""
@@ -296,84 +283,119 @@ class CorrectionModel:
         del known[REMEMBERED:]
 
 
-def tree_encode(coder: RangeEncoder, models: list[BitModel], value: int, bits: int) -> None:
-    """``bits`` bits of ``value``, highest first, each with the model of those before it."""
-    node = 1
-    for at in range(bits - 1, -1, -1):
-        bit = value >> at & 1
-        coder.bit(bit, models[node])
-        node = 2 * node + bit
+@dataclass(frozen=True)
+class Heading:
+    """How probable the places on lists and the lengths of corrections are."""
+
+    recalls: tuple[bytes, ...]
+    """For a count without a list, for that of the tick before, for any other; or none."""
+
+    lengths: Lengths
+
+    def build(self) -> bytes:
+        rows = b"".join(bytes([len(row)]) + row for row in self.recalls)
+        return rows + self.lengths.build()
+
+    @classmethod
+    def parse(cls, data: bytes, *, recall: bool, offset: int) -> tuple[Heading, int]:
+        """From its third byte on; and where the coded bytes begin."""
+        position, rows = 2, []
+        for _ in range(3 * recall):
+            count = data[position] if position < len(data) else REMEMBERED + 1
+            rows.append(data[position + 1 : position + 1 + count])
+            if count > REMEMBERED or len(rows[-1]) < count or not all(rows[-1]):
+                raise cls.undefined(offset)
+            position += 1 + count
+        lengths = Lengths.parse(data[position:])
+        if lengths is None:
+            raise cls.undefined(offset)
+        return cls(tuple(rows), lengths), position + len(lengths.build())
+
+    @staticmethod
+    def undefined(offset: int) -> FormatError:
+        requirement, message = STATUS[6]
+        return FormatError(message, requirement=requirement, offset=offset)
+
+    def probability(self, context: int, i: int) -> int:
+        row = self.recalls[context]
+        return row[min(i, len(row) - 1)] if row else 128
 
 
-def tree_decode(coder: RangeDecoder, models: list[BitModel], bits: int) -> int:
-    node = 1
-    for _ in range(bits):
-        node = 2 * node + coder.bit(models[node])
-    return node - (1 << bits)
+def encode_loop(corrections: Counts, ids: NDArray[np.int32] | None, shift: int) -> bytes:
+    """What follows the counts; kernels/ has the same in C."""
+    coder, full, marks = Encoder(), corrections.tolist(), []
+    if ids is not None:
+        lists, given, full = Lists(), full, []
+        for c, id_ in zip(given, ids.tolist(), strict=True):
+            known, context = lists.meet(id_)
+            rank = known.index(c) if c in known else None
+            marks += [
+                (context, min(i, RANKS - 1), int(i == rank))
+                for i in range(len(known) if rank is None else rank + 1)
+            ]
+            lists.learn(id_, c, rank)
+            if rank is None:
+                full.append(c)
+    rows = [recall_row(marks, context) for context in range(3)]
+    if ids is not None:
+        coder.section(share_of(bit_ends(rows[context][i]), bit) for context, i, bit in marks)
+    lengths = Lengths.of(full)
+    put_by_length(coder, full, lengths, signs=True)
+    heading = Heading(() if ids is None else tuple(rows), lengths)
+    flags = RECALL * (ids is not None) | FOUR_STATES * coder.many
+    return bytes([flags, shift]) + heading.build() + coder.finish()
 
 
-def encode_loop(
-    corrections: Counts,
-    ids: NDArray[np.int32] | None,
-    shift: int,
-    below: int = WHOLE,
-) -> bytes | None:
-    """Coded bytes; None as soon as they are not ``below``. kernels/ has the same in C, which does
-    not stop."""
-    coder, model = RangeEncoder(), CorrectionModel()
-    names = [0] * corrections.size if ids is None else ids.tolist()
-    for c, id_ in zip(corrections.tolist(), names, strict=True):
-        if len(coder.out) + len(coder.back) >= below:
-            return None
-        if ids is not None:
-            known, models = model.meet(id_)
-            found = known.index(c) if c in known else None
-            for i in range(len(known) if found is None else found + 1):
-                coder.bit(int(i == found), models[i])
-            model.learn(id_, c, found)
-            if found is not None:
-                continue
-        length = abs(c).bit_length()
-        for i in range(min(length + 1, LENGTHS - 1)):
-            coder.bit(int(i < length), model.lengths[i])
-        if length:
-            low = length - high_bits(length, shift) - 1
-            rest = abs(c) ^ 1 << (length - 1)
-            tree_encode(coder, model.highs, rest >> low, length - 1 - low)
-            coder.raw(rest, low)
-            coder.raw(int(c < 0), 1)
-    return coder.finish()
+def recall_row(marks: list[tuple[int, int, int]], context: int) -> bytes:
+    """Probabilities of the places on a list in one context, as far as they were used."""
+    counts = [[0, 0] for _ in range(RANKS)]
+    for at, i, bit in marks:
+        if at == context:
+            counts[i][bit] += 1
+    used = max((i + 1 for i in range(RANKS) if any(counts[i])), default=0)
+    return bytes(probability(*pair) for pair in counts[:used])
 
 
-def decode_loop(
-    coded: bytes, ids: NDArray[np.int32] | None, span: int, shift: int, offset: int
-) -> Counts:
+def decode_loop(rest: bytes, ids: NDArray[np.int32] | None, span: int, offset: int) -> Counts:
     """The corrections [span]."""
-    coder, model = RangeDecoder(coded, offset), CorrectionModel()
-    out: list[int] = []
-    for id_ in [0] * span if ids is None else ids.tolist():
-        rank: int | None = None
+    heading, start = Heading.parse(rest, recall=ids is not None, offset=offset)
+    coder = Decoder(rest[start:], offset + start, 4 if rest[0] & FOUR_STATES else 1)
+    names = [0] * span if ids is None else ids.tolist()
+    ranks: list[int | None] = [None] * span
+    if ids is not None:
+        ranks = decode_ranks(coder, heading, names)
+    coder.section()
+    lists, out = Lists(), []
+    for id_, rank in zip(names, ranks, strict=True):
+        known, _ = lists.meet(id_)
+        c = coder.by_length(heading.lengths, signs=True) if rank is None else known[rank]
         if ids is not None:
-            known, models = model.meet(id_)
-            rank = next((i for i in range(len(known)) if coder.bit(models[i])), None)
-        if rank is not None:
-            c = known[rank]
-        else:
-            length = 0
-            while length < LENGTHS - 1 and coder.bit(model.lengths[length]):
-                length += 1
-            c = 0
-            if length:
-                low = length - high_bits(length, shift) - 1
-                high = 1 << (length - 1 - low) | tree_decode(coder, model.highs, length - 1 - low)
-                magnitude = high << low | coder.raw(low)
-                c = -magnitude if coder.raw(1) else magnitude
-        if ids is not None:
-            model.learn(id_, c, rank)
+            lists.learn(id_, c, rank)
         out.append(c)
-        coder.check()
     coder.finish()
     return np.array(out, np.int64)
+
+
+def decode_ranks(coder: Decoder, heading: Heading, ids: list[int]) -> list[int | None]:
+    """The place on the list of its count for each correction; None for those coded in full."""
+    coder.section()
+    sizes: dict[int, int] = {}
+    ranks: list[int | None] = []
+    last = -1
+    for id_ in ids:
+        size = sizes.get(id_, 0)
+        context = FRESH if not size else SAME if id_ == last else KNOWN
+        rank = None
+        for i in range(max(size, 1)):
+            found = coder.symbol(bit_ends(heading.probability(context, i)))
+            coder.check()
+            if found:
+                rank = i
+                break
+        ranks.append(rank)
+        sizes[id_] = max(size, 1) if rank is not None else min(size + 1, REMEMBERED)
+        last = id_
+    return ranks
 
 
 def work_of(ids: NDArray[np.int32] | None) -> Counts:
@@ -387,7 +409,7 @@ def encode_compiled(corrections: Counts, ids: NDArray[np.int32] | None, shift: i
     assert compiled is not None
     plain = np.ascontiguousarray(corrections)
     names = np.zeros(0, np.int32) if ids is None else ids
-    size, status = 7 * plain.size + 64, NO_ROOM
+    size, status = 7 * plain.size + 128, NO_ROOM
     while status == NO_ROOM:
         out = bytearray(size)
         status, size = compiled.exact_encode(out, names, plain, work_of(ids), shift)
@@ -395,18 +417,14 @@ def encode_compiled(corrections: Counts, ids: NDArray[np.int32] | None, shift: i
     return bytes(out[:size])
 
 
-def decode_compiled(
-    coded: bytes, ids: NDArray[np.int32] | None, span: int, shift: int, offset: int
-) -> Counts:
+def decode_compiled(rest: bytes, ids: NDArray[np.int32] | None, span: int, offset: int) -> Counts:
     """``decode_loop``, in C."""
     assert compiled is not None
     out = np.empty(span, np.int64)
     names = np.zeros(0, np.int32) if ids is None else ids
-    status, taken = compiled.exact_decode(coded, names, out, work_of(ids), shift)
+    status, taken = compiled.exact_decode(rest, names, out, work_of(ids), rest[1])
     if status:
-        raise FormatError(
-            "the coded bits do not end with their packet",
-            requirement="RNG-001",
-            offset=offset + min(taken, len(coded)),
-        )
+        requirement, message = STATUS[status]
+        place = offset + min(taken, len(rest))
+        raise FormatError(message, requirement=requirement, offset=place)
     return out

@@ -1,6 +1,6 @@
 """KNOT: support points on a grid, joined by steps or lines, in varints (SPEC 9.1).
 
-knots_coded.py has their adaptive coding.
+knots_coded.py has their entropy coding.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ INTERPOLATIONS: tuple[Interpolation, ...] = ("hold", "linear")
 
 @dataclass(frozen=True)
 class KnotParameters:
-    """How knots are joined, which count each index stands for, and whether they are coded
-    adaptively or stored in varints."""
+    """How knots are joined, which count each index stands for, and whether they are
+    entropy coded or stored in varints."""
 
     interpolation: Interpolation
     grid: LpcParameters = UNIT_GRID
-    adaptive: bool = False
+    coded: bool = False
 
     def build(self) -> bytes:
         way = INTERPOLATIONS.index(self.interpolation)
-        return bytes([way, self.adaptive]) + self.grid.build()
+        return bytes([way, self.coded]) + self.grid.build()
 
     @classmethod
     def parse(cls, data: bytes, level: Level, offset: int) -> KnotParameters:

@@ -1,8 +1,8 @@
-"""KNOT with adaptive coding: gaps and differences of knots, entropy coded (SPEC 9.6)."""
+"""KNOT with entropy coding: gaps and differences of knots (SPEC 9.6)."""
 
 from __future__ import annotations
 
-from array import array
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,79 +11,39 @@ from ..errors import FormatError
 from ..integers import build_svarint, build_varint, parse_varint
 from ..kernels import compiled
 from ..limits import Level
-from .adaptive import BitModel, RangeDecoder, RangeEncoder
+from .entropy import (
+    ERROR_BITS,
+    LENGTHS,
+    START_MOST,
+    Decoder,
+    Encoder,
+    Lengths,
+    Signs,
+    class_cost,
+    put_by_length,
+    put_integers,
+)
 from .grids import levels_of
 from .knots import Interpolation, KnotParameters, interpolate
-from .predicted import INDEX_LIMIT, NO_ROOM, check_index
+from .predicted import FOUR_STATES, INDEX_LIMIT, NO_ROOM, SIGN_CONTEXTS, SIGNS, check_index
 
 GAP_BITS = 24
 """A gap of 2^24 ticks is the longest within a packet of any level."""
 
-VALUE_BITS = 34
-"""Two indices of at most 2^32 differ by no more."""
+BY_LENGTH = 64
+"""Of a row of numbers: their lengths are coded, with frequencies of their own."""
 
 NO_KNOTS = "ticks that do not ascend, or a gap beyond 2^24, or an index beyond 2^32"
 """What an encoder must not ask for."""
 
 STATUS = {
+    2: ("RNG-003", "a magnitude of 2^34 or more"),
     3: ("LPC-003", "index beyond the grid"),
-    4: ("RNG-001", "the coded bits do not end with their packet"),
-    7: ("KTE-003", "a gap or a difference too long"),
+    4: ("RNG-001", "the coded bytes do not end with their packet"),
+    6: ("RNG-004", "a coding that is not defined"),
     8: ("KTE-004", "more knots than the ticks left"),
 }
 """What the compiled loop returns, as the readable one says it."""
-
-
-class Magnitude:
-    """Non-negative integers: how many bits they have, in unary, then the bits below the highest."""
-
-    def __init__(self, most: int) -> None:
-        self.lengths = [BitModel() for _ in range(most + 1)]
-        self.seconds = [BitModel() for _ in range(most + 1)]
-
-    def encode(self, coder: RangeEncoder, u: int) -> None:
-        size = u.bit_length()
-        for i in range(size):
-            coder.bit(1, self.lengths[i])
-        coder.bit(0, self.lengths[size])
-        if size > 1:
-            coder.bit(u >> (size - 2) & 1, self.seconds[size])
-            coder.raw(u & ((1 << (size - 2)) - 1), size - 2)
-
-    def decode(self, coder: RangeDecoder) -> int:
-        size = 0
-        while coder.bit(self.lengths[size]):
-            size += 1
-            if size == len(self.lengths):
-                raise FormatError(
-                    "a gap or a difference too long", requirement="KTE-003", offset=coder.place
-                )
-        if size < 2:
-            return size
-        second = coder.bit(self.seconds[size])
-        return (2 | second) << (size - 2) | coder.raw(size - 2)
-
-
-class KnotModel:
-    """All bit models of a packet: gaps, magnitudes of differences, and their signs."""
-
-    def __init__(self, components: int) -> None:
-        self.gaps, self.magnitudes = Magnitude(GAP_BITS), Magnitude(VALUE_BITS)
-        self.signs = [BitModel() for _ in range(3)]
-        self.last = [0] * components
-        """The sign of the last difference of each component."""
-
-    def encode(self, coder: RangeEncoder, component: int, e: int) -> None:
-        self.magnitudes.encode(coder, abs(e))
-        if e:
-            coder.bit(int(e < 0), self.signs[self.last[component] + 1])
-        self.last[component] = (e > 0) - (e < 0)
-
-    def decode(self, coder: RangeDecoder, component: int) -> int:
-        u = self.magnitudes.decode(coder)
-        e = -u if u and coder.bit(self.signs[self.last[component] + 1]) else u
-        self.last[component] = (e > 0) - (e < 0)
-        return e
 
 
 def encode_knots(
@@ -109,14 +69,27 @@ def encode_loop(
     ticks: NDArray[np.int64], indices: NDArray[np.int64], interpolation: Interpolation
 ) -> bytes:
     """The coded bytes; kernels/ has the same in C."""
-    coder, model = RangeEncoder(), KnotModel(indices.shape[1])
-    gaps, steps = np.diff(ticks).tolist(), np.diff(indices, axis=0).tolist()
-    for number, (gap, row) in enumerate(zip(gaps, steps, strict=True), 1):
-        if interpolation == "hold" or number < len(gaps):
-            model.gaps.encode(coder, gap - 1)
-        for component, e in enumerate(row):
-            model.encode(coder, component, e)
-    return coder.finish()
+    coder = Encoder()
+    gaps = (np.diff(ticks) - 1).tolist()
+    differences = np.diff(indices, axis=0).T.ravel().tolist()
+    signs = Signs.of(differences)
+    first = put_row(coder, gaps[:-1] if interpolation == "linear" else gaps, signs=False)
+    second = put_row(coder, differences, signs=not signs.pay)
+    if signs.pay:
+        signs.put(coder)
+    first[0] |= coder.many * FOUR_STATES
+    second[0] |= signs.pay * SIGNS
+    marks = signs.probabilities if signs.pay else b""
+    return bytes(first) + bytes(second) + marks + coder.finish()
+
+
+def put_row(coder: Encoder, numbers: list[int], *, signs: bool) -> bytearray:
+    """A section in the way that takes less; its coding without flags."""
+    lengths = Lengths.of(numbers)
+    if lengths.cost(numbers) < class_cost(numbers):
+        put_by_length(coder, numbers, lengths, signs=signs)
+        return bytearray([BY_LENGTH]) + lengths.build()
+    return bytearray(put_integers(coder, numbers, signs=signs))
 
 
 def encode_compiled(
@@ -158,35 +131,74 @@ def decode_indices(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Ticks [knots], and indices [knots, components] of a magnitude of at most ``limit``."""
     row, further, coded = parse_start(data, span, components, limit, offset)
-    # Eight bytes a number, taken as knots are found: a hostile packet may promise many.
-    ticks, rows = array("q", [0]), array("q", row)
-    if not further:
-        return knot_table(ticks, rows)
-    coder, model = RangeDecoder(data[coded:], offset + coded), KnotModel(components)
-    linear = interpolation == "linear"
-    for left in range(further - 1, -1, -1):
-        if linear and not left:
-            tick = span - 1
-        else:
-            tick = ticks[-1] + model.gaps.decode(coder) + 1
+    rows, ticks = [row], [0]
+    if further:
+        linear = interpolation == "linear"
+        gaps, differences, place = decode_numbers(
+            data[coded:], further, components, offset + coded, linear=linear
+        )
+        for number in range(further):
+            left = further - 1 - number
+            tick = span - 1 if linear and not left else ticks[-1] + gaps[number] + 1
             # Each of those that follow needs a tick too.
             if tick >= span - left:
                 raise FormatError(
-                    "more knots than the ticks left", requirement="KTE-004", offset=coder.place
+                    "more knots than the ticks left", requirement="KTE-004", offset=place
                 )
-        row = [index + model.decode(coder, i) for i, index in enumerate(row)]
-        for index in row:
-            check_index(index, limit, coder.place)
-        ticks.append(tick)
-        rows.extend(row)
-        coder.check()
+            row = [index + differences[i * further + number] for i, index in enumerate(row)]
+            for index in row:
+                check_index(index, limit, place)
+            ticks.append(tick)
+            rows.append(row)
+    return np.array(ticks, np.int64), np.array(rows, np.int64)
+
+
+def decode_numbers(
+    data: bytes, further: int, components: int, offset: int, *, linear: bool
+) -> tuple[list[int], list[int], int]:
+    """Gaps less 1, differences component by component, and where the coder ended."""
+    first, at = parse_row(data, 128 | SIGNS, offset)
+    second, stop = parse_row(data[at:], 128 | FOUR_STATES, offset)
+    start = at + stop
+    coder = Decoder(data[start:], offset + start, 4 if first.coding & FOUR_STATES else 1)
+    gaps = first.decode(coder, further - linear, signs=False)
+    differences = second.decode(coder, further * components, signs=not second.signs)
+    if second.signs:
+        differences = coder.signed(differences, second.signs)
     coder.finish()
-    return knot_table(ticks, rows)
+    return gaps, differences, coder.place
 
 
-def knot_table(ticks: array[int], rows: array[int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Both as NumPy has them."""
-    return np.array(ticks, np.int64), np.array(rows, np.int64).reshape(len(ticks), -1)
+@dataclass(frozen=True)
+class RowCoding:
+    """How a row of numbers is coded: by a class, or by their lengths; probabilities of signs."""
+
+    coding: int
+    start: int
+    lengths: Lengths | None
+    signs: bytes
+
+    def decode(self, coder: Decoder, count: int, *, signs: bool) -> list[int]:
+        if self.lengths is None:
+            return coder.integers(count, self.coding & 15, self.start, signs=signs)
+        coder.section()
+        return [coder.by_length(self.lengths, signs=signs) for _ in range(count)]
+
+
+def parse_row(data: bytes, unused: int, offset: int) -> tuple[RowCoding, int]:
+    """And where it ends; ``unused``: bits that are 0."""
+    coding, start = data[:2].ljust(2, b"\xff")
+    lengths, stop = None, 2
+    wrong = coding & unused or start > START_MOST
+    if coding & BY_LENGTH:
+        lengths = Lengths.parse(data[1:])
+        stop = 1 + len(lengths.build()) if lengths else 0
+        most = lengths.first + len(lengths.weights) if lengths else LENGTHS
+        wrong = coding & (unused | 15) or most > ERROR_BITS + 1
+    marks = data[stop : stop + SIGN_CONTEXTS] if coding & SIGNS else b""
+    if wrong or not all(marks) or (coding & SIGNS and len(marks) < SIGN_CONTEXTS):
+        raise FormatError("a coding that is not defined", requirement="RNG-004", offset=offset)
+    return RowCoding(coding, start, lengths, marks), stop + len(marks)
 
 
 def decode_coded_knots(

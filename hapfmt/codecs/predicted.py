@@ -1,10 +1,10 @@
-"""LPCR: indices of a grid, linear prediction, adaptive coding (SPEC 9.5)."""
+"""LPCR: indices of a grid, linear prediction, entropy coding (SPEC 9.5)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 from ..errors import FormatError, TruncatedError
 from ..integers import build_svarint, parse_svarint, rdiv
 from ..kernels import compiled
-from .adaptive import OUT_OF_RANGE, BitModel, IntegerModel, RangeDecoder, RangeEncoder
-from .adaptive_many import encode_integers
+from .entropy import OUT_OF_RANGE, START_MOST, Decoder, Encoder, Signs, put_bits, put_integers
 from .references import Reference, build_references, parse_references
-from .rice import RiceReader, RiceWriter
 from .sine import SINES
 
 ORDER_LIMIT, DIFFERENCE_LIMIT = 32, 4
-REPEATS, CONSTANT, UNUSED, REFERENCES, RICE = 8, 16, 32, 64, 128
+REPEATS, CONSTANT, REFERENCES, UNUSED = 8, 16, 64, 160
+FOUR_STATES, SIGNS, UNUSED_CODING = 16, 32, 192
+"""Of the byte before the coded bytes, whose lowest four bits are the class."""
+
+REPEAT_CONTEXTS, SIGN_CONTEXTS = 4, 3
 STEP_UP_LIMIT = 1 << 36
 COEFFICIENT_LIMIT = 1 << 21
 SHIFT = 13
@@ -33,9 +35,8 @@ INDEX_LIMIT = 1 << 32
 STATUS = {
     2: ("RNG-003", "a magnitude of 2^34 or more"),
     3: ("LPC-003", "index beyond the grid"),
-    4: ("RNG-001", "the coded bits do not end with their packet"),
-    6: ("LPC-011", "a block of Rice codes of no width"),
-    7: ("LPC-012", "the Rice codes do not end with their packet"),
+    4: ("RNG-001", "the coded bytes do not end with their packet"),
+    6: ("RNG-004", "a coding that is not defined"),
 }
 """What the compiled loop returns, as the readable one says it."""
 
@@ -45,18 +46,17 @@ NO_ROOM = 5
 
 @dataclass(frozen=True)
 class Predictor:
-    """The header of a component packet: difference order, reflection coefficients, base, how
-    unchanged samples and errors are coded, and the components that it refers to."""
+    """The header of a component packet: difference order, reflection coefficients, base, whether
+    unchanged samples are marked, and the components that it refers to."""
 
     difference: int = 0
     reflections: tuple[int, ...] = ()
     base: int = 0
     repeats: bool = False
     references: tuple[Reference, ...] = ()
-    rice: bool = False
 
     def build(self) -> bytes:
-        flags = self.difference | self.repeats * REPEATS | self.rice * RICE
+        flags = self.difference | self.repeats * REPEATS
         ks = bytes(k & 0xFF for k in self.reflections)
         if self.references:
             flags, ks = flags | REFERENCES, ks + build_references(self.references)
@@ -103,17 +103,12 @@ def parse_header(data: bytes, offset: int, place: int = 0) -> tuple[Predictor, b
     )
     if wrong:
         raise FormatError("a predictor that is not defined", requirement="LPC-004", offset=offset)
-    if flags & RICE and flags & (REPEATS | REFERENCES):
-        raise FormatError(
-            "Rice codes with repeats or references", requirement="LPC-010", offset=offset
-        )
     references: tuple[Reference, ...] = ()
     position = 2 + order
     if flags & REFERENCES:
         references, position = parse_references(data, position, place, offset)
     base, position = parse_svarint(data, position, offset)
-    repeats, rice = bool(flags & REPEATS), bool(flags & RICE)
-    predictor = Predictor(difference, ks, base, repeats, references, rice)
+    predictor = Predictor(difference, ks, base, bool(flags & REPEATS), references)
     return predictor, constant, position
 
 
@@ -157,15 +152,10 @@ def encode_compiled(
     while status == NO_ROOM:
         out = bytearray(size)
         taps = np.array(c, np.int32)
-        if predictor.rice:
-            status, size = compiled.rice_encode(
-                out, taps, predictor.difference, predictor.base, INDEX_LIMIT, plain
-            )
-        else:
-            status, size = compiled.lpcr_encode(
-                out, taps, predictor.difference, predictor.repeats,
-                predictor.base, INDEX_LIMIT, beside, plain,
-            )  # fmt: skip
+        status, size = compiled.lpcr_encode(
+            out, taps, predictor.difference, predictor.repeats,
+            predictor.base, INDEX_LIMIT, beside, plain,
+        )  # fmt: skip
     if status:
         raise ValueError(OUT_OF_RANGE)
     return bytes(out[:size])
@@ -177,23 +167,23 @@ def encode_coded(
     c: list[int],
     cross: NDArray[np.int64] | None,
 ) -> bytes:
-    """The coded bits, in the order of the SPEC; kernels/ has the same in C."""
+    """From the coding to the end, in the order of the SPEC; kernels/ has the same in C."""
     errors = errors_of(differences(indices - predictor.base, predictor.difference), c)
-    if predictor.rice:
-        rice = RiceWriter()
-        for e in errors.tolist():
-            rice.encode(e)
-        return rice.finish()
-    coder = RangeEncoder()
     if cross is not None:
         errors = errors - cross
-    same = np.diff(indices, prepend=indices[0] + 1) == 0
-    encode_integers(
-        coder,
-        errors.tolist(),
-        repeated=same.astype(np.int64).tolist() if predictor.repeats else None,
-    )
-    return coder.finish()
+    coder, repeats, marks = Encoder(), b"", b""
+    if predictor.repeats:
+        same = (np.diff(indices) == 0).astype(np.int64)
+        repeats = put_bits(coder, same.tolist())
+        errors = errors[np.concatenate(([0], same)) == 0]
+    numbers = errors.tolist()
+    signs = Signs.of(numbers)
+    number, start = put_integers(coder, numbers, signs=not signs.pay)
+    if signs.pay:
+        signs.put(coder)
+        marks = signs.probabilities
+    coding = number | coder.many * FOUR_STATES | signs.pay * SIGNS
+    return bytes([coding, start]) + repeats + marks + coder.finish()
 
 
 def errors_of(y: NDArray[np.int64], c: list[int]) -> NDArray[np.int64]:
@@ -265,15 +255,10 @@ def decode_compiled(
     assert compiled is not None
     out = np.empty(span, np.int64)
     taps = np.array(c, np.int32)
-    if predictor.rice:
-        status, taken = compiled.rice_decode(
-            data, taps, predictor.difference, predictor.base, limit, out
-        )
-    else:
-        status, taken = compiled.lpcr_decode(
-            data, taps, predictor.difference, predictor.repeats, predictor.base, limit,
-            b"" if cross is None else cross, out,
-        )  # fmt: skip
+    status, taken = compiled.lpcr_decode(
+        data, taps, predictor.difference, predictor.repeats, predictor.base, limit,
+        b"" if cross is None else cross, out,
+    )  # fmt: skip
     if status:
         requirement, message = STATUS[status]
         place = offset + min(taken, len(data))
@@ -291,40 +276,48 @@ def decode_coded(
     cross: NDArray[np.int64] | None,
 ) -> list[int]:
     """The readable loop; kernels/ has the same in C."""
-    coder, rice = RangeDecoder(data, offset), RiceReader(data, offset)
-    model = IntegerModel()
-    read = rice.decode if predictor.rice else partial(model.decode, coder)
-    source = rice if predictor.rice else coder
-    repeats = [BitModel() for _ in range(4)]
+    coding, repeats, signs, start = parse_coding(data, predictor, offset)
+    coder = Decoder(data[start:], offset + start, 4 if coding & FOUR_STATES else 1)
+    same = [0, *coder.bits(span - 1, repeats)] if predictor.repeats else [0] * span
+    errors = coder.integers(same.count(0), coding & 15, data[1], signs=not signs)
+    if signs:
+        errors = coder.signed(errors, signs)
+    coder.finish()
     # sums[i] is D^i z at the tick before.
     sums = [0] * (predictor.difference + 1)
     history = [0] * len(c)
     indices: list[int] = []
     beside = [0] * span if cross is None else cross.tolist()
-    recent = 0
+    following = iter(errors)
     for t in range(span):
-        same = 0
-        if predictor.repeats and t:
-            same = coder.bit(repeats[recent])
-            recent = 2 * same + (recent >> 1)
-        if same:
+        if same[t]:
             new = [sums[0]]
             for before in sums[:-1]:
                 new.append(new[-1] - before)
         else:
-            y = predict(c, history) + beside[t] + read()
+            y = predict(c, history) + beside[t] + next(following)
             new = [0] * len(sums)
             new[-1] = y
             for i in range(len(sums) - 2, -1, -1):
                 new[i] = new[i + 1] + sums[i]
         sums = new
-        check_index(sums[0] + predictor.base, limit, source.place)
+        check_index(sums[0] + predictor.base, limit, coder.place)
         if c:
             history = [sums[-1], *history[:-1]]
         indices.append(sums[0] + predictor.base)
-        coder.check()
-    source.finish()
     return indices
+
+
+def parse_coding(data: bytes, predictor: Predictor, offset: int) -> tuple[int, bytes, bytes, int]:
+    """The byte that says how symbols are coded, the probabilities of repeats and of signs, and
+    where the coded bytes begin."""
+    coding = data[0] if data else UNUSED_CODING
+    middle = 2 + REPEAT_CONTEXTS * predictor.repeats
+    stop = middle + (SIGN_CONTEXTS if coding & SIGNS else 0)
+    wrong = coding & UNUSED_CODING or len(data) < stop or data[1] > START_MOST
+    if wrong or not all(data[2:stop]):
+        raise FormatError("a coding that is not defined", requirement="RNG-004", offset=offset)
+    return coding, data[2:middle], data[middle:stop], stop
 
 
 def check_index(index: int, limit: int, offset: int) -> None:

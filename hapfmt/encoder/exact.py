@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..codecs.exact import WHOLE, ExactParameters, Lacking, corrections_of, lacking_of
+from ..codecs.exact import ExactParameters, Lacking, corrections_of, lacking_of
 from ..codecs.values import (
     COEFFICIENT_LIMIT,
     CUBIC,
@@ -271,10 +271,4 @@ def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> bytes:
 
 def smallest_exact(lacking: Lacking) -> bytes:
     """With recall or without."""
-    beside = None
-    for recall in (False, True):
-        below = WHOLE if beside is None else len(beside)
-        data = lacking.build(recall=recall, below=below)
-        beside = data if data is not None and len(data) < below else beside
-    assert beside is not None
-    return beside
+    return min((lacking.build(recall=recall) for recall in (False, True)), key=len)

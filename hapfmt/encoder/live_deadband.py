@@ -44,20 +44,20 @@ Coded = tuple[Track, Way]
 def knot_way(
     plan: Plan, bound: Bound, number: int, interpolation: Interpolation, shelf: Shelf
 ) -> Coded | None:
-    """Knots with adaptive coding; None where the deadband, and with it knots, may reach beyond the
+    """Knots with entropy coding; None where the deadband, and with it knots, may reach beyond the
     largest count."""
     grid = grid_within(bound, HALF if interpolation == "linear" else Fraction(1))
     ends = tube_of(np.array([plan.low, plan.high], np.int64), bound)
     if max(int(np.abs(end - grid.zero).max()) for end in ends) > COUNT_BOUND:
         return None
-    parameters = KnotParameters(interpolation, grid, adaptive=True).build()
+    parameters = KnotParameters(interpolation, grid, coded=True).build()
     track = plan.track(number, codec="KNOT", parameters=parameters, contract=plan.contract)
     task = Task(plan.low, plan.high, grid, bound.band, interpolation, bound.slack)
     return track, Way(task, shelf)
 
 
 def ways_of(plan: Plan, bound: Bound, number: int, shelf: Shelf) -> list[Coded]:
-    """As encode() has them, but for held steps in varints: adaptive coding is hardly larger."""
+    """As encode() has them, but for held steps in varints: entropy coding is hardly larger."""
     grid, step = grid_within(bound), min(bound.slack, STEP_LIMIT // 2 - 1)
     knots = [knot_way(plan, bound, number, joined, shelf) for joined in INTERPOLATIONS]
     ways = [way for way in knots if way is not None]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs.exact import WHOLE, ExactParameters, Lacking
+from ..codecs.exact import ExactParameters, Lacking
 from ..codecs.grids import LpcParameters
 from ..codecs.raw import RawParameters, encode_raw
 from ..codecs.values import Counts, Doubles, ordered
@@ -207,14 +207,10 @@ class ExactLane:
         """The corrections, the way that was smallest when both were tried last."""
         ways = [self.beside_way] if self.left else ALL_WAYS
         self.left = (self.left or AGAIN) - 1
-        smallest: bytes | None = None
-        for recall in ways:
-            below = WHOLE if smallest is None else len(smallest)
-            data = lacking.build(recall=recall, below=below)
-            if data is not None and (smallest is None or len(data) < len(smallest)):
-                smallest, self.beside_way = data, recall
-        assert smallest is not None
-        return smallest
+        _, self.beside_way, data = min(
+            (len(data), recall, data) for recall in ways for data in (lacking.build(recall=recall),)
+        )
+        return data
 
 
 def within(counts: Counts, lattice: Lattice) -> bool:

@@ -22,7 +22,6 @@ from ..codecs.predicted import (
     INDEX_LIMIT,
     ORDER_LIMIT,
     REPEATS,
-    RICE,
     TABLE,
     Predictor,
     encode_predicted,
@@ -32,7 +31,7 @@ from ..integers import build_svarint, rdiv
 from ..kernels import compiled
 from .grids import nearest_uniform
 from .predict import LIMITS, REPEAT_SHARE, choose_predictors
-from .quick import choose_quick, costs_of
+from .quick import costs_of, encode_quick
 
 Counts = NDArray[np.int64]
 Levels = NDArray[np.int64]
@@ -106,10 +105,14 @@ class Shelf:
         return task.record(place)
 
 
-def habit_of(predictor: Predictor) -> bytes:
+QUICK_FLAG = 128
+"""Of a habit: predictors are looked for in each packet, with little work."""
+
+
+def habit_of(predictor: Predictor, *, quick: bool = False) -> bytes:
     """A predictor but for its base, as kernels/live.c has it."""
     order = len(predictor.reflections)
-    flags = predictor.repeats * REPEATS | predictor.rice * RICE
+    flags = predictor.repeats * REPEATS | quick * QUICK_FLAG
     coefficients = np.zeros(ORDER_LIMIT, np.int32)
     reflections = np.zeros(ORDER_LIMIT, np.int8)
     coefficients[:order] = predictor.coefficients or []
@@ -121,13 +124,12 @@ def habit_of(predictor: Predictor) -> bytes:
 def predictor_of(habit: bytes) -> Predictor:
     difference, order, flags, _ = np.frombuffer(habit, np.int32, 4).tolist()
     reflections = np.frombuffer(habit, np.int8, order, len(habit) - ORDER_LIMIT).tolist()
-    repeats, rice = bool(flags & REPEATS), bool(flags & RICE)
-    return Predictor(difference, tuple(reflections), 0, repeats, rice=rice)
+    return Predictor(difference, tuple(reflections), 0, bool(flags & REPEATS))
 
 
-FRESH, QUICK = habit_of(Predictor()), habit_of(Predictor(rice=True))
-"""Of a channel without a packet, and of one in Rice codes, whose predictors are looked for in
-each."""
+FRESH, QUICK = habit_of(Predictor()), habit_of(Predictor(), quick=True)
+"""Of a channel without a packet, and of one whose predictors are looked for in each, with little
+work."""
 
 
 @dataclass(frozen=True)
@@ -208,12 +210,8 @@ def encode_block(job: Job) -> Made:
     if np.abs(indices).max() > INDEX_LIMIT:
         return Missing.NO_CODE, job.habit
     given = predictor_of(job.habit)
-    if given.rice:
-        try:
-            return encode_predicted(indices, choose_quick(indices)), job.habit
-        except ValueError:
-            # An error too large in what was not looked at.
-            return encode_predicted(indices, replace(given, base=first)), job.habit
+    if job.habit == QUICK:
+        return encode_quick(indices), job.habit
     if job.how:
         before = given if job.how is How.LOOK_BESIDE else None
         packet, found = search(indices, before)

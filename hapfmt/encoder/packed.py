@@ -47,7 +47,7 @@ def plain_knots(
 
 
 def coded_knots(track: Track, parameters: KnotParameters, pieces: Iterable[Knots]) -> Coded:
-    """With adaptive coding, values are indices of the grid."""
+    """With entropy coding, values are indices of the grid."""
     coded = Coded(replace(track, codec="KNOT", parameters=parameters.build()))
     for span, ticks, indices in pieces:
         data = encode_knots(ticks, indices, parameters.interpolation)
@@ -58,9 +58,9 @@ def coded_knots(track: Track, parameters: KnotParameters, pieces: Iterable[Knots
 def smaller_knots(
     track: Track, interpolation: Interpolation, step: int, pieces: list[Knots]
 ) -> Coded:
-    """In varints or with adaptive coding; the counts are the same."""
+    """In varints or with entropy coding; the counts are the same."""
     plain = plain_knots(track, interpolation, step, pieces)
-    parameters = KnotParameters(interpolation, LpcParameters(step), adaptive=True)
+    parameters = KnotParameters(interpolation, LpcParameters(step), coded=True)
     coded = coded_knots(track, parameters, pieces)
     return coded if coded.size < plain.size else plain
 

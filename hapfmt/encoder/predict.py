@@ -14,8 +14,8 @@ from math import inf, log2, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs.adaptive import ERROR_BITS
 from ..codecs.components import prediction_errors
+from ..codecs.entropy import ERROR_BITS
 from ..codecs.predicted import (
     DIFFERENCE_LIMIT,
     ORDER_LIMIT,

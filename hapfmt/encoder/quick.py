@@ -1,4 +1,4 @@
-"""Which predictor a packet of Rice codes gets, with as little work as tells it.
+"""Which predictor a packet gets, with as little work as tells it.
 
 A fixed polynomial, or LPC of the differences: the order by the energies that the recursion leaves,
 and of the two the one whose prediction errors are the smaller. kernels/ has the same in C.
@@ -6,6 +6,7 @@ and of the two the one whose prediction errors are the smaller. kernels/ has the
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -20,7 +21,6 @@ from ..codecs.predicted import (
     encode_predicted,
     errors_of,
 )
-from ..codecs.rice import BLOCK, RAW_BITS
 from ..kernels import compiled
 from .predict import LIMITS, SCALED_BITS, logs, recursion
 
@@ -37,22 +37,34 @@ PIECE, HISTORY, NOISE = 1024, 36, 1e-6
 """Samples whose autocorrelation is taken at a time, and those before them that it reaches into;
 relative noise, without which a sine has reflections of magnitude 1."""
 
+BLOCK, U_BITS = 32, 35
+"""Errors whose mean is taken at a time; bits of the largest error and its sign."""
+
+REPEAT_SHARE = 0.25
+"""Where more samples than that repeat the one before, they are marked (gloves: half the size)."""
+
 SEEN, SEEN_OF = 256, 4
 """One piece in four tells how large prediction errors are."""
 
 
 def encode_quick(indices: Indices) -> bytes:
-    """A packet of Rice codes."""
+    """A packet whose predictor little work has found."""
     plain = np.ascontiguousarray(indices, np.int64)
     first = int(plain[0])
     if first == plain[-1] and (plain == first).all():
         return encode_indices(plain, Predictor())
-    predictor = choose_quick(plain)
+    predictor = quick_predictor(plain)
     try:
         return encode_predicted(plain, predictor)
     except ValueError:
         # An error too large in what was not looked at.
-        return encode_predicted(plain, Predictor(0, (), first, rice=True))
+        return encode_predicted(plain, Predictor(0, (), first))
+
+
+def quick_predictor(indices: Indices) -> Predictor:
+    """With repeats where they are frequent."""
+    repeats = np.count_nonzero(indices[1:] == indices[:-1]) > REPEAT_SHARE * indices.size
+    return replace(choose_quick(indices), repeats=bool(repeats))
 
 
 def choose_quick(indices: Indices) -> Predictor:
@@ -60,15 +72,15 @@ def choose_quick(indices: Indices) -> Predictor:
     if compiled is not None:
         found, coefficients = np.zeros(ORDERS, np.int8), np.zeros(ORDERS, np.int32)
         g, order = compiled.quick_predictor(indices, TABLE, LIMITS, costs, found, coefficients)
-        return Predictor(g, tuple(found[:order].tolist()), first, rice=True)
-    best, smallest = Predictor(0, (), first, rice=True), weight(indices, 0, [])
+        return Predictor(g, tuple(found[:order].tolist()), first)
+    best, smallest = Predictor(0, (), first), weight(indices, 0, [])
     for difference in range(1, POLYNOMIALS + 1):
         size = weight(indices, difference, [])
         if size < 0 or (smallest >= 0 and size >= smallest):
             if difference > 1:
                 break
             continue
-        best, smallest = Predictor(difference, (), first, rice=True), size
+        best, smallest = Predictor(difference, (), first), size
     linear = linear_predictor(indices, costs.tolist())
     c = linear.coefficients
     if c:
@@ -94,7 +106,7 @@ def linear_predictor(indices: Indices, costs: list[float]) -> Predictor:
         if energy > 0
     ]
     order = min(weighed)[1] if weighed else 0
-    return Predictor(1, tuple(reflections[:order]), int(indices[0]), rice=True)
+    return Predictor(1, tuple(reflections[:order]), int(indices[0]))
 
 
 def quick_autocorrelation(indices: Indices) -> list[float]:
@@ -126,6 +138,6 @@ def weight(indices: Indices, difference: int, c: list[int]) -> int:
     if e.size > SEEN * SEEN_OF:
         e = e[np.arange(e.size) // SEEN % SEEN_OF == 0]
     codes = np.where(e < 0, -2 * e - 1, 2 * e)
-    if (codes >> RAW_BITS).any():
+    if (codes >> U_BITS).any():
         return -1
     return int(logs(BLOCK + 2 * np.add.reduceat(codes, np.arange(0, e.size, BLOCK))).sum())

@@ -46,8 +46,8 @@ LEAST_TICKS = 256
 """Of the fastest channel in a cluster. With one in each, as ten seconds give it, 1000 samples of
 1/3600 Hz took 49 kB; so they take 1.3 kB."""
 
-LONG_RICE = 1 << 15
-"""Samples of a packet of Rice codes, which learn nothing: as long as one predictor does for."""
+LONG_FAST = 1 << 15
+"""Samples of a packet of --fast: as long as one predictor does for."""
 
 RANGE_FLOOR = Tolerance(0.002, "range")
 """0.2 % of the channel's own range: a floor for any quantity, not only for forces."""
@@ -84,7 +84,7 @@ class Settings:
     vectors: "required" raises where channels of one group cannot be coded as one vector,
     "possible" codes them apart. references: channels that resemble each other may share a track,
     each predicted from those before it; one lost packet then takes all of them along, and to read
-    one all are decoded. fast: lossless in a fraction of the time, for a few percent of size.
+    one all are decoded. fast: lossless with less search for predictors, for a few percent of size.
     smallest: channels whose lossless form is smaller are lossless; False, where a method is to be
     measured or heard: the lossy form whatever its size.
     """
@@ -169,7 +169,7 @@ class Settings:
         if self.cluster is not None:
             return self.cluster
         fastest = max((channel.rate_exact for channel in recording.channels), default=Fraction(1))
-        longest = min(Fraction(ceil((LONG_RICE if self.fast else LONG) / fastest)), LONGEST_CLUSTER)
+        longest = min(Fraction(ceil((LONG_FAST if self.fast else LONG) / fastest)), LONGEST_CLUSTER)
         seconds = longest if self.fast else max(ARCHIVE_CLUSTER, longest)
         return max(seconds, Fraction(ceil(LEAST_TICKS / fastest)))
 

@@ -61,7 +61,7 @@ def code_held_levels(
     source: Source, base: Track, bound: Bound, smallest: int | None
 ) -> Coded | None:
     grid = grid_within(bound)
-    parameters = KnotParameters("hold", grid, adaptive=True)
+    parameters = KnotParameters("hold", grid, coded=True)
     return code_with(
         source, base, parameters, lambda x: column(fewest_held(x[:, 0], grid, bound)), smallest
     )
@@ -73,7 +73,7 @@ def code_lines(source: Source, base: Track, bound: Bound, smallest: int | None) 
     if max(np.abs(end).max() for end in tube_of(ends, bound)) > COUNT_BOUND:
         return None
     grid = grid_within(bound, HALF)
-    parameters = KnotParameters("linear", grid, adaptive=True)
+    parameters = KnotParameters("linear", grid, coded=True)
     return code_with(
         source, base, parameters, lambda x: column(fewest_joined(x[:, 0], grid, bound)), smallest
     )
@@ -90,7 +90,7 @@ def code_with(
     find: Callable[[Indices], tuple[Indices, Indices]],
     smallest: int | None,
 ) -> Coded | None:
-    """Packets with adaptive coding; ``find`` gives ticks [knots] and indices [knots, components].
+    """Packets with entropy coding; ``find`` gives ticks [knots] and indices [knots, components].
     None as soon as they are not below ``smallest``."""
     coded = Coded(replace(base, codec="KNOT", parameters=parameters.build()))
     found = ((span, *find(rows)) for span, rows in source.pieces(source.counts))
@@ -134,7 +134,7 @@ def vector_ways(source: Source, bound: Bound) -> list[Way]:
 
 def code_points(source: Source, base: Track, bound: Bound, smallest: int | None) -> Coded | None:
     grid = held_grid(bound)
-    parameters = KnotParameters("hold", grid, adaptive=True)
+    parameters = KnotParameters("hold", grid, coded=True)
     return code_with(
         source, base, parameters, lambda rows: held_vectors(rows, grid, bound), smallest
     )
@@ -142,7 +142,7 @@ def code_points(source: Source, base: Track, bound: Bound, smallest: int | None)
 
 def code_joined(source: Source, base: Track, bound: Bound, smallest: int | None) -> Coded | None:
     grid = joined_grid(bound)
-    parameters = KnotParameters("linear", grid, adaptive=True)
+    parameters = KnotParameters("linear", grid, coded=True)
     return code_with(
         source, base, parameters, lambda rows: joined_vectors(rows, grid, bound), smallest
     )

@@ -1,10 +1,11 @@
 """The compiled loops, where they were built; every one has a readable twin that runs instead.
 
 ``HAPFMT_PURE=1`` in the environment leaves them out. Here are the types of what C gives. Each .c
-file has the functions of one codec or search, and names its twin: lpcr, rice, knots, knots_coded,
-huffman (QUAN), exact (LPCX) and levels (grids) of codecs/; select, tube, sweep, links, vectors
-and live (many packets in one call) of encoder/. Shared headers: models.h, coder.h and integers.h
-are SPEC 9.4, one above the other; lpcr.h 9.5, search.h its predictors, lines.h lines between knots.
+file has the functions of one codec or search, and names its twin: lpcr, knots, knots_coded,
+huffman (QUAN), exact (LPCX) and levels (grids) of codecs/; select, tube, sweep, links, quick,
+vectors and live (many packets in one call) of encoder/. Shared headers: coder.h, integers.h and
+coded.h are SPEC 9.4, one above the other; lpcr.h 9.5, search.h its predictors, lines.h what lies
+between knots.
 """
 
 from __future__ import annotations
@@ -194,9 +195,9 @@ class DeadbandLevels(Protocol):
 
 
 class CorrectionLoop(Protocol):
-    """(coded bytes, ids int32 or none, corrections int64, zeros to work in, int64, two for each
-    id, shift) -> (status, bytes read or written); the corrections are filled, or for encoding the
-    bytes.
+    """(exact values of a packet, ids int32 or none, corrections int64, zeros to work in, int64, two
+    for each id, shift) -> (status, bytes read or written); the corrections are filled, or
+    for encoding the bytes.
     """
 
     def __call__(
@@ -235,22 +236,6 @@ class BuildVarints(Protocol):
     with."""
 
     def __call__(self, numbers: Buffer, out: Buffer, /) -> int: ...
-
-
-class RiceLoop(Protocol):
-    """(packet, coefficients int32, difference, base, limit, indices int64) -> (status, bytes read
-    or written); the last argument, or for encoding the first, is filled."""
-
-    def __call__(
-        self,
-        packet: Buffer,
-        coefficients: Buffer,
-        difference: int,
-        base: int,
-        limit: int,
-        indices: Buffer,
-        /,
-    ) -> tuple[int, int]: ...
 
 
 class QuickPredictor(Protocol):
@@ -339,10 +324,6 @@ class Kernels(Protocol):
     def coded_knots_encode(self) -> CodedKnotsEncode: ...
     @property
     def estimate(self) -> Estimate: ...
-    @property
-    def rice_decode(self) -> RiceLoop: ...
-    @property
-    def rice_encode(self) -> RiceLoop: ...
     @property
     def quick_predictor(self) -> QuickPredictor: ...
     @property

@@ -1,11 +1,44 @@
-/* The range coder of SPEC 9.4, raw bits from the back beside it. The readable twin is
-   hapfmt/codecs/adaptive.py; property tests hold both equal, bit for bit. Nothing is allocated here.
+/* The entropy coder of SPEC 9.4: symbols of fixed frequencies from the front of the coded bytes, raw bits
+   from their back. The readable twin is hapfmt/codecs/entropy.py; property tests hold both equal, bit
+   for bit.
 
-   The input is hostile: whatever the bytes say, every read is inside its buffer. */
+   The input is hostile. It is copied between two margins of zeros, so that a block of eight numbers may
+   read past either end before its bounds are checked. */
 #ifndef HAPFMT_CODER_H
 #define HAPFMT_CODER_H
 
-#include "models.h"
+#include <stdint.h>
+#include <string.h>
+
+/* HAPFMT_PLAIN: the loops that every processor has. */
+#if defined(__SSE2__) && !defined(HAPFMT_PLAIN)
+#include <emmintrin.h>
+#define VECTORS 1
+#endif
+
+#if defined(__GNUC__)
+#define INLINE static inline __attribute__((always_inline))
+#define RARE(x) __builtin_expect(!!(x), 0)
+#else
+#define INLINE static inline
+#define RARE(x) (x)
+#endif
+
+enum { SYMBOLS = 16, ESCAPE = 15, CONTEXTS = 36, CLASSES = 16, BLOCK = 8, ERROR_BITS = 34 };
+enum { SCALE_BITS = 12, SCALE = 1 << SCALE_BITS, LANES_MOST = 4, MANY = 4096, MARGIN = 128 };
+enum { DONE = 0, BAD_ERROR = 2, BAD_INDEX = 3, BAD_END = 4, NO_ROOM = 5 };
+static const uint32_t LEAST_STATE = 1 << 16;
+
+/* A symbol's part of the 4096: its first, and how many. */
+typedef struct { uint16_t first, width; } share;
+
+typedef struct {
+    share shares[CONTEXTS][SYMBOLS];
+    int16_t ends[CONTEXTS][SYMBOLS];   /* the last of each, of the last symbol more than any */
+    uint16_t costs[CONTEXTS][SYMBOLS]; /* 256 times the bits */
+} class_table;
+
+extern class_table hapfmt_classes[CLASSES];
 
 static inline int bit_length(uint64_t v)
 {
@@ -20,194 +53,129 @@ static inline int bit_length(uint64_t v)
 
 INLINE uint64_t load_big(const uint8_t *p)
 {
+#if defined(__GNUC__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+    uint64_t w;
+    memcpy(&w, p, 8);
+    return __builtin_bswap64(w);
+#else
     uint64_t w = 0;
     for (int i = 0; i < 8; i++) w = w << 8 | p[i];
     return w;
+#endif
 }
 
-/* (v, r) of RNG-001. */
-static uint64_t end_of(uint64_t low, uint32_t width, int *r)
+INLINE share bit_share(int bit, int p)
 {
-    for (*r = 15;; (*r)--) {
-        uint64_t unit = (uint64_t)1 << *r, v = (low + unit - 1) / unit * unit;
-        if (*r == 14 || v + unit <= low + width) return v;
-    }
+    share s = {(uint16_t)(bit ? SCALE - 16 * p : 0), (uint16_t)(bit ? 16 * p : SCALE - 16 * p)};
+    return s;
 }
 
-/* ---- decoder: the number from the front, raw bits from the back ---- */
+/* ---- decoder ---- */
 
 typedef struct {
-    uint64_t x;     /* its 16 highest bits are x of the SPEC, bits of the number follow */
-    uint32_t width;
-    int ready;      /* how many of those that follow are there; -15 at the start */
+    uint32_t x[LANES_MOST];
+    int lanes;
     const uint8_t *in, *next, *end;
-    int64_t beyond; /* bytes taken after the end */
-    int64_t raw;    /* raw bits taken */
+    int64_t raw; /* raw bits taken */
 } decoder;
 
-INLINE void refill(decoder *d)
+/* ``in`` has a margin on both sides. */
+INLINE void decoder_init(decoder *d, const uint8_t *in, int64_t size, int lanes)
 {
-    if (RARE(d->end - d->next < 8)) {
-        while (d->ready <= 40) {
-            if (d->next < d->end) d->x |= (uint64_t)*d->next++ << (40 - d->ready);
-            else d->beyond++;
-            d->ready += 8;
-        }
-    } else {
-        /* Bits below those that count are the same when they come again. */
-        int bytes = (48 - d->ready) >> 3;
-        d->x |= load_big(d->next) >> (16 + d->ready);
-        d->next += bytes;
-        d->ready += 8 * bytes;
-    }
+    d->lanes = lanes;
+    d->in = in;
+    d->next = in;
+    d->end = in + size;
+    d->raw = 0;
+    for (int i = 0; i < LANES_MOST; i++) d->x[i] = LEAST_STATE;
+    for (int i = 0; i < lanes; i++, d->next += 4)
+        d->x[i] = (uint32_t)(load_big(d->next) >> 32);
 }
 
-INLINE void decoder_init(decoder *d, const uint8_t *in, int64_t size)
+/* Bytes taken at the front. */
+INLINE int64_t front_taken(const decoder *d) { return d->next - d->in; }
+
+/* Whether more was read than there is. */
+INLINE int overrun(const decoder *d)
 {
-    decoder fresh = {0, HALF, -15, in, in, in + size, 0, 0};
-    *d = fresh;
-    refill(d);
+    return front_taken(d) + (d->raw + 7) / 8 > d->end - d->in;
 }
 
-INLINE void decoder_narrow(decoder *d, uint32_t lower, uint32_t width)
+INLINE uint32_t advance(uint32_t x, share s, const uint8_t **next)
 {
-    int shift = 16 - bit_length(width);
-    d->x = (d->x - ((uint64_t)lower << 48)) << shift;
-    d->width = width << shift;
-    d->ready -= shift;
-    if (d->ready < 16) refill(d);
+    uint32_t slot = x & (SCALE - 1);
+    x = s.width * (x >> SCALE_BITS) + slot - s.first;
+    uint32_t more = x << 16 | (uint32_t)(*next)[0] << 8 | (*next)[1];
+    int needs = x < LEAST_STATE;
+    *next += 2 * needs;
+    return needs ? more : x;
 }
 
-/* ``on`` 0: nothing is coded, 0 is returned. */
-INLINE int get_bit_if(decoder *d, bit_model *m, int on)
+INLINE int get_bit(decoder *d, int lane, int p)
 {
-    uint32_t at = d->width * probability(m) >> 16;
-    uint32_t bit = (uint32_t)(d->x >> 48) < at, other = bit - 1;
-    uint32_t lower = at & other, width = at + ((d->width - 2 * at) & other);
-    decoder_narrow(d, on ? lower : 0, on ? width : d->width);
-    update(m, (int)bit);
-    return (int)bit & on;
+    int bit = (int)(d->x[lane] & (SCALE - 1)) >= SCALE - 16 * p;
+    d->x[lane] = advance(d->x[lane], bit_share(bit, p), &d->next);
+    return bit;
 }
 
-INLINE int get_bit(decoder *d, bit_model *m) { return get_bit_if(d, m, 1); }
-
-INLINE int get_symbol(decoder *d, symbol_model *m)
+/* One of ``count`` symbols. */
+INLINE int get_symbol(decoder *d, int lane, const share *shares, int count)
 {
-    uint32_t lower, upper;
-    int symbol = find_symbol(m, d->width, (uint32_t)(d->x >> 48), &lower, &upper);
-    decoder_narrow(d, lower, upper - lower);
+    int slot = (int)(d->x[lane] & (SCALE - 1)), symbol = 0;
+    while (symbol + 1 < count && slot >= shares[symbol + 1].first) symbol++;
+    d->x[lane] = advance(d->x[lane], shares[symbol], &d->next);
     return symbol;
 }
 
-/* The next raw bits, 57 and more; zeros before the first byte. */
-INLINE uint64_t raw_word(const decoder *d)
+/* The next raw bits, 57 and more. */
+INLINE uint64_t raw_word(const uint8_t *end, int64_t raw)
 {
-    int64_t passed = d->raw >> 3, size = d->end - d->in;
-    uint64_t word = 0;
-    if (RARE(size - passed < 8)) {
-        for (int i = 0; i < 8 && passed + i < size; i++)
-            word |= (uint64_t)d->end[-1 - passed - i] << (8 * i);
-    } else
-        word = load_big(d->end - 8 - passed);
-    return word >> (d->raw & 7);
+    return load_big(end - 8 - (raw >> 3)) >> (raw & 7);
 }
 
+/* At most 57. */
 INLINE uint64_t get_raw(decoder *d, int bits)
 {
-    uint64_t word = raw_word(d);
+    uint64_t word = raw_word(d->end, d->raw);
     d->raw += bits;
     return word & (((uint64_t)1 << bits) - 1);
-}
-
-static int64_t bits_taken(const decoder *d)
-{
-    return 8 * (d->next - d->in + d->beyond) - d->ready;
-}
-
-/* RNG-001, before the end: more was read than the packet can hold. */
-INLINE int overrun(const decoder *d)
-{
-    return bits_taken(d) - 15 + d->raw > 8 * (d->end - d->in);
 }
 
 /* RNG-001 */
 static int check_end(const decoder *d)
 {
-    int64_t taken = bits_taken(d), size = d->end - d->in;
-    uint64_t number = 0;
-    for (int64_t at = taken < 16 ? 0 : taken - 16; at < taken; at++)
-        number = number << 1 | (at / 8 < size ? d->in[at / 8] >> (7 - at % 8) & 1 : 0);
-    uint32_t x = (uint32_t)(d->x >> 48);
-    int r;
-    uint64_t low = (number - x) & 0xFFFF, v = end_of(low, d->width, &r);
-    int64_t front = taken - r;
-    if (size != (front + d->raw + 7) / 8 || low + x < v || low + x >= v + ((uint64_t)1 << r))
-        return BAD_END;
-    for (int64_t at = front; at < 8 * size - d->raw; at++)
-        if (d->in[at / 8] >> (7 - at % 8) & 1) return BAD_END;
-    return DONE;
+    int rest = (int)(d->raw & 7);
+    uint32_t all = 0;
+    for (int i = 0; i < d->lanes; i++) all |= d->x[i] ^ LEAST_STATE;
+    if (all || front_taken(d) + (d->raw + 7) / 8 != d->end - d->in) return BAD_END;
+    return rest && *d->next >> rest ? BAD_END : DONE;
 }
 
-/* ---- encoder ---- */
+/* ---- encoder: symbols are noted, and coded from the last to the first ---- */
 
+/* Where the noted symbols have their shares: ``codes`` number them; 0xFFFF begins a section. */
 typedef struct {
-    uint64_t low, tail;
-    uint32_t width;
-    int bits, tail_bits;  /* of low, of tail */
+    uint16_t *codes;
+    int64_t noted;
     uint8_t *out;
-    int64_t size, front, back;  /* bytes there are room for, and written at both ends */
+    int64_t size, back;
+    uint64_t tail;
+    int tail_bits;
 } encoder;
 
-INLINE void encoder_init(encoder *e, uint8_t *out, int64_t size)
+enum { SECTION = 0xFFFF };
+
+INLINE void encoder_init(encoder *e, uint16_t *codes, uint8_t *out, int64_t size)
 {
-    encoder fresh = {0, 0, HALF, 15, 0, out, size, 0, 0};
+    encoder fresh = {codes, 0, out, size, 0, 0, 0};
     *e = fresh;
 }
 
-static inline void put_bytes(encoder *e, int count)
-{
-    e->bits -= 8 * count;
-    uint64_t top = e->low >> e->bits;
-    e->low &= ((uint64_t)1 << e->bits) - 1;
-    if (e->front + e->back + count <= e->size) {
-        if (top >> (8 * count))
-            for (int64_t at = e->front - 1; at >= 0 && ++e->out[at] == 0; at--) {}
-        for (int i = 0; i < count; i++) e->out[e->front + i] = (uint8_t)(top >> (8 * (count - 1 - i)));
-    }
-    e->front += count;
-}
-
-INLINE void encoder_narrow(encoder *e, uint32_t lower, uint32_t width)
-{
-    int shift = 16 - bit_length(width);
-    e->low = (e->low + lower) << shift;
-    e->width = width << shift;
-    e->bits += shift;
-    if (e->bits >= 40) put_bytes(e, (e->bits - 16) >> 3);
-}
-
-/* ``on`` 0: nothing is coded. */
-INLINE void put_bit_if(encoder *e, int bit, bit_model *m, int on)
-{
-    uint32_t at = e->width * probability(m) >> 16, other = (uint32_t)(bit != 0) - 1;
-    uint32_t lower = at & other, width = at + ((e->width - 2 * at) & other);
-    encoder_narrow(e, on ? lower : 0, on ? width : e->width);
-    update(m, bit);
-}
-
-INLINE void put_bit(encoder *e, int bit, bit_model *m) { put_bit_if(e, bit, m, 1); }
-
-INLINE void put_symbol(encoder *e, int symbol, symbol_model *m)
-{
-    uint32_t lower = symbol < ESCAPE ? bound(m, e->width, symbol) : 0;
-    uint32_t upper = symbol ? bound(m, e->width, symbol - 1) : e->width;
-    encoder_narrow(e, lower, upper - lower);
-    learn_symbol(m, symbol);
-}
+INLINE void note(encoder *e, int code) { e->codes[e->noted++] = (uint16_t)code; }
 
 static inline void put_back(encoder *e)
 {
-    if (e->front + e->back < e->size) e->out[e->size - 1 - e->back] = (uint8_t)e->tail;
+    if (e->back < e->size) e->out[e->size - 1 - e->back] = (uint8_t)e->tail;
     e->back++;
     e->tail >>= 8;
     e->tail_bits -= 8;
@@ -232,21 +200,46 @@ INLINE void put_raw(encoder *e, uint64_t value, int bits)
     put_some(e, value, bits);
 }
 
-/* Both ends are brought together; the bytes of the packet, or of what it needs. */
-static int64_t encoder_finish(encoder *e)
+INLINE uint32_t absorb(uint32_t x, share s, uint16_t **words)
 {
-    int r;
-    while (e->tail_bits >= 8) put_back(e);
-    uint64_t v = end_of(e->low, e->width, &r);
-    int count = (e->bits - r + e->tail_bits + 7) / 8, grow = 8 * count - e->bits;
-    e->low = grow >= 0 ? v << grow : v >> -grow;
-    e->bits = 8 * count;
-    put_bytes(e, count);
-    if (e->front + e->back <= e->size) {
-        if (e->tail_bits) e->out[e->front - 1] |= (uint8_t)e->tail;
-        memmove(e->out + e->front, e->out + e->size - e->back, (size_t)e->back);
+    if (x >= (uint64_t)s.width << (32 - SCALE_BITS)) {
+        *--*words = (uint16_t)x;
+        x >>= 16;
     }
-    return e->front + e->back;
+    uint32_t q = x / s.width;
+    return (q << SCALE_BITS) + (x - q * s.width) + s.first;
+}
+
+/* The coded bytes into ``out``: how many, or how many it takes. ``words``: as many as symbols, and eight. */
+static int64_t encoder_finish(encoder *e, const share *shares, int lanes, uint16_t *words)
+{
+    uint32_t x[LANES_MOST];
+    uint16_t *end = words + e->noted + 2 * LANES_MOST, *at = end;
+    int64_t last = e->noted;
+    for (int i = 0; i < LANES_MOST; i++) x[i] = LEAST_STATE;
+    while (last > 0) {
+        int64_t first = last - 1;
+        while (e->codes[first] != SECTION) first--;
+        for (int64_t i = last - 1; i > first; i--) {
+            int lane = (int)(i - first - 1) & (lanes - 1);
+            x[lane] = absorb(x[lane], shares[e->codes[i]], &at);
+        }
+        last = first;
+    }
+    for (int i = lanes - 1; i >= 0; i--) {
+        *--at = (uint16_t)x[i];
+        *--at = (uint16_t)(x[i] >> 16);
+    }
+    while (e->tail_bits > 0) put_back(e);
+    int64_t front = 2 * (end - at);
+    if (front + e->back <= e->size) {
+        for (int64_t i = 0; i < front / 2; i++) {
+            e->out[2 * i] = (uint8_t)(at[i] >> 8);
+            e->out[2 * i + 1] = (uint8_t)at[i];
+        }
+        memmove(e->out + front, e->out + e->size - e->back, (size_t)e->back);
+    }
+    return front + e->back;
 }
 
 #endif

@@ -1,43 +1,34 @@
 /* The hot loops of LPCX (SPEC 9.7); the readable twin is hapfmt/codecs/exact.py.
 
-   The input is hostile. ids are checked to be below their number; 53 raw bits at most are taken at
-   once; what is remembered are at most as many nodes as samples. */
+   The input is hostile. ids are checked to be below their number; what is remembered are at most as many nodes as samples. */
 #include "kernels.h"
 
-#include "coder.h"
+#include "coded.h"
 
-enum { LENGTHS = 64, HIGH_BITS = 10, REMEMBERED = 32 };
-enum { FRESH = 0, SAME = 1, KNOWN = 2 };
+#if defined(__GNUC__)
+/* Of the headers, not all is needed here. */
+#pragma GCC diagnostic ignored "-Wunused-function"
+#endif
 
+enum { REMEMBERED = 32, RECALL = 1, FOUR = 2 };
+enum { FRESH = 0, SAME = 1, KNOWN = 2, RECALLS = 3, RANKS = 6, LENGTH_CODES = 2 * RECALLS * RANKS };
+
+/* The corrections of each count, in lists. */
 typedef struct {
-    bit_model lengths[LENGTHS], highs[1 << HIGH_BITS], recalls[3][REMEMBERED];
-    int64_t last, *values;
+    int64_t *values;
     int32_t nodes, *links, *heads; /* links and heads: one more than a node, 0 for none */
-} correction_model;
+} memory;
 
-static void corrections_init(correction_model *m, int64_t *work, int64_t span)
+static void memory_init(memory *m, int64_t *work, int64_t span)
 {
-    bit_model fresh = {32768, 32768, 0};
-    for (int i = 0; i < LENGTHS; i++) m->lengths[i] = fresh;
-    for (int i = 0; i < 1 << HIGH_BITS; i++) m->highs[i] = fresh;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < REMEMBERED; j++) m->recalls[i][j] = fresh;
-    m->last = -1;
     m->nodes = 0;
     m->values = work;
     m->links = (int32_t *)(work + span);
     m->heads = m->links + span;
 }
 
-static inline bit_model *meet(correction_model *m, int32_t id)
-{
-    int context = !m->heads[id] ? FRESH : id == m->last ? SAME : KNOWN;
-    m->last = id;
-    return m->recalls[context];
-}
-
 /* A new correction becomes the first of its count; the last of 32 makes room. */
-static inline void remember(correction_model *m, int32_t id, int64_t correction)
+static inline void remember(memory *m, int32_t id, int64_t correction)
 {
     int32_t *link = &m->heads[id], node;
     int known = 0;
@@ -55,7 +46,7 @@ static inline void remember(correction_model *m, int32_t id, int64_t correction)
     m->heads[id] = node;
 }
 
-static inline void to_front(correction_model *m, int32_t id, int32_t *link)
+static inline void to_front(memory *m, int32_t id, int32_t *link)
 {
     int32_t node = *link;
     *link = m->links[node - 1];
@@ -63,116 +54,189 @@ static inline void to_front(correction_model *m, int32_t id, int32_t *link)
     m->heads[id] = node;
 }
 
-static inline uint64_t get_tree(decoder *c, bit_model *models, int bits)
-{
-    int node = 1;
-    for (int i = 0; i < bits; i++) node = 2 * node + get_bit(c, &models[node]);
-    return (uint64_t)(node - (1 << bits));
-}
+/* ---- decoding ---- */
 
-static inline void put_tree(encoder *c, bit_model *models, uint64_t value, int bits)
+typedef struct {
+    int recall, lanes;
+    uint8_t p[RECALLS][REMEMBERED];
+    length_table lengths;
+} heading;
+
+/* Bytes of what stands before the coded bytes; 0 where it is not defined. */
+static int64_t take_heading(const uint8_t *in, int64_t size, heading *h)
 {
-    int node = 1;
-    while (bits-- > 0) {
-        int bit = (int)(value >> bits & 1);
-        put_bit(c, bit, &models[node]);
-        node = 2 * node + bit;
+    int64_t at = 2;
+    if (size < 2) return 0;
+    h->recall = in[0] & RECALL;
+    h->lanes = in[0] & FOUR ? 4 : 1;
+    for (int x = 0; h->recall && x < RECALLS; x++) {
+        int count = at < size ? in[at++] : 0xFF;
+        if (count > REMEMBERED || at + count > size) return 0;
+        for (int i = 0; i < REMEMBERED; i++)
+            h->p[x][i] = count ? in[at + (i < count ? i : count - 1)] : 128;
+        for (int i = 0; i < count; i++)
+            if (!in[at + i]) return 0;
+        at += count;
     }
+    int64_t taken = take_lengths(in + at, size - at, &h->lengths);
+    return taken ? at + taken : 0;
 }
 
-/* Bits of a correction that belong to the exponent, below the leading 1: e of SPEC 9.7. */
-static inline int high_bits(int length, int shift)
+/* ``ranks`` [span]: the place on the list of its count, -1 where a correction is coded in full;
+   ``known`` [span] of zeros: how long the lists are. */
+static int get_ranks(decoder *d, const heading *h, const int32_t *ids, int64_t span, int8_t *ranks,
+                     uint8_t *known)
 {
-    int high = length + shift - 53;
-    if (high > length - 1) high = length - 1;
-    if (high > HIGH_BITS) high = HIGH_BITS;
-    return high < 0 ? 0 : high;
-}
-
-static int decode_corrections(decoder *c, correction_model *m, const int32_t *ids, int64_t *out,
-                              int64_t span, int shift)
-{
+    int lane = 0;
+    int32_t last = -1;
     for (int64_t t = 0; t < span; t++) {
-        if (overrun(c)) return BAD_END;
-        int32_t id = ids ? ids[t] : 0;
-        int found = 0;
-        if (ids) {
-            bit_model *models = meet(m, id);
-            int32_t *link = &m->heads[id];
-            if (!*link) {
-                if (get_bit(c, &models[0])) {
-                    out[t] = 0;
-                    remember(m, id, 0);
-                    continue;
-                }
-            } else
-                for (int i = 0; *link && !found; i++) {
-                    found = get_bit(c, &models[i]);
-                    if (!found) link = &m->links[*link - 1];
-                }
-            if (found) {
-                out[t] = m->values[*link - 1];
-                to_front(m, id, link);
-                continue;
-            }
+        int32_t id = ids[t];
+        int x = !known[id] ? FRESH : id == last ? SAME : KNOWN, count = known[id] ? known[id] : 1;
+        ranks[t] = -1;
+        for (int i = 0; i < count && ranks[t] < 0; i++) {
+            if (get_bit(d, lane, h->p[x][i])) ranks[t] = (int8_t)i;
+            lane = (lane + 1) & (d->lanes - 1);
+            if (overrun(d)) return BAD_END;
         }
-        int length = 0;
-        while (length < LENGTHS - 1 && get_bit(c, &m->lengths[length])) length++;
-        int size = length - high_bits(length, shift);
-        uint64_t high = get_tree(c, m->highs, length - size);
-        out[t] = 0;
-        if (size) {
-            uint64_t field = get_raw(c, size), top = (uint64_t)1 << (size - 1);
-            high |= (uint64_t)1 << (length - size);
-            out[t] = (int64_t)(high << (size - 1) | (field & (top - 1)));
-            if (field & top) out[t] = -out[t];
-        }
-        if (ids) remember(m, id, out[t]);
+        if (x == FRESH) known[id] = 1;
+        else if (ranks[t] < 0 && known[id] < REMEMBERED) known[id]++;
+        last = id;
     }
-    return check_end(c);
+    return DONE;
 }
 
-static int encode_corrections(encoder *c, correction_model *m, const int32_t *ids,
-                              const int64_t *in, int64_t span, int shift, int64_t *written)
+static int decode_corrections(const uint8_t *in, int64_t size, const int32_t *ids, int64_t *out,
+                              int64_t span, int64_t *work, int64_t *taken)
 {
-    *written = 0;
+    heading h;
+    decoder d;
+    memory m;
+    int64_t head = take_heading(in, size, &h);
+    int lane = 0;
+    *taken = 0;
+    if (!head) return BAD_CODING;
+    int8_t *ranks = calloc((size_t)span + 1, 2);
+    if (!ranks) return NO_MEMORY;
+    decoder_init(&d, in + head, size - head, h.lanes);
+    int status = overrun(&d) ? BAD_END : DONE;
+    if (ids && !status) status = get_ranks(&d, &h, ids, span, ranks, (uint8_t *)ranks + span);
+    memory_init(&m, work, ids ? span : 0);
+    for (int64_t t = 0; t < span && !status; t++) {
+        int rank = ids ? ranks[t] : -1;
+        if (rank >= 0 && !m.heads[ids[t]]) {
+            out[t] = 0;
+            remember(&m, ids[t], 0);
+        } else if (rank >= 0) {
+            int32_t *link = &m.heads[ids[t]];
+            while (rank-- > 0) link = &m.links[*link - 1];
+            out[t] = m.values[*link - 1];
+            to_front(&m, ids[t], link);
+        } else {
+            status = get_length(&d, &h.lengths, lane, RAW_SIGNS, out + t);
+            lane = (lane + 1) & (d.lanes - 1);
+            if (ids) remember(&m, ids[t], out[t]);
+        }
+    }
+    free(ranks);
+    if (!status) status = check_end(&d);
+    *taken = head + front_taken(&d);
+    return status;
+}
+
+/* ---- encoding ---- */
+
+static int rank_code(int x, int i, int bit) { return 2 * (RANKS * x + (i < RANKS ? i : RANKS - 1)) + bit; }
+
+/* Notes the bits of all ranks. ``full``: the corrections that are on no list; how many. */
+static int64_t note_ranks(encoder *e, memory *m, const int32_t *ids, const int64_t *in, int64_t span,
+                          int64_t *full, int64_t *counts)
+{
+    int32_t last = -1;
+    int64_t count = 0;
+    note(e, SECTION);
     for (int64_t t = 0; t < span; t++) {
-        int32_t id = ids ? ids[t] : 0;
-        int found = 0;
+        int32_t id = ids[t], *link = &m->heads[id];
+        int x = !*link ? FRESH : id == last ? SAME : KNOWN, found = 0;
+        for (int i = 0; !found && (*link || (x == FRESH && !i)); i++) {
+            found = x == FRESH ? !in[t] : m->values[*link - 1] == in[t];
+            int code = rank_code(x, i, found);
+            note(e, code);
+            counts[code]++;
+            if (!found && x != FRESH) link = &m->links[*link - 1];
+        }
+        if (found && x != FRESH) to_front(m, id, link);
+        else remember(m, id, in[t]);
+        if (!found) full[count++] = in[t];
+        last = id;
+    }
+    return count;
+}
+
+static int64_t put_recall(uint8_t *out, share *shares, const int64_t *counts)
+{
+    int64_t at = 0;
+    for (int x = 0; x < RECALLS; x++) {
+        const int64_t *these = counts + rank_code(x, 0, 0);
+        int used = 0;
+        for (int i = 0; i < RANKS; i++)
+            if (these[2 * i] + these[2 * i + 1]) used = i + 1;
+        out[at++] = (uint8_t)used;
+        at += put_bits(shares + rank_code(x, 0, 0), out + at, these, used);
+    }
+    return at;
+}
+
+static int encode_corrections(uint8_t *out, int64_t size, const int32_t *ids, const int64_t *in,
+                              int64_t span, int shift, int64_t *work, int64_t *written)
+{
+    enum { HEAD = 2 + RECALLS * (1 + RANKS) + 2 + LENGTHS };
+    memory m;
+    encoder e;
+    int64_t counts[LENGTH_CODES + LENGTHS] = {0}, full = span, head = 2, room = size - HEAD;
+    share shares[LENGTH_CODES + LENGTHS];
+    uint8_t start[HEAD];
+    *written = size + HEAD;
+    if (room < 0) return NO_ROOM;
+    for (int64_t t = 0; t < span; t++)
         if (in[t] == INT64_MIN) return BAD_ERROR;
-        if (ids) {
-            bit_model *models = meet(m, id);
-            int32_t *link = &m->heads[id];
-            if (!*link) {
-                put_bit(c, !in[t], &models[0]);
-                if (!in[t]) {
-                    remember(m, id, 0);
-                    continue;
-                }
-            } else
-                for (int i = 0; *link && !found; i++) {
-                    found = m->values[*link - 1] == in[t];
-                    put_bit(c, found, &models[i]);
-                    if (!found) link = &m->links[*link - 1];
-                }
-            if (found) {
-                to_front(m, id, link);
-                continue;
-            }
-            remember(m, id, in[t]);
+    /* A rank takes up to 32 bits. */
+    int64_t most = ids ? 34 * span + 8 : span + 8;
+    uint16_t *codes = malloc((size_t)(2 * most));
+    int64_t *rest = malloc((size_t)(8 * span + 8));
+    uint16_t *words = NULL;
+    int status = codes && rest ? DONE : NO_MEMORY;
+    if (!status) {
+        encoder_init(&e, codes, out + HEAD, room);
+        memory_init(&m, work, ids ? span : 0);
+        if (ids) full = note_ranks(&e, &m, ids, in, span, rest, counts);
+        else memcpy(rest, in, (size_t)(8 * span));
+        note(&e, SECTION);
+        for (int64_t i = 0; i < full; i++) {
+            int length = bit_length((uint64_t)(rest[i] < 0 ? -rest[i] : rest[i]));
+            counts[LENGTH_CODES + length]++;
+            put_length(&e, rest[i], RAW_SIGNS, LENGTH_CODES);
         }
-        uint64_t magnitude = (uint64_t)(in[t] < 0 ? -in[t] : in[t]);
-        int length = bit_length(magnitude), size = length - high_bits(length, shift);
-        for (int i = 0; i < length; i++) put_bit(c, 1, &m->lengths[i]);
-        if (length < LENGTHS - 1) put_bit(c, 0, &m->lengths[length]);
-        if (size) {
-            uint64_t top = (uint64_t)1 << (size - 1), rest = magnitude ^ (uint64_t)1 << (length - 1);
-            put_tree(c, m->highs, rest >> (size - 1), length - size);
-            put_raw(c, (in[t] < 0 ? top : 0) | (rest & (top - 1)), size);
+        words = malloc((size_t)(2 * (e.noted + 8)));
+        if (!words) status = NO_MEMORY;
+    }
+    if (!status) {
+        int four = e.noted >= MANY;
+        start[0] = (uint8_t)((ids ? RECALL : 0) | FOUR * four);
+        start[1] = (uint8_t)shift;
+        if (ids) head += put_recall(start + head, shares, counts);
+        head += put_lengths(start + head, shares + LENGTH_CODES, counts + LENGTH_CODES);
+        int64_t coded = encoder_finish(&e, shares, four ? 4 : 1, words);
+        *written = coded > room ? coded + HEAD : head + coded;
+        if (coded > room) status = NO_ROOM;
+        else {
+            memmove(out + head, out + HEAD, (size_t)coded);
+            memcpy(out, start, (size_t)head);
         }
     }
-    *written = encoder_finish(c);
-    return *written > c->size ? NO_ROOM : DONE;
+    free(codes);
+    free(rest);
+    free(words);
+    return status;
 }
 
 static int fits(const Py_buffer *ids, const Py_buffer *corrections, const Py_buffer *work)
@@ -186,7 +250,7 @@ static int fits(const Py_buffer *ids, const Py_buffer *corrections, const Py_buf
     return right;
 }
 
-/* (coded, ids int32 or none, corrections int64, work int64 of zeros, shift)
+/* (exact values of a packet, ids int32 or none, corrections int64, work int64 of zeros, shift)
    -> (status, bytes read or written) */
 static PyObject *run_corrections(PyObject *args, int decoding)
 {
@@ -196,26 +260,22 @@ static PyObject *run_corrections(PyObject *args, int decoding)
                           &work, &shift))
         return NULL;
     PyObject *result = NULL;
-    correction_model m;
     int64_t span = corrections.len / 8, size = 0;
     if (shift < 0 || shift >= LENGTHS || !fits(&ids, &corrections, &work))
         PyErr_SetString(PyExc_ValueError, "not arrays of corrections");
     else {
         const int32_t *names = ids.len ? ids.buf : NULL;
         Py_BEGIN_ALLOW_THREADS
-        corrections_init(&m, work.buf, names ? span : 0);
         if (decoding) {
-            decoder d;
-            decoder_init(&d, coded.buf, coded.len);
-            status = decode_corrections(&d, &m, names, corrections.buf, span, shift);
-            size = (bits_taken(&d) - 15) / 8;
-        } else {
-            encoder e;
-            encoder_init(&e, coded.buf, coded.len);
-            status = encode_corrections(&e, &m, names, corrections.buf, span, shift, &size);
-        }
+            uint8_t *copy = with_margins(coded.buf, coded.len);
+            status = !copy ? NO_MEMORY : decode_corrections(copy + MARGIN, coded.len, names,
+                                                            corrections.buf, span, work.buf, &size);
+            free(copy);
+        } else
+            status = encode_corrections(coded.buf, coded.len, names, corrections.buf, span, shift,
+                                        work.buf, &size);
         Py_END_ALLOW_THREADS
-        result = Py_BuildValue("iL", status, (long long)size);
+        result = status == NO_MEMORY ? PyErr_NoMemory() : Py_BuildValue("iL", status, (long long)size);
     }
     PyBuffer_Release(&coded);
     PyBuffer_Release(&ids);
@@ -241,8 +301,3 @@ PyMethodDef hapfmt_exact_methods[] = {
     {"exact_encode", exact_encode, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
-
-void hapfmt_exact_prepare(void)
-{
-    build_tables();
-}

@@ -1,97 +1,259 @@
-/* The integer model of SPEC 9.4. The readable twin is hapfmt/codecs/adaptive.py.
+/* Integers in blocks of eight, and bits, by the coder of SPEC 9.4. The readable twin is
+   hapfmt/codecs/entropy.py.
 
    The input is hostile: a magnitude is checked against 2^34 before it is used, and averages of
-   256 * |e| stay below 2^42. */
+   256 * |e| stay below 2^43. */
 #ifndef HAPFMT_INTEGERS_H
 #define HAPFMT_INTEGERS_H
 
 #include "coder.h"
 
-/* What the integers before leave behind; the models beside it are shared by nobody else. */
-typedef struct { int64_t f, s, t; int g; } scale_state;
-#define FRESH_SCALES {32, 32, 0, 0}
+enum { UNSIGNED = 0, RAW_SIGNS = 1, LATER_SIGNS = 2, SCALED = 10, SIGN_CONTEXTS = 3 };
 
-typedef struct {
-    symbol_model tables[CONTEXTS], lengths;
-    bit_model signs[4], repeats[4];
-} models;
+static const uint8_t edges[SYMBOLS] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 20, 28, 44};
+static const uint8_t extra[SYMBOLS] = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 2, 3, 4, 0};
 
-static inline void models_init(models *m)
+typedef struct { int64_t f, s; } averages;
+enum { START_MOST = 163, FIRST_FEW = 16 };
+
+/* Both averages of the first block, by a byte of the packet. */
+INLINE averages averages_from(int start)
 {
-    bit_model fresh = {32768, 32768, 0};
-    memset(m, 0, sizeof *m);
-    for (int c = 0; c < CONTEXTS; c++) {
-        memcpy(m->tables[c].z, first_tables[c], sizeof first_tables[c]);
-        m->tables[c].n = CONFIDENCE;
-    }
-    for (int i = 0; i < ESCAPE; i++) m->lengths.z[i] = (uint16_t)(4096 * (15 - i));
-    m->lengths.n = ESCAPE_CONFIDENCE;
-    for (int i = 0; i < 4; i++) m->signs[i] = m->repeats[i] = fresh;
+    int64_t mean = (int64_t)(4 + start % 4) << (start / 4);
+    averages a = {mean, mean};
+    return a;
 }
 
-INLINE int scale(const scale_state *s, int *context)
+INLINE int context_of(const averages *a, int *shift)
 {
-    uint64_t mean = (uint64_t)(s->f + s->s) >> 1;
+    uint64_t mean = (uint64_t)(a->f + a->s) >> 1;
     int lg = bit_length(mean | 1) - 1, fr = (int)((mean << 2 >> lg) & 3), low = lg < SCALED ? lg : SCALED;
     int c = 4 * low + fr - 8;
-    *context = c < 0 ? 0 : c;
-    return lg - low;
+    *shift = lg - low;
+    return c < 0 ? 0 : c;
 }
 
-INLINE void learn(scale_state *s, uint64_t magnitude, int negative)
+/* ``sum``: of the magnitudes of a whole block. */
+INLINE void learn(averages *a, uint64_t sum)
 {
-    int64_t u = (int64_t)(magnitude << 8);
-    int a = s->t >= 63 ? 7 : bit_length((uint64_t)s->t + 1);
-    s->g = (magnitude != 0) - 2 * negative;
-    s->f += (u - s->f) >> 3;
-    s->s += (u - s->s) >> a;
-    s->t++;
+    int64_t mean = (int64_t)(32 * sum);
+    a->f += (mean - a->f) >> 1;
+    a->s += (3 * (mean - a->s)) >> 4;
 }
 
-INLINE int put_integer(encoder *e, models *m, scale_state *s, int64_t value)
+/* ---- decoding ---- */
+
+INLINE int find(const int16_t *ends, uint32_t x)
 {
-    int context, h = scale(s, &context), negative = value < 0;
-    uint64_t u = (uint64_t)(negative ? -value : value), w = u >> h;
-    if (u >> ERROR_BITS) return BAD_ERROR;
-    int k = w < edges[ESCAPE] ? buckets[w] : ESCAPE;
-    put_symbol(e, k, &m->tables[context]);
-    if (RARE(k == ESCAPE)) {
-        uint64_t y = w - edges[ESCAPE] + 1;
-        int length = bit_length(y) - 1;
-        put_symbol(e, length < 15 ? length : 15, &m->lengths);
-        if (length >= 15) put_raw(e, (uint64_t)length - 15, 5);
-        put_raw(e, y, length);
-        put_raw(e, u, h);
-    } else
-        put_raw(e, u - ((uint64_t)edges[k] << h), extra[k] + h);
-    put_bit_if(e, negative, &m->signs[u ? s->g + 1 : 3], u != 0);
-    learn(s, u, negative);
-    return DONE;
+    int slot = (int)(x & (SCALE - 1));
+#ifdef VECTORS
+    __m128i at = _mm_set1_epi16((short)slot);
+    __m128i a = _mm_cmpgt_epi16(at, _mm_loadu_si128((const __m128i *)ends));
+    __m128i b = _mm_cmpgt_epi16(at, _mm_loadu_si128((const __m128i *)(ends + 8)));
+    return __builtin_ctz(~(unsigned)_mm_movemask_epi8(_mm_packs_epi16(a, b)));
+#else
+    int symbol = 0;
+    for (int i = 0; i < ESCAPE; i++) symbol += slot > ends[i];
+    return symbol;
+#endif
 }
 
-INLINE int get_integer(decoder *d, models *m, scale_state *s, int64_t *value)
+/* The symbols of up to eight numbers. */
+INLINE void get_block(decoder *d, const class_table *t, int c, int count, int lanes, int *k)
 {
-    int context, h = scale(s, &context);
-    int k = get_symbol(d, &m->tables[context]), negative;
-    uint64_t u;
-    if (RARE(k == ESCAPE)) {
-        int length = get_symbol(d, &m->lengths);
-        if (length == 15) length += (int)get_raw(d, 5);
-        uint64_t w = ((uint64_t)1 << length | get_raw(d, length)) + edges[ESCAPE] - 1;
-        if (w >> (ERROR_BITS - h)) return BAD_ERROR;
-        u = w << h | get_raw(d, h);
-    } else {
-        int bits = extra[k] + h;
-        uint64_t word = raw_word(d);
-        u = ((uint64_t)edges[k] << h) + (word & (((uint64_t)1 << bits) - 1));
-        if (RARE(u >> ERROR_BITS)) return BAD_ERROR;
-        d->raw += bits;
+    const share *shares = t->shares[c];
+    const int16_t *ends = t->ends[c];
+    const uint8_t *next = d->next;
+    uint32_t x[LANES_MOST];
+    for (int i = 0; i < lanes; i++) x[i] = d->x[i];
+    if (count == BLOCK)
+        for (int i = 0; i < BLOCK; i++) {
+            uint32_t *lane = x + (i & (lanes - 1));
+            k[i] = find(ends, *lane);
+            *lane = advance(*lane, shares[k[i]], &next);
+        }
+    else
+        for (int i = 0; i < count; i++) {
+            uint32_t *lane = x + (i & (lanes - 1));
+            k[i] = find(ends, *lane);
+            *lane = advance(*lane, shares[k[i]], &next);
+        }
+    for (int i = 0; i < lanes; i++) d->x[i] = x[i];
+    d->next = next;
+}
+
+INLINE int get_integers_as(decoder *d, int class, int start, int64_t count, int64_t *out, int lanes, int signs)
+{
+    const class_table *t = hapfmt_classes + class;
+    averages a = averages_from(start);
+    for (int64_t at = 0; at < count; at += BLOCK) {
+        int n = count - at < BLOCK ? (int)(count - at) : BLOCK, k[BLOCK], h, c = context_of(&a, &h);
+        uint64_t sum = 0, beyond = 0;
+        get_block(d, t, c, n, lanes, k);
+        const uint8_t *end = d->end;
+        int64_t raw = d->raw;
+        for (int i = 0; i < n; i++) {
+            uint64_t u, word = raw_word(end, raw);
+            int bits;
+            if (RARE(k[i] == ESCAPE)) {
+                int length = (int)(word & 63);
+                u = ((uint64_t)1 << length | (word >> 6 & (((uint64_t)1 << length) - 1))) + edges[ESCAPE] - 1;
+                if (u >> (ERROR_BITS - h)) { d->raw = raw + 6 + length; return BAD_ERROR; }
+                raw += 6 + length;
+                word = raw_word(end, raw);
+                u = u << h | (word & (((uint64_t)1 << h) - 1));
+                bits = h;
+            } else {
+                bits = extra[k[i]] + h;
+                u = ((uint64_t)edges[k[i]] << h) + (word & (((uint64_t)1 << bits) - 1));
+            }
+            word >>= bits;
+            raw += bits;
+            beyond |= u;
+            sum += u;
+            if (signs == RAW_SIGNS) {
+                uint64_t some = u != 0, mask = 0 - (word & some);
+                raw += (int64_t)some;
+                u = (u ^ mask) - mask;
+            }
+            out[at + i] = (int64_t)u;
+        }
+        d->raw = raw;
+        if (RARE(beyond >> ERROR_BITS)) return BAD_ERROR;
+        if (RARE(overrun(d))) return BAD_END;
+        learn(&a, sum);
     }
-    /* A model of its own for no sign at all: that is quicker than a branch. */
-    negative = get_bit_if(d, &m->signs[u ? s->g + 1 : 3], u != 0);
-    *value = negative ? -(int64_t)u : (int64_t)u;
-    learn(s, u, negative);
     return DONE;
+}
+
+static int get_integers(decoder *d, int class, int start, int64_t count, int64_t *out, int signs)
+{
+    if (d->lanes == 1)
+        return signs == RAW_SIGNS ? get_integers_as(d, class, start, count, out, 1, RAW_SIGNS)
+                                  : get_integers_as(d, class, start, count, out, 1, UNSIGNED);
+    return signs == RAW_SIGNS ? get_integers_as(d, class, start, count, out, 4, RAW_SIGNS)
+                              : get_integers_as(d, class, start, count, out, 4, UNSIGNED);
+}
+
+/* Signs of those that are not 0, each by the number before it. */
+static int get_signs(decoder *d, const uint8_t *p, int64_t count, int64_t *out)
+{
+    int last = 0, lane = 0;
+    for (int64_t i = 0; i < count; i++) {
+        if (out[i]) {
+            int negative = get_bit(d, lane, p[last + 1]);
+            lane = (lane + 1) & (d->lanes - 1);
+            if (RARE(overrun(d))) return BAD_END;
+            if (negative) out[i] = -out[i];
+            last = 1 - 2 * negative;
+        } else
+            last = 0;
+    }
+    return DONE;
+}
+
+/* ---- encoding ---- */
+
+static const uint8_t buckets[44] = {
+    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 10, 11, 11, 11, 11, 12, 12, 12, 12, 13, 13,
+    13, 13, 13, 13, 13, 13, 14, 14, 14, 14, 14, 14, 14, 14, 14, 14, 14, 14, 14, 14, 14, 14,
+};
+
+/* Where codes begin: those of a class, and after them of bits. */
+enum { BITS = CONTEXTS * SYMBOLS };
+
+typedef struct { int32_t counts[CONTEXTS * SYMBOLS]; } histogram;
+
+/* The byte for averages like those of the first few numbers. */
+static int start_of(const int64_t *in, int64_t count)
+{
+    uint64_t sum = 0;
+    int64_t few = count < FIRST_FEW ? count : FIRST_FEW;
+    for (int64_t i = 0; i < few; i++) {
+        uint64_t u = (uint64_t)(in[i] < 0 ? -in[i] : in[i]);
+        sum += u >> ERROR_BITS ? 0 : u;
+    }
+    uint64_t mean = few ? 256 * sum / (uint64_t)few : 0;
+    int lg = bit_length(mean) - 1;
+    return mean < 4 ? 0 : 4 * (lg - 2) + (int)(mean >> (lg - 2) & 3);
+}
+
+/* Counts the symbols of integers; the raw bits beside them without signs, or -1. */
+static int64_t survey(const int64_t *in, int64_t count, int start, histogram *seen)
+{
+    averages a = averages_from(start);
+    int64_t bits = 0;
+    for (int64_t at = 0; at < count; at += BLOCK) {
+        int n = count - at < BLOCK ? (int)(count - at) : BLOCK, h, c = context_of(&a, &h);
+        uint64_t sum = 0;
+        for (int i = 0; i < n; i++) {
+            int64_t value = in[at + i];
+            uint64_t u = (uint64_t)(value < 0 ? -value : value), w = u >> h;
+            if (u >> ERROR_BITS) return -1;
+            int k = w >= edges[ESCAPE] ? ESCAPE : buckets[w];
+            seen->counts[SYMBOLS * c + k]++;
+            bits += h + (k == ESCAPE ? 5 + bit_length(w - edges[ESCAPE] + 1) : extra[k]);
+            sum += u;
+        }
+        learn(&a, sum);
+    }
+    return bits;
+}
+
+/* Notes a section of integers; ``first`` is added to its codes. */
+INLINE int put_integers(encoder *e, const int64_t *in, int64_t count, int start, int signs, int first,
+                        histogram *seen)
+{
+    averages a = averages_from(start);
+    note(e, SECTION);
+    for (int64_t at = 0; at < count; at += BLOCK) {
+        int n = count - at < BLOCK ? (int)(count - at) : BLOCK, h, c = context_of(&a, &h);
+        uint64_t sum = 0;
+        for (int i = 0; i < n; i++) {
+            int64_t value = in[at + i];
+            uint64_t u = (uint64_t)(value < 0 ? -value : value), w = u >> h;
+            if (RARE(u >> ERROR_BITS)) return BAD_ERROR;
+            int k = RARE(w >= edges[ESCAPE]) ? ESCAPE : buckets[w];
+            seen->counts[SYMBOLS * c + k]++;
+            note(e, first + SYMBOLS * c + k);
+            if (RARE(k == ESCAPE)) {
+                uint64_t y = w - edges[ESCAPE] + 1;
+                int length = bit_length(y) - 1;
+                put_raw(e, (uint64_t)length, 6);
+                put_raw(e, y, length);
+                put_raw(e, u, h);
+            } else
+                put_raw(e, u - ((uint64_t)edges[k] << h), extra[k] + h);
+            if (signs == RAW_SIGNS && u) put_raw(e, value < 0, 1);
+            sum += u;
+        }
+        learn(&a, sum);
+    }
+    return DONE;
+}
+
+/* The class that codes them in the fewest bits; *least: 256 times these. */
+static int best_class(const histogram *seen, int64_t *least)
+{
+    int best = 0;
+    *least = -1;
+    for (int class = 0; class < CLASSES; class++) {
+        const uint16_t *costs = hapfmt_classes[class].costs[0];
+        int64_t cost = 0;
+        for (int i = 0; i < CONTEXTS * SYMBOLS; i++) cost += (int64_t)seen->counts[i] * costs[i];
+        if (*least < 0 || cost < *least) {
+            *least = cost;
+            best = class;
+        }
+    }
+    return best;
+}
+
+/* How probable a 1 is, in 256ths, where there were some of each. */
+INLINE int probability_of(int64_t zeros, int64_t ones)
+{
+    int64_t n = zeros + ones, p = n ? (256 * ones + n / 2) / n : 128;
+    return p < 1 ? 1 : p > 255 ? 255 : (int)p;
 }
 
 #endif

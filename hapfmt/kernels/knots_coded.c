@@ -1,46 +1,16 @@
-/* The loops of adaptively coded knots (SPEC 9.6); the readable twin is hapfmt/codecs/knots_coded.py.
+/* The loops of entropy coded knots (SPEC 9.6); the readable twin is hapfmt/codecs/knots_coded.py.
 
    The decoder's input is hostile: an index is within ``limit`` <= 2^32 before it is used, a
    difference has at most 34 bits, a tick is below the span before anything is written. */
 #include "kernels.h"
 
-#include "coder.h"
+#include "coded.h"
 #include "lines.h"
 
-enum { BAD_LENGTH = 7, BAD_TICK = 8, GAP_BITS = 24, VALUE_BITS = 34 };
+enum { BAD_TICK = 8, SIGNS_LATER = 32, FOUR = 16, BY_LENGTH = 64 };
 static const int64_t FARTHEST = (int64_t)1 << 48; /* ticks whose differences do not overflow */
 
-typedef struct {
-    bit_model lengths[VALUE_BITS + 1], seconds[VALUE_BITS + 1];
-} magnitude;
-
-typedef struct {
-    magnitude gaps, values;
-    bit_model signs[3];
-} knot_model;
-
-static void knots_init(knot_model *m)
-{
-    bit_model fresh = {32768, 32768, 0};
-    for (int i = 0; i <= VALUE_BITS; i++) {
-        m->gaps.lengths[i] = m->gaps.seconds[i] = fresh;
-        m->values.lengths[i] = m->values.seconds[i] = fresh;
-    }
-    for (int i = 0; i < 3; i++) m->signs[i] = fresh;
-}
-
 /* ---- decoding ---- */
-
-/* A number of at most ``most`` bits; -1 where it has more. */
-INLINE int64_t get_magnitude(decoder *d, magnitude *m, int most)
-{
-    int size = 0;
-    while (get_bit(d, &m->lengths[size]))
-        if (RARE(++size > most)) return -1;
-    if (size < 2) return size;
-    int64_t top = 2 | get_bit(d, &m->seconds[size]);
-    return top << (size - 2) | (int64_t)get_raw(d, size - 2);
-}
 
 typedef struct {
     shape shape;
@@ -49,35 +19,90 @@ typedef struct {
     int linear;
 } knot_plan;
 
-/* ``row``: indices of the last knot; ``counts``: what they stand for; ``signs``: of the last
-   differences, zeros. */
-static int decode_knots(decoder *d, const knot_plan *p, int64_t *row, int64_t *counts,
-                        int64_t *signs, int32_t *out)
+/* How a row of numbers is coded: by a class, or by their lengths. */
+typedef struct {
+    int class, start, lanes, signs, by_length;
+    uint8_t sign[SIGN_CONTEXTS];
+    length_table lengths;
+} row_coding;
+
+/* How many bytes it takes; 0 where it is not defined. ``unused``: bits that are 0. */
+static int64_t take_row(const uint8_t *in, int64_t size, int unused, row_coding *r)
 {
-    knot_model m;
+    int64_t head = 2;
+    if (size < 2 || in[0] & unused) return 0;
+    r->class = in[0] & 15;
+    r->lanes = in[0] & FOUR ? 4 : 1;
+    r->signs = in[0] & SIGNS_LATER ? LATER_SIGNS : RAW_SIGNS;
+    r->by_length = in[0] & BY_LENGTH;
+    r->start = in[1];
+    if (r->by_length) {
+        int64_t taken = r->class ? 0 : take_lengths(in + 1, size - 1, &r->lengths);
+        if (!taken || r->lengths.first + r->lengths.count > ERROR_BITS + 1) return 0;
+        head = 1 + taken;
+    } else if (r->start > START_MOST)
+        return 0;
+    if (r->signs == LATER_SIGNS) {
+        if (size < head + SIGN_CONTEXTS || !in[head] || !in[head + 1] || !in[head + 2]) return 0;
+        memcpy(r->sign, in + head, SIGN_CONTEXTS);
+        head += SIGN_CONTEXTS;
+    }
+    return head;
+}
+
+static int get_row(decoder *d, const row_coding *r, int64_t count, int signs, int64_t *out)
+{
+    int status = DONE, lane = 0;
+    if (!r->by_length) return get_integers(d, r->class, r->start, count, out, signs);
+    for (int64_t i = 0; i < count && !status; i++) {
+        status = get_length(d, &r->lengths, lane, signs, out + i);
+        lane = (lane + 1) & (d->lanes - 1);
+    }
+    return status;
+}
+
+/* ``numbers``: gaps and then differences, component by component. */
+static int get_knots(const uint8_t *in, int64_t size, const knot_plan *p, int64_t *numbers, int64_t *taken)
+{
+    int64_t gaps = p->further - p->linear, differences = p->further * p->shape.components;
+    row_coding first, second;
+    decoder d;
+    *taken = 0;
+    int64_t head = take_row(in, size, 128 | SIGNS_LATER, &first), more = 0;
+    if (head) more = take_row(in + head, size - head, 128 | FOUR, &second);
+    if (!more) return BAD_CODING;
+    head += more;
+    decoder_init(&d, in + head, size - head, first.lanes);
+    int status = overrun(&d) ? BAD_END : DONE;
+    if (!status) status = get_row(&d, &first, gaps, UNSIGNED, numbers);
+    if (!status) status = get_row(&d, &second, differences, second.signs, numbers + gaps);
+    if (!status && second.signs == LATER_SIGNS)
+        status = get_signs(&d, second.sign, differences, numbers + gaps);
+    if (!status) status = check_end(&d);
+    *taken = head + front_taken(&d);
+    return status;
+}
+
+/* ``row``: indices of the last knot; ``counts``: what they stand for. */
+static int decode_knots(const knot_plan *p, const int64_t *numbers, int64_t *row, int64_t *counts,
+                        int32_t *out)
+{
+    const int64_t *gaps = numbers, *differences = numbers + p->further - p->linear;
     int64_t tick = 0;
     int components = p->shape.components;
-    knots_init(&m);
     for (int c = 0; c < components; c++) counts[c] = count_of(&p->places, row[c]);
-    for (int64_t left = p->further; left-- > 0;) {
-        if (RARE(overrun(d))) return BAD_END;
-        int64_t from = tick, stop;
-        int last = p->linear && !left, inside = 1;
-        if (last) {
+    for (int64_t k = 0; k < p->further; k++) {
+        int64_t from = tick, stop, left = p->further - 1 - k;
+        int inside = 1;
+        if (p->linear && !left) {
             tick = p->span - 1;
             stop = p->span;
         } else {
-            int64_t gap = get_magnitude(d, &m.gaps, GAP_BITS);
-            if (gap < 0) return BAD_LENGTH;
-            stop = tick += gap + 1;
+            stop = tick += gaps[k] + 1;
             if (tick >= p->span - left) return BAD_TICK;
         }
         for (int c = 0; c < components; c++) {
-            int64_t u = get_magnitude(d, &m.values, VALUE_BITS);
-            if (u < 0) return BAD_LENGTH;
-            int negative = u ? get_bit(d, &m.signs[signs[c] + 1]) : 0;
-            row[c] += negative ? -u : u;
-            signs[c] = (u != 0) - 2 * negative;
+            row[c] += differences[c * p->further + k];
             inside &= row[c] <= p->places.limit && row[c] >= -p->places.limit;
             if (RARE(!inside)) continue;
             int64_t before = counts[c];
@@ -90,7 +115,7 @@ static int decode_knots(decoder *d, const knot_plan *p, int64_t *row, int64_t *c
     /* Lines end with the packet: only what is held goes on. */
     if (!p->linear || !p->further)
         for (int c = 0; c < components; c++) hold(&p->shape, tick, p->span, c, counts[c], out);
-    return p->further ? check_end(d) : DONE;
+    return DONE;
 }
 
 static int plan_fits(knot_plan *p, const Py_buffer *levels, const Py_buffer *first,
@@ -106,14 +131,14 @@ static int plan_fits(knot_plan *p, const Py_buffer *levels, const Py_buffer *fir
 }
 
 /* (coded bytes, lines, knots after the first, largest index, step, zero, magnitudes of a deadband's
-   grid int64 or none, least and largest count, first indices int64 [components], zeros int64
-   [2 * components], counts int32 [ticks * components]) -> (status, bytes read) */
+   grid int64 or none, least and largest count, first indices int64 [components], room
+   int64 [2 * components], counts int32 [ticks * components]) -> (status, bytes read) */
 static PyObject *coded_knots_decode(PyObject *self, PyObject *args)
 {
     Py_buffer coded, levels, first, work, out;
     long long further;
     knot_plan p;
-    int status = DONE;
+    int status = DONE, memory = 1;
     int64_t size = 0;
     PyObject *result = NULL;
     (void)self;
@@ -125,15 +150,17 @@ static PyObject *coded_knots_decode(PyObject *self, PyObject *args)
     p.span = rows_of(&p.shape, &out);
     p.further = further;
     if (plan_fits(&p, &levels, &first, &work)) {
-        int64_t *space = work.buf;
-        decoder d;
         Py_BEGIN_ALLOW_THREADS
-        memset(work.buf, 0, (size_t)work.len);
-        decoder_init(&d, coded.buf, coded.len);
-        status = decode_knots(&d, &p, first.buf, space, space + p.shape.components, out.buf);
-        size = (bits_taken(&d) - 15) / 8;
+        uint8_t *copy = with_margins(coded.buf, coded.len);
+        int64_t *numbers = malloc((size_t)(8 * p.further * (1 + p.shape.components) + 8));
+        memory = copy && numbers;
+        if (memory && p.further) status = get_knots(copy + MARGIN, coded.len, &p, numbers, &size);
+        if (memory && !status) status = decode_knots(&p, numbers, first.buf, work.buf, out.buf);
+        free(copy);
+        free(numbers);
         Py_END_ALLOW_THREADS
-        result = Py_BuildValue("iL", status, (long long)size);
+        if (memory) result = Py_BuildValue("iL", status, (long long)size);
+        else PyErr_NoMemory();
     } else
         PyErr_SetString(PyExc_ValueError, "not the limits of a packet of knots, or not its room");
     PyBuffer_Release(&coded);
@@ -146,41 +173,91 @@ static PyObject *coded_knots_decode(PyObject *self, PyObject *args)
 
 /* ---- encoding ---- */
 
-INLINE int put_magnitude(encoder *e, magnitude *m, int most, int64_t u)
+enum { ROW_CODES = BITS, SIGN_PLACES = 2 * ROW_CODES };
+enum { ROW_HEAD = 3 + LENGTHS + SIGN_CONTEXTS, HEAD = 2 * ROW_HEAD };
+
+/* Notes a row of numbers in the way that takes less; the byte of its coding without flags, -1 where a
+   number has no code. *head: bytes that follow it in ``out``. */
+static int put_row(encoder *e, const int64_t *in, int64_t count, int signs, int codes, share *shares,
+                   uint8_t *out, int64_t *head)
 {
-    int size = bit_length((uint64_t)u);
-    if (u < 0 || size > most) return 0;
-    for (int i = 0; i < size; i++) put_bit(e, 1, &m->lengths[i]);
-    put_bit(e, 0, &m->lengths[size]);
-    if (size > 1) {
-        put_bit(e, (int)(u >> (size - 2) & 1), &m->seconds[size]);
-        put_raw(e, (uint64_t)u, size - 2);
+    histogram seen = {{0}}, again = {{0}};
+    int64_t lengths[LENGTHS] = {0}, cost, other;
+    share own[LENGTHS];
+    int start = start_of(in, count);
+    int64_t raw = survey(in, count, start, &seen);
+    if (raw < 0) return -1;
+    int class = best_class(&seen, &cost);
+    for (int64_t i = 0; i < count; i++) lengths[bit_length((uint64_t)(in[i] < 0 ? -in[i] : in[i]))]++;
+    *head = put_lengths(out, own, lengths);
+    other = 2048 * *head;
+    for (int i = 0; i < LENGTHS; i++)
+        if (lengths[i])
+            other += lengths[i] * ((int64_t)floor(256 * log2((double)SCALE / own[i].width) + 0.5) +
+                                   256 * (i ? i - 1 : 0));
+    if (other < cost + 256 * raw + 2048) {
+        memcpy(shares + codes, own, sizeof own);
+        note(e, SECTION);
+        for (int64_t i = 0; i < count; i++) put_length(e, in[i], signs, codes);
+        return BY_LENGTH;
     }
-    return 1;
+    memcpy(shares + codes, hapfmt_classes[class].shares, sizeof hapfmt_classes[class].shares);
+    out[0] = (uint8_t)start;
+    *head = 1;
+    put_integers(e, in, count, start, signs, codes, &again);
+    return class;
 }
 
-static inline int sign(int64_t x) { return (x > 0) - (x < 0); }
-
-static int encode_knots(encoder *e, const int64_t *ticks, const int64_t *indices, int64_t knots,
-                        int64_t components, int linear)
+/* The coded bytes of knots after the first one; *size: how many. */
+static int encode_knots(const int64_t *ticks, const int64_t *indices, int64_t knots, int64_t components,
+                        int linear, uint8_t *out, int64_t room, int64_t *size)
 {
-    knot_model m;
-    knots_init(&m);
+    int64_t further = knots - 1, gaps = further - (linear && further), differences = further * components;
     for (int64_t i = 0; i < knots * components; i++)
         if (indices[i] > FARTHEST_INDEX || indices[i] < -FARTHEST_INDEX) return BAD_INDEX;
     for (int64_t k = 0; k < knots; k++)
-        if (ticks[k] < 0 || ticks[k] > FARTHEST) return BAD_TICK;
-    for (int64_t k = 1; k < knots; k++) {
-        const int64_t *now = indices + k * components, *before = now - components;
-        if (!linear || k < knots - 1)
-            if (!put_magnitude(e, &m.gaps, GAP_BITS, ticks[k] - ticks[k - 1] - 1)) return BAD_TICK;
-        for (int64_t c = 0; c < components; c++) {
-            int64_t d = now[c] - before[c], g = k > 1 ? before[c] - before[c - components] : 0;
-            put_magnitude(e, &m.values, VALUE_BITS, d < 0 ? -d : d);
-            if (d) put_bit(e, d < 0, &m.signs[sign(g) + 1]);
+        if (ticks[k] < 0 || ticks[k] > FARTHEST || (k && ticks[k] <= ticks[k - 1])) return BAD_TICK;
+    workshop w;
+    if (!workshop_open(&w, further + differences)) {
+        workshop_close(&w);
+        return NO_MEMORY;
+    }
+    int64_t *numbers = w.errors;
+    for (int64_t k = 0; k < gaps; k++) numbers[k] = ticks[k + 1] - ticks[k] - 1;
+    for (int64_t c = 0; c < components; c++)
+        for (int64_t k = 0; k < further; k++)
+            numbers[gaps + c * further + k] = indices[(k + 1) * components + c] - indices[k * components + c];
+    encoder e;
+    share shares[SIGN_PLACES + 2 * SIGN_CONTEXTS];
+    uint8_t start[HEAD], *second = start;
+    int64_t signs[2 * SIGN_CONTEXTS], head = 0, more = 0;
+    room = room < HEAD ? 0 : room - HEAD;
+    encoder_init(&e, w.codes, out + HEAD, room);
+    int later = signs_pay(numbers + gaps, differences, signs), other = -1;
+    int way = put_row(&e, numbers, gaps, UNSIGNED, 0, shares, start + 1, &head);
+    if (way >= 0) {
+        second = start + 1 + head;
+        other = put_row(&e, numbers + gaps, differences, later ? UNSIGNED : RAW_SIGNS, ROW_CODES, shares,
+                        second + 1, &more);
+    }
+    int status = other < 0 ? BAD_ERROR : DONE;
+    if (!status) {
+        if (later) note_signs(&e, numbers + gaps, differences, SIGN_PLACES);
+        int four = e.noted >= MANY;
+        start[0] = (uint8_t)(way | FOUR * four);
+        second[0] = (uint8_t)(other | SIGNS_LATER * later);
+        head += 2 + more;
+        if (later) head += put_bits(shares + SIGN_PLACES, start + head, signs, SIGN_CONTEXTS);
+        int64_t coded = encoder_finish(&e, shares, four ? 4 : 1, w.words);
+        *size = coded > room ? coded + HEAD : head + coded;
+        if (coded > room) status = NO_ROOM;
+        else {
+            memmove(out + head, out + HEAD, (size_t)coded);
+            memcpy(out, start, (size_t)head);
         }
     }
-    return DONE;
+    workshop_close(&w);
+    return status;
 }
 
 static int64_t put_varint(uint8_t *out, uint64_t v)
@@ -194,16 +271,13 @@ static int64_t put_varint(uint8_t *out, uint64_t v)
 int64_t hapfmt_pack_knots(const int64_t *ticks, const int64_t *indices, int64_t knots, int linear,
                           uint8_t *packet, int64_t room)
 {
-    enum { HEAD = 20 };
-    if (room < HEAD) return -3;
+    if (room < 20) return -3;
     int64_t first = indices[0], at = put_varint(packet, (uint64_t)first << 1 ^ (uint64_t)(first >> 63));
     if (knots == 1) return at;
     at += put_varint(packet + at, (uint64_t)knots - 1);
-    encoder e;
-    encoder_init(&e, packet + at, room - at);
-    if (encode_knots(&e, ticks, indices, knots, 1, linear) != DONE) return -2;
-    int64_t size = encoder_finish(&e);
-    return size > room - at ? -3 : at + size;
+    int64_t size = 0;
+    int status = encode_knots(ticks, indices, knots, 1, linear, packet + at, room - at, &size);
+    return status == DONE ? at + size : status == NO_ROOM || status == NO_MEMORY ? -3 : -2;
 }
 
 /* (ticks int64 [knots], indices int64 [knots * components], lines, coded bytes) -> (status, size) */
@@ -219,16 +293,10 @@ static PyObject *coded_knots_encode(PyObject *self, PyObject *args)
         PyErr_SetString(PyExc_ValueError, "not arrays of knots");
     else {
         Py_BEGIN_ALLOW_THREADS
-        encoder e;
-        encoder_init(&e, out.buf, out.len);
-        status = encode_knots(&e, ticks.buf, indices.buf, ticks.len / 8, indices.len / ticks.len,
-                              linear);
-        if (status == DONE) {
-            size = encoder_finish(&e);
-            if (size > out.len) status = NO_ROOM;
-        }
+        status = encode_knots(ticks.buf, indices.buf, ticks.len / 8, indices.len / ticks.len, linear,
+                              out.buf, out.len, &size);
         Py_END_ALLOW_THREADS
-        result = Py_BuildValue("iL", status, (long long)size);
+        result = status == NO_MEMORY ? PyErr_NoMemory() : Py_BuildValue("iL", status, (long long)size);
     }
     PyBuffer_Release(&ticks);
     PyBuffer_Release(&indices);
@@ -241,8 +309,3 @@ PyMethodDef hapfmt_knots_coded_methods[] = {
     {"coded_knots_encode", coded_knots_encode, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
-
-void hapfmt_knots_coded_prepare(void)
-{
-    build_tables();
-}

@@ -19,7 +19,7 @@ typedef struct {
     int64_t *counts, *indices, *rows;
     uint8_t *packet, *other;
     int64_t room;
-    models *m;
+    workshop w;
 } desk;
 
 static int sound(const task *t, int64_t grids)
@@ -38,8 +38,8 @@ static int sound(const task *t, int64_t grids)
 static int usual(const habit *h)
 {
     int fits = h->order >= 0 && h->order <= ORDERS && h->difference >= 0 &&
-               h->difference <= DIFFERENCES && !(h->way & ~(REPEATS | RICE)) &&
-               (!(h->way & RICE) || h->way == RICE);
+               h->difference <= DIFFERENCES && !(h->way & ~(REPEATS | QUICK)) &&
+               (!(h->way & QUICK) || h->way == QUICK);
     for (int i = 0; fits && i < h->order; i++) fits = h->reflections[i] > -128;
     return fits;
 }
@@ -133,28 +133,20 @@ static int64_t pack(const habit *h, const row *r, desk *d, uint8_t *packet)
     int64_t size = 0;
     int status;
     if (!valid(&p)) return NO_CODE;
-    *out++ = (uint8_t)(p.difference | h->way);
+    *out++ = (uint8_t)(p.difference | (h->way & REPEATS));
     *out++ = (uint8_t)p.order;
     memcpy(out, h->reflections, (size_t)p.order);
     out += p.order;
     out += put_base(out, p.base);
     int64_t room = d->room - (out - packet);
-    if (h->way & RICE) {
-        bit_sink s = {out, room, 0, 0, 0};
-        status = rice(&s, &p, r->indices, &size);
-    } else {
-        encoder e;
-        models_init(d->m);
-        encoder_init(&e, out, room);
-        status = encode(&e, d->m, &p, r->indices, &size);
-    }
+    status = encode(&d->w, &p, r->indices, out, room, &size);
     return status == DONE ? out - packet + size : status == NO_ROOM ? FULL : NO_CODE;
 }
 
-/* By Rice codes, which are quick to look for a predictor for. */
+/* With a predictor that little work finds. */
 static int64_t pack_quick(const row *r, const choice *ways, desk *d)
 {
-    habit h = {0, 0, RICE, 0, {0}, {0}};
+    habit h = {0, 0, mostly_repeats(r, QUICK_REPEATS) ? REPEATS : 0, 0, {0}, {0}};
     row from_first = *r;
     from_first.mean = r->first;
     h.difference = choose(r->indices, r->count, ways->sines, ways->limits, ways->costs,
@@ -162,7 +154,7 @@ static int64_t pack_quick(const row *r, const choice *ways, desk *d)
     int64_t size = pack(&h, &from_first, d, d->packet);
     if (size != NO_CODE) return size;
     /* An error too large in what was not looked at. */
-    h.order = h.difference = 0;
+    h.order = h.difference = h.way = 0;
     return pack(&h, &from_first, d, d->packet);
 }
 
@@ -173,7 +165,7 @@ static int64_t look(habit *h, int before, const row *r, const choice *ways, desk
     int count = 0, best = -1;
     int64_t least = 0;
     tried[count++] = best_guess(r, ways);
-    if (mostly_repeats(r)) {
+    if (mostly_repeats(r, REPEAT_SHARE)) {
         tried[count] = tried[0];
         tried[count++].way |= REPEATS;
     }
@@ -215,7 +207,7 @@ static int64_t work(const task *t, habit *h, int how, const cells *grids, const 
     }
     if (!within(x, count, INDEX_LIMIT)) return NO_CODE;
     row r = row_of(x, count);
-    if (h->way & RICE) return pack_quick(&r, ways, d);
+    if (h->way & QUICK) return pack_quick(&r, ways, d);
     if (how == GIVEN) return pack(h, &r, d, d->packet);
     return look(h, how == LOOK_BESIDE, &r, ways, d);
 }
@@ -293,8 +285,7 @@ static int take_desk(desk *d, int64_t count)
     d->rows = PyMem_Malloc((size_t)(32 * count));
     d->packet = PyMem_Malloc((size_t)d->room);
     d->other = PyMem_Malloc((size_t)d->room);
-    d->m = PyMem_Malloc(sizeof *d->m);
-    return d->counts && d->indices && d->rows && d->packet && d->other && d->m;
+    return workshop_open(&d->w, count) && d->counts && d->indices && d->rows && d->packet && d->other;
 }
 
 static void leave_desk(desk *d)
@@ -304,7 +295,7 @@ static void leave_desk(desk *d)
     PyMem_Free(d->rows);
     PyMem_Free(d->packet);
     PyMem_Free(d->other);
-    PyMem_Free(d->m);
+    workshop_close(&d->w);
 }
 
 /* (blocks: list of int16, int32 or int64 [samples], grids: list of int64 [2, levels], tasks, habits,
@@ -318,7 +309,7 @@ static PyObject *encode_blocks(PyObject *self, PyObject *args)
     Py_buffer tasks, habits, hows, sines, limits, costs, out, ends, *views = NULL, *shapes = NULL;
     Py_ssize_t got = 0, grids_got = 0;
     cells *given = NULL;
-    desk d = {NULL, NULL, NULL, NULL, NULL, 0, NULL};
+    desk d = {NULL, NULL, NULL, NULL, NULL, 0, {NULL, NULL, NULL}};
     if (!PyArg_ParseTuple(args, "OOy*w*y*y*y*y*w*w*", &blocks, &grids, &tasks, &habits, &hows, &sines,
                           &limits, &costs, &out, &ends))
         return NULL;
@@ -387,8 +378,3 @@ PyMethodDef hapfmt_live_methods[] = {
     {"encode_blocks", encode_blocks, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
-
-void hapfmt_live_prepare(void)
-{
-    build_tables();
-}

@@ -6,13 +6,13 @@
 
 #include <math.h>
 
-#include "rice.h"
+#include "quick.h"
 
-enum { REPEATS = 8, RICE = 128, HEADER = 2 + ORDERS + 8 };
+enum { REPEATS = 8, QUICK = 128, HEADER = 2 + ORDERS + 8 };
 enum { COEFFICIENT_COST = 8, LONG = 6000, STRIDE = 3 };
 static const int WEIGHED_ORDERS[] = {1, 2, 3, 4, 6, 8, 12, 16, 20, 24, 28, 32};
 static const int TRIED_ORDERS[] = {3, 8, 20};
-static const double NOISE = 1e-9, REPEAT_SHARE = 0.02;
+static const double NOISE = 1e-9, REPEAT_SHARE = 0.02, QUICK_REPEATS = 0.25;
 
 /* A predictor but for its base. */
 typedef struct {
@@ -179,11 +179,11 @@ static habit best_guess(const row *r, const choice *ways)
     return best;
 }
 
-static int mostly_repeats(const row *r)
+static int mostly_repeats(const row *r, double share)
 {
     int64_t same = 0;
     for (int64_t i = 1; i < r->count; i++) same += r->indices[i] == r->indices[i - 1];
-    return (double)same > REPEAT_SHARE * (double)r->count;
+    return (double)same > share * (double)r->count;
 }
 
 #endif

@@ -4,12 +4,48 @@
 
 #include "search.h"
 
+class_table hapfmt_classes[CLASSES];
+
+/* Rows of SPEC 9.4: shape, scale, zeros, half. */
+static const int8_t rows[CLASSES][4] = {
+    {8, 38, 0, 0},  {32, 24, 0, 0}, {-4, 38, 0, 0}, {-7, 24, -1, 0}, {64, 14, 0, 0}, {8, 38, 0, 1},
+    {16, 76, 32, 0}, {0, 38, 0, 1},  {32, 17, 0, 0}, {8, 28, 0, 1},  {8, 14, 0, 1},  {-4, 76, 0, 1},
+    {-6, 38, 0, 0}, {16, 24, -1, 0}, {64, 24, 0, 0}, {0, 14, 0, 1},
+};
+
+static void build_context(const int8_t *row, int c, class_table *t)
+{
+    int lg = (c + 8) / 4, fr = (c + 8) % 4, shape = row[0];
+    int64_t mean = (((9 + 2 * fr) << lg) / 8 + 1) * row[1] / 64 + 1, ratio = 65536 * mean / (mean + 256);
+    int64_t g = 65536, least = 0, from = 0;
+    for (int w = 1, k = 1; k < SYMBOLS; w++) {
+        g = w == 1 && row[3] ? (int64_t)sqrt((double)(65536 * ratio)) : g * ratio / 65536;
+        if (w < edges[k]) continue;
+        int64_t tail = (8 + shape) * g * 65536 / (8 * 65536 + shape * g);
+        if (k == 1) least = tail;
+        tail = row[2] < 0 ? tail * 64512 / (least ? least : 1) : tail * (64 - row[2]) / 64;
+        if (tail > 65535) tail = 65535;
+        int64_t to = k + (65536 - tail) * (SCALE - 16) / 65536;
+        t->shares[c][k - 1].first = (uint16_t)from;
+        t->shares[c][k - 1].width = (uint16_t)(to - from);
+        from = to;
+        k++;
+    }
+    t->shares[c][ESCAPE].first = (uint16_t)from;
+    t->shares[c][ESCAPE].width = (uint16_t)(SCALE - from);
+    for (int k = 0; k < SYMBOLS; k++) {
+        share s = t->shares[c][k];
+        t->ends[c][k] = (int16_t)(k < ESCAPE ? s.first + s.width - 1 : INT16_MAX);
+        t->costs[c][k] = (uint16_t)floor(256 * log2((double)SCALE / s.width) + 0.5);
+    }
+}
+
 /* (bytes or writable buffer, coefficients int32, difference, repeats, base, limit, cross int64, as many as indices or none, indices int64) -> (status, bytes read or written) */
 static PyObject *run(PyObject *args, int decoding)
 {
     Py_buffer data, coefficients, cross, indices;
     plan p;
-    int status = NO_ROOM;
+    int status = NO_ROOM, memory = 1;
     long long base, limit;
     int64_t size = 0;
     const char *format = decoding ? "y*y*ipLLy*w*" : "w*y*ipLLy*y*";
@@ -17,36 +53,35 @@ static PyObject *run(PyObject *args, int decoding)
                           &base, &limit, &cross, &indices))
         return NULL;
     PyObject *result = NULL;
-    models *m = PyMem_Malloc(sizeof *m);
     p.order = coefficients.len > 4 * ORDERS ? ORDERS + 1 : (int)(coefficients.len / 4);
     p.base = base;
     p.limit = limit;
     p.span = indices.len / 8;
     p.coefficients = coefficients.buf;
     p.cross = cross.len ? cross.buf : NULL;
-    if (!m)
-        PyErr_NoMemory();
-    else if (!whole(&coefficients, 4) || !whole(&indices, 8) || !valid(&p) ||
-             (p.cross && (!whole(&cross, 8) || cross.len != indices.len ||
-                          !within(p.cross, p.span, CROSS_LIMIT))))
+    if (!whole(&coefficients, 4) || !whole(&indices, 8) || !p.span || !valid(&p) ||
+        (p.cross && (!whole(&cross, 8) || cross.len != indices.len ||
+                     !within(p.cross, p.span, CROSS_LIMIT))))
         PyErr_SetString(PyExc_ValueError, "not a predictor, or not arrays of its integers");
     else {
         Py_BEGIN_ALLOW_THREADS
-        models_init(m);
         if (decoding) {
-            decoder d;
-            decoder_init(&d, data.buf, data.len);
-            status = decode(&d, m, &p, indices.buf);
-            size = (bits_taken(&d) - 15) / 8;
+            uint8_t *copy = with_margins(data.buf, data.len);
+            uint8_t *same = p.repeats ? malloc((size_t)p.span) : NULL;
+            memory = copy && (same || !p.repeats);
+            if (memory) status = decode(copy + MARGIN, data.len, &p, same, indices.buf, &size);
+            free(same);
+            free(copy);
         } else {
-            encoder e;
-            encoder_init(&e, data.buf, data.len);
-            status = encode(&e, m, &p, indices.buf, &size);
+            workshop w;
+            memory = workshop_open(&w, p.span);
+            if (memory) status = encode(&w, &p, indices.buf, data.buf, data.len, &size);
+            workshop_close(&w);
         }
         Py_END_ALLOW_THREADS
-        result = Py_BuildValue("iL", status, (long long)size);
+        if (memory) result = Py_BuildValue("iL", status, (long long)size);
+        else PyErr_NoMemory();
     }
-    PyMem_Free(m);
     PyBuffer_Release(&data);
     PyBuffer_Release(&coefficients);
     PyBuffer_Release(&cross);
@@ -211,5 +246,6 @@ PyMethodDef hapfmt_lpcr_methods[] = {
 
 void hapfmt_lpcr_prepare(void)
 {
-    build_tables();
+    for (int i = 0; i < CLASSES; i++)
+        for (int c = 0; c < CONTEXTS; c++) build_context(rows[i], c, hapfmt_classes + i);
 }

@@ -9,10 +9,11 @@
 #ifndef HAPFMT_LPCR_H
 #define HAPFMT_LPCR_H
 
-#include "integers.h"
+#include "coded.h"
 
 enum { ORDERS = 32, DIFFERENCES = 4, SHIFT = 13, COEFFICIENT_LIMIT = 1 << 21 };
-enum { RING = 1024, PIECE = 1024 };
+enum { RING = 1024, PIECE = 1024, UNROLLED = 12 };
+enum { REPEAT_CONTEXTS = 4, REPEAT_CODES = BITS, SIGN_CODES = BITS + 2 * REPEAT_CONTEXTS };
 static const int64_t INDEX_LIMIT = (int64_t)1 << 32, CROSS_LIMIT = (int64_t)1 << 54;
 
 typedef struct {
@@ -21,6 +22,12 @@ typedef struct {
     const int32_t *coefficients;
     const int64_t *cross; /* what other components say of each sample, or NULL */
 } plan;
+
+/* How symbols are coded: the byte of SPEC 9.5 that says so, and the probabilities behind it. */
+typedef struct {
+    int class, lanes, signs, start;
+    uint8_t repeats[REPEAT_CONTEXTS], sign[SIGN_CONTEXTS];
+} coding;
 
 /* Coefficients, the oldest sample's first, after zeros that make their number a multiple of 8. Sums of
    doubles are exact in any order where ``real`` says that they stay below 2^53. */
@@ -99,25 +106,19 @@ INLINE int64_t predict_real(const filter *f, const double *next, int width)
 
 /* ---- decoding ---- */
 
-/* ``kind`` of the history: 0 none, 1 integers, else doubles, so many of them. */
-INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int64_t *out, int kind,
-                     int repeats, int crossed)
+/* Prediction errors in ``out`` become indices. ``kind`` of the history: 0 none, 1 integers, else
+   doubles, so many of them. */
+INLINE int synthesise_as(const plan *p, const filter *f, const uint8_t *same, int64_t *out, int kind,
+                         int repeats, int g)
 {
     int64_t sums[DIFFERENCES + 1] = {0}, history[ORDERS + RING];
     double real_history[ORDERS + RING];
     if (kind == 1) memset(history, 0, sizeof history);
     if (kind > 1) memset(real_history, 0, sizeof real_history);
-    scale_state scales = FRESH_SCALES;
-    int recent = 0, g = p->difference, now = ORDERS;
+    int now = ORDERS;
     int64_t base = p->base, limit = p->limit;
     for (int64_t t = 0; t < p->span; t++) {
-        if (RARE(overrun(d))) return BAD_END;
-        int same = 0;
-        if (repeats && t) {
-            same = get_bit(d, &m->repeats[recent]);
-            recent = 2 * same + (recent >> 1);
-        }
-        if (same) {
+        if (repeats && same[t]) {
             int64_t fresh = sums[0], older;
             for (int i = 1; i <= g; i++) {
                 older = sums[i - 1];
@@ -126,11 +127,7 @@ INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int6
             }
             sums[g] = fresh;
         } else {
-            int64_t e, fresh;
-            int status = get_integer(d, m, &scales, &e);
-            if (RARE(status)) return status;
-            fresh = e;
-            if (crossed) fresh += p->cross[t];
+            int64_t fresh = out[t];
             if (kind == 1) fresh += predict(f, history + now);
             if (kind > 1) fresh += predict_real(f, real_history + now, kind);
             sums[g] = fresh;
@@ -150,43 +147,143 @@ INLINE int decode_as(decoder *d, models *m, const plan *p, const filter *f, int6
             now = ORDERS;
         }
     }
-    return check_end(d);
+    return DONE;
 }
 
-#define DECODE(kind) \
-    (p->repeats ? decode_as(d, m, p, f, out, kind, 1, 0) : decode_as(d, m, p, f, out, kind, 0, 0))
-
-static int decode_plain(decoder *d, models *m, const plan *p, const filter *f, int64_t *out)
+/* Few coefficients and no repeats: the history stays in registers. */
+INLINE int synthesise_short(const plan *p, int64_t *out, int order, int g)
 {
-    return DECODE(0);
+    int64_t c[UNROLLED], y[UNROLLED], last = 0, base = p->base, limit = p->limit;
+    for (int j = 0; j < order; j++) {
+        c[j] = p->coefficients[j];
+        y[j] = 0;
+    }
+    for (int64_t t = 0; t < p->span; t++) {
+        int64_t sum = (int64_t)1 << (SHIFT - 1);
+        for (int j = order - 1; j >= 0; j--) sum += c[j] * y[j];
+        for (int j = order - 1; j > 0; j--) y[j] = y[j - 1];
+        y[0] = out[t] + (sum >> SHIFT);
+        last = g ? last + y[0] : y[0];
+        int64_t index = last + base;
+        if (RARE(index > limit || index < -limit)) return BAD_INDEX;
+        out[t] = index;
+    }
+    return DONE;
 }
 
-static int decode_real(decoder *d, models *m, const plan *p, const filter *f, int64_t *out)
+#define SHORT(m) \
+    case m: return p->difference ? synthesise_short(p, out, m, 1) : synthesise_short(p, out, m, 0);
+
+static int synthesise_unrolled(const plan *p, int64_t *out)
 {
-    if (f->width == 8) return DECODE(8);
-    if (f->width == 16) return DECODE(16);
-    return f->width == 24 ? DECODE(24) : DECODE(32);
+    switch (p->order) {
+        SHORT(1) SHORT(2) SHORT(3) SHORT(4) SHORT(5) SHORT(6)
+        SHORT(7) SHORT(8) SHORT(9) SHORT(10) SHORT(11) SHORT(12)
+        default: return BAD_INDEX;
+    }
 }
 
-static int decode_wide(decoder *d, models *m, const plan *p, const filter *f, int64_t *out)
+static int synthesise_polynomial(const plan *p, int64_t *out)
 {
-    return decode_as(d, m, p, f, out, 1, p->repeats, 0);
+    switch (p->difference) {
+        case 0: return synthesise_as(p, NULL, NULL, out, 0, 0, 0);
+        case 1: return synthesise_as(p, NULL, NULL, out, 0, 0, 1);
+        case 2: return synthesise_as(p, NULL, NULL, out, 0, 0, 2);
+        case 3: return synthesise_as(p, NULL, NULL, out, 0, 0, 3);
+        default: return synthesise_as(p, NULL, NULL, out, 0, 0, 4);
+    }
 }
 
-static int decode_crossed(decoder *d, models *m, const plan *p, const filter *f, int64_t *out)
+#define WITH_REPEATS(kind)                                                    \
+    (p->repeats ? synthesise_as(p, f, same, out, kind, 1, p->difference)      \
+                : synthesise_as(p, f, same, out, kind, 0, p->difference))
+
+static int synthesise_real(const plan *p, const filter *f, const uint8_t *same, int64_t *out)
 {
-    int kind = !p->order ? 0 : f->real ? f->width : 1;
-    return decode_as(d, m, p, f, out, kind, p->repeats, 1);
+    if (f->width == 8) return WITH_REPEATS(8);
+    if (f->width == 16) return WITH_REPEATS(16);
+    return f->width == 24 ? WITH_REPEATS(24) : WITH_REPEATS(32);
 }
 
-static int decode(decoder *d, models *m, const plan *p, int64_t *out)
+static int synthesise(const plan *p, const uint8_t *same, int64_t *out)
 {
     filter f;
+    if (!p->repeats && !p->order) return synthesise_polynomial(p, out);
+    if (!p->repeats && p->order <= UNROLLED) return synthesise_unrolled(p, out);
     filter_init(&f, p);
-    return p->cross    ? decode_crossed(d, m, p, &f, out)
-           : !p->order ? decode_plain(d, m, p, &f, out)
-           : f.real    ? decode_real(d, m, p, &f, out)
-                       : decode_wide(d, m, p, &f, out);
+    return !p->order ? synthesise_as(p, &f, same, out, 0, 1, p->difference)
+           : f.real  ? synthesise_real(p, &f, same, out)
+                     : synthesise_as(p, &f, same, out, 1, p->repeats, p->difference);
+}
+
+/* What the coded bytes begin with, and the bytes it takes; 0 where it is not defined. */
+static int take_coding(const uint8_t *in, int64_t size, int repeats, coding *c)
+{
+    int count = 2;
+    if (size < 2 || in[0] >> 6 || in[1] > START_MOST) return 0;
+    c->start = in[1];
+    c->class = in[0] & 15;
+    c->lanes = in[0] & 16 ? 4 : 1;
+    c->signs = in[0] & 32 ? LATER_SIGNS : RAW_SIGNS;
+    int some = (repeats ? REPEAT_CONTEXTS : 0) + (c->signs == LATER_SIGNS ? SIGN_CONTEXTS : 0);
+    if (size < count + some) return 0;
+    for (int i = count; i < count + some; i++)
+        if (!in[i]) return 0;
+    if (repeats) {
+        memcpy(c->repeats, in + count, REPEAT_CONTEXTS);
+        count += REPEAT_CONTEXTS;
+    }
+    if (c->signs == LATER_SIGNS) {
+        memcpy(c->sign, in + count, SIGN_CONTEXTS);
+        count += SIGN_CONTEXTS;
+    }
+    return count;
+}
+
+/* ``same`` [span]: which repeat the sample before; how many do not, or a status below 0. */
+static int64_t get_repeats(decoder *d, const coding *c, int64_t span, uint8_t *same)
+{
+    int recent = 0, lane = 0;
+    int64_t fresh = 1;
+    same[0] = 0;
+    for (int64_t t = 1; t < span; t++) {
+        same[t] = (uint8_t)get_bit(d, lane, c->repeats[recent]);
+        lane = (lane + 1) & (d->lanes - 1);
+        if (RARE(overrun(d))) return -BAD_END;
+        recent = 2 * same[t] + (recent >> 1);
+        fresh += !same[t];
+    }
+    return fresh;
+}
+
+/* ``in`` has a margin on both sides; ``same`` [span] where there are repeats. *taken: bytes. */
+static int decode(const uint8_t *in, int64_t size, const plan *p, uint8_t *same, int64_t *out,
+                  int64_t *taken)
+{
+    coding c;
+    decoder d;
+    int64_t fresh = p->span;
+    int head = take_coding(in, size, p->repeats, &c);
+    *taken = 0;
+    if (!head) return BAD_CODING;
+    decoder_init(&d, in + head, size - head, c.lanes);
+    int status = overrun(&d) ? BAD_END : DONE;
+    if (!status && p->repeats) {
+        fresh = get_repeats(&d, &c, p->span, same);
+        if (fresh < 0) status = (int)-fresh;
+    }
+    int64_t *errors = out + p->span - fresh;
+    if (!status) status = get_integers(&d, c.class, c.start, fresh, errors, c.signs);
+    if (!status && c.signs == LATER_SIGNS) status = get_signs(&d, c.sign, fresh, errors);
+    if (!status) status = check_end(&d);
+    *taken = head + front_taken(&d);
+    if (status) return status;
+    if (p->repeats)
+        for (int64_t t = 0; t < p->span; t++)
+            if (!same[t]) out[t] = *errors++;
+    if (p->cross)
+        for (int64_t t = 0; t < p->span; t++) out[t] += p->cross[t];
+    return synthesise(p, same, out);
 }
 
 /* ---- encoding ---- */
@@ -235,42 +332,65 @@ static void prediction_errors(const plan *p, const int64_t *indices, int64_t *ou
     }
 }
 
-INLINE int encode_as(encoder *coder, models *m, const plan *p, const int64_t *indices, int repeats)
+/* Prediction errors of samples that do not repeat; the bits that say so are noted and counted. */
+INLINE int64_t errors_and_repeats(encoder *e, const plan *p, const int64_t *indices, int64_t *errors,
+                                  int64_t *counts)
 {
-    filter f;
-    int64_t y[ORDERS + PIECE] = {0}, e[PIECE];
-    scale_state scales = FRESH_SCALES;
+    int64_t fresh = 0;
     int recent = 0;
-    filter_init(&f, p);
-    for (int64_t from = 0; from < p->span; from += PIECE) {
-        int64_t count = p->span - from < PIECE ? p->span - from : PIECE;
-        differences(indices, from, count, p->difference, p->base, y + ORDERS);
-        errors_of(&f, y, count, e);
-        memmove(y, y + count, ORDERS * sizeof *y);
-        if (p->cross)
-            for (int64_t i = 0; i < count; i++) e[i] -= p->cross[from + i];
-        for (int64_t i = 0; i < count; i++) {
-            if (repeats && from + i) {
-                int same = indices[from + i] == indices[from + i - 1];
-                put_bit(coder, same, &m->repeats[recent]);
-                recent = 2 * same + (recent >> 1);
-                if (same) continue;
-            }
-            int status = put_integer(coder, m, &scales, e[i]);
-            if (RARE(status)) return status;
+    prediction_errors(p, indices, errors);
+    if (p->cross)
+        for (int64_t t = 0; t < p->span; t++) errors[t] -= p->cross[t];
+    if (!p->repeats) return p->span;
+    note(e, SECTION);
+    for (int64_t t = 0; t < p->span; t++) {
+        int same = t && indices[t] == indices[t - 1];
+        if (t) {
+            note(e, REPEAT_CODES + 2 * recent + same);
+            counts[2 * recent + same]++;
+            recent = 2 * same + (recent >> 1);
         }
+        if (!same) errors[fresh++] = errors[t];
     }
-    return DONE;
+    return fresh;
 }
 
-static int encode(encoder *e, models *m, const plan *p, const int64_t *indices, int64_t *written)
+static int encode(workshop *w, const plan *p, const int64_t *indices, uint8_t *out, int64_t size,
+                  int64_t *written)
 {
-    int status;
+    enum { HEAD = 2 + REPEAT_CONTEXTS + SIGN_CONTEXTS };
+    encoder e;
+    histogram seen;
+    share shares[BITS + 2 * (REPEAT_CONTEXTS + SIGN_CONTEXTS)];
+    int64_t repeats[2 * REPEAT_CONTEXTS] = {0}, signs[2 * SIGN_CONTEXTS];
+    int head = 2, many, later;
+    *written = 0;
     if (!within(indices, p->span, p->limit)) return BAD_INDEX;
-    status = p->repeats ? encode_as(e, m, p, indices, 1) : encode_as(e, m, p, indices, 0);
+    int64_t room = size < HEAD ? 0 : size - HEAD;
+    encoder_init(&e, w->codes, out + HEAD, room);
+    memset(&seen, 0, sizeof seen);
+    int64_t fresh = errors_and_repeats(&e, p, indices, w->errors, repeats), *errors = w->errors;
+    later = signs_pay(errors, fresh, signs);
+    int first = start_of(errors, fresh);
+    int status = later ? put_integers(&e, errors, fresh, first, UNSIGNED, 0, &seen)
+                       : put_integers(&e, errors, fresh, first, RAW_SIGNS, 0, &seen);
     if (status) return status;
-    *written = encoder_finish(e);
-    return *written > e->size ? NO_ROOM : DONE;
+    if (later) note_signs(&e, errors, fresh, SIGN_CODES);
+    uint8_t start[HEAD];
+    int64_t cost;
+    int class = best_class(&seen, &cost);
+    many = e.noted >= MANY;
+    memcpy(shares, hapfmt_classes[class].shares, sizeof hapfmt_classes[class].shares);
+    start[0] = (uint8_t)(class | 16 * many | 32 * later);
+    start[1] = (uint8_t)first;
+    if (p->repeats) head += put_bits(shares + REPEAT_CODES, start + head, repeats, REPEAT_CONTEXTS);
+    if (later) head += put_bits(shares + SIGN_CODES, start + head, signs, SIGN_CONTEXTS);
+    int64_t coded = encoder_finish(&e, shares, many ? 4 : 1, w->words);
+    *written = head + coded;
+    if (coded > room) { *written = coded + HEAD; return NO_ROOM; }
+    memmove(out + head, out + HEAD, (size_t)coded);
+    memcpy(out, start, (size_t)head);
+    return DONE;
 }
 
 #endif

@@ -7,16 +7,13 @@ static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_kernels", NULL, 0, 
 static PyMethodDef *const tables[] = {
     hapfmt_lpcr_methods, hapfmt_tube_methods, hapfmt_knots_methods, hapfmt_select_methods,
     hapfmt_huffman_methods, hapfmt_levels_methods, hapfmt_exact_methods, hapfmt_knots_coded_methods,
-    hapfmt_rice_methods, hapfmt_live_methods,
+    hapfmt_quick_methods, hapfmt_live_methods,
 };
 
 PyMODINIT_FUNC PyInit__kernels(void)
 {
     PyObject *made = PyModule_Create(&module);
     hapfmt_lpcr_prepare();
-    hapfmt_exact_prepare();
-    hapfmt_knots_coded_prepare();
-    hapfmt_live_prepare();
     for (size_t i = 0; made && i < sizeof tables / sizeof *tables; i++)
         if (PyModule_AddFunctions(made, tables[i])) {
             Py_DECREF(made);

@@ -126,8 +126,8 @@ class TrackDecoder:
                 self.check_range(counts, packet.offset, "EXA-003")
                 return counts.astype(np.int32)
             if isinstance(parameters, KnotParameters):
-                adaptive = parameters.adaptive
-                within = knots_coded.decode_within if adaptive else knots.decode_within
+                coded = parameters.coded
+                within = knots_coded.decode_within if coded else knots.decode_within
                 return within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
                     track.count_min, track.count_max,

@@ -56,7 +56,7 @@ def ticks_of(packet: Packet, track: Track, reader: Reader) -> NDArray[np.int64] 
     level, components = reader.catalogue.level, len(track.components)
     try:
         parameters = KnotParameters.parse(track.parameters, level, track.offset)
-        if not parameters.adaptive:
+        if not parameters.coded:
             return parse_knots(packet.data, components, packet.offset)[0] + packet.start
         limit = parameters.grid.index_limit(level.count_bound)
         row = packet.data, packet.span, components, limit, packet.offset

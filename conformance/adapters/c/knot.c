@@ -317,76 +317,179 @@ static void describe(Bytes in, unsigned id) {
     free(plain);
 }
 
-/* -- adaptive coding (9.4): bit models and raw bits -- */
+/* -- entropy coding (9.4) -- */
 
-typedef struct { int64_t p, q, n; } Bit;
-typedef struct { Bytes in; int64_t width, x, taken, raw; } Coder;
+typedef struct { Bytes in; int64_t x[4], states, next, raw; int lane; } Coder;
 
-static int64_t floor_shift(int64_t value, int bits) {
-    int64_t unit = (int64_t)1 << bits;
-    return value / unit - (value % unit < 0);
+static int64_t byte_at(const Coder *c, int64_t at) {
+    return at >= 0 && at < c->in.end - c->in.at ? c->in.at[at] : 0;
 }
 
-static int front_bit(Coder *c) {
-    int64_t at = c->taken++, size = c->in.end - c->in.at;
-    return at / 8 < size ? c->in.at[at / 8] >> (7 - at % 8) & 1 : 0;
+static int64_t word(Coder *c) {
+    c->next += 2;
+    return 256 * byte_at(c, c->next - 2) + byte_at(c, c->next - 1);
+}
+
+static void check(const Coder *c) {
+    if (c->next + (c->raw + 7) / 8 > c->in.end - c->in.at)
+        stop(NONCONFORMING, "the coded bytes end too early [RNG-001]");
 }
 
 static int64_t raw_bits(Coder *c, int count) {
     int64_t value = 0, size = c->in.end - c->in.at;
     for (int i = 0; i < count; i++, c->raw++)
-        if (c->raw / 8 < size)
-            value |= (int64_t)(c->in.end[-1 - c->raw / 8] >> c->raw % 8 & 1) << i;
+        value |= (byte_at(c, size - 1 - c->raw / 8) >> c->raw % 8 & 1) << i;
     return value;
 }
 
-static int coded_bit(Coder *c, Bit *m) {
-    int64_t p = m->n < 8 ? m->p : (3 * m->p + m->q) / 4, rate = 131072 / (2 * m->n + 3);
-    int64_t part = c->width * (p < 64 ? 64 : p > 65472 ? 65472 : p) / 65536;
-    int bit = c->x < part;
-    if (!bit) c->x -= part;
-    c->width = bit ? part : c->width - part;
-    for (; c->width < 32768; c->width *= 2) c->x = 2 * c->x + front_bit(c);
-    m->p += floor_shift((65535 * bit - m->p) * rate, 16);
-    m->q += floor_shift(65535 * bit - m->q, 4);
-    m->n += m->n < 250;
-    if (c->taken - 15 + c->raw > 8 * (c->in.end - c->in.at))
-        stop(NONCONFORMING, "the coded bytes end too early [RNG-001]");
-    return bit;
+static int coded(Coder *c, const int *ends) { /* the next symbol */
+    int64_t *x = c->x + c->lane, slot = *x % 4096;
+    int k = 0;
+    while (slot >= ends[k]) k++;
+    int first = k ? ends[k - 1] : 0;
+    *x = (ends[k] - first) * (*x / 4096) + slot - first;
+    if (*x < 65536) *x = *x * 65536 + word(c);
+    c->lane = (c->lane + 1) % (int)c->states;
+    return k;
+}
+
+static const int EDGE[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 20, 28, 44};
+static const int MORE[] = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 2, 3, 4};
+
+static void class_ends(int class, int c, int *ends) {
+    static const int row[][4] = { /* shape, scale, zeros, half */
+        {8, 38, 0, 0}, {32, 24, 0, 0}, {-4, 38, 0, 0}, {-7, 24, -1, 0}, {64, 14, 0, 0}, {8, 38, 0, 1},
+        {16, 76, 32, 0}, {0, 38, 0, 1}, {32, 17, 0, 0}, {8, 28, 0, 1}, {8, 14, 0, 1}, {-4, 76, 0, 1},
+        {-6, 38, 0, 0}, {16, 24, -1, 0}, {64, 24, 0, 0}, {0, 14, 0, 1}};
+    const int *r = row[class];
+    int64_t mean = ((((int64_t)(9 + 2 * ((c + 8) % 4)) << (c + 8) / 4) / 8 + 1) * r[1]) / 64 + 1;
+    int64_t ratio = 65536 * mean / (mean + 256), g = 65536, one = 0;
+    for (int w = 1, k = 0; k < 15; w++) {
+        if (w == 1 && r[3]) {
+            g = 0;
+            for (int64_t bit = 32768; bit; bit /= 2)
+                if ((g + bit) * (g + bit) <= 65536 * ratio) g += bit;
+        } else
+            g = g * ratio / 65536;
+        if (w < EDGE[k + 1]) continue;
+        int64_t tail = (8 + r[0]) * g * 65536 / (8 * 65536 + r[0] * g);
+        if (w == 1) one = tail;
+        tail = r[2] < 0 ? tail * 64512 / (one ? one : 1) : tail * (64 - r[2]) / 64;
+        ends[k] = k + 1 + (int)((65536 - (tail < 65535 ? tail : 65535)) * 4080 / 65536);
+        k++;
+    }
+    ends[15] = 4096;
+}
+
+typedef struct { int coding, start, first, ends[64]; uint8_t signs[3]; } Row; /* of numbers */
+
+static void row_of(Bytes *in, int unused, Row *row) {
+    int sum = 0, total = 0;
+    row->coding = *take(in, 1);
+    if (row->coding & unused) stop(NONCONFORMING, "a coding [RNG-004]");
+    row->start = *take(in, 1);
+    if (row->coding & 64) {
+        int n = *take(in, 1);
+        const uint8_t *weights = take(in, (size_t)n);
+        row->first = row->start;
+        for (int i = 0; i < n; i++) total += weights[i];
+        if (row->coding & 15 || n < 1 || row->first + n > 35 || !total)
+            stop(NONCONFORMING, "lengths [RNG-004]");
+        for (int i = 0; i < n; i++)
+            row->ends[i] = i + 1 + (4096 - n) * (sum += weights[i]) / total;
+    } else if (row->start > 163)
+        stop(NONCONFORMING, "a start byte [RNG-004]");
+}
+
+static void by_length(Coder *c, const Row *row, int64_t count, int with_signs, int64_t *out) {
+    for (int64_t i = 0; i < count; i++) {
+        int bits = row->first + coded(c, row->ends);
+        out[i] = bits ? (int64_t)1 << (bits - 1) | raw_bits(c, bits - 1) : 0;
+        if (with_signs && bits && raw_bits(c, 1)) out[i] = -out[i];
+        check(c);
+    }
+}
+
+static void by_class(Coder *c, const Row *row, int64_t count, int with_signs, int64_t *out) {
+    const int64_t bound = (int64_t)1 << 34;
+    int64_t f = (int64_t)(4 + row->start % 4) << row->start / 4, s = f;
+    for (int64_t at = 0; at < count; at += 8) {
+        int n = count - at < 8 ? (int)(count - at) : 8, lg = 0, ends[16], k[8];
+        int64_t mean = (f + s) / 2, sum = 0;
+        while (mean >> (lg + 1)) lg++;
+        int h = lg > 10 ? lg - 10 : 0, low = lg - h, context = 4 * low + (int)(mean * 4 >> lg) % 4 - 8;
+        class_ends(row->coding & 15, context < 0 ? 0 : context, ends);
+        for (int i = 0; i < n; i++) k[i] = coded(c, ends);
+        for (int i = 0; i < n; i++) {
+            int64_t u;
+            if (k[i] == 15) {
+                int bits = (int)raw_bits(c, 6);
+                if (bits > 34) stop(NONCONFORMING, "2^34 or more [RNG-003]");
+                u = ((int64_t)1 << bits) + raw_bits(c, bits) + 43;
+                if (u >> (34 - h)) stop(NONCONFORMING, "2^34 or more [RNG-003]");
+                u = u << h | raw_bits(c, h);
+            } else
+                u = ((int64_t)EDGE[k[i]] << h) + raw_bits(c, MORE[k[i]] + h);
+            if (u >= bound) stop(NONCONFORMING, "2^34 or more [RNG-003]");
+            sum += u;
+            out[at + i] = with_signs && u && raw_bits(c, 1) ? -u : u;
+        }
+        check(c);
+        int64_t rise = 32 * sum - f, slow = 3 * (32 * sum - s);
+        f += rise >= 0 ? rise / 2 : -((1 - rise) / 2);
+        s += slow >= 0 ? slow / 16 : -((15 - slow) / 16);
+    }
+}
+
+static void row_decode(Coder *c, const Row *row, int64_t count, int with_signs, int64_t *out) {
+    c->lane = 0;
+    if (row->coding & 64) by_length(c, row, count, with_signs, out);
+    else by_class(c, row, count, with_signs, out);
+}
+
+static void signs_decode(Coder *c, const uint8_t *p, int64_t count, int64_t *out) {
+    c->lane = 0;
+    for (int64_t i = 0, last = 0; i < count; i++) {
+        if (out[i]) {
+            int ends[] = {4096 - 16 * p[last + 1], 4096};
+            if (coded(c, ends)) out[i] = -out[i];
+            check(c);
+        }
+        last = (out[i] > 0) - (out[i] < 0);
+    }
+}
+
+static void coder_end(Coder *c) {
+    int64_t back = (c->raw + 7) / 8;
+    int other = 0;
+    for (int i = 0; i < c->states; i++) other |= c->x[i] != 65536;
+    if (other || c->next + back != c->in.end - c->in.at || raw_bits(c, (int)(8 * back - c->raw)))
+        stop(NONCONFORMING, "the coded bytes end otherwise [RNG-001]");
 }
 
 /* -- packets (6.4, 9.1, 9.6) -- */
 
-enum { GAP = 24, DIFFERENCE = 34 }; /* lengths of the magnitude models */
-typedef struct {
-    Bit gaps[2][GAP + 1], differences[2][DIFFERENCE + 1], signs[3];
-    int last[COMPONENTS]; /* signs of the last differences */
-} Models;
-
-static void begin(Coder *coder, Models *models, Bytes in) {
-    Bit fresh = {32768, 32768, 0};
-    for (int i = 0; i <= DIFFERENCE; i++) models->differences[0][i] = models->differences[1][i] = fresh;
-    for (int i = 0; i <= GAP; i++) models->gaps[0][i] = models->gaps[1][i] = fresh;
-    for (int i = 0; i < 3; i++) models->signs[i] = fresh;
-    memset(models->last, 0, sizeof models->last);
-    *coder = (Coder){in, 32768, 0, 0, 0};
-    for (int i = 0; i < 15; i++) coder->x = 2 * coder->x + front_bit(coder);
-}
-
-static int64_t magnitude(Coder *coder, Bit *lengths, Bit *seconds, int most) {
-    int bits = 0;
-    while (coded_bit(coder, lengths + bits))
-        if (++bits > most) stop(NONCONFORMING, "a magnitude is too long [KTE-003]");
-    if (bits < 2) return bits;
-    int64_t high = 2 + coded_bit(coder, seconds + bits);
-    return high << (bits - 2) | raw_bits(coder, bits - 2);
-}
-
-static int64_t difference(Coder *coder, Models *m, int component) {
-    int64_t u = magnitude(coder, m->differences[0], m->differences[1], DIFFERENCE);
-    int negative = u && coded_bit(coder, m->signs + m->last[component] + 1);
-    m->last[component] = u ? 1 - 2 * negative : 0;
-    return negative ? -u : u;
+/* Gaps, and then the differences of each component. */
+static void coded_rows(Bytes in, int64_t gaps, int64_t differences, int64_t *out) {
+    Row first, second;
+    row_of(&in, 128 + 32, &first);
+    row_of(&in, 128 + 16, &second);
+    int own = second.coding & 32;
+    if (own) {
+        memcpy(second.signs, take(&in, 3), 3);
+        for (int i = 0; i < 3; i++)
+            if (!second.signs[i]) stop(NONCONFORMING, "a probability of 0 [RNG-004]");
+    }
+    Coder c = {in, {0}, first.coding & 16 ? 4 : 1, 0, 0, 0};
+    for (int i = 0; i < c.states; i++) {
+        c.x[i] = word(&c) << 16;
+        c.x[i] |= word(&c);
+    }
+    check(&c);
+    row_decode(&c, &first, gaps, 0, out);
+    row_decode(&c, &second, differences, !own, out + gaps);
+    if (own) signs_decode(&c, second.signs, differences, out + gaps);
+    coder_end(&c);
 }
 
 static int64_t count_of(const Track *track, int64_t index) {
@@ -397,27 +500,28 @@ static int64_t count_of(const Track *track, int64_t index) {
 }
 
 static void knots(const Track *track, Bytes in, int64_t span, int64_t *counts) {
-    static Models models;
-    Coder coder;
     int width = track->components;
-    int64_t tick = 0, left = 0, index[COMPONENTS], count[COMPONENTS];
+    int64_t tick = 0, left = 0, further = 0, *rows = NULL, index[COMPONENTS], count[COMPONENTS];
     for (int c = 0; c < width; c++) count[c] = count_of(track, index[c] = svarint(&in));
     if (track->coding && in.at < in.end) {
         left = varint(&in);
         if (left < 1 || left >= span) stop(NONCONFORMING, "how many knots [KTE-002]");
-        begin(&coder, &models, in);
+        further = left;
+        rows = room_for(NULL, (size_t)(further * (width + 1)), sizeof *rows);
+        coded_rows(in, further - track->linear, further * width, rows);
     }
     while (track->coding ? left-- > 0 : in.at < in.end) {
         int64_t from = tick, step;
         if (!track->coding) step = varint(&in);
         else if (track->linear && !left) step = span - 1 - tick;
-        else step = 1 + magnitude(&coder, models.gaps[0], models.gaps[1], GAP);
+        else step = 1 + rows[further - 1 - left];
         tick += step;
         if (step < 1 || tick >= span - (track->coding ? left : 0))
             stop(NONCONFORMING, "a knot's tick [KNT-003, KTE-004]");
         for (int c = 0; c < width; c++) {
             int64_t before = count[c];
-            index[c] += track->coding ? difference(&coder, &models, c) : svarint(&in);
+            int64_t at = (c + 2) * further - track->linear - 1 - left;
+            index[c] += track->coding ? rows[at] : svarint(&in);
             count[c] = count_of(track, index[c]);
             int64_t rise = track->linear ? count[c] - before : 0;
             for (int64_t t = from; t < tick; t++)
@@ -428,6 +532,7 @@ static void knots(const Track *track, Bytes in, int64_t span, int64_t *counts) {
         stop(NONCONFORMING, "the last knot of a line [KNT-003]");
     for (; tick < span; tick++)
         for (int c = 0; c < width; c++) counts[tick * width + c] = count[c];
+    free(rows);
 }
 
 static void deliver(Track *track, unsigned id, int64_t start, int64_t span, int64_t *counts) {

@@ -1,4 +1,4 @@
-// Bits from the highest of a byte to its lowest (9.2, 9.5 Rice). Behind the end zeros are read; who reads
+// Bits from the highest of a byte to its lowest (9.2). Behind the end zeros are read; who reads
 // checks `position` against `size`.
 
 import { POWERS } from './integers.js';

@@ -1,32 +1,27 @@
-// Adaptive coding of knots (9.6): gaps and differences.
+// Entropy coding of knots (9.6): gaps and differences.
 import { Reader } from './bytes.js';
+import { EntropyDecoder, readLengths, readProbabilities, readStart } from './entropy.js';
 import { broken } from './error.js';
-import { POWERS } from './integers.js';
 import { putHold, putLine } from './lines.js';
-import { RangeDecoder, bitModels } from './range.js';
 
-const GAP_LENGTH = 24;
-const DIFFERENCE_LENGTH = 34;
+const LENGTHS = 35;
 
-// The magnitude model of length n.
-class MagnitudeModel {
-  constructor(range, n) {
-    this.range = range;
-    this.n = n;
-    this.L = bitModels(n + 1);
-    this.H = bitModels(n + 1);
-  }
+// How a row of numbers is coded; `meaning`: the bits that its coding may have.
+function readRow(reader, meaning) {
+  reader.requirement = 'RNG-004';
+  const { offset } = reader;
+  const coding = reader.u8();
+  if (coding & ~meaning) broken('RNG-004', `the coding ${coding}`, offset);
+  if (!(coding & 64)) return { coding, start: readStart(reader), table: null };
+  if (coding & 15) broken('RNG-004', 'lengths and a class', offset);
+  return { coding, start: 0, table: readLengths(reader, LENGTHS) };
+}
 
-  next() {
-    const { range, L, H, n } = this;
-    let b = 0;
-    while (range.bit(L, b) === 1) {
-      if (b === n) broken('KTE-003', `a magnitude of more than ${n} bits`, range.offset);
-      b++;
-    }
-    if (b < 2) return b;
-    return (2 + range.bit(H, b)) * POWERS[b - 2] + range.raw(b - 2);
-  }
+function decodeRow(coder, { coding, start, table }, count, signed) {
+  const out = new Float64Array(count);
+  if (table) coder.byLength(count, table, signed, out);
+  else coder.integers(count, coding & 15, start, signed, out);
+  return out;
 }
 
 export function decodeCodedKnots(track, bytes, span, out, offset) {
@@ -51,20 +46,20 @@ export function decodeCodedKnots(track, bytes, span, out, offset) {
     const { offset: at } = reader;
     const f = reader.varint();
     if (f < 1 || f >= span) broken('KTE-002', `${f} more knots in ${span} ticks`, at);
-    const range = new RangeDecoder(reader.bytes(reader.left), reader.offset);
-    const gaps = new MagnitudeModel(range, GAP_LENGTH);
-    const differences = new MagnitudeModel(range, DIFFERENCE_LENGTH);
-    const S = bitModels(3);
-    const signs = new Int8Array(C);
+    const first = readRow(reader, 0x5f);
+    const second = readRow(reader, 0x6f);
+    const p = second.coding & 32 ? readProbabilities(reader, 3) : null;
+    const coder = new EntropyDecoder(reader.bytes(reader.left), reader.offset, first.coding & 16 ? 4 : 1);
+    const gaps = decodeRow(coder, first, interpolation === 1 ? f - 1 : f, false);
+    const differences = decodeRow(coder, second, f * C, p === null);
+    if (p !== null) coder.signs(f * C, p, differences);
+    coder.finish();
     for (let left = f - 1; left >= 0; left--) {
-      const next = interpolation === 1 && left === 0 ? span - 1 : tick + 1 + gaps.next();
+      const next = interpolation === 1 && left === 0 ? span - 1 : tick + 1 + gaps[f - 1 - left];
       if (next >= span - left) broken('KTE-004', `a knot at tick ${next} of ${span}, ${left} following`, at);
       const ticks = next - tick;
       for (let c = 0; c < C; c++) {
-        let d = differences.next();
-        if (d !== 0 && range.bit(S, signs[c] + 1) === 1) d = -d;
-        signs[c] = Math.sign(d);
-        index[c] += d;
+        index[c] += differences[c * f + f - 1 - left];
         checkIndex(index[c]);
         const count = grid.count(index[c]);
         if (interpolation === 0) putHold(out, tick * C + c, C, ticks, from[c], low, high);
@@ -73,7 +68,6 @@ export function decodeCodedKnots(track, bytes, span, out, offset) {
       }
       tick = next;
     }
-    range.finish();
   }
   for (let c = 0; c < C; c++) putHold(out, tick * C + c, C, span - tick, from[c], low, high);
 }

@@ -1,9 +1,8 @@
 // An encoder of component packets of LPCR (9.5): it tries orders and keeps what is shortest.
 import { putSvarint } from './bytes.js';
+import { EntropyEncoder, probabilityOf, startOf } from './entropy-encoder.js';
 import { HapfError } from './error.js';
 import { predictExact, predictQuick, predictorOf, quickBound } from './predictor.js';
-import { IntegerEncoder, RangeEncoder } from './range-encoder.js';
-import { bitModels } from './range.js';
 
 const ERROR_BOUND = 2 ** 34;
 const ORDERS = [4, 8, 16];
@@ -71,23 +70,27 @@ function candidates(index) {
   return found.sort((a, b) => a.cost - b.cost);
 }
 
-function packetOf(index, { g, k, e }, repeats) {
-  const range = new RangeEncoder();
-  const integers = new IntegerEncoder(range);
-  const Q = bitModels(4);
-  let before = 0;
-  for (let t = 0; t < index.length; t++) {
-    if (repeats) {
-      const same = t > 0 && index[t] === index[t - 1] ? 1 : 0;
-      if (t > 0) range.bit(Q, before, same);
-      before = 2 * same + (before >> 1);
-      if (same) continue;
-    }
-    integers.put(e[t]);
+const CLASSES = [0, 4, 7]; // light tails, even ones, heavy ones
+
+function packetOf(index, { g, k, e }, repeats, number) {
+  const coder = new EntropyEncoder();
+  const same = Array.from(index, (v, t) => (repeats && t > 0 && v === index[t - 1] ? 1 : 0));
+  const p = [];
+  if (repeats) {
+    const counts = [[0, 0], [0, 0], [0, 0], [0, 0]];
+    const contexts = same.map((_, t) => (t > 1 ? 2 * same[t - 1] + same[t - 2] : t > 0 ? 2 * same[0] : 0));
+    for (let t = 1; t < index.length; t++) counts[contexts[t]][same[t]]++;
+    p.push(...counts.map(([zeros, ones]) => probabilityOf(zeros, ones)));
+    coder.section();
+    for (let t = 1; t < index.length; t++) coder.bit(p[contexts[t]], same[t]);
   }
+  const errors = e.filter((_, t) => same[t] === 0);
+  const start = startOf(errors);
+  coder.integers(errors, number, start);
   const bytes = [g | (repeats ? 8 : 0), k.length, ...k.map((v) => v & 255)];
   putSvarint(bytes, index[0]);
-  const coded = range.finish();
+  bytes.push(number | (coder.many ? 16 : 0), start, ...p);
+  const coded = coder.finish();
   const packet = new Uint8Array(bytes.length + coded.length);
   packet.set(bytes);
   packet.set(coded, bytes.length);
@@ -102,9 +105,8 @@ export function encodeComponent(index) {
     return Uint8Array.from(bytes);
   }
   const [best] = candidates(index);
-  const plain = packetOf(index, best, false);
   const repeating = index.filter((v, t) => t > 0 && v === index[t - 1]).length;
-  if (4 * repeating < index.length) return plain;
-  const other = packetOf(index, best, true);
-  return other.length < plain.length ? other : plain;
+  const ways = 4 * repeating < index.length ? [false] : [false, true];
+  const packets = ways.flatMap((repeats) => CLASSES.map((number) => packetOf(index, best, repeats, number)));
+  return packets.reduce((least, packet) => (packet.length < least.length ? packet : least));
 }

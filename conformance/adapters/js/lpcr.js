@@ -1,11 +1,9 @@
 // LPCR (9.5): indices of a grid, predicted from those before them and from other components.
 import { Reader } from './bytes.js';
+import { EntropyDecoder, readProbabilities, readStart } from './entropy.js';
 import { broken } from './error.js';
 import { readGrid } from './grid.js';
-import { IntegerModel } from './integer-model.js';
 import { predictExact, predictorOf, predictQuick, quickBound } from './predictor.js';
-import { RangeDecoder, bitModels } from './range.js';
-import { decodeRice } from './rice.js';
 
 const ORDER_BOUND = 32;
 
@@ -19,15 +17,14 @@ function readComponentHeader(reader, component) {
   const flags = reader.u8();
   const header = {
     g: flags & 7, repeats: (flags & 8) !== 0, constant: (flags & 16) !== 0,
-    rice: (flags & 128) !== 0, k: [], references: [], base: 0,
+    k: [], references: [], base: 0,
   };
   const m = reader.u8();
   if (header.g > 4 || m > ORDER_BOUND || (m > 0 && header.g > 1)) {
     broken('LPC-004', `difference order ${header.g}, prediction order ${m}`, start);
   }
   if (header.constant && (flags !== 16 || m > 0)) broken('LPC-004', 'a constant with other flags', start);
-  if (flags & 32) broken('LPC-004', 'bit 5 of the flags is 1', start);
-  if (header.rice && flags & 0x48) broken('LPC-010', 'Rice codes with other flags', start);
+  if (flags & 0xa0) broken('LPC-004', `flags ${flags}`, start);
   for (let i = 0; i < m; i++) {
     header.k.push(reader.i8());
     if (header.k[i] < -127) broken('LPC-004', 'a reflection coefficient of -128', reader.offset - 1);
@@ -51,24 +48,19 @@ function readComponentHeader(reader, component) {
 
 // e of every tick, and where the index is that of the tick before.
 function decodeErrors(header, bytes, span, offset, e, repeated) {
-  if (header.rice) {
-    decodeRice(bytes, span, e, offset);
-    return;
-  }
-  const range = new RangeDecoder(bytes, offset);
-  const model = new IntegerModel(range);
-  if (header.repeats) {
-    const Q = bitModels(4);
-    let before = 0; // 2 * r1 + r2
-    for (let t = 0; t < span; t++) {
-      repeated[t] = t === 0 ? 0 : range.bit(Q, before);
-      before = 2 * repeated[t] + (before >> 1);
-      if (repeated[t] === 0) e[t] = model.next();
-    }
-  } else {
-    model.fill(e, span);
-  }
-  range.finish();
+  const reader = new Reader(bytes, { base: offset, requirement: 'RNG-004' });
+  const coding = reader.u8();
+  if (coding > 63) broken('RNG-004', `the coding ${coding}`, offset);
+  const start = readStart(reader);
+  const repeats = header.repeats ? readProbabilities(reader, 4) : null;
+  const signs = coding & 32 ? readProbabilities(reader, 3) : null;
+  const coder = new EntropyDecoder(reader.bytes(reader.left), reader.offset, coding & 16 ? 4 : 1);
+  const fresh = repeats ? coder.repeats(span, repeats, repeated) : span;
+  const errors = e.subarray(span - fresh);
+  coder.integers(fresh, coding & 15, start, signs === null, errors);
+  if (signs) coder.signs(fresh, signs, errors);
+  coder.finish();
+  if (repeats) for (let t = 0, i = 0; t < span; t++) if (repeated[t] === 0) e[t] = errors[i++];
 }
 
 // x[t] of clause 9.5, References, added to e[t].

@@ -1,11 +1,11 @@
 // LPCX (9.7): counts by LPCR, and the corrections that lead from their values to the source's binary64 numbers.
 import { Reader } from './bytes.js';
+import { EntropyDecoder, readLengths, readProbabilities } from './entropy.js';
 import { broken } from './error.js';
 import { valueRule } from './exact.js';
 import { UniformGrid } from './grid.js';
 import { limitsOf } from './limits.js';
 import { decodeIndices, splitComponents } from './lpcr.js';
-import { RangeDecoder, bitModels } from './range.js';
 
 const LIST_BOUND = 32;
 const RULE_BOUND = 4;
@@ -95,51 +95,65 @@ export function movePlace(halves, at, lower, upper, z) {
   halves[at + LOWER] = low;
 }
 
+// A correction of up to 63 bits, as two halves.
 class Corrections {
-  constructor(flags, z, coded, codedOffset) {
+  constructor(flags, z, reader) {
     this.recall = (flags & 1) !== 0;
     this.z = z;
-    this.range = new RangeDecoder(coded, codedOffset);
-    this.R = bitModels(3 * LIST_BOUND);
-    this.T = bitModels(63);
-    this.X = bitModels(1024);
+    this.p = this.recall ? [0, 1, 2].map(() => readRanks(reader)) : null;
+    this.table = readLengths(reader, 64);
+    this.coder = new EntropyDecoder(reader.bytes(reader.left), reader.offset, flags & 2 ? 4 : 1);
     this.lists = new Map(); // count -> lower and upper half of each correction, the last one first
-    this.before = null;
     this.lower = 0; // the correction that was decoded last
     this.upper = 0;
   }
 
-  next(count) {
-    if (!this.recall) {
-      this.inFull();
-      return;
+  // The place on the list of its count for each correction, -1 for those in full.
+  ranks(counts) {
+    const { coder, p } = this;
+    const ranks = new Int8Array(counts.length).fill(-1);
+    if (!this.recall) return ranks;
+    coder.section();
+    const sizes = new Map();
+    for (let t = 0; t < counts.length; t++) {
+      const count = counts[t];
+      const known = sizes.get(count);
+      const x = known === undefined ? 0 : t > 0 && count === counts[t - 1] ? 1 : 2;
+      const row = p[x];
+      const entries = known ?? 1;
+      for (let i = 0; i < entries && ranks[t] < 0; i++) {
+        const chance = row.length === 0 ? 128 : row[Math.min(i, row.length - 1)];
+        if (coder.bit(chance) === 1) ranks[t] = i;
+        coder.check();
+      }
+      if (known === undefined) sizes.set(count, 1);
+      else if (ranks[t] < 0 && known < LIST_BOUND) sizes.set(count, known + 1);
     }
-    const { range, R } = this;
-    const known = this.lists.get(count);
-    const list = known ?? [0, 0];
-    const x = 32 * (known === undefined ? 0 : count === this.before ? 1 : 2);
-    this.before = count;
-    const entries = list.length / 2;
-    let i = 0;
-    while (i < entries && range.bit(R, x + i) === 0) i++;
-    if (i < entries) {
-      this.lower = list[2 * i];
-      this.upper = list[2 * i + 1];
+    return ranks;
+  }
+
+  next(count, i) {
+    const known = this.recall ? this.lists.get(count) : undefined;
+    if (i < 0) {
+      this.inFull();
+      if (!this.recall) return;
       if (known === undefined) {
-        this.lists.set(count, list);
-      } else if (i > 0) {
-        list.copyWithin(2, 0, 2 * i);
-        list[0] = this.lower;
-        list[1] = this.upper;
+        this.lists.set(count, [this.lower, this.upper]);
+      } else {
+        known.unshift(this.lower, this.upper);
+        if (known.length > 2 * LIST_BOUND) known.length = 2 * LIST_BOUND;
       }
       return;
     }
-    this.inFull();
+    const list = known ?? [0, 0];
+    this.lower = list[2 * i];
+    this.upper = list[2 * i + 1];
     if (known === undefined) {
-      this.lists.set(count, [this.lower, this.upper]);
-    } else {
-      list.unshift(this.lower, this.upper);
-      if (list.length > 2 * LIST_BOUND) list.length = 2 * LIST_BOUND;
+      this.lists.set(count, list);
+    } else if (i > 0) {
+      list.copyWithin(2, 0, 2 * i);
+      list[0] = this.lower;
+      list[1] = this.upper;
     }
   }
 
@@ -150,33 +164,34 @@ class Corrections {
   }
 
   inFull() {
-    const { range, T, X, z } = this;
-    let L = 0;
-    while (L < 63 && range.bit(T, L) === 1) L++;
+    const { coder, table } = this;
+    const L = table.first + coder.symbol(table.ends);
     this.upper = this.lower = 0;
-    if (L === 0) return;
-    this.lower = 1;
-    const e = Math.min(L - 1, Math.max(L + z - 53, 0), 10);
-    let j = 1;
-    for (let i = 0; i < e; i++) {
-      const b = range.bit(X, j);
-      j = 2 * j + b;
-      this.push(b, 1);
+    if (L > 0) {
+      this.lower = 1;
+      // The lowest L - 1 bits, at most 62: raw bits, the lowest first.
+      const n0 = Math.min(L - 1, 24);
+      const n1 = Math.min(L - 1 - n0, 24);
+      const n2 = L - 1 - n0 - n1;
+      const b0 = coder.raw(n0);
+      const b1 = coder.raw(n1);
+      this.push(coder.raw(n2), n2);
+      this.push(b1, n1);
+      this.push(b0, n0);
+      if (coder.raw(1)) {
+        this.lower = -this.lower | 0;
+        this.upper = this.lower === 0 ? -this.upper | 0 : ~this.upper;
+      }
     }
-    // The lowest L - e - 1 bits, at most 52: raw bits, the lowest first.
-    const n0 = Math.min(L - e - 1, 24);
-    const n1 = Math.min(L - e - 1 - n0, 24);
-    const n2 = L - e - 1 - n0 - n1;
-    const b0 = range.raw(n0);
-    const b1 = range.raw(n1);
-    this.push(range.raw(n2), n2);
-    this.push(b1, n1);
-    this.push(b0, n0);
-    if (range.raw(1)) {
-      this.lower = -this.lower | 0;
-      this.upper = this.lower === 0 ? -this.upper | 0 : ~this.upper;
-    }
+    coder.check();
   }
+}
+
+function readRanks(reader) {
+  reader.requirement = 'RNG-004';
+  const n = reader.u8();
+  if (n > LIST_BOUND) broken('RNG-004', `${n} probabilities of ranks`, reader.offset - 1);
+  return readProbabilities(reader, n);
 }
 
 // The corrections of one component, or null where all are 0.
@@ -184,11 +199,10 @@ function readPart(part, offset) {
   if (part.length === 0) return null;
   const reader = new Reader(part, { base: offset, requirement: 'EXA-004' });
   const flags = reader.u8();
-  if (flags > 1) broken('EXA-004', `flags ${flags}`, offset);
+  if (flags > 3) broken('EXA-004', `flags ${flags}`, offset);
   const z = reader.u8();
   if (z > 63) broken('EXA-004', `steps of 2^${z}`, offset);
-  const at = reader.offset;
-  return new Corrections(flags, z, reader.bytes(reader.left), at);
+  return new Corrections(flags, z, reader);
 }
 
 // v of rule 4 at each tick; columns: the exact values of components that are known, its own as they come.
@@ -216,15 +230,18 @@ function readExact(track, rest, base, span, counts) {
     const alone = valueRule(isLinear ? 0 : rule, digits, track.calibrations[component], coefficients);
     const valueOf = isLinear ? linearRule(setup[component], columns, alone) : alone;
     const corrections = readPart(parts[component].bytes, parts[component].offset);
+    const column = Int32Array.from({ length: span }, (_, t) => counts[t * C + component]);
+    const ranks = corrections?.ranks(column);
+    corrections?.coder.section();
     for (let t = 0; t < span; t++) {
-      const count = counts[t * C + component];
+      const count = column[t];
       values[t] = valueOf(count, t);
       if (corrections === null) continue;
-      corrections.next(count);
+      corrections.next(count, ranks[t]);
       const { lower, upper, z } = corrections;
       if (lower !== 0 || upper !== 0) movePlace(halves, 2 * t, lower, upper, z);
     }
-    corrections?.range.finish();
+    corrections?.coder.finish();
     const words = new BigUint64Array(values.buffer);
     for (let t = 0; t < span; t++) exact[t * C + component] = words[t];
   }

@@ -7,14 +7,12 @@ import { crc32 } from './crc32.js';
 import { TrackDigest } from './digest.js';
 import { valueRule } from './exact.js';
 import { DeadbandGrid, UniformGrid } from './grid.js';
-import { IntegerModel } from './integer-model.js';
 import { clamp, floorDiv, floorDivBig, rdiv, rdivBig } from './integers.js';
 import { decodeIndices } from './lpcr.js';
 import { movePlace } from './lpcx.js';
 import { SINES, predictorOf } from './predictor.js';
 import { makeCode, readCodebook } from './quan.js';
-import { RangeDecoder, bitModels, learnBit, learnSymbol, probability } from './range.js';
-import { decodeRice } from './rice.js';
+import { CONTEXTS, EntropyDecoder, classEnds, lengthEnds } from './entropy.js';
 import { hex, sha256 } from './sha256.js';
 
 const COUNT_BOUND = 2 ** 24; // of level 1
@@ -108,69 +106,32 @@ export const components = {
     const bytes = bytesOf(c.bytes);
     return { crc: crc32(bytes, 0, bytes.length, seedOf(c.file_id)) };
   },
-  'bit-model'(c) {
-    const models = bitModels(1);
-    const state = () => [models[0], models[1], models[2]];
-    if (c.steps) {
-      return {
-        steps: c.steps.map(([, bit]) => {
-          const P = probability(models, 0);
-          learnBit(models, 0, bit);
-          return [P, bit, ...state()];
-        }),
-      };
-    }
-    for (const [bit, count] of c.bits) for (let i = 0; i < count; i++) learnBit(models, 0, bit);
-    const [p, q, n] = state();
-    return { after: { P: probability(models, 0), p, q, n } };
+  classes(c) {
+    const rows = (number) => Array.from({ length: CONTEXTS }, (_, i) => [...classEnds(number).subarray(16 * i, 16 * i + 16)]);
+    if (c.class !== undefined) return { ends: rows(c.class) };
+    const all = Uint16Array.from(Array.from({ length: 16 }, (_, number) => rows(number)).flat(2));
+    return { sha256: hex(sha256(new Uint8Array(all.buffer))) };
   },
-  'symbol-model'(c) {
-    const model = Int32Array.from([...c.z, c.n]);
-    if (c.steps) {
-      return {
-        steps: c.steps.map(([symbol]) => {
-          learnSymbol(model, 0, symbol);
-          return [symbol, model[15], ...model.subarray(0, 15)];
-        }),
-      };
-    }
-    for (let i = 0; i < c.count; i++) learnSymbol(model, 0, (c.times * i) % 16);
-    return { after: { n: model[15], z: [...model.subarray(0, 15)] } };
+  lengths(c) {
+    return { ends: [...lengthEnds(c.weights)] };
   },
-  'first-probabilities'(c) {
-    const model = new IntegerModel(new RangeDecoder(new Uint8Array(0)));
-    const at = 16 * (c.context ?? 0);
-    const models = c.context === undefined ? model.Y : model.Z;
-    return { n: models[at + 15], z: [...models.subarray(at, at + 15)] };
-  },
-  'range-coder'(c) {
-    const range = new RangeDecoder(bytesOf(c.coded));
-    const bits = bitModels(4);
-    const { Z } = new IntegerModel(range);
-    const symbols = Int32Array.from([0, 4, 8].flatMap((k) => [...Z.subarray(16 * k, 16 * k + 16)]));
-    const start = { width: range.width, x: range.x };
-    const steps = c.steps.map(([what, which]) => {
-      const value = what === 'bit' ? range.bit(bits, which)
-        : what === 'symbol' ? range.symbol(symbols, 16 * which) : range.raw(which);
-      return [what, which, value, range.width, range.x, range.position, range.rawBits];
+  'entropy-coder'(c) {
+    const coder = new EntropyDecoder(bytesOf(c.coded), 0, c.states);
+    const after = [];
+    const sections = c.sections.map((section) => {
+      const { kind, p } = section;
+      const count = section.values.length;
+      let out = new Float64Array(kind === 'bits' ? count + 1 : count);
+      if (kind === 'signs') out = out.map((_, i) => Math.abs(section.values[i]));
+      if (kind === 'bits') coder.repeats(count + 1, p, out);
+      else if (kind === 'signs') coder.signs(count, p, out);
+      else if (kind === 'lengths') coder.byLength(count, { first: section.first, ends: lengthEnds(section.weights) }, true, out);
+      else coder.integers(count, section.class, section.start, kind === 'class', out);
+      after.push([...coder.states, coder.front, coder.rawBits]);
+      return { ...section, values: [...(kind === 'bits' ? out.subarray(1) : out)] };
     });
-    range.finish();
-    return { start, steps };
-  },
-  'integer-model'(c) {
-    const range = new RangeDecoder(bytesOf(c.coded));
-    const model = new IntegerModel(range);
-    const steps = c.steps.map(() => {
-      const context = model.context();
-      const { h } = model;
-      const value = model.next();
-      return [value, context, h, model.f, model.s, model.t, range.width, range.x, range.position, range.rawBits];
-    });
-    const same = JSON.stringify(steps) === JSON.stringify(c.steps);
-    if (!same) return { steps };
-    if (c.error) model.next();
-    range.finish();
-    return { steps };
+    coder.finish();
+    return { after, sections };
   },
   knot(c) {
     return knots(c, putVar([INTERPOLATIONS.indexOf(c.interpolation), 0, 0], c.step).concat(0));
@@ -230,11 +191,6 @@ export const components = {
     result.sha256 = hex(sha256(new Uint8Array(BigInt64Array.from(levels, BigInt).buffer)));
     return result;
   },
-  rice(c) {
-    const e = new Float64Array(c.ticks);
-    decodeRice(bytesOf(c.bits), c.ticks, e, 0);
-    return { errors: [...e] };
-  },
   lpcr(c) {
     const indices = [];
     decodeIndices({ highest: c.last }, c.components, bytesOf(c.packet), c.span, 0, (component, index) => {
@@ -271,8 +227,4 @@ export const components = {
     const { numbers, exact } = decodePacket(track, bytesOf(c.packet), 0, c.span, { exact: true });
     return { counts: [...numbers], exact: [...exact].map(bits64) };
   },
-};
-
-export const expected = {
-  rice: (c) => ({ errors: c.blocks.flatMap(({ errors }) => errors) }),
 };

@@ -1,315 +1,145 @@
-"""Clause 9.4: bit and symbol models, range coder with its state, raw bits, integer model."""
+"""Clause 9.4: frequencies of classes and lengths, and the coder with its states."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from hashlib import sha256
 
+import page_coding as coding
 from luck import Luck
-from page import Bit, BrokenRule, Integers, Range, Symbols, first
+from page import BrokenRule, Coder, class_ends
 
 from .component import Case, Component
 
-BIT_ROWS = (
-    ("eight zeros, then ones", [0] * 8 + [1] * 8),
-    ("ones", [1] * 40),
-    ("zeros", [0] * 40),
-    ("in turn", [0, 1] * 20),
-    ("as page and packet may fall", [1, 1, 0, 1, 0, 0, 0, 1, 0, 1] * 4),
-)
 
-
-def bit_models() -> Component:
-    cases = []
-    for name, row in BIT_ROWS:
-        model, steps = Bit(), []
-        for b in row:
-            chance = model.chance()
-            model.learn(b)
-            steps.append([chance, b, model.p, model.q, model.n])
-        cases.append({"name": name, "steps": steps})
-    model = Bit()
-    for b in [1] * 300 + [0] * 20:
-        model.learn(b)
-    state = {"P": model.chance(), "p": model.p, "q": model.q, "n": model.n}
-    cases.append({"name": "300 ones, then 20 zeros", "bits": [[1, 300], [0, 20]], "after": state})
-    model = Bit()
-    for _ in range(2000):
-        model.learn(1)
-    state = {"P": model.chance(), "p": model.p, "q": model.q, "n": model.n}
-    cases.append({"name": "2000 ones", "bits": [[1, 2000]], "after": state})
-    model = Bit()
-    for _ in range(2000):
-        model.learn(0)
-    state = {"P": model.chance(), "p": model.p, "q": model.q, "n": model.n}
-    cases.append({"name": "2000 zeros", "bits": [[0, 2000]], "after": state})
-    return Component(
-        "bit-model",
-        "9.4",
-        ("RNG-001",),
-        "A bit model from its start. `steps`: [P, bit coded, p, q, n after it]; or `bits`: runs of "
-        "[bit, how many], and `after`, the state with the P that comes next.",
-        cases,
-    )
-
-
-def symbol_models() -> Component:
-    y = [4096 * (15 - i) for i in range(15)]
-    rng = Luck(9)
-    rows = (
-        ("Y, each symbol once", y, 2, list(range(16))),
-        ("Y, always 0", y, 2, [0] * 24),
-        ("Y, always 15", y, 2, [15] * 24),
-        ("Z[0]", first(0), 10, [0, 0, 1, 0, 2, 0, 0, 3]),
-        ("Z[35]", first(35), 10, [rng.below(16) for _ in range(24)]),
-        ("Z[12], always 15", first(12), 10, [15] * 12),
-    )
-    cases = []
-    for name, z, n, row in rows:
-        model, steps = Symbols(z, n), []
-        for s in row:
-            model.learn(s)
-            steps.append([s, model.n, *model.z])
-        cases.append({"name": name, "z": z, "n": n, "steps": steps})
-    model = Symbols(y, 2)
-    for i in range(400):
-        model.learn(i * 7 % 16)
-    after = {"n": model.n, "z": list(model.z)}
-    cases.append(
-        {
-            "name": "400 symbols, 7 i modulo 16",
-            "z": y,
-            "n": 2,
-            "count": 400,
-            "times": 7,
-            "after": after,
-        }
-    )
-    return Component(
-        "symbol-model",
-        "9.4",
-        ("RNG-001",),
-        "A symbol model with the start `z`, `n`. `steps`: [symbol coded, n after it, z[0] ... "
-        "z[14] after it]; or the symbols `times` * i modulo 16 for i from 0 to `count` - 1, and "
-        "the state `after` them.",
-        cases,
-    )
-
-
-def first_probabilities() -> Component:
+def classes() -> Component:
     cases: list[Case] = [
-        {"name": f"Z[{c}]", "context": c, "n": 10, "z": first(c)} for c in range(36)
+        {
+            "name": f"class {number}",
+            "class": number,
+            "ends": [class_ends(number, c) for c in range(36)],
+        }
+        for number in range(16)
     ]
-    cases.append({"name": "Y", "n": 2, "z": [4096 * (15 - i) for i in range(15)]})
+    whole = b"".join(
+        end.to_bytes(2, "little") for case in cases for row in case["ends"] for end in row
+    )
+    digest = sha256(whole).hexdigest()
+    assert digest == coding.DIGEST
+    cases.append({"name": "all of them", "sha256": digest})
     return Component(
-        "first-probabilities",
+        "classes",
         "9.4",
         ("RNG-001",),
-        "Where the symbol models of the integer model start.",
+        "The ends of the 16 symbols of each class in contexts 0 to 35; and the SHA-256 of all of "
+        "them as u16.",
         cases,
     )
 
 
-class Traced:
-    """Codes operations, then reads them again and notes the state after each."""
-
-    def __init__(self, operations: list[tuple], coded: bytes | None = None):
-        """("bit", model, b), ("symbol", model, s) or ("raw", bits, number)"""
-        self.operations = operations
-        if coded is None:
-            coder = Range()
-            self.pass_through(coder)
-            coded = coder.finish()
-        self.coded = coded
-        self.steps: list[list[Any]] = []
-        self.error = None
-        try:
-            coder = Range(coded)
-            self.start = {"width": coder.width, "x": coder.x}
-            self.pass_through(coder, trace=True)
-            coder.finish()
-        except BrokenRule as broken:
-            self.error = broken.args[0]
-
-    def pass_through(self, coder: Range, *, trace: bool = False) -> None:
-        reading = coder.coded is not None
-        bits = [Bit() for _ in range(4)]
-        symbols = [Symbols(first(4 * i), 10) for i in range(3)]
-        for kind, which, value in self.operations:
-            given = None if reading else value
-            if kind == "bit":
-                got = coder.code(bits[which], given)
-            elif kind == "symbol":
-                got = coder.symbol(symbols[which], given)
-            else:
-                got = coder.number(which, given)
-            if trace:
-                self.steps.append([kind, which, got, coder.width, coder.x, coder.n, len(coder.raw)])
-            coder.check()
-
-    def case(self, name: str) -> Case:
-        out: Case = {"name": name, "coded": self.coded, "start": self.start, "steps": self.steps}
-        if self.error:
-            out["error"] = self.error
-        else:
-            assert [step[2] for step in self.steps] == [op[2] for op in self.operations], name
-        return out
-
-
-def mixed(seed: int, count: int, skew: int) -> list[tuple]:
-    rng = Luck(seed)
-    out: list[tuple] = []
-    for _ in range(count):
-        kind = rng.choice(["bit", "bit", "symbol", "symbol", "raw"])
-        if kind == "bit":
-            out.append((kind, rng.below(4), int(rng.below(100) < skew)))
-        elif kind == "symbol":
-            s = 0
-            while s < 15 and rng.below(100) < skew:
-                s += 1
-            out.append((kind, rng.below(3), s))
-        else:
-            size = rng.choice([0, 1, 2, 3, 5, 8, 13, 34])
-            out.append((kind, size, rng.below(2**size)))
-    return out
-
-
-def range_coder() -> Component:
-    rows = [
-        ("nothing coded", []),
-        ("a bit 0", [("bit", 0, 0)]),
-        ("a bit 1", [("bit", 0, 1)]),
-        ("a symbol 0", [("symbol", 0, 0)]),
-        ("a symbol 15", [("symbol", 0, 15)]),
-        ("a raw bit", [("raw", 1, 1)]),
-        ("nine raw bits", [("raw", 9, 0b100000001)]),
-        ("raw bits 0 take bytes too", [("raw", 24, 0)]),
-        ("34 raw bits", [("raw", 34, 2**34 - 2)]),
-        ("64 ones", [("bit", 0, 1)] * 64),
-        ("64 zeros", [("bit", 0, 0)] * 64),
-        ("bits in turn", [("bit", 0, i % 2) for i in range(40)]),
-        ("models are apart", [("bit", i % 4, int(i % 4 == 1)) for i in range(40)]),
-        ("all symbols", [("symbol", 0, s) for s in range(16)]),
-        ("all symbols, three models", [("symbol", s % 3, s) for s in range(15, -1, -1)]),
-        ("carries", [("symbol", 0, 0), ("bit", 0, 1)] * 12),
-        ("mixed, few ones", mixed(1, 60, 10)),
-        ("mixed", mixed(2, 60, 50)),
-        ("mixed, many ones", mixed(3, 60, 80)),
-        ("mixed, long", mixed(4, 200, 30)),
-        ("front and raw bits share a byte", [("bit", 0, 0)] * 3 + [("raw", 5, 21)]),
+def lengths() -> Component:
+    rows = ([1], [255], [1, 1], [0, 0, 7], [3, 0, 200, 1], [255] * 64, list(range(64)))
+    cases: list[Case] = [
+        {
+            "name": f"{len(row)} weights, {sum(row)} in all",
+            "weights": row,
+            "ends": coding.length_ends(row),
+        }
+        for row in rows
     ]
-    cases = [Traced(operations).case(name) for name, operations in rows]
-    operations = mixed(2, 30, 50)
-    whole = Traced(operations).coded
-    for name, coded in (
+    return Component(
+        "lengths", "9.4", ("RNG-004",), "Weights of lengths, and the ends of their symbols.", cases
+    )
+
+
+def sections(seed: int, count: int) -> list[dict]:
+    """Of every kind, with what they are coded by."""
+    rng = Luck(seed)
+    sizes = [rng.choice((0, 1, 4, 90, 3000, 10**6, 2**33)) for _ in range(count)]
+    numbers = [rng.between(-size, size) for size in sizes]
+    calm = [rng.bell(12) for _ in range(count)]
+    return [
+        {"kind": "bits", "p": [9, 99, 199, 250], "values": [rng.below(2) for _ in range(count)]},
+        {"kind": "class", "class": seed % 16, "start": seed * 7 % 164, "values": numbers},
+        {"kind": "class, unsigned", "class": 15, "start": 20, "values": [abs(e) for e in calm]},
+        {"kind": "lengths", "first": 0, "weights": [5, 9, 1, 0, 3, 200, 1], "values": calm},
+        {"kind": "signs", "p": [200, 128, 3], "values": calm},
+    ]
+
+
+def code(coder: Coder, section: dict, *, told: bool) -> list[int]:
+    kind, values = section["kind"], section["values"]
+    given = values if told else None
+    count = len(values)
+    if kind == "bits":
+        return coding.code_bits(coder, count, section["p"], given)
+    if kind == "signs":
+        return coding.code_signs(coder, [abs(e) for e in values], section["p"], given)
+    if kind == "lengths":
+        table = section["first"], section["weights"]
+        return coding.code_lengths(coder, count, table, True, given)
+    signed = kind == "class"
+    return coding.code_integers(coder, count, section["class"], section["start"], signed, given)
+
+
+def coded(rows: list[dict], states: int) -> bytes:
+    coder = Coder(states=states)
+    for row in rows:
+        code(coder, row, told=True)
+    return coder.finish()
+
+
+def coder_case(name: str, rows: list[dict], states: int, data: bytes | None = None) -> Case:
+    data = coded(rows, states) if data is None else data
+    case: Case = {"name": name, "states": states, "coded": data, "sections": rows}
+    try:
+        coder = Coder(data, states)
+        after = []
+        for row in rows:
+            assert code(coder, row, told=False) == row["values"]
+            after.append([*coder.x, coder.front, len(coder.raw)])
+        coder.finish()
+    except BrokenRule as broken:
+        return {**case, "error": broken.args[0]}
+    return {**case, "after": after}
+
+
+def coders() -> Component:
+    cases = []
+    for seed in range(1, 9):
+        rows = sections(seed, seed * seed + 3)
+        cases += [
+            coder_case(f"five sections, {seed}, {states} states", rows, states) for states in (1, 4)
+        ]
+    for row in sections(3, 20):
+        cases += [coder_case(f"{row['kind']}, {states} states", [row], states) for states in (1, 4)]
+    cases.append(coder_case("nothing", [], 1))
+    one = [sections(2, 9)[1]]
+    whole = coded(one, 1)
+    for name, data in (
         ("a byte too many in front", b"\0" + whole),
         ("a byte too many behind", whole + b"\0"),
-        ("the last byte is missing", whole[:-1]),
         ("no bytes", b""),
+        ("a state of three bytes", whole[:3]),
     ):
-        traced = Traced(operations, coded)
-        cases.append(traced.case(name))
-    # An end that reads the same, but is not the one of the rule.
-    bits = [("bit", 0, 1)] * 3
-    for name, coded in (
-        ("another end that reads the same", b"\x01"),
-        ("an empty end for a bit 0", b""),
-    ):
-        cases.append(Traced(bits if coded else [("bit", 0, 0)], coded).case(name))
+        try:
+            cases.append(coder_case(name, one, 1, data))
+        except AssertionError:
+            # Other numbers come out first: what counts is that the end does not fit.
+            case: Case = {"name": name, "states": 1, "coded": data, "sections": one}
+            cases.append({**case, "error": ["RNG-001", "RNG-003"]})
     return Component(
-        "range-coder",
-        "9.4",
-        ("RNG-001",),
-        "Coded bytes and what is decoded of them, with four bit models, and three symbol models "
-        "that "
-        'start as Z[0], Z[4], Z[8]. `steps`: ["bit", model, bit], ["symbol", model, symbol] or '
-        '["raw", bits, number], and after each width, x, N (bits of the number read) and W (raw '
-        "bits "
-        "read). With `error` the end breaks the rule, after the last of the steps.",
-        cases,
-    )
-
-
-ROWS = (
-    ("zeros", [0] * 12),
-    ("one", [1]),
-    ("minus one", [-1]),
-    ("small", [0, 1, -1, 2, -2, 3, -3, 0, 0]),
-    ("each bucket", [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16, 19, 20, 27, 28, 43, 44, 45]),
-    ("each bucket, negative", [-1, -5, -9, -10, -11, -13, -17, -21, -30, -43, -44, -60]),
-    ("bucket 15: lengths", [43 + 2**i for i in range(14)]),
-    ("bucket 15: lengths of 15 and more", [43 + 2**i for i in (14, 15, 16, 20, 31, 33)]),
-    ("largest", [2**34 - 1, -(2**34) + 1, 0]),
-    ("contexts upwards", [2**i for i in range(34)]),
-    ("contexts downwards", [-(2**i) for i in range(33, -1, -1)] + [0] * 12),
-    ("h grows", [5000] * 30 + [2**20 + 77] * 12),
-    ("signs in turn", [7, -7] * 16),
-    ("the sign of 0 between", [3, 0, -3, 0, 3, 3, -3, -3, 0, 0, 1]),
-)
-
-
-def integer_case(name: str, row: list[int]) -> Case:
-    coder, model = Range(), Integers()
-    for e in row:
-        model.code(coder, e)
-    coded = coder.finish()
-    coder, model, steps = Range(coded), Integers(), []
-    for e in row:
-        c, h = place(model)
-        assert model.code(coder, None) == e
-        coder.check()
-        steps.append(
-            [e, c, h, model.f, model.s, model.t, coder.width, coder.x, coder.n, len(coder.raw)]
-        )
-    coder.finish()
-    return {"name": name, "coded": coded, "steps": steps}
-
-
-def place(model: Integers) -> tuple[int, int]:
-    """Context c and shift h of the next integer."""
-    mean = (model.f + model.s) // 2
-    lg = mean.bit_length() - 1 if mean else 0
-    fr = ((mean * 4) // 2**lg) % 4
-    return max(0, 4 * min(lg, 10) + fr - 8), max(0, lg - 10)
-
-
-def integer_model() -> Component:
-    rng = Luck(5)
-    rows = [*ROWS, ("noise", [rng.bell(25) for _ in range(60)])]
-    rows.append(("noise of growing size", [rng.bell(3**i // 2**i) for i in range(50)]))
-    rows.append(("noise, then rest", [rng.bell(400) for _ in range(20)] + [0] * 20))
-    cases = [integer_case(name, list(row)) for name, row in rows]
-    cases.append(too_large())
-    return Component(
-        "integer-model",
+        "entropy-coder",
         "9.4",
         ("RNG-001", "RNG-003"),
-        "Coded bytes and the integers decoded of them. `steps`: [integer, its context c, h, then "
-        "f, "
-        "s, t, width, x, N, W after it]. With `error` the integer after the last step breaks the "
-        "rule.",
+        "Coded bytes, and the sections decoded of them. `after` each section: the states, bytes "
+        "taken at the front, and raw bits. Signs follow the integers whose magnitudes are those of "
+        "`values`.",
         cases,
     )
-
-
-def too_large() -> Case:
-    """2^34, coded by hand: the encoder of the page would refuse it."""
-    coder, model = Range(), Integers()
-    try:
-        model.code(coder, 2**34)
-    except BrokenRule as broken:
-        return {
-            "name": "2^34",
-            "coded": coder.finish(),
-            "steps": [],
-            "error": broken.args[0],
-        }
-    raise AssertionError
 
 
 def components() -> Iterator[Component]:
-    yield bit_models()
-    yield symbol_models()
-    yield first_probabilities()
-    yield range_coder()
-    yield integer_model()
+    yield classes()
+    yield lengths()
+    yield coders()

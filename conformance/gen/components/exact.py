@@ -170,8 +170,9 @@ def places() -> Component:
 
 
 def packet(counts, words, affine, rule=0, digits=0, *, recall) -> bytes:
-    inner = page.encode(counts, last=2**24)
-    rest = page_exact.encode_exact(words, counts, affine, rule, digits, recall)
+    inner = page.encode(counts)
+    p = page_exact.EVEN if recall else None
+    rest = page_exact.encode_exact(words, counts, affine, rule, digits, p=p)
     return varint_bytes(len(inner)) + inner + rest
 
 
@@ -180,17 +181,20 @@ def signed_bits(numbers: list[float]) -> list[int]:
 
 
 def packets() -> Component:
-    tenth, examples = (1, 0, 10), "06 00 00 06 01 4C 46"
+    tenth, examples = (1, 0, 10), "0C 00 00 00 0D 1E 00 01 A3 57 66 5B 00"
     sums = [1, 2, 3, 3, 7, 3]
+    again = " 01 00 01 80 01 FF 01 FF 01 01 FF 00 10 1B 20 00"
     long = (
-        "06 00 00 06 01 4C 46 00 01 80 00 00 00 00 00 05 55 5A C7 A2 01 76 C0 4C CC CC CC CC"
-        " CC D0 44 44 44 44 44 45 33 33 33 33 33 33"
+        " 00 01 00 3E FF 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00"
+        " 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 55 55 00"
+        " 00 00 00 00 00 00 00 00 00 55 07 62 84 3B FF 4C CC CC CC CC CC D0 44 44 44 44 44 45"
+        " 33 33 33 33 33 33"
     )
     rows: list[tuple] = [
         ("quotient alone", tenth, 0, 0, 6, bytes.fromhex(examples)),
         ("product alone", tenth, 1, 0, 6, bytes.fromhex(examples)),
-        ("corrections", tenth, 0, 0, 6, bytes.fromhex(examples + "01 00 63 A0")),
-        ("far away", tenth, 0, 0, 6, bytes.fromhex(long)),
+        ("corrections", tenth, 0, 0, 6, bytes.fromhex(examples + again)),
+        ("far away", tenth, 0, 0, 6, bytes.fromhex(examples + long)),
     ]
     rng = Luck(12)
     counts = [rng.bell(40) for _ in range(60)]
@@ -221,21 +225,25 @@ def packets() -> Component:
     rows.append(("infinities, NaN, -0.0", tenth, 0, 0, 6, data))
     data = packet(counts, near, tenth, 2, 9, recall=True)
     rows.append(("significant digits", tenth, 2, 9, 60, data))
-    good, n = bytes.fromhex(examples + "01 00 63 A0"), 7
+    good, n = bytes.fromhex(examples + again), 13
     rows += [
         ("the counts beyond the packet", tenth, 0, 0, 6, bytes.fromhex("09 00 00 06 01")),
-        ("an unknown flag", tenth, 0, 0, 6, good[:n] + b"\2" + good[n + 1 :]),
+        ("an unknown flag", tenth, 0, 0, 6, good[:n] + b"\4" + good[n + 1 :]),
         ("z = 64", tenth, 0, 0, 6, good[: n + 1] + b"\x40" + good[n + 2 :]),
         ("ends after the flags", tenth, 0, 0, 6, good[: n + 1]),
         ("a byte is missing", tenth, 0, 0, 6, good[:-1]),
         ("a byte left over", tenth, 0, 0, 6, good + b"\0"),
-        ("another end of the coded bytes", tenth, 0, 0, 6, good[:-1] + bytes([good[-1] ^ 1])),
+        ("another state", tenth, 0, 0, 6, good[:-1] + bytes([good[-1] ^ 1])),
+        ("33 probabilities", tenth, 0, 0, 6, good[: n + 2] + b"\x21" + good[n + 3 :]),
+        ("a probability is 0", tenth, 0, 0, 6, good[: n + 3] + b"\0" + good[n + 4 :]),
+        ("no length", tenth, 0, 0, 6, good[: n + 9] + b"\0" + good[n + 10 :]),
+        ("no weight", tenth, 0, 0, 6, good[: n + 10] + b"\0" + good[n + 11 :]),
     ]
     cases = [exact_case(*row) for row in rows]
     return Component(
         "lpcx",
         "9.7",
-        ("EXA-003", "EXA-004", "EXA-006", "RNG-001"),
+        ("EXA-003", "EXA-004", "EXA-006", "RNG-001", "RNG-004"),
         "Packets of LPCX: the counts, and the exact values as the bits of binary64. With `error` "
         "and "
         "`counts` the counts are given all the same (EXA-006).",

@@ -1,4 +1,4 @@
-"""Clauses 9.1 and 9.6: knots in varints and coded adaptively, and the lines between them."""
+"""Clauses 9.1 and 9.6: knots in varints and entropy coded, and the lines between them."""
 
 from __future__ import annotations
 
@@ -141,6 +141,10 @@ def plain_knots() -> Component:
     )
 
 
+LENGTHS = (64, (0, [1, 2, 3, 9, 9, 9, 9, 1, 1]))
+"""A table of lengths up to 8."""
+
+
 def coded_knots() -> Component:
     rng = Luck(11)
     ticks = sorted({rng.between(1, 198) for _ in range(25)})
@@ -149,44 +153,44 @@ def coded_knots() -> Component:
     e = page.encode_knots
     rows: list[tuple] = [
         ("one knot", "linear", 7, bytes.fromhex("09")),
-        ("two, linear", "linear", 9, bytes.fromhex("02011c")),
-        ("four, held", "hold", 40, bytes.fromhex("0e033385b03004")),
-        ("four, linear", "linear", 31, bytes.fromhex("00030c1ee6c0f1")),
-        ("two components", "hold", 20, bytes.fromhex("0204011c00805c"), 2),
-        ("many, held", "hold", 200, e(many, False, 200)),
-        ("many, linear", "linear", 200, e([*many, (199, [4])], True, 200)),
-        ("three components", "hold", 200, e(three, False, 200), 3),
-        ("gaps of 1", "hold", 40, e([(t, [t * t]) for t in range(40)], False, 40)),
-        ("equal values", "linear", 9, e([(0, [5]), (4, [5]), (8, [5])], True, 9)),
+        ("two, linear", "linear", 9, bytes.fromhex("0201000004200006bab100")),
+        ("four, held", "hold", 40, bytes.fromhex("0e03001e0d1e000c777c523802")),
+        ("four, linear", "linear", 31, bytes.fromhex("000305210e270003ad68d30638")),
+        ("two components", "hold", 20, bytes.fromhex("0204010420063401e6dc2305c0"), 2),
+        ("many, held", "hold", 200, e(many, False)),
+        ("many, linear", "linear", 200, e([*many, (199, [4])], True)),
+        ("by length", "hold", 200, e(many, False, gaps=LENGTHS, differences=LENGTHS)),
+        ("signs of their own", "hold", 200, e(many, False, signs=(90, 128, 200), states=4)),
+        ("three components", "hold", 200, e(three, False), 3),
+        ("gaps of 1", "hold", 40, e([(t, [t * t]) for t in range(40)], False)),
+        ("equal values", "linear", 9, e([(0, [5]), (4, [5]), (8, [5])], True)),
         (
             "large differences",
             "hold",
             9,
-            e([(0, [-(2**24)]), (1, [2**24]), (5, [-(2**24)]), (8, [0])], False, 9),
+            e([(0, [-(2**24)]), (1, [2**24]), (5, [-(2**24)]), (8, [0])], False),
         ),
-        ("a long gap", "hold", 2**20, e([(0, [1]), (2**20 - 1, [2])], False, 2**20)),
+        ("a long gap", "hold", 2**20, e([(0, [1]), (2**20 - 1, [2])], False)),
     ]
-    good = e(many, False, 200)
+    good = e(many, False)
     rows += [
         ("no bytes", "hold", 9, b""),
         ("f = 0", "hold", 9, bytes.fromhex("0900")),
         ("f = span", "hold", 4, bytes.fromhex("090400")),
         ("the first index is not on the grid", "hold", 9, page.svarint_bytes(2**24 + 1)),
-        ("an index is not on the grid", "hold", 9, e([(0, [2**24]), (3, [2**24 + 1])], False, 9)),
-        ("a tick beyond the span", "hold", 9, e([(0, [1]), (9, [2])], False, 10)),
+        ("an index is not on the grid", "hold", 9, e([(0, [2**24]), (3, [2**24 + 1])], False)),
+        ("a tick beyond the span", "hold", 9, e([(0, [1]), (9, [2])], False)),
         (
             "no room for the knots that follow",
             "hold",
             9,
-            e([(0, [1]), (8, [2]), (9, [3])], False, 12),
+            e([(0, [1]), (8, [2]), (9, [3])], False),
         ),
-        ("a gap of 25 bits", "hold", 9, e([(0, [1]), (2**24 + 1, [2])], False, 9, forge=True)),
-        (
-            "a magnitude of 35 bits",
-            "hold",
-            9,
-            e([(0, [0]), (3, [2**34])], False, 9, last=2**40, forge=True),
-        ),
+        ("a magnitude of 35 bits", "hold", 9, e([(0, [0]), (3, [2**34])], False)),
+        ("gaps with signs", "hold", 9, bytes.fromhex("0901200c000c00010000")),
+        ("lengths to 35", "hold", 9, bytes.fromhex("0901402301010000" + "0c00010000")),
+        ("lengths without weight", "hold", 9, bytes.fromhex("09014000010000" + "0c00010000")),
+        ("a start byte of 164", "hold", 9, bytes.fromhex("090100a4000c00010000")),
         ("a byte left over", "hold", 200, good + b"\0"),
         ("a byte is missing", "hold", 200, good[:-1]),
         ("only the count is there", "hold", 200, bytes.fromhex("0905")),
@@ -216,15 +220,15 @@ def coded_knots() -> Component:
     return Component(
         "coded-knots",
         "9.6",
-        ("KTE-002", "KTE-003", "KTE-004", "LPC-003", "RNG-001", "COD-001", "CNV-001"),
-        "Packets of KNOT with adaptive coding, on the uniform grid of step 1 and zero 0 at level "
+        ("KTE-002", "KTE-004", "LPC-003", "RNG-001", "RNG-003", "RNG-004", "CNV-001", "COD-001"),
+        "Packets of KNOT with entropy coding, on the uniform grid of step 1 and zero 0 at level "
         "1: knots as [tick, [index of each component]], and where the span is short the counts of "
         "each component.",
         also(
             cases,
             {
                 "no bytes": ["COD-001"],
-                "only the count is there": ["RNG-001"],
+                "only the count is there": ["RNG-001", "RNG-004"],
                 "a byte is missing": ["RNG-001"],
             },
         ),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import page
+from lpcr import EVEN
 from luck import Luck
 
 from .component import Case, Component, also, tried
@@ -39,18 +40,20 @@ def packets() -> Component:
     rows: list[tuple] = [
         ("constant", bytes.fromhex("10000a"), 4),
         ("constant, one tick", bytes.fromhex("10000a"), 1),
-        ("two ticks", bytes.fromhex("00000016"), 2),
-        ("second differences", bytes.fromhex("0200002f581520"), 8),
-        ("repeats", bytes.fromhex("08000e3f27c2e600"), 9),
-        ("Rice", bytes.fromhex("8200000c88888880"), 8),
+        ("two ticks", bytes.fromhex("00000003180001c75f02"), 2),
+        ("second differences", bytes.fromhex("020000041a9eabe06400"), 8),
+        ("repeats", bytes.fromhex("08000e0020ffffff55224d297b04"), 9),
         (
             "two coefficients",
-            bytes.fromhex("00 02 78 92 00 23 71 C5 67 48 C1 49 18 A0 59 9A"),
+            bytes.fromhex("00 02 78 92 00 01 25 C8 30 30 B7 CB 09 51 35 00 9F 5D CC"),
             13,
         ),
         (
             "two components with a reference",
-            bytes.fromhex("0C 01 00 00 23 71 82 7B 45 40 7C 51 5A 41 00 01 00 00 20 00 0A 3E 20"),
+            bytes.fromhex(
+                "12 00 00 00 0E 2E 00 02 60 9C C5 02 4C 78 03 3B 04 63 B0 40 00 01 00 00 20 00 00"
+                " 00 08 00 23 FF F5 FF F5 5F F4 FF F5 FF F5 5F F5 9F 75 00 00"
+            ),
             9,
             2,
         ),
@@ -61,15 +64,21 @@ def packets() -> Component:
         ("32 coefficients", e(slow, ks=[*ks, *([7, -6] * 15)]), 60),
         ("a base", e([x + 5000 for x in slow], base=5000), 60),
         ("a negative base", e([x - 5000 for x in slow], base=-5000), 60),
-        ("repeats, held", e(held, repeats=True), 60),
-        ("repeats with coefficients", e(held, ks=ks, repeats=True), 60),
-        ("repeats with differences", e(held, g=3, repeats=True), 60),
+        ("repeats, held", e(held, repeats=EVEN), 60),
+        ("repeats with coefficients", e(held, ks=ks, repeats=EVEN), 60),
+        ("repeats with differences", e(held, g=3, repeats=EVEN), 60),
         ("equal, and not constant", e([4] * 9, base=4), 9),
-        ("Rice with coefficients", e(slow, g=1, ks=ks, rice=True, widths=(5, 3)), 60),
-        ("Rice, zero blocks", e([0] * 64 + [1, -1], rice=True, widths=(0, 0, 1)), 66),
-        ("largest index", e([2**24, -(2**24)], last=BOUND), 2),
+        ("four states", e(slow, g=1, ks=ks, states=4), 60),
+        ("signs of their own", e(slow, g=2, signs=(200, 128, 40), number=7, start=30), 60),
+        ("three sections", e(held, repeats=(9, 99, 199, 250), signs=(1, 2, 3), states=4), 60),
+        ("largest index", e([2**24, -(2**24)]), 2),
         ("two components, no references", p([e(slow, g=1), e(other, g=2)]), 60, 2),
-        ("constant beside Rice", p([bytes.fromhex("10000a"), e(slow, g=2, rice=True)]), 60, 2),
+        (
+            "constant beside four states",
+            p([bytes.fromhex("10000a"), e(slow, g=2, states=4)]),
+            60,
+            2,
+        ),
     ]
     for name, w, g, coefficients in (
         ("tick before", (64, 0, 0), 1, []),
@@ -102,11 +111,11 @@ def packets() -> Component:
     )
     rows.append(
         (
-            "a reference to Rice",
+            "a reference to four states",
             p(
                 [
-                    e(slow, g=2, rice=True),
-                    e(other, ks=ks, repeats=True, references=[(0, 1, 47, 0)], components=[slow]),
+                    e(slow, g=2, states=4),
+                    e(other, ks=ks, repeats=EVEN, references=[(0, 1, 47, 0)], components=[slow]),
                 ]
             ),
             60,
@@ -125,10 +134,8 @@ def packets() -> Component:
             "LPC-006",
             "LPC-007",
             "LPC-008",
-            "LPC-010",
-            "LPC-011",
-            "LPC-012",
             "RNG-001",
+            "RNG-004",
             "COD-001",
         ),
         "Packets of LPCR: the indices of each component, `last` being the largest magnitude.",
@@ -161,17 +168,20 @@ def broken(slow: list[int]) -> Iterator[tuple]:
         ("repeats", 0x18),
         ("bit 5", 0x30),
         ("references", 0x50),
-        ("Rice", 0x90),
+        ("bit 7", 0x90),
     ):
         yield f"constant with {name}", bytes([flags, 0, 10]), 4
     yield "constant with a coefficient", bytes.fromhex("1001010a"), 4
     yield "constant, bytes left over", bytes.fromhex("10000a00"), 4
-    yield "Rice with repeats", bytes.fromhex("88000c88"), 8
     yield "bit 5 of the flags", bytes.fromhex("20000016"), 2
-    yield "Rice with bit 5", bytes.fromhex("a0000c88"), 8
+    yield "bit 7 of the flags", bytes.fromhex("80000016"), 2
+    yield "no coding", bytes.fromhex("000000"), 2
+    yield "coding with bit 6", good[:3] + b"\x40" + good[4:], 60
+    yield "a start byte of 164", good[:4] + b"\xa4" + good[5:], 60
+    yield "a probability is 0", bytes.fromhex("080000000c01000101") + bytes(4), 2
     yield "the predictor is too large", bytes([0, 32, *([127] * 32), 0]), 4
     yield "the base is not on the grid", bytes.fromhex("10008208"), 4, 1, 512
-    yield "an index is not on the grid", e([0, 600], last=2**24), 2, 1, 512
+    yield "an index is not on the grid", e([0, 600]), 2, 1, 512
     yield "a byte left over", good + b"\0", 60
     yield "a byte is missing", good[:-1], 60
     yield "one tick fewer", good, 59

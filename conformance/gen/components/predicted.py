@@ -1,4 +1,4 @@
-"""Clause 9.5: grids, sine table, predictor, Rice codes."""
+"""Clause 9.5: grids, sine table, predictor."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import page
 from luck import Luck
-from page import BrokenRule, K, Rice, grid_levels, rdiv, step_up, tops_by_search
+from page import BrokenRule, K, grid_levels, rdiv, step_up, tops_by_search
 
 from .component import Case, Component, tried
 
@@ -189,77 +189,7 @@ def grids() -> Component:
     )
 
 
-RICE = (
-    ("zeros", [0] * 40, (0,)),
-    ("one", [1], (1,)),
-    ("minus one", [-1], (1,)),
-    ("width 5", [0, 1, -1, 5, -5, 100, -100], (5,)),
-    ("a whole block", [*range(-16, 16)], (3,)),
-    ("33 ticks", [*range(-16, 17)], (3,)),
-    ("widths from block to block", [3, -3] * 64, (5, 1, 9, 2)),
-    ("a block of zeros between", [9] * 32 + [0] * 32 + [-9] * 32, (5, 0, 5)),
-    ("23 zeros", [-12, 11], (1,)),
-    ("24 zeros: 35 bits", [12, -13, 2**33], (1,)),
-    ("largest", [2**34 - 1, -(2**34)], (31,)),
-    ("width 31", [2**30, -1], (31,)),
-)
-
-
-def rice_codes() -> Component:
-    cases = []
-    for name, row, widths in RICE:
-        coder = Rice(widths=widths)
-        for e in row:
-            coder.code(None, e)
-        cases.append(rice_case(name, coder.finish(), len(row)))
-        got = [e for block in cases[-1]["blocks"] for e in block["errors"]]
-        assert got == row, name
-    whole = cases[3]["bits"]
-    cases += [
-        rice_case("a byte left over", whole + b"\0", 7),
-        rice_case("a bit that fills is 1", bytes([*whole[:-1], whole[-1] | 1]), 7),
-        rice_case("cut", whole[:-1], 7),
-        rice_case("no bytes", b"", 4),
-        rice_case("no bytes are one block at most", b"", 40),
-        rice_case("w below 0", bits("01 0"), 4),
-        rice_case("w = 32", bits("0" * 24 + f"{64:035b}"), 4),
-    ]
-    return Component(
-        "rice",
-        "9.5",
-        ("LPC-010", "LPC-011", "LPC-012"),
-        "Rice codes of so many ticks. `blocks`: the width w of each block of 32 ticks, its "
-        "prediction "
-        "errors, and `bits_read` behind it.",
-        cases,
-    )
-
-
-def bits(text: str) -> bytes:
-    text = text.replace(" ", "")
-    text += "0" * (-len(text) % 8)
-    return bytes(int(text[i : i + 8], 2) for i in range(0, len(text), 8))
-
-
-def rice_case(name: str, data: bytes, ticks: int) -> Case:
-    coder = Rice(data)
-    blocks: list[Case] = []
-
-    def run() -> Case:
-        for t in range(ticks):
-            e = coder.code(None)
-            if t % 32 == 0:
-                blocks.append({"w": coder.w, "errors": []})
-            blocks[-1]["errors"].append(e)
-            blocks[-1]["bits_read"] = coder.at
-        coder.finish()
-        return {"blocks": blocks}
-
-    return tried({"name": name, "bits": data, "ticks": ticks}, run)
-
-
 def components() -> Iterator[Component]:
     yield sine()
     yield predictors()
     yield grids()
-    yield rice_codes()

@@ -1,4 +1,4 @@
-"""SPEC 9.4 to 9.7: adaptive and Rice coding, packets of LPCR, coded knots, LPCX."""
+"""SPEC 9.4 to 9.7: entropy coding, packets of LPCR, coded knots, LPCX."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import broken
 import forge as f
 import page
+import page_exact
 from broken import FIVES, packed
 from case import Case
 
@@ -28,38 +29,58 @@ def described(raw: bytes, codec: bytes = b"LPCR") -> bytes:
     return packed(codec, raw, f.KNOT_DATA)
 
 
-def filled(indices: list[int]) -> bytes:
-    """A component packet with a 1 just behind its front, where zeros belong."""
-    coder = page.Range()
-    page.code_samples(coder, len(indices), 0, [], 0, False, BOUND, indices)
-    whole = bytearray(coder.finish())
-    room = 8 * len(whole) - len(coder.raw)
-    fronts = [coder.n - r for r in (15, 14) if holds(coder, r)]
-    assert fronts[0] < room, "no bit between front and back"
-    whole[fronts[0] // 8] ^= 128 >> fronts[0] % 8
-    return b"\0\0\0" + bytes(whole)
+def filled(packet: bytes) -> bytes:
+    """The packet with a 1 behind its last raw bit: six signs are all raw bits that it has."""
+    return packet[:-1] + bytes([packet[-1] | 128])
 
 
-def holds(coder: page.Range, r: int) -> bool:
-    """Whether a multiple of 2^r with all that follows it lies within the width."""
-    return -(-coder.low // 2**r) * 2**r + 2**r <= coder.low + coder.width
+def another_end(packet: bytes) -> bytes:
+    """The packet whose state begins 4096 higher: the same symbols, and another state at the end."""
+    state = int.from_bytes(packet[5:9], "big") + 4096
+    return packet[:5] + state.to_bytes(4, "big") + packet[9:]
+
+
+def largest() -> bytes:
+    """A prediction error of 2^34, which no index needs."""
+    return page.encode([0], forge=[2**34])
 
 
 SOME = [3, -1, 4, 1, -5, 9]
+HEAD = b"\0\0\0"
+"""Flags, order and base."""
+
+ONE = page.encode([1])
 CODING = [
-    ("coded-and-a-byte", "RNG-001", "A byte follows the coded bytes.",
-     predicted(page.encode([1]) + b"\0")),
+    ("coded-and-a-byte", "RNG-001", "A byte follows the coded bytes.", predicted(ONE + b"\0")),
     ("coded-byte-between", "RNG-001", "A byte of zeros stands between front and back.",
-     predicted(page.encode([100])[:-1] + b"\0" + page.encode([100])[-1:])),
+     predicted(ONE[:-1] + b"\0" + ONE[-1:])),
     ("coded-byte-missing", "RNG-001", "The last coded byte is missing.",
      predicted(page.encode(SOME)[:-1], 6)),
-    ("coded-none", "RNG-001", "No byte is coded for 64 ticks.", predicted(b"\0\0\0", 64)),
+    ("coded-none", "RNG-001", "No byte is coded for 64 ticks.", predicted(HEAD + b"\0\x0c", 64)),
+    ("coded-state-cut-short", "RNG-001", "Of four states the last has three bytes.",
+     predicted(HEAD + b"\x10\x0c" + b"\0\1\0\0" * 3 + b"\0\1\0")),
+    ("coded-ends-with-another-state", "RNG-001", "The last state is not 65536.",
+     predicted(another_end(ONE))),
     ("coded-bits-for-too-much", ("RNG-001", "LPC-003", "RNG-003"),
-     "Eight coded bytes stand for 2^22 ticks.", predicted(b"\0\0\0" + b"\xFF" * 8, 2**22)),
-    ("coded-filled-with-a-one", "RNG-001", "A 1 stands between front and back.",
-     predicted(filled(SOME), 6)),
-    ("coded-integer-of-2-to-34", "RNG-003", "A coded integer is 2^34.",
-     predicted(page.encode([2**34], forge=True))),
+     "Ten coded bytes stand for 2^22 ticks.",
+     predicted(HEAD + b"\0\x0c" + b"\xFF" * 10, 2**22)),
+    ("coded-filled-with-a-one", "RNG-001", "A 1 stands behind the last raw bit.",
+     predicted(filled(page.encode(SOME)), 6)),
+    ("coded-integer-of-2-to-34", "RNG-003", "A coded integer is 2^34.", predicted(largest())),
+    ("coding-missing", "RNG-004", "A component packet ends behind its base.", predicted(HEAD)),
+    ("coding-without-start", "RNG-004", "The start byte is missing.", predicted(HEAD + b"\0")),
+    ("coding-start-164", "RNG-004", "The start byte is 164.",
+     predicted(HEAD + b"\0\xa4" + ONE[5:])),
+    ("coding-bit-6", "RNG-004", "Bit 6 of the coding is 1.", predicted(HEAD + b"\x40" + ONE[4:])),
+    ("coding-bit-7", "RNG-004", "Bit 7 of the coding is 1.", predicted(HEAD + b"\x80" + ONE[4:])),
+    ("repeats-of-probability-0", "RNG-004", "The last probability of repeats is 0.",
+     predicted(b"\x08\0\0\0\x0c\1\1\1\0" + b"\0\1\0\0")),
+    ("repeats-without-probability", "RNG-004", "Of four probabilities three are there.",
+     predicted(b"\x08\0\0\0\x0c\1\1\1")),
+    ("signs-of-probability-0", "RNG-004", "The first probability of signs is 0.",
+     predicted(HEAD + b"\x20\x0c\0\1\1" + b"\0\1\0\0")),
+    ("signs-without-probability", "RNG-004", "Of three probabilities two are there.",
+     predicted(HEAD + b"\x20\x0c\1\1")),
 ]  # fmt: skip
 
 FIRST = b"\3\x10\0\0"
@@ -103,7 +124,7 @@ COMPONENTS = [
     ("predicted-base-past-the-deadband", "LPC-003", "On the grid of kn = kd there is no index 1.",
      predicted(b"\x10\0\2", grid=1, kn=1, kd=1)),
     ("predicted-index-too-high", "LPC-003", "An index is 2^24 + 1.",
-     predicted(page.encode([BOUND + 1], forge=True))),
+     predicted(page.encode([BOUND + 1]))),
     ("predicted-index-past-the-deadband", "LPC-003", "An index is N + 1 on a deadband grid.",
      predicted(page.encode([len(page.grid_levels(1, 2, 100, BOUND))]), grid=1, step=100, kn=1,
                kd=2)),
@@ -122,7 +143,8 @@ COMPONENTS = [
      predicted(b"\x18\0\0")),
     ("constant-with-references", "LPC-004", "A constant has a reference.",
      vector(FIRST + b"\x50\0\1\0\0\x40\0\0")),
-    ("constant-with-rice", "LPC-004", "A constant has the flag Rice.", predicted(b"\x90\0\0")),
+    ("constant-with-bit-7", "LPC-004", "A constant has bit 7 of the flags.",
+     predicted(b"\x90\0\0")),
     ("constant-and-a-byte", "COD-001", "A byte follows a constant.", predicted(b"\x10\0\0\0")),
     ("predicted-p-too-large", "LPC-005", "A p[j] is above 2^36.",
      predicted(b"\0\x20" + b"\x7F\x81" * 16 + b"\0")),
@@ -158,20 +180,8 @@ COMPONENTS = [
      vector(FIRST + b"\x40\0")),
     ("references-cut-short", "LPC-008", "A component packet ends within a reference.",
      vector(FIRST + b"\x40\0\1\0\0\0")),
-    ("rice-with-repeats", "LPC-010", "Rice codes stand with the flag repeats.",
-     predicted(b"\x88\0\0\x80")),
     ("lpcr-flag-5", "LPC-004", "Bit 5 of the flags is 1.", predicted(b"\x20\0\0\x16")),
-    ("rice-width-below-0", "LPC-011", "The first width is -1.", predicted(b"\x80\0\0\x40")),
-    ("rice-width-32", "LPC-011", "The first width is 32.",
-     predicted(b"\x80\0\0" + bytes(6) + b"\x08\0")),
-    ("rice-none", "LPC-012", "No Rice code is there.", predicted(b"\x80\0\0")),
-    ("rice-cut-short", "LPC-012", "The last Rice code ends behind the packet.",
-     predicted(page.encode([200], rice=True)[:-1])),
-    ("rice-and-a-byte", "LPC-012", "A byte follows the Rice codes.", predicted(b"\x80\0\0\x80\0")),
-    ("rice-filled-with-ones", "LPC-012", "The bit behind the last code is 1.",
-     predicted(b"\x80\0\0\x81")),
-    ("rice-index-too-high", "LPC-003", "A Rice code gives the index 2^24 + 1.",
-     predicted(page.encode([BOUND + 1], rice=True, forge=True, widths=(20,)))),
+    ("lpcr-flag-7", "LPC-004", "Bit 7 of the flags is 1.", predicted(b"\x80\0\0\x16")),
 ]  # fmt: skip
 
 points = partial(packed, b"KNOT")
@@ -181,10 +191,13 @@ def held(packet: bytes, span: int = 2, **grid: int) -> bytes:
     return points(f.coded_knot_parameters(**grid), packet, span)
 
 
-def knots(*rows: tuple[int, int], span: int = 2, linear: bool = False) -> bytes:
+def knots(*rows: tuple[int, int], linear: bool = False) -> bytes:
     """As the encoder of the page codes them, whatever rule they break."""
-    return page.encode_knots([(tick, [index]) for tick, index in rows], linear, span, forge=True)
+    return page.encode_knots([(tick, [index]) for tick, index in rows], linear)
 
+
+ROWS = b"\0\x0c\0\x0c"
+"""Gaps and differences of class 0."""
 
 KNOTS = [
     ("coded-knots-none", "CNV-002", "A packet of coded knots is empty.", held(b""), None, 2),
@@ -195,20 +208,32 @@ KNOTS = [
     ("coded-knots-no-more", "KTE-002", "The number of further knots, f, is 0.", held(b"\0\0")),
     ("coded-knots-as-many-as-ticks", "KTE-002", "Two knots follow the first of two ticks.",
      held(b"\0\2")),
-    ("coded-knots-gap-of-25-bits", "KTE-003", "A gap has 25 bits.", held(b"\0\1" + bytes(4))),
     ("coded-knots-past-the-end", "KTE-004", "A knot stands at tick 2 of 2.",
      held(knots((0, 0), (2, 1)))),
     ("coded-knots-without-room", "KTE-004", "The second knot of three stands at the last tick.",
-     held(b"\0\2" + knots((0, 0), (2, 1), span=3)[2:], 3)),
+     held(b"\0\2" + knots((0, 0), (2, 1), (3, 1))[2:], 3)),
     ("coded-knots-line-without-room", "KTE-004",
      "A knot stands where the last one of a line has its place.",
-     points(f.coded_knot_parameters(1), knots((0, 0), (3, 1), (4, 2), span=4, linear=True), 4)),
+     points(f.coded_knot_parameters(1), knots((0, 0), (3, 1), (4, 2), linear=True), 4)),
     ("coded-knots-index-too-high", "LPC-003", "The second index is 2^24 + 1.",
      held(knots((0, 0), (1, BOUND + 1)))),
     ("coded-knots-and-a-byte", "RNG-001", "A byte follows the coded bytes.",
      held(knots((0, 0), (1, 1)) + b"\0")),
-    ("coded-knots-byte-missing", ("RNG-001", "KTE-003"), "No byte is coded.",
-     held(knots((0, 0), (1, 1))[:2])),
+    ("coded-knots-byte-missing", "RNG-001", "No byte is coded.", held(b"\0\1" + ROWS)),
+    *[(f"coded-knots-{name}", "RNG-004", about, held(b"\0\1" + row)) for name, about, row in [
+        ("no-coding", "Nothing follows f.", b""),
+        ("one-coding", "The differences have no coding.", b"\0\x0c"),
+        ("gaps-with-signs", "The gaps have signs of their own.", b"\x20\x0c\0\x0c"),
+        ("gaps-bit-7", "Bit 7 of a coding is 1.", b"\x80\x0c\0\x0c"),
+        ("four-states-twice", "The differences tell of states.", b"\0\x0c\x10\x0c"),
+        ("start-164", "A start byte is 164.", b"\0\x0c\0\xa4"),
+        ("lengths-and-class", "A row has lengths and a class.", b"\x41\0\1\1\0\x0c"),
+        ("lengths-none", "A table of lengths is empty.", b"\x40\0\0\0\x0c"),
+        ("lengths-of-36", "A table goes to 36 bits.", b"\x40\x23\1\1\0\x0c"),
+        ("lengths-of-weight-0", "All weights of a table are 0.", b"\x40\0\2\0\0\0\x0c"),
+        ("lengths-cut-short", "A table ends before its weights.", b"\x40\0\2\1"),
+        ("signs-cut-short", "Of three probabilities two are there.", b"\0\x0c\x20\x0c\1\1"),
+    ]],
 ]  # fmt: skip
 
 COUNTS = b"\3\x10\0\x0a"
@@ -226,12 +251,11 @@ def beside(rest: bytes, span: int = 1) -> bytes:
 
 def corrected(length: int) -> bytes:
     """One correction of so many bits."""
-    coder = page.Range()
-    models = [page.Bit() for _ in range(length + 1)]
-    for i in range(min(length + 1, 63)):
-        coder.code(models[i], int(i < length))
-    coder.number(length, 0)
-    return b"\0\0" + coder.finish()
+    return page_exact.build_exact([2 ** (length - 1)], [5], 0, None, (length, [1]))
+
+
+ZERO = b"\0\0\0\1\1" + b"\0\1\0\0"
+"""One correction of 0, in full."""
 
 
 def pair(one: Any, other: Any, rest: bytes) -> bytes:
@@ -313,14 +337,24 @@ EXACT = [
         ("exact-flags-alone", ("EXA-004", "CNV-002"), "A packet ends behind the flags.",
          beside(b"\0")),
         ("exact-flag", "EXA-004", "An undefined flag is set.",
-         beside(b"\2" + corrected(1)[1:])),
+         beside(b"\4" + corrected(1)[1:])),
         ("exact-shift-64", "EXA-004", "Corrections are counted in steps of 2^64.",
          beside(b"\0\x40" + corrected(1)[2:])),
         ("exact-coded-and-a-byte", "RNG-001", "A byte follows the coded bytes.",
          beside(corrected(1) + b"\0")),
         ("exact-coded-cut-short", "RNG-001", "A correction of 60 bits has 52.",
          beside(corrected(60)[:-1])),
-        ("exact-coded-empty", "RNG-001", "No byte is coded.", beside(b"\0\0")),
+        ("exact-coded-empty", "RNG-001", "No byte is coded.", beside(ZERO[:5])),
+        ("exact-no-table", "RNG-004", "No table of lengths is there.", beside(b"\0\0")),
+        ("exact-lengths-to-64", "RNG-004", "A table goes to 64 bits.",
+         beside(b"\0\0\x3f\2\1\1" + ZERO[5:])),
+        ("exact-weights-0", "RNG-004", "All weights are 0.", beside(b"\0\0\0\1\0" + ZERO[5:])),
+        ("exact-33-probabilities", "RNG-004", "A context of ranks has 33 probabilities.",
+         beside(b"\1\0" + b"\x21" + b"\x80" * 33 + b"\0\0" + ZERO[2:])),
+        ("exact-probability-0", "RNG-004", "A rank has the probability 0.",
+         beside(b"\1\0\1\0\0\0" + ZERO[2:])),
+        ("exact-probabilities-cut-short", "RNG-004", "Probabilities are missing.",
+         beside(b"\1\0\2\x80")),
     ]],
 ]  # fmt: skip
 

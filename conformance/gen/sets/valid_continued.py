@@ -80,7 +80,9 @@ def cases() -> Iterator[Case]:
         words, more,
     )  # fmt: skip
     tenths = f.tlv(3, f.calibration(1, 0, 10))
-    exact = bytes.fromhex("06 00 00 06 01 4C 46 01 00 63 A0")
+    exact = bytes.fromhex(
+        "0C 00 00 00 0D 1E 00 01 A3 57 66 5B 00 01 00 01 80 01 FF 01 FF 01 01 FF 00 10 1B 20 00"
+    )
     far = [0.1, 0.2, 0.30000000000000004, 0.30000000000000004, 0.7000000000000001]
     far.append(0.30000000000000004)
     yield uncommon(

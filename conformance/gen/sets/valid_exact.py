@@ -49,8 +49,9 @@ class Source:
         words = [self.value(c) for c in counts] if numbers is None else [word(n) for n in numbers]
         coded = page.encode(list(counts), g)
         rest = page_exact.encode_exact(
-            words, counts, self.affine, self.rule, self.digits, recall, self.coefficients
-        )
+            words, counts, self.affine, self.rule, self.digits,
+            p=page_exact.EVEN if recall else None, c=self.coefficients,
+        )  # fmt: skip
         return self.coded(page.varint_bytes(len(coded)) + coded + rest, counts, words, start)
 
     def coded(self, body: bytes, counts: Sequence[int], words: Sequence[int],
@@ -154,20 +155,22 @@ def cases() -> Iterator[Case]:
 
 def examples() -> Iterator[Case]:
     counts = [1, 2, 3, 3, 7, 3]
-    short = "06 00 00 06 01 4C 46"
+    short = "0C 00 00 00 0D 1E 00 01 A3 57 66 5B 00"
     told = [0.1, 0.2, 0.3, 0.3, 0.7, 0.3]
     odd = [0.1, 0.2, 0.30000000000000004, 0.30000000000000004, 0.7000000000000001]
     odd.append(0.30000000000000004)
     far = [0.1, 0.25, 1 / 3, 0.3, 0.7, -0.0]
     rest = (
-        " 00 01 80 00 00 00 00 00 05 55 5A C7 A2 01 76 C0 4C CC CC CC CC CC D0 44 44 44 44 44 45 33"
-        " 33 33 33 33 33"
+        " 00 01 00 3E FF 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00"
+        " 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 55 55 00"
+        " 00 00 00 00 00 00 00 00 00 55 07 62 84 3B FF 4C CC CC CC CC CC D0 44 44 44 44 44 45"
+        " 33 33 33 33 33 33"
     )
     tenths, product = Source(), Source(rule=PRODUCT)
     rows = [
         (tenths, short, told),
         (product, short, odd),
-        (tenths, short + " 01 00 63 A0", odd),
+        (tenths, short + " 01 00 01 80 01 FF 01 FF 01 01 FF 00 10 1B 20 00", odd),
         (tenths, short + rest, far),
     ]
     tracks = [
@@ -236,13 +239,14 @@ def corrections() -> Iterator[Case]:
         tenths.track(tenths.packet(list(range(-8, 9)), g=1)),
     )  # fmt: skip
     body = bytes([3]) + bytes.fromhex("10 00 0A")
-    rice = page.encode([3, -4, 5, 8], rice=True)
+    four = page.encode([3, -4, 5, 8], states=4)
     values = [tenths.value(c) for c in (5, 3, -4, 5, 8)]
     yield valid(
-        "lpcx-constant-and-rice", "Counts as a constant packet, and by Rice codes.", ["EXA-003"],
+        "lpcx-constant-and-four-states", "Counts as a constant packet, and with four states.",
+        ["EXA-003"],
         tenths.track(
             tenths.coded(body, [5] * 4, values[:1] * 4, 0),
-            tenths.coded(page.varint_bytes(len(rice)) + rice, [3, -4, 5, 8], values[1:], 4),
+            tenths.coded(page.varint_bytes(len(four)) + four, [3, -4, 5, 8], values[1:], 4),
         ),
     )  # fmt: skip
     far = Source((2**21 + 1, 7, 10**6))
@@ -314,7 +318,7 @@ def corrections() -> Iterator[Case]:
     )  # fmt: skip
     dying = [math.ldexp(1.37, -20 * i) for i in range(1, 51)]
     yield uncommon(
-        "lpcx-dying", "A signal that dies away: corrections above bit 52, whose high bits adapt.",
+        "lpcx-dying", "A signal that dies away: corrections above bit 52.",
         ["EXA-007"],
         fine.track(fine.packet([round(x * 2**20) for x in dying], dying)),
         fine.track(
@@ -345,10 +349,8 @@ def again_of(source: Source, counts: list[int], away: int) -> list[int]:
 
 def farthest(source: Source, counts: list[int], words: list[int]) -> Packet:
     """z = 63, corrections of 1: L = 1, a raw bit each, which says + and - by turns."""
-    coder = page.Range()
     ones = [1 if i % 2 == 0 else -1 for i in range(len(counts))]
-    page_exact.corrections(coder, counts, False, 63, ones)
+    rest = page_exact.build_exact(ones, counts, 63, None, (1, [1]))
     coded = page.encode(counts)
     body = page.varint_bytes(len(coded)) + coded
-    body += bytes([0, 63]) + coder.finish()
-    return source.coded(body, counts, [word(w) for w in words])
+    return source.coded(body + rest, counts, [word(w) for w in words])

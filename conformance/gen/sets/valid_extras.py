@@ -173,7 +173,7 @@ def digests() -> Iterator[Case]:
             f"digest-{name}", "The digest of words, each of its own size.", ["DGS-002"],
             words, file={"more": [dgst(digest(words))]},
         )  # fmt: skip
-    exact = bytes.fromhex("06 00 00 06 01 4C 46")
+    exact = bytes.fromhex("0C 00 00 00 0D 1E 00 01 A3 57 66 5B 00")
     counts = [1, 2, 3, 3, 7, 3]
     tenths = Track(
         codec="LPCX", parameters=f.lpcx_parameters(), tlvs=f.tlv(3, f.calibration(1, 0, 10)),

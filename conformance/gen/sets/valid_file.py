@@ -105,7 +105,7 @@ def worked_examples() -> Iterator[Case]:
         ),
         "quantised": ("Runs and escapes of QUAN.", ["QNT-001", "QNT-003"], [coarse], {}),
         "raw": ("Counts as they are, doubles in DEFLATE.", ["RAW-001"], [vector, doubles], {}),
-        "adaptive": ("Knots of two components, coded.", ["KNT-001"], [lines], {}),
+        "coded": ("Knots of two components, coded.", ["KNT-001"], [lines], {}),
         "predicted": ("Differences, a reference, a grid.", ["LPC-002"], [pair, rough], {}),
         "exact": ("Doubles beside their counts.", ["EXA-007"], [tenths], {}),
         "described": ("Every TLV of TRAK.", ["TLV-004", "TRK-020"], [forces, sevens], {}),

@@ -1,4 +1,4 @@
-"""LPCR (SPEC 9.5) and the adaptive coding below it (9.4)."""
+"""LPCR (SPEC 9.5) and the entropy coding below it (9.4)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import partial
 import page
 from case import Case
 from facts import case_of
-from lpcr import Coding, Grid, coded, constant, packet, track, walk
+from lpcr import EVEN, Coding, Grid, coded, constant, packet, track, walk
 from luck import Luck
 
 valid = partial(case_of, "valid")
@@ -31,20 +31,20 @@ def examples() -> Iterator[Case]:
     small = [5, 24, 40, 51, 55, 51, 41, 24, 5]
     rows = [
         ("10 00 0A", [5, 5, 5, 5]),
-        ("00 00 00 16", [1, -1]),
-        ("02 00 00 2F 58 15 20", squares),
-        ("08 00 0E 3F 27 C2 E6 00", [7, 7, 7, 9, 9, 9, 9, -3, -3]),
-        ("82 00 00 0C 88 88 88 80", squares),
-        ("00 02 78 92 00 23 71 C5 67 48 C1 49 18 A0 59 9A", wave),
+        ("00 00 00 03 18 00 01 C7 5F 02", [1, -1]),
+        ("02 00 00 04 1A 9E AB E0 64 00", squares),
+        ("08 00 0E 00 20 FF FF FF 55 22 4D 29 7B 04", [7, 7, 7, 9, 9, 9, 9, -3, -3]),
+        ("00 02 78 92 00 01 25 C8 30 30 B7 CB 09 51 35 00 9F 5D CC", wave),
     ]
     packets, start = [], 0
     for body, indices in rows:
         packets.append(coded(bytes.fromhex(body), indices, start=start))
         start += len(indices)
-    both = "0C 01 00 00 23 71 82 7B 45 40 7C 51 5A 41 00 01 00 00 20 00 0A 3E 20"
+    both = "12 00 00 00 0E 2E 00 02 60 9C C5 02 4C 78 03 3B 04 63 B0 40 00 01 00 00 20"
+    both += " 00 00 00 08 00 23 FF F5 FF F5 5F F4 FF F5 FF F5 5F F5 9F 75 00 00"
     pair = coded(bytes.fromhex(both), wave[:9], small)
     yield valid(
-        "lpcr-examples", "The packets that the page of LPCR shows.", ["RNG-001", "LPC-012"],
+        "lpcr-examples", "The packets that the page of LPCR shows.", ["RNG-001"],
         track(*packets), track(pair, id=1, channel=1, width=2),
     )  # fmt: skip
 
@@ -105,9 +105,9 @@ def predictors() -> Iterator[Case]:
     )  # fmt: skip
     steps = [5] * 9 + [9] * 4 + [-9] + [0] * 12 + [1, 1, 2, 2]
     yield valid(
-        "lpcr-repeats", "Repeats are coded by bits whose models know the two bits before.",
+        "lpcr-repeats", "Repeats are bits whose probability goes by the two bits before.",
         ["RNG-001"],
-        track(packet(steps * 3, coding=Coding(base=5, repeats=True))),
+        track(packet(steps * 3, coding=Coding(base=5, repeats=EVEN))),
     )  # fmt: skip
     luck = Luck(88)
     patterns, at = [], 0
@@ -117,17 +117,17 @@ def predictors() -> Iterator[Case]:
     still = [*patterns, *[17] * 800, *patterns[:20]]
     yield valid(
         "lpcr-repeats-long",
-        "Repeats in every pattern, then 800 at a stretch: models that forget, and one at its end.",
+        "Repeats in every pattern, then 800 at a stretch.",
         ["RNG-001"],
-        track(packet(still, coding=Coding(repeats=True))),
+        track(packet(still, coding=Coding(repeats=EVEN))),
     )  # fmt: skip
     yield valid(
         "lpcr-repeats-differences",
         "After a repeat the difference is what follows from the indices, not 0.",
         ["RNG-001"],
         track(
-            packet(steps * 2, coding=Coding(2, repeats=True)),
-            packet(steps * 2, coding=Coding(1, ks=(70, -20), repeats=True), start=100),
+            packet(steps * 2, coding=Coding(2, repeats=EVEN)),
+            packet(steps * 2, coding=Coding(1, ks=(70, -20), repeats=EVEN), start=100),
         ),
     )  # fmt: skip
 
@@ -155,7 +155,7 @@ def coder() -> Iterator[Case]:
         track(packet([0] * 90 + [8_000_000, 0, 0, -8_000_000, 1], clamped=WIDE), clamped=WIDE),
     )  # fmt: skip
     yield valid(
-        "lpcr-long", "1500 samples: models that have seen their most, averages of 128.",
+        "lpcr-long", "1500 samples, in blocks of eight and one of four.",
         ["RNG-001"],
         track(packet([luck.bell(8) for _ in range(1500)])),
     )  # fmt: skip
@@ -171,7 +171,7 @@ def coder() -> Iterator[Case]:
         packets.append(packet(indices, start=start))
         start += span
     yield valid(
-        "lpcr-short-packets", "52 packets of one to three ticks: every way for bytes to end.",
+        "lpcr-short-packets", "52 packets of one to three ticks: blocks that are short.",
         ["RNG-001", "DAT-007"],
         track(*packets),
     )  # fmt: skip

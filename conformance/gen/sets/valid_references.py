@@ -8,7 +8,7 @@ from functools import partial
 import page
 from case import Case
 from facts import case_of
-from lpcr import Coding, coded, constant, packet, track, walk
+from lpcr import EVEN, Coding, coded, constant, packet, track, walk
 from luck import Luck
 from page_numbers import rdiv
 
@@ -115,11 +115,12 @@ def cases() -> Iterator[Case]:
     third = near(first, 9)
     parts = [
         constant(8),
-        page.encode(first, rice=True),
+        page.encode(first, states=4),
         page.encode(third, references=((0, 9, 9, 9), (1, 0, 45, 0)), components=([8] * 60, first)),
     ]
     yield valid(
-        "references-constant-and-rice", "References to a constant component, and to one of Rice.",
+        "references-constant-and-four-states",
+        "References to a constant component, and to one of four states.",
         ["LPC-007"],
         track(coded(page.encode_packet(parts), [8] * 60, first, third), width=3),
     )  # fmt: skip
@@ -131,7 +132,7 @@ def cases() -> Iterator[Case]:
                 [5, 5, 9, 9, 9, 1, 1, -4, -4, -4, 0, 3], [5, 5, 8, 8, 8, 8, 2, -4, -4, -3, 0, 3],
                 coding=[
                     ALONE,
-                    Coding(repeats=True, references=((0, 0, 64, 0),)),
+                    Coding(repeats=EVEN, references=((0, 0, 64, 0),)),
                 ],
             ),
             width=2,

@@ -36,9 +36,9 @@ def cases() -> Iterator[Case]:
     unlike = [tick % 2 for tick in range(900)]
     yield valid(
         "lpcr-repeats-never",
-        "900 ticks without a repeat, then one: the probability of a 1 stays at 64.",
+        "900 ticks without a repeat, then one, with the least probability.",
         ["RNG-001"],
-        track(packet([*unlike, 1, 1, 0], coding=Coding(repeats=True))),
+        track(packet([*unlike, 1, 1, 0], coding=Coding(repeats=(1, 255, 7, 128)))),
     )  # fmt: skip
     lengths = [44, 2**14 + 42, 2**14 + 43, 2**15 + 42, 2**15 + 43, 2**16 + 43]
     packets = [
@@ -47,7 +47,7 @@ def cases() -> Iterator[Case]:
     ]
     yield valid(
         "lpcr-escape-lengths",
-        "Escapes of 14, 15 and more bits: five raw bits follow from 15 on.",
+        "Escapes of 14, 15 and more bits.",
         ["RNG-003"],
         track(*packets, clamped=WIDE),
     )  # fmt: skip

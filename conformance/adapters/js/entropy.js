@@ -1,0 +1,267 @@
+// Entropy coding (9.4): states and words from the front, raw bits from the back; integers by class and by length.
+import { broken } from './error.js';
+import { POWERS, bitLength } from './integers.js';
+
+const PAD = 128; // zeros on either side of the coded bytes: both ends are checked after each block only
+const LEAST = 65536;
+const MAGNITUDE_BOUND = 2 ** 34;
+const START_BOUND = 163;
+
+export const CONTEXTS = 36;
+export const EDGES = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 20, 28, 44];
+export const BUCKET_BITS = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 2, 3, 4];
+
+// Shape, scale, zeros and half of each class.
+const ROWS = [
+  [8, 38, 0, 0], [32, 24, 0, 0], [-4, 38, 0, 0], [-7, 24, -1, 0], [64, 14, 0, 0], [8, 38, 0, 1], [16, 76, 32, 0],
+  [0, 38, 0, 1], [32, 17, 0, 0], [8, 28, 0, 1], [8, 14, 0, 1], [-4, 76, 0, 1], [-6, 38, 0, 0], [16, 24, -1, 0],
+  [64, 24, 0, 0], [0, 14, 0, 1],
+];
+
+const CLASS_ENDS = [];
+
+// The ends of a class, 16 places for each context.
+export function classEnds(number) {
+  CLASS_ENDS[number] ??= makeEnds(...ROWS[number]);
+  return CLASS_ENDS[number];
+}
+
+function makeEnds(shape, scale, zeros, half) {
+  const ends = new Uint16Array(16 * CONTEXTS);
+  for (let c = 0; c < CONTEXTS; c++) {
+    const lg = (c + 8) >> 2;
+    const fr = (c + 8) % 4;
+    const M = Math.floor(((Math.floor(((9 + 2 * fr) * 2 ** lg) / 8) + 1) * scale) / 64) + 1;
+    const T = Math.floor((65536 * M) / (M + 256));
+    let g = 65536;
+    let first = 0;
+    let w = 0;
+    for (let k = 0; k < 15; k++) {
+      for (; w < EDGES[k + 1]; w++) g = w === 0 && half === 1 ? Math.floor(Math.sqrt(65536 * T)) : Math.floor((g * T) / 65536);
+      const tail = Math.floor(((8 + shape) * g * 65536) / (8 * 65536 + shape * g));
+      if (k === 0) first = tail;
+      const less = zeros < 0 ? Math.floor((tail * 64512) / Math.max(first, 1)) : Math.floor((tail * (64 - zeros)) / 64);
+      ends[16 * c + k] = k + 1 + Math.floor(((65536 - Math.min(less, 65535)) * 4080) / 65536);
+    }
+    ends[16 * c + 15] = 4096;
+  }
+  return ends;
+}
+
+export function lengthEnds(weights) {
+  const total = weights.reduce((sum, weight) => sum + weight, 0);
+  let sum = 0;
+  return Uint16Array.from(weights, (weight, i) => {
+    sum += weight;
+    return i + 1 + Math.floor(((4096 - weights.length) * sum) / total);
+  });
+}
+
+// Context c and shift h of a block.
+export function contextOf(f, s) {
+  const S = Math.floor((f + s) / 2);
+  const lg = S === 0 ? 0 : bitLength(S) - 1;
+  const fr = Math.floor((S * 4) / POWERS[lg]) % 4;
+  const c = 4 * (lg < 10 ? lg : 10) + fr - 8;
+  return { c: c > 0 ? c : 0, h: lg > 10 ? lg - 10 : 0 };
+}
+
+export const averageFrom = (start) => (4 + (start % 4)) * 2 ** Math.floor(start / 4);
+
+// What stands before the coded bytes; each function throws RNG-004.
+export function readProbabilities(reader, count) {
+  reader.requirement = 'RNG-004';
+  const { offset } = reader;
+  const found = [...reader.bytes(count)];
+  if (found.includes(0)) broken('RNG-004', 'a probability of 0', offset);
+  return found;
+}
+
+export function readStart(reader) {
+  reader.requirement = 'RNG-004';
+  const start = reader.u8();
+  if (start > START_BOUND) broken('RNG-004', `the start byte ${start}`, reader.offset - 1);
+  return start;
+}
+
+export function readLengths(reader, most) {
+  reader.requirement = 'RNG-004';
+  const { offset } = reader;
+  const first = reader.u8();
+  const n = reader.u8();
+  if (n < 1 || first + n > most) broken('RNG-004', `${n} lengths from ${first} on`, offset);
+  const weights = [...reader.bytes(n)];
+  if (weights.every((weight) => weight === 0)) broken('RNG-004', 'lengths without a weight', offset);
+  return { first, ends: lengthEnds(weights) };
+}
+
+export class EntropyDecoder {
+  constructor(bytes, offset, states) {
+    this.buffer = new Uint8Array(bytes.length + 2 * PAD);
+    this.buffer.set(bytes, PAD);
+    this.size = bytes.length;
+    this.offset = offset;
+    this.next = PAD;
+    this.rawBits = 0;
+    this.lane = 0;
+    this.states = Array.from({ length: states }, () => this.word() * 65536 + this.word());
+    this.check();
+  }
+
+  word() {
+    const { buffer, next } = this;
+    this.next += 2;
+    return next + 1 < buffer.length ? buffer[next] * 256 + buffer[next + 1] : 0;
+  }
+
+  check() {
+    if (this.front + ((this.rawBits + 7) >> 3) > this.size) {
+      broken('RNG-001', 'the coded bytes end too early', this.offset + this.size);
+    }
+  }
+
+  // Bytes taken at the front.
+  get front() {
+    return this.next - PAD;
+  }
+
+  section() {
+    this.lane = 0;
+  }
+
+  // The symbol whose ends begin at a place of an array.
+  symbol(ends, at = 0) {
+    const { states, lane } = this;
+    let x = states[lane];
+    const slot = x % 4096;
+    let i = at;
+    while (slot >= ends[i]) i++;
+    const first = i > at ? ends[i - 1] : 0;
+    x = (ends[i] - first) * Math.floor(x / 4096) + slot - first;
+    if (x < LEAST) x = x * 65536 + this.word();
+    states[lane] = x;
+    this.lane = lane + 1 === states.length ? 0 : lane + 1;
+    return i - at;
+  }
+
+  bit(p) {
+    const { states, lane } = this;
+    const x = states[lane];
+    const slot = x % 4096;
+    const zeros = 4096 - 16 * p;
+    const bit = slot < zeros ? 0 : 1;
+    let y = bit === 1 ? 16 * p * Math.floor(x / 4096) + slot - zeros : zeros * Math.floor(x / 4096) + slot;
+    if (y < LEAST) y = y * 65536 + this.word();
+    states[lane] = y;
+    this.lane = lane + 1 === states.length ? 0 : lane + 1;
+    return bit;
+  }
+
+  // An integer of k raw bits, k <= 48.
+  raw(k) {
+    if (k > 24) {
+      const low = this.raw(24);
+      return low + this.raw(k - 24) * 16777216;
+    }
+    const W = this.rawBits;
+    const at = PAD + this.size - 1 - (W >> 3);
+    const { buffer } = this;
+    const word = buffer[at] | (buffer[at - 1] << 8) | (buffer[at - 2] << 16) | (buffer[at - 3] << 24);
+    this.rawBits = W + k;
+    return (word >>> (W & 7)) & ((1 << k) - 1);
+  }
+
+  // A section of bits, each with the probability that the two before it choose; put at out[1], out[2], ...
+  repeats(count, p, out) {
+    this.section();
+    let before = 0;
+    let fresh = 1;
+    for (let t = 1; t < count; t++) {
+      const bit = this.bit(p[before]);
+      this.check();
+      out[t] = bit;
+      before = 2 * bit + (before >> 1);
+      fresh += 1 - bit;
+    }
+    return fresh;
+  }
+
+  // A section of integers of a class; with raw signs or without signs.
+  integers(count, number, start, signed, out) {
+    this.section();
+    const ends = classEnds(number);
+    const ks = new Uint8Array(8);
+    let f = averageFrom(start);
+    let s = f;
+    for (let from = 0; from < count; from += 8) {
+      const size = count - from < 8 ? count - from : 8;
+      const { c, h } = contextOf(f, s);
+      for (let i = 0; i < size; i++) ks[i] = this.symbol(ends, 16 * c);
+      let sum = 0;
+      for (let i = 0; i < size; i++) {
+        const k = ks[i];
+        let u = k;
+        if (k === 15) u = this.large(h);
+        else if (k > 9 || h > 0) u = EDGES[k] * POWERS[h] + this.raw(BUCKET_BITS[k] + h);
+        if (u >= MAGNITUDE_BOUND) this.tooLarge();
+        sum += u;
+        out[from + i] = signed && u > 0 && this.raw(1) === 1 ? -u : u;
+      }
+      this.check();
+      const m = 32 * sum;
+      f += Math.floor((m - f) / 2);
+      s += Math.floor((3 * (m - s)) / 16);
+    }
+  }
+
+  // Of the bucket 15.
+  large(h) {
+    const l = this.raw(6);
+    // Beyond 34 bits nothing else counts: RNG-003 before the shift.
+    if (l > 34) this.tooLarge();
+    const high = POWERS[l] + this.raw(l) + 43;
+    if (high >= POWERS[34 - h]) this.tooLarge();
+    return high * POWERS[h] + this.raw(h);
+  }
+
+  tooLarge() {
+    broken('RNG-003', 'a coded integer of 2^34 or more', this.offset);
+  }
+
+  // A section of integers by length, below 2^34.
+  byLength(count, table, signed, out) {
+    this.section();
+    for (let i = 0; i < count; i++) {
+      const l = table.first + this.symbol(table.ends);
+      let u = 0;
+      if (l > 0) u = POWERS[l - 1] + this.raw(l - 1);
+      out[i] = signed && l > 0 && this.raw(1) === 1 ? -u : u;
+      this.check();
+    }
+  }
+
+  // A section of signs of the integers that are not 0.
+  signs(count, p, out) {
+    this.section();
+    for (let i = 0; i < count; i++) {
+      if (out[i] === 0) continue;
+      const before = i === 0 ? 0 : Math.sign(out[i - 1]);
+      if (this.bit(p[before + 1]) === 1) out[i] = -out[i];
+      this.check();
+    }
+  }
+
+  // After the last symbol: RNG-001.
+  finish() {
+    const end = this.offset + this.size;
+    const back = (this.rawBits + 7) >> 3;
+    if (this.states.some((x) => x !== LEAST)) broken('RNG-001', 'a state that does not end with 65536', end);
+    if (this.front + back !== this.size) {
+      broken('RNG-001', 'the coded bytes are more or fewer than their symbols call for', end);
+    }
+    const rest = this.rawBits & 7;
+    if (rest > 0 && this.buffer[this.next] >> rest) {
+      broken('RNG-001', 'bits left over that are not 0', end);
+    }
+  }
+}
