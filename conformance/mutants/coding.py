@@ -299,7 +299,7 @@ MUTANTS = (
         "EXA-006 EXA-007",
         Edit(
             "codecs.exact:decode_moves",
-            "return corrections << rest[1]",
+            "return loop(rest, ids, counts.size, at) << rest[1]",
             "return 0 * corrections",
         ),
     ),
