@@ -300,7 +300,7 @@ MUTANTS = (
         Edit(
             "codecs.exact:decode_moves",
             "return loop(rest, ids, counts.size, at) << rest[1]",
-            "return 0 * corrections",
+            "return np.zeros(counts.size, np.int64)",
         ),
     ),
     mutant(
