@@ -111,10 +111,15 @@ def sources_of(target: int, looked: Sequence[Doubles]) -> list[int]:
 def best_relation(
     target: int, sources: Sequence[int], columns: Sequence[Doubles]
 ) -> Relation | None:
+    size = columns[target].size
+    part = slice(size // 2, size // 2 + LOOKED_AT)
+    y = columns[target][part]
+    limit = NEAR * float(np.abs(y).max())
     tried = [
         relation
         for source in sources
         for form in FORMS
+        if left_by(form, y, columns[source][part]) < limit
         for relation in relations(form, target, source, columns)
     ]
     best = min(tried, key=lambda each: each.bits, default=None)
@@ -230,10 +235,12 @@ def encode_linear(
         part = slice(at, at + span.ticks)
         at += span.ticks
         try:
-            data, each_size = packet_of(candidates, [x[part] for x in columns], counts[part])
+            exact = [x[part] for x in columns]
+            data, each_size = packet_of(candidates, exact, counts[part])
         except ValueError:
             return None
         coded.packets.append(Packet(0, span.start, span.ticks, data))
+        coded.doubles.append(exact)
         sizes += each_size
     last = first_channel + len(channels) - 1
     parts = []
