@@ -51,6 +51,9 @@ as of many converters. Its exact values do not come from them."""
 
 REFINED, ROUNDS = 2048, 3
 
+DEPENDENT = 1e-14
+"""A row of which those before leave this share or less is a sum of them."""
+
 
 class Relation(NamedTuple):
     """Of channel ``target``, by its place among those that were looked at, to channel ``source``;
@@ -137,15 +140,45 @@ def rows_of(form: tuple[int, int], y: Doubles, x: Doubles, start: int) -> Double
 def left_by(form: tuple[int, int], y: Doubles, x: Doubles) -> float:
     """The largest error of the best weights."""
     rows = rows_of(form, y, x, SETTLING)
-    weights = solved(rows, y[SETTLING:])
+    weights = Weigher(rows)(y[SETTLING:])
     return float(np.abs(y[SETTLING:] - weights @ rows).max())
 
 
-def solved(rows: Doubles, y: Doubles) -> Doubles:
-    scales = np.abs(rows).max(axis=1)
-    scales[scales == 0] = 1
-    weights: Doubles = np.linalg.lstsq((rows / scales[:, None]).T, y, rcond=1e-15)[0] / scales
-    return weights
+class Weigher:
+    """Least squares by some rows, which are made orthogonal once (modified Gram-Schmidt): threads
+    of a BLAS wait longer for each other than this takes."""
+
+    def __init__(self, rows: Doubles) -> None:
+        self.scales = np.abs(rows).max(axis=1)
+        self.scales[self.scales == 0] = 1
+        self.basis = rows / self.scales[:, None]
+        self.shares = np.eye(len(rows))
+        whole = np.einsum("ij,ij->i", self.basis, self.basis)
+        self.energies = np.zeros(len(rows))
+        for place, row in enumerate(self.basis):
+            energy = float(np.einsum("i,i->", row, row))
+            if energy <= DEPENDENT**2 * whole[place]:
+                row[:] = 0
+                continue
+            self.energies[place] = energy
+            later = self.basis[place + 1 :]
+            shares = np.einsum("ij,j->i", later, row) / energy
+            later -= shares[:, None] * row
+            self.shares[place, place + 1 :] = shares
+
+    def __call__(self, y: Doubles) -> Doubles:
+        """Rows that depend on those before get no weight."""
+        left, weights = y.copy(), np.zeros(len(self.basis))
+        for place, (row, energy) in enumerate(zip(self.basis, self.energies, strict=True)):
+            if energy:
+                weights[place] = np.einsum("i,i->", row, left) / energy
+                left -= weights[place] * row
+        for place in range(len(weights) - 1, -1, -1):
+            if self.energies[place]:
+                weights[place] -= np.einsum(
+                    "i,i->", self.shares[place, place + 1 :], weights[place + 1 :]
+                )
+        return np.asarray(weights / self.scales)
 
 
 def relations(
@@ -160,9 +193,10 @@ def relations(
     for used in (rows[:-1], rows):
         wide = used.astype(np.longdouble)
         weights = np.zeros(len(used), np.longdouble)
+        weigh = Weigher(used)
         for _ in range(ROUNDS):
             left = exact - weights @ wide
-            weights = weights + solved(used, left.astype(np.float64))
+            weights = weights + weigh(left.astype(np.float64))
         numbers = weights.astype(np.float64).tolist()
         if not all(abs(w) < COEFFICIENT_LIMIT for w in numbers):
             continue
