@@ -39,6 +39,9 @@ HOPED = 8
 LOOKED_AT, SETTLING = 400, 4
 """Samples that relations are looked for in, and those at their start that have lags before."""
 
+PROBED = 40
+"""Samples that rule most channels out as sources."""
+
 NEAR = 2.0**-36
 """Of the largest value: what a relation may leave there."""
 
@@ -105,10 +108,29 @@ def sources_of(target: int, looked: Sequence[Doubles]) -> list[int]:
     if not np.ptp(y):
         return []
     limit = NEAR * float(np.abs(y).max())
+    others = [source for source, x in enumerate(looked) if source != target and np.ptp(x)]
+    likely = within_reach(y, [looked[source] for source in others], limit)
     return [
-        source for source, x in enumerate(looked)
-        if source != target and np.ptp(x) and left_by(FORMS[-1], y, x) < limit
+        source for source, possible in zip(others, likely, strict=True)
+        if possible and left_by(FORMS[-1], y, looked[source]) < limit
     ]  # fmt: skip
+
+
+def within_reach(y: Doubles, sources: Sequence[Doubles], limit: float) -> list[bool]:
+    """Of each source whether a few samples leave it possible that all are within the limit."""
+    if not sources:
+        return []
+    few = slice(0, PROBED + SETTLING)
+    rows = np.stack([rows_of(FORMS[-1], y[few], x[few], SETTLING) for x in sources])
+    scales = np.abs(rows).max(axis=2, keepdims=True)
+    scales[scales == 0] = 1
+    basis = np.linalg.svd((rows / scales).transpose(0, 2, 1), full_matrices=False)[0]
+    scale = float(np.abs(y).max())
+    wanted = y[few][SETTLING:] / scale
+    shares = np.einsum("smt,m->st", basis, wanted)
+    left = wanted - np.einsum("smt,st->sm", basis, shares)
+    within: list[bool] = (np.abs(left).max(axis=1) < limit / scale * PROBED**0.5).tolist()
+    return within
 
 
 def best_relation(
@@ -168,7 +190,8 @@ class Weigher:
 
     def __call__(self, y: Doubles) -> Doubles:
         """Rows that depend on those before get no weight."""
-        left, weights = y.copy(), np.zeros(len(self.basis))
+        scale = float(np.abs(y).max()) or 1.0
+        left, weights = y / scale, np.zeros(len(self.basis))
         for place, (row, energy) in enumerate(zip(self.basis, self.energies, strict=True)):
             if energy:
                 weights[place] = np.einsum("i,i->", row, left) / energy
@@ -178,7 +201,8 @@ class Weigher:
                 weights[place] -= np.einsum(
                     "i,i->", self.shares[place, place + 1 :], weights[place + 1 :]
                 )
-        return np.asarray(weights / self.scales)
+        with np.errstate(over="ignore"):
+            return np.asarray(weights / self.scales * scale)
 
 
 def relations(
