@@ -1,6 +1,6 @@
 """Every error that leaves the package, whatever the bytes (OSError apart).
 
-A message names the place and the rule: ``file.hapf:0x1f3: knot ticks not increasing [KNT-004]``.
+A message names the place and the rule: ``file.hapf:0x1f3: knot ticks not increasing [KNT-003]``.
 """
 
 from __future__ import annotations

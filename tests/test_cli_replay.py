@@ -420,11 +420,11 @@ class TestDamage:
         def broken(self, *given):
             for block in blocks(self, *given):
                 yield block._replace(last=False)
-            raise FormatError("knot ticks not increasing", requirement="KNT-004")
+            raise FormatError("knot ticks not increasing", requirement="KNT-003")
 
         monkeypatch.setattr(Renderer, "blocks", broken)
         said = dry("--gain", 1, "--record", tmp_path / "out.csv")
-        assert said.code == 2 and "knot ticks not increasing [KNT-004]" in said.err
+        assert said.code == 2 and "knot ticks not increasing [KNT-003]" in said.err
         assert "failed" in said.out
         rows = (tmp_path / "out.csv").read_text().splitlines()
         assert rows[5].endswith(",1.0,-1.0") and rows[-1].endswith(",0.0,0.0")

@@ -17,7 +17,17 @@ from hapfmt.codecs.exact import ExactParameters, decode_exact, lacking_of, parse
 from hapfmt.codecs.values import LINEAR, Term, linear_values
 from hapfmt.container.track import Affine
 from hapfmt.encoder.encode import encode
-from hapfmt.encoder.linear import Relation, find_relations, stretches
+from hapfmt.encoder.linear import (
+    FORMS,
+    LOOKED_AT,
+    NEAR,
+    Relation,
+    Weigher,
+    find_relations,
+    left_by,
+    sources_of,
+    stretches,
+)
 from hapfmt.errors import FormatError
 from hapfmt.integers import build_varint
 from hapfmt.recording import Channel, Recording, Span
@@ -209,3 +219,34 @@ def test_its_own_past_takes_bytes_a_sample():
     found = linear_values(np.ones(span), 0.0, terms, columns, moves, 1)
     assert found[0] == np.nextafter(1, 2)
     assert (found[1:] == np.nextafter(0.5 * found[:-1] + 0.5, 2)).all()
+
+
+def test_weights_of_rows_that_depend_on_each_other():
+    rng = np.random.default_rng(5)
+    rows = np.cumsum(rng.normal(size=(5, 2044)), axis=1)
+    weights = np.array([1.5, -2.0, 0.25, 3.0, -1.0])
+    assert np.allclose(Weigher(rows)(weights @ rows), weights, rtol=1e-12)
+    more = np.vstack((rows, rows[0] + rows[1], np.zeros(2044)))
+    found = Weigher(more)(weights @ rows)
+    assert np.allclose(found[:5], weights, rtol=1e-10)
+    assert not found[5:].any()
+
+
+@pytest.mark.parametrize("size", [1e-300, 1.0, 1e300])
+def test_weights_of_values_of_any_size(size):
+    rows = np.random.default_rng(6).normal(size=(3, 400)) * size
+    assert np.allclose(Weigher(rows)(rows[0] * 0.5 - rows[2]), [0.5, 0, -1], atol=1e-12)
+
+
+@pytest.mark.parametrize("noise", [0, 1e-16, 1e-12, 1e-11, 1e-10, 1e-6])
+def test_a_few_samples_rule_out_no_source(noise):
+    rng = np.random.default_rng(7)
+    x = np.cumsum(rng.normal(size=(4, LOOKED_AT)), axis=1)
+    y = x[0] * 0.75
+    for t in range(1, LOOKED_AT):
+        y[t] += 0.25 * y[t - 1]
+    y += noise * np.abs(y).max() * rng.uniform(-1, 1, y.size)
+    limit = NEAR * np.abs(y).max()
+    expected = [k + 1 for k in range(4) if left_by(FORMS[-1], y, x[k]) < limit]
+    assert sources_of(0, [y, *x]) == expected
+    assert (1 in expected) == (noise <= 1e-11)

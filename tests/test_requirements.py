@@ -53,3 +53,15 @@ def test_clause_16_says_who_keeps_and_checks_each_requirement():
             else:
                 listed += [id_ for id_ in REQUIREMENTS if id_.startswith(first)]
     assert sorted(listed) == sorted(REQUIREMENTS)
+
+
+def test_no_source_names_an_id_that_is_gone():
+    prefixes = {id_[:3] for id_ in REQUIREMENTS}
+    wrong = []
+    for folder in ("hapfmt", "conformance", "docs", "tests", "tools"):
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.suffix in (".py", ".c", ".h", ".js", ".md", ".ksy"):
+                found = set(re.findall(r"\b[A-Z]{3}-\d{3}\b", path.read_text(encoding="utf-8")))
+                gone = {id_ for id_ in found - REQUIREMENTS.keys() if id_[:3] in prefixes}
+                wrong += [f"{path.relative_to(ROOT)}: {id_}" for id_ in gone]
+    assert wrong == []

@@ -19,7 +19,7 @@ def test_promises(case, tmp_path):
     """
     DBC-003: A verifier that is given x MUST check the contract with exact arithmetic. It reports the number of samples outside and the worst ratio of the left side to the right.
     DBC-004: A channel without a contract MUST be stored without loss: its full band equals the counts, the raw numbers, or with exact values (9.7) the numbers of the source.
-    TLV-006: No source value MUST be further than `largest` from the physical value of its count. Without a deviation both are equal, or the track has exact values (9.7).
+    TLV-006: Every source value MUST be at most `largest` away from the physical value of its count. Without a deviation it is equal to it, or the track has exact values (9.7).
     """
     folder, report = ROOT / "conformance" / "vectors" / "encode" / case.name, tmp_path / "a.json"
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == case.data

@@ -189,7 +189,7 @@ class TestContracts:
     """
     DBC-002: With flag *guaranteed*, every sample MUST keep the contract: for each component `|x - y| * kd <= max(kn * |x - zero|, floor * kd)`. The vector form is the same with Euclidean norms over the components, compared by their squares, and the floor of the first component.
     DBC-004: A channel without a contract MUST be stored without loss: its full band equals the counts, the raw numbers, or with exact values (9.7) the numbers of the source.
-    TLV-006: No source value MUST be further than `largest` from the physical value of its count. Without a deviation both are equal, or the track has exact values (9.7).
+    TLV-006: Every source value MUST be at most `largest` away from the physical value of its count. Without a deviation it is equal to it, or the track has exact values (9.7).
     DBC-003: A verifier that is given x MUST check the contract with exact arithmetic. It reports the number of samples outside and the worst ratio of the left side to the right.
     """
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from fractions import Fraction
-from math import ceil, log2
+from math import log2
 from typing import NamedTuple
 
 import numpy as np
@@ -67,20 +67,21 @@ def simplest_fraction(
     """
     if low > high or (low == high and not (low_in and high_in)):
         return None
+    # From a/b to c/d; d is 0 where there is no upper end. Fractions take five times as long.
+    (a, b), (c, d) = low.as_integer_ratio(), high.as_integer_ratio()
     terms: list[int] = []
-    end: Fraction | None = high  # None: no upper end
     while True:
-        first = ceil(low) + (1 if not low_in and low.denominator == 1 else 0)
-        if end is None or first < end or (first == end and high_in):
+        first = -(-a // b) + (1 if not low_in and a % b == 0 else 0)
+        if not d or first * d < c or (first * d == c and high_in):
             break
         whole = first - 1
         terms.append(whole)
-        low, end = 1 / (end - whole), (1 / (low - whole) if low != whole else None)
+        a, b, c, d = d, c - whole * d, b, a - whole * b
         low_in, high_in = high_in, low_in
-    value = Fraction(first)
+    n, m = first, 1
     for term in reversed(terms):
-        value = term + 1 / value
-    return value
+        n, m = term * n + m, n
+    return Fraction(n, m)
 
 
 def common_step(

@@ -143,6 +143,8 @@ def coded_as(
         try:
             for part, data in fitting_packets(span, counts, code):
                 coded.packets.append(Packet(0, part.start, part.ticks, data))
+                first = part.start - span.start
+                coded.doubles.append([values[first : first + part.ticks]])
                 beside += exact_size(data)
         except ValueError:
             # Too far from its count, or counts too far from each other.
@@ -197,14 +199,19 @@ def cubic_rules(near: Near, u: Doubles, counts: Counts) -> Iterator[ExactParamet
         return
     a, b, d = near.calibration.a, near.calibration.b, near.calibration.d
     # What a line leaves is small, and so are the rounding errors of a fit to that.
-    line = (Fraction(int(count) * a + b, d) for count in counts)
-    left = np.array([float(Fraction(x) - y) for x, y in zip(u.tolist(), line, strict=True)])
+    # Python rounds a quotient of integers correctly.
+    whole = counts.tolist()
+    ratios = [x.as_integer_ratio() for x in u.tolist()]
+    left = np.array(
+        [(n * d - (c * a + b) * m) / (m * d) for (n, m), c in zip(ratios, whole, strict=True)]
+    )
     reach = float(np.abs(counts).max())
     t = counts / reach
     slope = Fraction(float(Fraction(a, d) + Fraction(fit(t, left, (0, 1, 2, 3))[1] / reach)))
     for steps in range(-SLOPES, SLOPES + 1):
         c1 = slope + steps * Fraction(np.spacing(float(slope)).item())
-        bent = left - np.array([float((c1 - Fraction(a, d)) * int(count)) for count in counts])
+        n, m = (c1 - Fraction(a, d)).as_integer_ratio()
+        bent = left - np.array([n * c / m for c in whole])
         c0, c2, c3 = fit(t, bent, (0, 2, 3))
         offset = float(Fraction(b, d) + Fraction(c0))
         found = offset, float(c1), c2 / reach**2, c3 / reach**3

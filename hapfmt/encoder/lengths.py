@@ -92,6 +92,7 @@ class View:
         self.order, self.scale = order, 4.0**shift
         self.sizes = np.diff(edges).astype(np.float64)
         self.sums: Sums = np.array(rows, np.float64)
+        self.found: dict[tuple[int, int], tuple[float, float]] = {}
         self.weights = np.ones(len(rows))
         self.weights = np.array([1 / self.best(k, k + 1)[1] for k in range(len(rows))])
 
@@ -100,23 +101,35 @@ class View:
 
     def best(self, first: int, stop: int) -> tuple[float, float]:
         """Bits of one packet of these pieces, and the energy of its errors."""
+        # One piece counts as much whatever its weight is.
+        if (first, stop) not in self.found:
+            self.found[first, stop] = self.weighed(first, stop)
+        return self.found[first, stop]
+
+    def weighed(self, first: int, stop: int) -> tuple[float, float]:
         sums, sizes = self.sums[first:stop], self.sizes[first:stop]
         weights = self.weights[first:stop] / self.weights[first:stop].max()
         mixed = (weights[:, None] * sums).sum(axis=0).tolist()
         rounding = (weights * sizes).sum() / self.scale
         reflections, _ = levinson(mixed, float(rounding), ORDER_LIMIT)
-        found = []
+        filters = []
         for order in ORDERS:
             c = Predictor(self.order, tuple(reflections[:order])).coefficients
             if order > len(reflections) or c is None:
                 break
             # The energy of errors is that of the samples, weighed by the products of the filter.
             taps = np.array([-(1 << SHIFT), *c])
-            products = np.correlate(taps, taps, "full")[order:] / (1 << 2 * SHIFT)
-            products[1:] *= 2
-            # Lag after lag, in this order: any machine finds the same.
-            energy = (sums[:, : order + 1].T * products[:, None]).sum(axis=0)
-            energy = np.maximum(energy * self.scale, 0) + sizes / 12
-            bits = sizes * np.log2(1 + SPREAD * np.sqrt(energy / sizes))
-            found.append((float(bits.sum()) + COEFFICIENT_COST * order, float(energy.sum())))
-        return min(found)
+            products = np.zeros(ORDER_LIMIT + 1)
+            products[: order + 1] = np.correlate(taps, taps, "full")[order:] / (1 << 2 * SHIFT)
+            filters.append(products)
+        table = np.array(filters)
+        table[:, 1:] *= 2
+        # Lag after lag, in this order: any machine finds the same.
+        energy = (table.T[:, :, None] * sums.T[:, None, :]).sum(axis=0)
+        energy = np.maximum(energy * self.scale, 0) + sizes / 12
+        bits = (sizes * np.log2(1 + SPREAD * np.sqrt(energy / sizes))).sum(axis=1).tolist()
+        totals = energy.sum(axis=1).tolist()
+        return min(
+            (each + COEFFICIENT_COST * order, total)
+            for each, order, total in zip(bits, ORDERS, totals, strict=False)
+        )

@@ -39,6 +39,9 @@ HOPED = 8
 LOOKED_AT, SETTLING = 400, 4
 """Samples that relations are looked for in, and those at their start that have lags before."""
 
+PROBED = 40
+"""Samples that rule most channels out as sources."""
+
 NEAR = 2.0**-36
 """Of the largest value: what a relation may leave there."""
 
@@ -50,6 +53,9 @@ GRID_BITS = 12
 as of many converters. Its exact values do not come from them."""
 
 REFINED, ROUNDS = 2048, 3
+
+DEPENDENT = 1e-14
+"""A row of which those before leave this share or less is a sum of them."""
 
 
 class Relation(NamedTuple):
@@ -102,19 +108,43 @@ def sources_of(target: int, looked: Sequence[Doubles]) -> list[int]:
     if not np.ptp(y):
         return []
     limit = NEAR * float(np.abs(y).max())
+    others = [source for source, x in enumerate(looked) if source != target and np.ptp(x)]
+    likely = within_reach(y, [looked[source] for source in others], limit)
     return [
-        source for source, x in enumerate(looked)
-        if source != target and np.ptp(x) and left_by(FORMS[-1], y, x) < limit
+        source for source, possible in zip(others, likely, strict=True)
+        if possible and left_by(FORMS[-1], y, looked[source]) < limit
     ]  # fmt: skip
+
+
+def within_reach(y: Doubles, sources: Sequence[Doubles], limit: float) -> list[bool]:
+    """Of each source whether a few samples leave it possible that all are within the limit."""
+    if not sources:
+        return []
+    few = slice(0, PROBED + SETTLING)
+    rows = np.stack([rows_of(FORMS[-1], y[few], x[few], SETTLING) for x in sources])
+    scales = np.abs(rows).max(axis=2, keepdims=True)
+    scales[scales == 0] = 1
+    basis = np.linalg.svd((rows / scales).transpose(0, 2, 1), full_matrices=False)[0]
+    scale = float(np.abs(y).max())
+    wanted = y[few][SETTLING:] / scale
+    shares = np.einsum("smt,m->st", basis, wanted)
+    left = wanted - np.einsum("smt,st->sm", basis, shares)
+    within: list[bool] = (np.abs(left).max(axis=1) < limit / scale * PROBED**0.5).tolist()
+    return within
 
 
 def best_relation(
     target: int, sources: Sequence[int], columns: Sequence[Doubles]
 ) -> Relation | None:
+    size = columns[target].size
+    part = slice(size // 2, size // 2 + LOOKED_AT)
+    y = columns[target][part]
+    limit = NEAR * float(np.abs(y).max())
     tried = [
         relation
         for source in sources
         for form in FORMS
+        if left_by(form, y, columns[source][part]) < limit
         for relation in relations(form, target, source, columns)
     ]
     best = min(tried, key=lambda each: each.bits, default=None)
@@ -132,15 +162,47 @@ def rows_of(form: tuple[int, int], y: Doubles, x: Doubles, start: int) -> Double
 def left_by(form: tuple[int, int], y: Doubles, x: Doubles) -> float:
     """The largest error of the best weights."""
     rows = rows_of(form, y, x, SETTLING)
-    weights = solved(rows, y[SETTLING:])
+    weights = Weigher(rows)(y[SETTLING:])
     return float(np.abs(y[SETTLING:] - weights @ rows).max())
 
 
-def solved(rows: Doubles, y: Doubles) -> Doubles:
-    scales = np.abs(rows).max(axis=1)
-    scales[scales == 0] = 1
-    weights: Doubles = np.linalg.lstsq((rows / scales[:, None]).T, y, rcond=1e-15)[0] / scales
-    return weights
+class Weigher:
+    """Least squares by some rows, which are made orthogonal once (modified Gram-Schmidt): threads
+    of a BLAS wait longer for each other than this takes."""
+
+    def __init__(self, rows: Doubles) -> None:
+        self.scales = np.abs(rows).max(axis=1)
+        self.scales[self.scales == 0] = 1
+        self.basis = rows / self.scales[:, None]
+        self.shares = np.eye(len(rows))
+        whole = np.einsum("ij,ij->i", self.basis, self.basis)
+        self.energies = np.zeros(len(rows))
+        for place, row in enumerate(self.basis):
+            energy = float(np.einsum("i,i->", row, row))
+            if energy <= DEPENDENT**2 * whole[place]:
+                row[:] = 0
+                continue
+            self.energies[place] = energy
+            later = self.basis[place + 1 :]
+            shares = np.einsum("ij,j->i", later, row) / energy
+            later -= shares[:, None] * row
+            self.shares[place, place + 1 :] = shares
+
+    def __call__(self, y: Doubles) -> Doubles:
+        """Rows that depend on those before get no weight."""
+        scale = float(np.abs(y).max()) or 1.0
+        left, weights = y / scale, np.zeros(len(self.basis))
+        for place, (row, energy) in enumerate(zip(self.basis, self.energies, strict=True)):
+            if energy:
+                weights[place] = np.einsum("i,i->", row, left) / energy
+                left -= weights[place] * row
+        for place in range(len(weights) - 1, -1, -1):
+            if self.energies[place]:
+                weights[place] -= np.einsum(
+                    "i,i->", self.shares[place, place + 1 :], weights[place + 1 :]
+                )
+        with np.errstate(over="ignore"):
+            return np.asarray(weights / self.scales * scale)
 
 
 def relations(
@@ -155,9 +217,10 @@ def relations(
     for used in (rows[:-1], rows):
         wide = used.astype(np.longdouble)
         weights = np.zeros(len(used), np.longdouble)
+        weigh = Weigher(used)
         for _ in range(ROUNDS):
             left = exact - weights @ wide
-            weights = weights + solved(used, left.astype(np.float64))
+            weights = weights + weigh(left.astype(np.float64))
         numbers = weights.astype(np.float64).tolist()
         if not all(abs(w) < COEFFICIENT_LIMIT for w in numbers):
             continue
@@ -230,10 +293,12 @@ def encode_linear(
         part = slice(at, at + span.ticks)
         at += span.ticks
         try:
-            data, each_size = packet_of(candidates, [x[part] for x in columns], counts[part])
+            exact = [x[part] for x in columns]
+            data, each_size = packet_of(candidates, exact, counts[part])
         except ValueError:
             return None
         coded.packets.append(Packet(0, span.start, span.ticks, data))
+        coded.doubles.append(exact)
         sizes += each_size
     last = first_channel + len(channels) - 1
     parts = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,6 +25,8 @@ class Coded:
 
     track: Track
     packets: list[Packet] = field(default_factory=list)
+    doubles: list[Sequence[NDArray[np.float64]]] = field(default_factory=list)
+    """Of LPCX: for each packet the exact values [samples] of its components."""
 
     @property
     def size(self) -> int:

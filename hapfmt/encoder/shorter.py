@@ -20,7 +20,7 @@ from ..codecs.components import (
     parts_of,
     split_components,
 )
-from ..codecs.exact import decode_exact, lacking_of, parse_parameters, split_packet
+from ..codecs.exact import lacking_of, parse_parameters, split_packet
 from ..codecs.grids import LpcParameters
 from ..codecs.predicted import Predictor, encode_indices, parse_header
 from ..container.cluster import Packet
@@ -45,12 +45,13 @@ ORDERS = (32, 8)
 LEVEL = LEVELS[2]
 
 Indices = NDArray[np.int64]
+Doubles = NDArray[np.float64]
 
 
 class Opened:
     """A packet taken apart: indices, predictors (None: constant), and of LPCX the doubles."""
 
-    def __init__(self, packet: Packet, track: Track) -> None:
+    def __init__(self, packet: Packet, track: Track, doubles: Sequence[Doubles]) -> None:
         self.packet, self.exact = packet, track.codec == "LPCX"
         count, data, rest = len(track.components), packet.data, b""
         if self.exact:
@@ -67,8 +68,7 @@ class Opened:
         if self.exact:
             self.affines = [component.calibration for component in track.components]
             self.rules = parse_parameters(track.parameters, count, 0)
-            counts = np.stack(self.columns, axis=1)
-            self.doubles = decode_exact(packet.data, self.rules, self.affines, counts, 0).T
+            self.doubles = doubles
             ends = parts_of(rest, count, 0) if rest else [(0, 0)] * count
             assert ends is not None
             self.recalls = [bool(rest[a:b][:1] == b"\1") for a, b in ends]
@@ -131,7 +131,11 @@ class Division:
         if enough or min(spans) < 2 * SHORTEST:
             return None
         if not self.opened:
-            self.opened = [Opened(packet, self.coded.track) for packet in self.packets]
+            doubles = self.coded.doubles or [()] * len(self.packets)
+            self.opened = [
+                Opened(packet, self.coded.track, exact)
+                for packet, exact in zip(self.packets, doubles, strict=True)
+            ]
         try:
             packets = [cut for each in self.opened for cut in each.cut(2 * self.parts)]
         except ValueError:

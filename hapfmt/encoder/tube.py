@@ -35,7 +35,7 @@ from .grids import Levels, places
 from .sweep import Point, Sweep, append, line_at, round_at, sweep_lines
 
 COUNT_BOUND = max(level.count_bound for level in LEVELS.values())
-"""No knot may lie further from 0 (KNT-004); a wider tube is cut to it."""
+"""No knot may lie further from 0 (LPC-003); a wider tube is cut to it."""
 
 SPAN_BOUND = max(level.span_ticks for level in LEVELS.values())
 """Ticks of one packet."""
