@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
+from array import array
 
 import numpy as np
 from singles import decode_counts, decode_exact
@@ -91,16 +92,16 @@ def entropy_coder(case):
 def section_of(coder, section):
     kind, values = section["kind"], section["values"]
     if kind == "bits":
-        return coder.bits(len(values), bytes(section["p"]))
+        return list(coder.bits(len(values), bytes(section["p"])))
     if kind == "signs":
         coder.section()
-        return coder.signed([abs(e) for e in values], bytes(section["p"]))
+        return list(coder.signed(array("q", map(abs, values)), bytes(section["p"])))
     if kind == "lengths":
         coder.section()
         table = Lengths(section["first"], bytes(section["weights"]))
         return [coder.by_length(table, signs=True) for _ in values]
     signs = kind == "class"
-    return coder.integers(len(values), section["class"], section["start"], signs=signs)
+    return list(coder.integers(len(values), section["class"], section["start"], signs=signs))
 
 
 def knot(case):

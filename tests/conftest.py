@@ -4,6 +4,7 @@ Tests of hostile bytes carry the mark ``capped``: while one runs, the process ma
 address space more than it had, so that what asks for more ends in a MemoryError, which is none of
 our errors. (Linux only; elsewhere the tests run without.) ``capped(False)`` takes a test out of a
 module that carries the mark: threads reserve more address space each than they use.
+``capped(bytes)`` sets another cap.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ CAP = 256 << 20
 
 
 @contextmanager
-def memory_cap() -> Iterator[None]:
+def memory_cap(cap: int = CAP) -> Iterator[None]:
     """Of what is taken within; threads that begin there count with their stacks."""
     status = Path("/proc/self/statm")
     sanitized = "libasan" in os.environ.get("LD_PRELOAD", "")  # which takes address space itself
@@ -44,7 +45,7 @@ def memory_cap() -> Iterator[None]:
 
     before = resource.getrlimit(resource.RLIMIT_AS)
     pages = int(status.read_text(encoding="ascii").split()[0])
-    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + CAP, before[1]))
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + cap, before[1]))
     try:
         yield
     finally:
@@ -73,7 +74,7 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     mark = item.get_closest_marker("capped")
     if mark is None or mark.args == (False,):
         return (yield)
-    with memory_cap():
+    with memory_cap(*mark.args):
         return (yield)
 
 

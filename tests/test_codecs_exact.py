@@ -20,6 +20,7 @@ from singles import decode_counts, decode_exact
 from spec import EXAMPLES
 
 from hapfmt.codecs import exact
+from hapfmt.codecs.entropy import SCALE, Encoder
 from hapfmt.codecs.exact import (
     ExactParameters,
     corrections_of,
@@ -30,7 +31,9 @@ from hapfmt.codecs.values import (
     CUBIC,
     SIGNIFICANT,
     in_digits,
+    in_places,
     many_in_digits,
+    many_in_places,
     ordered,
     unordered,
     values_of,
@@ -423,3 +426,26 @@ def twice(call):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(exact, "compiled", None)
         return fast == call()
+
+
+class TestMemory:
+    """Few bytes may ask for many samples: the readable loops take some bytes each, no objects."""
+
+    SPAN = 1 << 18
+
+    @pytest.mark.capped(24 << 20)
+    def test_of_lists(self):
+        """A list for each count, in the bytes of one bit in hundreds."""
+        coder = Encoder()
+        coder.section([(16, SCALE)] * self.SPAN)
+        rest = b"\3\0" + b"\1\xff\0\0" + b"\0\1\1" + coder.finish()
+        ids = np.arange(self.SPAN, dtype=np.int32)
+        assert not exact.decode_loop(rest, ids, self.SPAN, 0).any()
+
+    @pytest.mark.capped(8 << 20)
+    def test_of_significant_digits(self):
+        """By integers of any length."""
+        numerators = np.arange(1, self.SPAN + 1) + (1 << 40)
+        got = many_in_places(numerators, 3, 20)
+        for at in (0, 1, self.SPAN - 1):
+            assert got[at] == in_places(int(numerators[at]), 3, 20)

@@ -23,6 +23,7 @@ from hapfmt.codecs.knots_coded import (
 )
 from hapfmt.container.cluster import Packet
 from hapfmt.errors import FormatError, HapfmtError
+from hapfmt.integers import build_varint
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDecoder
 
@@ -167,6 +168,28 @@ def test_a_few_bytes_ask_for_little():
         data = b"\0\xff\xff\xff\x07\0\x0c\0\x0c" + tail
         expected = ("KTE-004", "LPC-003", "RNG-001", "RNG-003")
         assert decoded(data, "hold", 1 << 24, 1) in expected
+
+
+@pytest.mark.capped(32 << 20)
+def test_knots_without_a_bit_take_bytes_each():
+    """A table of one length asks for as many knots as it likes: some 8 bytes a number, no object."""
+    span = 1 << 19
+    data = b"\0" + build_varint(span - 1) + b"\x40\0\1\1" * 2 + b"\0\1\0\0"
+    ticks, rows = decode_indices(data, "hold", span, 1, 7, 0)
+    assert (ticks == np.arange(span)).all()
+    assert not rows.any()
+
+
+def test_the_first_broken_rule_is_told():
+    """A knot beyond the grid before one beyond the packet, the other way round, and both in one."""
+    for ticks, indices, expected in (
+        ([0, 1, 9, 12], [0, 9, 0, 0], "LPC-003"),
+        ([0, 9, 10, 12], [0, 0, 9, 0], "KTE-004"),
+        ([0, 1, 9, 12], [0, 0, 9, 0], "KTE-004"),
+    ):
+        packet = encode_knots(np.array(ticks), np.array(indices)[:, None], "hold")
+        assert decoded(packet, "hold", 10, 1, 7) == expected
+        assert decoded_as_the_page_says(packet, "hold", 10, 1, 7) == expected
 
 
 @given(strategies.packets().filter(lambda case: case[0].codec == "KNOT"), st.binary(max_size=9))

@@ -17,7 +17,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spec import EXAMPLES
 
+from hapfmt.codecs import predicted
 from hapfmt.codecs.components import decode_predicted
+from hapfmt.codecs.entropy import Encoder, ends_of, share_of
 from hapfmt.codecs.grids import LpcParameters, deadband_levels
 from hapfmt.codecs.predicted import (
     INDEX_LIMIT,
@@ -379,3 +381,15 @@ def test_frozen_bitstreams(indices, difference, ks, base, repeats, text):
     predictor = Predictor(difference, tuple(ks), base, repeats)
     assert encode_indices(np.array(indices), predictor).hex() == text
     assert decoded(bytes.fromhex(text), len(indices)) == indices
+
+
+@pytest.mark.capped(16 << 20)
+def test_a_ramp_takes_bytes_a_sample(monkeypatch):
+    """Few bytes may ask for many indices: the readable loop keeps no object of each."""
+    monkeypatch.setattr(predicted, "compiled", None)
+    span = 1 << 18
+    predictor, coder = predicted.Predictor(1, base=1 << 20), Encoder()
+    coder.section([share_of(ends_of(7, 0), 0)] * span)
+    packet = predictor.build() + b"\x17\0" + coder.finish()
+    assert len(packet) < span >> 5
+    assert (predicted.decode_indices(packet, span, 1 << 24, 0) == 1 << 20).all()

@@ -123,6 +123,15 @@ class TestRefusals:
         part, _ = subset(data, [0])
         assert_intact(part)
 
+    @pytest.mark.parametrize("what", ["kind", "number_format"])
+    def test_an_unknown_codec_beside_something_else_unknown(self, what: str) -> None:
+        strange = forge.trak(first_channel=1, codec=b"WHAT", **{what: 255})
+        data = forge.closed(
+            ("HEAD", forge.head()), forge.TRACK_0, ("TRAK", strange, {"track": 1}), forge.DATA_0
+        )
+        with pytest.raises(hapfmt.UnsupportedError, match=r"255 .* leave its channels out"):
+            subset(data, [1])
+
     def test_wrong_use(self, tmp_path: Any) -> None:
         data = made("lossless")
         wrong = [

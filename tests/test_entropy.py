@@ -41,7 +41,7 @@ def read(data, sizes, p, way, signs, many):
     row = coder.integers(sizes[0], *way, signs=not signs)
     row = coder.signed(row, signs) if signs else row
     coder.finish()
-    return row, marks
+    return list(row), list(marks)
 
 
 def read_as_the_page_says(data, sizes, p, way, signs, many):
@@ -88,7 +88,7 @@ class TestClasses:
         assert list(lengths.ends) == page_coding.length_ends(weights)
         data = lengths.build()
         assert Lengths.parse(data + b"\7") == lengths
-        for wrong in (data[:-1], b"\1" * (len(weights) == 64) + data[1:], bytes(len(data)), b""):
+        for wrong in (data[:-1], bytes([65 - len(weights)]) + data[1:], bytes(len(data)), b""):
             assert Lengths.parse(wrong) is None
 
 

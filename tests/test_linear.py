@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import hapfmt
 from hapfmt.codecs.exact import ExactParameters, decode_exact, lacking_of, parse_parameters
-from hapfmt.codecs.values import LINEAR, Term
+from hapfmt.codecs.values import LINEAR, Term, linear_values
 from hapfmt.container.track import Affine
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.linear import (
@@ -207,6 +207,18 @@ def test_stretches_hold_their_relations():
     assert stretches([relation(3, 1), relation(2, 5), relation(8, 7)]) == [(1, 6), (7, 9)]
     assert stretches([relation(0, 1), relation(2, 3)]) == [(0, 2), (2, 4)]
     assert stretches([relation(0, 9), relation(2, 3)]) == [(0, 10)]
+
+
+@pytest.mark.capped(16 << 20)
+def test_its_own_past_takes_bytes_a_sample():
+    """Few bytes may ask for many samples: no object is kept of each."""
+    span = 1 << 18
+    columns = [np.ones(span), np.empty(span)]
+    terms = [Term(1, 1, 0.5), Term(0, 0, 0.5)]
+    moves = np.ones(span, np.int64)
+    found = linear_values(np.ones(span), 0.0, terms, columns, moves, 1)
+    assert found[0] == np.nextafter(1, 2)
+    assert (found[1:] == np.nextafter(0.5 * found[:-1] + 0.5, 2)).all()
 
 
 def test_weights_of_rows_that_depend_on_each_other():

@@ -88,3 +88,13 @@ def test_what_was_found(seed: int, tmp_path: Path) -> None:
     """Tracks that are not understood and name a base that is not there, or a codec of letters
     beyond ASCII, escaped as foreign exceptions."""
     check(seed, tmp_path)
+
+
+def test_bytes_after_the_packets_are_nobodys() -> None:
+    """Every checksum holds, and all packets come back: nothing is lost with what no row speaks of."""
+    rows = [Row(0, 4 * i, 4, f.KNOT_DATA) for i in range(2)]
+    data = f.closed(
+        ("HEAD", f.head()), f.TRACK_0, ("DATA", f.cluster(*rows) + b"\0"), duration_ns=8_000_000
+    )
+    assert verify(data).error.requirement == "DAT-005"
+    assert check_recovered(data, Limits()) == "recovered, 0"

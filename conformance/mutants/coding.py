@@ -263,7 +263,7 @@ MUTANTS = (
         "last-knot-off-by-one",
         "The last knot of a coded line stands at tick span.",
         "KTE-004",
-        Edit("codecs.knots_coded:decode_indices", "tick = span - 1", "tick = span"),
+        Edit("codecs.knots_coded:decode_indices", "ticks[-1] = span - 1", "ticks[-1] = span"),
     ),
     mutant(
         "knots-line-ends-early",
@@ -385,8 +385,8 @@ MUTANTS = (
         "EXA-007",
         Edit(
             "codecs.exact:Lists.learn",
-            "known.insert(0, correction)",
-            "known.insert(rank or 0, correction)",
+            "first = places.pop(rank)",
+            "return",
         ),
     ),
     mutant(

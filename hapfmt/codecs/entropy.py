@@ -7,6 +7,7 @@ them from the last to the first.
 
 from __future__ import annotations
 
+from array import array
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -178,7 +179,10 @@ class Lengths:
 
 
 class Decoder:
-    """Coded bytes, which begin at ``offset`` of the file; behind both ends are zeros."""
+    """Coded bytes, which begin at ``offset`` of the file; behind both ends are zeros.
+
+    Few bytes may ask for many integers: each takes 8 bytes here, and no object of its own.
+    """
 
     def __init__(self, data: bytes, offset: int, lanes: int) -> None:
         self.data, self.offset = data, offset
@@ -239,10 +243,10 @@ class Decoder:
             offset=self.place,
         )
 
-    def bits(self, count: int, probabilities: bytes) -> list[int]:
+    def bits(self, count: int, probabilities: bytes) -> bytearray:
         """A section of bits, each with the probability that the two before it choose of four."""
         self.section()
-        found: list[int] = []
+        found = bytearray()
         recent = 0
         for _ in range(count):
             found.append(self.symbol(bit_ends(probabilities[recent])))
@@ -250,10 +254,10 @@ class Decoder:
             self.check()
         return found
 
-    def integers(self, count: int, number: int, start: int, *, signs: bool) -> list[int]:
+    def integers(self, count: int, number: int, start: int, *, signs: bool) -> array[int]:
         """A section of integers of a class; ``signs``: each has its own, raw."""
         self.section()
-        found: list[int] = []
+        found = array("q")
         averages = Averages.start(start)
         while len(found) < count:
             context, h = averages.context()
@@ -268,7 +272,7 @@ class Decoder:
                 block[i] = -u if signs and u and self.raw(1) else u
             self.check()
             averages.learn(block)
-            found += block
+            found.extend(block)
         return found
 
     def _magnitude(self, k: int, h: int) -> int:
@@ -286,7 +290,7 @@ class Decoder:
         self.check()
         return e
 
-    def signed(self, magnitudes: list[int], probabilities: bytes) -> list[int]:
+    def signed(self, magnitudes: array[int], probabilities: bytes) -> array[int]:
         """With a section of signs, each with the probability of the sign before it."""
         self.section()
         last = 0

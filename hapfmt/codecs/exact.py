@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -261,26 +262,43 @@ def ids_of(counts: Counts) -> NDArray[np.int32]:
 
 
 class Lists:
-    """The corrections remembered of each count, the last one first."""
+    """The corrections remembered of each count, the last one first: 16 bytes a sample, as in C."""
 
-    def __init__(self) -> None:
-        self.remembered: dict[int, list[int]] = {}
+    def __init__(self, ids: NDArray[np.int32]) -> None:
+        self.heads = array("i", [-1]) * (int(ids.max()) + 1)
+        """Of each count, where the first correction is."""
+        self.corrections = array("q")
+        self.links = array("i")
+        """Of each correction, where the next one of its count is."""
         self.last = -1
+
+    def places(self, id_: int) -> list[int]:
+        found, at = [], self.heads[id_]
+        while at >= 0:
+            found.append(at)
+            at = self.links[at]
+        return found
 
     def meet(self, id_: int) -> tuple[list[int], int]:
         """What was remembered of a count, and the context of its ranks."""
-        known = self.remembered.get(id_)
-        context = FRESH if known is None else SAME if id_ == self.last else KNOWN
+        known = [self.corrections[at] for at in self.places(id_)]
+        context = FRESH if not known else SAME if id_ == self.last else KNOWN
         self.last = id_
-        return [0] if known is None else known, context
+        return known or [0], context
 
-    def learn(self, id_: int, correction: int, rank: int | None) -> None:
-        """``rank`` on the list of its count, None where it was coded in full."""
-        known = self.remembered.setdefault(id_, [])
-        if known and rank is not None:
-            del known[rank]
-        known.insert(0, correction)
-        del known[REMEMBERED:]
+    def learn(self, id_: int, correction: int, rank: int) -> None:
+        """``rank`` on the list of its count, -1 where it was coded in full."""
+        places = self.places(id_)
+        if places and rank >= 0:
+            first = places.pop(rank)
+        else:
+            first = len(self.corrections)
+            self.corrections.append(correction)
+            self.links.append(-1)
+        places = [first, *places][:REMEMBERED]
+        self.heads[id_] = first
+        for at, following in zip(places, [*places[1:], -1], strict=True):
+            self.links[at] = following
 
 
 @dataclass(frozen=True)
@@ -325,16 +343,16 @@ def encode_loop(corrections: Counts, ids: NDArray[np.int32] | None, shift: int) 
     """What follows the counts; kernels/ has the same in C."""
     coder, full, marks = Encoder(), corrections.tolist(), []
     if ids is not None:
-        lists, given, full = Lists(), full, []
+        lists, given, full = Lists(ids), full, []
         for c, id_ in zip(given, ids.tolist(), strict=True):
             known, context = lists.meet(id_)
-            rank = known.index(c) if c in known else None
+            rank = known.index(c) if c in known else -1
             marks += [
                 (context, min(i, RANKS - 1), int(i == rank))
-                for i in range(len(known) if rank is None else rank + 1)
+                for i in range(len(known) if rank < 0 else rank + 1)
             ]
             lists.learn(id_, c, rank)
-            if rank is None:
+            if rank < 0:
                 full.append(c)
     rows = [recall_row(marks, context) for context in range(3)]
     if ids is not None:
@@ -360,32 +378,32 @@ def decode_loop(rest: bytes, ids: NDArray[np.int32] | None, span: int, offset: i
     """The corrections [span]."""
     heading, start = Heading.parse(rest, recall=ids is not None, offset=offset)
     coder = Decoder(rest[start:], offset + start, 4 if rest[0] & FOUR_STATES else 1)
-    names = [0] * span if ids is None else ids.tolist()
-    ranks: list[int | None] = [None] * span
-    if ids is not None:
-        ranks = decode_ranks(coder, heading, names)
+    ranks = None if ids is None else decode_ranks(coder, heading, ids)
     coder.section()
-    lists, out = Lists(), []
-    for id_, rank in zip(names, ranks, strict=True):
-        known, _ = lists.meet(id_)
-        c = coder.by_length(heading.lengths, signs=True) if rank is None else known[rank]
-        if ids is not None:
+    out = array("q")
+    if ids is None or ranks is None:
+        out.extend(coder.by_length(heading.lengths, signs=True) for _ in range(span))
+    else:
+        lists = Lists(ids)
+        for id_, rank in zip(ids.data, ranks, strict=True):
+            known, _ = lists.meet(id_)
+            c = coder.by_length(heading.lengths, signs=True) if rank < 0 else known[rank]
             lists.learn(id_, c, rank)
-        out.append(c)
+            out.append(c)
     coder.finish()
-    return np.array(out, np.int64)
+    return np.frombuffer(out, np.int64)
 
 
-def decode_ranks(coder: Decoder, heading: Heading, ids: list[int]) -> list[int | None]:
-    """The place on the list of its count for each correction; None for those coded in full."""
+def decode_ranks(coder: Decoder, heading: Heading, ids: NDArray[np.int32]) -> array[int]:
+    """The place on the list of its count for each correction; -1 for those coded in full."""
     coder.section()
-    sizes: dict[int, int] = {}
-    ranks: list[int | None] = []
+    sizes = bytearray(int(ids.max()) + 1)
+    ranks = array("b")
     last = -1
-    for id_ in ids:
-        size = sizes.get(id_, 0)
+    for id_ in ids.data:
+        size = sizes[id_]
         context = FRESH if not size else SAME if id_ == last else KNOWN
-        rank = None
+        rank = -1
         for i in range(max(size, 1)):
             found = coder.symbol(bit_ends(heading.probability(context, i)))
             coder.check()
@@ -393,7 +411,7 @@ def decode_ranks(coder: Decoder, heading: Heading, ids: list[int]) -> list[int |
                 rank = i
                 break
         ranks.append(rank)
-        sizes[id_] = max(size, 1) if rank is not None else min(size + 1, REMEMBERED)
+        sizes[id_] = max(size, 1) if rank >= 0 else min(size + 1, REMEMBERED)
         last = id_
     return ranks
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,31 +132,41 @@ def decode_indices(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Ticks [knots], and indices [knots, components] of a magnitude of at most ``limit``."""
     row, further, coded = parse_start(data, span, components, limit, offset)
-    rows, ticks = [row], [0]
-    if further:
-        linear = interpolation == "linear"
-        gaps, differences, place = decode_numbers(
-            data[coded:], further, components, offset + coded, linear=linear
-        )
-        for number in range(further):
-            left = further - 1 - number
-            tick = span - 1 if linear and not left else ticks[-1] + gaps[number] + 1
-            # Each of those that follow needs a tick too.
-            if tick >= span - left:
-                raise FormatError(
-                    "more knots than the ticks left", requirement="KTE-004", offset=place
-                )
-            row = [index + differences[i * further + number] for i, index in enumerate(row)]
-            for index in row:
-                check_index(index, limit, place)
-            ticks.append(tick)
-            rows.append(row)
-    return np.array(ticks, np.int64), np.array(rows, np.int64)
+    if not further:
+        return np.zeros(1, np.int64), np.array([row], np.int64)
+    linear = interpolation == "linear"
+    gaps, differences, place = decode_numbers(
+        data[coded:], further, components, offset + coded, linear=linear
+    )
+    # 2^24 numbers below 2^34: their sums fit 64 bits.
+    ticks = np.zeros(further + 1, np.int64)
+    ticks[1 : 1 + len(gaps)] = gaps
+    ticks[1 : 1 + len(gaps)] += 1
+    np.cumsum(ticks, out=ticks)
+    if linear:
+        ticks[-1] = span - 1
+    rows = np.empty((further + 1, components), np.int64)
+    rows[0] = row
+    rows[1:] = np.frombuffer(differences, np.int64).reshape(components, further).T
+    np.cumsum(rows, axis=0, out=rows)
+    # Each of the knots that follow needs a tick too.
+    late = first_of(ticks >= np.arange(span - further, span + 1))
+    far = first_of(np.maximum(rows.max(axis=1), -rows.min(axis=1)) > limit)
+    if late <= min(far, further):
+        raise FormatError("more knots than the ticks left", requirement="KTE-004", offset=place)
+    if far <= further:
+        raise FormatError("index beyond the grid", requirement="LPC-003", offset=place)
+    return ticks, rows
+
+
+def first_of(wrong: NDArray[np.bool_]) -> int:
+    """The first place that is wrong; their number where none is."""
+    return int(wrong.argmax()) if wrong.any() else wrong.size
 
 
 def decode_numbers(
     data: bytes, further: int, components: int, offset: int, *, linear: bool
-) -> tuple[list[int], list[int], int]:
+) -> tuple[array[int], array[int], int]:
     """Gaps less 1, differences component by component, and where the coder ended."""
     first, at = parse_row(data, 128 | SIGNS, offset)
     second, stop = parse_row(data[at:], 128 | FOUR_STATES, offset)
@@ -178,11 +189,11 @@ class RowCoding:
     lengths: Lengths | None
     signs: bytes
 
-    def decode(self, coder: Decoder, count: int, *, signs: bool) -> list[int]:
+    def decode(self, coder: Decoder, count: int, *, signs: bool) -> array[int]:
         if self.lengths is None:
             return coder.integers(count, self.coding & 15, self.start, signs=signs)
         coder.section()
-        return [coder.by_length(self.lengths, signs=signs) for _ in range(count)]
+        return array("q", (coder.by_length(self.lengths, signs=signs) for _ in range(count)))
 
 
 def parse_row(data: bytes, unused: int, offset: int) -> tuple[RowCoding, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -239,7 +240,7 @@ def decode_body(
     coded, at = data[position:], offset + position
     if compiled is not None:
         return decode_compiled(coded, predictor, c, span, limit, at, cross)
-    return np.array(decode_coded(coded, predictor, c, span, limit, at, cross), np.int64)
+    return np.frombuffer(decode_coded(coded, predictor, c, span, limit, at, cross), np.int64)
 
 
 def decode_compiled(
@@ -274,11 +275,11 @@ def decode_coded(
     limit: int,
     offset: int,
     cross: NDArray[np.int64] | None,
-) -> list[int]:
+) -> array[int]:
     """The readable loop; kernels/ has the same in C."""
     coding, repeats, signs, start = parse_coding(data, predictor, offset)
     coder = Decoder(data[start:], offset + start, 4 if coding & FOUR_STATES else 1)
-    same = [0, *coder.bits(span - 1, repeats)] if predictor.repeats else [0] * span
+    same = b"\0" + coder.bits(span - 1, repeats) if predictor.repeats else bytes(span)
     errors = coder.integers(same.count(0), coding & 15, data[1], signs=not signs)
     if signs:
         errors = coder.signed(errors, signs)
@@ -286,8 +287,8 @@ def decode_coded(
     # sums[i] is D^i z at the tick before.
     sums = [0] * (predictor.difference + 1)
     history = [0] * len(c)
-    indices: list[int] = []
-    beside = [0] * span if cross is None else cross.tolist()
+    indices = array("q")
+    beside = bytes(span) if cross is None else cross.data
     following = iter(errors)
     for t in range(span):
         if same[t]:

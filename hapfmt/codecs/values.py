@@ -101,27 +101,25 @@ def linear_values(
     places by which each value is corrected."""
     if all(term.component != own for term in terms):
         return by_places(predictions(quotients, c0, terms, columns), moves)
-    out: list[float] = []
-    moved: dict[int, bytes] = {}
-    lists = {t.component: columns[t.component].tolist() for t in terms if t.component != own}
-    rows = [(lists.get(term.component, out), term.lag, term.weight) for term in terms]
+    # Views give Python's numbers one by one; lists would hold an object for each sample.
+    found = np.empty(quotients.size)
+    out: Any = found.data
+    bits: Any = found.view(np.int64).data
+    known: list[Any] = [out if place == own else x.data for place, x in enumerate(columns)]
+    rows = [(known[term.component], term.lag, term.weight) for term in terms]
     reach = max(term.lag for term in terms)
-    for t, (quotient, move) in enumerate(zip(quotients.tolist(), moves.tolist(), strict=True)):
+    given: Any = zip(quotients.data, moves.data, strict=True)
+    for t, (quotient, move) in enumerate(given):
         v = quotient
         if t >= reach:
             v = c0
             for x, lag, weight in rows:
                 v += weight * x[t - lag]
         v = v + 0.0 if isfinite(v) else quotient
+        out[t] = v
         if move:
-            word = word_at(place_of(v) + move)
-            (v,) = DOUBLE.unpack(word)
-            moved[t] = word
-        out.append(v)
-    found = np.array(out)
-    for t, word in moved.items():
-        # NaN with its bits.
-        found[t : t + 1].view(np.int64)[0] = BITS.unpack(word)[0]
+            # NaN with its bits.
+            bits[t] = bits_at(place_of(v) + move)
     return found
 
 
@@ -131,17 +129,18 @@ def place_of(double: float) -> int:
     return int(bits if bits >= 0 else ~(bits & LAST_PLACE))
 
 
-def word_at(place: int) -> bytes:
-    """The double at a place modulo 2^64."""
+def bits_at(place: int) -> int:
+    """The bits of the double at a place modulo 2^64."""
     place = (place + HALF) % (2 * HALF) - HALF
-    return BITS.pack(place if place >= 0 else ~place - HALF)
+    return place if place >= 0 else ~place - HALF
 
 
 def many_in_places(numerators: Counts, d: int, places: int) -> Doubles:
     """``in_places`` of each numerator, none of them 0, at once where 64 bits hold it."""
     power, largest = 10**places, int(np.abs(numerators).max())
     if largest * power >= WIDE or 2 * d >= WIDE:
-        return np.array([in_places(n, d, places) for n in numerators.tolist()], np.float64)
+        slowly = (in_places(n, d, places) for n in numerators.data)
+        return np.fromiter(slowly, np.float64, numerators.size)
     whole, rest = np.divmod(np.abs(numerators) * power, d)
     whole += (2 * rest > d) | ((2 * rest == d) & (whole % 2 == 1))
     # A quotient of two doubles is correctly rounded, these being integers below 2^53 and powers

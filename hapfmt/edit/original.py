@@ -14,7 +14,7 @@ from ..closing import Closing
 from ..container.cluster import Packet, parse_cluster
 from ..container.extras import Attachment
 from ..container.source import open_source
-from ..container.track import CODECS, Track, lone_lf
+from ..container.track import Track, lone_lf
 from ..container.walk import Chunk, header_at, read_chunk
 from ..container.wire import Head
 from ..errors import (
@@ -125,9 +125,7 @@ class Original(Closing):
         """Packets are copied whatever their codec; of another kind of track nobody knows what its
         description refers to."""
         for track in tracks:
-            if track.unsupported and not (
-                track.codec not in CODECS and "TRK-011" in track.unsupported
-            ):
+            if track.unsupported and not track.unsupported.startswith("codec "):
                 raise UnsupportedError(
                     f"track {track.id} needs {track.unsupported}; leave its channels out",
                     offset=track.offset,

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from terminal import Said, called
 
-from hapfmt.errors import HapfmtError, UnsupportedError
+from hapfmt.errors import HapfmtError, TruncatedError, UnsupportedError
 from hapfmt.limits import Limits
 from hapfmt.recovery.recover import recover
 from hapfmt.verifier import verify
@@ -215,8 +215,11 @@ breaks them."""
 
 
 def written_anew(data: bytes, error: HapfmtError) -> bool:
-    """Whether the broken rule is one of those, or lies in an index or a footer."""
+    """Whether the broken rule is one of those, or lies in an index or a footer, or in bytes that
+    are left over after all packets of a cluster."""
     if (error.requirement or "").startswith(ANEW):
+        return True
+    if error.requirement == "DAT-005" and not isinstance(error, TruncatedError):
         return True
     at = 8
     for part in parts_of(data):

@@ -3,6 +3,7 @@
 const RULE_QUOTIENT = 0;
 const RULE_PRODUCT = 1;
 const RULE_CUBIC = 3;
+const KNOWN_BOUND = 2 ** 20; // of remembered values
 const POWER_BOUND = 22; // 10^22 is the last power of ten that is a binary64 number
 
 // n / d rounded to the nearest integer, ties to even, d > 0.
@@ -50,7 +51,10 @@ export function valueRule(rule, digits, calibration, coefficients) {
       const known = new Map(); // once for each distinct count of a packet (Annex A)
       return (count) => {
         let v = known.get(count);
-        if (v === undefined) known.set(count, (v = significant(count, calibration, digits)));
+        if (v !== undefined) return v;
+        if (known.size === KNOWN_BOUND) known.clear();
+        v = significant(count, calibration, digits);
+        known.set(count, v);
         return v;
       };
     }

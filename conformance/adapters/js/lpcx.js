@@ -95,6 +95,63 @@ export function movePlace(halves, at, lower, upper, z) {
   halves[at + LOWER] = low;
 }
 
+// The place of each count among the distinct ones of its packet.
+function placesOf(counts) {
+  const sorted = counts.slice().sort();
+  let size = 0;
+  for (let i = 0; i < sorted.length; i++) if (i === 0 || sorted[i] !== sorted[i - 1]) sorted[size++] = sorted[i];
+  return {
+    size,
+    places: counts.map((count) => {
+      let low = 0;
+      for (let high = size - 1; low < high;) {
+        const middle = (low + high) >> 1;
+        if (sorted[middle] < count) low = middle + 1;
+        else high = middle;
+      }
+      return low;
+    }),
+  };
+}
+
+// The corrections of each count, as two halves, the last one first. Few bytes may ask for many lists: they are links
+// within typed arrays.
+class Lists {
+  constructor(size, samples) {
+    this.heads = new Int32Array(size).fill(-1);
+    this.links = new Int32Array(samples).fill(-1);
+    this.lower = new Int32Array(samples);
+    this.upper = new Int32Array(samples);
+    this.used = 0;
+  }
+
+  put(place, lower, upper) {
+    const { heads, links, used } = this;
+    this.lower[used] = lower;
+    this.upper[used] = upper;
+    links[used] = heads[place];
+    heads[place] = used;
+    this.used = used + 1;
+    let at = used;
+    for (let i = 1; i < LIST_BOUND && at >= 0; i++) at = links[at];
+    if (at >= 0) links[at] = -1;
+  }
+
+  // Moves entry i to the front; where it is.
+  take(place, i) {
+    const { heads, links } = this;
+    if (heads[place] < 0) this.put(place, 0, 0);
+    if (i === 0) return heads[place];
+    let before = heads[place];
+    for (let k = 1; k < i; k++) before = links[before];
+    const at = links[before];
+    links[before] = links[at];
+    links[at] = heads[place];
+    heads[place] = at;
+    return at;
+  }
+}
+
 // A correction of up to 63 bits, as two halves.
 class Corrections {
   constructor(flags, z, reader) {
@@ -103,57 +160,44 @@ class Corrections {
     this.p = this.recall ? [0, 1, 2].map(() => readRanks(reader)) : null;
     this.table = readLengths(reader, 64);
     this.coder = new EntropyDecoder(reader.bytes(reader.left), reader.offset, flags & 2 ? 4 : 1);
-    this.lists = new Map(); // count -> lower and upper half of each correction, the last one first
+    this.lists = null;
     this.lower = 0; // the correction that was decoded last
     this.upper = 0;
   }
 
-  // The place on the list of its count for each correction, -1 for those in full.
-  ranks(counts) {
+  // The rank of each correction, -1 for those in full.
+  ranks(places, size) {
     const { coder, p } = this;
-    const ranks = new Int8Array(counts.length).fill(-1);
-    if (!this.recall) return ranks;
+    const ranks = new Int8Array(places.length).fill(-1);
     coder.section();
-    const sizes = new Map();
-    for (let t = 0; t < counts.length; t++) {
-      const count = counts[t];
-      const known = sizes.get(count);
-      const x = known === undefined ? 0 : t > 0 && count === counts[t - 1] ? 1 : 2;
+    this.lists = new Lists(size, places.length);
+    const sizes = new Uint8Array(size);
+    for (let t = 0; t < places.length; t++) {
+      const place = places[t];
+      const known = sizes[place];
+      const x = known === 0 ? 0 : t > 0 && place === places[t - 1] ? 1 : 2;
       const row = p[x];
-      const entries = known ?? 1;
+      const entries = known === 0 ? 1 : known;
       for (let i = 0; i < entries && ranks[t] < 0; i++) {
         const chance = row.length === 0 ? 128 : row[Math.min(i, row.length - 1)];
         if (coder.bit(chance) === 1) ranks[t] = i;
         coder.check();
       }
-      if (known === undefined) sizes.set(count, 1);
-      else if (ranks[t] < 0 && known < LIST_BOUND) sizes.set(count, known + 1);
+      if (known === 0) sizes[place] = 1;
+      else if (ranks[t] < 0 && known < LIST_BOUND) sizes[place]++;
     }
     return ranks;
   }
 
-  next(count, i) {
-    const known = this.recall ? this.lists.get(count) : undefined;
+  // The next correction, of the count at a place of the distinct ones; i: its rank, -1 in full.
+  next(place, i) {
     if (i < 0) {
       this.inFull();
-      if (!this.recall) return;
-      if (known === undefined) {
-        this.lists.set(count, [this.lower, this.upper]);
-      } else {
-        known.unshift(this.lower, this.upper);
-        if (known.length > 2 * LIST_BOUND) known.length = 2 * LIST_BOUND;
-      }
-      return;
-    }
-    const list = known ?? [0, 0];
-    this.lower = list[2 * i];
-    this.upper = list[2 * i + 1];
-    if (known === undefined) {
-      this.lists.set(count, list);
-    } else if (i > 0) {
-      list.copyWithin(2, 0, 2 * i);
-      list[0] = this.lower;
-      list[1] = this.upper;
+      this.lists.put(place, this.lower, this.upper);
+    } else {
+      const at = this.lists.take(place, i);
+      this.lower = this.lists.lower[at];
+      this.upper = this.lists.upper[at];
     }
   }
 
@@ -231,13 +275,15 @@ function readExact(track, rest, base, span, counts) {
     const valueOf = isLinear ? linearRule(setup[component], columns, alone) : alone;
     const corrections = readPart(parts[component].bytes, parts[component].offset);
     const column = Int32Array.from({ length: span }, (_, t) => counts[t * C + component]);
-    const ranks = corrections?.ranks(column);
+    const distinct = corrections?.recall ? placesOf(column) : null;
+    const ranks = distinct && corrections.ranks(distinct.places, distinct.size);
     corrections?.coder.section();
     for (let t = 0; t < span; t++) {
       const count = column[t];
       values[t] = valueOf(count, t);
       if (corrections === null) continue;
-      corrections.next(count, ranks[t]);
+      if (distinct) corrections.next(distinct.places[t], ranks[t]);
+      else corrections.inFull();
       const { lower, upper, z } = corrections;
       if (lower !== 0 || upper !== 0) movePlace(halves, 2 * t, lower, upper, z);
     }
