@@ -49,7 +49,7 @@ def room(tmp_path_factory):
     )
     data = (folder / "a.hapf").read_bytes()
     (folder / "cut.hapf").write_bytes(data[: len(data) * 2 // 3])
-    archive = hapfmt.Settings.of("lossless", fast=True)
+    archive = hapfmt.Settings.of("lossless", fast=True, cluster=Fraction(60))
     events = [hapfmt.Event(1, "half of $it", channel=0, duration=0.5), hapfmt.Event(0.5, "\x1b[2J")]
     three = Recording(tuple(channel(i, label="$x_" + "y" * 70) for i in range(3)), events=events)
     hapfmt.write(three, folder / "three.hapf", hapfmt.Settings.of("paper"))
@@ -262,7 +262,7 @@ def test_damage_is_drawn_and_reported(room, pages, capsys):
 
 def test_one_damaged_packet_of_many(tmp_path, pages, capsys):
     """One cluster, so that its times are known from its packets alone."""
-    data = hapfmt.Settings.of("lossless", fast=True)
+    data = hapfmt.Settings.of("lossless", fast=True, cluster=Fraction(60))
     rng = np.random.default_rng(1)
     noise = [Channel(rng.integers(-999, 999, 3000).astype(np.int32), 1000) for _ in range(27)]
     hapfmt.write(Recording(tuple(noise)), tmp_path / "a.hapf", data)

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from rendering import file_of, joined, profile_of
 from test_continued import CHAIN, TestContracts, two_channels, whole_of
 from test_continued import joined as continued
-from test_losses import GAPS, STEADY, payload_of
+from test_losses import GAPS, STEADY, TABLE, payload_of
 from test_recover import flipped
 
 from hapfmt import Calibration, Channel, Recording, Settings
@@ -151,7 +151,7 @@ class TestDamage:
 
     def test_what_is_lost_is_said_and_not_played(self):
         second = payload_of(STEADY, "DATA", 1)
-        data = flipped(STEADY, second + 1 + 3 * 8 + 5)
+        data = flipped(STEADY, second + TABLE + 5)
         with Reader(data) as reader:
             profile = profile_of(3)
             routes = tuple(Route(i, i, Fraction(1)) for i in range(3))

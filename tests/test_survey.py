@@ -219,7 +219,7 @@ class TestViews:
         rng = np.random.default_rng(1)
         counts = rng.integers(-1000, 1000, (27, 3000)).astype(np.int32)
         channels = [Channel(x, Fraction(1000), label=f"c{i}") for i, x in enumerate(counts)]
-        data = bytearray(file_of(Recording(tuple(channels)), "lossless"))
+        data = bytearray(file_of(Recording(tuple(channels)), "lossless", cluster=Fraction(60)))
         data[len(data) // 2] ^= 1
         with Reader(bytes(data)) as reader:
             parts = FileParts(reader)

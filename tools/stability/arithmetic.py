@@ -14,7 +14,7 @@ import hapfmt
 from hapfmt import Calibration, Channel, Span
 from hapfmt.codecs.quantised import quantise
 from hapfmt.encoder.codebook import choose_codebook
-from hapfmt.encoder.predict import autocorrelations, levinson
+from hapfmt.encoder.predict import ORDER_LIMIT, autocorrelations, levinson
 from hapfmt.encoder.split import low_pass
 from hapfmt.integers import rdiv
 
@@ -39,7 +39,7 @@ def huge() -> Iterator[Row]:
         sums = np.array([np.sum(x[k:] * x[: x.size - k]) for k in range(9)])
     full = generator(1).integers(-(2**31), 2**31, x.size)
     found = autocorrelations(full, 0, 0)
-    reflections, energies = levinson(found, full.size)
+    reflections, energies = levinson(found, full.size, ORDER_LIMIT)
     decoded = back(Channel(x, RATE), "lossless").samples()
     yield compared(
         3, "values of 1e300, autocorrelation", (100 * np.mean(~np.isfinite(sums)), exactly(100)),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapfmt import Calibration, Channel
-from hapfmt.encoder.predict import autocorrelations, levinson
+from hapfmt.encoder.predict import ORDER_LIMIT, autocorrelations, levinson
 
 from .row import Row, at_least, at_most, compared, exactly
 from .signals import Samples, back, texture
@@ -45,7 +45,7 @@ def near_singular() -> Iterator[Row]:
         with np.errstate(all="ignore"):
             naive = np.abs(plain_levinson(sums(x, ORDER), ORDER)[0])
         indices = x.astype(np.int64)
-        reflections, energies = levinson(autocorrelations(indices, 0, 0), x.size)
+        reflections, energies = levinson(autocorrelations(indices, 0, 0), x.size, ORDER_LIMIT)
         ours = max(sin(pi * abs(index) / 256) for index in reflections)
         kept = back(Channel(indices, 10_000, calibration=Calibration()), "lossless").stored
         yield compared(
@@ -79,7 +79,7 @@ def quantised() -> Row:
         a = plain_levinson(floored, order)[1]
         step = np.abs(a).max() / (2 ** (BITS - 1) - 1)
         naive.append(radius(np.round(a / step) * step))
-        indices = levinson(r, block.size)[0][:order]
+        indices = levinson(r, block.size, ORDER_LIMIT)[0][:order]
         ours.append(radius(direct_form([sin(pi * index / 256) for index in indices])))
     return compared(
         11, f"direct form in {BITS} bits, order {order}",
