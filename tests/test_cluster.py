@@ -57,7 +57,7 @@ def fields(packets):
 @given(clusters())
 def test_comes_back(packets):
     """
-    DAT-002: Rows MUST be in increasing order of (track, start).
+    DAT-002: Rows MUST be in strictly increasing order of (track, start), those of events too.
     DAT-005: The packets MUST fill the rest of the payload to its last byte.
     """
     payload = build_cluster(packets, SEED)

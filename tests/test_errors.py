@@ -92,7 +92,7 @@ def test_tracks(fault):
     TRK-009: An HF track MUST have no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base.
     TRK-012: In a closed file every track of kind LF MUST be the base of an HF track. An LF part alone is of kind full band.
     TRK-010: Channel numbers MUST be at most 65534, and different for different components; only HF tracks and continued tracks share them. In a closed file they are 0, 1, 2 ... without a hole.
-    TRK-016: A continued track MUST be of kind full band or LF, described before under a smaller id, and continued only once. It has the component count, channel numbers, rate (as a ratio), number format, calibrations and units of the track that continues it. All its packets come before those of that track, in time and within the file. The same applies to their HF tracks.
+    TRK-016: A track that another continues MUST be of kind full band or LF, described before it under a smaller id, and continued only once. Both have the same component count, channel numbers, rate (as a ratio), number format, calibrations and units. All packets of the continued track come before those of the other, in time and within the file. The same applies to their HF tracks.
     TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min and count_max 0, `first_channel` and `linked` 0xFFFF. Of the TLVs of 6.2 it has only 2, 14 and 22. No other kind has that codec.
     """
     assert_reported(fault)
@@ -102,7 +102,7 @@ def test_tracks(fault):
 def test_clusters(fault):
     """
     DAT-001: `packet_count` MUST be at least 1 and at most what the level allows, and each of the four widths at most 6.
-    DAT-002: Rows MUST be in increasing order of (track, start).
+    DAT-002: Rows MUST be in strictly increasing order of (track, start), those of events too.
     DAT-003: `span` MUST be at least 1 and at most what the level allows, and `start + span` at most 2^48.
     DAT-004: `packet_crc` MUST be the cluster CRC of `packet_count`, `track`, `size`, `start` and `span`, each as u64, followed by the bytes of the packet.
     DAT-011: `table_crc` MUST be the cluster CRC of all bytes of the payload before it.
@@ -171,7 +171,7 @@ def test_quantised(fault):
 @each("RNG", "LPC")
 def test_predicted(fault):
     """
-    RNG-001: After the last symbol every state MUST be 65536. The words and the raw bits MUST take up all coded bytes. Bits left over between them are 0. What lies before the first or behind the last coded byte is 0; a decoder stops at the latest with the block, or outside blocks with the number, that takes more than there is.
+    RNG-001: After the last symbol every state MUST be 65536. The words, the first states included, and the raw bits MUST take up all coded bytes. Bits left over between them are 0. What lies before the first or behind the last coded byte is 0; a decoder stops at the latest with the block, or outside blocks with the number, that takes more than there is.
     RNG-003: The magnitude u MUST be less than 2^34.
     RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n is at least 1, `first` + n at most 64, in knots at most 35. At least one weight is more than 0.
     LPC-001: The component packets MUST fit the packet: their sizes are together at most what follows them.
