@@ -118,7 +118,7 @@ types:
         doc: Size of the payload in bytes.
       - id: track
         type: u2
-        doc: Track id that the chunk refers to; 0xFFFF: none.
+        doc: Track id that the chunk refers to, or 0xFFFF.
       - id: flags
         type: u2
         doc: Bits 0 to 7 critical, 8 to 15 ancillary; 0 in version 1.0.

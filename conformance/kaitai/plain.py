@@ -136,9 +136,26 @@ def knot(c: Cursor) -> Plain:
 
 
 def lpcx(c: Cursor) -> Plain:
-    fields = c.fixed("LPCX parameters")
-    cubic = fields["rule"] == 3
-    return fields | ({"coefficients": [*struct.unpack("<4d", c.take(32))]} if cubic else {})
+    return {"components": c.until_end(lpcx_rule)}
+
+
+def lpcx_rule(c: Cursor) -> Plain:
+    out = c.fixed("LPCX parameters")
+    if out["rule"] == 3:
+        out["coefficients"] = c.times(4, f64)
+    if out["rule"] == 4:
+        out["constant"] = f64(c)
+    out["weights"] = c.times(out["terms"], lpcx_term)
+    return out
+
+
+def lpcx_term(c: Cursor) -> Plain:
+    return {"component": c.u8(), "lag": c.u8(), "weight": f64(c)}
+
+
+def f64(c: Cursor) -> float:
+    value: float = struct.unpack("<d", c.take(8))[0]
+    return value
 
 
 def quan(c: Cursor) -> Plain:

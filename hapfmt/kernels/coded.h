@@ -11,7 +11,7 @@
 enum { BAD_CODING = 6, NO_MEMORY = 9 };
 
 /* Bytes with a margin of zeros on both sides; NULL where memory ran out. */
-static uint8_t *with_margins(const void *bytes, int64_t size)
+static inline uint8_t *with_margins(const void *bytes, int64_t size)
 {
     uint8_t *copy = malloc((size_t)(size + 2 * MARGIN));
     if (!copy) return NULL;
@@ -27,7 +27,7 @@ typedef struct {
     int64_t *errors;
 } workshop;
 
-static int workshop_open(workshop *w, int64_t span)
+static inline int workshop_open(workshop *w, int64_t span)
 {
     w->codes = malloc((size_t)(2 * (3 * span + 8)));
     w->words = malloc((size_t)(2 * (3 * span + 16)));
@@ -35,7 +35,7 @@ static int workshop_open(workshop *w, int64_t span)
     return w->codes && w->words && w->errors;
 }
 
-static void workshop_close(workshop *w)
+static inline void workshop_close(workshop *w)
 {
     free(w->codes);
     free(w->words);
@@ -43,10 +43,10 @@ static void workshop_close(workshop *w)
 }
 
 /* 256 times the bits of what has this probability in 256ths. */
-static int64_t bit_cost(int p) { return (int64_t)floor(256 * log2(256.0 / p) + 0.5); }
+static inline int64_t bit_cost(int p) { return (int64_t)floor(256 * log2(256.0 / p) + 0.5); }
 
 /* The probabilities of bits that were counted, into a packet and as shares. */
-static int put_bits(share *shares, uint8_t *out, const int64_t *counts, int contexts)
+static inline int put_bits(share *shares, uint8_t *out, const int64_t *counts, int contexts)
 {
     for (int i = 0; i < contexts; i++) {
         int p = probability_of(counts[2 * i], counts[2 * i + 1]);
@@ -58,7 +58,7 @@ static int put_bits(share *shares, uint8_t *out, const int64_t *counts, int cont
 }
 
 /* Whether probabilities of signs save more than they take; how many there are of each. */
-static int signs_pay(const int64_t *numbers, int64_t count, int64_t *counts)
+static inline int signs_pay(const int64_t *numbers, int64_t count, int64_t *counts)
 {
     int64_t cost = 256 * 8 * SIGN_CONTEXTS, raw = 0;
     int last = 0;
@@ -77,7 +77,7 @@ static int signs_pay(const int64_t *numbers, int64_t count, int64_t *counts)
     return cost < 256 * raw;
 }
 
-static void note_signs(encoder *e, const int64_t *numbers, int64_t count, int codes)
+static inline void note_signs(encoder *e, const int64_t *numbers, int64_t count, int codes)
 {
     int last = 0;
     note(e, SECTION);
@@ -97,7 +97,7 @@ typedef struct {
     share shares[LENGTHS];
 } length_table;
 
-static void share_lengths(const uint8_t *weights, int count, share *shares)
+static inline void share_lengths(const uint8_t *weights, int count, share *shares)
 {
     int64_t total = 0, sum = 0;
     for (int i = 0; i < count; i++) total += weights[i];
@@ -110,7 +110,7 @@ static void share_lengths(const uint8_t *weights, int count, share *shares)
 }
 
 /* How many bytes the table takes; 0 where it is not defined. */
-static int64_t take_lengths(const uint8_t *in, int64_t size, length_table *t)
+static inline int64_t take_lengths(const uint8_t *in, int64_t size, length_table *t)
 {
     int some = 0;
     if (size < 2) return 0;
@@ -123,7 +123,7 @@ static int64_t take_lengths(const uint8_t *in, int64_t size, length_table *t)
     return 2 + t->count;
 }
 
-static int get_length(decoder *d, const length_table *t, int lane, int signs, int64_t *out)
+static inline int get_length(decoder *d, const length_table *t, int lane, int signs, int64_t *out)
 {
     int length = t->first + get_symbol(d, lane, t->shares, t->count);
     uint64_t size = 0;
@@ -137,7 +137,7 @@ static int get_length(decoder *d, const length_table *t, int lane, int signs, in
     return overrun(d) ? BAD_END : DONE;
 }
 
-static void put_length(encoder *e, int64_t number, int signs, int codes)
+static inline void put_length(encoder *e, int64_t number, int signs, int codes)
 {
     uint64_t u = (uint64_t)(number < 0 ? -number : number);
     int length = bit_length(u);
@@ -148,7 +148,7 @@ static void put_length(encoder *e, int64_t number, int signs, int codes)
 }
 
 /* The table of lengths that were counted, into a packet and as shares. */
-static int64_t put_lengths(uint8_t *out, share *shares, const int64_t *counts)
+static inline int64_t put_lengths(uint8_t *out, share *shares, const int64_t *counts)
 {
     int first = 0, last = LENGTHS - 1, n;
     int64_t most = 0;

@@ -126,7 +126,7 @@ INLINE int get_integers_as(decoder *d, int class, int start, int64_t count, int6
     return DONE;
 }
 
-static int get_integers(decoder *d, int class, int start, int64_t count, int64_t *out, int signs)
+static inline int get_integers(decoder *d, int class, int start, int64_t count, int64_t *out, int signs)
 {
     if (d->lanes == 1)
         return signs == RAW_SIGNS ? get_integers_as(d, class, start, count, out, 1, RAW_SIGNS)
@@ -136,7 +136,7 @@ static int get_integers(decoder *d, int class, int start, int64_t count, int64_t
 }
 
 /* Signs of those that are not 0, each by the number before it. */
-static int get_signs(decoder *d, const uint8_t *p, int64_t count, int64_t *out)
+static inline int get_signs(decoder *d, const uint8_t *p, int64_t count, int64_t *out)
 {
     int last = 0, lane = 0;
     for (int64_t i = 0; i < count; i++) {
@@ -165,7 +165,7 @@ enum { BITS = CONTEXTS * SYMBOLS };
 typedef struct { int32_t counts[CONTEXTS * SYMBOLS]; } histogram;
 
 /* The byte for averages like those of the first few numbers. */
-static int start_of(const int64_t *in, int64_t count)
+static inline int start_of(const int64_t *in, int64_t count)
 {
     uint64_t sum = 0;
     int64_t few = count < FIRST_FEW ? count : FIRST_FEW;
@@ -179,7 +179,7 @@ static int start_of(const int64_t *in, int64_t count)
 }
 
 /* Counts the symbols of integers; the raw bits beside them without signs, or -1. */
-static int64_t survey(const int64_t *in, int64_t count, int start, histogram *seen)
+static inline int64_t survey(const int64_t *in, int64_t count, int start, histogram *seen)
 {
     averages a = averages_from(start);
     int64_t bits = 0;
@@ -233,7 +233,7 @@ INLINE int put_integers(encoder *e, const int64_t *in, int64_t count, int start,
 }
 
 /* The class that codes them in the fewest bits; *least: 256 times these. */
-static int best_class(const histogram *seen, int64_t *least)
+static inline int best_class(const histogram *seen, int64_t *least)
 {
     int best = 0;
     *least = -1;
