@@ -260,7 +260,7 @@ def encode_linear(
             rule = ExactParameters(LINEAR, 0, (relation.c0,), relation.terms)
             candidate = grid and replace(grid, parameters=rule)
         else:
-            candidate = candidate_of(units[place])
+            candidate = candidate_of(units[place], x)
         if candidate is None:
             return None
         candidates.append(candidate)
@@ -311,9 +311,12 @@ def encode_linear(
     return Unit(coded, None, "predicted + exact", "bit for bit", exact=True, parts=tuple(parts))
 
 
-def candidate_of(unit: Unit) -> Candidate:
-    """The counts and the rule of a channel alone, as its unit has them."""
+def candidate_of(unit: Unit, x: Doubles) -> Candidate | None:
+    """The counts and the rule of a channel alone, as its unit has them. Words have no counts: a
+    binary grid gives some, where they are small enough."""
     track = unit.base.track
+    if track.number_format != "counts":
+        return binary_grid(x)
     affine, counts = track.components[0].calibration, decode_all(unit.base, 1)[:, 0]
     rule = ExactParameters()
     if track.codec == "LPCX":
