@@ -105,7 +105,7 @@ class Opened:
 
 @dataclass
 class Division:
-    """The packets of a track, each in so many parts, and what that costs."""
+    """The packets of a track, each cut into ``parts`` parts, and the cost of that."""
 
     coded: Coded
     parts: int = 1
