@@ -99,15 +99,15 @@ INLINE int64_t predict_real(const filter *f, const double *next, int width)
 #endif
     c += old;
     next += old;
-    /* The newest last: it is waited for. */
+    /* The newest value comes last: it depends on the iteration before. */
     sum += (c[0] * next[0] + c[1] * next[1]) + c[2] * next[2];
     return (int64_t)(sum + c[3] * next[3]) >> SHIFT;
 }
 
 /* ---- decoding ---- */
 
-/* Prediction errors in ``out`` become indices. ``kind`` of the history: 0 none, 1 integers, else
-   doubles, so many of them. */
+/* Turns the prediction errors in ``out`` into indices. ``kind`` of the history: 0 none, 1 integers,
+   else that number of doubles. */
 INLINE int synthesise_as(const plan *p, const filter *f, const uint8_t *same, int64_t *out, int kind,
                          int repeats, int g)
 {

@@ -30,7 +30,7 @@ def cases() -> Iterator[Case]:
 
 
 def worked_examples() -> Iterator[Case]:
-    """The facts are those of the text beside the listings."""
+    """The facts are those of the text next to the listings."""
     hold = Track(
         low=0, high=255, about={"label": "force", "unit": "N"}, calibration=(1, 0, 100),
         packets=[Packet(0, [100] * 3 + [125] * 5, b"")],
@@ -107,7 +107,7 @@ def worked_examples() -> Iterator[Case]:
         "raw": ("Counts as they are, doubles in DEFLATE.", ["RAW-001"], [vector, doubles], {}),
         "coded": ("Knots of two components, coded.", ["KNT-001"], [lines], {}),
         "predicted": ("Differences, a reference, a grid.", ["LPC-002"], [pair, rough], {}),
-        "exact": ("Doubles beside their counts.", ["EXA-007"], [tenths], {}),
+        "exact": ("Doubles with their counts.", ["EXA-007"], [tenths], {}),
         "described": ("Every TLV of TRAK.", ["TLV-004", "TRK-020"], [forces, sevens], {}),
         "digests": (
             "Two indexes, a digest, a map and an attachment.", ["DGS-001", "IDX-002"], [gap],
@@ -238,7 +238,7 @@ def clusters() -> Iterator[Case]:
 def repeated() -> Iterator[Case]:
     two = Track(id=1, channel=1, packets=[piece(0, -7)])
     yield valid(
-        "descriptions-repeated", "HEAD and all TRAK chunks stand once more before the end.",
+        "descriptions-repeated", "HEAD and all TRAK chunks are repeated before the end.",
         ["HED-001", "TRK-003"],
         FIVES, two, file={"more": [HEAD, FIVES.chunk, two.chunk]},
     )  # fmt: skip
@@ -306,7 +306,7 @@ def indexes() -> Iterator[Case]:
         again.index()
     again.foot(nanoseconds(12, (1000, 1)))
     yield uncommon(
-        "index-of-all-again", "Three indexes, each of all that stands before it.",
+        "index-of-all-again", "Three indexes, each of all chunks before it.",
         ["IDX-002"],
         track, data=again.data,
     )  # fmt: skip

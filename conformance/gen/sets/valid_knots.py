@@ -165,7 +165,7 @@ def cases() -> Iterator[Case]:
         track(packet([(0, 42)], [42], LINEAR), interpolation=LINEAR),
     )  # fmt: skip
     yield valid(
-        "knot-two-packets", "Each packet starts anew: its first knot is no difference.",
+        "knot-two-packets", "Each packet decodes alone: its first knot is no difference.",
         ["DAT-007"],
         track(
             packet([(0, 50), (1, 52)], [50, 52, 52]), packet([(0, 50)], [50] * 2, start=3),
