@@ -119,16 +119,16 @@ TRACKS = [
 
 SEVERAL = [
     ("critical-chunk-and-a-broken-rule", "CHK-009",
-     "Beside an unknown critical chunk the metadata are no JSON.",
+     "With an unknown critical chunk the metadata are no JSON.",
      f.minimal(UNKNOWN, ("mETa", b"{")), UNSUPPORTED),
     ("codec-and-a-broken-rule", "TRK-011",
-     "Beside a track of the codec NEWC the metadata are no JSON.",
+     "With a track of the codec NEWC the metadata are no JSON.",
      f.minimal(("TRAK", other(codec=b"NEWC"), {"track": 1}), ("mETa", b"{")), UNSUPPORTED),
     ("critical-chunk-and-damage", "CHK-009",
-     "Beside an unknown critical chunk the CRC of a payload differs, which counts first.",
+     "With an unknown critical chunk the CRC of a payload differs, which counts first.",
      f.minimal(UNKNOWN, BAD), DAMAGED),
     ("codec-and-damage", "TRK-011",
-     "Beside a track of the codec NEWC the CRC of a payload differs, which counts first.",
+     "With a track of the codec NEWC the CRC of a payload differs, which counts first.",
      f.minimal(("TRAK", other(codec=b"NEWC"), {"track": 1}), BAD), DAMAGED),
 ]  # fmt: skip
 
