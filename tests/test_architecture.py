@@ -37,6 +37,7 @@ BARRED_IN_REPLAY = {
 nothing."""
 ONLY_IN = {
     "construct": ("container.layout", "container.wire"),
+    "msgspec": ("descriptions", "scenes.description", "scenes.stylus"),
     "matplotlib": tuple(name for name in MODULES if name.startswith("plotting.")),
     "soundfile": ("convert.wav",),
     "fsspec": ("container.remote",),
@@ -50,6 +51,7 @@ HEAVY = {
     "numpy",
     "scipy",
     "construct",
+    "msgspec",
     "click",
     "rich",
     "matplotlib",
