@@ -10,7 +10,7 @@ from typing import Any
 
 import forge as f
 from broken import DATA, FIVES, HEAD, TRACK, needs, series
-from case import DAMAGED, INTACT, UNSUPPORTED, Case
+from case import DAMAGED, INTACT, UNSUPPORTED, Case, numbers
 
 WORDS = {INTACT: "intact", DAMAGED: "damaged", UNSUPPORTED: "unsupported"}
 BAD = ("aaaa", b"", {"crc": 1})
@@ -176,7 +176,10 @@ def unsupported(fault: str, rows: list[tuple], recover: int) -> Iterator[Case]:
             "verify": {"requirement": ["CHK-003"] if code == DAMAGED else [rule, "CHK-009"]},
         }
         if fault in ("codec", "track"):
-            expect["decode"] = {"tracks": [FIVES] if b"KNOT" in data else []}
+            known = [FIVES] if b"KNOT" in data else []
+            spans = [] if name == "codec-of-hf" else FIVES["spans"]
+            channel = {"channel": 0, "spans": spans, "numbers": numbers([5] * 4 if spans else [])}
+            expect["decode"] = {"tracks": known, "channels": [channel] if known else []}
         if fault != "head":
             expect["recover"] = {"verdict": "unsupported", "decode": {}}
         touched = [rule, "VRD-001"] if fault == "several" else [rule]
