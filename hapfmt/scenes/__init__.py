@@ -4,7 +4,6 @@
 
     recording, work = simulate(load_scene("sand").changed(seconds=10, seed=3))
 
-keys.py         what a key of a description may hold
 description.py  Scene, frozen dataclasses; library.py: from TOML, and builtin/
 build.py        Scene -> Recording and Work, importing what is named
 tool.py         a held mass: stroke.py, press.py, reach.py move it; heightfields.py under its tip
