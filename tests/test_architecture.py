@@ -37,7 +37,13 @@ BARRED_IN_REPLAY = {
 nothing."""
 ONLY_IN = {
     "construct": ("container.layout", "container.wire"),
-    "msgspec": ("descriptions", "scenes.description", "scenes.stylus"),
+    "msgspec": (
+        "descriptions",
+        "scenes.description",
+        "scenes.stylus",
+        "study.description",
+        "study.answers",
+    ),
     "matplotlib": tuple(name for name in MODULES if name.startswith("plotting.")),
     "soundfile": ("convert.wav",),
     "fsspec": ("container.remote",),
