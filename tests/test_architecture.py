@@ -37,6 +37,13 @@ BARRED_IN_REPLAY = {
 nothing."""
 ONLY_IN = {
     "construct": ("container.layout",),
+    "msgspec": (
+        "descriptions",
+        "scenes.description",
+        "scenes.stylus",
+        "study.description",
+        "study.answers",
+    ),
     "matplotlib": tuple(name for name in MODULES if name.startswith("plotting.")),
     "soundfile": ("convert.wav",),
     "fsspec": ("container.remote",),
@@ -50,6 +57,7 @@ HEAVY = {
     "numpy",
     "scipy",
     "construct",
+    "msgspec",
     "click",
     "rich",
     "matplotlib",

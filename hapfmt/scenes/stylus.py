@@ -14,13 +14,14 @@ for ever. So the step follows the stiffness.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from fractions import Fraction
 from math import ceil, inf, sqrt
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
+from ..descriptions import read
 from ..errors import ParameterError
 from ..recording import Channel, Recording
 from .description import FORCES, STIFFEST_N_PER_M, Contact, Stroke, Texture, Tool
@@ -105,7 +106,7 @@ def simulate(
         HELD,
         channels=names,
         contact=Contact(stiffness),
-        texture=Texture(texture) if texture else None,
+        texture=read(Texture, {"surface": texture}) if texture else None,
     )
     work = Work()
     traces = run(tool, grid, of_hand, of_surface, work, lambda _: None, held)
