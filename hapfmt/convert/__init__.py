@@ -298,7 +298,8 @@ def _suffix(path: Path | None, format: str | None, *more: str) -> str:
     if path is None:
         raise ParameterError(f"a stream has no suffix; give its format: {known}")
     if path.suffix.lower() == HAPF and not more:
-        raise ParameterError("hapfmt encode and hapfmt.write write .hapf files")
+        call = f"hapfmt.write(recording, {str(path)!r})"
+        raise ParameterError(f"hapfmt encode writes .hapf files; in Python, {call} does")
     if path.suffix.lower() not in (*FORMATS, *more):
         raise ParameterError(f"the suffix {path.suffix!r} is not one of: {known}")
     return path.suffix.lower()
