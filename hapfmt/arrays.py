@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
@@ -49,6 +50,9 @@ def recording_of(
 ) -> Recording:
     """A recording of whatever people have: a Recording, Channels, an array, a DataFrame, or
     {label: 1-D array}. The arguments are those of :func:`hapfmt.write`."""
+    if isinstance(data, (str, os.PathLike)):
+        name = os.fspath(data)
+        raise ParameterError(f"{name!r} names a file; the recording comes first, then the file")
     if isinstance(data, Recording) or _are_channels(data):
         given = {"rate": rate, "labels": labels, "units": units, "transpose": transpose}
         if named := [name for name, value in given.items() if value is not None]:

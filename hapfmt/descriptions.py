@@ -3,9 +3,11 @@ keys may hold; values, errors and JSON schemas come from it."""
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator, Sequence
 from functools import cache
+from math import isinf
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
@@ -93,6 +95,25 @@ def read(kind: type[Made], values: Any, at: str = "") -> Made:
         raise explained(error, kind, values, at) from None
     except UnicodeError:
         raise DescriptionError(at, "has a character that is not one of Unicode") from None
+
+
+def parse_json(text: bytes) -> dict[str, Any]:
+    """One object of JSON; raise ParameterError."""
+    try:
+        found = json.loads(text.decode("utf-8"), parse_float=double)
+    except (ValueError, RecursionError):
+        raise ParameterError("this is not JSON") from None
+    if not isinstance(found, dict):
+        raise ParameterError("this is not a JSON object")
+    return found
+
+
+def double(text: str) -> float:
+    """A number of JSON; one too large would become infinite without a word."""
+    value = float(text)
+    if isinf(value):
+        raise ParameterError(f"{text[:40]!r} is beyond the range of a double")
+    return value
 
 
 def read_special(kind: Any, value: Any) -> Any:
@@ -239,7 +260,7 @@ def advice(value: Any, node: dict[str, Any]) -> str:
         near = similar(value, node["enum"]) if isinstance(value, str) else None
         hint = f"did you mean {near!r}?" if near else f"choose {words(node)}"
         return f"there is no {shown(value)}; {hint}"
-    limited = {"maxLength", "maxItems", "minItems"} & node.keys()
+    limited = {"maxLength", "minLength", "maxItems", "minItems"} & node.keys()
     if isinstance(value, (str, list, tuple)) and limited and not fits_length(value, node):
         unit = "character" if isinstance(value, str) else "value"
         return f"has {counted(len(value), unit)}; write {words(node)}"
@@ -257,13 +278,14 @@ def fits(value: Any, node: dict[str, Any]) -> bool:
 
 
 def fits_length(value: Any, node: dict[str, Any]) -> bool:
-    low, high = node.get("minItems", 0), node.get("maxLength", node.get("maxItems"))
+    low = node.get("minLength", node.get("minItems", 0))
+    high = node.get("maxLength", node.get("maxItems"))
     return low <= len(value) and (high is None or len(value) <= high)
 
 
 def named(value: Any) -> str:
     if isinstance(value, bool) or value is None:
-        return str(value).lower()
+        return json.dumps(value)
     found = (words for kinds, words in reversed(TYPES.values()) if isinstance(value, kinds))
     return next(found, f"of type {type(value).__name__}")
 
@@ -292,12 +314,15 @@ def words(node: dict[str, Any]) -> str:
     if node.get("examples"):
         return f"{text} such as {node['examples'][0]!r}"
     if "maxLength" in node:
-        return f"{text} of at most {node['maxLength']} characters"
+        low = f"{node['minLength']} to" if "minLength" in node else "at most"
+        return f"{text} of {low} {node['maxLength']} characters"
     if node["type"] == "array":
         items = node.get("items") or node["prefixItems"][0]
         low, high = node.get("minItems", 0), node.get("maxItems")
         count = f"{low}" if low == high else f"{low} to {high}" if high else f"{low} or more"
-        return f"{text} of {count} values, each {words(items)}"
+        return f"{text} of {count} " + (
+            "tables" if "$ref" in items else f"values, each {words(items)}"
+        )
     return text
 
 

@@ -7,10 +7,12 @@ from pathlib import Path
 
 from hapfmt.descriptions import schema_of
 from hapfmt.scenes.description import Scene
+from hapfmt.study.description import Keys
 
 ROOT = Path(__file__).resolve().parents[1] / "hapfmt"
 SCHEMAS = {
     ROOT / "scenes" / "schema.json": (Scene, "Scene of hapfmt"),
+    ROOT / "study" / "schema.json": (Keys, "Study of hapfmt"),
 }
 
 
