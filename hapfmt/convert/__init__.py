@@ -168,15 +168,13 @@ def _opened(file: str | os.PathLike[str] | bytes | BinaryIO) -> Iterator[BinaryI
         yield file
         return
     if isinstance(file, str) and ("://" in file or "::" in file):
-        from ..container.source import is_url
+        from ..container.source import is_url, spooled_url
 
         if is_url(file):
             if PurePosixPath(file).suffix.lower() not in FORMATS:
                 yield None
                 return
-            from ..container.remote import spool_url
-
-            with spool_url(file)[0] as stream:
+            with spooled_url(file) as stream:
                 stream.seek(0)
                 yield stream
             return
