@@ -6,6 +6,7 @@ import ast
 import json
 import subprocess
 import sys
+from functools import cache
 
 import pytest
 from spec import ROOT
@@ -65,6 +66,7 @@ HEAVY = {
 }
 
 
+@cache
 def imports(name: str) -> set[str]:
     """Modules that a module names in any import; those of the package as in MODULES."""
     here = f"hapfmt.{name}".split(".")[:-1]

@@ -1,18 +1,18 @@
 """Every bit flipped, every prefix, every byte missing, a byte more at every place, of small files:
 none passes as intact, no sample is wrong, and what ``recover`` makes of it is intact.
 
-All of it in the profile ``nightly``, every fifth case in ``ci``, every 29th otherwise.
+All of it in the profile ``nightly``, every fifth case in ``ci``, every 97th otherwise.
 """
 
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
 import pytest
+from depth import PROFILE
 from judge import samples
 from spec import ROOT
 
@@ -20,7 +20,7 @@ import hapfmt
 from hapfmt.errors import FormatError
 from hapfmt.verifier import verify
 
-STEP = {"nightly": 1, "ci": 5}.get(os.environ.get("HYPOTHESIS_PROFILE", ""), 29)
+STEP = {"nightly": 1, "ci": 5}.get(PROFILE, 97)
 EXAMPLES = ROOT / "conformance" / "examples"
 PRESETS: dict[str, dict] = {
     "lossless": {"digest": True},

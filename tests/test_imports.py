@@ -11,6 +11,7 @@ import time
 import zipfile
 from fractions import Fraction
 
+import commands
 import numpy as np
 import pytest
 
@@ -35,9 +36,21 @@ def notes(recording: Recording) -> list[str]:
     return recording.metadata.get("notes", [])
 
 
-def run(*arguments, cwd, **given):
+def run(*arguments, cwd):
+    done = commands.run(*arguments, cwd=cwd)
+    return subprocess.CompletedProcess(done.args, done.returncode, None, done.stderr.decode())
+
+
+def run_capped(*arguments, cwd):
+    """A process of its own, whose memory is bounded."""
+
+    def cap():
+        resource.setrlimit(resource.RLIMIT_DATA, (330 << 20, 330 << 20))
+
     command = [sys.executable, "-c", MAIN, *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, **given)
+    return subprocess.run(
+        command, cwd=cwd, capture_output=True, text=True, check=False, preexec_fn=cap
+    )
 
 
 class TestCsv:
@@ -217,13 +230,9 @@ class TestGaps:
     def test_gaps_that_are_allowed_are_written_in_slices(self, tmp_path, suffix):
         """12 million values take 96 MB at once."""
         path = gappy(tmp_path, 12_000_000)
-
-        def cap():
-            resource.setrlimit(resource.RLIMIT_DATA, (330 << 20, 330 << 20))
-
-        before = run("info", path, cwd=tmp_path, preexec_fn=cap)
+        before = run_capped("info", path, cwd=tmp_path)
         assert before.returncode == 0, before.stderr
-        done = run("decode", path, f"o.{suffix}", "--threads", 1, cwd=tmp_path, preexec_fn=cap)
+        done = run_capped("decode", path, f"o.{suffix}", "--threads", 1, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         if suffix != "wav":
             given = {"rate": 1000} if suffix == "npy" else {}
