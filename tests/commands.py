@@ -186,7 +186,10 @@ if __name__ == "__main__":
     import hapfmt
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    importlib.import_module("scipy.signal")  # of the low-pass; longer than all the rest
+    # What takes longer than all the rest.
+    for name in ("scipy.signal", "matplotlib.figure", "matplotlib.backends.backend_agg"):
+        with suppress(ImportError):
+            importlib.import_module(name)
     for module in pkgutil.walk_packages(hapfmt.__path__, "hapfmt."):
         if not module.name.startswith(("hapfmt.__main__", "hapfmt.plotting", "hapfmt.study.sound")):
             importlib.import_module(module.name)

@@ -35,11 +35,11 @@ def either(name: str, quick: Any, deep: Any) -> pytest.MarkDecorator:
 def sample(cases: Iterable[Any], share: int = 10, always: Iterable[Any] = ()) -> list[Any]:
     """Parameters of which a random part (the same in each run), and some by name, run always; the
     others are deep. A case may be a parameter with an id."""
-    cases, always = list(cases), set(always)
+    cases = [case if isinstance(case, tuple) else (case,) for case in cases]
+    always = set(always)
     few = set(random.Random(1).sample(range(len(cases)), -(-len(cases) // share)))
     found = []
     for place, case in enumerate(cases):
-        case = case if isinstance(case, tuple) else (case,)
         param = case if hasattr(case, "marks") else pytest.param(*case)
         named = {param.id, *(value for value in param.values if isinstance(value, str))}
         marks = () if place in few or named & always else (pytest.mark.deep,)

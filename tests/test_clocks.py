@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import strategies
 from click.testing import CliRunner
-from depth import deep
+from depth import deep, either
 from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule, samples
@@ -178,8 +178,9 @@ class TestFile:
         types = [ref.type for ref in reader.catalogue.chunks]
         assert types.count("cLOk") == 5
 
-    def test_damage(self):
-        for at in range(len(FILE)):
+    @either("every", 5, deep=1)
+    def test_damage(self, every):
+        for at in range(0, len(FILE), every):
             data = bytearray(FILE)
             data[at] ^= 0x20
             assert hapfmt.verify(bytes(data)).verdict != "intact"
@@ -271,9 +272,7 @@ class TestFit:
     @pytest.mark.parametrize("late", [False, True])
     @pytest.mark.parametrize("seed", [0, *deep(range(1, 4))])
     def test_drifting(self, late, jitter, seed):
-        away = errors(
-            *simulated(seed, late=late, jitter=jitter), delays="late" if late else "both"
-        )
+        away = errors(*simulated(seed, late=late, jitter=jitter), delays="late" if late else "both")
         share = 0.15 if late else 0.25
         assert np.sqrt((away**2).mean()) < share * jitter + 500
         assert np.abs(away).max() < jitter + 4000

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 import strategies
+from depth import either
 from hypothesis import given
 from hypothesis import strategies as st
 from twins import built, by_the_twin, clamped, same
@@ -78,9 +79,10 @@ class TestDecoding:
                 fast = decoded(data, KnotParameters(mode), span, components, LEVELS[2], 0, *limits)
                 assert fast[0] == (span, components)
 
-    def test_the_longest_lines(self):
+    @either("span", 1 << 20, deep=1 << 24)
+    def test_the_longest_lines(self, span):
         """2**24 ticks, from one end of the counts to the other."""
-        far, span = 1 << 32, 1 << 24
+        far = 1 << 32
         ticks = np.array([0, 5, span - 1])
         values = np.array([[far], [-far], [far]])
         data = build_knots(ticks, values)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from pathlib import Path
 
 import forge as f
 import pytest
+from depth import PROFILE
 from fuzzing.mutants import (
     FIRST,
     PER_FILE,
@@ -27,8 +27,8 @@ from hypothesis import strategies as st
 from hapfmt.limits import Limits
 from hapfmt.verifier import verify
 
-COUNTS = {"brief": 60, "dev": 120, "steady": 120, "ci": 1500, "nightly": 12_000}
-COUNT = COUNTS[os.environ.get("HYPOTHESIS_PROFILE", "dev")]
+COUNTS = {"dev": 60, "brief": 60, "ci": 1500, "nightly": 12_000}
+COUNT = COUNTS[PROFILE]
 PARTS = 4
 
 
