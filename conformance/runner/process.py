@@ -110,6 +110,7 @@ class Implementation:
     def close(self) -> None:
         for server in self.servers:
             server.close()
+            server.errors.close()
 
 
 def begin(command: Sequence[str], cwd: Path | None, **streams: Any) -> subprocess.Popen[bytes]:
