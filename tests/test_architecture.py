@@ -37,7 +37,14 @@ BARRED_IN_REPLAY = {
 """Parts of a replay -> those that they know nothing of. The processes that must be on time decode
 nothing."""
 ONLY_IN = {
-    "construct": ("container.layout", "container.wire"),
+    "construct": ("container.layout",),
+    "msgspec": (
+        "descriptions",
+        "scenes.description",
+        "scenes.stylus",
+        "study.description",
+        "study.answers",
+    ),
     "matplotlib": tuple(name for name in MODULES if name.startswith("plotting.")),
     "soundfile": ("convert.wav",),
     "fsspec": ("container.remote",),
@@ -51,6 +58,7 @@ HEAVY = {
     "numpy",
     "scipy",
     "construct",
+    "msgspec",
     "click",
     "rich",
     "matplotlib",
@@ -167,10 +175,10 @@ for preset in ("lossless", "near-lossless", "perceptual", "paper"):
 
 
 def test_info_loads_no_numbers():
-    """The reader of descriptions needs neither arrays nor plots."""
+    """The reader of descriptions needs no arrays, no plots, and no construct."""
     path = ROOT / "conformance" / "examples" / "hold.hapf"
     code = f"from hapfmt.cli import cli; cli.main(['info', {str(path)!r}], standalone_mode=False)"
-    assert not loaded_by(code) & {"numpy", "scipy", "matplotlib"}
+    assert not loaded_by(code) & {"numpy", "scipy", "matplotlib", "construct"}
 
 
 @pytest.mark.parametrize("record", ["", "sent.csv", "sent.hapf"])

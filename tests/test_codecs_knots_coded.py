@@ -50,7 +50,7 @@ def decoded_as_the_page_says(data, interpolation, span, width, limit=FAR):
 
 
 def choices(packet, width):
-    """What the encoder chose, as page.encode_knots is told it."""
+    """What the encoder chose, as the arguments of page.encode_knots."""
     at = 0
     for _ in range(width + 1):
         _, at = page.varint(packet, at)

@@ -83,7 +83,7 @@ class TestClasses:
 
     @given(st.lists(st.integers(0, 255), min_size=1, max_size=64).filter(any))
     def test_lengths_as_the_page_says(self, weights):
-        """RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n is at least 1, `first` + n at most 64, in knots at most 35. At least one weight is more than 0."""
+        """RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n is at least 1, `first` + n at most 64, in knots at most 35. At least one weight is more than 0. No x has more than 32 probabilities of ranks (9.7)."""
         lengths = Lengths(0, bytes(weights))
         assert list(lengths.ends) == page_coding.length_ends(weights)
         data = lengths.build()

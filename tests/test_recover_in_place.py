@@ -111,8 +111,10 @@ def test_verb(path):
     assert (done.returncode, report["mended"]) == (3, "file")
     assert report["kept_as"].endswith("a.hapf.damaged")
     assert run("--in-place", str(path)).returncode == 0
-    assert run("--in-place", str(path), "other.hapf").returncode == 1
-    assert run(str(path)).returncode == 1
+    both, neither = run("--in-place", str(path), "other.hapf"), run(str(path))
+    assert both.returncode == neither.returncode == 1
+    assert b"Give OUT or --in-place, not both" in both.stderr
+    assert b"Give OUT, the file to write, or --in-place" in neither.stderr
 
 
 BAD_INDEX = f.closed(

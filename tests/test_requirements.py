@@ -5,10 +5,15 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from spec import REQUIREMENTS, ROOT, TEXT, items, quotes
+from spec import ITEM, PARTS, REQUIREMENTS, ROOT, TEXT, items, quotes
 
 PENDING: set[str] = set()
 """Requirements that no test checks yet."""
+
+MEANING = (
+    "The words MUST, MUST NOT, SHOULD and MAY in capitals are to be read as in BCP 14 "
+    "(RFC 2119, RFC 8174). Every MUST has one id of three letters and a number."
+)
 
 TESTS = sorted(Path(__file__).parent.glob("test_*.py"))
 
@@ -25,6 +30,13 @@ def test_ids_are_unique_and_well_formed():
 
 def test_every_requirement_says_must():
     assert [id_ for id_, text in REQUIREMENTS.items() if "MUST" not in text] == []
+
+
+def test_every_must_has_an_id():
+    """But those of the sentences of clause 2 that say what the word means."""
+    rest = " ".join(ITEM.sub("", "\n\n".join(PARTS)).split())
+    assert MEANING in rest
+    assert re.findall(r"[^.]*\bMUST\b[^.]*", rest.replace(MEANING, "")) == []
 
 
 def test_quotes_are_verbatim():

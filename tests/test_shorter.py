@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import hapfmt
+from hapfmt.codecs.exact import FOUR_STATES, RECALL, split_packet
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.shorter import PRICE, SHARE, SMALL
 from hapfmt.recording import Calibration, Channel, Recording
@@ -120,3 +121,17 @@ def test_one_changed_byte_takes_little():
         lost.append(1 - sum(c.stored.size for c in read.channels) / recording.sample_count)
     assert 0 < max(lost) <= 1 / 32
     assert np.mean(lost) < 0.03
+
+
+def test_parts_recall_corrections_as_the_whole_does():
+    columns = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        # Each count has a double of its own, a few steps beside that of the rule.
+        table = (np.arange(1, 501) / 10).view(np.int64) + rng.integers(-9, 10, 500)
+        columns.append(table[rng.integers(0, 500, 20_000)].view(np.float64))
+    encoded = encode(doubles(columns))
+    assert [track.codec for track in encoded.tracks] == ["LPCX"] * 4
+    assert len(encoded.packets) > 4
+    flags = {split_packet(packet.data, 0)[1][0] for packet in encoded.packets}
+    assert flags == {RECALL | FOUR_STATES}

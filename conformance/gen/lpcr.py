@@ -13,7 +13,7 @@ from luck import Luck
 
 
 class Coding(NamedTuple):
-    """How one component of a packet is coded; what page.encode is told."""
+    """How one component of a packet is coded: the arguments of page.encode."""
 
     g: int = 0
     ks: tuple[int, ...] = ()
@@ -86,7 +86,7 @@ def packet(*components: Sequence[int], coding: Coding | Sequence[Coding] = SIMPL
 
 def coded(body: bytes, *components: Sequence[int], start: int = 0, grid: Grid = PLAIN,
           clamped: Range = COMMON) -> Packet:  # fmt: skip
-    """Bytes that stand for these indices, as the page says too."""
+    """Bytes that decode to these indices, with the page decoder too."""
     rows = [list(indices) for indices in components]
     assert page.decode_packet(body, len(rows[0]), grid.last, len(rows)) == rows
     low, high = clamped

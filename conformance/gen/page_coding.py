@@ -47,7 +47,7 @@ def length_ends(weights) -> list[int]:
 
 
 class Coder:
-    """The decoder where there are coded bytes; else the encoder, which is told each symbol."""
+    """Decodes ``coded``; without it encodes the symbols that its caller gives."""
 
     def __init__(self, coded: bytes | None = None, states: int = 1):
         self.coded, self.front, self.states = coded, 0, states

@@ -6,7 +6,7 @@ from page import BrokenRule, varint, varint_bytes
 
 
 def decode(data: bytes, start: int, span: int) -> list[tuple[int, int, int, str]]:
-    """(tick, duration, channel as it stands there, text)"""
+    """(tick, duration, channel as it is stored, text)"""
     out = []
     at, tick = 0, start
     while at < len(data):

@@ -48,7 +48,7 @@ types:
     seq:
       - id: number
         type: varint
-        doc: What stands for the integer.
+        doc: The varint of the integer.
     instances:
       value:
         value: 'number.value % 2 == 0 ? number.value / 2 : -(number.value / 2) - 1'
@@ -182,7 +182,7 @@ types:
     seq:
       - id: plain_size
         type: varint
-        doc: 0 for tracks as they are, else the bytes that the DEFLATE stream stands for.
+        doc: 0 for tracks that are not compressed, else the size of the inflated tracks.
       - id: tracks
         size-eos: true
         type: tracks
@@ -321,7 +321,7 @@ types:
         doc: How knots are stored.
       - id: grid
         type: lpcr_parameters
-        doc: Which count each index stands for.
+        doc: The count of each index.
   quan_parameters:
     doc-ref: SPEC.md 9.2
     seq:
@@ -412,13 +412,13 @@ types:
   lpcx_term:
     doc-ref: SPEC.md 9.7
     seq:
-      - id: component
+      - id: a
         type: u1
         doc: A component of the track.
       - id: lag
         type: u1
         doc: In ticks.
-      - id: weight
+      - id: w
         type: f8
         doc: Of its exact value.
   calibration_list:
@@ -471,7 +471,7 @@ types:
         type: svarint
         doc: Count of the physical value 0.
   deviation_list:
-    doc: How far the source was from the lattice that its counts stand for.
+    doc: How far the source was from the grid of its counts.
     doc-ref: SPEC.md 6.2
     seq:
       - id: entries
@@ -712,11 +712,11 @@ types:
       - id: first_time_ns
         type: s8
         if: number == 0
-        doc: What the clock told, of the first observation.
+        doc: What the clock showed at the first observation.
       - id: later_ns
         type: svarint
         if: number > 0
-        doc: What it told later than at the observation before.
+        doc: The same at a later observation, minus that of the one before.
       - id: uncertainty_ns
         type: varint
         doc: At most so much too early or too late; 0 means not known.

@@ -39,7 +39,7 @@ MUTANTS = (
     ),
     mutant(
         "codebook-run-one-short",
-        "The nibbles 0, n stand for n symbols without a code word.",
+        "The nibbles 0, n mean n symbols without a code word.",
         "QNT-003",
         Edit(HUFFMAN, "[0] * (nibbles[position] + 1)", "[0] * nibbles[position]"),
     ),
@@ -153,7 +153,7 @@ MUTANTS = (
     ),
     mutant(
         "sections-go-on",
-        "A section goes on with the state after that of the last symbol.",
+        "A section does not begin with the first state, but with the next one in turn.",
         "RNG-001",
         Edit(f"{CODER}.section", "self.lane = 0", "pass"),
     ),
@@ -261,13 +261,13 @@ MUTANTS = (
     ),
     mutant(
         "last-knot-off-by-one",
-        "The last knot of a coded line stands at tick span.",
+        "The last knot of a coded line is at tick span.",
         "KTE-004",
         Edit("codecs.knots_coded:decode_indices", "ticks[-1] = span - 1", "ticks[-1] = span"),
     ),
     mutant(
         "knots-line-ends-early",
-        "The last knot of a line may stand a tick before the end of its packet.",
+        "The last knot of a line may be a tick before the end of its packet.",
         "KNT-003",
         Edit("codecs.knots:check_ticks", "0 < last < span - 1", "0 < last < span - 2"),
     ),

@@ -60,13 +60,13 @@ MUTANTS = (
     ),
     mutant(
         "packet-crc-without-file-id",
-        "The CRC of a packet is a plain CRC-32: packets of other files hold.",
+        "The CRC of a packet is a plain CRC-32: packets of other files pass.",
         "DAT-004 CHK-004",
         Edit("container.wire:cluster_seed", ", seed_of(file_id))", ")"),
     ),
     mutant(
         "packet-crc-without-sequence",
-        "The CRC of a packet leaves out the number of its chunk: packets of other chunks hold.",
+        "The CRC of a packet leaves out the number of its chunk: packets of other chunks pass.",
         "DAT-004",
         Edit(
             "container.wire:cluster_seed",
@@ -135,7 +135,7 @@ MUTANTS = (
     ),
     mutant(
         "other-files-not-told",
-        "Nobody is told of the ids of other files.",
+        "The ids of other files are not reported.",
         "REC-013",
         Edit(STRANGERS, "if header.file_id not in self.known:", "if False:"),
     ),
@@ -246,7 +246,7 @@ MUTANTS = (
     ),
     mutant(
         "salvage-header-size-only",
-        "A damaged payload ends where its header says, wherever the next header stands.",
+        "A damaged payload ends where its header says, wherever the next header is.",
         "REC-002",
         Edit("reading.packets:PacketPass.region", "if size != sizes[0] and", "if False and"),
     ),
@@ -262,7 +262,7 @@ MUTANTS = (
     ),
     mutant(
         "lost-times-ignored",
-        "What is lost is not told closer by the times of the indexes.",
+        "The times of the indexes do not bound the loss.",
         "REC-003 REC-012",
         Edit(
             "reading.timeline:Timeline.missing",

@@ -37,7 +37,7 @@ MUTANTS = (
     ),
     javascript(
         "lines-half-down",
-        "A line that is added up goes on where the remainder is more than a half, not at a half.",
+        "A line that is added up rounds a half down.",
         "CNV-001",
         Edit("lines.js", "if (rest >= full) {", "if (rest > full) {"),
     ),

@@ -1,4 +1,4 @@
-"""A mutant: a program with one mistake, told as changes to lines of the right one.
+"""A mutant: a program with one mistake, written as changes to lines of the right one.
 
 A change that finds its line no longer, or more than once, is an error: a mutant never falls asleep.
 """
@@ -21,12 +21,12 @@ PACKAGE = "hapfmt"
 
 
 class NotApplicableError(Exception):
-    """The line that a mutant changes does not stand there."""
+    """The line that a mutant changes is not there."""
 
 
 @dataclass(frozen=True)
 class Edit:
-    """``old`` stands once in the source of ``place``, module:function or module:Class.method of
+    """``old`` occurs once in the source of ``place``, module:function or module:Class.method of
     hapfmt, or a file of the adapter in JavaScript; ``new`` takes its place."""
 
     place: str
@@ -108,7 +108,7 @@ def owner_of(place: str) -> tuple[Any, str]:
 
 
 def function_of(place: str) -> FunctionType:
-    """What stands there, without what properties, class methods and caches put around it."""
+    """The object there, without what properties, class methods and caches put around it."""
     owner, name = owner_of(place)
     found = vars(owner)[name]
     for wrapper in ("fget", "__func__", "func", "__wrapped__"):

@@ -144,7 +144,7 @@ MUTANTS = (
     ),
     mutant(
         "descriptions-longer-than-told",
-        "A DEFLATE stream of tracks may stand for more bytes than it says.",
+        "A DEFLATE stream of tracks may give more bytes than the chunk says.",
         "TRK-020",
         Edit(
             "container.description:unpack",

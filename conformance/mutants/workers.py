@@ -38,8 +38,8 @@ def prepare() -> None:
 
 
 class Worker:
-    """Carries out one verb after the other; one that died is forked anew. ``called`` grows by those
-    of the functions in ``watched`` that a verb called."""
+    """Carries out one verb after the other; a worker that died is forked again. ``called`` grows by
+    those of the functions in ``watched`` that a verb called."""
 
     def __init__(self, mutant: Mutant | None = None, watched: Collection[str] = ()) -> None:
         self.mutant = mutant

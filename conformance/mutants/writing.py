@@ -234,7 +234,7 @@ MUTANTS = (
     ),
     encoder(
         "words-backwards",
-        "The words of the entropy coder stand in the order that it finds them.",
+        "The words of the entropy coder are stored in the order that it finds them.",
         "RNG-001",
         Edit("codecs.entropy:Encoder.finish", "for word in reversed(words)", "for word in words"),
     ),

@@ -67,8 +67,10 @@ def recover(
     hapfmt recover broken.hapf whole.hapf
     hapfmt recover --in-place crashed.hapf
     """
-    if in_place == (target is not None):
+    if target is not None and in_place:
         raise ParameterError("Give OUT or --in-place, not both")
+    if target is None and not in_place:
+        raise ParameterError("Give OUT, the file to write, or --in-place")
     if target is None:
         from ..recovery.inplace import recover_in_place
 

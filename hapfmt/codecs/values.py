@@ -202,13 +202,13 @@ def ordered(doubles: Doubles) -> Counts:
 
 
 def unordered(places: Counts) -> Doubles:
-    """The doubles at these places of the order."""
+    """The doubles at these positions (SPEC 9.7, order)."""
     bits: NDArray[Any] = np.where(places < 0, ~places | ~LARGEST, places)
     return np.ascontiguousarray(bits, np.int64).view(np.float64)
 
 
 def by_places(doubles: Doubles, moves: Counts) -> Doubles:
-    """The doubles so many places on, modulo 2^64."""
+    """The doubles at the positions of ``doubles`` plus ``moves``, modulo 2^64."""
     if not moves.any():
         return doubles
     with np.errstate(over="ignore"):

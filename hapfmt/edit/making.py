@@ -107,7 +107,7 @@ class Making:
                 self.note(f"TLVs {listed} of track {old} left out: not known here")
         tracks = {place.track.id: place.track for place in plan.places.values()}
         self.out.describe(list(tracks.values()))
-        if parse_tlvs(original.catalogue.head_payload, HEAD.sizeof(), 0):
+        if parse_tlvs(original.catalogue.head_payload, HEAD.size, 0):
             self.note("TLVs of HEAD left out: not known here")
 
     def metadata(self, metadata: Mapping[str, Any]) -> None:

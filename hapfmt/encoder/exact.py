@@ -240,8 +240,9 @@ def printed_rule(u: Doubles) -> Iterator[ExactParameters]:
 
 
 def binary_grid(x: Doubles, bits: int = GRID_BITS) -> Candidate | None:
-    """Multiples of a power of two, the range of x taking so many bits; None where they are too
-    large for a calibration."""
+    """Multiples of a power of two such that the range of x takes ``bits`` bits.
+
+    None where they are too large for a calibration."""
     low, high = float(x.min()), float(x.max())
     power = bits - 1 - frexp(high / 2 - low / 2)[1]
     # Counts and B stay below 2^52, D below 2^53.

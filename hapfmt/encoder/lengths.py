@@ -24,8 +24,8 @@ PIECE = 4096
 """Samples of the shortest packet that is cut off."""
 
 PACKET_BITS = 400
-"""What a packet costs whatever it holds: a row in the table of its cluster, and models that start
-anew (30 to 40 bytes, measured)."""
+"""Fixed cost of a packet: its row in the table of its cluster, its first states, and averages that
+start from one byte (30 to 40 bytes, measured)."""
 
 ROW = 12
 """Bytes of a row in the table of its cluster."""

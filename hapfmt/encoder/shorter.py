@@ -20,7 +20,7 @@ from ..codecs.components import (
     parts_of,
     split_components,
 )
-from ..codecs.exact import lacking_of, parse_parameters, split_packet
+from ..codecs.exact import RECALL, lacking_of, parse_parameters, split_packet
 from ..codecs.grids import LpcParameters
 from ..codecs.predicted import Predictor, encode_indices, parse_header
 from ..container.cluster import Packet
@@ -71,7 +71,7 @@ class Opened:
             self.doubles = doubles
             ends = parts_of(rest, count, 0) if rest else [(0, 0)] * count
             assert ends is not None
-            self.recalls = [bool(rest[a:b][:1] == b"\1") for a, b in ends]
+            self.recalls = [a < b and bool(rest[a] & RECALL) for a, b in ends]
 
     def cut(self, parts: int) -> Iterator[Packet]:
         """In equal parts; ValueError where a predictor does not do for one."""
@@ -105,7 +105,7 @@ class Opened:
 
 @dataclass
 class Division:
-    """The packets of a track, each in so many parts, and what that costs."""
+    """The packets of a track, each cut into ``parts`` parts, and the cost of that."""
 
     coded: Coded
     parts: int = 1

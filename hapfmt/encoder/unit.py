@@ -291,6 +291,8 @@ def encode_paper(source: Source, first_channel: int, promise: Promise, settings:
     base = whole_range(source, first_channel)
     bound = bound_of(source, promise)
     low, high = held_range(x)
+    # The calibration may not reach further than the base says.
+    low, high = max(low, base.count_min), min(high, base.count_max)
     base = replace(base, count_min=low, count_max=high)
     lf = code_knots(source, slow_part(source, settings), bound.band, settings, base)
     d = decode_all(lf, x.shape[1])

@@ -24,7 +24,8 @@ State = Literal["playing", "pausing", "paused", "stopping", "ended"]
 Outcome = Literal["clean", "failed", "interrupted", "late", "device-lost"]
 Row = tuple[list[float], list[bool]]
 SEVERITY = get_args(Outcome)
-"""Of several reasons to stop the last of these is told (SPEC clause 13)."""
+"""Of several reasons to stop, the last in this order is reported (docs/spec/players.md, exit
+codes)."""
 
 
 @dataclass

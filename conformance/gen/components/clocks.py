@@ -186,7 +186,7 @@ def times() -> Component:
         ("a slow rate", 1, 60, "59", "61"),
         ("before the start", 1000, 1, "-1", "1/1000"),
         ("a rate of 2^32", 2**32 - 1, 1, "1/7", "1/3"),
-        ("a rate as it stands in the file", 2000, 2, "1/1000", "7/2000"),
+        ("a rate as it is in the file", 2000, 2, "1/1000", "7/2000"),
     )
     cases = []
     for name, num, den, t0, t1 in rows:
@@ -215,7 +215,7 @@ def times() -> Component:
         ("TIM-001",),
         "Ticks `start` <= t < `stop` that the time range `from` <= t < `to` selects, in exact "
         "seconds "
-        "(also below 0: what stands in no file is not there); and the seconds of a tick as a "
+        "(also below 0: no file has those); and the seconds of a tick as a "
         "fraction.",
         cases,
     )

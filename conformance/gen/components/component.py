@@ -11,7 +11,7 @@ from page import BrokenRule
 
 WIDTH = 100
 SAFE = 2**53
-"""Greater numbers stand as text: many readers of JSON hold no more."""
+"""Greater numbers are text: many readers of JSON hold no more."""
 
 Case = dict[str, Any]
 
@@ -70,7 +70,7 @@ def also(cases: list[Case], others: dict[str, list[str]]) -> list[Case]:
 
 
 def lines(value: Any, indent: str = "") -> Iterator[str]:
-    """JSON in lines: what fits on one stands on one; rows of numbers are filled."""
+    """JSON in lines: what fits on a line takes one; rows of numbers are filled."""
     short = json.dumps(value, ensure_ascii=False)
     if len(indent) + len(short) <= WIDTH or not isinstance(value, (dict, list)) or not value:
         yield indent + short

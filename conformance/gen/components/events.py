@@ -50,7 +50,7 @@ def packets() -> Component:
         ("EVT-001", "EVT-003", "CNV-004", "COD-001"),
         "Packets of EVNT: events as [tick, duration, channel or null, text]. `then`: the packet "
         "goes on "
-        "with this byte, so many times.",
+        "with this byte, that many times.",
         also(
             cases,
             {"ends within its numbers": ["EVT-001", "COD-001"], "ends within a text": ["COD-001"]},

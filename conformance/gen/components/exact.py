@@ -21,7 +21,7 @@ CUBICS = {
     "a bend that shows": (1 / 3, 0.1, -1e-7, 1e-14),
     "zeros": (-0.0, 0.0, -0.0, 0.0),
     "large ones": (-1e250, 1e260, -1e240, 1e230),
-    "beside the least": (0.0, 5e-324, 0.0, -5e-324),
+    "next to the least": (0.0, 5e-324, 0.0, -5e-324),
 }
 
 

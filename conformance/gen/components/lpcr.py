@@ -74,7 +74,7 @@ def packets() -> Component:
         ("largest index", e([2**24, -(2**24)]), 2),
         ("two components, no references", p([e(slow, g=1), e(other, g=2)]), 60, 2),
         (
-            "constant beside four states",
+            "constant next to four states",
             p([bytes.fromhex("10000a"), e(slow, g=2, states=4)]),
             60,
             2,

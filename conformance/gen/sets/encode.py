@@ -128,7 +128,7 @@ def shapes() -> Iterator[Case]:
     """Spans, rates, numbers of channels and of clusters."""
     walk = wander("shapes", 400, 5, -500, 500)
     yield job("one-sample", "A recording of one sample.", [channel([42])])
-    yield job("no-sample", "A channel without samples beside one with some.",
+    yield job("no-sample", "A channel with samples and one without.",
               [channel([]), channel(walk)])  # fmt: skip
     yield job("no-sample-at-all", "A channel without samples, and no other.", [channel([])])
     spans = [[3, 50], [60, 61], [200, 553]]
@@ -138,7 +138,7 @@ def shapes() -> Iterator[Case]:
         [channel(holes, spans=spans), channel(walk)], requirements=["WRT-004"],
     )  # fmt: skip
     yield job(
-        "late", "The first sample stands an hour after the zero of the recording.",
+        "late", "The first sample is an hour after the zero of the recording.",
         [channel(walk, spans=[[3_600_000, 3_600_400]])],
     )  # fmt: skip
     yield job(
@@ -224,7 +224,7 @@ def deadbands() -> Iterator[Case]:
     yield made("deadband-floor", "With k = 0 the floor alone: every sample within three counts.",
                [channel(slow, **force)], [0, 1], 3)  # fmt: skip
     jumps = [value for value in anything("jumps", 30, -9000, 9000) for _ in range(9)]
-    yield made("deadband-jumps", "A signal of jumps: a line that goes on would leave the bound.",
+    yield made("deadband-jumps", "A signal of jumps: a line that continues would leave the bound.",
                [channel(jumps, **force)], [1, 20], 4)  # fmt: skip
     stairs = [level * step for step in (5, 6, 10, 11) for level in range(-9, 10) for _ in range(4)]
     yield made("deadband-stairs", "Steps of the floor, of twice the floor, and one count more.",
@@ -244,7 +244,7 @@ def deadbands() -> Iterator[Case]:
     yield made("deadband-vector", "Three axes of one group, which may share a deadband.",
                vector, [1, 10], 8)  # fmt: skip
     spans = [[0, 100], [150, 151], [400, 899]]
-    yield made("deadband-gaps", "A deadband beside gaps, in clusters of a tenth of a second.",
+    yield made("deadband-gaps", "A deadband with gaps, in clusters of a tenth of a second.",
                [channel(slow, **force, spans=spans)], [1, 10], 5, cluster_s=[1, 10])  # fmt: skip
     yield made("deadband-one-sample", "A deadband of one sample.", [channel([700], **force)],
                [1, 10], 5)  # fmt: skip

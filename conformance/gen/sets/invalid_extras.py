@@ -23,7 +23,7 @@ JSON = [
     ("metadata-two-objects", "A second object follows the first.", b"{}{}"),
     ("metadata-cut-short", "An object is not closed.", b'{"a":1'),
     ("metadata-comment", "JSON has no comments.", b'{} // "a"'),
-    ("metadata-single-quotes", "A name stands in single quotes.", b"{'a':1}"),
+    ("metadata-single-quotes", "A name is in single quotes.", b"{'a':1}"),
     ("metadata-zero-ahead", "A number begins with a 0 too many.", b'{"a":01}'),
     ("metadata-point-at-the-end", "A number ends with its point.", b'{"a":1.}'),
     ("metadata-nan", "NaN is no number of JSON.", b'{"a":NaN}'),
@@ -60,7 +60,7 @@ DIGESTS = [
      f.minimal(("dGST", bytes(32), {"track": 1})), KEPT),
     ("digest-without-track", "DGS-001", "The header of a dGST chunk speaks of no track.",
      f.minimal(("dGST", bytes(32))), KEPT),
-    ("digest-before-its-track", "DGS-001", "A digest stands before its track is described.",
+    ("digest-before-its-track", "DGS-001", "A digest comes before its track is described.",
      f.closed(HEAD, TRACK, DATA, ("dGST", bytes(32), {"track": 1}),
               ("TRAK", f.trak(first_channel=1), {"track": 1}))),
     ("digest-of-events", "DGS-001", "A digest speaks of a layer.",
@@ -110,7 +110,7 @@ CLOCKS = [
      clock(f.clock([SEEN]), 9)),
     ("clock-of-events", "CLK-005", "A clock speaks of a layer.",
      f.minimal(LAYER, ("cLOk", f.clock([SEEN]), {"track": 1}))),
-    ("clock-before-its-track", "CLK-005", "A clock stands before its track is described.",
+    ("clock-before-its-track", "CLK-005", "A clock comes before its track is described.",
      f.closed(HEAD, TRACK, DATA, ("cLOk", f.clock([SEEN]), {"track": 1}),
               ("TRAK", f.trak(first_channel=1), {"track": 1}))),
     ("clock-map-of-events", "CLK-005", "A map speaks of a layer.",
@@ -119,7 +119,7 @@ CLOCKS = [
 
 
 def marked(packet: bytes, span: int = 4, start: int = 0, duration_ns: int = 4_000_000) -> bytes:
-    """A packet of events at 1 kHz, and the usual samples beside it."""
+    """A packet of events at 1 kHz, and the usual samples next to it."""
     cluster = f.cluster((0, 0, 4, f.KNOT_DATA), (1, start, span, packet))
     return f.closed(HEAD, TRACK, LAYER, ("DATA", cluster), duration_ns=duration_ns)
 

@@ -70,7 +70,7 @@ TEXTS = [
 
 NO_FILE = [
     ("no-bytes", NOTHING_VALID, "The file is empty.", b"", None, NONCONFORMING),
-    ("signature-alone", SIGNED, "The signature stands alone.", f.SIGNATURE, None,
+    ("signature-alone", SIGNED, "The signature is the whole file.", f.SIGNATURE, None,
      NONCONFORMING),
     ("another-format", NOTHING_VALID, "A RIFF WAVE file without samples.",
      b"RIFF\x24\0\0\0WAVEfmt \x10\0\0\0\1\0\1\0\xE8\3\0\0\xD0\7\0\0\2\0\x10\0data\0\0\0\0", None,
@@ -84,9 +84,9 @@ NO_FILE = [
 ]  # fmt: skip
 
 HEADS = [
-    ("head-second", "HED-001", "An ancillary chunk stands before HEAD.",
+    ("head-second", "HED-001", "An ancillary chunk is before HEAD.",
      f.closed(("aaaa", b""), HEAD, TRACK, DATA), KEPT),
-    ("head-after-track", "HED-001", "HEAD stands after TRAK.", f.closed(TRACK, HEAD, DATA), KEPT),
+    ("head-after-track", "HED-001", "HEAD is after TRAK.", f.closed(TRACK, HEAD, DATA), KEPT),
     ("head-43-bytes", "HED-002", "HEAD lacks a byte of its layout.",
      f.closed(("HEAD", f.head()[:-1]), TRACK, DATA), None, NONCONFORMING),
     ("head-45-bytes", ("HED-002", "TLV-001"), "A byte follows the layout of HEAD.",
@@ -98,21 +98,21 @@ HEADS = [
 ]  # fmt: skip
 
 TLVS = [
-    ("tlv-twice", "TLV-001", "A label stands twice.",
+    ("tlv-twice", "TLV-001", "A label occurs twice.",
      described(f.HOLD + f.tlv(2, f.strings("a")) * 2)),
-    ("tlv-order", "TLV-001", "The unit stands before the label.",
+    ("tlv-order", "TLV-001", "The unit is before the label.",
      described(f.HOLD + f.tlv(4, f.strings("N")) + f.tlv(2, f.strings("a")))),
-    ("tlv-unknown-twice", "TLV-001", "An unknown ancillary TLV stands twice.",
+    ("tlv-unknown-twice", "TLV-001", "An unknown ancillary TLV occurs twice.",
      described(f.HOLD + f.tlv(0x8000, b"") * 2), KEPT),
     ("tlv-half-a-header", "TLV-001", "Three bytes follow the last TLV.",
      described(f.HOLD + b"\2\0\0")),
     ("tlv-past-the-chunk", "TLV-001", "A TLV is a byte longer than what is left.",
      described(f.HOLD + b"\2\0\1\0")),
-    ("labels-two-for-three", "TLV-004", "Two labels stand for three components.",
+    ("labels-two-for-three", "TLV-004", "Two labels for three components.",
      described(f.HOLD + f.tlv(2, f.strings("a", "b")), component_count=3, packet=THREE)),
     ("label-missing", "TLV-004", "A list of strings is empty.",
      described(f.HOLD + f.tlv(2, b""))),
-    ("calibrations-two-for-three", "TLV-004", "Two calibrations stand for three.",
+    ("calibrations-two-for-three", "TLV-004", "Two calibrations for three components.",
      described(f.HOLD + f.tlv(3, f.calibration(2) * 2), component_count=3, packet=THREE)),
     ("deadband-and-a-byte", "TLV-004", "A byte follows a deadband contract.",
      described(f.HOLD + f.tlv(16, f.deadband() + b"\0"))),

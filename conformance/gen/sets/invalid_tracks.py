@@ -26,7 +26,7 @@ def words(tlvs: bytes = b"", **fields: object) -> bytes:
 
 
 DESCRIPTIONS = [
-    ("track-after-its-packets", UNKNOWN_TRACK, "TRAK stands behind the packets of its track.",
+    ("track-after-its-packets", UNKNOWN_TRACK, "TRAK is behind the packets of its track.",
      f.closed(HEAD, DATA, f.TRACK_0)),
     ("no-track", ("TRK-002", "TLV-001"), "TRAK describes no track.",
      series((f.trak(), 0), (f.trak(track_count=0, first_channel=1), 1))),
@@ -74,7 +74,7 @@ DESCRIPTIONS = [
      series((f.trak(), 0), (f.trak(kind=2, first_channel=1), 1))),
     ("hf-base-unknown", "TRK-007", "The base of an HF track is not described.",
      series((f.trak(), 0), (f.trak(kind=2, base=9, first_channel=1), 1))),
-    ("hf-before-its-base", "TRK-007", "An HF track stands before its base.",
+    ("hf-before-its-base", "TRK-007", "An HF track is before its base.",
      series((f.trak(kind=2, base=0), 1), (f.trak(kind=1), 0))),
     ("hf-on-full-band", "TRK-007", "The base of an HF track is of kind full band.",
      with_hf(f.trak())),
@@ -119,9 +119,9 @@ DEFLATED = [
      f.closed(HEAD, ("TRAK", b"", {"track": 0}), DATA)),
     ("tracks-no-stream", "TRK-020", "A DEFLATE stream has no byte.",
      squeezed(stream=b"")),
-    ("tracks-more-than-told", "TRK-020", "A DEFLATE stream stands for a byte more.",
+    ("tracks-more-than-told", "TRK-020", "A DEFLATE stream gives a byte more.",
      squeezed(len(f.track()) - 1)),
-    ("tracks-less-than-told", "TRK-020", "A DEFLATE stream stands for a byte less.",
+    ("tracks-less-than-told", "TRK-020", "A DEFLATE stream gives a byte less.",
      squeezed(len(f.track()) + 1)),
     ("tracks-stream-cut-short", "TRK-020", "A DEFLATE stream lacks its last byte.",
      squeezed(cut=1)),
@@ -205,7 +205,7 @@ CONTINUED = [
      split(at((0, 0, 6)), at((1, 5, 3)))),
     ("continues-earlier-in-time", "TRK-016", "The continued track has the later ticks.",
      split(at((0, 4, 4)), at((1, 0, 4)))),
-    ("continues-earlier-in-the-file", "TRK-016", "Packets of the continued track stand behind.",
+    ("continues-earlier-in-the-file", "TRK-016", "Packets of the continued track come later.",
      split(at((1, 4, 4)), at((0, 0, 4)))),
     ("continues-earlier-in-hf", "TRK-016", "Only the HF packets come in the wrong order.",
      split(at((0, 0, 4), (2, 4, 4), (3, 4, 4)), at((1, 0, 4)), more=tuple(bands()))),

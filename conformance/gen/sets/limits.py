@@ -116,7 +116,7 @@ ALLOWED = [
     ("index-of-2-to-24", "At level 1 the index 1 times the step is 2^24.",
      packed(b"LPCR", f.lpcr_parameters(step=2**24, zero=LOW), b"\x10\0\2", 4, **SPAN_24),
      [track([-(2**23)] * 4)]),
-    ("index-of-2-to-32", "At level 2 the index -2^32 stands on the grid of step 1.",
+    ("index-of-2-to-32", "At level 2 the index -2^32 is on the grid of step 1.",
      packed(b"LPCR", f.lpcr_parameters(zero=HIGH), b"\x10\0" + f.svarint(-(2**32)), 4, **WIDE),
      [track([LOW] * 4)]),
     ("deadband-of-most-levels", "At level 1 an index is the last on the largest grid.",
@@ -189,7 +189,7 @@ PROMISES = [
      packed(b"KNOT", f.coded_knot_parameters(),
             b"\0" + f.varint(2**22 - 1) + b"\0\x0c\0\x0c" + bytes(4), 2**22)),
     ("repeats-of-2-to-22-ticks", ("RNG-001", "LPC-003", "RNG-003"),
-     "A packet of four coded bytes stands for 2^22 ticks that repeat.",
+     "A packet of four coded bytes gives 2^22 ticks that repeat.",
      packed(b"LPCR", f.lpcr_parameters(),
             b"\x08\0\0\0\x0c" + b"\xff" * 8, 2**22)),
     ("exact-of-2-to-53-bytes", "EXA-003", "The counts of LPCX promise 2^53 - 1 bytes.",
@@ -208,7 +208,7 @@ def zeros(count: int) -> bytes:
 
 
 def one_payload(size: int, level: int) -> Callable[[], bytes]:
-    """An attachment so large that an index stands before it (IDX-005)."""
+    """An attachment so large that an index comes before it (IDX-005)."""
     before = f.index([*FAR[:2], ("DATA", DATA_AT, 0, f.LATE_MS)])
     entries = [("iNDX", END, 0, 0), ("aTTc", END + f.HEADER + len(before), 0, 0)]
     return lambda: f.closed(
@@ -296,9 +296,9 @@ DEMANDED = [
      one_payload(2**24, 2), FIVES, OR_LESS),
     ("payload-above-level-2", "LIM-001", "A header says 2^24 + 1 bytes, and is none.",
      one_payload(2**24 + 1, 2), FIVES, 3),
-    ("index-after-4-mib", "IDX-005", "Chunks of 4 MiB stand before the first index.",
+    ("index-after-4-mib", "IDX-005", "Chunks of 4 MiB come before the first index.",
      unlisted(2**22), FIVES, 0),
-    ("index-after-more-than-4-mib", "IDX-005", "A byte more than 4 MiB stands before an index.",
+    ("index-after-more-than-4-mib", "IDX-005", "A byte more than 4 MiB comes before an index.",
      unlisted(2**22 + 1), FIVES, 2),
     ("packets-of-2-to-14", "DAT-001", "At level 1 a cluster has 2^14 packets.",
      rows(2**14, 1), [constant(5, 2**14)], 0),

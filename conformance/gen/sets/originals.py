@@ -40,7 +40,7 @@ def constants(*counts: int, kn: int = 1, kd: int = 10, floor: int = 1, zero: int
 
 
 def residual(contract: bytes) -> bytes:
-    """A constant 100 and, beside it, 3."""
+    """A constant 100 and, next to it, 3."""
     lf = f.trak(kind=1, count_max=2000)
     hf = f.trak(f.HOLD + contract, kind=2, base=0, count_max=2000)
     packets = (0, 0, 4, f.svarint(100)), (1, 0, 4, f.svarint(3))
@@ -88,7 +88,7 @@ PROMISES = [
      constants(1000, kn=0, floor=2), [source([1001, 1002, 998, 999])], 0, [0], 1.0),
     ("aim-missed", "DBC-003", "A contract that is not guaranteed is an aim.",
      constants(100, flags=0), [source([200, 0, 100, 100])], 0, [2], None),
-    ("vector-kept", "DBC-003", "An error along x is small beside a vector along y.",
+    ("vector-kept", "DBC-003", "An error along x is small against a vector along y.",
      constants(5, 50, flags=3), [source([0] * 4), source([50] * 4)], 0, [0, 0], 1.0),
     ("vector-broken", "DBC-002", "The square of an error is 26, that of the tenth 25.",
      constants(5, 51, flags=3), [source([0] * 4), source([50] * 4)], 3, [4, 4], None),

@@ -39,7 +39,7 @@ def across(edge: int, shift: int, *, from_start: bool) -> Case:
     where = "scan" if from_start else "file"
     return wrecked(
         f"edge-{where}-{edge}-{shift}",
-        f"After a lost byte a header stands with {shift} of its bytes before offset {edge} of the "
+        f"After a lost byte a header has {shift} of its bytes before offset {edge} of the "
         f"{where}.",
         ["REC-002", "CHK-002"], "transmission/lost-bytes", data,
         decode=w.decoded(dict.fromkeys(range(3), ALL)) | {"attachments": []},

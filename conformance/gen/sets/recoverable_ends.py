@@ -29,7 +29,7 @@ def cases() -> Iterator[Case]:
 
 def open_files() -> Iterator[Case]:
     yield wrecked(
-        "not-closed", "A file without index and footer: all that stands in it is valid.",
+        "not-closed", "A file without index and footer: all chunks in it are valid.",
         ["FIL-003", "VRD-001"], "crash/not-closed", OPEN.data,
         damages=[("not-closed", len(OPEN.data), 0)], recover=0,
     )  # fmt: skip
@@ -38,8 +38,15 @@ def open_files() -> Iterator[Case]:
         ["FIL-003", "VRD-001"], "crash/not-closed", DATA[: FOOT.at],
         damages=[("not-closed", FOOT.at, 0)], recover=0,
     )  # fmt: skip
+    flagged = f.chunk("fOOT", DATA[FOOT.at + f.HEADER :], 6, flags=1)
     yield wrecked(
-        "cut-between", "Cut between two clusters: nobody can know of the third.",
+        "footer-of-a-later-version",
+        "A footer with a critical flag is an unknown ancillary chunk: the file is not closed.",
+        ["FIL-003", "CHK-007", "VRD-001"], "crash/not-closed", DATA[: FOOT.at] + flagged,
+        damages=[("not-closed", END, 0)], recover=0,
+    )  # fmt: skip
+    yield wrecked(
+        "cut-between", "Cut between two clusters: no reader can know of the third.",
         ["FIL-003", "VRD-001"], "crash/cut-between", DATA[: THIRD.at], kept=TWO_CLUSTERS,
         damages=[("not-closed", THIRD.at, 0)], recover=0,
     )  # fmt: skip
@@ -67,7 +74,7 @@ def cuts() -> Iterator[Case]:
     row = THIRD.rows[1]
     yield wrecked(
         "last-cluster-of-an-open-file",
-        "The last chunk of a file that was not closed is damaged: nobody knows how much followed.",
+        "The last chunk of a file that was not closed is damaged: what followed is not known.",
         ["REC-003", "REC-012", "VRD-001"], "transmission/bit-flip", w.flip(OPEN.data, row.at),
         kept={0: ((0, 12),), 1: ((0, 8),), 2: ((0, 12),)},
         damages=[
@@ -116,14 +123,14 @@ def ends() -> Iterator[Case]:
          EVERYTHING_AFTER),
     ):  # fmt: skip
         yield wrecked(
-            name, "512 zeros stand behind the last chunk, as after a power failure.",
+            name, "512 zeros follow the last chunk, as after a power failure.",
             ["FIL-002", "REC-003"], "crash/zeros", data + bytes(512),
             damages=[("garbage", len(data), 512), *extra], lost=lost,
         )  # fmt: skip
     data = f.cluster(*w.clusters(12)[0], file_id=9)
     other = f.file(("HEAD", f.head()), ("DATA", data), file_id=9)
     yield wrecked(
-        "other-file-behind", "Another file stands behind this one.",
+        "other-file-behind", "Another file follows this one.",
         ["CHK-004", "FIL-002"], "framing/other-file", DATA + other,
         damages=[("garbage", END, len(other)), ("other-file", END + 8, 0)],
     )  # fmt: skip
@@ -133,7 +140,7 @@ def ends() -> Iterator[Case]:
         ("duplicate-behind-footer", END, "behind the footer"),
     ):
         yield wrecked(
-            name, f"A chunk stands again {where}: the file is closed, and its index lists all.",
+            name, f"A chunk is repeated {where}: the file is closed, and its index lists all.",
             ["CHK-005", "FIL-003", "REC-003"], "framing/duplicate", w.with_bytes(DATA, at, track),
             damages=[("duplicate-chunk", at, len(track))], recover=[0, 3],
         )  # fmt: skip
@@ -161,7 +168,7 @@ def indexes() -> Iterator[Case]:
     place = sparse.of("DATA", 1)
     kept = dict.fromkeys(range(3), ((0, 4), (80, 84)))
     yield wrecked(
-        "index-tells-when", "A gap beside a lost cluster is no loss: the index tells its times.",
+        "index-tells-when", "A gap next to a lost cluster is no loss: the index tells its times.",
         ["REC-003", "REC-012", "IDX-006"], "transmission/bit-flip",
         w.flip(sparse.data, place.at), kept=kept, lost=[(track, 40, 44) for track in range(3)],
         damages=[
@@ -180,7 +187,7 @@ def indexes() -> Iterator[Case]:
     bare = w.lay(HEAD, THREE, *w.clusters(0, 40, 80), close=False)
     yield wrecked(
         "no-index-tells-of-neighbours",
-        "Without an index a lost entry may have been one of a neighbour, in the gaps beside it.",
+        "Without an index a lost entry may have been one of a neighbour, in the gaps next to it.",
         ["REC-003", "REC-012"], "transmission/bit-flip", w.flip(bare.data, row.at),
         kept=dict.fromkeys((0, 2), ((0, 4), (40, 44), (80, 84))) | {1: ((0, 4), (80, 84))},
         lost=[(0, 44, 80), (1, 4, 80), (2, 4, 40)],
@@ -212,7 +219,7 @@ def indexes() -> Iterator[Case]:
 
 
 def chain() -> Case:
-    """Two indexes, the second of which goes on where the first one ends."""
+    """Two indexes, the second of which continues where the first one ends."""
     chunks: list[w.Chunk] = [HEAD, THREE, *w.clusters(0, 40), ("iNDX", b""), *w.clusters(80, 120)]
     begun = w.lay(*chunks, close=False)
     first, third, fourth = begun.of("iNDX"), begun.of("DATA", 2), begun.of("DATA", 3)

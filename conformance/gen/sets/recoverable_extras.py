@@ -1,4 +1,4 @@
-"""Damage beside the samples: digests, metadata, attachments, clocks (SPEC 6.7 to 6.10)."""
+"""Damage of what is not samples: digests, metadata, attachments, clocks (SPEC 6.7 to 6.10)."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def metadata() -> Iterator[Case]:
     )  # fmt: skip
     laid = w.lay(HEAD, THREE, ("mETa", b"{a:1}"), *w.clusters(0, 4, 8), ("mETa", b'{"c":3}'))
     yield wrecked(
-        "metadata-broken-and-damage", "Beside damage, metadata that break a rule are left out.",
+        "metadata-broken-and-damage", "With damage, metadata that break a rule are left out.",
         ["MET-001", "REC-010"], "structure/metadata", laid.data + b"\0", decode=left,
         damages=[("garbage", len(laid.data), 1), bad_chunk(laid, "mETa")],
         recovered={"decode": WHOLE},
@@ -176,7 +176,7 @@ def nested() -> Iterator[Case]:
     decode = WHOLE | {"attachments": []}
     yield wrecked(
         "file-within-flip",
-        "In an attachment whose CRC differs stands a file with the same file id: not looked at.",
+        "In an attachment whose CRC differs is a file with the same file id: not looked at.",
         ["CHK-004", "REC-002"], "transmission/bit-flip", w.flip(laid.data, place.stop - 1),
         decode=decode, damages=[bad(laid, "aTTc")],
     )  # fmt: skip
@@ -295,7 +295,7 @@ def notes() -> Iterator[Case]:
     row, place = laid.row(1, 4), laid.of("DATA", 1)
     kept: dict[int, w.Spans] = {0: ALL, 1: ((0, 4), (8, 12)), 2: ALL}
     yield wrecked(
-        "notes", "What was lost is noted in the metadata, beside what stood there.",
+        "notes", "What was lost is noted in the metadata, after the notes that were there.",
         ["REC-011"], "transmission/bit-flip", w.flip(laid.data, row.at), kept=kept,
         damages=[("bad-payload", place.at, place.size), ("bad-packet", row.at, row.size)],
         lost=[(1, 4, 8)],

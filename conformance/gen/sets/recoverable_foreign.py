@@ -54,7 +54,7 @@ def payloads() -> Iterator[Case]:
     inside = w.over(DATA, SECOND.payload, OTHER[SECOND.payload : SECOND.stop])
     yield wrecked(
         "payload-of-another-file",
-        "Behind a header stands the payload of the same cluster of another file: none of it holds.",
+        "Behind a header is the payload of the same cluster of another file: none of it passes.",
         RULES, "framing/other-file", inside, kept=dict.fromkeys(range(3), GAP),
         damages=[
             ("bad-payload", SECOND.at, SECOND.size),
@@ -72,7 +72,7 @@ def payloads() -> Iterator[Case]:
         damages=[("bad-payload", SECOND.at, SECOND.size), ("bad-packet", row.at, row.size)],
     )  # fmt: skip
     yield wrecked(
-        "cluster-of-another-file", "A whole chunk of another file stands in place of a cluster.",
+        "cluster-of-another-file", "A whole chunk of another file is in place of a cluster.",
         RULES, "framing/other-file", w.over(DATA, SECOND.at, OTHER[SECOND.at : SECOND.stop]),
         kept=dict.fromkeys(range(3), GAP), lost=[(track, 4, 8) for track in range(3)],
         damages=[
@@ -88,7 +88,7 @@ def blocks() -> Iterator[Case]:
     front = other_of(twice, steady_packets())[: start.at]
     yield wrecked(
         "front-of-another-file",
-        "HEAD and TRAK of another file stand in front: the copies at the end describe this one.",
+        "HEAD and TRAK of another file are in front: the copies at the end describe this one.",
         RULES, "framing/other-file", w.over(twice.data, 0, front),
         damages=[
             ("garbage", 8, start.at - 8), ("other-file", 8, 0), ("missing-chunk", start.at, 0),
@@ -135,7 +135,7 @@ def choices() -> Iterator[Case]:
     yield wrecked(
         "chunks-of-another-file-within",
         "A packet is overwritten by 24 chunks of another file. They are not counted, since the "
-        "next header stands where the damaged payload ends.",
+        "next header is where the damaged payload ends.",
         RULES, "framing/other-file", w.over(large.data, at, small),
         kept=dict.fromkeys(range(3), ((1000, 1004),)),
         damages=[

@@ -103,7 +103,7 @@ def tables() -> Iterator[Case]:
     sizes = w.flip(w.flip(wide.data, zero.entry + 1), two.entry + 1)
     yield wrecked(
         "row-sizes-around", "The sizes in the first and in the last row are wrong: nothing tells "
-        "where the packet between them stands.",
+        "where the packet between them is.",
         RULES, "transmission/bit-flip", sizes, kept=without_second(0, 1, 2),
         damages=[bad, table_of(place)], lost=second(0, 1, 2),
     )  # fmt: skip
@@ -135,7 +135,7 @@ def counts() -> Iterator[Case]:
             0,
             bytes([count]),
             f"The number of packets is {count & 127}"
-            f"{' and goes on' if count > 127 else ''} in place of 3",
+            f"{' and continues' if count > 127 else ''} in place of 3",
         )
         for count in (0, 2, 4, 0x83)
     ]
@@ -162,7 +162,7 @@ def lengths() -> Iterator[Case]:
         kept=without_second(1), damages=[BAD, hole(ONE.at, ONE.stop - 1)], lost=second(1),
     )  # fmt: skip
     yield wrecked(
-        "packet-byte-more", "A byte too many stands in a packet.",
+        "packet-byte-more", "A packet has a byte too many.",
         RULES, "transmission/added-bytes", w.with_bytes(DATA, ONE.at + 2, b"\0"),
         kept=without_second(1), lost=second(1),
         damages=[BAD, hole(ONE.at, ONE.stop + 1), ("garbage", SECOND.stop, 1)],
@@ -179,7 +179,7 @@ def lengths() -> Iterator[Case]:
     )  # fmt: skip
     yield wrecked(
         "table-byte-more",
-        "A byte too many stands in the last row: the packets of the others are found from the end.",
+        "The last row has a byte too many: the packets of the others are found from the end.",
         RULES, "transmission/added-bytes", w.with_bytes(DATA, TWO.entry + 4, b"\0"),
         kept=without_second(2), lost=second(2),
         damages=[BAD, hole(ONE.stop + 1, TWO.stop), ("garbage", SECOND.stop, 1)],
@@ -199,7 +199,7 @@ def foreign() -> Iterator[Case]:
     after = [(track, 4, 12) for track in range(3)]
     moved = w.without(DATA, SECOND.payload, THIRD.payload)
     yield wrecked(
-        "payload-of-the-next", "The header of a cluster stands before the payload of the next.",
+        "payload-of-the-next", "The header of a cluster is before the payload of the next.",
         RULES, "transmission/lost-bytes", moved, kept=dict.fromkeys(range(3), ((0, 4),)),
         damages=[BAD, table_of(SECOND), ("missing-chunk", SECOND.stop, 0)], lost=after,
     )  # fmt: skip
@@ -215,7 +215,7 @@ def foreign() -> Iterator[Case]:
     row = STEADY.row(1, 8)
     torn = w.without(DATA, ONE.entry, row.entry)
     yield wrecked(
-        "table-of-two-clusters", "The table begins as that of one cluster and goes on as the next.",
+        "table-of-two-clusters", "The table begins as that of one cluster and ends as another.",
         RULES, "transmission/lost-bytes", torn, kept=dict.fromkeys(range(3), ((0, 4),)),
         damages=[BAD, table_of(SECOND), ("missing-chunk", SECOND.stop, 0)], lost=after,
     )  # fmt: skip
@@ -223,7 +223,7 @@ def foreign() -> Iterator[Case]:
         copied = w.over(DATA, SECOND.payload, DATA[other.payload : other.stop])
         yield wrecked(
             f"payload-copied-from-{name}",
-            "The payload of another cluster stands in two places: its packets count where they "
+            "The payload of another cluster is in two places: its packets count where they "
             "belong, and take no place from others.",
             [*RULES, "DAT-006"], "transmission/misplaced-write", copied,
             kept=dict.fromkeys(range(3), GAP), damages=[BAD, table_of(SECOND)],

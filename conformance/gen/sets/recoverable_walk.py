@@ -45,14 +45,14 @@ def fronts() -> Iterator[Case]:
         damages=[("bad-signature", 0, 8), ("garbage", 0, 7)], recover=0,
     )  # fmt: skip
     yield wrecked(
-        "text-in-front", "A line of text stands before the signature.",
+        "text-in-front", "A line of text is before the signature.",
         ["FIL-001", "REC-002"], "transmission/added-bytes", b"HTTP/1.1 200 OK\r\n\r\n" + DATA,
         damages=[("bad-signature", 0, 8), ("garbage", 0, 19 + 8)],
     )  # fmt: skip
     alien = f.chunk("DATA", f.cluster((0, 0, 4, w.knots(1, 0, 4)), file_id=9), 2, file_id=9)
     yield wrecked(
         "chunk-of-another-file-in-front",
-        "A chunk of another file stands in front: the file id is that of most chunks.",
+        "A chunk of another file is in front: the file id is that of most chunks.",
         ["CHK-004", "REC-002"], "framing/other-file", alien + DATA,
         damages=[
             ("bad-signature", 0, 8), ("garbage", 0, len(alien) + 8), ("other-file", 0, 0),
@@ -61,7 +61,7 @@ def fronts() -> Iterator[Case]:
     front = f.chunk("HEAD", f.head(), 0, file_id=9)
     yield wrecked(
         "head-of-another-file-in-front",
-        "HEAD of another file stands in front and does not choose the file id.",
+        "HEAD of another file is in front and does not choose the file id.",
         ["CHK-004", "REC-002", "REC-013"], "framing/other-file", b"\0" + front + DATA,
         damages=[
             ("bad-signature", 0, 8), ("garbage", 0, 1 + len(front) + 8), ("other-file", 1, 0),
@@ -97,7 +97,7 @@ def heads() -> Iterator[Case]:
     behind = TRAK_PLACE.at + len(stranger)
     yield wrecked(
         "file-id-not-of-a-stranger",
-        "The header of HEAD is damaged, and a chunk of another file stands before its copy.",
+        "The header of HEAD is damaged, and a chunk of another file is before its copy.",
         ["CHK-002", "CHK-004"], "framing/other-file", data,
         damages=[
             ("garbage", 8, 80 + len(stranger)), ("other-file", TRAK_PLACE.at, 0),
@@ -121,12 +121,12 @@ def heads() -> Iterator[Case]:
 def between() -> Iterator[Case]:
     at = SECOND.at
     yield wrecked(
-        "zeros-between", "Ten zero bytes stand between two clusters; nothing is lost.",
+        "zeros-between", "Ten zero bytes are between two clusters; nothing is lost.",
         ["FIL-002", "REC-003"], "transmission/added-bytes", w.with_bytes(DATA, at, bytes(10)),
         damages=[("garbage", at, 10)],
     )  # fmt: skip
     yield wrecked(
-        "sync-words-between", "Sync words without a header stand between two clusters.",
+        "sync-words-between", "Sync words without a header are between two clusters.",
         ["CHK-002", "FIL-002"], "framing/false-sync",
         w.with_bytes(DATA, at, f.SYNC * 3 + f.SYNC[:3]), damages=[("garbage", at, 15)],
     )  # fmt: skip
@@ -174,7 +174,7 @@ def headers() -> Iterator[Case]:
 def repeats() -> Iterator[Case]:
     chunk = STEADY.chunk("DATA", 1)
     yield wrecked(
-        "duplicate", "A cluster stands there twice and is delivered once.",
+        "duplicate", "A cluster occurs twice and is delivered once.",
         ["CHK-005"], "framing/duplicate", w.with_bytes(DATA, SECOND.stop, chunk),
         damages=[("duplicate-chunk", SECOND.stop, SECOND.size)], recover=[0, 3],
     )  # fmt: skip
@@ -313,7 +313,7 @@ def orders() -> Iterator[Case]:
     tracks_last = w.over(DATA, TRAK_PLACE.at, STEADY.chunk("DATA", 0) + track)
     yield wrecked(
         "description-behind-its-cluster",
-        "Through damage descriptions count wherever they stand, clusters in order of numbers.",
+        "Through damage descriptions count wherever they are, clusters in order of numbers.",
         ["CHK-005", "TRK-001"], "framing/order", tracks_last,
         damages=[
             ("missing-chunk", TRAK_PLACE.at, 0), ("out-of-order", TRAK_PLACE.at + FIRST.size, 0),

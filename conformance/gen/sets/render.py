@@ -243,7 +243,7 @@ def exact() -> Iterator[Case]:
         )  # fmt: skip
     tens = [10**p + i for p in range(7) for i in (-1, 0, 1)]
     yield render(
-        "exact-digits-at-tens", "Rule 2 beside powers of ten: 9.9996 has four digits as 10.00.",
+        "exact-digits-at-tens", "Rule 2 next to powers of ten: 9.9996 has four digits as 10.00.",
         rules,
         lattice(tens, (1, 0, 10), 2, 4), lattice([-n for n in tens], (1, 0, 1000), 2, 1, id=1),
         lattice(tens, (99_996, 0, 10**7), 2, 4, id=2),

@@ -19,7 +19,7 @@ uncommon = partial(case_of, "uncommon")
 
 
 def stored(start: int, rows: Sequence[Any], size: int = 1, cluster: int = 0) -> Packet:
-    """Counts as they stand, in words of so many bytes."""
+    """Counts stored, in words of ``size`` bytes."""
     columns = zip(*(row if isinstance(row, tuple) else (row,) for row in rows), strict=True)
     return Packet(start, rows, page_raw.encode([list(each) for each in columns], size), cluster)
 
@@ -137,7 +137,7 @@ def coverage() -> Iterator[Case]:
         hf(stored(0, FAST), id=2, base=1, channel=1),
     )  # fmt: skip
     yield uncommon(
-        "bands-hf-first", "The HF packets stand in an earlier cluster than those of LF.",
+        "bands-hf-first", "The HF packets are in an earlier cluster than those of LF.",
         ["DEC-003", "DAT-006"],
         lf(stored(0, SLOW, cluster=1)), hf(stored(0, FAST)),
     )  # fmt: skip

@@ -25,7 +25,7 @@ def cases() -> Iterator[Case]:
         packets=[coded._replace(start=4, cluster=1)],
     )  # fmt: skip
     yield valid(
-        "continued", "A channel goes on in a track of another codec and another range.",
+        "continued", "A channel continues in a track of another codec and another range.",
         ["TRK-016", "TRK-018"],
         knots, after,
     )  # fmt: skip
@@ -47,7 +47,7 @@ def cases() -> Iterator[Case]:
     )
     yield valid(
         "continued-bands",
-        "A channel of two bands goes on in two others, clamped to another range.",
+        "A channel of two bands continues in two others, clamped to another range.",
         ["TRK-016", "DEC-001", "DEC-003"],
         *first, *then,
     )  # fmt: skip
@@ -76,7 +76,7 @@ def cases() -> Iterator[Case]:
         continues=0, packets=[Packet(2, [1, 2**63], planes, 1)],
     )  # fmt: skip
     yield uncommon(
-        "continued-words", "A channel of words goes on in another track.", ["TRK-016"],
+        "continued-words", "A channel of words continues in another track.", ["TRK-016"],
         words, more,
     )  # fmt: skip
     tenths = f.tlv(3, f.calibration(1, 0, 10))
@@ -86,7 +86,7 @@ def cases() -> Iterator[Case]:
     far = [0.1, 0.2, 0.30000000000000004, 0.30000000000000004, 0.7000000000000001]
     far.append(0.30000000000000004)
     yield uncommon(
-        "continued-exact", "Exact values, and in the track that goes on the quotients.",
+        "continued-exact", "Exact values, and in the track that continues it the quotients.",
         ["TRK-018", "VAL-003"],
         Track(
             codec="LPCX", parameters=f.lpcx_parameters(), tlvs=tenths, calibration=(1, 0, 10),

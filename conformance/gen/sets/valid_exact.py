@@ -1,4 +1,4 @@
-"""LPCX (SPEC 9.7): counts, and the numbers of the source beside them."""
+"""LPCX (SPEC 9.7): counts, and the numbers of the source next to them."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def linear_cases() -> Iterator[Case]:
               numbers=[raw, filtered, scaled, delayed]),
     )  # fmt: skip
     yield valid(
-        "lpcx-linear-first", "What is linear stands before what it is linear in.",
+        "lpcx-linear-first", "A linear component comes before the one that it is linear in.",
         ["EXA-002", "EXA-007"],
         joint(linear(0.0, (0, 1, 0.685), (2, 0, 0.315)), linear(1.5, (2, 0, -2.25)), quotient,
               rows=[near(filtered), near(scaled), sensor], numbers=[filtered, scaled, raw],
@@ -192,7 +192,7 @@ def rules() -> Iterator[Case]:
          [Source((1, 0, 10)), Source((-3, 7, 9)), Source((2**28 + 1, -5, 2**52 - 1))]),
         ("product", "Rule 1: the product rounded, then the sum rounded, never as one.",
          [Source((1, 0, 10), PRODUCT), Source((3, 1, 7), PRODUCT), Source((-1, 5, 49), PRODUCT)]),
-        ("significant", "Rule 2: rounded to so many significant digits, of small and large values.",
+        ("significant", "Rule 2: rounded to significant digits, of small and large values.",
          [Source((1, 0, 3), SIGNIFICANT, 6), Source((1, 0, 3), SIGNIFICANT, 1),
           Source((2**28, 1, 3), SIGNIFICANT, 4), Source((1, 0, 2**40), SIGNIFICANT, 15)]),
         ("cubic", "Rule 3: a polynomial of degree 3, each product and each sum rounded.",
@@ -234,7 +234,7 @@ def corrections() -> Iterator[Case]:
         ),
     )  # fmt: skip
     yield valid(
-        "lpcx-no-corrections", "Nothing stands behind the counts: every correction is 0.",
+        "lpcx-no-corrections", "Nothing follows the counts: every correction is 0.",
         ["EXA-003"],
         tenths.track(tenths.packet(list(range(-8, 9)), g=1)),
     )  # fmt: skip
@@ -268,7 +268,7 @@ def corrections() -> Iterator[Case]:
     away = {c: luck.choice((0, 0, 1, -1, 2)) for c in range(-40, 40)}
     again = [page_exact.word_at(page_exact.place(tenths.value(c)) + away[c]) for c in counts]
     yield valid(
-        "lpcx-recall", "Every count comes with the same correction again, told by its rank.",
+        "lpcx-recall", "Every count comes with the same correction again, coded by its rank.",
         ["EXA-004", "EXA-007"],
         tenths.track(tenths.packet(counts, again, recall=True)),
     )  # fmt: skip
@@ -328,7 +328,7 @@ def corrections() -> Iterator[Case]:
     )  # fmt: skip
     flipped = [page_exact.word_at(page_exact.place(tenths.value(c)) + 2**63) for c in (0, 1, 2)]
     yield uncommon(
-        "lpcx-farthest", "A correction of 2^63, which can be told in steps of 2^63 only.",
+        "lpcx-farthest", "A correction of 2^63, which can be coded in steps of 2^63 only.",
         ["EXA-007"],
         tenths.track(farthest(tenths, [0, 1, 2], flipped)),
     )  # fmt: skip

@@ -184,7 +184,7 @@ def digests() -> Iterator[Case]:
         ],
     )  # fmt: skip
     yield valid(
-        "digest-exact", "With LPCX the exact values stand in the digest, not the counts.",
+        "digest-exact", "With LPCX the exact values are in the digest, not the counts.",
         ["DGS-002"],
         tenths, file={"more": [dgst(digest(tenths))]},
     )  # fmt: skip

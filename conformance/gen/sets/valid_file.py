@@ -30,7 +30,7 @@ def cases() -> Iterator[Case]:
 
 
 def worked_examples() -> Iterator[Case]:
-    """The facts are those of the text beside the listings."""
+    """The facts are those of the text next to the listings."""
     hold = Track(
         low=0, high=255, about={"label": "force", "unit": "N"}, calibration=(1, 0, 100),
         packets=[Packet(0, [100] * 3 + [125] * 5, b"")],
@@ -82,6 +82,17 @@ def worked_examples() -> Iterator[Case]:
         codec="LPCX", low=0, high=10, calibration=(1, 0, 10),
         packets=[Packet(0, [1, 2, 3, 3, 7, 3], b"", exact=[double_bits(x) for x in exact])],
     )  # fmt: skip
+    x = [0.6, 0.6, 1.0, 0.2, 0.5, 0.8]
+    y = x[:1]
+    for now in x[1:]:
+        y.append(y[-1] + 0.3 * (now - y[-1]))
+    filtered = Track(
+        codec="LPCX", low=0, high=10, width=2, calibration=((1, 0, 10),) * 2,
+        packets=[Packet(
+            0, [(round(10 * a), round(10 * b)) for a, b in zip(x, y, strict=True)], b"",
+            exact=[(double_bits(a), double_bits(b)) for a, b in zip(x, y, strict=True)],
+        )],
+    )  # fmt: skip
     axes = [
         {"label": f"f{axis}", "unit": "N", "quantity": "force", "axis": axis, "group": "tip",
          "body_site": "index finger", "device": "stylus"}
@@ -107,7 +118,8 @@ def worked_examples() -> Iterator[Case]:
         "raw": ("Counts as they are, doubles in DEFLATE.", ["RAW-001"], [vector, doubles], {}),
         "coded": ("Knots of two components, coded.", ["KNT-001"], [lines], {}),
         "predicted": ("Differences, a reference, a grid.", ["LPC-002"], [pair, rough], {}),
-        "exact": ("Doubles beside their counts.", ["EXA-007"], [tenths], {}),
+        "exact": ("Doubles with their counts.", ["EXA-007"], [tenths], {}),
+        "linear": ("A channel filtered from another.", ["EXA-002"], [filtered], {}),
         "described": ("Every TLV of TRAK.", ["TLV-004", "TRK-020"], [forces, sevens], {}),
         "digests": (
             "Two indexes, a digest, a map and an attachment.", ["DGS-001", "IDX-002"], [gap],
@@ -238,7 +250,7 @@ def clusters() -> Iterator[Case]:
 def repeated() -> Iterator[Case]:
     two = Track(id=1, channel=1, packets=[piece(0, -7)])
     yield valid(
-        "descriptions-repeated", "HEAD and all TRAK chunks stand once more before the end.",
+        "descriptions-repeated", "HEAD and all TRAK chunks are repeated before the end.",
         ["HED-001", "TRK-003"],
         FIVES, two, file={"more": [HEAD, FIVES.chunk, two.chunk]},
     )  # fmt: skip
@@ -306,7 +318,7 @@ def indexes() -> Iterator[Case]:
         again.index()
     again.foot(nanoseconds(12, (1000, 1)))
     yield uncommon(
-        "index-of-all-again", "Three indexes, each of all that stands before it.",
+        "index-of-all-again", "Three indexes, each of all chunks before it.",
         ["IDX-002"],
         track, data=again.data,
     )  # fmt: skip

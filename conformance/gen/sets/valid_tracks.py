@@ -138,7 +138,7 @@ def texts() -> Iterator[Case]:
     words = {2: "force_z", 4: "m/s2", 6: "acceleration", 8: "z", 10: "wrist", 12: "index finger",
              14: "Gerät 2"}  # fmt: skip
     yield valid(
-        "texts", "A text of every kind, and provenance beside them.", ["CNV-004"],
+        "texts", "A text of every kind, and provenance.", ["CNV-004"],
         Track(
             tlvs=b"".join(f.tlv(t, f.strings(text)) for t, text in words.items())
             + f.tlv(22, "of a test µ".encode()),
@@ -168,7 +168,7 @@ def texts() -> Iterator[Case]:
         ),
     )  # fmt: skip
     yield valid(
-        "texts-repeated", "The byte 255 stands for the text before it, again and again.",
+        "texts-repeated", "The byte 255 repeats the text before it, again and again.",
         ["TLV-004"],
         Track(
             width=3, packets=[three],
@@ -255,7 +255,7 @@ def raw_of(counts: Sequence[int], body: bytes, affine: tuple[int, int, int]) -> 
 def rates() -> Iterator[Case]:
     for set_, name, about, rate in (
         (valid, "rate-fraction", "48000 / 1001 ticks a second.", (48000, 1001)),
-        (uncommon, "rate-not-reduced", "2000 / 2 ticks a second, told as it stands.", (2000, 2)),
+        (uncommon, "rate-not-reduced", "2000 / 2 ticks a second, as it is stored.", (2000, 2)),
         (uncommon, "rate-slow", "One tick a day.", (1, 86400)),
         (uncommon, "rate-slowest", "One tick in 2^32 - 1 seconds.", (1, 2**32 - 1)),
         (uncommon, "rate-fastest", "2^32 - 1 ticks a second.", (2**32 - 1, 1)),
