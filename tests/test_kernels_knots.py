@@ -10,7 +10,7 @@ import strategies
 from depth import either
 from hypothesis import given
 from hypothesis import strategies as st
-from twins import built, by_the_twin, clamped, same
+from twins import built, by_the_twin, changed, clamped, same
 
 from hapfmt.codecs import knots as codec
 from hapfmt.codecs import varints
@@ -181,7 +181,7 @@ class TestArguments:
             {"values": ROW[:3].copy()}, {"counts": np.zeros(5, np.int32)},
             {"counts": np.zeros(0, np.int32)}, {"counts": memoryview(bytearray(25))[1:]},
         ],
-        ids=str,
+        ids=changed,
     )  # fmt: skip
     def test_limits_that_would_overflow(self, wrong):
         assert compiled.knots_decode(*DECODE.values()) is False
@@ -197,7 +197,7 @@ class TestArguments:
             {"table": np.full((3, 2), 2**32)}, {"table": np.full((3, 2), -(2**63))},
             {"ticks": np.zeros(0, np.int64)},
         ],
-        ids=str,
+        ids=changed,
     )  # fmt: skip
     def test_no_deadband(self, wrong):
         assert compiled.select_knots(*SELECT.values()) == 1

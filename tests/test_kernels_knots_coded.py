@@ -11,7 +11,7 @@ import strategies
 from depth import sample
 from hypothesis import given
 from hypothesis import strategies as st
-from twins import built, clamped, packed, same
+from twins import built, changed, clamped, packed, same
 
 from hapfmt.codecs import knots_coded as codec
 from hapfmt.codecs.grids import LpcParameters
@@ -133,7 +133,7 @@ class TestArguments:
             {"first": ROW[:2] - 10}, {"work": ROW[:3].copy()}, {"counts": np.zeros(5, np.int32)},
             {"counts": np.zeros(0, np.int32)}, {"counts": memoryview(bytearray(25))[1:]},
         ],
-        ids=str,
+        ids=changed,
     )  # fmt: skip
     def test_limits_that_would_overflow(self, wrong):
         assert compiled.coded_knots_decode(*DECODE.values())[0] == 0
@@ -146,7 +146,7 @@ class TestArguments:
             {"ticks": ROW[:0]}, {"ticks": ROW[:3]}, {"ticks": bytes(15)}, {"indices": bytes(17)},
             {"ticks": memoryview(bytes(17))[1:]},
         ],
-        ids=str,
+        ids=changed,
     )  # fmt: skip
     def test_no_knots(self, wrong):
         assert compiled.coded_knots_encode(*ENCODE.values())[0] == 8
