@@ -8,7 +8,7 @@ no more.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
@@ -49,6 +49,9 @@ description takes. Each time twice as much must be saved, so that there are few 
 SHORT = 128
 """Samples of a cluster: in shorter ones held steps without entropy coding, the first form of
 :func:`scalar_ways`, may be the smallest. In longer ones they take over too soon after a rest."""
+
+Way = Callable[[Track, int | None], Coded | None]
+"""One form: (track, smallest size so far) -> packets, None where they are not smaller."""
 
 NOTHING = np.zeros(1, np.int32)
 """In place of the first block of a channel without samples."""
@@ -236,11 +239,21 @@ class BoundedEncoder(GridEncoder):
             self.left -= 1
             found = ways[self.now](self.track, None)
         if found is None:
-            all_found = [code(self.track, None) for code in ways]
-            self.choose([size_of(each) if each else inf for each in all_found])
-            found = all_found[self.now]
+            tried = self.try_all(ways)
+            self.choose([size_of(each) if each else inf for each in tried])
+            found = tried[self.now]
         assert found
         return checked(Made(found.track, found.packets, int(x.min()), int(x.max())), x)
+
+    def try_all(self, ways: Sequence[Way]) -> list[Coded | None]:
+        """The present form, and all that are smaller than those before them."""
+        tried: list[Coded | None] = [None] * len(ways)
+        smallest: int | None = None
+        for place in sorted(range(len(ways)), key=lambda place: place != self.now):
+            coded = tried[place] = ways[place](self.track, smallest)
+            if coded and (smallest is None or coded.size < smallest):
+                smallest = coded.size
+        return tried
 
     def choose(self, sizes: list[float]) -> None:
         """The form of the next blocks, by the sizes of all of one block."""
