@@ -8,7 +8,7 @@ no more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
@@ -141,15 +141,14 @@ class LiveEncoder:
         """
         for block in blocks:
             check_block(block)
-        pieces = [piece for block in blocks for piece in cut(block)]
-        taken = [self.encoder_of(piece).take(piece.values, piece.start) for piece in pieces]
+        taken = [self.encoder_of(block).take(block.values, block.start) for block in blocks]
         tracks: list[Track] = []
         packets = []
-        for piece, values in zip(pieces, taken, strict=True):
-            made = self.encoders[piece.channel].code(values, piece.start)
-            track = self.fitting(piece.channel, made)
+        for block, values in zip(blocks, taken, strict=True):
+            made = self.encoders[block.channel].code(values, block.start)
+            track = self.fitting(block.channel, made)
             if track is None:
-                track = self.number(piece.channel, made.track)
+                track = self.number(block.channel, made.track)
                 tracks.append(track)
             packets += [replace(packet, track=track.id) for packet in made.packets]
         return tracks, sorted(packets, key=attrgetter("track", "start"))
@@ -163,7 +162,7 @@ class LiveEncoder:
                 from .live_exact import choose_exact
 
                 before = self.tracks.get(block.channel)
-                found = choose_exact(plan, block.channel, block.values[:PACKET_SAMPLES], before)
+                found = choose_exact(plan, block.channel, block.values, before)
             elif plan.is_one_grid:
                 found = GridEncoder(plan, block.channel)
             else:
@@ -292,20 +291,10 @@ def checked(made: Made, x: NDArray[np.int64]) -> Made:
     return made
 
 
-def cut(block: Block) -> Iterator[Block]:
-    """Pieces that are not too long for a packet."""
-    if block.values.size <= PACKET_SAMPLES:
-        yield block
-        return
-    for at in range(0, block.values.size, PACKET_SAMPLES):
-        piece = block.values[at : at + PACKET_SAMPLES]
-        yield Block(block.channel, block.input, block.start + at, piece)
-
-
 def check_block(block: Block) -> None:
     named = f"channel {block.channel} ({block.input.label!r})"
-    if block.values.ndim != 1 or not block.values.size:
-        raise ParameterError(f"{named}: a block is a row of one sample or more")
+    if block.values.ndim != 1 or not 1 <= block.values.size <= PACKET_SAMPLES:
+        raise ParameterError(f"{named}: a block is a row of 1 to {PACKET_SAMPLES} samples")
     if not 0 <= block.start <= TICK_LIMIT - block.values.size:
         raise ParameterError(f"{named}: ticks lie in [0, 2^48)")
 
