@@ -29,6 +29,7 @@ from .recording import (
     Recording,
     extent,
     seconds_of,
+    spans_at,
     spans_of,
 )
 from .units import split_name, to_ucum
@@ -123,12 +124,7 @@ def channel_of(
     x = np.ma.getdata(x)
     if x.dtype.kind == "f":
         known &= ~np.isnan(x)
-    if ticks is None:
-        spans = tuple(spans_of(known))
-    else:
-        from .convert.times import spans_at
-
-        spans = spans_at(ticks[known])
+    spans = tuple(spans_of(known)) if ticks is None else spans_at(ticks[known])
     kept = np.ascontiguousarray(x[known])
     if (kept.dtype.kind in "bi" and kept.dtype.itemsize <= 4) or kept.dtype in ("u1", "u2"):
         counts = kept.astype(np.int32)

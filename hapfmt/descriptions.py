@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from math import isinf
 from types import UnionType
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin
 
 import msgspec
 from msgspec import Meta, Struct, ValidationError, convert
@@ -43,18 +43,14 @@ class DescriptionError(ParameterError, ValueError):
         return DescriptionError(joined(at, self.key), self.text, self.requirement)
 
 
-class Special:
-    """A value that is written in another form than it is kept in."""
+class OneOf:
+    """One of several tables, told apart by a key that no other has."""
 
     __slots__ = ()
+    kinds: ClassVar[Mapping[str, type[OneOf]]]
 
-    @classmethod
-    def of(cls, value: Any) -> Any:
-        """Raise DescriptionError where the value is none."""
-        raise NotImplementedError
-
-    @classmethod
-    def schema(cls) -> dict[str, Any]:
+    def made(self) -> Any:
+        """What the rest of the program takes in its place."""
         raise NotImplementedError
 
 
@@ -90,7 +86,7 @@ def refuse_twice(key: str, values: Sequence[str]) -> None:
 def read(kind: type[Made], values: Any, at: str = "") -> Made:
     """The values of a parsed TOML or JSON text as ``kind``, or DescriptionError."""
     try:
-        return convert(values, kind, dec_hook=read_special)
+        return convert(values, kind, dec_hook=read_one)
     except ValidationError as error:
         raise explained(error, kind, values, at) from None
     except UnicodeError:
@@ -116,26 +112,30 @@ def double(text: str) -> float:
     return value
 
 
-def read_special(kind: Any, value: Any) -> Any:
-    if isinstance(value, kind):
-        return value
-    if issubclass(kind, Special):
-        return kind.of(value)
-    raise NotImplementedError(f"descriptions of {kind}")
+def read_one(kind: type[OneOf], value: Any) -> Any:
+    if not isinstance(value, dict):
+        raise DescriptionError("", advice(value, {"type": "object"}))
+    found = [key for key in kind.kinds if key in value]
+    if len(found) != 1:
+        given = " and ".join(found) or "none"
+        raise DescriptionError(
+            "", f"has {given} of {', '.join(kind.kinds)}; give exactly one of them"
+        )
+    return read(kind.kinds[found[0]], value)
 
 
 def schema_of(kind: Any, title: str) -> dict[str, Any]:
     """The JSON schema of a description."""
-    found = msgspec.json.schema(kind, schema_hook=special_schema)
+    parts: dict[str, Any] = {}
+
+    def one(kind: type[OneOf]) -> dict[str, Any]:
+        refs, found = msgspec.json.schema_components(kind.kinds.values())
+        parts.update(found)
+        return {"anyOf": list(refs)}
+
+    (ref,), found = msgspec.json.schema_components((kind,), schema_hook=one)
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title}
-    return head | {name: value for name, value in found.items() if name != "title"}
-
-
-def special_schema(kind: Any) -> dict[str, Any]:
-    if issubclass(kind, Special):
-        found: dict[str, Any] = kind.schema()
-        return found
-    raise NotImplementedError(f"a schema of {kind}")
+    return head | ref | {"$defs": {**found, **parts}}
 
 
 @cache
@@ -161,6 +161,8 @@ def explained(error: ValidationError, kind: Any, value: Any, at: str) -> Descrip
         at = joined(at, key)
     if isinstance(error.__cause__, DescriptionError):
         return error.__cause__.under(at)
+    if error.__cause__ is not None:
+        raise error.__cause__
     for table in (arm for arm in arms(kind) if is_table(arm)):
         if isinstance(value, dict):
             return wrong_key(table, value, at) or DescriptionError(at, "cannot be used")
@@ -216,9 +218,11 @@ def wrong_key(table: type[Struct], values: dict[Any, Any], at: str) -> Descripti
     for key, each in known.items():
         if each.required and key not in values:
             node = schema_node(each.type)
-            told = f": {node['description']}" if "description" in node else ""
-            text = f"is missing; add {words(node)}{told}"
-            return DescriptionError(joined(at, key), text, requirement_of(each.type))
+            told = (
+                f"{node['description']} ({words(node)})" if "description" in node else words(node)
+            )
+            requirement = requirement_of(each.type)
+            return DescriptionError(joined(at, key), f"is missing; add {told}", requirement)
     return None
 
 
@@ -228,7 +232,7 @@ def requirement_of(kind: Any) -> str | None:
 
 
 def schema_node(kind: Any) -> dict[str, Any]:
-    (node,), _ = msgspec.json.schema_components((kind,), schema_hook=special_schema)
+    (node,), _ = msgspec.json.schema_components((kind,), schema_hook=lambda _: {"type": "object"})
     return node
 
 
@@ -255,18 +259,19 @@ def advice(value: Any, node: dict[str, Any]) -> str:
         elif wanted == {"string"}:
             end = ", between quotes"
         return f"is {named(value)}; write {words(node)}{end}"
-    node = fitting[0]
+    whole, node = words(node), fitting[0]
     if "enum" in node:
         near = similar(value, node["enum"]) if isinstance(value, str) else None
-        hint = f"did you mean {near!r}?" if near else f"choose {words(node)}"
+        hint = f"did you mean {near!r}?" if near else f"choose {whole}"
         return f"there is no {shown(value)}; {hint}"
     limited = {"maxLength", "minLength", "maxItems", "minItems"} & node.keys()
     if isinstance(value, (str, list, tuple)) and limited and not fits_length(value, node):
         unit = "character" if isinstance(value, str) else "value"
-        return f"has {counted(len(value), unit)}; write {words(node)}"
+        return f"has {counted(len(value), unit)}; write {whole}"
     if isinstance(value, (int, float)) and (node["type"] == "number" or isinstance(value, int)):
-        return f"{shown(value)} is out of range; write {words(node)}"
-    return f"{shown(value)} cannot be used; write {words(node)}"
+        return f"{shown(value)} is out of range; write {whole}"
+    told = f": {node['description']}" if "pattern" in node and "description" in node else ""
+    return f"{shown(value)} cannot be used; write {whole}{told}"
 
 
 def fits(value: Any, node: dict[str, Any]) -> bool:
@@ -321,7 +326,7 @@ def words(node: dict[str, Any]) -> str:
         low, high = node.get("minItems", 0), node.get("maxItems")
         count = f"{low}" if low == high else f"{low} to {high}" if high else f"{low} or more"
         return f"{text} of {count} " + (
-            "tables" if "$ref" in items else f"values, each {words(items)}"
+            "tables" if words(items) == "a table" else f"values, each {words(items)}"
         )
     return text
 

@@ -21,14 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import LimitError, ParameterError, UnknownChannelError
+from .events import Event
 from .limits import AFFINE_LIMIT, EXACT_LIMIT, TICK_LIMIT
 from .names import matching, unknown
 from .numbers import counted, hertz, tick_range
 from .numbers import exact as to_fraction
-
-if TYPE_CHECKING:
-    from .events import Event
-
 
 Rate = Fraction | float | str
 Seconds = Fraction | float
@@ -59,6 +56,16 @@ class Span(NamedTuple):
     @property
     def ticks(self) -> int:
         return self.stop - self.start
+
+
+def spans_at(ticks: NDArray[np.int64]) -> tuple[Span, ...]:
+    """Maximal runs in [n] increasing ticks, in memory proportional to n, not to the gaps."""
+    if not ticks.size:
+        return ()
+    edges = np.flatnonzero(np.diff(ticks) != 1)
+    starts = ticks[np.concatenate(([0], edges + 1))].tolist()
+    stops = (ticks[np.concatenate((edges, [-1]))] + 1).tolist()
+    return tuple(map(Span, starts, stops))
 
 
 class Deviation(NamedTuple):
@@ -435,8 +442,6 @@ class Recording:
     events: tuple[Event, ...] = ()
 
     def __post_init__(self) -> None:
-        from .events import Event
-
         for name, kind in (("channels", Channel), ("events", Event)):
             given = getattr(self, name)
             if isinstance(given, (Mapping, kind)) or not isinstance(given, Iterable):

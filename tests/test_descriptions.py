@@ -62,7 +62,10 @@ class Whole(Description, frozen=True):
 
 SAID: list[tuple[Any, str]] = [
     ({"parts": [{"size": 1}, {"size": 0}]}, "parts[1].size: 0 is out of range; write a number"),
-    ({"parts": [{}]}, "parts[0].size: is missing; add a number above 0 and at most 9: how large"),
+    (
+        {"parts": [{}]},
+        "parts[0].size: is missing; add how large it is (a number above 0 and at most 9)",
+    ),
     ({"parts": [{"sise": 1}]}, "parts[0].sise: is not a known key; did you mean size?"),
     ({"parts": [{"size": 1, "names": {"a": 1, "b": "c"}}]}, "parts[0].names.b: is a text; write"),
     ({"parts": [{"size": 1, "names": {"abcd": 1}}]}, "parts[0].names.abcd: has 4 characters;"),
@@ -73,7 +76,7 @@ SAID: list[tuple[Any, str]] = [
     ({"x - at `$.code": 1}, "x - at `$.code: is not a known key; known: parts, code, either"),
     ({"either": 1.5}, "either: 1.5 cannot be used; write a whole number from 0 to 3"),
     ({"either": 4}, "either: 4 is out of range; write a whole number from 0 to 3"),
-    ({"either": "four"}, "either: has 4 characters; write a text of at most 3 characters"),
+    ({"either": "four"}, "either: has 4 characters; write a whole number from 0 to 3 or a text of"),
     ({"either": None}, "either: is null; write a whole number from 0 to 3 or a text of at most 3"),
     ({"either": 10**400}, "either: the number is out of range"),
     ([], "is a list; write a table"),

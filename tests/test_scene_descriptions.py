@@ -40,7 +40,7 @@ WRONG = [
     (TOOL + "[tool.reach]", "tool: has stroke and reach of stroke, press, reach; give one"),
     (
         "[tool.press]",
-        "tool.press.press_n: is missing; add a number above 0 and at most 100: force of the hand in N",
+        "tool.press.press_n: is missing; add force of the hand in N (a number above 0 and at most 100)",
     ),
     (
         "seconds = '4'\n" + TOOL,
@@ -93,7 +93,7 @@ WRONG = [
     (TOOL + "speed_m_per_s = [0.2, 0.1]", "tool.stroke.speed_m_per_s: begins with the larger"),
     (
         TOOL + "[tool.contact]",
-        "tool.contact.n_per_m: is missing; add a number above 0 and at most 10000000: stiffness in N/m",
+        "tool.contact.n_per_m: is missing; add stiffness in N/m (a number above 0 and at most 10000000)",
     ),
     (TOOL + "[tool.contact]\nn_per_m = 1e8", "tool.contact.n_per_m: 100000000.0 is out of range"),
     (
@@ -120,7 +120,7 @@ WRONG = [
     ),
     (
         TOOL + "[tool.texture]",
-        "tool.texture.surface: is missing; add one of cork, sand, stone: name of the surface",
+        "tool.texture.surface: is missing; add name of the surface (one of cork, sand, stone)",
     ),
     (
         TOOL + "[tool.texture]\nsurface = 'velvet'",
@@ -171,7 +171,7 @@ WRONG = [
     ("[hand]\nevery_s = 1", "hand.every_s: is too short to close, hold and open"),
     (
         "[hand.object]\nwidth_m = 0.05",
-        "hand.object.n_per_m: is missing; add a number above 0 and at most 10000000: stiffness in N/m",
+        "hand.object.n_per_m: is missing; add stiffness in N/m (a number above 0 and at most 10000000)",
     ),
     ("[hand.object]\nn_per_m = 1\nwidth_m = 1", "hand.object.width_m: 1 is out of range"),
     (

@@ -6,13 +6,15 @@ import json
 from pathlib import Path
 
 from hapfmt.descriptions import schema_of
+from hapfmt.replay.profile.parse import ProfileKeys
 from hapfmt.scenes.description import Scene
-from hapfmt.study.description import Keys
+from hapfmt.study.description import StudyKeys
 
 ROOT = Path(__file__).resolve().parents[1] / "hapfmt"
 SCHEMAS = {
     ROOT / "scenes" / "schema.json": (Scene, "Scene of hapfmt"),
-    ROOT / "study" / "schema.json": (Keys, "Study of hapfmt"),
+    ROOT / "replay" / "profile" / "schema.json": (ProfileKeys, "Device profile of hapfmt"),
+    ROOT / "study" / "schema.json": (StudyKeys, "Study of hapfmt"),
 }
 
 

@@ -19,14 +19,13 @@ from ..codecs.components import join_components
 from ..codecs.exact import ExactParameters, lacking_of
 from ..codecs.values import COEFFICIENT_LIMIT, LINEAR, Counts, Doubles, Term, ordered, predictions
 from ..container.cluster import Packet
-from ..container.track import Track
 from ..integers import build_varint
 from ..limits import EXACT_LIMIT
 from ..recording import Calibration, Channel
 from .exact import Candidate, binary_grid, smallest_exact
 from .packed import Coded
 from .predict import encode_best
-from .source import component_of, cut, declared_range
+from .source import cut, declared_range, make_track
 from .unit import Unit, decode_all
 
 RUN_LIMIT = 32
@@ -281,13 +280,10 @@ def encode_linear(
         for channel, each in zip(channels, candidates, strict=True)
     ]
     first = channels[0]
-    track = Track(
-        id=0,
-        kind="full",
+    track = make_track(
+        described,
+        first_channel,
         codec="LPCX",
-        rate=first.rate_exact,
-        first_channel=first_channel,
-        components=tuple(component_of(channel) for channel in described),
         parameters=b"".join(each.parameters.build() for each in candidates),
         count_min=low,
         count_max=high,

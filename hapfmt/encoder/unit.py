@@ -270,9 +270,7 @@ def whole_range(source: Source, first_channel: int) -> Track:
         low, high = int(x.min(initial=0)), int(x.max(initial=0))
         if not covered(source, low, high):
             raise ParameterError("count * A or count * A + B is above 2^53: use a smaller A and D")
-    return make_track(
-        source, first_channel, kind="full", codec="KNOT", count_min=low, count_max=high
-    )
+    return make_track(source.channels, first_channel, codec="KNOT", count_min=low, count_max=high)
 
 
 def covered(source: Source, low: int, high: int) -> bool:

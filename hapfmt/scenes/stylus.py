@@ -24,11 +24,11 @@ from msgspec.structs import replace
 from ..descriptions import read
 from ..errors import ParameterError
 from ..recording import Channel, Recording
+from .build import run_tool
 from .description import FORCES, STIFFEST_N_PER_M, Contact, Stroke, Texture, Tool
 from .integrators import Motion, System
 from .matrix import exponential
 from .sensors import force_reading
-from .tool import run
 from .waves import Floats, Grid
 from .work import Work
 
@@ -109,7 +109,7 @@ def simulate(
         texture=read(Texture, {"surface": texture}) if texture else None,
     )
     work = Work()
-    traces = run(tool, grid, of_hand, of_surface, work, lambda _: None, held)
+    traces = run_tool(tool, grid, of_hand, of_surface, work, lambda _: None, held)
     # The normal force is read first: the same counts with one axis and with three.
     reading = force_reading()
     readings = [reading.counts(traces[name], of_sensor, work) for name in reversed(names)]

@@ -107,7 +107,7 @@ class Condition(Description, frozen=True):
         return {name: value for name, value in given.items() if value is not None}
 
 
-class Keys(Description, frozen=True, kw_only=True):
+class StudyKeys(Description, frozen=True, kw_only=True):
     """The keys of a study."""
 
     name: Annotated[str, Meta(max_length=80, description="what the study is called")] = ""
@@ -122,10 +122,8 @@ class Keys(Description, frozen=True, kw_only=True):
     screen_share: Annotated[
         float, within(0, 1, "subjects with a larger share of misses are screened out")
     ] = SCREEN_SHARE
-    session: Annotated[tuple[Session, ...], many("write [[session]] and its keys for each one")]
-    condition: Annotated[
-        tuple[Condition, ...], many("write [[condition]] and its keys for each one")
-    ]
+    session: Annotated[tuple[Session, ...], many("[[session]] and its keys for each one")]
+    condition: Annotated[tuple[Condition, ...], many("[[condition]] and its keys for each one")]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -158,7 +156,7 @@ class Keys(Description, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Study:
-    head: Keys
+    head: StudyKeys
     digest: str
     """SHA-256 of the file, in hexadecimal digits."""
     path: Path
@@ -204,7 +202,7 @@ def parse_study(data: bytes, path: Path) -> Study:
         values = parse_toml(data.decode("utf-8"))
     except UnicodeDecodeError:
         raise ParameterError("not UTF-8, as TOML must be") from None
-    return Study(read(Keys, values), hashlib.sha256(data).hexdigest(), path)
+    return Study(read(StudyKeys, values), hashlib.sha256(data).hexdigest(), path)
 
 
 def refuse_names(table: str, given: tuple[Session | Condition, ...]) -> list[str]:
