@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
@@ -28,6 +29,7 @@ from .recording import (
     Recording,
     extent,
     seconds_of,
+    spans_at,
     spans_of,
 )
 from .units import split_name, to_ucum
@@ -48,6 +50,9 @@ def recording_of(
 ) -> Recording:
     """A recording of whatever people have: a Recording, Channels, an array, a DataFrame, or
     {label: 1-D array}. The arguments are those of :func:`hapfmt.write`."""
+    if isinstance(data, (str, os.PathLike)):
+        name = os.fspath(data)
+        raise ParameterError(f"{name!r} names a file; the recording comes first, then the file")
     if isinstance(data, Recording) or _are_channels(data):
         given = {"rate": rate, "labels": labels, "units": units, "transpose": transpose}
         if named := [name for name, value in given.items() if value is not None]:
@@ -119,12 +124,7 @@ def channel_of(
     x = np.ma.getdata(x)
     if x.dtype.kind == "f":
         known &= ~np.isnan(x)
-    if ticks is None:
-        spans = tuple(spans_of(known))
-    else:
-        from .convert.times import spans_at
-
-        spans = spans_at(ticks[known])
+    spans = tuple(spans_of(known)) if ticks is None else spans_at(ticks[known])
     kept = np.ascontiguousarray(x[known])
     if (kept.dtype.kind in "bi" and kept.dtype.itemsize <= 4) or kept.dtype in ("u1", "u2"):
         counts = kept.astype(np.int32)

@@ -217,7 +217,8 @@ def pair_up(original: Channel, decoded: Channel) -> Pair:
         float(errors.max(initial=0.0)),
         moved,
         far,
-        float(np.ptp(finite)) if finite.size else 0.0,
+        # In Python: of doubles it may be infinite.
+        float(finite.max()) - float(finite.min()) if finite.size else 0.0,
     )
 
 

@@ -1,26 +1,13 @@
-"""Events: markers and annotations as people have them, and as the packets of a layer (SPEC 9.9)."""
+"""Events as people have them: markers and annotations, in seconds."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import groupby
-from math import lcm
 
-from .codecs.events import EVENT_COUNT, CodedEvent, build_events
-from .container.cluster import Packet
-from .container.track import Component, Track
-from .container.wire import NO_TRACK
 from .errors import ParameterError
-from .integers import rdiv
-from .limits import LEVELS, TICK_LIMIT
 from .numbers import exact
-
-EVENT_RATE = Fraction(1_000_000)
-"""Ticks per second of a layer, unless its events need others: microseconds."""
-PACKET_SIZE = 1 << 16
-"""Packets of events are cut above so many bytes: what one damaged byte takes along."""
 
 
 @dataclass(frozen=True)
@@ -64,33 +51,6 @@ def by_layer(events: Iterable[Event]) -> dict[str, list[Event]]:
     return {layer: in_order(own) for layer, own in found.items()}
 
 
-def layer_track(
-    id_: int, layer: str, rate: Fraction = EVENT_RATE, *, device: str = "", provenance: str = ""
-) -> Track:
-    """The description of a layer."""
-    component = Component(label=layer, device=device)
-    return Track(id_, "events", "EVNT", rate, NO_TRACK, (component,), provenance=provenance)
-
-
-def rate_of(events: Iterable[Event]) -> Fraction:
-    """Ticks per second that put every event on a tick, a multiple of the usual rate; that itself
-    where there is none below 2^32: times are then rounded to the microsecond."""
-    rate = EVENT_RATE.numerator
-    for event in events:
-        rate = lcm(rate, event.time.denominator, event.duration.denominator)
-        if rate >= 1 << 32:
-            return EVENT_RATE
-    return Fraction(rate)
-
-
-def coded(event: Event, rate: Fraction, labels: Sequence[str]) -> CodedEvent:
-    """In ticks, to the nearest; ``labels`` of the channels in order of their numbers."""
-    tick, duration = (rdiv(*(x * rate).as_integer_ratio()) for x in (event.time, event.duration))
-    if tick + duration >= TICK_LIMIT:
-        raise ParameterError(f"event {event.text[:40]!r} ends after the last possible tick, 2^48")
-    return CodedEvent(tick, duration, channel_of(event, labels), event.text)
-
-
 def channel_of(event: Event, labels: Sequence[str]) -> int | None:
     """The number of the channel that an event speaks of."""
     if isinstance(event.channel, str):
@@ -100,36 +60,3 @@ def channel_of(event: Event, labels: Sequence[str]) -> int | None:
     if event.channel is not None and not 0 <= event.channel < len(labels):
         raise ParameterError(f"an event names channel {event.channel} of {len(labels)}")
     return event.channel
-
-
-def event_packets(
-    track: int, events: Sequence[CodedEvent], ticks: Fraction | int | None = None
-) -> Iterator[Packet]:
-    """Packets of a layer: of events in order of their ticks, none over more than ``ticks``."""
-    n, d = Fraction(ticks or LEVELS[1].span_ticks).as_integer_ratio()
-    limit = LEVELS[1].span_ticks
-    for _, group in groupby(events, key=lambda event: (event.tick * d // n, event.tick // limit)):
-        batch: list[CodedEvent] = []
-        size = 0
-        for event in group:
-            weight = len(event.text) + 20
-            if batch and (size + weight > PACKET_SIZE or len(batch) == EVENT_COUNT):
-                yield event_packet(track, batch)
-                batch, size = [], 0
-            batch.append(event)
-            size += weight
-        yield event_packet(track, batch)
-
-
-def event_packet(track: int, events: Sequence[CodedEvent]) -> Packet:
-    start = events[0].tick
-    return Packet(track, start, events[-1].tick + 1 - start, build_events(events, start))
-
-
-def decoded(event: CodedEvent, track: Track) -> Event:
-    """In seconds; the channel is its number."""
-    time, duration = event.tick / track.rate, event.duration / track.rate
-    return Event(time, event.text, duration, event.channel, track.components[0].label)
-
-
-__all__ = ["EVENT_RATE", "Event", "event_packets", "layer_track"]

@@ -14,6 +14,9 @@ _NUMBER = re.compile(rf"[+-]?(?:{_DECIMAL})(?:e[+-]?[0-9]{{1,3}})?(?:/[0-9]{{1,4
 """1000, .5, 44100/7, 1e-3: forty digits and three of exponent are more than any format here holds,
 and keep the arithmetic short."""
 
+RATE_LIMIT = 1 << 64
+"""Numerator and denominator of a rate lie below, so that every double of it is finite."""
+
 
 def exact(value: Any) -> Fraction:
     """A text, an integer, a fraction, or a float, which stands for its shortest decimal: 0.1 is one
@@ -54,6 +57,12 @@ def hertz(value: Any) -> Fraction:
             if near != found and abs(near - found) <= found / 10**9:
                 return near
     return found
+
+
+def checked_rate(rate: Fraction) -> Fraction:
+    if not (0 < rate.numerator < RATE_LIMIT and rate.denominator < RATE_LIMIT):
+        raise ParameterError("a rate is a fraction of two integers in [1, 2^64)")
+    return rate
 
 
 def tick_range(

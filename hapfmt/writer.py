@@ -13,6 +13,7 @@ from typing import Any, BinaryIO, Literal
 
 from .arrays import Units, recording_of
 from .atomic import refuse, target
+from .codecs.layers import coded, event_packets, layer_track, rate_of
 from .container.cluster import Packet
 from .container.description import build_track
 from .container.extras import Attachment, build_attachment, build_metadata
@@ -23,7 +24,7 @@ from .convert import refuse_foreign
 from .encoder.encode import Decision, Encoded, encode
 from .encoder.settings import INPUT, INPUT_SIZE, Settings, alias_note, lossy_preset, renamed
 from .errors import ParameterError
-from .events import by_layer, coded, event_packets, layer_track, rate_of
+from .events import by_layer
 from .limits import LEVELS
 from .names import unknown
 from .reading.decoder import TrackDecoder, TrackDigest

@@ -36,7 +36,15 @@ BARRED_IN_REPLAY = {
 """Parts of a replay -> those that they know nothing of. The processes that must be on time decode
 nothing."""
 ONLY_IN = {
-    "construct": ("container.layout", "container.wire"),
+    "construct": ("container.layout",),
+    "msgspec": (
+        "descriptions",
+        "replay.profile.parse",
+        "scenes.description",
+        "scenes.stylus",
+        "study.description",
+        "study.answers",
+    ),
     "matplotlib": tuple(name for name in MODULES if name.startswith("plotting.")),
     "soundfile": ("convert.wav",),
     "fsspec": ("container.remote",),
@@ -50,6 +58,7 @@ HEAVY = {
     "numpy",
     "scipy",
     "construct",
+    "msgspec",
     "click",
     "rich",
     "matplotlib",
@@ -165,10 +174,10 @@ for preset in ("lossless", "near-lossless", "perceptual", "paper"):
 
 
 def test_info_loads_no_numbers():
-    """The reader of descriptions needs neither arrays nor plots."""
+    """The reader of descriptions needs no arrays, no plots, and no construct."""
     path = ROOT / "conformance" / "examples" / "hold.hapf"
     code = f"from hapfmt.cli import cli; cli.main(['info', {str(path)!r}], standalone_mode=False)"
-    assert not loaded_by(code) & {"numpy", "scipy", "matplotlib"}
+    assert not loaded_by(code) & {"numpy", "scipy", "matplotlib", "construct"}
 
 
 @pytest.mark.parametrize("record", ["", "sent.csv", "sent.hapf"])
@@ -193,4 +202,5 @@ def test_the_watchdog_starts_light():
 def test_the_writer_loads_nothing_that_reads_files():
     found = modules_after("import hapfmt.replay.process.loop, hapfmt.replay.profile.parse")
     assert not {name for name in found if name.startswith(("hapfmt.reading", "hapfmt.codecs"))}
-    assert not {name.split(".")[0] for name in found} & (HEAVY - {"numpy"})
+    # msgspec reads the profile, 20 ms before the device is opened.
+    assert not {name.split(".")[0] for name in found} & (HEAVY - {"numpy", "msgspec"})

@@ -333,7 +333,7 @@ class TestPipes:
             (["study.toml", "--subject", "S1", "--device", "glove5", "--map", "9=1"], "9"),
             (["study.toml", "--prepare", "--summary"], "choose one of"),
             (["study.toml", "--plot", "a.png"], "go with --summary"),
-            (["--summary", "study.toml"], "line 1 is not a JSON"),
+            (["--summary", "study.toml"], "line 1: this is not JSON"),
             (["--summary", "study.toml", "--csv", "--json"], "choose one of --csv and --json"),
             (["--new", "n.toml"], "give the recordings"),
             (["--new", "n.toml", "no.hapf"], "no such file"),

@@ -34,13 +34,10 @@ from hapfmt.container.tlv import build_strings, build_tlvs, parse_strings, parse
 from hapfmt.container.wire import (
     SIGNATURE,
     build_chunk,
-    build_fields,
     crc32,
     parse_head,
     parse_header,
-    read_fields,
     seed_of,
-    size_of,
 )
 from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedError
 from hapfmt.reading.reader import Reader
@@ -457,14 +454,11 @@ class TestSources:
 
 @given(st.sampled_from(list(TABLES.values())), st.data())
 def test_layouts_by_struct_are_those_by_construct(layout, data):
-    size = layout.sizeof()
-    row = data.draw(st.binary(min_size=size, max_size=size))
-    declared, fields = layout.parse(row), read_fields(layout, b"\0" + row, 1)
-    assert repr([declared[name] for name in fields._fields]) == repr(list(fields))
-    assert (size_of(layout), build_fields(layout, fields._asdict())) == (
-        size,
-        layout.build(declared),
-    )
+    row = data.draw(st.binary(min_size=layout.size, max_size=layout.size))
+    declared, fields = layout.construct.parse(row), layout.read(b"\0" + row, 1)
+    assert layout.construct.sizeof() == layout.size
+    assert repr([declared[name] for name in layout.offsets]) == repr(list(fields))
+    assert layout.build(**fields._asdict()) == layout.pack(**fields._asdict())
 
 
 def test_layout_tables_are_those_of_the_code():

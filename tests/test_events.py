@@ -17,12 +17,13 @@ from judge import rule, samples
 
 import hapfmt
 from hapfmt.cli import cli
+from hapfmt.codecs.layers import coded, event_packets, layer_track, rate_of
 from hapfmt.container.cluster import Packet
 from hapfmt.container.filewriter import FileWriter
 from hapfmt.container.source import BytesSource
 from hapfmt.dump import dump
 from hapfmt.errors import LimitError, ParameterError, UnsupportedError
-from hapfmt.events import Event, coded, event_packets, in_order, layer_track, rate_of
+from hapfmt.events import Event, in_order
 from hapfmt.limits import Limits
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Calibration, Channel, Recording, Span

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import page
@@ -17,6 +19,7 @@ from hypothesis import strategies as st
 from spec import ROOT
 from twins import built
 
+import hapfmt
 from hapfmt.codecs import predicted
 from hapfmt.codecs.predicted import INDEX_LIMIT, Predictor, decode_indices, encode_indices
 from hapfmt.encoder import predict, quick
@@ -298,3 +301,32 @@ def test_without_the_extension():
     pure, other = told({"HAPFMT_PURE": "1"}), told({})
     assert pure[:2] == ["True", "True"]
     assert pure[1:] == other[1:]
+
+
+@built
+def test_loops_older_than_their_sources_are_left_out(tmp_path):
+    package = Path(hapfmt.__file__).parent
+    shutil.copytree(package, tmp_path / "hapfmt", ignore=shutil.ignore_patterns("__pycache__"))
+    folder = tmp_path / "hapfmt" / "kernels"
+    (extension,) = (path for path in folder.glob("_kernels.*") if path.suffix in (".so", ".pyd"))
+    source = folder / "coder.h"
+    environment = {k: v for k, v in os.environ.items() if k != "HAPFMT_PURE"}
+
+    def told(*words):
+        done = subprocess.run([sys.executable, *words], cwd=tmp_path, env=environment,
+                              capture_output=True, text=True, check=True)  # fmt: skip
+        return done.stdout.strip(), done.stderr
+
+    asked = ("-c", "from hapfmt.kernels import compiled; print(compiled is not None)")
+    assert told(*asked) == ("True", "")
+    time = extension.stat().st_mtime_ns
+    os.utime(source, ns=(time, time + 10**9))
+    used, said = told(*asked)
+    assert used == "False"
+    assert "older than their sources" in said and "python -m pip install -e ." in said
+    used, said = told("-m", "hapfmt", "--version")
+    assert "no compiled loops" in used and "python -m pip install -e ." in said
+    # A wheel has no sources.
+    for path in folder.glob("*.[ch]"):
+        path.unlink()
+    assert told(*asked) == ("True", "")

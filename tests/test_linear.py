@@ -169,6 +169,16 @@ def test_channels_between_stay_what_they_are():
     assert size < 2 * written(NOISE) + written(sensor()) + 7000
 
 
+@pytest.mark.parametrize("ends", [(-30, 30), (50, 70), (-500, 500), (900, 1000)])
+def test_words_that_others_follow_from(ends):
+    """Exponents are uniform, so the channel alone is kept as words, which have no counts."""
+    rng = np.random.default_rng(4)
+    x = np.ldexp(rng.uniform(0.5, 1, 4000), rng.integers(*ends, 4000))
+    alone = encode(Recording((Channel(x, RATE),)))
+    assert [track.number_format for track in alone.tracks] == ["binary64"]
+    assert written(x, x * 2, x * -0.25) <= 3 * written(x)
+
+
 def test_parts_of_a_track_with_gaps():
     x = NOISE
     spans = (Span(0, 1700), Span(2000, 4300))

@@ -595,6 +595,13 @@ class TestWrite:
         assert len(Recording.from_array(x[:5], 10, labels=[*"abcde"])) == 5
         assert Recording.from_array(x.T, 10)[2].samples()[1] == 5
 
+    @pytest.mark.parametrize("call", [hapfmt.write, hapfmt.save])
+    @pytest.mark.parametrize("name", ["o.hapf", Path("o.hapf")])
+    def test_the_name_before_the_recording(self, call, name):
+        message = r"^'o\.hapf' names a file; the recording comes first, then the file$"
+        with pytest.raises(ParameterError, match=message):
+            call(name, np.zeros(3), rate=1)
+
     @pytest.mark.parametrize("suffix", ["h5", "npz", "csv", "flac", "json", "mcap"])
     def test_names_of_other_formats(self, tmp_path, suffix):
         path = tmp_path / f"o.{suffix}"
@@ -614,8 +621,9 @@ class TestWrite:
         assert np.array_equal(back.to_numpy(), x) and back[0].rate_exact == 10
         with pytest.raises(ParameterError) as error:
             hapfmt.save(x, tmp_path / "o.hapf", **given)
-        (verb,) = re.findall(r"hapfmt\.(\w+) write", str(error.value))
-        getattr(hapfmt, verb)(x, tmp_path / "o.hapf", **given)
+        (call,) = re.findall(r"hapfmt\.write\(.*\)", str(error.value))
+        eval(call.replace(")", ", **given)"), {"hapfmt": hapfmt, "recording": x, "given": given})
+        assert hapfmt.read(tmp_path / "o.hapf").labels == ["fx", "fy"]
         with pytest.raises(ParameterError, match="rate is for arrays"):
             hapfmt.save(example(), tmp_path / "o.npz", rate=10)
 

@@ -67,7 +67,7 @@ def test_cases_say_what_they_are() -> None:
 
 def test_the_worked_examples_are_cases() -> None:
     for path in sorted((CONFORMANCE / "examples").glob("*.hapf")):
-        if path.stem == "salvaged":  # the sets of damaged files have more of that
+        if path.stem in ("salvaged", "table"):  # the sets of damaged files have more of that
             continue
         twin = CONFORMANCE / "vectors" / "valid" / f"example-{path.name}"
         assert twin.read_bytes() == path.read_bytes()

@@ -18,7 +18,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -209,30 +208,33 @@ def cells(row: Row, found: Found) -> list[str | float]:
 
 def print_keys() -> None:
     """The tables of docs/scenes.md."""
+    from hapfmt.descriptions import schema_of
     from hapfmt.scenes.description import Scene
 
-    tables: list[tuple[str, Any]] = [("", Scene)]
+    schema = schema_of(Scene, "Scene")
+    tables = [("", schema["$ref"])]
     while tables:
-        at, table = tables.pop(0)
-        print(f"### {f'`[{at}]`' if at else 'At the top'}\n\n{' '.join(table.__doc__.split())}\n")
+        at, ref = tables.pop(0)
+        table = schema["$defs"][ref.rpartition("/")[2]]
+        print(f"### {f'`[{at}]`' if at else 'At the top'}\n")
+        print(f"{' '.join(table['description'].split())}\n")
         print("| key | meaning | default |\n|---|---|---|")
-        for each in fields(table):
-            rule = each.metadata["key"]
-            inner = ".".join(filter(None, (at, each.name)))
-            if rule.table:
-                tables.append((inner, rule.table))
-            print(f"| `{each.name}` | {rule.what} | {default_of(each)} |")
+        for key, rule in table["properties"].items():
+            inner = rule["anyOf"][0] if "anyOf" in rule else rule
+            if "$ref" in inner:
+                tables.append((".".join(filter(None, (at, key))), inner["$ref"]))
+            told = rule.get("description") or inner["description"]
+            print(f"| `{key}` | {told} | {default_of(rule, inner)} |")
         print()
 
 
-def default_of(each: Any) -> str:
+def default_of(rule: dict[str, Any], inner: dict[str, Any]) -> str:
     """The default of a key."""
-    if each.default is MISSING:
+    if "default" not in rule:
         return "required"
-    if each.metadata["key"].table:
-        return "none"
-    value = list(each.default) if isinstance(each.default, tuple) else each.default
-    return "in brackets" if value is None else f"`{json.dumps(value)}`"
+    if rule["default"] is None:
+        return "none" if "$ref" in inner else "in brackets"
+    return f"`{json.dumps(rule['default'])}`"
 
 
 @click.command(help=__doc__)

@@ -19,26 +19,14 @@ SPEC = ROOT / "SPEC.md"
 MARKED = re.compile(r"<!-- table: (?P<name>[^>]+?) -->\n.*?<!-- end -->", re.S)
 
 
-def type_name(field: object) -> str:
-    """SPEC's word for a field's type; fields are FormatField or Bytes under Renamed."""
-    inner = getattr(field, "subcon", field)
-    code = getattr(inner, "fmtstr", None)
-    if code is None:
-        return f"byte[{inner.sizeof()}]"
-    return {
-        "<B": "u8", "<H": "u16", "<L": "u32", "<Q": "u64", "<l": "i32", "<q": "i64", "<f": "f32",
-    }[code]  # fmt: skip
-
-
 def table(name: str) -> str:
     """The Markdown table of one layout: offset, size, type, name, meaning."""
     rows = ["| offset | size | type | field | meaning |", "|---|---|---|---|---|"]
-    offset = 0
-    for field in TABLES[name].subcons:
-        size = field.sizeof()
-        rows.append(f"| {offset} | {size} | {type_name(field)} | `{field.name}` | {field.docs} |")
-        offset += size
-    rows.append(f"| {offset} | | | | end |")
+    layout = TABLES[name]
+    for field, offset in zip(layout.fields, layout.offsets.values(), strict=True):
+        size, kind, meaning = field.size, field.type, field.meaning
+        rows.append(f"| {offset} | {size} | {kind} | `{field.name}` | {meaning} |")
+    rows.append(f"| {layout.size} | | | | end |")
     return "\n".join(rows)
 
 

@@ -464,6 +464,65 @@ is."""
     return Example(f, note, {"0": [span(0, *counts)], "exact": values})
 
 
+def linear() -> Example:
+    f = File(0x0000000C, brief=True)
+    f.head()
+    rules = [
+        u8(0, "component 0, rule 0: quotient"), u8(0, "no digits"), raw(bytes(2), "reserved"),
+        u8(4, "component 1, rule 4: linear"), u8(0, "no digits"), u8(2, "2 terms"),
+        u8(0, "reserved"), raw(struct.pack("<d", 0), "c0 = 0"),
+        u8(0, "component 0"), u8(0, "lag 0"), raw(struct.pack("<d", 0.3), "weight 0.3"),
+        u8(1, "component 1 itself"), u8(1, "lag 1"), raw(struct.pack("<d", 0.7), "weight 0.7"),
+    ]  # fmt: skip
+    tenths = [svarint(1, "A = 1"), svarint(0, "B = 0"), varint(10, "D = 10, for both components")]
+    tlvs = [(1, "codec parameters", rules), (3, "calibration", tenths)]
+    f.chunk("TRAK", plain(track("LPCX", components=2, low=0, high=10, tlvs=tlvs)), track=0)
+    forces = [6, 6, 10, 2, 5, 8]
+    x = [count / 10 for count in forces]
+    y = [x[0]]
+    for now in x[1:]:
+        y.append(y[-1] + 0.3 * (now - y[-1]))
+    counts = [forces, [round(10 * each) for each in y]]
+    words = [[page_exact.bits(page_exact.Fraction(each)) for each in row] for row in (x, y)]
+    quotient = page_exact.Component((1, 0, 10))
+    smooth = quotient._replace(rule=4, c=(0.0,), terms=((0, 0, 0.3), (1, 1, 0.7)))
+    data = page_exact.encode_components(words, counts, [quotient, smooth])
+    assert page_exact.decode_components(data, 6, [quotient, smooth]) == (counts, words)
+    values = [page_exact.linear(t, c, smooth, words) for t, c in enumerate(counts[1])]
+    away = [
+        page_exact.place(word) - page_exact.place(page_exact.bits(v))
+        for word, v in zip(words[1], values, strict=True)
+    ]
+    size, first = data[0], data[1]
+    part = data[1 + size + 1 :]
+    body = [
+        varint(size, f"{size} bytes of LPCR: the counts"),
+        varint(first, f"{first} bytes of component 0"),
+        raw(data[2 : 2 + first], shown(counts[0])),
+        raw(data[2 + first : 1 + size], shown(counts[1])),
+        varint(data[1 + size], "0 bytes of component 0: every correction is 0"),
+        u8(part[0], "component 1: no recall, one state"),
+        u8(part[1], "corrections in steps of 2^0"),
+        u8(part[2], f"lengths from {part[2]} on"),
+        u8(part[3], f"{part[3]} lengths"),
+        raw(part[4 : 4 + part[3]], "equal weights"),
+        raw(part[4 + part[3] :], f"coded bytes: corrections {shown(away)}"),
+    ]
+    f.cluster([(0, 0, body, 6)], (0, 6 * MS))
+    f.close(1)
+    note = f"""Rule 4 of `LPCX`. Channel 1 is channel 0 after a filter: a logger computed
+`y + 0.3 * (x - y)`. The file stores `0.3 * x + 0.7 * y`, y being the exact value a tick before,
+and corrections. At tick 0 the lag of 1 reaches before the packet, so v is the quotient. The exact
+values of channel 1 are {" ".join(map(repr, y))}; their corrections are {shown(away)}."""
+    exact = [[f"{word % 2**64:016x}" for word in row] for row in words]
+    expected = {str(number): [span(0, *row)] for number, row in enumerate(counts)}
+    return Example(f, note, expected | {"exact": [{"start": 0, "exact": row} for row in exact]})
+
+
+def shown(numbers: Sequence[int]) -> str:
+    return ", ".join(map(str, numbers))
+
+
 def described() -> Example:
     f = File(0x00000009, brief=True)
     f.head()
@@ -577,6 +636,29 @@ track 0, and the exit code is 3."""
     return Example(f, note, expected, [(at, b"\x05")])
 
 
+def table() -> Example:
+    f = File(0x0000000D, brief=True)
+    f.head()
+    f.chunk("TRAK", plain(track("KNOT", tlvs=[knots()])), track=0)
+    bodies = [
+        (0, [svarint(1, "packet of ticks 0 to 3: constant 1")]),
+        (4, [svarint(100, "packet of ticks 4 to 7: constant 100")]),
+        (8, [svarint(3, "packet of ticks 8 to 11: constant 3")]),
+    ]
+    f.cluster([(0, at, body, 4) for at, body in bodies], (0, 12 * MS))
+    size = [about for _, about in f.fields].index("2 bytes")
+    offset, end = len(joined(f.fields[:size])), f.offset
+    f.close(1)
+    note = f"""A damaged table. The listing is the file as it was written. In `table.hapf` the byte
+at offset 0x{offset:X} is `03`: it says that the second packet has 4 bytes, not 2. `forwards` finds
+a place for the first row only, since the second row moves the third one. `backwards` begins at the
+end of the payload, 0x{end:X}, and finds a place for the third. The second row has none, and the
+report has a *bad-packet* of the 2 bytes between. The channel is 1 1 1 1, a gap at ticks 4 to 7,
+then 3 3 3 3."""
+    expected = {"0": [span(0, 1, 1, 1, 1), span(8, 3, 3, 3, 3)]}
+    return Example(f, note, expected, [(offset, b"\x03")])
+
+
 MAKERS: dict[str, Callable[[], Example]] = {
     "hold": hold,
     "residual": residual,
@@ -586,9 +668,11 @@ MAKERS: dict[str, Callable[[], Example]] = {
     "coded": coded,
     "predicted": predicted,
     "exact": exact,
+    "linear": linear,
     "described": described,
     "digests": digests,
     "salvaged": salvaged,
+    "table": table,
 }
 
 HEADER = """# Worked examples

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import page
 from page import BrokenRule, Coder, bits_of, varint
 from page_coding import bit_ends, code_length, some_bytes, table_of
+from page_predicted import split_parts
 
 
 def nearest(q: Fraction) -> Fraction:
@@ -190,29 +191,14 @@ def linear(t: int, count: int, mine: Component, columns) -> Fraction:
     return value(count, *mine.affine, 0, 0) if v is None else v
 
 
-def split_parts(rest: bytes, count: int) -> list[bytes]:
-    if not rest:
-        return [b""] * count
-    sizes, at = [], 0
-    for _ in range(count - 1):
-        size, at = varint(rest, at)
-        sizes.append(size)
-    if sum(sizes) > len(rest) - at:
-        raise BrokenRule("EXA-003")
-    parts = []
-    for size in [*sizes, len(rest) - at - sum(sizes)]:
-        parts.append(rest[at : at + size])
-        at += size
-    return parts
-
-
 def decode_components(data: bytes, span: int, components: Sequence[Component], last=2**32):
     """(counts, words) of each component of a packet."""
     n, at = varint(data, 0)
     if n > len(data) - at:
         raise BrokenRule("EXA-003")
     counts = page.decode_packet(data[at : at + n], span, last, len(components))
-    parts = split_parts(data[at + n :], len(components))
+    rest = data[at + n :]
+    parts = split_parts(rest, len(components), "EXA-003") if rest else [b""] * len(components)
     words: dict[int, list[int]] = {}
     for place_ in order(components):
         mine, row = components[place_], counts[place_]

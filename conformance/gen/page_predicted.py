@@ -95,18 +95,26 @@ def errors_of(indices, r, g, c, base, x):
     return [y[t] - prediction(c, y[:t], t) - x[t] for t in range(len(z)) if not r[t]]
 
 
-def decode_packet(data: bytes, span: int, last: int, count: int) -> list[list[int]]:
-    """The indices of ``count`` components."""
+def split_parts(data: bytes, count: int, rule: str) -> list[bytes]:
+    """The parts of ``count`` components; ``rule``: the one that too large a size breaks."""
     sizes, at = [], 0
     for _ in range(count - 1):
         size, at = varint(data, at)
         sizes.append(size)
     if sum(sizes) > len(data) - at:
-        raise BrokenRule("LPC-001")
-    out: list[list[int]] = []
+        raise BrokenRule(rule)
+    parts = []
     for size in [*sizes, len(data) - at - sum(sizes)]:
-        out.append(decode(data[at : at + size], span, last, out))
+        parts.append(data[at : at + size])
         at += size
+    return parts
+
+
+def decode_packet(data: bytes, span: int, last: int, count: int) -> list[list[int]]:
+    """The indices of ``count`` components."""
+    out: list[list[int]] = []
+    for part in split_parts(data, count, "LPC-001"):
+        out.append(decode(part, span, last, out))
     return out
 
 

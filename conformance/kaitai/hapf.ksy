@@ -412,13 +412,13 @@ types:
   lpcx_term:
     doc-ref: SPEC.md 9.7
     seq:
-      - id: component
+      - id: a
         type: u1
         doc: A component of the track.
       - id: lag
         type: u1
         doc: In ticks.
-      - id: weight
+      - id: w
         type: f8
         doc: Of its exact value.
   calibration_list:

@@ -16,7 +16,16 @@ import page  # noqa: E402
 
 Plain = dict[str, Any]
 ROW = re.compile(r"^\| (\d+) \| (\d+) \| (\S+) \| `(\w+)` \|", re.M)
-CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i32": "i", "i64": "q", "f32": "f"}
+CODES = {
+    "u8": "B",
+    "u16": "H",
+    "u32": "I",
+    "u64": "Q",
+    "i32": "i",
+    "i64": "q",
+    "f32": "f",
+    "f64": "d",
+}
 TEXT = (ROOT / "SPEC.md").read_text(encoding="utf-8")
 
 
@@ -150,7 +159,7 @@ def lpcx_rule(c: Cursor) -> Plain:
 
 
 def lpcx_term(c: Cursor) -> Plain:
-    return {"component": c.u8(), "lag": c.u8(), "weight": f64(c)}
+    return c.fixed("LPCX term")
 
 
 def f64(c: Cursor) -> float:

@@ -9,7 +9,6 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
-from pathlib import Path
 
 import click
 
@@ -105,11 +104,12 @@ class Verbs(click.Group):
 def print_version(ctx: click.Context, _param: click.Parameter, asked: bool) -> None:
     if not asked or ctx.resilient_parsing:
         return
-    kernels = Path(__file__).parent.parent / "kernels"
-    built = any(path.suffix in (".so", ".pyd") for path in kernels.glob("_kernels.*"))
-    loops = "compiled loops" if built else "no compiled loops, so everything is slow"
-    if built and os.environ.get("HAPFMT_PURE"):
+    from ..kernels import load
+
+    if os.environ.get("HAPFMT_PURE"):
         loops = "compiled loops switched off by HAPFMT_PURE"
+    else:
+        loops = "compiled loops" if load() else "no compiled loops, so everything is slow"
     screen.say(f"hapfmt {__version__}, format {SPEC_VERSION}, {loops}")
     ctx.exit()
 

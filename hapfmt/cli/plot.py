@@ -112,14 +112,16 @@ def plot(
     parts = open_parts(
         file, input_format, rate, max_memory, channels, whole=whole, transpose=transpose
     )
+    original = None
     try:
-        original = None
         if against is not None:
             original = matched(parts, against, input_format, rate, max_memory, transpose)
         figures = draw(parts, original, file, start, stop, kind == "pdf" or window)
         code = finish(parts, start, stop)
     finally:
         parts.close()
+        if original is not None:
+            original.close()
     if window:
         from ..plotting.window import show
 

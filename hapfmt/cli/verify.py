@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from math import inf
 from typing import TYPE_CHECKING
 
 import click
@@ -177,7 +178,9 @@ def of_bound(check: ContractCheck) -> str:
 
 
 def percent(error: float, whole: float) -> str:
-    return f"{100 * error / whole:.3g}" if whole else "-" if error else "0"
+    if not error:
+        return "0"
+    return f"{100 * (error / whole):.3g}" if 0 < whole < inf else "-"
 
 
 def kept(checks: list[ContractCheck]) -> str:

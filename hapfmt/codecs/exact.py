@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,9 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.layout import LPCX_PARAMETERS
+from ..container.layout import LPCX_PARAMETERS, LPCX_TERM
 from ..container.track import Affine
-from ..container.wire import parse_fixed
 from ..errors import FormatError
 from ..integers import parse_varint
 from ..kernels import compiled
@@ -37,8 +35,6 @@ from .values import (
     rule_fits,
     values_of,
 )
-
-TERM = struct.Struct("<BBd")
 
 RECALL, FOUR_STATES = 1, 2
 LENGTHS = 64
@@ -73,10 +69,12 @@ class ExactParameters:
     terms: tuple[Term, ...] = ()
 
     def build(self) -> bytes:
-        fields = {"rule": self.rule, "digits": self.digits, "terms": len(self.terms), "reserved": 0}
+        fixed = LPCX_PARAMETERS.build(
+            rule=self.rule, digits=self.digits, terms=len(self.terms), reserved=0
+        )
         numbers = np.array(self.coefficients, "<f8").tobytes()
-        rows = b"".join(struct.pack("<BBd", *term) for term in self.terms)
-        return bytes(LPCX_PARAMETERS.build(fields)) + numbers + rows
+        rows = (LPCX_TERM.build(a=a, lag=lag, w=w) for a, lag, w in self.terms)
+        return fixed + numbers + b"".join(rows)
 
     @classmethod
     def parse(cls, data: bytes, offset: int) -> ExactParameters:
@@ -86,24 +84,25 @@ class ExactParameters:
     @classmethod
     def parse_next(cls, data: bytes, at: int, base: int) -> tuple[ExactParameters, int]:
         """Those that stand at ``at`` of the data, and where they end; ``base``: of the data."""
-        raw, offset = parse_fixed(LPCX_PARAMETERS, data, at, "COD-002", base), base + at
+        raw, offset = LPCX_PARAMETERS.parse(data, at, "COD-002", base), base + at
         if raw.reserved:
-            raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=offset + 3)
+            place = offset + LPCX_PARAMETERS.offsets["reserved"]
+            raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=place)
         if not rule_fits(raw.rule, raw.digits, raw.terms):
             raise FormatError(
                 f"rule {raw.rule} with {raw.digits} digits and {raw.terms} terms",
                 requirement="EXA-002",
                 offset=offset,
             )
-        at += LPCX_PARAMETERS.sizeof()
+        at += LPCX_PARAMETERS.size
         count = COEFFICIENTS if raw.rule == CUBIC else int(raw.rule == LINEAR)
-        stop = at + 8 * count + TERM.size * raw.terms
+        stop = at + 8 * count + LPCX_TERM.size * raw.terms
         if stop > len(data):
             raise FormatError(
                 "LPCX parameters end within a component", requirement="COD-002", offset=base
             )
         coefficients = np.frombuffer(data, "<f8", count, at).tolist()
-        terms = [Term(*row) for row in TERM.iter_unpack(data[at + 8 * count : stop])]
+        terms = [Term(*row) for row in LPCX_TERM.fixed.iter_unpack(data[at + 8 * count : stop])]
         # So is what is no number refused.
         if not all(abs(w) < COEFFICIENT_LIMIT for w in [*coefficients, *(t.weight for t in terms)]):
             raise FormatError(

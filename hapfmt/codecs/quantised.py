@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..container.layout import QUAN_PARAMETERS
-from ..container.wire import parse_fixed
 from ..errors import FormatError, TruncatedError
 from ..kernels import compiled
 from ..limits import Level
@@ -139,18 +138,16 @@ class QuanParameters:
 
     def build(self) -> bytes:
         fixed = QUAN_PARAMETERS.build(
-            {
-                "step": self.step,
-                "direct_levels": self.alphabet.direct_levels,
-                "run_classes": self.alphabet.run_classes,
-                "escape_classes": self.alphabet.escape_classes,
-            }
+            step=self.step,
+            direct_levels=self.alphabet.direct_levels,
+            run_classes=self.alphabet.run_classes,
+            escape_classes=self.alphabet.escape_classes,
         )
-        return bytes(fixed) + build_codebook(self.lengths)
+        return fixed + build_codebook(self.lengths)
 
     @classmethod
     def parse(cls, data: bytes, level: Level, offset: int) -> QuanParameters:
-        raw = parse_fixed(QUAN_PARAMETERS, data, 0, "COD-002", offset)
+        raw = QUAN_PARAMETERS.parse(data, 0, "COD-002", offset)
         alphabet = Alphabet(raw.direct_levels, raw.run_classes, raw.escape_classes)
         if raw.step < 1:
             raise FormatError("step of 0", requirement="QNT-001", offset=offset)
@@ -160,8 +157,12 @@ class QuanParameters:
             or raw.run_classes > RUN_LIMIT
             or raw.escape_classes > ESCAPE_LIMIT
         ):
-            raise FormatError("alphabet too large", requirement="QNT-001", offset=offset + 4)
-        start = QUAN_PARAMETERS.sizeof()
+            raise FormatError(
+                "alphabet too large",
+                requirement="QNT-001",
+                offset=offset + QUAN_PARAMETERS.offsets["direct_levels"],
+            )
+        start = QUAN_PARAMETERS.size
         return cls(raw.step, alphabet, parse_codebook(data[start:], alphabet.size, offset + start))
 
 

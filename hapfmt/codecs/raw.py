@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from ..container.deflate import inflate
 from ..container.layout import RAWB_PARAMETERS
 from ..container.track import WORD_SIZES
-from ..container.wire import parse_fixed
 from ..errors import FormatError, TruncatedError
 
 STORED, DEFLATE = 0, 1
@@ -33,15 +32,19 @@ class RawParameters:
     word_size: int
 
     def build(self) -> bytes:
-        return bytes(RAWB_PARAMETERS.build({"word_size": self.word_size, "reserved": bytes(3)}))
+        return RAWB_PARAMETERS.build(word_size=self.word_size, reserved=bytes(3))
 
     @classmethod
     def parse(cls, data: bytes, number_format: str, offset: int) -> RawParameters:
-        raw = parse_fixed(RAWB_PARAMETERS, data, 0, "COD-002", offset)
-        if len(data) != RAWB_PARAMETERS.sizeof():
+        raw = RAWB_PARAMETERS.parse(data, 0, "COD-002", offset)
+        if len(data) != RAWB_PARAMETERS.size:
             raise FormatError("RAWB parameters too long", requirement="COD-002", offset=offset)
         if any(raw.reserved):
-            raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=offset + 1)
+            raise FormatError(
+                "reserved bytes are not 0",
+                requirement="HED-005",
+                offset=offset + RAWB_PARAMETERS.offsets["reserved"],
+            )
         allowed = COUNT_SIZES if number_format == "counts" else (WORD_SIZES[number_format],)
         if raw.word_size not in allowed:
             raise FormatError(

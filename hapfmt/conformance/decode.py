@@ -13,7 +13,7 @@ from ..container.description import split
 from ..container.layout import TRACK
 from ..container.track import Track
 from ..container.walk import read_chunk
-from ..container.wire import HEADER_SIZE, id_text, read_fields
+from ..container.wire import HEADER_SIZE, id_text
 from ..reading.assembly import Assembly, Band
 from ..reading.catalogue import Catalogue, ChannelRef, ChunkRef
 from ..reading.reader import Reader
@@ -100,7 +100,7 @@ def stored_rate(catalogue: Catalogue, track: Track) -> list[int]:
     chunk = read_chunk(catalogue.source, track.offset - HEADER_SIZE)
     assert chunk is not None
     records = split(chunk.payload, catalogue.level, track.offset)
-    raw = read_fields(TRACK, records[track.id - chunk.header.track], 0)
+    raw = TRACK.read(records[track.id - chunk.header.track])
     return [raw.rate_num, raw.rate_den]
 
 

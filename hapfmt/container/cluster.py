@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,6 +9,7 @@ from typing import NamedTuple
 from ..errors import ChecksumError, FormatError, TruncatedError
 from ..integers import build_varint, parse_varint
 from ..limits import TICK_LIMIT, Level
+from .layout import PACKET_FIELDS
 from .track import Track
 from .wire import crc32
 
@@ -20,8 +20,8 @@ ROW_ROOM = 20
 """Bytes of a row at most, if its fields keep the limits of level 2."""
 HEAD_ROOM = 35
 """Bytes of packet_count, widths and the least values at most."""
-FIELDS = struct.Struct("<5Q")
-"""What a packet CRC covers before the packet: packet_count, track, size, start, span."""
+FIELDS = PACKET_FIELDS.fixed
+"""What a packet CRC covers before the packet."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,7 +43,7 @@ from .track import (
     Component,
     Track,
 )
-from .wire import NO_TRACK, build_fields, parse_fixed, size_of
+from .wire import NO_TRACK
 
 PARAMETERS, LABEL, CALIBRATIONS, UNIT, QUANTITY, AXIS, GROUP = 1, 2, 3, 4, 6, 8, 10
 BODY_SITE, DEVICE, CONTRACT, DEVIATIONS, WEIGHTS, PROVENANCE = 12, 14, 16, 18, 20, 22
@@ -59,8 +59,6 @@ STRINGS = {
 }
 INHERITED = frozenset(STRINGS) | {CALIBRATIONS, DEVIATIONS}
 KNOWN = INHERITED | {PARAMETERS, CONTRACT, PROVENANCE}
-RANGE_OFFSET, CHANNEL_OFFSET, LINK_OFFSET = 16, 24, 26
-"""Of count_min, first_channel and linked in the layout."""
 CHUNK_SIZE = 1 << 16
 """Of the tracks of a chunk as they are: more of them stand in the next one."""
 
@@ -109,21 +107,18 @@ def build_track(track: Track) -> bytes:
     if len(track.components) > COMPONENTS:
         raise ParameterError("a track has at most 255 components")
     linked = track.continues if track.base is None else track.base
-    fixed = build_fields(
-        TRACK,
-        {
-            "tlv_count": len(values),
-            "component_count": len(track.components),
-            "kind": KINDS.index(track.kind),
-            "number_format": NUMBER_FORMATS.index(track.number_format),
-            "codec": track.codec.encode("latin-1"),
-            "rate_num": track.rate.numerator,
-            "rate_den": track.rate.denominator,
-            "count_min": track.count_min,
-            "count_max": track.count_max,
-            "first_channel": track.first_channel,
-            "linked": NO_TRACK if linked is None else linked,
-        },
+    fixed = TRACK.pack(
+        tlv_count=len(values),
+        component_count=len(track.components),
+        kind=KINDS.index(track.kind),
+        number_format=NUMBER_FORMATS.index(track.number_format),
+        codec=track.codec.encode("latin-1"),
+        rate_num=track.rate.numerator,
+        rate_den=track.rate.denominator,
+        count_min=track.count_min,
+        count_max=track.count_max,
+        first_channel=track.first_channel,
+        linked=NO_TRACK if linked is None else linked,
     )
     return fixed + build_tlvs(values)
 
@@ -183,7 +178,7 @@ def parse_records(plain: bytes, base: int) -> Iterator[tuple[Any, Tlvs, int]]:
     position = components = 0
     while position < len(plain) or not components:
         start, tlvs = position, Tlvs()
-        raw = parse_fixed(TRACK, plain, position, "TLV-001" if components else "TRK-002", base)
+        raw = TRACK.parse(plain, position, "TLV-001" if components else "TRK-002", base)
         components += raw.component_count
         if min(raw.component_count, raw.rate_num, raw.rate_den) < 1 or components > COMPONENTS:
             raise FormatError(
@@ -191,7 +186,7 @@ def parse_records(plain: bytes, base: int) -> Iterator[tuple[Any, Tlvs, int]]:
                 requirement="TRK-002",
                 offset=base + start,
             )
-        position += size_of(TRACK)
+        position += TRACK.size
         for _ in range(raw.tlv_count):
             position = parse_tlv(plain, position, base, tlvs)
         yield raw, tlvs, start
@@ -222,7 +217,9 @@ def parse_track(raw: Any, tlvs: Tlvs, id_: int, at: int, offset: int) -> Track:
     size = raw.component_count
     if kind != "events" and raw.first_channel + size > NO_TRACK:
         raise FormatError(
-            "channel number above 65534", requirement="TRK-010", offset=at + CHANNEL_OFFSET
+            "channel number above 65534",
+            requirement="TRK-010",
+            offset=at + TRACK.offsets["first_channel"],
         )
     linked = None if raw.linked == NO_TRACK else raw.linked
     continues = kind in ("full", "lf")
@@ -264,13 +261,12 @@ def find_unsupported(raw: Any, tlvs: Tlvs) -> str | None:
 
 def check_range(track: Track, level: Level, offset: int) -> None:
     """TRK-005."""
-    low, high, hf = track.count_min, track.count_max, track.kind == "hf"
-    bound = 1 << ((level.residual_bits if hf else level.count_bits) - 1)
-    if low > high or low < -bound or high >= bound:
+    if not track.in_range_of(level):
         raise FormatError(
-            f"declared range {low} to {high} does not fit level {level.number}",
+            f"declared range {track.count_min} to {track.count_max} does not fit "
+            f"level {level.number}",
             requirement="TRK-005",
-            offset=offset + RANGE_OFFSET,
+            offset=offset + TRACK.offsets["count_min"],
         )
 
 
@@ -293,7 +289,9 @@ def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
         raise FormatError("an error bound on words", requirement="TRK-006", offset=offset)
     if hf and track.base is None:
         raise FormatError(
-            "HF track without a base track", requirement="TRK-007", offset=offset + LINK_OFFSET
+            "HF track without a base track",
+            requirement="TRK-007",
+            offset=offset + TRACK.offsets["linked"],
         )
     if hf and INHERITED & tlvs.keys():
         raise FormatError(

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ..errors import FormatError
 from ..integers import build_varint, parse_varint
 from .layout import FOOT, INDEX
-from .wire import HEADER_SIZE, build_fields, parse_fixed
+from .wire import HEADER_SIZE
 
 FIRST_OFFSET = 8
 INDEX_EVERY = 1 << 22
@@ -19,7 +19,7 @@ NS_LIMIT = (1 << 63) - 1
 MS_LIMIT = (1 << 53) - 1
 ENTRY_SIZES = (5, 28)
 """The smallest and the largest number of bytes that an entry takes."""
-INDEX_SIZE: int = INDEX.sizeof()
+INDEX_SIZE = INDEX.size
 
 
 class IndexEntry(NamedTuple):
@@ -58,15 +58,13 @@ def ceil_ms(seconds: Fraction) -> int:
 
 
 def build_index(index: Index) -> bytes:
-    head = build_fields(
-        INDEX,
-        {
-            "previous": index.previous,
-            "first_sequence": index.first_sequence,
-            "entry_count": len(index.entries),
-        },
+    out = bytearray(
+        INDEX.build(
+            previous=index.previous,
+            first_sequence=index.first_sequence,
+            entry_count=len(index.entries),
+        )
     )
-    out = bytearray(head)
     before = index.previous
     for entry in index.entries:
         out += entry.type.encode("ascii") + build_varint(entry.offset - before)
@@ -78,13 +76,14 @@ def build_index(index: Index) -> bytes:
 
 def entry_count(payload: bytes) -> int:
     """What the payload promises, and no more than it can hold; for a bound before it is parsed."""
-    promised = int.from_bytes(payload[INDEX_SIZE - 4 : INDEX_SIZE], "little")
-    return min(promised, len(payload) // ENTRY_SIZES[0])
+    if len(payload) < INDEX_SIZE:
+        return 0
+    return min(int(INDEX.read(payload).entry_count), len(payload) // ENTRY_SIZES[0])
 
 
 def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
     """The iNDX payload at ``offset``, whose chunk starts at ``own_offset``."""
-    raw = parse_fixed(INDEX, payload, 0, "IDX-002", offset)
+    raw = INDEX.parse(payload, 0, "IDX-002", offset)
     if len(payload) < INDEX_SIZE + raw.entry_count * ENTRY_SIZES[0]:
         raise FormatError(
             "index length and entry count differ", requirement="IDX-002", offset=offset
@@ -93,7 +92,7 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
         raise FormatError(
             "more entries than there are chunks before the index",
             requirement="IDX-002",
-            offset=offset + 12,
+            offset=offset + INDEX.offsets["entry_count"],
         )
     if raw.previous and not FIRST_OFFSET <= raw.previous < own_offset:
         raise FormatError("previous index out of place", requirement="IDX-002", offset=offset)
@@ -130,17 +129,21 @@ def parse_index(payload: bytes, own_offset: int, offset: int) -> Index:
 
 
 def build_foot(foot: Foot) -> bytes:
-    return build_fields(FOOT, foot._asdict())
+    return FOOT.build(**foot._asdict())
 
 
 def parse_foot(payload: bytes, offset: int, *, moved: bool = False) -> Foot:
     """The fOOT payload at ``offset``; ``moved``: bytes before it were lost or came in."""
-    if len(payload) != FOOT.sizeof():
+    if len(payload) != FOOT.size:
         raise FormatError("footer of another length", requirement="FOT-001", offset=offset)
-    raw = parse_fixed(FOOT, payload, 0, "FOT-001", offset)
-    foot = Foot(raw.index_offset, raw.stop_offset, raw.data_count, raw.track_count, raw.duration_ns)
+    raw = FOOT.parse(payload, 0, "FOT-001", offset)
+    foot = Foot(**raw._asdict())
     if not moved and foot.stop_offset != offset + len(payload):
-        raise FormatError("footer names another end", requirement="FOT-001", offset=offset + 8)
+        raise FormatError(
+            "footer names another end",
+            requirement="FOT-001",
+            offset=offset + FOOT.offsets["stop_offset"],
+        )
     return foot
 
 
@@ -160,7 +163,7 @@ def check_listing(index: Index, own_offset: int, chunks: Sequence[IndexEntry], o
                 raise FormatError(
                     f"the index counts its chunks from {index.first_sequence}, not {start}",
                     requirement="IDX-002",
-                    offset=offset + 8,
+                    offset=offset + INDEX.offsets["first_sequence"],
                 )
             return
     raise FormatError("the index does not match the chunks", requirement="IDX-002", offset=offset)

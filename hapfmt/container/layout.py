@@ -1,109 +1,211 @@
-"""The fixed layouts of the format: SPEC's tables are printed from these declarations.
+"""The fixed layouts of the format, each declared once: its fields in order, type and meaning.
 
-Flat structs of plain little-endian integers and bytes, one line of meaning each. They check
-nothing: every check and every conversion is in wire.py, track.py, cluster.py and index.py.
+SPEC's tables are printed from these declarations. construct writes what a file has a few times.
+Whatever is read, and what is written for every chunk or track, goes through struct. Both follow
+from the same fields: to import construct takes longer than to read all descriptions of a file.
 """
 
 from __future__ import annotations
 
-from construct import (
-    Bytes,
-    Construct,
-    Float32l,
-    Int8ul,
-    Int16ul,
-    Int32sl,
-    Int32ul,
-    Int64sl,
-    Int64ul,
-    Struct,
-)
+import struct
+from collections import namedtuple
+from functools import cached_property
+from itertools import accumulate
+from typing import Any, NamedTuple
+
+from ..errors import TruncatedError
 
 SIGNATURE = b"\x8fHAP\r\n\x1a\n"
 SYNC = b"\xf9H\x8b\x1c"
+CODES = {
+    "u8": "B",
+    "u16": "H",
+    "u32": "L",
+    "u64": "Q",
+    "i32": "l",
+    "i64": "q",
+    "f32": "f",
+    "f64": "d",
+}
+"""Letters of struct and of construct's FormatField for SPEC's types; byte[n] is beside them."""
 
-CHUNK_HEADER = Struct(
-    "sync" / Bytes(4) * "sync word F9 48 8B 1C",
-    "type" / Bytes(4) * "chunk type, four ASCII letters; their cases are the property bits",
-    "file_id" / Int64ul * "file id, the same in every chunk of the file",
-    "sequence" / Int32ul * "sequence number: 0 for the first chunk, one more for each next",
-    "payload_size" / Int32ul * "size of the payload in bytes",
-    "track" / Int16ul * "track id that the chunk refers to; 0xFFFF: none",
-    "flags" / Int16ul * "bits 0-7 critical, bits 8-15 ancillary; all 0 in version 1.0",
-    "payload_crc" / Int32ul * "file CRC of the payload",
-    "header_crc" / Int32ul * "CRC-32 of the 32 bytes before it",
+
+class Field(NamedTuple):
+    name: str
+    type: str
+    meaning: str
+
+    @property
+    def length(self) -> int | None:
+        """n of byte[n]."""
+        return int(self.type[5:-1]) if self.type.startswith("byte[") else None
+
+    @property
+    def code(self) -> str:
+        return CODES[self.type] if self.length is None else f"{self.length}s"
+
+    @property
+    def size(self) -> int:
+        return struct.calcsize("<" + self.code)
+
+
+class Layout:
+    """Little-endian integers, numbers and bytes, one after the other."""
+
+    def __init__(self, *fields: Field) -> None:
+        self.fields = fields
+        self.fixed = struct.Struct("<" + "".join(field.code for field in fields))
+        self.size = self.fixed.size
+        places = accumulate((field.size for field in fields), initial=0)
+        self.offsets = {field.name: at for field, at in zip(fields, places, strict=False)}
+
+    @cached_property
+    def record(self) -> Any:
+        """The named tuple that read gives."""
+        return namedtuple("Fields", self.offsets)
+
+    @cached_property
+    def construct(self) -> Any:
+        """The Struct of construct."""
+        from construct import Bytes, FormatField, Struct
+
+        return Struct(
+            *(
+                field.name
+                / (FormatField("<", field.code) if field.length is None else Bytes(field.length))
+                * field.meaning
+                for field in self.fields
+            )
+        )
+
+    def build(self, **values: Any) -> bytes:
+        """By construct: every field is checked."""
+        return bytes(self.construct.build(values))
+
+    def pack(self, **values: Any) -> bytes:
+        """By struct; byte strings have their size already."""
+        return self.fixed.pack(*self.record(**values))
+
+    def read(self, data: bytes, position: int = 0) -> Any:
+        """The fields at ``position`` of data that holds them all."""
+        return self.record._make(self.fixed.unpack_from(data, position))
+
+    def parse(self, data: bytes, position: int, requirement: str, base: int) -> Any:
+        """The fields at ``position``; ``base`` is the file offset of ``data``."""
+        if len(data) - position < self.size:
+            raise TruncatedError(
+                f"{len(data) - position} bytes where the layout has {self.size}",
+                requirement=requirement,
+                offset=base + position,
+            )
+        return self.read(data, position)
+
+
+CHUNK_HEADER = Layout(
+    Field("sync", "byte[4]", "sync word F9 48 8B 1C"),
+    Field("type", "byte[4]", "chunk type, four ASCII letters; their cases are the property bits"),
+    Field("file_id", "u64", "file id, the same in every chunk of the file"),
+    Field("sequence", "u32", "sequence number: 0 for the first chunk, one more for each next"),
+    Field("payload_size", "u32", "size of the payload in bytes"),
+    Field("track", "u16", "track id that the chunk refers to; 0xFFFF: none"),
+    Field("flags", "u16", "bits 0-7 critical, bits 8-15 ancillary; all 0 in version 1.0"),
+    Field("payload_crc", "u32", "file CRC of the payload"),
+    Field("header_crc", "u32", "CRC-32 of the 32 bytes before it"),
 )
 
-HEAD = Struct(
-    "major" / Int8ul * "major version, 1",
-    "minor" / Int8ul * "minor version, 0",
-    "level" / Int8ul * "level, 1 or 2",
-    "reserved" / Int8ul * "0",
-    "incompat" / Int32ul * "incompatible feature bits, none defined in 1.0",
-    "compat" / Int32ul * "compatible feature bits, none defined in 1.0",
-    "uuid" / Bytes(16) * "UUID of the recording in network order; all 0: none",
-    "epoch_ns" / Int64sl * "UTC of tick 0, nanoseconds since 1970-01-01T00:00:00Z",
-    "epoch_uncertainty_ns" / Int64ul * "its uncertainty; all 1: the epoch is not known",
+HEAD = Layout(
+    Field("major", "u8", "major version, 1"),
+    Field("minor", "u8", "minor version, 0"),
+    Field("level", "u8", "level, 1 or 2"),
+    Field("reserved", "u8", "0"),
+    Field("incompat", "u32", "incompatible feature bits, none defined in 1.0"),
+    Field("compat", "u32", "compatible feature bits, none defined in 1.0"),
+    Field("uuid", "byte[16]", "UUID of the recording in network order; all 0: none"),
+    Field("epoch_ns", "i64", "UTC of tick 0, nanoseconds since 1970-01-01T00:00:00Z"),
+    Field("epoch_uncertainty_ns", "u64", "its uncertainty; all 1: the epoch is not known"),
 )
 
-TRACK = Struct(
-    "tlv_count" / Int8ul * "TLVs that follow",
-    "component_count" / Int8ul * "components",
-    "kind" / Int8ul * "0 full band, 1 LF, 2 HF residual, 3 events",
-    "number_format" / Int8ul * "0 counts, 1 int64, 2 uint64, 3 binary16, 4 binary32, 5 binary64",
-    "codec" / Bytes(4) * "codec, four ASCII characters",
-    "rate_num" / Int32ul * "numerator of the rate in ticks per second",
-    "rate_den" / Int32ul * "denominator of the rate",
-    "count_min" / Int32sl * "declared range of a decoded count, lowest",
-    "count_max" / Int32sl * "declared range of a decoded count, highest",
-    "first_channel" / Int16ul * "channel number of the first component; the others follow",
-    "linked" / Int16ul * "HF: id of its base track; else of the track that it continues, or 0xFFFF",
+TRACK = Layout(
+    Field("tlv_count", "u8", "TLVs that follow"),
+    Field("component_count", "u8", "components"),
+    Field("kind", "u8", "0 full band, 1 LF, 2 HF residual, 3 events"),
+    Field("number_format", "u8", "0 counts, 1 int64, 2 uint64, 3 binary16, 4 binary32, 5 binary64"),
+    Field("codec", "byte[4]", "codec, four ASCII characters"),
+    Field("rate_num", "u32", "numerator of the rate in ticks per second"),
+    Field("rate_den", "u32", "denominator of the rate"),
+    Field("count_min", "i32", "declared range of a decoded count, lowest"),
+    Field("count_max", "i32", "declared range of a decoded count, highest"),
+    Field("first_channel", "u16", "channel number of the first component; the others follow"),
+    Field(
+        "linked", "u16", "HF: id of its base track; else of the track that it continues, or 0xFFFF"
+    ),
 )
 
-TLV = Struct(
-    "type" / Int16ul * "what the value is; odd: critical, even: ancillary",
-    "size" / Int16ul * "size of the value in bytes",
+TLV = Layout(
+    Field("type", "u16", "what the value is; odd: critical, even: ancillary"),
+    Field("size", "u16", "size of the value in bytes"),
 )
 
-DEVIATION = Struct(
-    "declared" / Float32l * "tolerance that the caller declared, in the unit of the channel",
-    "largest" / Float32l * "largest deviation found, in the unit of the channel",
+DEVIATION = Layout(
+    Field("declared", "f32", "tolerance that the caller declared, in the unit of the channel"),
+    Field("largest", "f32", "largest deviation found, in the unit of the channel"),
 )
 
-INDEX = Struct(
-    "previous" / Int64ul * "offset of the iNDX chunk that the list begins with; 0: none",
-    "first_sequence" / Int32ul * "sequence number of the first chunk that is listed",
-    "entry_count" / Int32ul * "number of entries",
+PACKET_FIELDS = Layout(
+    Field("packet_count", "u64", "packets of the cluster"),
+    Field("track", "u64", "track id"),
+    Field("size", "u64", "bytes of the packet"),
+    Field("start", "u64", "first tick"),
+    Field("span", "u64", "number of ticks"),
+)
+"""What a packet CRC covers before the packet (DAT-004)."""
+
+COVERED_SPAN = Layout(
+    Field("start", "u64", "first tick"),
+    Field("ticks", "u64", "number of ticks"),
+)
+"""One span of the coverage in a digest (SPEC 6.9)."""
+
+INDEX = Layout(
+    Field("previous", "u64", "offset of the iNDX chunk that the list begins with; 0: none"),
+    Field("first_sequence", "u32", "sequence number of the first chunk that is listed"),
+    Field("entry_count", "u32", "number of entries"),
 )
 
-FOOT = Struct(
-    "index_offset" / Int64ul * "offset of the last iNDX chunk",
-    "stop_offset" / Int64ul * "offset of the first byte after this chunk",
-    "data_count" / Int32ul * "number of DATA chunks in the file",
-    "track_count" / Int32ul * "number of tracks described in the file",
-    "duration_ns" / Int64sl * "end of the latest packet, rounded up",
+FOOT = Layout(
+    Field("index_offset", "u64", "offset of the last iNDX chunk"),
+    Field("stop_offset", "u64", "offset of the first byte after this chunk"),
+    Field("data_count", "u32", "number of DATA chunks in the file"),
+    Field("track_count", "u32", "number of tracks described in the file"),
+    Field("duration_ns", "i64", "end of the latest packet, rounded up"),
 )
 
-QUAN_PARAMETERS = Struct(
-    "step" / Int32ul * "counts per level",
-    "direct_levels" / Int16ul * "M: levels -M to M have symbols of their own",
-    "run_classes" / Int8ul * "R: number of zero-run symbols",
-    "escape_classes" / Int8ul * "C: number of escape symbols",
+QUAN_PARAMETERS = Layout(
+    Field("step", "u32", "counts per level"),
+    Field("direct_levels", "u16", "M: levels -M to M have symbols of their own"),
+    Field("run_classes", "u8", "R: number of zero-run symbols"),
+    Field("escape_classes", "u8", "C: number of escape symbols"),
 )
 
-RAWB_PARAMETERS = Struct(
-    "word_size" / Int8ul * "bytes per number: 1, 2, 3, 4 or 8",
-    "reserved" / Bytes(3) * "0",
+RAWB_PARAMETERS = Layout(
+    Field("word_size", "u8", "bytes per number: 1, 2, 3, 4 or 8"),
+    Field("reserved", "byte[3]", "0"),
 )
 
-LPCX_PARAMETERS = Struct(
-    "rule" / Int8ul * "0 quotient, 1 product, 2 significant digits, 3 cubic, 4 linear",
-    "digits" / Int8ul * "rule 2: significant digits; else 0",
-    "terms" / Int8ul * "rule 4: number of terms; else 0",
-    "reserved" / Int8ul * "0",
+LPCX_PARAMETERS = Layout(
+    Field("rule", "u8", "0 quotient, 1 product, 2 significant digits, 3 cubic, 4 linear"),
+    Field("digits", "u8", "rule 2: significant digits; else 0"),
+    Field("terms", "u8", "rule 4: number of terms; else 0"),
+    Field("reserved", "u8", "0"),
 )
 
-TABLES: dict[str, Construct] = {
+LPCX_TERM = Layout(
+    Field("a", "u8", "a component of the track"),
+    Field("lag", "u8", "in ticks"),
+    Field("w", "f64", "weight"),
+)
+
+TABLES: dict[str, Layout] = {
     "chunk header": CHUNK_HEADER,
     "HEAD": HEAD,
     "TLV": TLV,
@@ -114,5 +216,6 @@ TABLES: dict[str, Construct] = {
     "QUAN parameters": QUAN_PARAMETERS,
     "RAWB parameters": RAWB_PARAMETERS,
     "LPCX parameters": LPCX_PARAMETERS,
+    "LPCX term": LPCX_TERM,
 }
 """Name of each table in SPEC.md and its declaration, in the order of the SPEC."""

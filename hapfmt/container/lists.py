@@ -128,12 +128,12 @@ def round_up(x: float) -> float:
 
 def build_deviation(deviation: tuple[float, float] | None) -> bytes:
     declared, largest = deviation or (0.0, 0.0)
-    return bytes(DEVIATION.build({"declared": round_up(declared), "largest": round_up(largest)}))
+    return DEVIATION.build(declared=round_up(declared), largest=round_up(largest))
 
 
 def parse_deviation(cursor: Cursor) -> tuple[float, float] | None:
     at = cursor.place
-    raw = DEVIATION.parse(cursor.take(DEVIATION.sizeof()))
+    raw = DEVIATION.read(cursor.take(DEVIATION.size))
     if not (math.isfinite(raw.declared) and 0 <= raw.largest <= raw.declared):
         raise FormatError("deviation above the declared one", requirement="TLV-005", offset=at)
     return (raw.declared, raw.largest) if raw.declared else None

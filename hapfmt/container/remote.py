@@ -1,8 +1,7 @@
-"""Bytes behind a URL, through fsspec: as few requests as needed, and never more than stated here.
+"""Bytes behind a URL, through fsspec.
 
-A request asks for whole blocks: at most one block before and one after what is wanted. While
-reading goes on exactly where the last request ended, each request takes as much again as was read
-so far in a row, up to AHEAD. What came is kept, the newest CACHE bytes of it.
+fsspec asks for whole blocks, one by one, and keeps the blocks used last, CACHE bytes of them. The
+size of a block is measured: a few channels or seconds take two or three requests.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ from __future__ import annotations
 import errno
 import io
 import threading
-from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -18,11 +16,8 @@ from typing import Any, BinaryIO, cast
 from urllib.parse import urlsplit
 
 from ..errors import HapfmtError, MissingExtraError, ParameterError
-from .source import spooled_copy
 
-BLOCK = 1 << 14
-"""Bytes that are asked for and kept together."""
-AHEAD = 1 << 20
+BLOCK = 1 << 18
 CACHE = 1 << 22
 GAP = 1 << 16
 """A request takes about as long as so many bytes (10 ms, 50 Mbit/s)."""
@@ -39,10 +34,13 @@ class RemoteSource:
     def __init__(self, url: str) -> None:
         self.path: str | None = shown(url)
         self.lock = threading.Lock()
-        self.blocks: OrderedDict[int, bytes] = OrderedDict()
-        self.next = self.streak = 0
         with network(self.path):
-            self.files, self.stream = open_url(url, cache_type="none")
+            self.files, self.stream = open_url(
+                url,
+                cache_type="blockcache",
+                cache_options={"maxblocks": CACHE // BLOCK},
+                block_size=BLOCK,
+            )
         try:
             with network(self.path):
                 size = getattr(self.stream, "size", None)
@@ -54,56 +52,19 @@ class RemoteSource:
             raise
 
     def read_at(self, offset: int, size: int) -> bytes:
-        stop = min(offset + size, self.size)
-        if offset >= stop:
+        size = min(size, self.size - offset)
+        if size <= 0:
             return b""
-        offset = max(offset, 0)
-        first, last = offset // BLOCK, (stop - 1) // BLOCK
-        with self.lock:
-            parts = self.take(first, last)
-        data = b"".join(parts)
-        return data[offset - first * BLOCK : stop - first * BLOCK]
-
-    def take(self, first: int, last: int) -> list[bytes]:
-        """Blocks ``first`` to ``last``: those that are kept, the others by one request."""
-        missing = [number for number in range(first, last + 1) if number not in self.blocks]
-        fetched: dict[int, bytes] = {}
-        if missing:
-            low, high = missing[0], missing[-1] + 1
-            self.streak = self.streak if low == self.next else 0
-            high = min(high + min(self.streak, AHEAD // BLOCK), -(-self.size // BLOCK))
-            data = self.fetch(low * BLOCK, min(high * BLOCK, self.size))
-            self.next, self.streak = high, self.streak + missing[-1] + 1 - low
-            fetched = {
-                number: data[(number - low) * BLOCK : (number - low + 1) * BLOCK]
-                for number in range(low, high)
-            }
-        parts = []
-        for number in range(first, last + 1):
-            if number in fetched:
-                parts.append(fetched[number])
-            else:
-                self.blocks.move_to_end(number)
-                parts.append(self.blocks[number])
-        for number, block in list(fetched.items())[-(CACHE // BLOCK) :]:
-            self.blocks[number] = block
-            self.blocks.move_to_end(number)
-        while len(self.blocks) > CACHE // BLOCK:
-            self.blocks.popitem(last=False)
-        return parts
-
-    def fetch(self, start: int, stop: int) -> bytes:
-        with network(self.path):
-            self.stream.seek(start)
-            data = self.stream.read(stop - start)
-        if len(data) != stop - start:
+        with self.lock, network(self.path):
+            self.stream.seek(offset)
+            data = self.stream.read(size)
+        if len(data) != size:
             # Never a damage of the file: it is not what the server said it was.
-            message = f"{len(data)} bytes came where {stop - start} were asked for"
+            message = f"{len(data)} bytes came where {size} were asked for"
             raise OSError(errno.EIO, message, self.path)
         return data
 
     def close(self) -> None:
-        self.blocks.clear()
         self.stream.close()
 
 
@@ -160,12 +121,13 @@ def open_url(url: str, **options: Any) -> tuple[object, BinaryIO]:
     return files, cast("BinaryIO", files.open(path, "rb", **options))
 
 
-def spool_url(url: str) -> tuple[BinaryIO, str]:
-    """All that stands behind a URL, and how to name it."""
+@contextmanager
+def streamed(url: str) -> Iterator[BinaryIO]:
+    """All that stands behind a URL, from the first byte to the last."""
     with network(shown(url)):
         _files, stream = open_url(url, block_size=0)
         with stream:
-            return spooled_copy(stream), shown(url)
+            yield stream
 
 
 def shown(url: str) -> str:

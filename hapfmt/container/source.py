@@ -149,11 +149,13 @@ def open_source(
     temporary file. ``mapped``: the file of this path as a mapping (see MappedSource).
     """
     if isinstance(file, str) and is_url(file):
-        from .remote import RemoteSource, spool_url
+        from .remote import RemoteSource, shown
 
         if mapped:
             raise ParameterError("only a local file can be mapped")
-        return StreamSource(*spool_url(file), owned=True) if spool else RemoteSource(file)
+        if spool:
+            return StreamSource(spooled_url(file), shown(file), owned=True)
+        return RemoteSource(file)
     if mapped:
         if not isinstance(file, (str, os.PathLike)):
             raise ParameterError("only a file with a path can be mapped")
@@ -190,3 +192,11 @@ def spooled_copy(stream: BinaryIO) -> BinaryIO:
     spool = tempfile.SpooledTemporaryFile(max_size=SPOOL_SIZE)  # noqa: SIM115
     shutil.copyfileobj(stream, spool)
     return spool  # type: ignore[return-value]
+
+
+def spooled_url(url: str) -> BinaryIO:
+    """All that stands behind a URL, copied the same way."""
+    from .remote import streamed
+
+    with streamed(url) as stream:
+        return spooled_copy(stream)

@@ -7,9 +7,7 @@ from typing import TypeVar
 
 from ..errors import FormatError, ParameterError
 from .layout import TLV
-from .wire import build_fields, read_fields
 
-TLV_SIZE = 4
 T = TypeVar("T")
 VALUE_SIZE = 0xFFFF
 STRING_SIZE, SAME = 0xFE, 0xFF
@@ -31,10 +29,10 @@ def parse_tlvs(payload: bytes, position: int, base: int) -> Tlvs:
 def parse_tlv(payload: bytes, position: int, base: int, found: Tlvs) -> int:
     """Adds the next one; returns where it ends."""
     at = base + position
-    start = position + TLV_SIZE
+    start = position + TLV.size
     if start > len(payload):
         raise FormatError("bytes left over after the last TLV", requirement="TLV-001", offset=at)
-    head = read_fields(TLV, payload, position)
+    head = TLV.read(payload, position)
     if found and head.type <= next(reversed(found)):
         raise FormatError("TLV types not increasing", requirement="TLV-001", offset=at)
     if head.size > len(payload) - start:
@@ -49,7 +47,7 @@ def build_tlvs(values: dict[int, bytes]) -> bytes:
         value = values[type_]
         if len(value) > VALUE_SIZE:
             raise ParameterError(f"a description of {len(value)} bytes is above the limit of 65535")
-        out += build_fields(TLV, {"type": type_, "size": len(value)}) + value
+        out += TLV.pack(type=type_, size=len(value)) + value
     return bytes(out)
 
 

@@ -1,33 +1,17 @@
-"""Bytes <-> checked records: chunk headers and HEAD (SPEC clauses 5 and 6.1).
-
-construct enters here and in layout.py only. Every layout is cut to its exact size first, so
-nothing but our errors can come out.
-"""
+"""Bytes <-> checked records: chunk headers and HEAD (SPEC clauses 5 and 6.1)."""
 
 from __future__ import annotations
 
-import struct
 import zlib
-from collections import namedtuple
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
-from typing import Any
 
-from construct import Bytes, Struct
-
-from ..errors import (
-    ChecksumError,
-    FormatError,
-    ParameterError,
-    TruncatedError,
-    UnsupportedError,
-)
+from ..errors import ChecksumError, FormatError, ParameterError, UnsupportedError
 from ..limits import LEVELS, Level
 from .layout import CHUNK_HEADER, HEAD, SIGNATURE, SYNC
+from .tlv import parse_tlvs
 
-HEADER_SIZE = 36
-CRC_OFFSET = HEADER_SIZE - 4
+HEADER_SIZE = CHUNK_HEADER.size
+CRC_OFFSET = CHUNK_HEADER.offsets["header_crc"]
 FILE_ID_LIMIT = 1 << 64
 NO_TRACK = 0xFFFF
 MAJOR, MINOR = 1, 0
@@ -77,48 +61,6 @@ def cluster_seed(file_id: int, sequence: int) -> int:
     return zlib.crc32(sequence.to_bytes(8, "little"), seed_of(file_id))
 
 
-@cache
-def fields_of(layout: Struct) -> tuple[struct.Struct, Any]:
-    """The layout for struct, which reads it many times as fast, and the record of its fields."""
-
-    def code(part: Any) -> str:
-        while hasattr(part, "subcon"):
-            part = part.subcon
-        return f"{part.length}s" if isinstance(part, Bytes) else str(part.fmtstr[1:])
-
-    names = [part.name for part in layout.subcons]
-    return struct.Struct("<" + "".join(map(code, layout.subcons))), namedtuple("Fields", names)
-
-
-def size_of(layout: Struct) -> int:
-    """Its bytes; construct adds them up each time."""
-    return fields_of(layout)[0].size
-
-
-def read_fields(layout: Struct, data: bytes, position: int) -> Any:
-    """The fields of a layout that fits."""
-    fixed, record = fields_of(layout)
-    return record._make(fixed.unpack_from(data, position))
-
-
-def build_fields(layout: Struct, values: Mapping[str, Any]) -> bytes:
-    """The bytes of a layout, as read_fields takes them; byte strings have their size already."""
-    fixed, record = fields_of(layout)
-    return fixed.pack(*[values[name] for name in record._fields])
-
-
-def parse_fixed(layout: Struct, data: bytes, position: int, requirement: str, base: int) -> Any:
-    """The layout at ``position``; ``base`` is the file offset of ``data``."""
-    size = size_of(layout)
-    if len(data) - position < size:
-        raise TruncatedError(
-            f"{len(data) - position} bytes where the layout has {size}",
-            requirement=requirement,
-            offset=base + position,
-        )
-    return read_fields(layout, data, position)
-
-
 @dataclass(frozen=True)
 class ChunkHeader:
     """SPEC 5.1, without the sync word and the header's own CRC."""
@@ -150,26 +92,23 @@ class ChunkHeader:
         return self.type in KNOWN_TYPES and not self.flags & CRITICAL_FLAGS
 
     def build(self) -> bytes:
-        head = build_fields(
-            CHUNK_HEADER,
-            {
-                "sync": SYNC,
-                "type": self.type.encode("ascii"),
-                "file_id": self.file_id,
-                "sequence": self.sequence,
-                "payload_size": self.payload_size,
-                "track": self.track,
-                "flags": self.flags,
-                "payload_crc": self.payload_crc,
-                "header_crc": 0,
-            },
+        head = CHUNK_HEADER.pack(
+            sync=SYNC,
+            type=self.type.encode("ascii"),
+            file_id=self.file_id,
+            sequence=self.sequence,
+            payload_size=self.payload_size,
+            track=self.track,
+            flags=self.flags,
+            payload_crc=self.payload_crc,
+            header_crc=0,
         )[:CRC_OFFSET]
         return head + crc32(head).to_bytes(4, "little")
 
 
 def parse_header(data: bytes, offset: int) -> ChunkHeader:
     """The chunk header in ``data`` (36 bytes or more), which stands at ``offset`` in the file."""
-    raw = parse_fixed(CHUNK_HEADER, data, 0, "FIL-002", offset)
+    raw = CHUNK_HEADER.parse(data, 0, "FIL-002", offset)
     if raw.sync != SYNC:
         raise FormatError(
             "no sync word where a chunk should start", requirement="CHK-002", offset=offset
@@ -224,38 +163,39 @@ class Head:
 
     def build(self) -> bytes:
         known = self.epoch_ns is not None
-        return build_fields(
-            HEAD,
-            {
-                "major": self.major,
-                "minor": self.minor,
-                "level": self.level,
-                "reserved": 0,
-                "incompat": self.incompat,
-                "compat": self.compat,
-                "uuid": self.uuid or bytes(16),
-                "epoch_ns": self.epoch_ns if known else 0,
-                "epoch_uncertainty_ns": self.epoch_uncertainty_ns if known else UNKNOWN_EPOCH,
-            },
+        return HEAD.build(
+            major=self.major,
+            minor=self.minor,
+            level=self.level,
+            reserved=0,
+            incompat=self.incompat,
+            compat=self.compat,
+            uuid=self.uuid or bytes(16),
+            epoch_ns=self.epoch_ns if known else 0,
+            epoch_uncertainty_ns=self.epoch_uncertainty_ns if known else UNKNOWN_EPOCH,
         )
 
 
 def parse_head(payload: bytes, offset: int) -> Head:
     """The HEAD payload, which stands at ``offset`` in the file."""
-    from .tlv import parse_tlvs
-
-    raw = parse_fixed(HEAD, payload, 0, "HED-002", offset)
+    raw, places = HEAD.parse(payload, 0, "HED-002", offset), HEAD.offsets
     if raw.major != MAJOR:
         raise UnsupportedError(f"major version {raw.major}", requirement="VER-001", offset=offset)
     if raw.incompat & ~KNOWN_INCOMPAT:
         raise UnsupportedError(
-            f"incompatible feature bits {raw.incompat:#x}", requirement="VER-001", offset=offset + 4
+            f"incompatible feature bits {raw.incompat:#x}",
+            requirement="VER-001",
+            offset=offset + places["incompat"],
         )
     if raw.level not in LEVELS:
-        raise UnsupportedError(f"level {raw.level}", requirement="HED-004", offset=offset + 2)
+        raise UnsupportedError(
+            f"level {raw.level}", requirement="HED-004", offset=offset + places["level"]
+        )
     if raw.reserved:
-        raise FormatError("reserved byte is not 0", requirement="HED-005", offset=offset + 3)
-    unknown = [t for t in parse_tlvs(payload, size_of(HEAD), offset) if t % 2]
+        raise FormatError(
+            "reserved byte is not 0", requirement="HED-005", offset=offset + places["reserved"]
+        )
+    unknown = [t for t in parse_tlvs(payload, HEAD.size, offset) if t % 2]
     if unknown:
         raise UnsupportedError(
             f"critical TLV {unknown[0]} in HEAD", requirement="TLV-003", offset=offset

@@ -168,15 +168,13 @@ def _opened(file: str | os.PathLike[str] | bytes | BinaryIO) -> Iterator[BinaryI
         yield file
         return
     if isinstance(file, str) and ("://" in file or "::" in file):
-        from ..container.source import is_url
+        from ..container.source import is_url, spooled_url
 
         if is_url(file):
             if PurePosixPath(file).suffix.lower() not in FORMATS:
                 yield None
                 return
-            from ..container.remote import spool_url
-
-            with spool_url(file)[0] as stream:
+            with spooled_url(file) as stream:
                 stream.seek(0)
                 yield stream
             return
@@ -300,7 +298,8 @@ def _suffix(path: Path | None, format: str | None, *more: str) -> str:
     if path is None:
         raise ParameterError(f"a stream has no suffix; give its format: {known}")
     if path.suffix.lower() == HAPF and not more:
-        raise ParameterError("hapfmt encode and hapfmt.write write .hapf files")
+        call = f"hapfmt.write(recording, {str(path)!r})"
+        raise ParameterError(f"hapfmt encode writes .hapf files; in Python, {call} does")
     if path.suffix.lower() not in (*FORMATS, *more):
         raise ParameterError(f"the suffix {path.suffix!r} is not one of: {known}")
     return path.suffix.lower()

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..arrays import CHANNEL_LIMIT
 from ..errors import HapfmtError, LimitError, ParameterError
-from ..numbers import hertz
+from ..numbers import checked_rate, hertz
 from ..recording import Channel, Recording, extent
 from ..units import to_ucum
 
@@ -28,8 +28,6 @@ SLICE = 1 << 18
 BLOCK_SIZE = 1 << 20
 """Bytes asked for at a time, so that a size that is only promised takes no memory."""
 
-RATE_LIMIT = 1 << 64
-"""Numerator and denominator of a rate lie below, so that every double of it is finite."""
 _RATE = re.compile(r"\d{1,40}/\d{1,40}|(?:\d{1,40}\.?\d{0,40}|\.\d{1,40})(?:e[+-]?\d{1,2})?", re.A)
 """Bounded, since Fraction("1e999999999") would compute all of its digits."""
 
@@ -42,12 +40,6 @@ def rate_from(value: Fraction | float | str) -> Fraction:
     if _RATE.fullmatch(text) is None or re.search("/0+$", text):
         raise ParameterError(f"{text[:40]!r} is not a rate in Hz, such as 1000, 35.618 or 44100/7")
     return checked_rate(Fraction(text))
-
-
-def checked_rate(rate: Fraction) -> Fraction:
-    if not (0 < rate.numerator < RATE_LIMIT and rate.denominator < RATE_LIMIT):
-        raise ParameterError("a rate is a fraction of two integers in [1, 2^64)")
-    return rate
 
 
 def choose_rate(given: Fraction | None, found: Fraction | None, notes: list[str]) -> Fraction:
@@ -245,7 +237,6 @@ __all__ = [
     "CHANNEL_LIMIT",
     "SLICE",
     "Dense",
-    "checked_rate",
     "choose_rate",
     "exact_doubles",
     "extent",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..arrays import unique
 from ..errors import LimitError, ParameterError
-from ..recording import Channel, Recording, Span
+from ..recording import Channel, Recording, Span, spans_at
 from ..units import split_name, to_ucum
 from .common import (
     CHANNEL_LIMIT,
@@ -28,7 +28,7 @@ from .common import (
     unit_of,
     with_notes,
 )
-from .times import TIME_UNITS, Grid, Stamps, seconds_of_date, spans_at, time_name
+from .times import TIME_UNITS, Grid, Stamps, seconds_of_date, time_name
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.A | re.I)
 _COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.A | re.I)

@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from ..errors import ParameterError
 from ..limits import TICK_LIMIT
-from ..recording import Span
+from ..numbers import checked_rate
 from ..units import split_name
-from .common import checked_rate
 
 _EXACT = Context(prec=160)
 """Holds the sum of any two stamps without rounding."""
@@ -356,16 +355,6 @@ class _Line:
                 return rate
             slack /= 2
         return None
-
-
-def spans_at(ticks: NDArray[np.int64]) -> tuple[Span, ...]:
-    """Maximal runs in [n] increasing ticks, in memory proportional to n, not to the gaps."""
-    if not ticks.size:
-        return ()
-    edges = np.flatnonzero(np.diff(ticks) != 1)
-    starts = ticks[np.concatenate(([0], edges + 1))].tolist()
-    stops = (ticks[np.concatenate((edges, [-1]))] + 1).tolist()
-    return tuple(map(Span, starts, stops))
 
 
 def _hypotheses(times: NDArray[np.float64], steps: NDArray[np.float64]) -> Iterator[_Line]:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from ..codecs.layers import coded, event_packets, layer_track, rate_of
 from ..container.cluster import Packet
 from ..container.track import Track
 from ..errors import ParameterError
-from ..events import Event, by_layer, coded, event_packets, layer_track, rate_of
+from ..events import Event, by_layer
 from ..limits import LAST_TRACK_ID
 from ..numbers import counted
 from ..reading.catalogue import Catalogue

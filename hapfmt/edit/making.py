@@ -22,6 +22,7 @@ from ..container.wire import NO_TRACK, Head
 from ..errors import FormatError, ParameterError
 from ..limits import TICK_LIMIT, Level
 from ..numbers import counted
+from ..reading.digests import stored_digests
 from ..reading.seconds import Seconds
 from .clocks import TYPES, moved_clock
 from .original import NS, Advance, Original, has_channels
@@ -107,7 +108,7 @@ class Making:
                 self.note(f"TLVs {listed} of track {old} left out: not known here")
         tracks = {place.track.id: place.track for place in plan.places.values()}
         self.out.describe(list(tracks.values()))
-        if parse_tlvs(original.catalogue.head_payload, HEAD.sizeof(), 0):
+        if parse_tlvs(original.catalogue.head_payload, HEAD.size, 0):
             self.note("TLVs of HEAD left out: not known here")
 
     def metadata(self, metadata: Mapping[str, Any]) -> None:
@@ -237,7 +238,7 @@ class Making:
 
     def digests(self, original: Original, plan: Plan) -> None:
         """Those that still hold: of tracks whose packets all came over, at their own time."""
-        known = original.digests()
+        known = stored_digests(original.catalogue)
         partial, last = self.partial.get(original, set()), self.last.get(original, {})
         kept = {
             place.track.id: known[old][1]

@@ -29,7 +29,15 @@ from .exact import encode_doubles
 from .gridded import Gridded, fine_grid, on_grid, without_odd_values
 from .groups import group_units
 from .lattice import Lattice, sparse
-from .linear import COSTLY, RUN_LIMIT, Relation, encode_linear, find_relations, stretches
+from .linear import (
+    COSTLY,
+    RUN_LIMIT,
+    Relation,
+    encode_linear,
+    find_relations,
+    may_have_counts,
+    stretches,
+)
 from .packed import Coded
 from .plan import Promise, promises_of, vector_promise
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
@@ -313,6 +321,7 @@ def runs_of_doubles(parts: list[Part], job: Job) -> Iterator[list[Part]]:
             and part.members[0].promise.lossless
             and channel.stored.dtype == np.float64
             and bool(np.isfinite(channel.stored).all())
+            and may_have_counts(part.unit, channel.stored)
         )
         if run and not (
             fits and len(run) < RUN_LIMIT and same_ticks(job.originals[run[0].first], channel)
@@ -632,9 +641,7 @@ def choose_level(tracks: list[Track]) -> Level:
     """Level 1 where everything fits."""
     one = LEVELS[1]
     for track in tracks:
-        bits = one.residual_bits if track.kind == "hf" else one.count_bits
-        bound = 1 << (bits - 1)
-        if track.count_min < -bound or track.count_max >= bound:
+        if not track.in_range_of(one):
             return LEVELS[2]
         if track.codec in ("LPCR", "KNOT"):
             # The levels of a deadband grid are counted from the physical 0, which may lie far off.

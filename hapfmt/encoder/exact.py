@@ -26,7 +26,7 @@ from ..codecs.values import (
     Doubles,
 )
 from ..container.cluster import Packet
-from ..container.track import Affine, Track
+from ..container.track import Affine
 from ..integers import build_varint, parse_varint
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..recording import Calibration, Channel, Span
@@ -35,7 +35,7 @@ from .lengths import fitting_packets
 from .near import Near
 from .packed import Coded
 from .predict import encode_best
-from .source import component_of, declared_range
+from .source import declared_range, make_track
 from .unit import Unit
 
 GRID_BITS = LEVELS[1].count_bits - 1
@@ -118,19 +118,17 @@ def coded_as(
     low, high = declared_range(candidate.counts)
     if not candidate.calibration.covers(low, high):
         low, high = int(candidate.counts.min()), int(candidate.counts.max())
-    track = Track(
-        id=0,
-        kind="full",
+    described = replace(
+        channel, stored=candidate.counts, calibration=candidate.calibration, deviation=None
+    )
+    track = make_track(
+        [described],
+        first_channel,
         codec="LPCX",
-        rate=channel.rate_exact,
-        first_channel=first_channel,
-        components=(component_of(replace(
-            channel, stored=candidate.counts, calibration=candidate.calibration, deviation=None
-        )),),
         parameters=candidate.parameters.build(),
         count_min=low,
         count_max=high,
-    )  # fmt: skip
+    )
     coded = Coded(track)
     at = beside = 0
     for span in spans:

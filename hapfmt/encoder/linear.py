@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -18,13 +19,13 @@ from ..codecs.components import join_components
 from ..codecs.exact import ExactParameters, lacking_of
 from ..codecs.values import COEFFICIENT_LIMIT, LINEAR, Counts, Doubles, Term, ordered, predictions
 from ..container.cluster import Packet
-from ..container.track import Track
 from ..integers import build_varint
+from ..limits import EXACT_LIMIT
 from ..recording import Calibration, Channel
 from .exact import Candidate, binary_grid, smallest_exact
 from .packed import Coded
 from .predict import encode_best
-from .source import component_of, cut, declared_range
+from .source import cut, declared_range, make_track
 from .unit import Unit, decode_all
 
 RUN_LIMIT = 32
@@ -160,9 +161,11 @@ def rows_of(form: tuple[int, int], y: Doubles, x: Doubles, start: int) -> Double
 
 
 def left_by(form: tuple[int, int], y: Doubles, x: Doubles) -> float:
-    """The largest error of the best weights."""
+    """The largest error of the best weights; infinite where no file has room for these."""
     rows = rows_of(form, y, x, SETTLING)
     weights = Weigher(rows)(y[SETTLING:])
+    if not (np.abs(weights) < COEFFICIENT_LIMIT).all():
+        return inf
     return float(np.abs(y[SETTLING:] - weights @ rows).max())
 
 
@@ -221,6 +224,8 @@ def relations(
         for _ in range(ROUNDS):
             left = exact - weights @ wide
             weights = weights + weigh(left.astype(np.float64))
+            if not (np.abs(weights) < COEFFICIENT_LIMIT).all():
+                break
         numbers = weights.astype(np.float64).tolist()
         if not all(abs(w) < COEFFICIENT_LIMIT for w in numbers):
             continue
@@ -260,7 +265,7 @@ def encode_linear(
             rule = ExactParameters(LINEAR, 0, (relation.c0,), relation.terms)
             candidate = grid and replace(grid, parameters=rule)
         else:
-            candidate = candidate_of(units[place])
+            candidate = candidate_of(units[place], x)
         if candidate is None:
             return None
         candidates.append(candidate)
@@ -275,13 +280,10 @@ def encode_linear(
         for channel, each in zip(channels, candidates, strict=True)
     ]
     first = channels[0]
-    track = Track(
-        id=0,
-        kind="full",
+    track = make_track(
+        described,
+        first_channel,
         codec="LPCX",
-        rate=first.rate_exact,
-        first_channel=first_channel,
-        components=tuple(component_of(channel) for channel in described),
         parameters=b"".join(each.parameters.build() for each in candidates),
         count_min=low,
         count_max=high,
@@ -311,9 +313,19 @@ def encode_linear(
     return Unit(coded, None, "predicted + exact", "bit for bit", exact=True, parts=tuple(parts))
 
 
-def candidate_of(unit: Unit) -> Candidate:
-    """The counts and the rule of a channel alone, as its unit has them."""
+def may_have_counts(unit: Unit, x: Doubles) -> bool:
+    """Whether a channel may be in a track of doubles: words of which one is larger than those of a
+    binary grid may not. Others do not come near the largest double, where sums overflow."""
+    small = float(np.abs(x).max(initial=0.0)) <= EXACT_LIMIT
+    return small or unit.base.track.number_format == "counts"
+
+
+def candidate_of(unit: Unit, x: Doubles) -> Candidate | None:
+    """The counts and the rule of a channel alone, as its unit has them. Words have no counts: a
+    binary grid gives some, where they are small enough."""
     track = unit.base.track
+    if track.number_format != "counts":
+        return binary_grid(x)
     affine, counts = track.components[0].calibration, decode_all(unit.base, 1)[:, 0]
     rule = ExactParameters()
     if track.codec == "LPCX":

@@ -270,9 +270,7 @@ def encode_run(
     spans = cut(channels[0].coverage, channels[0].rate_exact, cluster, (len(channels) + 1) // 2)
     source = Source(tuple(channels), counts, tuple(spans))
     grid = LpcParameters(step=2 * error + 1)
-    base = make_track(
-        source, first_channel, kind="full", codec="LPCR", count_min=low, count_max=high
-    )
+    base = make_track(channels, first_channel, codec="LPCR", count_min=low, count_max=high)
     coded = Coded(replace(base, parameters=grid.build()))
     sizes = [0] * len(channels)
     for span, rows in source.pieces(source.counts):

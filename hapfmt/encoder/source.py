@@ -138,11 +138,13 @@ def held_range(counts: NDArray[Any]) -> tuple[int, int]:
     return low, high
 
 
-def make_track(source: Source, first_channel: int, **given: Any) -> Track:
+def make_track(channels: Sequence[Channel], first_channel: int, **given: Any) -> Track:
+    """A track that holds whole channels."""
     return Track(
         id=0,
-        rate=source.rate,
+        kind="full",
+        rate=channels[0].rate_exact,
         first_channel=first_channel,
-        components=tuple(component_of(channel) for channel in source.channels),
+        components=tuple(component_of(channel) for channel in channels),
         **given,
     )

@@ -259,7 +259,7 @@ def encode_split(felt: Felt, base: Track, promise: Promise, smallest: int | None
     assert calibration is not None
     slow = counts_nearest(felt.slow, calibration)
     calm = replace(source, counts=slow[:, None])
-    low, high = declared_range(source.counts)
+    low, high = base.count_min, base.count_max
     lines = code_lines(calm, base, bound_of(source, promise), smallest)
     if lines is None:
         return None

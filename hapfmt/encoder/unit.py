@@ -270,9 +270,7 @@ def whole_range(source: Source, first_channel: int) -> Track:
         low, high = int(x.min(initial=0)), int(x.max(initial=0))
         if not covered(source, low, high):
             raise ParameterError("count * A or count * A + B is above 2^53: use a smaller A and D")
-    return make_track(
-        source, first_channel, kind="full", codec="KNOT", count_min=low, count_max=high
-    )
+    return make_track(source.channels, first_channel, codec="KNOT", count_min=low, count_max=high)
 
 
 def covered(source: Source, low: int, high: int) -> bool:
@@ -291,6 +289,8 @@ def encode_paper(source: Source, first_channel: int, promise: Promise, settings:
     base = whole_range(source, first_channel)
     bound = bound_of(source, promise)
     low, high = held_range(x)
+    # The calibration may not reach further than the base says.
+    low, high = max(low, base.count_min), min(high, base.count_max)
     base = replace(base, count_min=low, count_max=high)
     lf = code_knots(source, slow_part(source, settings), bound.band, settings, base)
     d = decode_all(lf, x.shape[1])

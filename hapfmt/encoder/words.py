@@ -7,10 +7,9 @@ from itertools import accumulate
 
 from ..codecs.raw import RawParameters, encode_raw
 from ..container.cluster import Packet
-from ..container.track import Track
 from ..recording import Channel, Span
 from .packed import Coded
-from .source import component_of
+from .source import make_track
 from .unit import Unit
 
 WORDS_REASON = "bit for bit: no common step"
@@ -27,13 +26,10 @@ def encode_words(
     channel: Channel, spans: Sequence[Span], first_channel: int, number_format: str, reason: str
 ) -> Unit:
     """RAWB words, bit for bit."""
-    track = Track(
-        id=0,
-        kind="full",
+    track = make_track(
+        [channel],
+        first_channel,
         codec="RAWB",
-        rate=channel.rate_exact,
-        first_channel=first_channel,
-        components=(component_of(channel),),
         parameters=RawParameters(channel.stored.dtype.itemsize).build(),
         number_format=number_format,
     )

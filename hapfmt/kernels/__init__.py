@@ -1,22 +1,25 @@
 """The compiled loops, where they were built; every one has a readable twin that runs instead.
 
-``HAPFMT_PURE=1`` in the environment leaves them out. Here are the types of what C gives. Each .c
-file has the functions of one codec or search, and names its twin: lpcr, knots, knots_coded,
-huffman (QUAN), exact (LPCX) and levels (grids) of codecs/; select, tube, sweep, links, quick,
-vectors and live (many packets in one call) of encoder/. Shared headers: coder.h, integers.h and
-coded.h are SPEC 9.4, one above the other; lpcr.h 9.5, search.h its predictors, lines.h what lies
-between knots.
+``HAPFMT_PURE=1`` in the environment leaves them out; so does a source that is newer than they are.
+Here are the types of what C gives. Each .c file has the functions of one codec or search, and names
+its twin: lpcr, knots, knots_coded, huffman (QUAN), exact (LPCX) and levels (grids) of codecs/;
+select, tube, sweep, links, quick, vectors and live (many packets in one call) of encoder/. Shared
+headers: coder.h, integers.h and coded.h are SPEC 9.4, one above the other; lpcr.h 9.5, search.h its
+predictors, lines.h what lies between knots.
 """
 
 from __future__ import annotations
 
 import os
+import warnings
 from importlib import import_module
-from typing import Any, Protocol, cast
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, cast
 
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
-Buffer = bytes | bytearray | NDArray[Any]
+Buffer: TypeAlias = "bytes | bytearray | NDArray[Any]"
 
 
 class Loop(Protocol):
@@ -320,13 +323,35 @@ class Kernels(Protocol):
     ) -> int: ...
 
 
+STALE = (
+    "The compiled loops of hapfmt are older than their sources and are not used, so everything is "
+    "slow. Build them again: python -m pip install -e ."
+)
+
+
 def load() -> Kernels | None:
     if os.environ.get("HAPFMT_PURE"):
         return None
     try:
-        return cast(Kernels, import_module("._kernels", __name__))
+        found = import_module("._kernels", __name__)
     except ImportError:
         return None
+    if found.__file__ and is_stale(Path(found.__file__)):
+        # They may code by other rules than Python does now.
+        warnings.warn(STALE, RuntimeWarning, stacklevel=2)
+        return None
+    return cast(Kernels, found)
+
+
+def is_stale(built: Path) -> bool:
+    """Whether a source beside the extension was changed after it was built. Only a clone has
+    sources there, and an editable installation uses these."""
+    time = built.stat().st_mtime_ns
+    with os.scandir(built.parent) as entries:
+        return any(
+            entry.name.endswith((".c", ".h")) and entry.stat().st_mtime_ns > time
+            for entry in entries
+        )
 
 
 compiled = load()

@@ -79,9 +79,13 @@ typedef struct {
     int64_t raw; /* raw bits taken */
 } decoder;
 
-/* ``in`` has a margin on both sides. */
-INLINE void decoder_init(decoder *d, const uint8_t *in, int64_t size, int lanes)
+/* Coded bytes from in[head] on, with a margin on both sides. The head has been read: it becomes zeros,
+   which raw bits find beyond the coded bytes. */
+INLINE void decoder_init(decoder *d, uint8_t *in, int64_t head, int64_t size, int lanes)
 {
+    memset(in, 0, (size_t)head);
+    in += head;
+    size -= head;
     d->lanes = lanes;
     d->in = in;
     d->next = in;

@@ -105,7 +105,7 @@ static int get_ranks(decoder *d, const heading *h, const int32_t *ids, int64_t s
     return DONE;
 }
 
-static int decode_corrections(const uint8_t *in, int64_t size, const int32_t *ids, int64_t *out,
+static int decode_corrections(uint8_t *in, int64_t size, const int32_t *ids, int64_t *out,
                               int64_t span, int64_t *work, int64_t *taken)
 {
     heading h;
@@ -117,7 +117,7 @@ static int decode_corrections(const uint8_t *in, int64_t size, const int32_t *id
     if (!head) return BAD_CODING;
     int8_t *ranks = calloc((size_t)span + 1, 2);
     if (!ranks) return NO_MEMORY;
-    decoder_init(&d, in + head, size - head, h.lanes);
+    decoder_init(&d, in, head, size, h.lanes);
     int status = overrun(&d) ? BAD_END : DONE;
     if (ids && !status) status = get_ranks(&d, &h, ids, span, ranks, (uint8_t *)ranks + span);
     memory_init(&m, work, ids ? span : 0);

@@ -62,7 +62,7 @@ static int get_row(decoder *d, const row_coding *r, int64_t count, int signs, in
 }
 
 /* ``numbers``: gaps and then differences, component by component. */
-static int get_knots(const uint8_t *in, int64_t size, const knot_plan *p, int64_t *numbers, int64_t *taken)
+static int get_knots(uint8_t *in, int64_t size, const knot_plan *p, int64_t *numbers, int64_t *taken)
 {
     int64_t gaps = p->further - p->linear, differences = p->further * p->shape.components;
     row_coding first, second;
@@ -72,7 +72,7 @@ static int get_knots(const uint8_t *in, int64_t size, const knot_plan *p, int64_
     if (head) more = take_row(in + head, size - head, 128 | FOUR, &second);
     if (!more) return BAD_CODING;
     head += more;
-    decoder_init(&d, in + head, size - head, first.lanes);
+    decoder_init(&d, in, head, size, first.lanes);
     int status = overrun(&d) ? BAD_END : DONE;
     if (!status) status = get_row(&d, &first, gaps, UNSIGNED, numbers);
     if (!status) status = get_row(&d, &second, differences, second.signs, numbers + gaps);

@@ -256,8 +256,8 @@ static int64_t get_repeats(decoder *d, const coding *c, int64_t span, uint8_t *s
     return fresh;
 }
 
-/* ``in`` has a margin on both sides; ``same`` [span] where there are repeats. *taken: bytes. */
-static int decode(const uint8_t *in, int64_t size, const plan *p, uint8_t *same, int64_t *out,
+/* ``in`` has a margin on both sides, and is used up; ``same`` [span] where there are repeats. *taken: bytes. */
+static int decode(uint8_t *in, int64_t size, const plan *p, uint8_t *same, int64_t *out,
                   int64_t *taken)
 {
     coding c;
@@ -266,7 +266,7 @@ static int decode(const uint8_t *in, int64_t size, const plan *p, uint8_t *same,
     int head = take_coding(in, size, p->repeats, &c);
     *taken = 0;
     if (!head) return BAD_CODING;
-    decoder_init(&d, in + head, size - head, c.lanes);
+    decoder_init(&d, in, head, size, c.lanes);
     int status = overrun(&d) ? BAD_END : DONE;
     if (!status && p->repeats) {
         fresh = get_repeats(&d, &c, p->span, same);

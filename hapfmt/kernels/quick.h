@@ -6,7 +6,7 @@
 
 enum { QUICK_BLOCK = 32, U_BITS = 35 };
 static const double QUICK_NOISE = 1e-6;
-enum { QUICK_ORDERS = 12, QUICK_LAGS = 14, QUICK_POLYNOMIALS = 3, WEIGHED = 256, WEIGHED_OF = 4 };
+enum { QUICK_ORDERS = 12, QUICK_POLYNOMIALS = 3, WEIGHED = 256, WEIGHED_OF = 4 };
 
 INLINE uint64_t zigzag(int64_t e)
 {
@@ -48,21 +48,7 @@ static void quick_sums(const int64_t *indices, int64_t count, double *r)
         int shift = bit_length(most >> 1) - SCALED_BITS;
         if (shift < 0) shift = 0;
         for (int64_t i = 0; i < ROOM + n; i++) x[i] = (double)(y[i] >> shift);
-        const double *now = x + ROOM, *then = x + ROOM - (QUICK_LAGS - 1);
-#ifdef VECTORS
-        __m128d v[QUICK_LAGS / 2];
-        for (int k = 0; k < QUICK_LAGS / 2; k++) v[k] = _mm_setzero_pd();
-        for (int64_t i = 0; i < n; i++) {
-            __m128d z = _mm_set1_pd(now[i]);
-            for (int k = 0; k < QUICK_LAGS / 2; k++)
-                v[k] = _mm_add_pd(v[k], _mm_mul_pd(z, _mm_loadu_pd(then + i + 2 * k)));
-        }
-        for (int k = 0; k < QUICK_LAGS / 2; k++) _mm_storeu_pd(a + 2 * k, v[k]);
-#else
-        for (int k = 0; k < QUICK_LAGS; k++) a[k] = 0;
-        for (int64_t i = 0; i < n; i++)
-            for (int k = 0; k < QUICK_LAGS; k++) a[k] += now[i] * then[i + k];
-#endif
+        products(x + ROOM, x + ROOM - (QUICK_LAGS - 1), n, QUICK_LAGS, a);
         double energy = a[QUICK_LAGS - 1] + (double)n;
         for (int k = 0; k <= QUICK_ORDERS; k++) r[k] += a[QUICK_LAGS - 1 - k] / energy;
     }

@@ -7,24 +7,24 @@
 #include "lpcr.h"
 
 enum { SCALED_BITS = 18, SUM_BLOCK = 4096, COST_BLOCK = 32, LAGS = ORDERS + 1 };
-enum { LANES = 12, ROOM = 36 };
+enum { LANES = 12, QUICK_LAGS = 14, ROOM = 36 };
 
-/* sums[k] of now[i] * then[i + k] */
-INLINE void products(const double *now, const double *then, int64_t n, double *sums)
+/* sums[k] of now[i] * then[i + k]; lanes: LANES or QUICK_LAGS, an even constant once it is inlined. */
+INLINE void products(const double *now, const double *then, int64_t n, int lanes, double *sums)
 {
 #ifdef VECTORS
-    __m128d a[LANES / 2];
-    for (int k = 0; k < LANES / 2; k++) a[k] = _mm_setzero_pd();
+    __m128d a[QUICK_LAGS / 2];
+    for (int k = 0; k < lanes / 2; k++) a[k] = _mm_setzero_pd();
     for (int64_t i = 0; i < n; i++) {
         __m128d x = _mm_set1_pd(now[i]);
-        for (int k = 0; k < LANES / 2; k++)
+        for (int k = 0; k < lanes / 2; k++)
             a[k] = _mm_add_pd(a[k], _mm_mul_pd(x, _mm_loadu_pd(then + i + 2 * k)));
     }
-    for (int k = 0; k < LANES / 2; k++) _mm_storeu_pd(sums + 2 * k, a[k]);
+    for (int k = 0; k < lanes / 2; k++) _mm_storeu_pd(sums + 2 * k, a[k]);
 #else
-    for (int k = 0; k < LANES; k++) sums[k] = 0;
+    for (int k = 0; k < lanes; k++) sums[k] = 0;
     for (int64_t i = 0; i < n; i++)
-        for (int k = 0; k < LANES; k++) sums[k] += now[i] * then[i + k];
+        for (int k = 0; k < lanes; k++) sums[k] += now[i] * then[i + k];
 #endif
 }
 
@@ -54,7 +54,7 @@ static void autocorrelate(const int64_t *indices, int64_t count, int g, int64_t 
         }
         for (int lag = 0; lag < ROOM; lag += LANES) {
             double a[LANES];
-            products(x + ROOM, x + ROOM - lag - (LANES - 1), n, a);
+            products(x + ROOM, x + ROOM - lag - (LANES - 1), n, LANES, a);
             for (int k = 0; k < LANES && lag + k < LAGS; k++) sums[lag + k] += (int64_t)a[LANES - 1 - k];
         }
         memmove(x, x + n, ROOM * sizeof *x);

@@ -8,9 +8,10 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from ..codecs.events import CodedEvent, build_event
+from ..codecs.layers import EVENT_RATE, coded, event_packets, layer_track
 from ..container.cluster import Packet
 from ..container.track import Track
-from ..events import EVENT_RATE, Event, coded, event_packets, layer_track
+from ..events import Event
 
 
 class Waiting(NamedTuple):

@@ -6,8 +6,9 @@ import struct
 
 import numpy as np
 
+from ..descriptions import parse_json
 from ..errors import ParameterError
-from .session import Session, parse_object
+from .session import Session
 
 MAGIC = b"hFr1"
 HEADER = struct.Struct("<4sBBHqII")
@@ -77,7 +78,7 @@ class Frames:
         self, type_: int, format_: int, channel: int, tick: int, count: int, payload: bytes
     ) -> None:
         if type_ == OBJECT:
-            self.session.object(parse_object(payload))
+            self.session.object(parse_json(payload))
             return
         if type_ not in (SAMPLES, ROWS) or format_ not in FORMATS or tick < GO_ON:
             raise ParameterError(f"a frame of type {type_}, number format {format_}, tick {tick}")

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..convert.times import may_be_times
+from ..descriptions import parse_json
 from ..errors import ParameterError
 from ..units import split_name, to_ucum, units_for
 from .inputs import Input
-from .session import Header, Session, parse_object
+from .session import Header, Session
 
 LINE_SIZE = 1 << 24
 """A longer line is refused, not collected."""
@@ -115,7 +116,7 @@ class Lines:
             return
         if line.startswith(b"{"):
             self.settle()
-            self.session.object(parse_object(line))
+            self.session.object(parse_json(line))
             return
         if self.session.recorder is None and self.begin(line):
             return

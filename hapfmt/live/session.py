@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from math import isinf
 from typing import Any
 
 import numpy as np
@@ -234,21 +232,3 @@ def input_of(given: Any) -> Input:
         raise ParameterError(
             "a channel has numbers for rate, bits and lsb, and [A, B, D] for calibration"
         ) from None
-
-
-def double(text: str) -> float:
-    """A number of JSON; one too large would become infinite without a word."""
-    value = float(text)
-    if isinf(value):
-        raise ParameterError(f"{text[:40]!r} is beyond the range of a double")
-    return value
-
-
-def parse_object(text: bytes) -> dict[str, Any]:
-    try:
-        found = json.loads(text.decode("utf-8"), parse_float=double)
-    except (ValueError, RecursionError):
-        raise ParameterError("this is not JSON") from None
-    if not isinstance(found, dict):
-        raise ParameterError("this is not a JSON object")
-    return found

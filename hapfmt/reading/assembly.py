@@ -9,8 +9,9 @@ from typing import Literal
 import numpy as np
 
 from ..codecs.events import CodedEvent
+from ..codecs.layers import decoded
 from ..container.track import Track
-from ..events import Event, decoded, in_order
+from ..events import Event, in_order
 from ..recording import Channel, Deviation, Span, append_span
 from .catalogue import ChannelRef, Part
 from .reconstruct import Decoded, add_residual, build_channel

@@ -17,6 +17,7 @@ from ..codecs.knots import KnotParameters
 from ..codecs.quantised import QuanParameters
 from ..codecs.raw import RawParameters, decode_raw
 from ..container.cluster import Packet
+from ..container.layout import COVERED_SPAN
 from ..container.track import Track, unsupported_track
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Level
@@ -170,7 +171,6 @@ class TrackDigest:
 
     def digest(self) -> bytes:
         coverage = b"".join(
-            span.start.to_bytes(8, "little") + span.ticks.to_bytes(8, "little")
-            for span in self.spans
+            COVERED_SPAN.pack(start=span.start, ticks=span.ticks) for span in self.spans
         )
         return hashlib.sha256(self.numbers.digest() + coverage).digest()

@@ -4,8 +4,7 @@
 
     recording, work = simulate(load_scene("sand").changed(seconds=10, seed=3))
 
-keys.py         what a key of a description may hold
-description.py  Scene, frozen dataclasses; library.py: from TOML, and builtin/
+description.py  Scene, of frozen Structs; library.py: from TOML, and builtin/
 build.py        Scene -> Recording and Work, importing what is named
 tool.py         a held mass: stroke.py, press.py, reach.py move it; heightfields.py under its tip
 grasp.py        fingers that close on an object; hand.py: its joints

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import LimitError
 from ..recording import Channel, Recording
 from .description import FORCES, MOST_SAMPLES, Hand, Scene, Tool
 from .work import Work
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from .tool import Advance
+    from .touch import Solve
+    from .waves import Floats, Grid
 
 MOST_HEIGHTS = 1 << 28
 """Points of a height field that are kept: 2 GiB."""
@@ -74,7 +81,7 @@ def tool_channels(
     scene: Scene, tool: Tool, work: Work, advance: Callable[[int], None], told: dict[str, Any]
 ) -> list[Channel]:
     from .sensors import reading_of
-    from .tool import default_integrator, grid_of, run
+    from .tool import default_integrator, grid_of
     from .waves import stream
 
     grid = grid_of(tool, scene.ticks, scene.rate_hz)
@@ -84,7 +91,7 @@ def tool_channels(
             "shorter time, a longer step, or the texture out"
         )
     of_hand, of_surface = stream(scene.seed, "tool.hand"), stream(scene.seed, "tool.surface")
-    traces = run(tool, grid, of_hand, of_surface, work, advance)
+    traces = run_tool(tool, grid, of_hand, of_surface, work, advance)
     told["step_hz"] = grid.per_tick * grid.rate_hz
     if tool.contact:
         told |= {"contact_n_per_m": tool.contact.n_per_m,
@@ -111,6 +118,28 @@ def tool_channels(
             )
         )
     return channels
+
+
+def run_tool(
+    tool: Tool,
+    grid: Grid,
+    of_hand: np.random.Generator,
+    of_surface: np.random.Generator,
+    work: Work,
+    advance: Advance,
+    solve: Solve | None = None,
+) -> dict[str, Floats]:
+    """What its sensors would see without noise: [ticks] in newtons, metres, m/s, by channel.
+
+    ``solve`` stands for :func:`hapfmt.scenes.integrators.integrate`.
+    """
+    if tool.contact is None:
+        from .free import run_free
+
+        return run_free(tool, grid, of_hand, work, advance)
+    from .touch import run_touching
+
+    return run_touching(tool, tool.contact, grid, of_hand, of_surface, work, advance, solve)
 
 
 def hand_channels(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def run_free(
     tool: Tool, grid: Grid, rng: np.random.Generator, work: Work, advance: Advance
 ) -> dict[str, Floats]:
-    """As :func:`hapfmt.scenes.tool.run`. Only the axes that are recorded move."""
+    """As :func:`hapfmt.scenes.build.run_tool`. Only the axes that are recorded move."""
     if tool.stroke:
         return run_stroke(tool, grid, rng, work, advance)
     axes = [axis for axis in "xyz" if any(name[-1] == axis for name in tool.recorded)]

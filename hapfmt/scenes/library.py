@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from ..descriptions import read
 from ..errors import HapfmtError
 from ..toml import Library, parse_toml
 from .description import Scene
-from .keys import read_table
 
 LIBRARY = Library(__package__, "scene")
 
@@ -28,6 +28,6 @@ def load_scene(name_or_path: str) -> Scene:
 def parse_scene(text: str, path: str | None = None) -> Scene:
     """TOML -> Scene; ``path`` is named in errors."""
     try:
-        return read_table(Scene, parse_toml(text))
+        return read(Scene, parse_toml(text))
     except HapfmtError as error:
         raise error.at(path=path) from None

@@ -14,20 +14,21 @@ for ever. So the step follows the stiffness.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from fractions import Fraction
 from math import ceil, inf, sqrt
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
+from ..descriptions import read
 from ..errors import ParameterError
 from ..recording import Channel, Recording
+from .build import run_tool
 from .description import FORCES, STIFFEST_N_PER_M, Contact, Stroke, Texture, Tool
 from .integrators import Motion, System
 from .matrix import exponential
 from .sensors import force_reading
-from .tool import run
 from .waves import Floats, Grid
 from .work import Work
 
@@ -105,10 +106,10 @@ def simulate(
         HELD,
         channels=names,
         contact=Contact(stiffness),
-        texture=Texture(texture) if texture else None,
+        texture=read(Texture, {"surface": texture}) if texture else None,
     )
     work = Work()
-    traces = run(tool, grid, of_hand, of_surface, work, lambda _: None, held)
+    traces = run_tool(tool, grid, of_hand, of_surface, work, lambda _: None, held)
     # The normal force is read first: the same counts with one axis and with three.
     reading = force_reading()
     readings = [reading.counts(traces[name], of_sensor, work) for name in reversed(names)]

@@ -6,15 +6,11 @@ from collections.abc import Callable
 from math import ceil, inf, sqrt
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from .description import FORCES, Contact, Tool
-from .waves import Floats, Grid
-from .work import Work
+from .waves import Grid
 
 if TYPE_CHECKING:
     from .integrators import System
-    from .touch import Solve
 
 TEXTURE_STEP_S = 1 / 20_000
 """Of a tip on a texture: 3 um at the mean speed, a tenth of what the tip smooths over."""
@@ -61,28 +57,6 @@ def contact_grid(
         step = default_step_s(system, integrator)
     step = min(step, longest_s)
     return Grid(ticks, max(ceil(1 / (rate_hz * step) - 1e-6), 2), rate_hz)
-
-
-def run(
-    tool: Tool,
-    grid: Grid,
-    of_hand: np.random.Generator,
-    of_surface: np.random.Generator,
-    work: Work,
-    advance: Advance,
-    solve: Solve | None = None,
-) -> dict[str, Floats]:
-    """What its sensors would see without noise: [ticks] in newtons, metres, m/s, by channel.
-
-    ``solve`` stands for :func:`hapfmt.scenes.integrators.integrate`.
-    """
-    if tool.contact is None:
-        from .free import run_free
-
-        return run_free(tool, grid, of_hand, work, advance)
-    from .touch import run_touching
-
-    return run_touching(tool, tool.contact, grid, of_hand, of_surface, work, advance, solve)
 
 
 def asked_for(tool: Tool, *kinds: str) -> bool:

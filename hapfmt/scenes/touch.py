@@ -106,7 +106,7 @@ def run_touching(
     advance: Advance,
     solve: Solve | None = None,
 ) -> dict[str, Floats]:
-    """As :func:`hapfmt.scenes.tool.run`."""
+    """As :func:`hapfmt.scenes.build.run_tool`."""
     compliance = 1 / tool.hand_n_per_m + 1 / contact.n_per_m
     if tool.press:
         from .press import PressMotion

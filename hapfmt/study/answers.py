@@ -15,20 +15,64 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, TypeVar
+
+from msgspec import Meta, Struct
 
 from ..atomic import sync_directory
+from ..descriptions import parse_json, read
 from ..errors import ParameterError
 from ..lock import lock
-from .description import HIGHEST, ROLES
+from .description import HIGHEST, Role
 from .files import open_regular, refuse_special
 from .order import Trial
 
+Made = TypeVar("Made")
 VERSION = 1
 LARGEST = 64 << 20
 """Bytes."""
-LIMIT = 1e12
-"""No number of a study is as large."""
+Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
+"""No number of a study is larger."""
+
+
+class Judged(Struct):
+    """What the first line says of the study."""
+
+    name: str
+    sha256: str
+    scale: Annotated[tuple[str, ...], Meta(min_length=1)]
+    screen_below: Number
+    screen_share: Number
+
+
+class Rated(Struct):
+    """What the first line says of a condition."""
+
+    name: str
+    role: Role
+    bits_per_sample: dict[str, Number]
+    bits: int | None = None
+    k: Number | str | None = None
+
+
+class Heading(Struct):
+    """The first line; it may have other keys too."""
+
+    hapfmt_answers: Literal[1]
+    study: Judged
+    stimuli_sha256: str
+    subject: str
+    output: dict[str, Any]
+    order: tuple[tuple[str, str, int, bool], ...]
+    """Session, condition, repeat, training."""
+    conditions: tuple[Rated, ...]
+
+
+class Answer(Struct):
+    """Any other line; it may have other keys too."""
+
+    trial: Annotated[int, Meta(ge=0)]
+    rating: Annotated[float, Meta(ge=0, le=HIGHEST)]
 
 
 @dataclass
@@ -76,99 +120,43 @@ def parse_answers(data: bytes) -> Answers | None:
     *whole, rest = data.split(b"\n")
     if not whole:
         return None
-    head = parsed(whole[0], 1)
-    refuse_head(head)
+    head, heading = parsed(whole[0], 1, Heading)
+    refuse_head(heading)
     answers = Answers(head, torn=len(rest))
     for number, text in enumerate(whole[1:], 2):
-        line = parsed(text, number)
-        refuse_line(line, number, head["order"])
+        line, answer = parsed(text, number, Answer)
+        refuse_line(line, answer, number, head["order"])
         answers.lines.append(line)
     return answers
 
 
-def parsed(text: bytes, number: int) -> dict[str, Any]:
+def parsed(text: bytes, number: int, kind: type[Made]) -> tuple[dict[str, Any], Made]:
     try:
-        line = json.loads(text)
-    except (ValueError, RecursionError):
-        line = None
-    if not isinstance(line, dict):
-        raise ParameterError(f"line {number} is not a JSON object")
-    return line
+        line = parse_json(text)
+        return line, read(kind, line)
+    except ParameterError as error:
+        raise ParameterError(f"line {number}: {error.message}") from None
 
 
-def refuse_head(head: dict[str, Any]) -> None:
-    if head.get("hapfmt_answers") != VERSION:
-        raise ParameterError(f"line 1 does not begin answers of version {VERSION}")
-    shapes: dict[str, type] = {
-        "study": dict, "stimuli_sha256": str, "subject": str, "output": dict, "order": list,
-        "conditions": list,
-    }  # fmt: skip
-    for name, kind in shapes.items():
-        if not isinstance(head.get(name), kind):
-            raise ParameterError(f"line 1 lacks {name!r}")
-    types = [str, str, int, bool]
-    if not all(
-        isinstance(each, list) and [type(part) for part in each] == types for each in head["order"]
-    ):
-        raise ParameterError(
-            "line 1: the order is a list of [session, condition, repeat, training]"
-        )
-    refuse_study(head["study"])
-    for each in head["conditions"]:
-        refuse_condition(each)
-    names = {each["name"] for each in head["conditions"]}
-    asked = [tuple(each[:3]) for each in head["order"] if not each[3]]
-    sessions, repeats = ({each[place] for each in asked} for place in (0, 2))
+def refuse_head(head: Heading) -> None:
+    names = {each.name for each in head.conditions}
+    asked = [each[:3] for each in head.order if not each[3]]
+    sessions, repeats = {each[0] for each in asked}, {each[2] for each in asked}
     wanted = set(product(sessions, names, repeats))
-    known = names.issuperset(each[1] for each in head["order"])
-    told = all(set(each["bits_per_sample"]) == sessions for each in head["conditions"])
+    known = names.issuperset(each[1] for each in head.order)
+    told = all(each.bits_per_sample.keys() == sessions for each in head.conditions)
     if not told or not asked or len(asked) != len(wanted) or set(asked) != wanted or not known:
         raise ParameterError("line 1: the order is not every condition in every session")
-    roles = [each["role"] for each in head["conditions"]]
+    roles = [each.role for each in head.conditions]
     if len(names) != len(roles) or roles.count("reference") != 1:
         raise ParameterError("line 1: two conditions of one name, or not one reference")
 
 
-def refuse_study(study: dict[str, Any]) -> None:
-    scale = study.get("scale")
-    texts = [study.get("name"), study.get("sha256"), *(scale if isinstance(scale, list) else [])]
-    good = isinstance(scale, list) and scale and all(isinstance(each, str) for each in texts)
-    if not good or not all(is_number(study.get(f"screen_{name}")) for name in ("below", "share")):
-        raise ParameterError("line 1: its study lacks name, sha256, scale or screening")
-
-
-def refuse_condition(condition: Any) -> None:
-    if not isinstance(condition, dict):
-        raise ParameterError("line 1: a condition is not a JSON object")
-    by_session, bits = condition.get("bits_per_sample"), condition.get("bits")
-    good = (
-        isinstance(condition.get("name"), str)
-        and condition.get("role") in ROLES
-        and (bits is None or type(bits) is int)
-        and (
-            condition.get("k") is None
-            or isinstance(condition["k"], str)
-            or is_number(condition["k"])
-        )
-        and isinstance(by_session, dict)
-        and all(is_number(each) for each in by_session.values())
-    )
-    if not good:
-        raise ParameterError(f"line 1: condition {condition.get('name')!s:.40} is not understood")
-
-
-def is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < LIMIT
-
-
-def refuse_line(line: dict[str, Any], number: int, order: list[list[Any]]) -> None:
-    trial, rating = line.get("trial"), line.get("rating")
-    if not isinstance(trial, int) or isinstance(trial, bool) or not 0 <= trial < len(order):
-        raise ParameterError(f"line {number}: there is no trial {trial!r:.40}")
-    if not is_number(rating) or not 0 <= rating <= HIGHEST:  # type: ignore[operator]
-        raise ParameterError(f"line {number}: {rating!r:.40} is not a rating from 0 to {HIGHEST}")
-    if [line.get(name) for name in Trial._fields] != order[trial]:
-        raise ParameterError(f"line {number}: this is not what trial {trial} asked")
+def refuse_line(line: dict[str, Any], answer: Answer, number: int, order: list[list[Any]]) -> None:
+    if answer.trial >= len(order):
+        raise ParameterError(f"line {number}: there is no trial {answer.trial!r:.40}")
+    if [line.get(name) for name in Trial._fields] != order[answer.trial]:
+        raise ParameterError(f"line {number}: this is not what trial {answer.trial} asked")
 
 
 class AnswerFile:

@@ -87,7 +87,7 @@ def prepare(
 
 
 def sources_of(study: Study) -> list[Path]:
-    own = [file for each in study.conditions for _, file in each.files]
+    own = [file for each in study.conditions for file in each.files.values()]
     return [study.beside(file) for file in (*(s.recording for s in study.sessions), *own)]
 
 
@@ -120,7 +120,7 @@ def make(study: Study, folder: Path, progress: Callable[[int, int], None]) -> li
             # Numbers, so that the name of a file tells a subject nothing.
             path = folder / f"session-{number:02d}-{place:02d}.hapf"
             try:
-                own = dict(condition.files).get(session.name)
+                own = condition.files.get(session.name)
                 if own is None:
                     encode(reference, condition, path)
                 else:

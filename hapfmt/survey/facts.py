@@ -42,7 +42,8 @@ def relative_error(view: View) -> float:
     if original is None or errors is None or not errors.largest:
         return 0.0
     known = np.isfinite(original.most)
-    reach = float(np.ptp([original.least[known].min(), original.most[known].max()]))
+    # In Python: of doubles it may be infinite.
+    reach = float(original.most[known].max()) - float(original.least[known].min())
     return errors.largest / reach if reach else float("inf")
 
 

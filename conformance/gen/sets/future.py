@@ -10,7 +10,7 @@ from typing import Any
 
 import forge as f
 from broken import DATA, FIVES, HEAD, TRACK, needs, series
-from case import DAMAGED, INTACT, UNSUPPORTED, Case
+from case import DAMAGED, INTACT, UNSUPPORTED, Case, numbers
 
 WORDS = {INTACT: "intact", DAMAGED: "damaged", UNSUPPORTED: "unsupported"}
 BAD = ("aaaa", b"", {"crc": 1})
@@ -119,16 +119,16 @@ TRACKS = [
 
 SEVERAL = [
     ("critical-chunk-and-a-broken-rule", "CHK-009",
-     "Beside an unknown critical chunk the metadata are no JSON.",
+     "With an unknown critical chunk the metadata are no JSON.",
      f.minimal(UNKNOWN, ("mETa", b"{")), UNSUPPORTED),
     ("codec-and-a-broken-rule", "TRK-011",
-     "Beside a track of the codec NEWC the metadata are no JSON.",
+     "With a track of the codec NEWC the metadata are no JSON.",
      f.minimal(("TRAK", other(codec=b"NEWC"), {"track": 1}), ("mETa", b"{")), UNSUPPORTED),
     ("critical-chunk-and-damage", "CHK-009",
-     "Beside an unknown critical chunk the CRC of a payload differs, which counts first.",
+     "With an unknown critical chunk the CRC of a payload differs, which counts first.",
      f.minimal(UNKNOWN, BAD), DAMAGED),
     ("codec-and-damage", "TRK-011",
-     "Beside a track of the codec NEWC the CRC of a payload differs, which counts first.",
+     "With a track of the codec NEWC the CRC of a payload differs, which counts first.",
      f.minimal(("TRAK", other(codec=b"NEWC"), {"track": 1}), BAD), DAMAGED),
 ]  # fmt: skip
 
@@ -176,7 +176,10 @@ def unsupported(fault: str, rows: list[tuple], recover: int) -> Iterator[Case]:
             "verify": {"requirement": ["CHK-003"] if code == DAMAGED else [rule, "CHK-009"]},
         }
         if fault in ("codec", "track"):
-            expect["decode"] = {"tracks": [FIVES] if b"KNOT" in data else []}
+            known = [FIVES] if b"KNOT" in data else []
+            spans = [] if name == "codec-of-hf" else FIVES["spans"]
+            channel = {"channel": 0, "spans": spans, "numbers": numbers([5] * 4 if spans else [])}
+            expect["decode"] = {"tracks": known, "channels": [channel] if known else []}
         if fault != "head":
             expect["recover"] = {"verdict": "unsupported", "decode": {}}
         touched = [rule, "VRD-001"] if fault == "several" else [rule]

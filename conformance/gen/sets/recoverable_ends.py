@@ -38,6 +38,13 @@ def open_files() -> Iterator[Case]:
         ["FIL-003", "VRD-001"], "crash/not-closed", DATA[: FOOT.at],
         damages=[("not-closed", FOOT.at, 0)], recover=0,
     )  # fmt: skip
+    flagged = f.chunk("fOOT", DATA[FOOT.at + f.HEADER :], 6, flags=1)
+    yield wrecked(
+        "footer-of-a-later-version",
+        "A footer with a critical flag is an unknown ancillary chunk: the file is not closed.",
+        ["FIL-003", "CHK-007", "VRD-001"], "crash/not-closed", DATA[: FOOT.at] + flagged,
+        damages=[("not-closed", END, 0)], recover=0,
+    )  # fmt: skip
     yield wrecked(
         "cut-between", "Cut between two clusters: no reader can know of the third.",
         ["FIL-003", "VRD-001"], "crash/cut-between", DATA[: THIRD.at], kept=TWO_CLUSTERS,

@@ -108,7 +108,7 @@ def metadata() -> Iterator[Case]:
     )  # fmt: skip
     laid = w.lay(HEAD, THREE, ("mETa", b"{a:1}"), *w.clusters(0, 4, 8), ("mETa", b'{"c":3}'))
     yield wrecked(
-        "metadata-broken-and-damage", "Beside damage, metadata that break a rule are left out.",
+        "metadata-broken-and-damage", "With damage, metadata that break a rule are left out.",
         ["MET-001", "REC-010"], "structure/metadata", laid.data + b"\0", decode=left,
         damages=[("garbage", len(laid.data), 1), bad_chunk(laid, "mETa")],
         recovered={"decode": WHOLE},

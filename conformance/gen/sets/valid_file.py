@@ -82,6 +82,17 @@ def worked_examples() -> Iterator[Case]:
         codec="LPCX", low=0, high=10, calibration=(1, 0, 10),
         packets=[Packet(0, [1, 2, 3, 3, 7, 3], b"", exact=[double_bits(x) for x in exact])],
     )  # fmt: skip
+    x = [0.6, 0.6, 1.0, 0.2, 0.5, 0.8]
+    y = x[:1]
+    for now in x[1:]:
+        y.append(y[-1] + 0.3 * (now - y[-1]))
+    filtered = Track(
+        codec="LPCX", low=0, high=10, width=2, calibration=((1, 0, 10),) * 2,
+        packets=[Packet(
+            0, [(round(10 * a), round(10 * b)) for a, b in zip(x, y, strict=True)], b"",
+            exact=[(double_bits(a), double_bits(b)) for a, b in zip(x, y, strict=True)],
+        )],
+    )  # fmt: skip
     axes = [
         {"label": f"f{axis}", "unit": "N", "quantity": "force", "axis": axis, "group": "tip",
          "body_site": "index finger", "device": "stylus"}
@@ -108,6 +119,7 @@ def worked_examples() -> Iterator[Case]:
         "coded": ("Knots of two components, coded.", ["KNT-001"], [lines], {}),
         "predicted": ("Differences, a reference, a grid.", ["LPC-002"], [pair, rough], {}),
         "exact": ("Doubles with their counts.", ["EXA-007"], [tenths], {}),
+        "linear": ("A channel filtered from another.", ["EXA-002"], [filtered], {}),
         "described": ("Every TLV of TRAK.", ["TLV-004", "TRK-020"], [forces, sevens], {}),
         "digests": (
             "Two indexes, a digest, a map and an attachment.", ["DGS-001", "IDX-002"], [gap],

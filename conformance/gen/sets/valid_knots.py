@@ -205,6 +205,22 @@ def cases() -> Iterator[Case]:
         ),
         level=2,
     )  # fmt: skip
+    # The last points, y(2) and y(-2), lie almost twice as far as the count bound.
+    ends = [(0, 2), (7, -2), (8, 1), (13, 2)]
+    yield uncommon(
+        "knot-deadband-past-the-bound",
+        "Lines between the ends of a deadband's grid, which lie beyond the count bound.",
+        ["LPC-003", "DEC-001", "CNV-001"],
+        on_grid(ends, 14, Grid(127, 0, 65534, 65535), LINEAR, low=WIDE[0], high=WIDE[1]),
+        on_grid(ends, 14, Grid(127, -5, 65534, 65535), HOLD, low=WIDE[0], high=WIDE[1], id=1),
+    )  # fmt: skip
+    yield uncommon(
+        "knot-deadband-past-the-bound-of-level-2",
+        "The same at level 2: points near 2^33, which differ by nearly 2^34.",
+        ["LPC-003", "DEC-001", "CNV-001"],
+        on_grid(ends, 14, Grid(32767, 0, 65534, 65535, 2**32), LINEAR, **wide),
+        level=2,
+    )  # fmt: skip
     rows = [7 if tick % 2 else -9 for tick in range(300)]
     yield uncommon(
         "knot-every-tick", "Hold with a knot on every tick.", ["KNT-003"],

@@ -80,6 +80,12 @@ def symbols() -> Iterator[Case]:
         ),
     )  # fmt: skip
     yield valid(
+        "quan-run-over-a-component",
+        "A run begins in component 0, takes all of component 1 and ends in component 2.",
+        ["QNT-004"],
+        mixed.track(mixed.packet([1, Run(4), -1], width=3), width=3),
+    )  # fmt: skip
+    yield valid(
         "quan-clamped", "Level times step beyond the declared range is clamped to it, both ways.",
         ["DEC-001"],
         mixed.track(

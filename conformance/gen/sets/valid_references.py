@@ -86,6 +86,18 @@ def cases() -> Iterator[Case]:
         ),
     )  # fmt: skip
     yield valid(
+        "references-difference-4",
+        "Fourth differences of the reference too; it is itself coded with first ones.",
+        ["LPC-007"],
+        track(
+            packet(
+                first, near(first, 9),
+                coding=[Coding(1), Coding(4, base=2, references=((0, -6, 50, 9),))],
+            ),
+            width=2,
+        ),
+    )  # fmt: skip
+    yield valid(
         "references-base",
         "A reference counts from its own first index, not from its base nor from 0.",
         ["LPC-007"],

@@ -1,6 +1,6 @@
 """What a device takes, as data: TOML -> Profile, counts -> reports, which device it fits.
 
 layout.py    the bytes of a report         model.py   a profile
-keys.py      values out of TOML tables     parse.py   TOML -> profile     rules.py   what must hold
+parse.py     TOML -> profile                rules.py   what must hold
 maps.py      counts -> odd bytes           packing.py counts -> reports
 """

@@ -9,9 +9,6 @@ Path = Literal["output", "feature"]
 
 _SIZES = {"8": 1, "16": 2, "32": 4}
 _CODES = {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i"}
-INTEGERS = (*_CODES, *(f"{name}be" for name in _CODES if not name.endswith("8")))
-"""Names of integer types, little-endian but for those that end in ``be``."""
-COUNTERS = tuple(name for name in INTEGERS if name.startswith("u"))
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,6 @@ Packed = Callable[[tuple[int, ...]], bytes]
 """Places in those tables, one for each actuator -> bytes."""
 
 
-class Option(NamedTuple):
-    default: float
-    low: float
-    high: float
-
-
 class Map(NamedTuple):
     actuators: tuple[str, ...]
     """What the actuators stand for, in order."""
@@ -25,7 +19,6 @@ class Map(NamedTuple):
     low: float
     high: float
     """Values that it takes."""
-    options: Mapping[str, Option]
     make: Callable[[tuple[Values, ...], Mapping[str, float]], Packed]
 
 
@@ -72,10 +65,6 @@ MAPS = {
         size=4,
         low=0.0,
         high=1.0,
-        options={
-            "high_hz": Option(320.0, 81.75177, 1252.572266),
-            "low_hz": Option(160.0, 40.875885, 626.286133),
-        },
         make=hd_rumble,
     )
 }

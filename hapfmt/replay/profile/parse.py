@@ -1,44 +1,316 @@
-"""TOML -> Profile. What single values must be is checked here, what they must be together in
-rules.py; schema.json says the former once more, for editors."""
+"""TOML -> Profile. What single values must be is declared here, what they must be together in
+rules.py; schema.json says the former once more, for editors (tools/schemas.py writes it)."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable
 from fractions import Fraction
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from msgspec import Meta, Struct, field
+from msgspec.structs import asdict
+
+from ...descriptions import DescriptionError, OneOf, above, read, what, within
 from ...errors import HapfmtError
 from ...toml import Library, parse_toml
 from ...units import to_ucum
-from .keys import REQUIRED, ProfileError, Table, real, whole
-from .layout import (
-    COUNTERS,
-    INTEGERS,
-    Const,
-    Counter,
-    Crc32,
-    Field,
-    Integer,
-    Layout,
-    Mapped,
-    One,
-    Samples,
-)
-from .maps import MAPS
+from .layout import Const, Counter, Crc32, Field, Integer, Layout, Mapped, One, Path, Samples
 from .model import Actuator, Match, Profile, Report, Timing
 from .rules import check
 
 LIBRARY = Library(__package__, "profile")
-NAME = r"[A-Za-z][A-Za-z0-9_.-]{0,63}"
-"""Of a profile or an actuator. It begins with a letter, since a number stands for a place, and
-leaves out what separates names on a command line."""
-MOST_ACTUATORS = 256
-MOST_SAMPLES = 4096
-MOST_REPORTS = 16
-MOST_FIELDS = 1024
 LONGEST_REPORT = 4096
 """Bytes; a HID report may have 16 KiB in Linux, far more than any endpoint takes in a frame."""
+PLY = {"requirement": "PLY-001"}
+END = r"(?![\s\S])"
+"""Of a pattern, in Python and in JSON schemas; $ takes a newline in Python."""
+
+Name = Annotated[
+    str,
+    Meta(
+        pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,63}" + END,
+        examples=["left-hand"],
+        description="a name of letters, digits, '-', '_' and '.', a letter first",
+    ),
+]
+"""Of a profile or an actuator. It begins with a letter, since a number stands for a place, and
+leaves out what separates names on a command line."""
+Text = Annotated[str, Meta(max_length=4000)]
+Label = Annotated[str, Meta(max_length=255)]
+Unit = Annotated[
+    str, Meta(max_length=255, description="a UCUM code", extra_json_schema={"minLength": 1})
+]
+Value = Annotated[float, Meta(ge=-1e9, le=1e9)]
+Factor = Annotated[Value, Meta(extra_json_schema={"not": {"const": 0}})]
+Id16 = Annotated[int, Meta(ge=0, le=0xFFFF)]
+Byte = Annotated[int, Meta(ge=0, le=0xFF)]
+Word = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
+Place = Annotated[
+    int, within(1, LONGEST_REPORT - 1, "the byte where it begins; byte 0 is the report id")
+]
+Actuators = Annotated[tuple[str, ...], Meta(min_length=1, max_length=256)]
+IntegerName = Literal["u8", "i8", "u16", "i16", "u32", "i32", "u16be", "i16be", "u32be", "i32be"]
+"""Little-endian but for those that end in ``be``."""
+CounterName = Literal["u8", "u16", "u32", "u16be", "u32be"]
+
+
+def tables(low: int, high: int, what: str) -> Meta:
+    return Meta(min_length=low, max_length=high, description=what)
+
+
+class Keys(Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of a profile."""
+
+
+class MatchKeys(Keys, frozen=True):
+    """What a device must be for the profile to fit."""
+
+    vendor_id: Id16
+    product_id: Id16 | None = None
+    bus: Literal["usb", "bluetooth"] | None = None
+    usage_page: Id16 | None = None
+    usage: Id16 | None = None
+
+
+class TimingKeys(Keys, frozen=True):
+    """When frames are sent."""
+
+    rate: Annotated[
+        Annotated[float, Meta(ge=1, le=1e6)]
+        | Annotated[
+            str, Meta(pattern="^[1-9][0-9]{0,8}/[1-9][0-9]{0,8}" + END, examples=["3000/32"])
+        ],
+        Meta(description="the samples of an actuator per second", extra=PLY),
+    ]
+    frame_samples: Annotated[int, within(1, 4096, "samples of each actuator in a frame")] = 1
+    hold_ms: Annotated[float, above(0, 1000, "so late a frame may be")] = 20.0
+    ramp_ms: Annotated[float, above(0, 10_000, "how long the ramp to rest takes")] = 50.0
+    neutral_count: Annotated[int, within(1, 100, "how often rest is sent at the end")] = 5
+    device_timeout_ms: (
+        Annotated[float, above(0, 3_600_000, "after which the device rests by itself")] | None
+    ) = None
+
+    def made(self) -> Timing:
+        rate = Fraction(str(self.rate))
+        if not 1 <= rate <= 1_000_000:
+            raise DescriptionError(
+                "timing.rate", f"{float(rate):g} Hz is out of range; write 1 to 1000000"
+            )
+        timeout = self.device_timeout_ms
+        return Timing(
+            rate=rate,
+            frame_samples=self.frame_samples,
+            hold_s=self.hold_ms / 1000,
+            ramp_s=self.ramp_ms / 1000,
+            neutral_count=self.neutral_count,
+            device_timeout_s=None if timeout is None else timeout / 1000,
+        )
+
+
+def limit(what: str) -> Meta:
+    return Meta(description=what, extra=PLY)
+
+
+class ActuatorKeys(Keys, frozen=True):
+    """What an actuator takes."""
+
+    name: Name
+    unit: Unit
+    minimum: Annotated[Value, limit("the lowest value that may be sent, in its unit")]
+    maximum: Annotated[Value, limit("the highest value that may be sent, in its unit")]
+    rest: Annotated[Value, limit("the value at rest, in its unit")]
+    slew: Annotated[
+        float,
+        Meta(gt=0, le=1e12, description="the largest change per second, in its unit", extra=PLY),
+    ]
+    step: Annotated[float, within(1e-9, 1e9, "the value of one count, in its unit")]
+    band: Literal["full", "lf", "hf"] = "full"
+    accepts: (
+        Annotated[
+            dict[Unit, Factor],
+            Meta(
+                description="how much of its unit one of a recorded unit is",
+                extra_json_schema={"minProperties": 1},
+            ),
+        ]
+        | None
+    ) = None
+    gain: Value = 1.0
+    offset: Value = 0.0
+    rectify: bool = False
+    quantity: Label = ""
+    body_site: Label = ""
+
+    def __post_init__(self) -> None:
+        if self.accepts == {}:
+            text = "is empty, so nothing could be played; add a unit, as { N = 1.0 }"
+            raise DescriptionError("accepts", text)
+        accepts = self.accepts or {}
+        for key, text in (("unit", self.unit), *((f"accepts.{unit}", unit) for unit in accepts)):
+            code = to_ucum(text)
+            if code != text:
+                raise DescriptionError(key, f"{text!r} is not a UCUM code; write {code!r}")
+        for unit, factor in accepts.items():
+            if factor == 0:
+                raise DescriptionError(
+                    f"accepts.{unit}", "is 0; write its value in the actuator's unit"
+                )
+
+    def made(self) -> Actuator:
+        """Without ``accepts``, its own unit alone."""
+        return Actuator(**asdict(self) | {"accepts": self.accepts or {self.unit: 1.0}})
+
+
+class FieldKeys(OneOf):
+    """A part of a report."""
+
+
+class ConstKeys(Keys, FieldKeys, frozen=True):
+    """Bytes that never change."""
+
+    at: Place
+    const: Annotated[tuple[Byte, ...], Meta(min_length=1, max_length=LONGEST_REPORT)]
+
+    def made(self) -> Const:
+        return Const(self.at, bytes(self.const))
+
+
+class CounterKeys(Keys, FieldKeys, frozen=True):
+    """A number that goes up with each report."""
+
+    at: Place
+    counter: CounterName
+    mask: Annotated[int, Meta(ge=1, le=0xFFFF_FFFF)] | None = None
+    shift: Annotated[int, Meta(ge=0, le=31)] = 0
+    start: Word = 0
+    shared: Name | None = None
+
+    def __post_init__(self) -> None:
+        high = Integer(self.counter).high
+        for key, value in (("mask", self.mask), ("start", self.start)):
+            if value is not None and value > high:
+                raise DescriptionError(key, f"{value} is out of range; write at most {high}")
+
+    def made(self) -> Counter:
+        integer = Integer(self.counter)
+        mask = integer.high if self.mask is None else self.mask
+        return Counter(self.at, integer, mask, self.shift, self.start, self.shared or "")
+
+
+class OneKeys(Keys, FieldKeys, frozen=True):
+    """The count of an actuator."""
+
+    at: Place
+    actuator: str
+    type: IntegerName
+
+    def made(self) -> One:
+        return One(self.at, self.actuator, Integer(self.type))
+
+
+class SamplesKeys(Keys, FieldKeys, frozen=True):
+    """All samples of a frame, interleaved."""
+
+    at: Place
+    samples: Actuators
+    type: IntegerName
+
+    def made(self) -> Samples:
+        return Samples(self.at, self.samples, Integer(self.type))
+
+
+class MappedKeys(Keys, FieldKeys, frozen=True):
+    """HD rumble: the amplitudes of two bands in four bytes."""
+
+    at: Place
+    map: Literal["hd-rumble"]
+    actuators: Actuators
+    high_hz: Annotated[float, Meta(ge=81.75177, le=1252.572266)] = 320.0
+    low_hz: Annotated[float, Meta(ge=40.875885, le=626.286133)] = 160.0
+
+    def made(self) -> Mapped:
+        options = {"high_hz": self.high_hz, "low_hz": self.low_hz}
+        return Mapped(self.at, self.map, self.actuators, options)
+
+
+class CoveredKeys(Keys, frozen=True):
+    """Of which bytes a CRC-32 is."""
+
+    seed: Byte | None = None
+    start: Annotated[int, Meta(ge=0, le=LONGEST_REPORT)] = field(name="from", default=0)
+    stop: Annotated[int, Meta(ge=1, le=LONGEST_REPORT)] | None = field(name="to", default=None)
+
+
+class Crc32Keys(Keys, FieldKeys, frozen=True):
+    """CRC-32, little-endian."""
+
+    at: Place
+    crc32: CoveredKeys
+
+    def made(self) -> Crc32:
+        of = self.crc32
+        return Crc32(self.at, of.seed, of.start, self.at if of.stop is None else of.stop)
+
+
+FieldKeys.kinds = {
+    "const": ConstKeys,
+    "counter": CounterKeys,
+    "actuator": OneKeys,
+    "samples": SamplesKeys,
+    "map": MappedKeys,
+    "crc32": Crc32Keys,
+}
+
+
+class ReportKeys(Keys, frozen=True):
+    """The bytes of a report of a frame."""
+
+    path: Path
+    id: Byte
+    length: Annotated[int, within(2, LONGEST_REPORT, "in bytes, with the id")]
+    fields: Annotated[tuple[FieldKeys, ...], Meta(min_length=1, max_length=1024)]
+    short: bool = False
+
+    def made(self) -> Layout:
+        fields: tuple[Field, ...] = tuple(each.made() for each in self.fields)
+        return Layout(self.path, self.id, self.length, fields, self.short)
+
+
+class PayloadKeys(Keys, frozen=True):
+    """A report that never changes."""
+
+    path: Path
+    data: Annotated[
+        str,
+        Meta(
+            max_length=3 * LONGEST_REPORT,
+            pattern=r"^[ \t-\r]*([0-9A-Fa-f]{2}[ \t-\r]*){2,4096}" + END,
+            examples=["01 00 FF"],
+            description="the report id and 1 to 4095 bytes more, in hexadecimal digits",
+        ),
+    ]
+
+    def made(self) -> Report:
+        return Report(self.path, bytes.fromhex(self.data))
+
+
+class ProfileKeys(Keys, frozen=True, kw_only=True):
+    """What a device takes, and what it must never be given: docs/profiles.md. A profile that fits
+    this schema may still break a rule that needs several values at once; hapfmt profile check knows
+    all rules."""
+
+    name: Name
+    description: Text = ""
+    source: Annotated[Text, what("where the layout of the reports and the limits come from")] = ""
+    gain: Annotated[float, above(0, 1, "of everything, unless the caller says otherwise")] = 0.5
+    match: Annotated[tuple[MatchKeys, ...], tables(0, 64, "[[match]]: which devices it fits")] = ()
+    timing: Annotated[TimingKeys, limit("[timing]")]
+    actuator: Annotated[tuple[ActuatorKeys, ...], tables(1, 256, "[[actuator]] for each one")]
+    report: Annotated[tuple[ReportKeys, ...], tables(1, 16, "[[report]] for each one of a frame")]
+    neutral: Annotated[
+        tuple[PayloadKeys, ...], tables(0, 16, "sent for rest instead of a frame at rest")
+    ] = ()
+    init: Annotated[tuple[PayloadKeys, ...], tables(0, 64, "sent before the first frame")] = ()
+    exit: Annotated[tuple[PayloadKeys, ...], tables(0, 64, "sent at the end")] = ()
 
 
 def load_profile(name_or_path: str) -> Profile:
@@ -61,210 +333,20 @@ def parse_profile(text: str, path: str | None = None) -> Profile:
 
 def profile_of(values: Any, text: str) -> Profile:
     """Of what the TOML says."""
-    table = Table(values)
+    keys = read(ProfileKeys, values)
     profile = Profile(
-        name=table.text("name", pattern=NAME),
-        description=table.text("description", ""),
-        source=table.text("source", ""),
-        gain=table.number("gain", 0.5, above=0, high=1),
-        matches=tuple(map(_match, table.tables("match", 0, 64))),
-        timing=_timing(Table(table.take("timing", REQUIRED, "[timing]", "PLY-001"), "timing")),
-        actuators=tuple(map(_actuator, table.tables("actuator", 1, MOST_ACTUATORS))),
-        reports=tuple(map(_layout, table.tables("report", 1, MOST_REPORTS))),
-        neutral=tuple(map(_payload, table.tables("neutral", 0, MOST_REPORTS))),
-        init=tuple(map(_payload, table.tables("init", 0, 64))),
-        exit=tuple(map(_payload, table.tables("exit", 0, 64))),
+        name=keys.name,
+        description=keys.description,
+        source=keys.source,
+        gain=keys.gain,
+        matches=tuple(Match(**asdict(each)) for each in keys.match),
+        timing=keys.timing.made(),
+        actuators=tuple(each.made() for each in keys.actuator),
+        reports=tuple(each.made() for each in keys.report),
+        neutral=tuple(each.made() for each in keys.neutral),
+        init=tuple(each.made() for each in keys.init),
+        exit=tuple(each.made() for each in keys.exit),
         text=text,
     )
-    table.done()
     check(profile)
     return profile
-
-
-def _match(table: Table) -> Match:
-    match = Match(
-        vendor_id=table.integer("vendor_id", 0, 0xFFFF),
-        product_id=table.integer("product_id", 0, 0xFFFF, None),
-        bus=table.choice("bus", ("usb", "bluetooth"), None),
-        usage_page=table.integer("usage_page", 0, 0xFFFF, None),
-        usage=table.integer("usage", 0, 0xFFFF, None),
-    )
-    table.done()
-    return match
-
-
-def _timing(table: Table) -> Timing:
-    timeout = table.number("device_timeout_ms", None, above=0, high=3_600_000)
-    timing = Timing(
-        rate=_rate(table),
-        frame_samples=table.integer("frame_samples", 1, MOST_SAMPLES, 1),
-        hold_s=table.number("hold_ms", 20.0, above=0, high=1000) / 1000,
-        ramp_s=table.number("ramp_ms", 50.0, above=0, high=10_000) / 1000,
-        neutral_count=table.integer("neutral_count", 1, 100, 5),
-        device_timeout_s=None if timeout is None else timeout / 1000,
-    )
-    table.done()
-    return timing
-
-
-def _rate(table: Table) -> Fraction:
-    """A number, or a text like "3000/32"."""
-    what = "the samples of an actuator per second"
-    value = table.take("rate", REQUIRED, what, "PLY-001")
-    if isinstance(value, str):
-        if re.fullmatch(r"[1-9][0-9]{0,8}/[1-9][0-9]{0,8}", value) is None:
-            table.fail("rate", f"{value!r} is not a rate; write {what}, such as 1000 or '3000/32'")
-        rate = Fraction(value)
-    else:
-        rate = Fraction(str(real(value, table.path("rate"), -1e9, 0, 1e9)))
-    if not 1 <= rate <= 1_000_000:
-        table.fail("rate", f"{float(rate):g} Hz is out of range; write 1 to 1000000")
-    return rate
-
-
-def _actuator(table: Table) -> Actuator:
-    def limit(key: str, what: str) -> float:
-        return table.number(key, what=f"{what}, in its unit", requirement="PLY-001")
-
-    name = table.text("name", pattern=NAME)
-    unit = _unit(table, "unit", table.text("unit", most=255))
-    actuator = Actuator(
-        name=name,
-        unit=unit,
-        minimum=limit("minimum", "the lowest value that may be sent"),
-        maximum=limit("maximum", "the highest value that may be sent"),
-        rest=limit("rest", "the value at rest"),
-        slew=table.number(
-            "slew",
-            above=0,
-            high=1e12,
-            what="the largest change per second, in its unit",
-            requirement="PLY-001",
-        ),
-        step=table.number("step", low=1e-9, what="the value of one count, in its unit"),
-        band=table.choice("band", ("full", "lf", "hf"), "full"),
-        accepts=_accepts(table, unit),
-        gain=table.number("gain", 1.0),
-        offset=table.number("offset", 0.0),
-        rectify=table.flag("rectify"),
-        quantity=table.text("quantity", "", most=255),
-        body_site=table.text("body_site", "", most=255),
-    )
-    table.done()
-    return actuator
-
-
-def _unit(table: Table, key: str, text: str) -> str:
-    code = to_ucum(text)
-    if code != text:
-        table.fail(key, f"{text!r} is not a UCUM code; write {code!r}")
-    return text
-
-
-def _accepts(table: Table, unit: str) -> dict[str, float]:
-    """Without the key, its own unit alone."""
-    values = Table(table.take("accepts", {unit: 1.0}, ""), table.path("accepts"))
-    if not values.values:
-        table.fail("accepts", "is empty, so nothing could be played; add a unit, as { N = 1.0 }")
-    accepted = {}
-    for key in values.values:
-        accepted[_unit(values, key, key)] = factor = values.number(key)
-        if factor == 0:
-            values.fail(key, "is 0; write its value in the actuator's unit")
-    return accepted
-
-
-def _layout(table: Table) -> Layout:
-    layout = Layout(
-        path=table.choice("path", ("output", "feature")),
-        id=table.integer("id", 0, 255),
-        length=table.integer("length", 2, LONGEST_REPORT),
-        fields=tuple(map(_field, table.tables("fields", 1, MOST_FIELDS))),
-        short=table.flag("short"),
-    )
-    table.done()
-    return layout
-
-
-def _field(table: Table) -> Field:
-    kinds = [key for key in FIELDS if table.has(key)]
-    if len(kinds) != 1:
-        given = " and ".join(kinds) or "none"
-        raise ProfileError(
-            table.at, f"has {given} of {', '.join(FIELDS)}; give exactly one of them"
-        )
-    field = FIELDS[kinds[0]](table, table.integer("at", 1, LONGEST_REPORT - 1))
-    table.done()
-    return field
-
-
-def _const(table: Table, at: int) -> Const:
-    values = table.rows("const", 1, LONGEST_REPORT)
-    place = table.path("const")
-    return Const(at, bytes(whole(x, 0, 255, f"{place}[{n}]") for n, x in enumerate(values)))
-
-
-def _counter(table: Table, at: int) -> Counter:
-    integer = Integer(table.choice("counter", COUNTERS))
-    return Counter(
-        at,
-        integer,
-        mask=table.integer("mask", 1, integer.high, integer.high),
-        shift=table.integer("shift", 0, 31, 0),
-        start=table.integer("start", 0, integer.high, 0),
-        shared=table.text("shared", "", pattern=NAME),
-    )
-
-
-def _one(table: Table, at: int) -> One:
-    return One(at, table.text("actuator"), Integer(table.choice("type", INTEGERS)))
-
-
-def _samples(table: Table, at: int) -> Samples:
-    names = table.names("samples", MOST_ACTUATORS)
-    return Samples(at, names, Integer(table.choice("type", INTEGERS)))
-
-
-def _mapped(table: Table, at: int) -> Mapped:
-    function = table.choice("map", tuple(MAPS))
-    names = table.names("actuators", MOST_ACTUATORS)
-    options = {
-        key: table.number(key, option.default, low=option.low, high=option.high)
-        for key, option in MAPS[function].options.items()
-    }
-    return Mapped(at, function, names, options)
-
-
-def _crc32(table: Table, at: int) -> Crc32:
-    values = Table(table.take("crc32", REQUIRED, ""), table.path("crc32"))
-    crc = Crc32(
-        at,
-        seed=values.integer("seed", 0, 255, None),
-        start=values.integer("from", 0, LONGEST_REPORT, 0),
-        stop=values.integer("to", 1, LONGEST_REPORT, at),
-    )
-    values.done()
-    return crc
-
-
-FIELDS: dict[str, Callable[[Table, int], Field]] = {
-    "const": _const,
-    "counter": _counter,
-    "actuator": _one,
-    "samples": _samples,
-    "map": _mapped,
-    "crc32": _crc32,
-}
-
-
-def _payload(table: Table) -> Report:
-    path: Any = table.choice("path", ("output", "feature"))
-    text = table.text("data", most=3 * LONGEST_REPORT)
-    table.done()
-    try:
-        data = bytes.fromhex(text)
-    except ValueError:
-        table.fail("data", "is not a text of hexadecimal bytes; write it as '01 00 FF'")
-    if not 2 <= len(data) <= LONGEST_REPORT:
-        table.fail("data", f"has {len(data)} bytes; write the report id and 1 to 4095 bytes more")
-    return Report(path, data)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import NoReturn
 
-from .keys import ProfileError
+from ...descriptions import DescriptionError
 from .layout import Const, Counter, Crc32, Field, Integer, Layout, Mapped, One, Samples
 from .maps import MAPS, MOST_COUNTS
 from .model import Actuator, Profile, exact
@@ -30,7 +30,7 @@ def check(profile: Profile) -> None:
 
 
 def fail(at: str, text: str, requirement: str | None = None) -> NoReturn:
-    raise ProfileError(at, text, requirement)
+    raise DescriptionError(at, text, requirement)
 
 
 def _timing(profile: Profile) -> None:

@@ -1,0 +1,335 @@
+"""What people write: scenes, profiles, studies, headers of streams. A Struct declares once what its
+keys may hold; values, errors and JSON schemas come from it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from math import isinf
+from types import UnionType
+from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin
+
+import msgspec
+from msgspec import Meta, Struct, ValidationError, convert
+from msgspec.structs import FieldInfo, fields, force_setattr
+
+from .errors import ParameterError
+from .names import similar
+from .numbers import counted
+
+Made = TypeVar("Made")
+
+PLACE = re.compile(r" - at (?P<key>`key` in )?`\$(?P<steps>(?:\.\w+|\[\d+\]|\[\.\.\.\])*)`\Z")
+"""At the end of an error of msgspec. [...] is some key of a table."""
+STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")
+LONGEST = 200
+"""Characters of a key path in a message."""
+
+
+class DescriptionError(ParameterError, ValueError):
+    """What is wrong with a description, and under which key.
+
+    msgspec puts the key path to a ValueError, so a ``__post_init__`` names only its own keys.
+    """
+
+    def __init__(self, key: str, text: str, requirement: str | None = None) -> None:
+        super().__init__(f"{key[:LONGEST]}: {text}" if key else text, requirement=requirement)
+        self.key, self.text = key, text
+
+    def under(self, at: str) -> DescriptionError:
+        """The same error, where the table it was found in is at ``at``."""
+        return DescriptionError(joined(at, self.key), self.text, self.requirement)
+
+
+class OneOf:
+    """One of several tables, told apart by a key that no other has."""
+
+    __slots__ = ()
+    kinds: ClassVar[Mapping[str, type[OneOf]]]
+
+    def made(self) -> Any:
+        """What the rest of the program takes in its place."""
+        raise NotImplementedError
+
+
+class Description(Struct, frozen=True, forbid_unknown_fields=True):
+    """A table whose rules hold for values given in Python too."""
+
+    def __post_init__(self) -> None:
+        for each in fields_of(type(self)):
+            value = getattr(self, each.name)
+            force_setattr(self, each.name, read(each.type, value, each.encode_name))
+
+
+def within(low: float, high: float, what: str) -> Meta:
+    """A number from ``low`` to ``high``."""
+    return Meta(ge=low, le=high, description=what)
+
+
+def above(low: float, high: float, what: str) -> Meta:
+    """A number above ``low`` and at most ``high``."""
+    return Meta(gt=low, le=high, description=what)
+
+
+def what(text: str) -> Meta:
+    return Meta(description=text)
+
+
+def refuse_twice(key: str, values: Sequence[str]) -> None:
+    for n, each in enumerate(values):
+        if each in values[:n]:
+            raise DescriptionError(f"{key}[{n}]", f"{each!r} is there twice; write it once")
+
+
+def read(kind: type[Made], values: Any, at: str = "") -> Made:
+    """The values of a parsed TOML or JSON text as ``kind``, or DescriptionError."""
+    try:
+        return convert(values, kind, dec_hook=read_one)
+    except ValidationError as error:
+        raise explained(error, kind, values, at) from None
+    except UnicodeError:
+        raise DescriptionError(at, "has a character that is not one of Unicode") from None
+
+
+def parse_json(text: bytes) -> dict[str, Any]:
+    """One object of JSON; raise ParameterError."""
+    try:
+        found = json.loads(text.decode("utf-8"), parse_float=double)
+    except (ValueError, RecursionError):
+        raise ParameterError("this is not JSON") from None
+    if not isinstance(found, dict):
+        raise ParameterError("this is not a JSON object")
+    return found
+
+
+def double(text: str) -> float:
+    """A number of JSON; one too large would become infinite without a word."""
+    value = float(text)
+    if isinf(value):
+        raise ParameterError(f"{text[:40]!r} is beyond the range of a double")
+    return value
+
+
+def read_one(kind: type[OneOf], value: Any) -> Any:
+    if not isinstance(value, dict):
+        raise DescriptionError("", advice(value, {"type": "object"}))
+    found = [key for key in kind.kinds if key in value]
+    if len(found) != 1:
+        given = " and ".join(found) or "none"
+        raise DescriptionError(
+            "", f"has {given} of {', '.join(kind.kinds)}; give exactly one of them"
+        )
+    return read(kind.kinds[found[0]], value)
+
+
+def schema_of(kind: Any, title: str) -> dict[str, Any]:
+    """The JSON schema of a description."""
+    parts: dict[str, Any] = {}
+
+    def one(kind: type[OneOf]) -> dict[str, Any]:
+        refs, found = msgspec.json.schema_components(kind.kinds.values())
+        parts.update(found)
+        return {"anyOf": list(refs)}
+
+    (ref,), found = msgspec.json.schema_components((kind,), schema_hook=one)
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title}
+    return head | ref | {"$defs": {**found, **parts}}
+
+
+@cache
+def fields_of(table: type[Struct]) -> tuple[FieldInfo, ...]:
+    return fields(table)
+
+
+def joined(at: str, key: str) -> str:
+    return f"{at}.{key}" if at and key and not key.startswith("[") else at + key
+
+
+def explained(error: ValidationError, kind: Any, value: Any, at: str) -> DescriptionError:
+    """Where the value is, what it is, and what to write instead."""
+    place = PLACE.search(str(error))
+    steps = [name or number for name, number in STEP.findall(place["steps"])] if place else []
+    if place and place["key"]:
+        steps.append("...")
+    for step in steps:
+        inside = list(entered(kind, value, step))
+        if not inside:
+            break
+        kind, value, key = inside[0]
+        at = joined(at, key)
+    if isinstance(error.__cause__, DescriptionError):
+        return error.__cause__.under(at)
+    if error.__cause__ is not None:
+        raise error.__cause__
+    for table in (arm for arm in arms(kind) if is_table(arm)):
+        if isinstance(value, dict):
+            return wrong_key(table, value, at) or DescriptionError(at, "cannot be used")
+    return DescriptionError(at, advice(value, schema_node(kind)))
+
+
+def arms(kind: Any) -> list[Any]:
+    """What a union consists of, without None."""
+    plain = bare(kind)
+    if get_origin(plain) in (Union, UnionType):
+        return [arm for each in get_args(plain) for arm in arms(each)]
+    return [] if plain is type(None) else [plain]
+
+
+def bare(kind: Any) -> Any:
+    return get_args(kind)[0] if get_origin(kind) is Annotated else kind
+
+
+def is_table(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, Struct)
+
+
+def entered(kind: Any, value: Any, step: str) -> Iterator[tuple[Any, Any, str]]:
+    """What ``kind`` has at a step of the path, with its value and what the step is called."""
+    for arm in arms(kind):
+        origin, parts = get_origin(arm), get_args(arm)
+        if is_table(arm) and isinstance(value, dict) and step in value:
+            yield from (
+                (each.type, value[step], step)
+                for each in fields_of(arm)
+                if each.encode_name == step
+            )
+        elif origin is dict and isinstance(value, dict):
+            for key, each in value.items():
+                for part, held in zip(parts, (key, each), strict=True):
+                    try:
+                        read(part, held)
+                    except DescriptionError:
+                        yield part, held, str(key)
+        elif origin is tuple and isinstance(value, Sequence) and step.isdigit():
+            number = int(step)
+            yield parts[0 if parts[-1] is Ellipsis else number], value[number], f"[{step}]"
+
+
+def wrong_key(table: type[Struct], values: dict[Any, Any], at: str) -> DescriptionError | None:
+    """The first unknown key, else the first missing one."""
+    known = {each.encode_name: each for each in fields_of(table)}
+    for key in values:
+        if key not in known:
+            near = similar(str(key), known)
+            hint = f"did you mean {near}?" if near else f"known: {', '.join(known)}"
+            return DescriptionError(joined(at, str(key)), f"is not a known key; {hint}")
+    for key, each in known.items():
+        if each.required and key not in values:
+            node = schema_node(each.type)
+            told = (
+                f"{node['description']} ({words(node)})" if "description" in node else words(node)
+            )
+            requirement = requirement_of(each.type)
+            return DescriptionError(joined(at, key), f"is missing; add {told}", requirement)
+    return None
+
+
+def requirement_of(kind: Any) -> str | None:
+    extras = [each.extra for each in get_args(kind) if isinstance(each, Meta) and each.extra]
+    return extras[0]["requirement"] if extras else None
+
+
+def schema_node(kind: Any) -> dict[str, Any]:
+    (node,), _ = msgspec.json.schema_components((kind,), schema_hook=lambda _: {"type": "object"})
+    return node
+
+
+TYPES: dict[str, tuple[tuple[type, ...], str]] = {
+    "boolean": ((bool,), "true or false"),
+    "integer": ((int, float), "a whole number"),
+    "number": ((int, float), "a number"),
+    "string": ((str,), "a text"),
+    "array": ((list, tuple), "a list"),
+    "object": ((dict,), "a table"),
+}
+"""Of JSON: what they are in Python, and in words."""
+
+
+def advice(value: Any, node: dict[str, Any]) -> str:
+    """Why the value does not fit the schema, and what to write."""
+    choices = [each for each in node.get("anyOf", [node]) if each.get("type") != "null"]
+    fitting = [each for each in choices if fits(value, each)]
+    if not fitting:
+        wanted = {each.get("type") for each in choices}
+        end = ""
+        if isinstance(value, str) and wanted & {"boolean", "integer", "number"}:
+            end = ", without quotes"
+        elif wanted == {"string"}:
+            end = ", between quotes"
+        return f"is {named(value)}; write {words(node)}{end}"
+    whole, node = words(node), fitting[0]
+    if "enum" in node:
+        near = similar(value, node["enum"]) if isinstance(value, str) else None
+        hint = f"did you mean {near!r}?" if near else f"choose {whole}"
+        return f"there is no {shown(value)}; {hint}"
+    limited = {"maxLength", "minLength", "maxItems", "minItems"} & node.keys()
+    if isinstance(value, (str, list, tuple)) and limited and not fits_length(value, node):
+        unit = "character" if isinstance(value, str) else "value"
+        return f"has {counted(len(value), unit)}; write {whole}"
+    if isinstance(value, (int, float)) and (node["type"] == "number" or isinstance(value, int)):
+        return f"{shown(value)} is out of range; write {whole}"
+    told = f": {node['description']}" if "pattern" in node and "description" in node else ""
+    return f"{shown(value)} cannot be used; write {whole}{told}"
+
+
+def fits(value: Any, node: dict[str, Any]) -> bool:
+    """Whether the value has the type; the rest may be wrong."""
+    if "enum" in node:
+        return isinstance(value, tuple(map(type, node["enum"])))
+    kinds = TYPES[node["type"]][0] if "type" in node else (dict,)
+    return isinstance(value, kinds) and (not isinstance(value, bool) or kinds == (bool,))
+
+
+def fits_length(value: Any, node: dict[str, Any]) -> bool:
+    low = node.get("minLength", node.get("minItems", 0))
+    high = node.get("maxLength", node.get("maxItems"))
+    return low <= len(value) and (high is None or len(value) <= high)
+
+
+def named(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return json.dumps(value)
+    found = (words for kinds, words in reversed(TYPES.values()) if isinstance(value, kinds))
+    return next(found, f"of type {type(value).__name__}")
+
+
+def shown(value: Any) -> str:
+    """Python refuses to print integers of many digits."""
+    if isinstance(value, int) and abs(value) >= 10**20:
+        return "the number"
+    return f"{value!r:.60}"
+
+
+def words(node: dict[str, Any]) -> str:
+    """What a schema asks for."""
+    if "anyOf" in node:
+        return " or ".join(words(each) for each in node["anyOf"] if each.get("type") != "null")
+    if "enum" in node:
+        return f"one of {', '.join(map(str, node['enum']))}"
+    if "type" not in node:
+        return "a table"
+    text = TYPES[node["type"]][1]
+    if node["type"] in ("integer", "number"):
+        low, high, over = (node.get(key) for key in ("minimum", "maximum", "exclusiveMinimum"))
+        if over is not None:
+            return f"{text} above {plain(over)}" + (f" and at most {plain(high)}" if high else "")
+        return text if low is None or high is None else f"{text} from {plain(low)} to {plain(high)}"
+    if node.get("examples"):
+        return f"{text} such as {node['examples'][0]!r}"
+    if "maxLength" in node:
+        low = f"{node['minLength']} to" if "minLength" in node else "at most"
+        return f"{text} of {low} {node['maxLength']} characters"
+    if node["type"] == "array":
+        items = node.get("items") or node["prefixItems"][0]
+        low, high = node.get("minItems", 0), node.get("maxItems")
+        count = f"{low}" if low == high else f"{low} to {high}" if high else f"{low} or more"
+        return f"{text} of {count} " + (
+            "tables" if words(items) == "a table" else f"values, each {words(items)}"
+        )
+    return text
+
+
+def plain(bound: float) -> str:
+    return str(bound) if isinstance(bound, int) else f"{bound:.10g}"

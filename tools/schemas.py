@@ -1,0 +1,28 @@
+"""JSON schemas of descriptions, for editors: python tools/schemas.py writes them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from hapfmt.descriptions import schema_of
+from hapfmt.replay.profile.parse import ProfileKeys
+from hapfmt.scenes.description import Scene
+from hapfmt.study.description import StudyKeys
+
+ROOT = Path(__file__).resolve().parents[1] / "hapfmt"
+SCHEMAS = {
+    ROOT / "scenes" / "schema.json": (Scene, "Scene of hapfmt"),
+    ROOT / "replay" / "profile" / "schema.json": (ProfileKeys, "Device profile of hapfmt"),
+    ROOT / "study" / "schema.json": (StudyKeys, "Study of hapfmt"),
+}
+
+
+def text_of(path: Path) -> str:
+    kind, title = SCHEMAS[path]
+    return json.dumps(schema_of(kind, title), indent=1) + "\n"
+
+
+if __name__ == "__main__":
+    for path in SCHEMAS:
+        path.write_text(text_of(path), encoding="utf-8")
