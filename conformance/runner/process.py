@@ -269,7 +269,7 @@ class Server:
         return line, ""
 
     def close(self) -> None:
-        """Ends it; a process that goes on although its input ended is killed."""
+        """Ends it; a process that does not end with its input is killed."""
         if not self.alive:
             return
         self.alive = False
