@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import uuid as _uuid
 import warnings
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import partial
+from functools import cached_property, partial
+from itertools import accumulate
 from operator import index
 from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
@@ -401,17 +403,22 @@ class Channel:
 
     def slice_ticks(self, start: int, stop: int) -> Channel:
         """Only the samples with start <= tick < stop; ticks keep their numbers."""
-        spans: list[Span] = []
-        kept = np.zeros(self.stored.size, np.bool_)
-        position = 0
-        for span in self.coverage:
-            a, b = max(span.start, start), min(span.stop, stop)
-            if a < b:
-                spans.append(Span(a, b))
-                kept[position + a - span.start : position + b - span.start] = True
-            position += span.ticks
-        exact = None if self.exact is None else self.exact[kept]
-        return replace(self, stored=self.stored[kept], coverage=tuple(spans), exact=exact)
+        whole = self.coverage if start < stop else ()
+        a = bisect_right(whole, start, key=lambda span: span.stop)
+        b = bisect_left(whole, stop, key=lambda span: span.start)
+        spans = tuple(Span(max(s.start, start), min(s.stop, stop)) for s in whole[a:b])
+        kept = slice(0)
+        if spans:
+            low = self._places[a] + spans[0].start - whole[a].start
+            high = self._places[b] - (whole[b - 1].stop - spans[-1].stop)
+            kept = slice(low, high)
+        exact = None if self.exact is None else self.exact[kept].copy()
+        return replace(self, stored=self.stored[kept].copy(), coverage=spans, exact=exact)
+
+    @cached_property
+    def _places(self) -> list[int]:
+        """Stored samples before each span, and all of them."""
+        return [*accumulate((span.ticks for span in self.coverage), initial=0)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -10,7 +10,6 @@ HEAD = "container.wire:parse_head"
 SUM = "reading.reconstruct:add_residual"
 PART = "reading.assembly:Assembly.of_part"
 DECODE = "reading.decoder:TrackDecoder.decode"
-BOTH = "both = d[i : i + span.ticks].astype(np.int64) + e[j : j + span.ticks]"
 NO_RANGE = (
     "__import__('dataclasses').replace(self.track, count_min=-(1 << 31), count_max=(1 << 31) - 1)"
 )
@@ -41,17 +40,13 @@ MUTANTS = (
         "sum-not-clamped",
         "The sum of LF and HF is not clamped.",
         "DEC-001",
-        Edit(SUM, "np.clip(both, low, high)", "both"),
+        Edit("reading.reconstruct:sum_of", "np.clip(both, lf.count_min, lf.count_max)", "both"),
     ),
     mutant(
         "sum-clamped-to-hf",
         "The sum of LF and HF is clamped to the range of the HF track.",
         "DEC-001",
-        Edit(
-            SUM,
-            "low, high = lf.track.count_min, lf.track.count_max",
-            "low, high = hf.track.count_min, hf.track.count_max",
-        ),
+        Edit(SUM, "sum_of(lf.track, ", "sum_of(hf.track, "),
     ),
     mutant(
         "hf-a-tick-late",

@@ -261,11 +261,10 @@ def find_unsupported(raw: Any, tlvs: Tlvs) -> str | None:
 
 def check_range(track: Track, level: Level, offset: int) -> None:
     """TRK-005."""
-    low, high, hf = track.count_min, track.count_max, track.kind == "hf"
-    bound = 1 << ((level.residual_bits if hf else level.count_bits) - 1)
-    if low > high or low < -bound or high >= bound:
+    if not track.in_range_of(level):
         raise FormatError(
-            f"declared range {low} to {high} does not fit level {level.number}",
+            f"declared range {track.count_min} to {track.count_max} does not fit "
+            f"level {level.number}",
             requirement="TRK-005",
             offset=offset + TRACK.offsets["count_min"],
         )

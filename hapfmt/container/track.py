@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from ..errors import FormatError, UnsupportedError
-from ..limits import EXACT_LIMIT
+from ..limits import EXACT_LIMIT, Level
 
 KINDS = ("full", "lf", "hf", "events")
 NUMBER_FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64")
@@ -89,6 +89,11 @@ class Track:
     def weight(self, span: int, size: int) -> int:
         """What a packet of so many ticks and bytes counts in a cluster (DAT-009)."""
         return size if self.kind == "events" else span * len(self.components)
+
+    def in_range_of(self, level: Level) -> bool:
+        """Whether the declared range has the width that the level allows (TRK-005)."""
+        bound = 1 << ((level.residual_bits if self.kind == "hf" else level.count_bits) - 1)
+        return -bound <= self.count_min <= self.count_max < bound
 
     def fits(self, before: Track) -> bool:
         """Whether this track can continue another one (TRK-016)."""

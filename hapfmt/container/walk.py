@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ..errors import FormatError, LimitError
+from ..errors import ChecksumError, FormatError, LimitError, TruncatedError
 from .salvage import held_size
 from .source import Source
 from .wire import (
@@ -41,6 +41,11 @@ class Finding:
     size: int
     message: str
     requirement: str
+
+    @property
+    def error(self) -> type[FormatError]:
+        """What is raised where damage is refused."""
+        return TruncatedError if self.code in ("not-closed", "truncated") else ChecksumError
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)

@@ -22,6 +22,7 @@ from ..container.wire import NO_TRACK, Head
 from ..errors import FormatError, ParameterError
 from ..limits import TICK_LIMIT, Level
 from ..numbers import counted
+from ..reading.digests import stored_digests
 from ..reading.seconds import Seconds
 from .clocks import TYPES, moved_clock
 from .original import NS, Advance, Original, has_channels
@@ -237,7 +238,7 @@ class Making:
 
     def digests(self, original: Original, plan: Plan) -> None:
         """Those that still hold: of tracks whose packets all came over, at their own time."""
-        known = original.digests()
+        known = stored_digests(original.catalogue)
         partial, last = self.partial.get(original, set()), self.last.get(original, {})
         kept = {
             place.track.id: known[old][1]

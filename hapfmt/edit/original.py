@@ -22,12 +22,10 @@ from ..errors import (
     FormatError,
     HapfmtError,
     ParameterError,
-    TruncatedError,
     UnsupportedError,
 )
 from ..limits import Limits
 from ..reading.catalogue import Catalogue, ChunkRef, FalseIndexError
-from ..reading.digests import stored_digests
 from ..reading.opening import open_catalogue
 from ..reading.seconds import Seconds, overlapping
 from ..verdict import DAMAGED
@@ -101,8 +99,7 @@ class Original(Closing):
             raise catalogue.unsupported
         if catalogue.findings:
             first = catalogue.findings[0]
-            kind = TruncatedError if first.code in ("not-closed", "truncated") else ChecksumError
-            raise self.damaged(kind, f"{first.code}: {first.message}", first.offset)
+            raise self.damaged(first.error, f"{first.code}: {first.message}", first.offset)
         bare = [
             track
             for track in self.tracks.values()
@@ -131,11 +128,6 @@ class Original(Closing):
                     offset=track.offset,
                     path=self.source.path,
                 )
-
-    def digests(self) -> dict[int, tuple[int, bytes]]:
-        """The last digest of each track that has one, and its offset: it is that of the packets
-        before it (DGS-003)."""
-        return stored_digests(self.catalogue)
 
     def refs(self, start: Seconds | None, stop: Seconds | None) -> list[ChunkRef]:
         """DATA chunks that overlap these seconds, in order of time."""

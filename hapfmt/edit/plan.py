@@ -98,9 +98,5 @@ def level_for(tracks: Sequence[Track], *levels: Level, largest: int = 0) -> Leve
     """The highest of ``levels``, or level 2 where a declared range, or the largest payload that is
     no cluster, needs it."""
     level = max(levels, key=lambda level: level.number, default=LEVELS[1])
-    for track in tracks:
-        bits = level.residual_bits if track.kind == "hf" else level.count_bits
-        bound = 1 << (bits - 1)
-        if track.count_min < -bound or track.count_max >= bound:
-            return LEVELS[2]
-    return LEVELS[2] if largest > level.payload_size else level
+    low = largest <= level.payload_size and all(track.in_range_of(level) for track in tracks)
+    return level if low else LEVELS[2]

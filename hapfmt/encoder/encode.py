@@ -641,9 +641,7 @@ def choose_level(tracks: list[Track]) -> Level:
     """Level 1 where everything fits."""
     one = LEVELS[1]
     for track in tracks:
-        bits = one.residual_bits if track.kind == "hf" else one.count_bits
-        bound = 1 << (bits - 1)
-        if track.count_min < -bound or track.count_max >= bound:
+        if not track.in_range_of(one):
             return LEVELS[2]
         if track.codec in ("LPCR", "KNOT"):
             # The levels of a deadband grid are counted from the physical 0, which may lie far off.

@@ -16,10 +16,8 @@ from ..container.source import open_source
 from ..container.track import Track, lone_lf
 from ..container.walk import Finding
 from ..errors import (
-    ChecksumError,
     FormatError,
     ParameterError,
-    TruncatedError,
     UnknownChannelError,
 )
 from ..events import Event
@@ -167,8 +165,7 @@ class Reader(Closing):
     def refuse_damage(self) -> None:
         if self.strict and self.findings:
             first = self.findings[0]
-            kind = TruncatedError if first.code in ("not-closed", "truncated") else ChecksumError
-            raise kind(
+            raise first.error(
                 f"{first.code}: {first.message}. hapfmt.Reader reads what is intact; "
                 "hapfmt recover IN OUT writes an intact copy",
                 requirement=first.requirement,

@@ -69,14 +69,18 @@ class Decoded:
         return self.doubles.joined()
 
 
+def sum_of(lf: Track, d: NDArray[Any], e: NDArray[Any]) -> NDArray[np.int32]:
+    """d + e^, clamped to the range of the LF track (DEC-001)."""
+    both: NDArray[np.int64] = d.astype(np.int64) + e
+    return np.clip(both, lf.count_min, lf.count_max).astype(np.int32)
+
+
 def add_residual(lf: Decoded, hf: Decoded) -> Decoded:
-    """d + e^, clamped to the LF track's range, where both are covered (DEC-001, DEC-003)."""
-    low, high = lf.track.count_min, lf.track.count_max
+    """Their sum where both are covered (DEC-003)."""
     d, e = lf.numbers(), hf.numbers()
     out = Decoded(lf.track)
     for (i, j), span in intersect(lf.spans, hf.spans):
-        both = d[i : i + span.ticks].astype(np.int64) + e[j : j + span.ticks]
-        out.add(span.start, np.clip(both, low, high).astype(np.int32))
+        out.add(span.start, sum_of(lf.track, d[i : i + span.ticks], e[j : j + span.ticks]))
     return out
 
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
-from itertools import accumulate
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -23,7 +21,7 @@ from ..reading.losses import LostSpan
 from ..reading.reader import Reader
 from ..reading.reconstruct import build_channel
 from ..reading.seconds import tick_range
-from ..recording import Channel, Recording, Span
+from ..recording import Channel, Recording
 
 PART = 1 << 20
 """About so many samples of all channels are decoded at a time; they take 20 MB."""
@@ -148,7 +146,6 @@ class RecordingParts:
             )
             for place, channel in zip(chosen, self.own, strict=True)
         ]  # fmt: skip
-        self.places = [list(accumulate((s.ticks for s in c.coverage), initial=0)) for c in self.own]
 
     def extent(self) -> tuple[Fraction, Fraction]:
         known = [c for c in self.own if c.stored.size]
@@ -162,8 +159,8 @@ class RecordingParts:
 
     def part(self, start: Fraction, stop: Fraction) -> list[Block]:
         return [
-            Block(cut(channel, places, *tick_range(channel.rate_exact, start, stop)))
-            for channel, places in zip(self.own, self.places, strict=True)
+            Block(channel.slice_ticks(*tick_range(channel.rate_exact, start, stop)))
+            for channel in self.own
         ]
 
     def events(self, start: Fraction, stop: Fraction) -> list[Event]:
@@ -262,20 +259,6 @@ class FileParts:
 
 def step_of(channel: Channel) -> float | None:
     return channel.lsb if channel.calibration is None else float(abs(channel.calibration.step))
-
-
-def cut(channel: Channel, places: Sequence[int], first: int, last: int) -> Channel:
-    """Samples with first <= tick < last; places: of the samples that each span begins with."""
-    coverage = channel.coverage if first < last else ()
-    a = bisect_right(coverage, first, key=lambda span: span.stop)
-    b = bisect_left(coverage, last, key=lambda span: span.start)
-    spans = [Span(max(s.start, first), min(s.stop, last)) for s in coverage[a:b]]
-    if not spans:
-        return replace(channel, stored=channel.stored[:0], coverage=(), exact=None)
-    low = places[a] + spans[0].start - coverage[a].start
-    high = places[b - 1] + spans[-1].stop - coverage[b - 1].start
-    exact = None if channel.exact is None else channel.exact[low:high]
-    return replace(channel, stored=channel.stored[low:high], coverage=tuple(spans), exact=exact)
 
 
 def describe(ref: ChannelRef, reader: Reader) -> Described:

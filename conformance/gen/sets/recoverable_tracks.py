@@ -236,6 +236,19 @@ def unknown() -> Iterator[Case]:
         damages=[("garbage", len(laid.data), 3)], exits={"decode": [3, 4]},
         recovered={"verdict": "unsupported"},
     )  # fmt: skip
+    strange = Track(id=0, codec="xNEW")
+    known = Track(id=1, channel=1, packets=parts(1, 4))
+    most = [(0, 0, 2**22 - 3, b"what is this"), w.packet(1, 0)]
+    laid = w.lay(*described(strange, known), most, [w.packet(1, 4)])
+    row = laid.row(1, 0)
+    yield wrecked(
+        "unknown-codec-of-most-samples",
+        "Packets of an unknown codec count for the limit of samples: the next one is left out.",
+        ["DAT-009", "TRK-011", "REC-003"], "transmission/bit-flip",
+        w.flip(laid.data, laid.row(0, 0).at - 1), decode=decode_of(known),
+        damages=[bad(laid, "DATA"), ("bad-packet", row.at, row.size)], lost=[(1, 0, 4)],
+        exits={"decode": [3, 4]}, recovered={"verdict": "unsupported"},
+    )  # fmt: skip
     laid = w.lay(HEAD, track.chunk, [w.packet(0, 0)], ("ABCD", b"what"))
     yield wrecked(
         "unknown-critical-and-damage",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...reading.pieces import Piece
+from ...reading.reconstruct import sum_of
 from ...recording import Calibration, Span, spans_of
 from .grid import Places
 from .kernels import Kernel, Values
@@ -115,9 +116,9 @@ class Feed:
             e_stop = e.start + len(e.numbers)
             start, stop = max(d.start, e.start), min(d_stop, e_stop)
             if start < stop and e.track.base == d.track.id:
-                both = d.numbers[start - d.start : stop - d.start, index].astype(np.int64)
-                both += e.numbers[start - e.start : stop - e.start, index]
-                yield start, np.clip(both, d.track.count_min, d.track.count_max), d
+                slow = d.numbers[start - d.start : stop - d.start, index]
+                rest = e.numbers[start - e.start : stop - e.start, index]
+                yield start, sum_of(d.track, slow, rest), d
             # What ends first has no part in what follows.
             if d_stop <= stop or (stop <= start and d_stop <= e_stop):
                 base.pop()
