@@ -181,22 +181,17 @@ def one(cwd: str, columns: str, words: list[str], files: list[int]) -> None:
 
 if __name__ == "__main__":
     import importlib
+    import pkgutil
 
-    from hapfmt.cli import VERBS
+    import hapfmt
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for verb in VERBS:
-        importlib.import_module(f"hapfmt.cli.{verb}")
-    importlib.import_module("scipy.signal")  # of the low-pass; longer than all the rest
-    for name in (
-        "reading.reader",
-        "writer",
-        "verifier",
-        "recovery.recover",
-        "convert",
-        "scenes.stylus",
-        "scenes.grasp",
-    ):
-        importlib.import_module(f"hapfmt.{name}")
+    # What takes longer than all the rest.
+    for name in ("scipy.signal", "matplotlib.figure", "matplotlib.backends.backend_agg"):
+        with suppress(ImportError):
+            importlib.import_module(name)
+    for module in pkgutil.walk_packages(hapfmt.__path__, "hapfmt."):
+        if not module.name.startswith(("hapfmt.__main__", "hapfmt.plotting", "hapfmt.study.sound")):
+            importlib.import_module(module.name)
     with socket.socket(fileno=int(sys.argv[1])) as ours:
         serve(ours)

@@ -9,25 +9,34 @@ module that carries the mark: threads reserve more address space each than they 
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from depth import DEEP, PROFILE
 from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "conformance" / "gen"), str(ROOT / "conformance")]
 
 COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+settings.register_profile("dev", max_examples=10, derandomize=True, **COMMON)
 settings.register_profile("brief", max_examples=20, derandomize=True, **COMMON)
-settings.register_profile("steady", max_examples=40, derandomize=True, **COMMON)
-settings.register_profile("dev", max_examples=40, **COMMON)
 settings.register_profile("ci", max_examples=40, derandomize=True, print_blob=True, **COMMON)
 settings.register_profile("nightly", max_examples=3000, **COMMON)
-settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "dev"))
+settings.load_profile(PROFILE)
+
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
+    # The programs that tests start would compile hapfmt again each time.
+    compiled_here = tempfile.mkdtemp(prefix="hapfmt-tests-")
+    os.environ["PYTHONPYCACHEPREFIX"] = compiled_here
+    atexit.register(shutil.rmtree, compiled_here, ignore_errors=True)
 
 
 CAP = 256 << 20
@@ -52,21 +61,16 @@ def memory_cap(cap: int = CAP) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, before)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that take seconds and seldom find what others do not: not in a quick run. Tests of large
-    inputs: not in a brief run without the extension."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Deep tests need a deep profile. Without the extension, tests of large inputs do too."""
     from hapfmt.kernels import compiled
 
-    profile = os.environ.get("HYPOTHESIS_PROFILE", "dev")
-    left_out = {}
-    if profile in ("brief", "dev", "steady"):
-        left_out["deep"] = pytest.mark.skip(reason="runs with HYPOTHESIS_PROFILE=ci or nightly")
-    if profile == "brief" and not compiled:
-        left_out["compiled"] = pytest.mark.skip(reason="too slow in pure Python for this profile")
-    for item in items:
-        for name, skip in left_out.items():
-            if item.get_closest_marker(name) is not None:
-                item.add_marker(skip)
+    if DEEP:
+        return
+    later = {"deep"} if compiled else {"deep", "compiled"}
+    chosen = [item for item in items if not later & {mark.name for mark in item.iter_markers()}]
+    config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
+    items[:] = chosen
 
 
 @pytest.hookimpl(wrapper=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -24,11 +24,17 @@ def items() -> list[tuple[str, str]]:
 REQUIREMENTS = dict(items())
 
 
-def quotes(source: str) -> Iterator[tuple[str, str, str]]:
+@cache
+def quotes(path: Path) -> tuple[tuple[str, str, str], ...]:
     """(test, id, sentence) of each line of a test's docstring that quotes a requirement."""
-    for node in ast.walk(ast.parse(source)):
-        if not isinstance(node, (ast.ClassDef, ast.FunctionDef)):
-            continue
-        if node.name.startswith(("test_", "Test")):
-            for match in QUOTE.finditer(ast.get_docstring(node, clean=False) or ""):
-                yield node.name, match["id"], match["sentence"]
+    found = []
+    nodes = list(ast.parse(path.read_text(encoding="utf-8")).body)
+    for node in nodes:
+        if not isinstance(node, ast.FunctionDef):
+            nodes += getattr(node, "body", [])
+        if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name.startswith(
+            ("test_", "Test")
+        ):
+            told = ast.get_docstring(node, clean=False) or ""
+            found += [(node.name, m["id"], m["sentence"]) for m in QUOTE.finditer(told)]
+    return tuple(found)

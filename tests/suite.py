@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import sys
 from pathlib import Path
+
+import run
 
 ROOT = Path(__file__).resolve().parent.parent
 CONFORMANCE = ROOT / "conformance"
@@ -11,3 +15,11 @@ PROGRAMS = {
     "hapfmt": [sys.executable, "-m", "hapfmt.conformance"],
     "JavaScript": ["node", str(CONFORMANCE / "adapters" / "js" / "cli.js")],
 }
+
+
+def called(*words: str) -> tuple[int, str]:
+    """conformance/run.py in this process: its exit code, and what it says."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        code = run.main(words)
+    return code, said.getvalue()

@@ -11,6 +11,7 @@ from pathlib import Path
 import forge as f
 import numpy as np
 import pytest
+from depth import either
 from hypothesis import given
 from hypothesis import strategies as st
 from spec import ROOT
@@ -189,11 +190,12 @@ class TestAgainAndAgain:
         found = types(path.read_bytes())
         assert (found.count("HEAD"), found.count("TRAK")) == (2, 4)
 
-    def test_little_is_added_by_little(self, tmp_path: Path):
+    @either("times", 40, deep=150)
+    def test_little_is_added_by_little(self, tmp_path: Path, times: int):
         path = tmp_path / "a"
-        recording(path, 500)
+        recording(path, 50 + 3 * times)
         sizes, links = [], []
-        for number in range(150):
+        for number in range(times):
             before = path.stat().st_size
             with open_append(path, sync=NEVER) as more:
                 links.append(len(more.writer.parts))
@@ -203,7 +205,7 @@ class TestAgainAndAgain:
         assert max(links) <= 10
         assert sum(sizes) / len(sizes) < 300
         with open_append(path) as more:
-            for number in range(600):
+            for number in range(4 * times):
                 more.writer.cluster([Packet(0, 100_000 + number, 1, FIVE)])
         intact(path)
         with open_append(path) as more:
@@ -315,11 +317,12 @@ class TestCutFiles:
     WRT-007: Before it appends, a writer MUST cut off what follows the last whole chunk. It writes the packets of a cut `DATA` chunk whose CRC matches in a new `DATA` chunk, and reports the losses.
     """
 
-    def test_at_every_byte(self, tmp_path: Path):
+    @either("every", 11, deep=1)
+    def test_at_every_byte(self, tmp_path: Path, every: int):
         path = tmp_path / "a"
         ends = {chunk.stop for chunk in chunks(WHOLE)}
         tracks = [c.offset for c in chunks(WHOLE) if c.header.type == "TRAK"]
-        for cut in range(len(WHOLE)):
+        for cut in sorted({*range(0, len(WHOLE), every), 87, 88, *ends} - {len(WHOLE)}):
             path.write_bytes(WHOLE[:cut])
             before = packets_of(WHOLE[:cut]) if cut >= 88 else set()
             codes = go_on(path)

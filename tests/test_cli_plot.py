@@ -18,7 +18,8 @@ from hapfmt.cli import cli, plot
 from hapfmt.cli.parts import open_parts
 from hapfmt.errors import MissingExtraError, ParameterError
 from hapfmt.limits import Limits
-from hapfmt.plotting import style
+from hapfmt.plotting import difference, style
+from hapfmt.plotting import pages as layout
 from hapfmt.plotting.pages import grid_shape, placed
 from hapfmt.recording import Calibration, Channel, Recording
 from hapfmt.survey.compare import compare, pair_up
@@ -110,7 +111,7 @@ def check_palette(figure):
 
 def check_nothing_lies_on_the_data(figure):
     """Neither the legend nor a line of the header or the footnotes."""
-    figure.savefig(io.BytesIO(), format="png", dpi=figure.dpi)
+    figure.draw_without_rendering()
     words = [figure.legends[0].get_window_extent(), *(t.get_window_extent() for t in figure.texts)]
     panels = [axes.get_window_extent() for axes in figure.axes]
     assert not any(word.overlaps(panel) for word in words for panel in panels)
@@ -211,14 +212,19 @@ def test_a_few_channels_have_rows(room, pages):
     assert figures[0].get_supylabel() == "force in N"
 
 
-def test_many_channels_are_small_multiples(room, pages):
-    assert run("plot", room / "many.hapf", "--output", room / "x.png") == 0
+@pytest.mark.parametrize(
+    ("count", "most"), [(14, 8), pytest.param(70, layout.SMALL, marks=pytest.mark.deep)]
+)
+def test_many_channels_are_small_multiples(room, pages, monkeypatch, count, most):
+    monkeypatch.setattr(layout, "SMALL", most)
+    labels = [f"f{place}" for place in range(count)]
+    words = ["plot", room / "many.hapf", "--output", room / "x.png"]
+    assert run(*words, "--channels", ",".join(labels)) == 0
     ((both, _),) = pages
-    assert [len(figure.axes) for figure in both] == [35, 35]
-    titles = [axes.get_title("left") for figure in both for axes in figure.axes]
-    assert titles == [f"f{place}" for place in range(70)]
+    assert [len(figure.axes) for figure in both] == [count // 2] * 2
+    assert [axes.get_title("left") for figure in both for axes in figure.axes] == labels
     for figure in both:
-        check_labels(figure, 35)
+        check_labels(figure, count // 2)
         check_palette(figure)
         check_nothing_lies_on_the_data(figure)
         assert figure.get_supylabel() == "force in N"  # once, and at no panel
@@ -227,21 +233,28 @@ def test_many_channels_are_small_multiples(room, pages):
     assert [len(figure.axes) for figure in pages[1][0]] == [4]
 
 
-def test_every_page_gets_a_file_of_its_own(room, tmp_path, capsys):
+def test_every_page_gets_a_file_of_its_own(room, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(layout, "SMALL", 4)
+    monkeypatch.setattr(layout, "DETAILED", 0)
     path = tmp_path / "x.png"
-    assert run("plot", room / "many.hapf", "--output", path) == 0
+    words = ["plot", room / "many.hapf", "--output", path, "--channels", "0,1,2,3,4,5,6"]
+    assert run(*words) == 0
     assert "2 pages" in capsys.readouterr().err
     assert sorted(each.name for each in tmp_path.iterdir()) == ["x-1.png", "x-2.png"]
     (tmp_path / "x-1.png").unlink()
     with pytest.raises(ParameterError, match=r"x-2\.png"):
-        run("plot", room / "many.hapf", "--output", path)
+        run(*words)
     assert [each.name for each in tmp_path.iterdir()] == ["x-2.png"]
-    assert run("plot", room / "many.hapf", "--output", path, "--force") == 0
+    assert run(*words, "--force") == 0
     assert len(list(tmp_path.iterdir())) == 2
 
 
-@pytest.mark.parametrize("count", [*range(1, 65)])
-def test_grids_are_balanced_and_well_filled(count):
+def test_grids_are_balanced_and_well_filled():
+    for count in range(1, 65):
+        check_grid(count)
+
+
+def check_grid(count):
     columns, rows = grid_shape(count)
     places = placed(list(range(count)), columns)
     assert [view for view, *_ in places] == list(range(count))
@@ -412,26 +425,37 @@ class TestCompare:
         assert "samples in one only" in shown[0].get_title("left")
         assert "findings" in words_of(figure)
 
-    def test_pictures_of_many_channels(self, tmp_path, pages):
+    @pytest.mark.parametrize(
+        ("count", "differing", "most", "expected"),
+        [
+            (13, 9, difference.SMALL, [18]),
+            (8, 8, 4, [8, 8]),
+            pytest.param(13, 13, difference.SMALL, [26], marks=pytest.mark.deep),
+            pytest.param(40, 40, difference.SMALL, [40, 40], marks=pytest.mark.deep),
+        ],
+    )
+    def test_pictures_of_many_channels(
+        self, tmp_path, pages, monkeypatch, count, differing, most, expected
+    ):
         """Those that differ are drawn in one grid; of more than a page every page is kept."""
-        for count, differing, expected in ((13, 9, [18]), (13, 13, [26]), (40, 40, [40, 40])):
-            ours = [channel(place, 300) for place in range(count)]
-            theirs = [
-                replace(each, stored=each.stored + (place < differing))
-                for place, each in enumerate(ours)
-            ]
-            hapfmt.save(Recording(tuple(ours)), tmp_path / "a.npz", force=True)
-            hapfmt.save(Recording(tuple(theirs)), tmp_path / "b.npz", force=True)
-            words = [tmp_path / "a.npz", tmp_path / "b.npz", "--plot", tmp_path / "x.png"]
-            assert run("compare", *words) == 3
-            figures = pages.pop()[0]
-            assert [len(figure.axes) for figure in figures] == expected
-            for figure in figures:
-                assert check_palette(figure) == {"A", "B", "difference B − A"}
-                check_nothing_lies_on_the_data(figure)
-                said = words_of(figure)
-                assert f"{count} channels" in said and "1000 Hz" in said
-                assert ("identical (not drawn): f9, f10" in said) == (differing < count)
+        monkeypatch.setattr(difference, "SMALL", most)
+        ours = [channel(place, 300) for place in range(count)]
+        theirs = [
+            replace(each, stored=each.stored + (place < differing))
+            for place, each in enumerate(ours)
+        ]
+        hapfmt.save(Recording(tuple(ours)), tmp_path / "a.npz")
+        hapfmt.save(Recording(tuple(theirs)), tmp_path / "b.npz")
+        words = [tmp_path / "a.npz", tmp_path / "b.npz", "--plot", tmp_path / "x.png"]
+        assert run("compare", *words) == 3
+        figures = pages.pop()[0]
+        assert [len(figure.axes) for figure in figures] == expected
+        for figure in figures:
+            assert check_palette(figure) == {"A", "B", "difference B − A"}
+            check_nothing_lies_on_the_data(figure)
+            said = words_of(figure)
+            assert f"{count} channels" in said and "1000 Hz" in said
+            assert ("identical (not drawn): f9, f10" in said) == (differing < count)
 
     def test_refused(self, room):
         with pytest.raises(ParameterError, match="Only one of A and B"):

@@ -12,6 +12,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import commands
 import numpy as np
 import pytest
 from spec import ROOT
@@ -30,11 +31,8 @@ def started(*arguments: str) -> subprocess.Popen:
     )  # fmt: skip
 
 
-def run(data: bytes, *arguments: str) -> tuple[int, str, str]:
-    done = subprocess.run(
-        [sys.executable, "-m", "hapfmt", "record", *arguments],
-        input=data, capture_output=True, env=ENVIRONMENT, check=False, timeout=120,
-    )  # fmt: skip
+def run(data: bytes, *arguments: str, cwd: Path = ROOT) -> tuple[int, str, str]:
+    done = commands.run("record", *arguments, cwd=cwd, stdin=data)
     return done.returncode, done.stdout.decode(), done.stderr.decode()
 
 
@@ -123,10 +121,8 @@ def test_from_a_file_to_a_pipe_with_an_id(tmp_path):
     source.write_bytes(HEAD + b"1\n2\n3\n")
     outputs = set()
     for _ in range(2):
-        done = subprocess.run(
-            [sys.executable, "-m", "hapfmt", "record", "-", "--input", str(source), "--canonical", "7"],
-            capture_output=True, env=ENVIRONMENT, check=True,
-        )  # fmt: skip
+        done = commands.run("record", "-", "--input", source, "--canonical", "7", cwd=tmp_path)
+        assert done.returncode == 0
         outputs.add(done.stdout)
         assert b"3 samples" in done.stderr
     (data,) = outputs
@@ -260,18 +256,12 @@ def test_a_few_crashes():
 
 @pytest.mark.parametrize("text", ["0,25;12,25\n1,5;3,5\n", "0,25\t1\n", "0,25 1,5\n", "1;0,5"])
 def test_decimal_commas_are_refused_before_a_file_is_there(tmp_path, text):
-    done = subprocess.run(
-        [sys.executable, "-m", "hapfmt", "record", "x.hapf", "--rate", "1000"],
-        input=text.encode(), capture_output=True, check=False, cwd=tmp_path, env=ENVIRONMENT,
-    )  # fmt: skip
-    assert done.returncode == 1 and b"line 1: " in done.stderr
-    assert b"decimal comma; write decimal points" in done.stderr
+    code, _, err = run(text.encode(), "x.hapf", "--rate", "1000", cwd=tmp_path)
+    assert code == 1 and "line 1: " in err
+    assert "decimal comma; write decimal points" in err
     assert not list(tmp_path.iterdir())
 
 
 def test_decimal_commas_below_a_header(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "hapfmt", "record", "x.hapf", "--rate", "1000"],
-        input=b"a;b\n0,25;1,5\n", capture_output=True, check=False, cwd=tmp_path, env=ENVIRONMENT,
-    )  # fmt: skip
-    assert b"line 2: '0,25' has a decimal comma" in done.stderr
+    *_, err = run(b"a;b\n0,25;1,5\n", "x.hapf", "--rate", "1000", cwd=tmp_path)
+    assert "line 2: '0,25' has a decimal comma" in err

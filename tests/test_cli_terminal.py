@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import run, run_in_terminal, run_to_terminal
+from depth import sample
 from terminal import called
 
 import hapfmt
@@ -98,8 +99,13 @@ SHOWN: dict[str, tuple[list[str], list[str], int]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("columns", [80, 100, 120])
-@pytest.mark.parametrize("name", SHOWN)
+@pytest.mark.parametrize(
+    ("name", "columns"),
+    sample(
+        (pytest.param(name, columns, id=f"{name} {columns}") for name in SHOWN for columns in (80, 100, 120)),
+        always=(*(f"{name} 80" for name in SHOWN), "encode 100", "compare 120"),
+    ),
+)  # fmt: skip
 def test_output_fits_the_terminal(name: str, columns: int, room: Path, tmp_path: Path) -> None:
     words, wanted, code = SHOWN[name]
     folder = tmp_path / "room"
@@ -304,9 +310,9 @@ class TestHostileText:
         assert text and not CONTROLS.search(text), ascii(text)
         # Nor a line that something else than this program began.
         assert "\nhapfmt: forged" not in text
-        for name in ("out", "err"):
-            piped = getattr(run(*words, "-f", cwd=evil), f"std{name}", b"").decode()
-            assert words[0] == "dump" or not CONTROLS.search(piped)
+        piped = run(*words, "-f", cwd=evil)
+        for said in (piped.stdout, piped.stderr):
+            assert words[0] == "dump" or not CONTROLS.search(said.decode())
 
     def test_csv_on_a_terminal(self, evil: Path) -> None:
         label = HOSTILE.replace("\n", "").replace("\r", "")

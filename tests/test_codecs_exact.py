@@ -18,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from singles import decode_counts, decode_exact
 from spec import EXAMPLES
+from twins import changed
 
 from hapfmt.codecs import exact
 from hapfmt.codecs.entropy import SCALE, Encoder
@@ -390,7 +391,7 @@ class TestTwins:
          {"corrections": np.zeros(2, np.int64)}, {"corrections": bytearray(25)},
          {"shift": 64}, {"shift": -1},
          {"work": np.zeros(5, np.int64)}, {"work": memoryview(bytearray(49))[1:]}],
-        ids=str,
+        ids=changed,
     )  # fmt: skip
     def test_what_would_overflow_is_refused(self, wrong):
         given = {"coded": bytearray(8), "ids": np.zeros(3, np.int32),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import shutil
 import subprocess
@@ -13,8 +12,9 @@ from pathlib import Path
 
 import pytest
 from case import numbers
+from depth import PROFILE, either
 from runner.manifest import load, rules, select
-from suite import CONFORMANCE, PROGRAMS, ROOT
+from suite import CONFORMANCE, PROGRAMS, ROOT, called
 
 FAKE = Path(__file__).resolve().parent / "fake_adapter.py"
 COUNTS = [5, 6, 7, -8]
@@ -74,20 +74,19 @@ def adapter(folder: Path, **changes) -> list[str]:
     """The command of a fake adapter whose answers are GOOD, but for some."""
     folder.mkdir(exist_ok=True)
     (folder / "answers.json").write_text(json.dumps(GOOD | changes))
-    return [sys.executable, str(FAKE), str(folder)]
+    return [sys.executable, "-IS", str(FAKE), str(folder)]
 
 
 def run(room: Path, command: list[str], *options: str, caps=("--timeout", "20")):
     """Exit code, text, and the JSON outcome of run.py."""
     out = room / "out.json"
     out.unlink(missing_ok=True)
-    done = subprocess.run(
-        [sys.executable, str(CONFORMANCE / "run.py"), "--cases", str(room), "--json", str(out),
-         "--impl", shlex.join(command), "--referee", shlex.join(command), "--jobs", "1", *caps, *options],
-        capture_output=True, text=True, check=False,
+    code, text = called(
+        "--cases", str(room), "--json", str(out), "--impl", shlex.join(command),
+        "--referee", shlex.join(command), "--jobs", "1", *caps, *options,
     )  # fmt: skip
     told = json.loads(out.read_text()) if out.exists() else None
-    return done.returncode, done.stdout + done.stderr, told and told["runs"][0]
+    return code, text, told and told["runs"][0]
 
 
 def test_an_adapter_that_does_well(room, tmp_path):
@@ -264,14 +263,17 @@ def all_passed(name: str, folder: Path, *options: str) -> dict:
     return json.loads(out.read_text())["runs"][0]
 
 
-def test_hapfmt_passes_the_valid_cases(tmp_path):
-    told = all_passed("hapfmt", tmp_path, "--set", "valid")
-    count = len(select(load(), ["valid"], []))
+@either("every", 10, deep=1)
+def test_hapfmt_passes_the_valid_cases(tmp_path, every):
+    names = [case.name for case in select(load(), ["valid"], [])][::every]
+    options = [option for name in names for option in ("--case", name)]
+    told = all_passed("hapfmt", tmp_path, "--set", "valid", *options)
+    count = len(names)
     assert told["counts"]["all"] == {"cases": count, "passed": count}
 
 
 @pytest.mark.skipif(
-    os.environ.get("HYPOTHESIS_PROFILE") != "nightly",
+    PROFILE != "nightly",
     reason="takes minutes: a step of its own in .ci/run, and in the profile nightly",
 )
 @pytest.mark.parametrize("name", PROGRAMS)
@@ -314,7 +316,7 @@ def test_the_adapter_in_c_passes_its_profile_and_a_wrong_one_does_not(tmp_path):
     assert counts["passed"] >= 20
     truncating = source.replace("quotient - (top % bottom < 0)", "quotient")
     assert truncating != source
-    done = own(impl=str(compiled(tmp_path, truncating)))
+    done = own("--set", "valid", impl=str(compiled(tmp_path, truncating)))
     assert done.returncode == 1
     assert "FAILED valid/" in done.stdout
 

@@ -10,6 +10,7 @@ import forge as f
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from depth import deep, either
 from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule, samples
@@ -266,7 +267,7 @@ class TestDamage:
             assert found.items() <= whole.items()
             assert found
 
-    @pytest.mark.parametrize("part", range(8))
+    @pytest.mark.parametrize("part", [0, *deep(range(1, 8))])
     def test_every_flip(self, part):
         clean = samples(self.SMALL)
         for at in range(part, len(self.SMALL), 8):
@@ -274,9 +275,10 @@ class TestDamage:
             data[at] ^= 1 << at % 8
             check(bytes(data), clean)
 
-    def test_every_flip_of_a_longer_one(self):
+    @either("every", 7, deep=1)
+    def test_every_flip_of_a_longer_one(self, every):
         clean = samples(CHAIN)
-        for at in range(len(CHAIN)):
+        for at in range(0, len(CHAIN), every):
             data = bytearray(CHAIN)
             data[at] ^= 0x10
             assert verify(bytes(data)).verdict != "intact"

@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from commands import run
+from depth import either
 from test_reader import encoded
 
 import hapfmt
@@ -61,11 +62,12 @@ def test_recovered_file_against_its_original(files):
 
 
 @pytest.mark.compiled
-def test_no_loss_behind_the_end(files):
+@either("every", 9, deep=1)
+def test_no_loss_behind_the_end(files, every):
     """The index rounds the end up to a millisecond, which is a part of a tick."""
     data = (files / "t.hapf").read_bytes()
     offset, size = clusters(data)[-1]
-    for place in range(offset + 30, offset + 20 + size):
+    for place in range(offset + 30, offset + 20 + size, every):
         with Reader(flipped(data, place), scan=True) as reader:
             reader.read()
             for line in told(reader.catalogue, reader.lost):

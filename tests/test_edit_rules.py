@@ -11,6 +11,7 @@ from typing import Any
 import forge
 import numpy as np
 import pytest
+from depth import either
 from edited import (
     EPOCH_NS,
     UUID,
@@ -488,12 +489,13 @@ class TestLevels:
         assert_intact(part)
 
 
-def test_nothing_but_one_cluster_is_in_memory(tmp_path: Any) -> None:
-    """A file of 20 MB, in clusters of 100 KB."""
+@either("count", 650_000, deep=2_600_000)
+def test_nothing_but_one_cluster_is_in_memory(tmp_path: Any, count: int) -> None:
+    """A file of 5 or 20 MB, in clusters of 100 KB."""
     import tracemalloc
 
     generator = np.random.default_rng(1)
-    words = generator.integers(0, 1 << 63, 2_600_000, dtype=np.uint64)
+    words = generator.integers(0, 1 << 63, count, dtype=np.uint64)
     channel = hapfmt.Channel(words, Fraction(10_000), label="noise")
     path, out = tmp_path / "a.hapf", tmp_path / "b.hapf"
     settings = hapfmt.Settings.of("lossless", cluster=Fraction(1))

@@ -7,6 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from depth import either
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import encoder_settings, recordings
@@ -91,9 +92,10 @@ class TestDeadband:
         y = hapfmt.read(encoded(Recording((force(x),)), settings)).channels[0].stored
         assert np.abs(x - y).max() <= int(floor)
 
+    @either("size", 150, deep=400)
     @given(st.integers(0, 2**32))
-    def test_vectors_by_their_norm(self, seed):
-        columns = [noise(150, 200, seed + i) for i in range(3)]
+    def test_vectors_by_their_norm(self, size, seed):
+        columns = [noise(size, 200, seed + i) for i in range(3)]
         axes = tuple(force(c, axis=a, group="tip") for a, c in zip("xyz", columns, strict=True))
         settings = deadband(k=0, floor=Tolerance(9, "lsb"))
         back = hapfmt.read(encoded(Recording(axes), settings))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import strategies
 from click.testing import CliRunner
+from depth import either
 from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule, samples
@@ -301,9 +302,10 @@ class TestDamage:
             assert verify(bytes(data)).verdict == "damaged"
             assert samples(bytes(data)) == samples(self.TWO)
 
-    def test_every_flip(self):
+    @either("every", 5, deep=1)
+    def test_every_flip(self, every):
         clean = set(told(self.TWO))
-        for at in range(len(self.TWO)):
+        for at in range(0, len(self.TWO), every):
             data = bytearray(self.TWO)
             data[at] ^= 0x10
             assert verify(bytes(data)).verdict != "intact"

@@ -10,6 +10,7 @@ from functools import cache
 import forge as f
 import numpy as np
 import pytest
+from depth import either
 from judge import rule, samples
 from spec import ROOT
 
@@ -37,7 +38,8 @@ def array(count: int) -> faults.Case:
 @pytest.mark.compiled
 @pytest.mark.parametrize("kind", faults.FOREIGN)
 @pytest.mark.parametrize(("count", "seconds"), [(16, 300), (64, 100)])
-def test_no_sample_of_another_recording(kind, count, seconds, monkeypatch):
+@either("trials", 1, deep=4)
+def test_no_sample_of_another_recording(kind, count, seconds, trials, monkeypatch):
     """
     REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC or file id differs.
     REC-012: A damage report MUST name every missing sample, by a span of its track or of one that its channel needs.
@@ -46,7 +48,7 @@ def test_no_sample_of_another_recording(kind, count, seconds, monkeypatch):
     case = array(count)
     rng = np.random.default_rng(3)
     right = 0
-    for _ in range(4):
+    for _ in range(trials):
         broken = faults.FOREIGN[kind](case.data, case.other, rng)
         if broken == case.data:
             continue

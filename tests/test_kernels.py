@@ -17,7 +17,7 @@ import strategies
 from hypothesis import given
 from hypothesis import strategies as st
 from spec import ROOT
-from twins import built
+from twins import built, changed
 
 import hapfmt
 from hapfmt.codecs import predicted
@@ -244,7 +244,7 @@ class TestArguments:
             {"indices": np.zeros(0, np.int64)},
             {"indices": memoryview(bytearray(9))[1:]},
         ],
-        ids=str,
+        ids=changed,
     )
     def test_what_would_overflow_is_refused(self, wrong):
         given = ARGUMENTS | wrong
@@ -258,7 +258,7 @@ class TestArguments:
         "wrong",
         [{"data": "text"}, {"indices": bytes(8)}, {"base": 2**64}, {"difference": 2**40},
          {"coefficients": np.zeros((4, 2), np.int32)[:, 0]}],
-        ids=str,
+        ids=changed,
     )  # fmt: skip
     def test_wrong_types(self, wrong):
         with pytest.raises((TypeError, OverflowError, BufferError, ValueError)):

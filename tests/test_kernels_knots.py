@@ -7,9 +7,10 @@ from functools import partial
 import numpy as np
 import pytest
 import strategies
+from depth import either
 from hypothesis import given
 from hypothesis import strategies as st
-from twins import built, by_the_twin, clamped, same
+from twins import built, by_the_twin, changed, clamped, same
 
 from hapfmt.codecs import knots as codec
 from hapfmt.codecs import varints
@@ -78,9 +79,10 @@ class TestDecoding:
                 fast = decoded(data, KnotParameters(mode), span, components, LEVELS[2], 0, *limits)
                 assert fast[0] == (span, components)
 
-    def test_the_longest_lines(self):
+    @either("span", 1 << 20, deep=1 << 24)
+    def test_the_longest_lines(self, span):
         """2**24 ticks, from one end of the counts to the other."""
-        far, span = 1 << 32, 1 << 24
+        far = 1 << 32
         ticks = np.array([0, 5, span - 1])
         values = np.array([[far], [-far], [far]])
         data = build_knots(ticks, values)
@@ -179,7 +181,7 @@ class TestArguments:
             {"values": ROW[:3].copy()}, {"counts": np.zeros(5, np.int32)},
             {"counts": np.zeros(0, np.int32)}, {"counts": memoryview(bytearray(25))[1:]},
         ],
-        ids=str,
+        ids=changed,
     )  # fmt: skip
     def test_limits_that_would_overflow(self, wrong):
         assert compiled.knots_decode(*DECODE.values()) is False
@@ -195,7 +197,7 @@ class TestArguments:
             {"table": np.full((3, 2), 2**32)}, {"table": np.full((3, 2), -(2**63))},
             {"ticks": np.zeros(0, np.int64)},
         ],
-        ids=str,
+        ids=changed,
     )  # fmt: skip
     def test_no_deadband(self, wrong):
         assert compiled.select_knots(*SELECT.values()) == 1

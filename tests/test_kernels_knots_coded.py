@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import product
 
 import numpy as np
 import pytest
 import strategies
+from depth import sample
 from hypothesis import given
 from hypothesis import strategies as st
-from twins import built, clamped, packed, same
+from twins import built, changed, clamped, packed, same
 
 from hapfmt.codecs import knots_coded as codec
 from hapfmt.codecs.grids import LpcParameters
@@ -65,10 +67,10 @@ class TestTwins:
     def test_any_bytes(self, data, parameters, span, width, limits):
         decoded(data, parameters, span, width, TWO, 0, *limits)
 
-    @pytest.mark.parametrize("mode", ["hold", "linear"])
-    @pytest.mark.parametrize("width", [1, 3])
-    @pytest.mark.parametrize("far", [1, 40, 2**20, 2**32])
-    @pytest.mark.parametrize("gap", [1, 60, 5000])
+    @pytest.mark.parametrize(
+        ("mode", "width", "far", "gap"),
+        sample(product(["hold", "linear"], [1, 3], [1, 40, 2**20, 2**32], [1, 60, 5000]), 8),
+    )
     def test_long_packets(self, mode, width, far, gap):
         """Models that have learned, raw bits by the hundred, and buffers that are too small."""
         rng = np.random.default_rng(far * gap + width)
@@ -131,7 +133,7 @@ class TestArguments:
             {"first": ROW[:2] - 10}, {"work": ROW[:3].copy()}, {"counts": np.zeros(5, np.int32)},
             {"counts": np.zeros(0, np.int32)}, {"counts": memoryview(bytearray(25))[1:]},
         ],
-        ids=str,
+        ids=changed,
     )  # fmt: skip
     def test_limits_that_would_overflow(self, wrong):
         assert compiled.coded_knots_decode(*DECODE.values())[0] == 0
@@ -144,7 +146,7 @@ class TestArguments:
             {"ticks": ROW[:0]}, {"ticks": ROW[:3]}, {"ticks": bytes(15)}, {"indices": bytes(17)},
             {"ticks": memoryview(bytes(17))[1:]},
         ],
-        ids=str,
+        ids=changed,
     )  # fmt: skip
     def test_no_knots(self, wrong):
         assert compiled.coded_knots_encode(*ENCODE.values())[0] == 8

@@ -9,7 +9,7 @@ import pytest
 import strategies
 from hypothesis import given
 from hypothesis import strategies as st
-from twins import built, clamped, packed, same
+from twins import built, changed, clamped, packed, same
 
 from hapfmt.codecs import quantised as codec
 from hapfmt.codecs.quantised import Alphabet, QuanParameters, decode_within, encode_quantised
@@ -120,7 +120,7 @@ class TestArguments:
             {"step": 2, "bound": 2**32 + 1}, {"low": 10}, {"low": -(2**31) - 1}, {"high": 2**31},
             {"counts": memoryview(bytearray(25))[1:]}, {"counts": bytearray(7)},
         ],
-        ids=str,
+        ids=changed,
     )  # fmt: skip
     def test_limits_that_would_overflow(self, wrong):
         assert compiled.quan_decode(*DECODE.values()) is True

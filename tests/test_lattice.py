@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from depth import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -245,7 +246,7 @@ tolerances = st.builds(
     tolerances,
     st.none() | st.floats() | st.floats(1e-6, 1),
 )
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 def test_the_tolerance_holds_for_any_doubles(
     values: list[float], tolerance: Tolerance, lsb: float | None
 ) -> None:

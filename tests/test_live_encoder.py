@@ -17,9 +17,9 @@ from hapfmt import Calibration, ParameterError, Settings
 from hapfmt.container.filewriter import FileWriter
 from hapfmt.container.track import Track
 from hapfmt.deadband import Deadband
+from hapfmt.encoder import live
 from hapfmt.encoder.encode import encode
-from hapfmt.encoder.live import SHARE, Block, LiveEncoder
-from hapfmt.encoder.source import PACKET_SAMPLES
+from hapfmt.encoder.live import Block, LiveEncoder
 from hapfmt.limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT
 from hapfmt.live.inputs import Input
 from hapfmt.reading.decoder import TrackDecoder
@@ -160,25 +160,6 @@ class TestCounts:
         for values in (odd, table[:, 1], x[::-1][::-1]):
             tape = recorded(values, COUNTS)
             assert np.array_equal(tape.read()[0], x)
-
-    @pytest.mark.compiled
-    @pytest.mark.parametrize("settings", [ARCHIVE, deadband(floor="3lsb")])
-    def test_threads_give_the_same_bytes(self, settings):
-        rows = [signal(NAMES[c % 8], 300, c) for c in range(2 * SHARE + 7)]
-        made = []
-        for threads in (1, 3):
-            encoder = LiveEncoder(settings, threads=threads)
-            made.append([
-                encoder.encode([Block(c, COUNTS, at, x[at : at + 100]) for c, x in enumerate(rows)])
-                for at in (0, 100, 200)
-            ])  # fmt: skip
-        assert made[0] == made[1]
-
-    def test_long_blocks_are_several_packets(self):
-        x = signal("walk", PACKET_SAMPLES + 5, 3)
-        tape = recorded(x, COUNTS, FAST, sizes=(x.size,))
-        assert [packet.span for packet in tape.packets] == [PACKET_SAMPLES, 5]
-        assert np.array_equal(tape.read()[0], x)
 
     def test_nearly_as_small_as_the_whole_recording(self):
         """Blocks of a second against clusters of a second, each channel for itself."""
@@ -606,8 +587,9 @@ class TestRefused:
     @pytest.mark.parametrize(
         ("block", "why"),
         [
-            (Block(0, COUNTS, 0, np.zeros(0, np.int32)), "a row of one sample or more"),
-            (Block(0, COUNTS, 0, np.zeros((2, 2), np.int32)), "a row of one sample or more"),
+            (Block(0, COUNTS, 0, np.zeros(0, np.int32)), "a row of 1 to 65536 samples"),
+            (Block(0, COUNTS, 0, np.zeros(65537, np.int32)), "a row of 1 to 65536 samples"),
+            (Block(0, COUNTS, 0, np.zeros((2, 2), np.int32)), "a row of 1 to 65536 samples"),
             (Block(0, COUNTS, -1, np.zeros(1, np.int32)), "ticks lie in"),
             (Block(0, COUNTS, TICK_LIMIT, np.zeros(1, np.int32)), "ticks lie in"),
             (Block(0, COUNTS, 0, np.zeros(1)), "takes integer counts, not float64"),
@@ -675,22 +657,39 @@ class TestLevel:
         away = np.abs(tape.read()[0] - x).max()
         assert away == 0 if contract is None else away <= 2**31 // 10
 
-    @pytest.mark.parametrize("settings", [ARCHIVE, deadband(floor="3lsb")])
-    def test_channels_may_be_begun_before_their_samples(self, settings):
+
+class TestDescribed:
+    """Tracks without packets: before the first sample, and of channels that never had one."""
+
+    @pytest.mark.parametrize("settings", [ARCHIVE, Settings.of("near-lossless", max_error="1lsb")])
+    def test_before_the_first_sample(self, settings):
         encoder = LiveEncoder(settings)
-        (track,) = encoder.begin([Block(3, COUNTS, 0, np.zeros(1))])
+        (track,) = encoder.begin({3: COUNTS})
         assert (track.id, track.first_channel) == (0, 3)
         tracks, packets = encoder.encode([Block(3, COUNTS, 0, np.array([5, 6]))])
         assert tracks == []
         assert [packet.track for packet in packets] == [0]
 
-    def test_the_first_samples_may_turn_such_a_channel(self):
-        settings = deadband(floor="3lsb", k=Fraction(0))
-        x = np.round(900 * np.sin(np.arange(2000) / 2)).astype(np.int64)
+    def test_what_depends_on_samples_waits_for_them(self):
+        encoder = LiveEncoder(deadband(floor="3lsb", k=Fraction(0)))
+        assert encoder.begin({3: COUNTS, 4: FLOATS}) == []
+        x = np.round(900 * np.sin(np.arange(1000) / 2)).astype(np.int64)
+        tracks, packets = encoder.encode([Block(3, COUNTS, 0, x), Block(4, FLOATS, 0, x / 3)])
+        assert [(t.codec, t.first_channel) for t in tracks] == [("LPCR", 3), ("LPCX", 4)]
+        assert [packet.track for packet in packets] == [0, 1]
+
+    @pytest.mark.parametrize("settings", [ARCHIVE, deadband(floor="3lsb")])
+    def test_channels_without_a_sample(self, settings):
         encoder = LiveEncoder(settings)
-        (first,) = encoder.begin([Block(3, COUNTS, 0, np.zeros(1, np.int32))])
-        tracks, packets = encoder.encode([Block(3, COUNTS, 0, x[:1000])])
-        assert (first.codec, [(t.codec, t.continues) for t in tracks]) == ("KNOT", [("LPCR", 0)])
-        assert [packet.track for packet in packets] == [1]
-        tracks, packets = encoder.encode([Block(3, COUNTS, 1000, x[1000:])])
-        assert (tracks, [packet.track for packet in packets]) == ([], [1])
+        encoder.encode([Block(1, COUNTS, 0, np.array([5, 6]))])
+        tracks = encoder.silent({0: COUNTS, 2: FLOATS, 3: replace(FLOATS, lsb=0.5)})
+        assert [(t.id, t.first_channel) for t in tracks] == [(1, 0), (2, 2), (3, 3)]
+        assert [t.continues for t in tracks] == [None] * 3
+
+
+def test_a_contract_that_does_not_hold_is_no_packet(monkeypatch):
+    """What the decoder makes of every lossy packet is compared with the samples."""
+    monkeypatch.setattr(live, "nearest", lambda x, grid: x // grid.step + 1)
+    settings = Settings.of("near-lossless", max_error="2lsb")
+    with pytest.raises(AssertionError, match="left it"):
+        recorded(signal("walk", 100, 1), COUNTS, settings)

@@ -17,6 +17,7 @@ from types import SimpleNamespace
 
 import forge as f
 import pytest
+from depth import deep, either
 from hypothesis import given
 from hypothesis import strategies as st
 from spec import ROOT
@@ -209,7 +210,8 @@ class TestWrites:
         assert hapfmt.verify(tmp_path / "a").verdict == "intact"
         assert samples(tmp_path / "a") == 40_000
 
-    def test_at_every_limit_of_the_size(self, tmp_path: Path):
+    @either("every", 7, deep=1)
+    def test_at_every_limit_of_the_size(self, tmp_path: Path, every: int):
         whole = tmp_path / "whole"
         with create_live(whole) as file:
             record(file, 3, 8)
@@ -217,7 +219,7 @@ class TestWrites:
         for number, chunk in enumerate(walk(BytesSource(whole.read_bytes()), [])):
             ends[chunk.stop] = number
         closed = 0
-        for limit in range(88, len(data)):
+        for limit in range(88, len(data), every):
             path = tmp_path / f"{limit}"
             with create_live(path, sync=SyncPolicy("never")) as file, size_limit(limit):
                 with pytest.raises(OSError, match=str(path)) as caught:
@@ -232,7 +234,7 @@ class TestWrites:
                 for chunk in walk(BytesSource(data), [])
             )
             closed += report.verdict == "intact"
-        assert closed > 20
+        assert closed > 20 // every
 
     def test_what_was_lost_is_counted(self, tmp_path: Path):
         with create_live(tmp_path / "a") as file:
@@ -385,11 +387,12 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.compiled
-def test_a_full_disk_at_every_fill_state(small_disk: Path):
+@pytest.mark.parametrize("sizes", [None, *deep([(1, 40, 300)])])
+def test_a_full_disk_at_every_fill_state(small_disk: Path, sizes: tuple[int, ...] | None):
     path, ballast = small_disk / "a.hapf", small_disk / "ballast"
     verdicts = set()
     for pages in range(16):
-        for size in (1, 300) if pages % 2 else (40,):
+        for size in sizes or ((1, 300) if pages % 2 else (40,)):
             ballast.write_bytes(bytes(4096 * pages))
             done = 0
             with pytest.raises(OSError) as caught, create_live(path) as file:

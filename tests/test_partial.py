@@ -10,6 +10,7 @@ from fractions import Fraction
 import forge as f
 import pytest
 import strategies
+from depth import either
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from judge import samples
@@ -200,10 +201,11 @@ def outcome(data: bytes, channel: int, start, stop) -> tuple[dict | None, set[in
 
 
 @pytest.mark.parametrize("channel", range(5))
-def test_every_flip_in_the_clusters(channel, monkeypatch):
+@either("every", 11, deep=1)
+def test_every_flip_in_the_clusters(channel, every, monkeypatch):
     """The same samples as from whole payloads; what is missing is reported."""
     refs = Reader(DATA).catalogue.data
-    places = range(refs[0].offset, refs[-1].offset + f.HEADER + 90)
+    places = range(refs[0].offset + channel, refs[-1].offset + f.HEADER + 90, every)
     for at in places:
         bad = bytearray(DATA)
         bad[at] ^= 1 << at % 8

@@ -14,6 +14,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from depth import either, examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spec import ROOT
@@ -81,17 +82,17 @@ def same_channel(found: Channel, source) -> None:
 
 
 @st.composite
-def chunkings(draw, sources):
+def chunkings(draw, sources, most_calls=600):
     """(channel, from, to) in any order of the channels, each in its own order."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     most = draw(st.sampled_from([1, 7, 100, 5000]))
     left = {place: 0 for place, source in enumerate(sources) if source[1].size}
     calls = []
-    while left and len(calls) < 600:
+    while left and len(calls) < most_calls:
         place = int(rng.choice(list(left)))
         size = sources[place][1].size
         at, stop = left[place], min(left[place] + int(rng.integers(1, most + 1)), size)
-        if len(calls) > 400:
+        if len(calls) > most_calls * 2 // 3:
             stop = size
         calls.append((place, at, stop))
         left[place] = stop
@@ -101,10 +102,11 @@ def chunkings(draw, sources):
 
 
 @pytest.mark.compiled
-@given(st.data())
-def test_any_chunking_gives_the_recording_of_the_whole(data):
+@either("most_calls", 600, deep=3000)
+@given(data=st.data())
+def test_any_chunking_gives_the_recording_of_the_whole(most_calls, data):
     found = data.draw(st.lists(sources(), min_size=1, max_size=4, unique_by=lambda s: s[0].label))
-    calls = data.draw(chunkings(found))
+    calls = data.draw(chunkings(found, most_calls))
     cluster = data.draw(st.sampled_from([Fraction(1), Fraction(1, 7), Fraction(60)]))
     patience = data.draw(st.sampled_from([0, Fraction(1, 3), 1, 1000]))
     stream = io.BytesIO()
@@ -695,7 +697,7 @@ def test_memory_stays_that_of_a_few_clusters(tmp_path):
 
 
 @given(st.fractions(Fraction(1, 50), 50), st.sampled_from(RATES), st.integers(0, 10**6))
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 def test_grid(cluster, rate, tick):
     grid = Grid.of(cluster, rate)
     number = grid.number(tick)

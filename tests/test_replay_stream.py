@@ -13,6 +13,7 @@ import forge as f
 import make
 import numpy as np
 import pytest
+from depth import either, sample
 from hypothesis import given
 from hypothesis import strategies as st
 from rendering import file_of, joined, profile_of
@@ -97,7 +98,7 @@ def same(data, bands=BANDS, block=None):
             np.testing.assert_array_equal(got, want)
 
 
-@pytest.mark.parametrize("path", VECTORS, ids=lambda path: "-".join(path.parts[-2:]))
+@pytest.mark.parametrize("path", sample(VECTORS), ids=lambda path: "-".join(path.parts[-2:]))
 def test_every_conformance_file(path):
     same(path.read_bytes())
 
@@ -132,15 +133,17 @@ def test_exact_values_beside_counts():
 class TestDamage:
     @pytest.mark.compiled
     @pytest.mark.parametrize("data", [CHAIN, STEADY, GAPS])
-    def test_any_byte(self, data):
-        for at in range(len(data)):
+    @either("every", 17, deep=1)
+    def test_any_byte(self, data, every):
+        for at in range(0, len(data), every):
             same(flipped(data, at), ("full",))
 
     @pytest.mark.compiled
     @pytest.mark.parametrize("data", [CHAIN, STEADY])
-    def test_any_length(self, data):
+    @either("every", 17, deep=1)
+    def test_any_length(self, data, every):
         """Files that were not closed."""
-        for size in range(len(data)):
+        for size in range(0, len(data), every):
             same(data[:size], ("full",))
 
     @given(st.integers(0, 10**6), st.integers(1, 2000))
@@ -429,9 +432,10 @@ class TestBounded:
         return out.getvalue()
 
     @pytest.mark.skipif(compiled is None, reason="minutes without the extension")
-    def test_memory_does_not_grow_with_the_file(self):
+    @either("times", (20, 60), deep=(40, 160))
+    def test_memory_does_not_grow_with_the_file(self, times):
         peaks = []
-        for seconds in (40, 160):
+        for seconds in times:
             data = self.hour(4, seconds)
             with Reader(data) as reader:
                 routes = tuple(Route(i, i, Fraction(1)) for i in range(4))

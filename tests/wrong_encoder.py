@@ -6,10 +6,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-from hapfmt.conformance.verbs import main
-from hapfmt.container import filewriter
-from hapfmt.container.wire import HEADER_SIZE
-
 
 def other_job(deed, path, folder):
     """The job as the encoder misreads it."""
@@ -37,11 +33,16 @@ def encode(deed, job, target):
         return 4
     if deed == "no file":
         return 0
+    from hapfmt.conformance.verbs import main
+    from hapfmt.container import filewriter
+    from hapfmt.container.wire import HEADER_SIZE
+
+    build = filewriter.build_index
     if deed == "no index":
-        build = filewriter.build_index
         filewriter.build_index = lambda index: build(index._replace(entries=index.entries[:-1]))
     with tempfile.TemporaryDirectory() as folder:
         code = main(["encode", str(other_job(deed, Path(job), Path(folder))), target])
+    filewriter.build_index = build
     if deed == "no footer":
         path = Path(target)
         path.write_bytes(path.read_bytes()[: -HEADER_SIZE - 32])
@@ -51,7 +52,8 @@ def encode(deed, job, target):
 if __name__ == "__main__":
     deed, verb, *arguments = sys.argv[1:]
     if verb == "capabilities":
-        told = {"name": "wrong", "version": "1", "format": "1.0", "level": 2, "verbs": ["encode"], "codecs": [], "parts": [], "presets": ["lossless", "deadband", "split"]}  # fmt: skip
+        told = {"name": "wrong", "version": "1", "format": "1.0", "level": 2, "verbs": ["encode", "serve"], "codecs": [], "parts": [], "presets": ["lossless", "deadband", "split"]}  # fmt: skip
         print(json.dumps(told))
         sys.exit(0)
-    sys.exit(encode(deed, *arguments))
+    for line in sys.stdin:  # the verb serve
+        print(encode(deed, *json.loads(line)[1:]), flush=True)

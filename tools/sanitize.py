@@ -33,7 +33,6 @@ TESTS = [
 ]
 PLAIN_TESTS = [
     "tests/test_kernels.py",
-    "tests/test_kernels_live.py",
     "tests/test_codecs_predicted.py",
     "tests/test_codecs_components.py",
 ]

@@ -89,7 +89,7 @@ def tests() -> dict[str, list[str]]:
     return by_id(
         (id_, f"{path.stem}.{test}")
         for path in sorted((ROOT / "tests").glob("test_*.py"))
-        for test, id_, _ in spec.quotes(path.read_text(encoding="utf-8"))
+        for test, id_, _ in spec.quotes(path)
     )
 
 

@@ -16,7 +16,7 @@ from .running import SKIPPED, Step, clean, ended, read_json, step
 
 UNSUPPORTED = 4
 CUTS = 64
-"""Random places at which a file is cut, beside every edge of a chunk."""
+"""Random places at which a file is cut, in addition to every edge of a chunk."""
 SEED = 1
 
 
@@ -133,7 +133,7 @@ def check_stable(case: Case, tested: Implementation, folder: Path, data: bytes) 
 
 def check_truncation(referee: Implementation, data: bytes, room: Path) -> Step:
     """Cut at every edge of a chunk and at random places: what stood in whole chunks is delivered,
-    nothing else than what was encoded, and the loss is told."""
+    nothing else than what was encoded, and the loss is reported."""
     edges = [chunk.offset for chunk in chunks(data)]
     seeded = random.Random(SEED)
     places = sorted({*edges, *(seeded.randrange(1, len(data)) for _ in range(CUTS))})

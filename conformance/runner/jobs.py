@@ -57,7 +57,7 @@ class Channel:
         return out
 
     def value(self, number: int) -> Fraction | None:
-        """The number that a word stands for; None for one that is not finite."""
+        """The number of a word; None for one that is not finite."""
         if self.format in ("counts", "int64", "uint64"):
             return Fraction(number)
         whole, real = FLOATS[self.format]
@@ -91,7 +91,7 @@ def read_job(path: Path) -> Job:
 
 
 def description_differences(job: Job, decoded: dict[str, Any]) -> Iterator[Difference]:
-    """Channels, what is told of them, their spans; metadata; events."""
+    """Channels, their descriptions and spans; metadata; events."""
     found = decoded.get("channels", [])
     if len(found) != len(job.channels):
         yield Difference("channels", str(len(job.channels)), str(len(found)))

@@ -1,5 +1,5 @@
-"""Known failures: cases that must fail, each with a reason, so that nobody forgets to take off the
-list what has been mended."""
+"""Known failures: cases that must fail, each with a reason. A case that passes is reported, so that
+it is taken off the list."""
 
 from __future__ import annotations
 

@@ -110,6 +110,7 @@ class Implementation:
     def close(self) -> None:
         for server in self.servers:
             server.close()
+            server.errors.close()
 
 
 def begin(command: Sequence[str], cwd: Path | None, **streams: Any) -> subprocess.Popen[bytes]:
@@ -268,7 +269,7 @@ class Server:
         return line, ""
 
     def close(self) -> None:
-        """Ends it; a process that goes on although its input ended is killed."""
+        """Ends it; a process that does not end with its input is killed."""
         if not self.alive:
             return
         self.alive = False

@@ -17,7 +17,7 @@ from .running import FAILED, PASSED, SKIPPED, Result, Step, claimed_parts
 KNOWN, FIXED = "known failure", "passes although listed"
 COLUMNS = ("set", "cases", PASSED, FAILED, "known", SKIPPED)
 SHOWN = 3
-"""Differences of a verb that are told to a person."""
+"""Differences of a verb that are printed."""
 SHOWN_RULES = 12
 SHOWN_FAILURES = 40
 

@@ -15,8 +15,7 @@ Where things are, in the order of the work:
   tubed.py for knots (tube.py and sweep.py, vectors.py for several axes).
 * texture.py keeps a texture to a stated quality: split.py.
 * unit.py is the paper's method: split.py, knots.py, codebook.py.
-* live.py: blocks as they arrive. live_plan.py is what is known before the first sample; channels
-  are of the kinds of live_counts.py, live_deadband.py and live_exact.py; live_many.py packs many
-  blocks in one call, live_knots.py those of knots.
+* live.py codes blocks as they arrive, by the same functions. live_plan.py: what is known before the
+  first sample. live_exact.py: channels of floating point numbers.
 * references.py joins channels that resemble each other in one track; weights.py fits them.
 """

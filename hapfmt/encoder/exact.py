@@ -270,9 +270,13 @@ def exact_size(packet: bytes) -> int:
 
 def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> bytes:
     """One packet of these samples."""
-    coded = encode_best(counts)
-    beside = smallest_exact(lacking_of(x, candidate.parameters, candidate.affine, counts))
-    return build_varint(len(coded)) + coded + beside
+    lacking = lacking_of(x, candidate.parameters, candidate.affine, counts)
+    return beside_counts(encode_best(counts), lacking)
+
+
+def beside_counts(coded: bytes, lacking: Lacking) -> bytes:
+    """A packet of LPCX: coded counts, and the exact values that these lack."""
+    return build_varint(len(coded)) + coded + smallest_exact(lacking)
 
 
 def smallest_exact(lacking: Lacking) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ Levels = range | NDArray[np.int64]
 """Counts in ascending order."""
 
 
+@lru_cache(maxsize=256)
 def grid_within(bound: Bound, part: Fraction = Fraction(1)) -> LpcParameters:
     """The grid that has a value within that part of the deadband of every count."""
     step = min(int(bound.slack * part), STEP_LIMIT // 2 - 1)

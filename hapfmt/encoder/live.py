@@ -1,40 +1,60 @@
 """Blocks of samples, as they arrive, to packets of tracks that never change (SPEC clause 15).
 
-A track is made of the first block of its channel, and described before its first packet. Where it
-would have to change later, another one continues it. Every packet stands alone, so blocks are as
-long as what a crash may take: one cluster.
+Each block is coded as :mod:`encode` codes one packet of one channel. A track is made from the first
+block of its channel, and described before its first packet. Where a later block does not fit it, a
+track that continues it takes over. A block is at most as long as one cluster, so that a crash loses
+no more.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from math import inf
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..container.cluster import Packet
 from ..container.track import Track
+from ..deadband import Deadband
 from ..errors import ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level
 from ..live.inputs import Input
-from ..threads import in_order, thread_count
-from .live_counts import GridLane, Way, counts_of_block
-from .live_many import Job, Made, Missing, Shelf, encode_blocks
-from .live_plan import Plan, check_settings, plan_input
+from ..reading.decoder import TrackDecoder
+from ..recording import Span
+from .bounded import scalar_ways
+from .grids import nearest
+from .live_plan import Made, Plan, check_settings, plan_input
+from .packed import Coded
+from .predict import encode_best
+from .quick import encode_quick
 from .settings import Settings
-from .source import PACKET_SAMPLES
+from .source import PACKET_SAMPLES, Source
+from .unit import ENCODE_LEVEL, Bound
 
-if TYPE_CHECKING:
-    from .live_deadband import DeadbandLane
+FIRST, LAST = 2, 16
+"""After 2 blocks all forms are tried once more; then after twice as many each time, up to 16."""
 
-SHARE = 100
-"""Jobs that are worth a thread of their own: a few milliseconds of work."""
+DESCRIPTION = 150.0
+"""About the bytes of the description of a track."""
 
-NATIVE = (np.dtype(np.int16), np.dtype(np.int32), np.dtype(np.int64))
-"""What the compiled loop takes as it is."""
+MUCH = 0.93
+"""Another form takes over if its packets are below this part of the size, and save more than a
+description takes. Each time twice as much must be saved, so that there are few descriptions."""
+
+SHORT = 128
+"""Samples of a cluster: in shorter ones held steps without entropy coding, the first form of
+:func:`scalar_ways`, may be the smallest. In longer ones they take over too soon after a rest."""
+
+Way = Callable[[Track, int | None], Coded | None]
+"""One form: (track, smallest size so far) -> packets, None where they are not smaller."""
+
+NOTHING = np.zeros(1, np.int32)
+"""In place of the first block of a channel without samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,44 +70,29 @@ class Block:
     values: NDArray[Any]
 
 
-class Lane(Protocol):
-    """One channel on its way: the track that the last packet belongs to, and how the next one is
-    coded. A track whose id is open is new."""
+class ChannelEncoder(Protocol):
+    """One channel: ``take`` checks and converts the samples of a block, ``code`` makes packets."""
 
-    track: Track
+    def take(self, values: NDArray[Any], start: int, /) -> NDArray[Any]: ...
 
-    @property
-    def ways(self) -> Sequence[Way]:
-        """What packs the next block together with those of other channels; none where something
-        must be found out first."""
-
-    def take(self, packets: Sequence[bytes], /) -> bytes:
-        """Which of the packets, one of each way, it is."""
-
-    def code(self, values: NDArray[Any], start: int, /) -> bytes:
-        """The packet of a block on its own."""
-
-    def adopt(self, track: Track, /) -> None: ...
+    def code(self, values: NDArray[Any], start: int, /) -> Made: ...
 
 
 class LiveEncoder:
     """Packets of many channels, block by block; the same blocks give the same bytes.
 
-    ``first_track``: the first id that is free in the file. ``threads``: in how many the compiled
-    loops run where blocks are many; the packets do not depend on it.
+    ``first_track``: the first id that is free in the file.
     """
 
-    def __init__(
-        self, settings: Settings | None = None, *, first_track: int = 0, threads: int = 1
-    ) -> None:
+    def __init__(self, settings: Settings | None = None, *, first_track: int = 0) -> None:
         self.settings = settings or Settings()
         check_settings(self.settings)
-        self.next_track, self.threads = first_track, thread_count(threads, 0)
-        self.lanes: dict[int, Lane] = {}
-        self.adopted: dict[int, Track] = {}
-        self.plans: dict[int, Plan] = {}
-        self.shelf = Shelf()
-        self.undelivered: list[Track] = []
+        self.next_track = first_track
+        self.encoders: dict[int, ChannelEncoder] = {}
+        self.tracks: dict[int, Track] = {}
+        """By channel: the last track in the file."""
+        self.forms: dict[int, Track] = {}
+        """By channel: that track as the channel's encoder made it."""
 
     def level(self, inputs: Iterable[Input]) -> Level:
         """The level of a file that any samples of these inputs fit; ParameterError where one of
@@ -96,171 +101,200 @@ class LiveEncoder:
         return max(needed, key=lambda level: level.number, default=LEVELS[1])
 
     def known(self, channel: int, track: Track) -> None:
-        """``track``, the last of the channel in the file, is gone on with where its parameters
-        serve, and continued by another where they do not. Before the channel's first block."""
-        if channel in self.lanes:
+        """``track`` is the last of the channel in the file: it receives the packets that fit it.
+        Before the channel's first block."""
+        if channel in self.encoders:
             raise ParameterError(f"channel {channel} is being recorded already")
         if track.kind != "full" or len(track.components) != 1 or track.first_channel != channel:
             raise ParameterError(
                 f"channel {channel} cannot be continued: its track {track.id} has two bands, or "
                 "other channels in it"
             )
-        self.adopted[channel] = track
+        self.tracks[channel] = track
+
+    def begin(self, inputs: Mapping[int, Input]) -> list[Track]:
+        """Tracks of new channels that do not depend on their samples; by channel number."""
+        tracks: list[Track] = []
+        for channel, given in inputs.items():
+            plan = plan_input(given, self.settings)
+            if plan.is_one_grid and channel not in self.tracks:
+                grid = self.encoders[channel] = GridEncoder(plan, channel)
+                tracks.append(self.number(channel, grid.track))
+        return tracks
+
+    def silent(self, inputs: Mapping[int, Input]) -> list[Track]:
+        """Tracks of channels without a sample, at the end; by channel number."""
+        tracks = []
+        for channel, given in inputs.items():
+            block = Block(channel, given, 0, np.zeros(1, np.int32))
+            encoder = self.encoder_of(block)
+            tracks.append(
+                self.number(channel, encoder.code(encoder.take(block.values, 0), 0).track)
+            )
+        return tracks
 
     def encode(self, blocks: Sequence[Block]) -> tuple[list[Track], list[Packet]]:
         """New tracks in order of their ids, to be described first; and the packets, in order of
         (track, start).
 
-        Where a block is refused no packet of the call counts; the others may be given again, and
-        what was made for them is described then.
+        Where a block is refused, nothing was made; the others may be given again.
         """
         for block in blocks:
             check_block(block)
-        tracks = self.undelivered
-        tracks += self.begin(blocks)
-        pieces = [piece for block in blocks for piece in cut(block)]
-        together = self.together(pieces)
+        taken = [self.encoder_of(block).take(block.values, block.start) for block in blocks]
+        tracks: list[Track] = []
         packets = []
-        for place, piece in enumerate(pieces):
-            lane, made = self.lanes[piece.channel], together.get(place)
-            data = lane.take(made) if made else lane.code(piece.values, piece.start)
-            if lane.track.id < 0:
-                tracks.append(self.number(lane))
-            packets.append(Packet(lane.track.id, piece.start, piece.values.size, data))
-        self.undelivered = []
+        for block, values in zip(blocks, taken, strict=True):
+            made = self.encoders[block.channel].code(values, block.start)
+            track = self.fitting(block.channel, made)
+            if track is None:
+                track = self.number(block.channel, made.track)
+                tracks.append(track)
+            packets += [replace(packet, track=track.id) for packet in made.packets]
         return tracks, sorted(packets, key=attrgetter("track", "start"))
 
-    def together(self, pieces: Sequence[Block]) -> dict[int, list[bytes]]:
-        """Packets of those pieces, by their places, that are packed in one call: of each channel
-        the first at most, since what follows may depend on it."""
-        given: list[tuple[int, Way, NDArray[Any]]] = []
-        seen: set[int] = set()
-        for place, piece in enumerate(pieces):
-            if piece.channel not in seen:
-                seen.add(piece.channel)
-                ways = self.lanes[piece.channel].ways
-                if ways:
-                    counts = self.counts(piece)
-                    given += [(place, way, counts) for way in ways]
-        jobs = [way.job(counts) for _, way, counts in given]
-        made = self.call(jobs)
-        for (place, _, _), (found, _) in zip(given, made, strict=True):
-            if found is Missing.OUTSIDE:
-                self.refuse(pieces[place])
-        packets = [
-            way.take(job, one) for (_, way, _), job, one in zip(given, jobs, made, strict=True)
-        ]
-        again = [at for at, packet in enumerate(packets) if packet is None]
-        jobs = [given[at][1].job(given[at][2], again=True) for at in again]
-        for at, job, one in zip(again, jobs, self.call(jobs), strict=True):
-            packets[at] = given[at][1].take(job, one)
-        packed: dict[int, list[bytes]] = {}
-        for (place, _, _), packet in zip(given, packets, strict=True):
-            assert packet is not None
-            packed.setdefault(place, []).append(packet)
-        return packed
+    def encoder_of(self, block: Block) -> ChannelEncoder:
+        """Of a channel; a new one by its first block."""
+        found = self.encoders.get(block.channel)
+        if found is None:
+            plan = plan_input(block.input, self.settings)
+            if plan.channel.calibration is None:
+                from .live_exact import choose_exact
 
-    def call(self, jobs: Sequence[Job]) -> list[Made]:
-        """All jobs of one length in one call, or in one of each thread."""
-        alike: dict[int, list[int]] = {}
-        for place, job in enumerate(jobs):
-            alike.setdefault(job.block.size, []).append(place)
-        parts = [part for places in alike.values() for part in shares(places, self.threads)]
-
-        def work(places: Sequence[int]) -> list[Made]:
-            return encode_blocks([jobs[place] for place in places], self.shelf)
-
-        made: dict[int, Made] = {}
-        for places, found in zip(parts, in_order(work, parts, self.threads), strict=True):
-            made |= zip(places, found, strict=True)
-        return [made[place] for place in range(len(jobs))]
-
-    def refuse(self, piece: Block) -> None:
-        """Raises what is wrong with its counts."""
-        plan = self.plan(piece.channel, piece.input)
-        counts_of_block(plan, piece.values, piece.channel, piece.start)
-
-    def counts(self, piece: Block) -> NDArray[Any]:
-        """As the compiled loop takes them, which looks at their range."""
-        values = piece.values
-        if values.dtype in NATIVE and piece.input.takes_counts:
-            flags = values.flags
-            return values if flags.c_contiguous and flags.aligned else values.copy()
-        plan = self.plan(piece.channel, piece.input)
-        return counts_of_block(plan, values, piece.channel, piece.start)
-
-    def plan(self, channel: int, given: Input) -> Plan:
-        found = self.plans.get(channel)
-        if found is None or found.input != given:
-            found = self.plans[channel] = plan_input(given, self.settings)
+                before = self.tracks.get(block.channel)
+                found = choose_exact(plan, block.channel, block.values, before)
+            elif plan.is_one_grid:
+                found = GridEncoder(plan, block.channel)
+            else:
+                assert plan.bound
+                found = BoundedEncoder(plan, plan.bound, block.channel)
+            self.encoders[block.channel] = found
         return found
 
-    def begin(self, blocks: Sequence[Block]) -> list[Track]:
-        """The tracks of those channels that are new.
+    def fitting(self, channel: int, made: Made) -> Track | None:
+        """The channel's last track, where the packets fit it."""
+        track = self.tracks.get(channel)
+        if track is None or self.forms.get(channel) is made.track:
+            return track
+        check_continued(made.track, track)
+        same = ("codec", "parameters", "contract", "number_format")
+        fits = (
+            all(getattr(track, name) == getattr(made.track, name) for name in same)
+            and track.components[0].deviation == made.track.components[0].deviation
+            and track.count_min <= made.low
+            and made.high <= track.count_max
+        )
+        return track if fits else None
 
-        ``encode`` does so by itself. A channel of counts may be begun before it has samples, by a
-        block of one sample, whichever; one that never has any is described so at the end.
-        """
-        new: dict[int, Lane] = {}
-        for block in blocks:
-            if block.channel not in self.lanes and block.channel not in new:
-                new[block.channel] = self.lane_of(block)
-        self.lanes |= new
-        return [self.number(lane) for lane in new.values() if lane.track.id < 0]
-
-    def number(self, lane: Lane) -> Track:
+    def number(self, channel: int, made: Track) -> Track:
+        """A new track, which continues the channel's last one."""
         if self.next_track > LAST_TRACK_ID:
             raise ParameterError(f"a file has at most {LAST_TRACK_ID + 1} tracks")
-        lane.track = replace(lane.track, id=self.next_track)
+        before = self.tracks.get(channel)
+        track = replace(made, id=self.next_track, continues=before.id if before else None)
         self.next_track += 1
-        return lane.track
-
-    def lane_of(self, block: Block) -> Lane:
-        plan = self.plan(block.channel, block.input)
-        adopted = self.adopted.get(block.channel)
-        number, first = block.channel, block.values[:PACKET_SAMPLES]
-        lane: Lane
-        deadband: DeadbandLane | None = None
-        if plan.channel.calibration is None:
-            from .live_exact import choose_exact
-
-            lane = choose_exact(plan, number, first, adopted)
-        elif plan.settings.preset == "perceptual" and plan.bound is not None:
-            from .live_deadband import DeadbandLane
-
-            lane = deadband = DeadbandLane(plan, plan.bound, number, self.shelf)
-        else:
-            lane = GridLane(plan, number, self.shelf)
-        if adopted is not None:
-            check_continued(lane.track, adopted)
-            lane.adopt(adopted)
-        if deadband is not None:
-            deadband.begin(first, block.start)
-        return lane
+        self.tracks[channel], self.forms[channel] = track, made
+        return track
 
 
-def shares(places: Sequence[int], threads: int) -> Iterator[Sequence[int]]:
-    """Parts of about the same length, of more than one only where that is many jobs."""
-    count = min(threads, len(places) // SHARE) or 1
-    size = -(-len(places) // count)
-    for at in range(0, len(places), size):
-        yield places[at : at + size]
+class GridEncoder:
+    """Counts on one grid: of step 1, or of a largest error."""
+
+    def __init__(self, plan: Plan, number: int) -> None:
+        self.plan, self.number = plan, number
+        self.track = plan.track(
+            number, codec="LPCR", parameters=plan.grid.build(), contract=plan.contract
+        )
+        self.pack = encode_quick if plan.settings.fast else partial(encode_best, thorough=False)
+
+    def take(self, values: NDArray[Any], start: int) -> NDArray[np.int64]:
+        return self.plan.counts(values, self.number, start)
+
+    def code(self, x: NDArray[np.int64], start: int) -> Made:
+        packet = Packet(0, start, x.size, self.pack(nearest(x, self.plan.grid)))
+        return checked(Made(self.track, [packet], int(x.min()), int(x.max())), x)
 
 
-def cut(block: Block) -> Iterator[Block]:
-    """Pieces that are not too long for a packet."""
-    if block.values.size <= PACKET_SAMPLES:
-        yield block
-        return
-    for at in range(0, block.values.size, PACKET_SAMPLES):
-        piece = block.values[at : at + PACKET_SAMPLES]
-        yield Block(block.channel, block.input, block.start + at, piece)
+class BoundedEncoder(GridEncoder):
+    """Counts within a deadband: knots or a grid, whichever is smaller (see :mod:`bounded`).
+
+    The first block decides. Another form takes over where it has been much smaller for long.
+    """
+
+    def __init__(self, plan: Plan, bound: Bound, number: int) -> None:
+        super().__init__(plan, number)
+        self.bound = bound
+        self.ways = slice(0 if plan.input.rate * (plan.settings.cluster or 1) < SHORT else 1, None)
+        self.now = self.left = 0
+        self.wait, self.needed = FIRST, DESCRIPTION
+        self.saved: list[float] = []
+
+    def code(self, x: NDArray[np.int64], start: int) -> Made:
+        span = Span(start, start + x.size)
+        source = Source((self.plan.channel,), x[:, None], (span,))
+        ways = [code for _, code in scalar_ways(source, self.bound)[self.ways]]
+        found: Coded | None = None
+        if self.left:
+            self.left -= 1
+            found = ways[self.now](self.track, None)
+        if found is None:
+            tried = self.try_all(ways)
+            self.choose([size_of(each) if each else inf for each in tried])
+            found = tried[self.now]
+        assert found
+        return checked(Made(found.track, found.packets, int(x.min()), int(x.max())), x)
+
+    def try_all(self, ways: Sequence[Way]) -> list[Coded | None]:
+        """The present form, and all that are smaller than those before them."""
+        tried: list[Coded | None] = [None] * len(ways)
+        smallest: int | None = None
+        for place in sorted(range(len(ways)), key=lambda place: place != self.now):
+            coded = tried[place] = ways[place](self.track, smallest)
+            if coded and (smallest is None or coded.size < smallest):
+                smallest = coded.size
+        return tried
+
+    def choose(self, sizes: list[float]) -> None:
+        """The form of the next blocks, by the sizes of all of one block."""
+        if not self.saved or sizes[self.now] == inf:
+            self.now = sizes.index(min(sizes))
+            self.saved = [0.0] * len(sizes)
+        self.left = self.wait
+        self.wait = min(2 * self.wait, LAST)
+        size = sizes[self.now]
+        for place, other in enumerate(sizes):
+            more = (size - other) * self.left
+            self.saved[place] = (
+                self.saved[place] + more if other < MUCH * size else self.saved[place] / 2
+            )
+        best = self.saved.index(max(self.saved))
+        if self.saved[best] > self.needed and sizes[best] < inf:
+            self.now = best
+            self.needed *= 2
+            self.saved = [0.0] * len(sizes)
+
+
+def size_of(coded: Coded) -> int:
+    """Bytes of its packets."""
+    return sum(len(packet.data) for packet in coded.packets)
+
+
+def checked(made: Made, x: NDArray[np.int64]) -> Made:
+    """The same, where the decoded counts keep the contract."""
+    contract = made.track.contract
+    if contract is not None:
+        band = Deadband(contract.kn, contract.kd, contract.floor, contract.zero)
+        decoder = TrackDecoder(made.track, ENCODE_LEVEL)
+        y = np.concatenate([decoder.decode(packet)[:, 0] for packet in made.packets])
+        if band.outside(x, y.astype(np.int64)).any():
+            raise AssertionError("an encoder that guarantees a bound left it")
+    return made
 
 
 def check_block(block: Block) -> None:
     named = f"channel {block.channel} ({block.input.label!r})"
-    if block.values.ndim != 1 or not block.values.size:
-        raise ParameterError(f"{named}: a block is a row of one sample or more")
+    if block.values.ndim != 1 or not 1 <= block.values.size <= PACKET_SAMPLES:
+        raise ParameterError(f"{named}: a block is a row of 1 to {PACKET_SAMPLES} samples")
     if not 0 <= block.start <= TICK_LIMIT - block.values.size:
         raise ParameterError(f"{named}: ticks lie in [0, 2^48)")
 

@@ -9,25 +9,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.exact import ExactParameters, Lacking
-from ..codecs.grids import LpcParameters
 from ..codecs.raw import RawParameters, encode_raw
 from ..codecs.values import Counts, Doubles, ordered
+from ..container.cluster import Packet
 from ..container.track import Affine, Track
 from ..errors import ParameterError
-from ..integers import build_varint
-from ..limits import EXACT_LIMIT, LEVELS
+from ..limits import LEVELS
 from ..recording import Calibration
-from .exact import natural_candidate
+from .exact import beside_counts, natural_candidate
 from .lattice import find_lattice, sparse
-from .live_counts import Way
-from .live_many import Shelf, Task
-from .live_plan import Plan
+from .live_plan import Made, Plan, floats
+from .predict import encode_best
+from .quick import encode_quick
 
 COUNT_BITS = LEVELS[1].count_bits
 LOW, HIGH = -(1 << (COUNT_BITS - 1)), (1 << (COUNT_BITS - 1)) - 1
@@ -44,9 +44,6 @@ SEEN = 16
 PLAIN = 10**7
 """A denominator of plain decimals, at most."""
 
-ALL_WAYS, AGAIN = (False, True), 16
-"""Ways to code corrections, with recall or without; after so many packets both are tried again."""
-
 FAR = 1 << 53
 UNCODED = np.iinfo(np.int64).min
 """The one correction that there is no code for."""
@@ -57,19 +54,6 @@ NUMBERS: dict[str, np.dtype[Any]] = {
 }
 
 
-def numbers_of_block(plan: Plan, values: NDArray[Any], channel: int) -> NDArray[Any]:
-    """float32 as it is, all else as the float64 that is the same number."""
-    if values.dtype == np.float32:
-        return np.ascontiguousarray(values)
-    named = f"channel {channel} ({plan.input.label!r})"
-    if values.dtype.kind not in "iuf" or values.dtype.itemsize > 8:
-        raise ParameterError(f"{named} takes numbers of up to 64 bits, not {values.dtype}")
-    x = np.ascontiguousarray(values, np.float64)
-    if values.dtype.kind in "iu" and values.size and (np.abs(x) >= EXACT_LIMIT).any():
-        raise ParameterError(f"{named} has integers beyond 2^53: give it a calibration")
-    return x
-
-
 @dataclass(frozen=True)
 class Lattice:
     """Counts of doubles from ``low`` to ``high``, and the rule that makes doubles of counts."""
@@ -78,12 +62,6 @@ class Lattice:
     parameters: ExactParameters
     low: int = LOW
     high: int = HIGH
-
-    @property
-    def wide(self) -> Lattice:
-        """With all counts of level 1, where the calibration allows them."""
-        wider = replace(self, low=LOW, high=HIGH)
-        return wider if self.calibration.covers(LOW, HIGH) else self
 
     def nearest(self, x: Doubles) -> Counts:
         """Counts of any size; 0 of what is no number."""
@@ -156,13 +134,12 @@ def decimal_grid(x: Doubles) -> Lattice:
     return Lattice(Calibration(a, 0, d), ExactParameters())
 
 
-class ExactLane:
+class ExactEncoder:
     """Counts and corrections: LPCX."""
 
-    ways: tuple[Way, ...] = ()
-
     def __init__(self, plan: Plan, number: int, lattice: Lattice) -> None:
-        self.plan, self.number, self.lattice = plan, number, lattice
+        self.named, self.lattice = f"channel {number} ({plan.input.label!r})", lattice
+        self.pack = encode_quick if plan.settings.fast else partial(encode_best, thorough=False)
         channel = replace(plan.channel, calibration=lattice.calibration)
         self.track = replace(plan, channel=channel).track(
             number,
@@ -171,59 +148,22 @@ class ExactLane:
             count_min=lattice.low,
             count_max=lattice.high,
         )
-        self.wider: Track | None = None
-        self.packer = self.packer_of(lattice)
-        self.beside_way, self.left = ALL_WAYS[0], 0
 
-    def packer_of(self, lattice: Lattice) -> Way:
-        """How its counts are packed."""
-        task = Task(lattice.low, lattice.high, LpcParameters(), None)
-        return Way(task, Shelf(), fast=self.plan.settings.fast)
+    def take(self, values: NDArray[Any], _start: int) -> Doubles:
+        return floats(values, self.named).astype(np.float64, copy=False)
 
-    def take(self, packets: Sequence[bytes]) -> bytes:
-        return packets[0]
-
-    def adopt(self, track: Track) -> None:
-        """Goes on with a track of the same lattice while its range holds the counts."""
-        following = replace(self.track, continues=track.id)
-        if track.codec != "LPCX":
-            self.track = following
-            return
-        self.track = track
-        self.lattice = replace(self.lattice, low=track.count_min, high=track.count_max)
-        if self.lattice.wide != self.lattice:
-            self.wider = following
-
-    def code(self, values: NDArray[Any], _start: int) -> bytes:
-        x = numbers_of_block(self.plan, values, self.number).astype(np.float64, copy=False)
-        if self.wider and not within(self.lattice.nearest(x), self.lattice):
-            self.track, self.lattice, self.wider = self.wider, self.lattice.wide, None
-            self.packer = self.packer_of(self.lattice)
+    def code(self, x: Doubles, start: int) -> Made:
         lacking = self.lattice.lacking(x)
-        coded = self.packer.pack(lacking.counts)
-        return build_varint(len(coded)) + coded + self.beside(lacking)
-
-    def beside(self, lacking: Lacking) -> bytes:
-        """The corrections, the way that was smallest when both were tried last."""
-        ways = [self.beside_way] if self.left else ALL_WAYS
-        self.left = (self.left or AGAIN) - 1
-        _, self.beside_way, data = min(
-            (len(data), recall, data) for recall in ways for data in (lacking.build(recall=recall),)
-        )
-        return data
+        data = beside_counts(self.pack(lacking.counts), lacking)
+        low, high = int(lacking.counts.min()), int(lacking.counts.max())
+        return Made(self.track, [Packet(0, start, x.size, data)], low, high)
 
 
-def within(counts: Counts, lattice: Lattice) -> bool:
-    return lattice.low <= int(counts.min()) and int(counts.max()) <= lattice.high
-
-
-class WordsLane:
+class WordsEncoder:
     """Words as they are: RAWB."""
 
-    ways: tuple[Way, ...] = ()
-
     def __init__(self, plan: Plan, number: int, number_format: str) -> None:
-        self.plan, self.number = plan, number
+        self.named = f"channel {number} ({plan.input.label!r})"
         self.dtype = NUMBERS[number_format]
         self.track = plan.track(
             number,
@@ -234,50 +174,47 @@ class WordsLane:
             count_max=0,
         )
 
-    def take(self, packets: Sequence[bytes]) -> bytes:
-        return packets[0]
-
-    def adopt(self, track: Track) -> None:
-        self.track = track
-
-    def code(self, values: NDArray[Any], start: int) -> bytes:
-        x = numbers_of_block(self.plan, values, self.number)
+    def take(self, values: NDArray[Any], start: int) -> NDArray[Any]:
+        x = floats(values, self.named)
         words = x.astype(self.dtype, copy=False)
         if words.dtype != x.dtype and words.dtype == np.float32:
             same = words.astype(np.float64).view(np.int64) == x.view(np.int64)
             if not same.all():
                 at = int(np.argmin(same))
                 raise ParameterError(
-                    f"channel {self.number} ({self.plan.input.label!r}), tick {start + at}: "
-                    f"{float(x[at])!r} is not a binary32 number, but the first values were"
+                    f"{self.named}, tick {start + at}: {float(x[at])!r} is not a binary32 number, "
+                    "but the first values were"
                 )
-        return encode_raw(words[:, None], self.dtype.itemsize)
+        return words
+
+    def code(self, words: NDArray[Any], start: int) -> Made:
+        data = encode_raw(words[:, None], self.dtype.itemsize)
+        return Made(self.track, [Packet(0, start, words.size, data)])
 
 
 def choose_exact(
     plan: Plan, number: int, first: NDArray[Any], before: Track | None
-) -> ExactLane | WordsLane:
-    """The lane whose packet of the first block is the smallest; ``before``: the track that it goes
-    on with, which leaves no choice."""
+) -> ExactEncoder | WordsEncoder:
+    """The encoder whose packet of the first block is the smallest; ``before``: the track that it
+    continues, which leaves no choice."""
     if before is not None:
-        return lane_after(plan, number, before)
-    x = numbers_of_block(plan, first, number)
-    words = WordsLane(plan, number, "binary32" if x.dtype == np.float32 else "binary64")
+        return encoder_after(plan, number, before)
+    x = floats(first, f"channel {number} ({plan.input.label!r})")
+    words = WordsEncoder(plan, number, "binary32" if x.dtype == np.float32 else "binary64")
     doubles = x.astype(np.float64, copy=False)
-    lanes: list[ExactLane | WordsLane] = [
-        ExactLane(plan, number, lattice) for lattice in lattices(doubles)
+    found: list[ExactEncoder | WordsEncoder] = [
+        ExactEncoder(plan, number, lattice) for lattice in lattices(doubles)
     ]
-    if lanes and np.unique(doubles).size < SEEN:
-        # Next to nothing is known of the signal: counts can become small later, words cannot.
-        lanes = lanes[-1:]
-    else:
-        lanes.append(words)
-    return min(lanes, key=lambda lane: len(lane.code(first, 0)))
+    if found and np.unique(doubles).size < SEEN:
+        # Little is known of the signal yet: counts can become small later, words cannot.
+        return found[-1]
+    found.append(words)
+    return min(found, key=lambda each: len(each.code(each.take(first, 0), 0).packets[0].data))
 
 
-def lane_after(plan: Plan, number: int, before: Track) -> ExactLane | WordsLane:
+def encoder_after(plan: Plan, number: int, before: Track) -> ExactEncoder | WordsEncoder:
     if before.number_format in NUMBERS:
-        return WordsLane(plan, number, before.number_format)
+        return WordsEncoder(plan, number, before.number_format)
     if before.number_format != "counts":
         raise ParameterError(
             f"channel {number} ({plan.input.label!r}) cannot be continued by floats: the file has "
@@ -287,5 +224,7 @@ def lane_after(plan: Plan, number: int, before: Track) -> ExactLane | WordsLane:
     if before.codec == "LPCX":
         parameters = ExactParameters.parse(before.parameters, 0)
     calibration = Calibration(*before.components[0].calibration)
+    if calibration.covers(LOW, HIGH):
+        return ExactEncoder(plan, number, Lattice(calibration, parameters))
     lattice = Lattice(calibration, parameters, before.count_min, before.count_max)
-    return ExactLane(plan, number, lattice.wide)
+    return ExactEncoder(plan, number, lattice)

@@ -8,17 +8,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from math import isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
+from ..container.cluster import Packet
 from ..container.track import Component, Contract, Track
+from ..contract import nearest_counts
 from ..errors import ParameterError
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS, Level
 from ..live.inputs import Input
 from ..recording import Calibration, Channel, Deviation, Span
+from .bounded import contract_for
 from .grids import grid_within
 from .perception import WEBER_LIMITS
 from .plan import CLOCK_LABEL, Promise, absolute_threshold, bound_promise, quantity_of
@@ -37,6 +42,16 @@ ROUNDING = Fraction(1, 1 << 17)
 """A value's count is found in binary64: 32-bit counts may be off their middle by that part."""
 
 ONE_COUNT = Tolerance(1, "lsb")
+
+
+class Made(NamedTuple):
+    """Packets of a block, the track that they are for, its id open, and its least and its largest
+    count."""
+
+    track: Track
+    packets: list[Packet]
+    low: int = 0
+    high: int = 0
 
 
 @dataclass(frozen=True)
@@ -65,13 +80,16 @@ class Plan:
         return component_of(self.channel)
 
     @property
-    def contract(self) -> Contract | None:
-        if self.bound is None:
-            return None
-        band = self.bound.band
-        return Contract(band.kn, band.kd, False, True, band.floor, band.zero)
+    def is_one_grid(self) -> bool:
+        """Whether there is one way to code it, whatever the samples are."""
+        felt = self.settings.preset == "perceptual" and self.bound is not None
+        return self.channel.calibration is not None and not felt
 
     @property
+    def contract(self) -> Contract | None:
+        return contract_for(self.bound.band) if self.bound else None
+
+    @cached_property
     def grid(self) -> LpcParameters:
         """The grid that keeps the bound."""
         return grid_within(self.bound) if self.bound else LpcParameters()
@@ -96,6 +114,48 @@ class Plan:
             components=(self.component,),
             **given,
         )
+
+    def counts(self, values: NDArray[Any], channel: int, start: int) -> NDArray[np.int64]:
+        """What came in as counts within the declared range; nothing is clamped."""
+        given = self.input
+        if given.takes_counts:
+            if values.dtype.kind not in "iu":
+                raise ParameterError(
+                    f"channel {channel} ({given.label!r}) takes integer counts, not {values.dtype}"
+                )
+            outside = (values < self.low) | (values > self.high)
+            if outside.any():
+                raise self.outside_range(values, outside, channel, start)
+            return np.ascontiguousarray(values, np.int64)
+        x = floats(values, f"channel {channel} ({given.label!r})").astype(np.float64, copy=False)
+        low, high = (float(self.calibration.step) * end for end in (self.low, self.high))
+        outside = ~((x >= low) & (x <= high))
+        if outside.any():
+            raise self.outside_range(values, outside, channel, start)
+        return np.clip(nearest_counts(x, self.calibration), self.low, self.high)
+
+    def outside_range(
+        self, values: NDArray[Any], outside: NDArray[np.bool_], channel: int, start: int
+    ) -> ParameterError:
+        given, at = self.input, int(np.argmax(outside))
+        bits = f"the {given.bits} bits ({self.low} to {self.high})"
+        if given.takes_counts:
+            limits = f"the count {values[at]} is outside {bits} of the input: declare more of them"
+        else:
+            limits = f"{values[at]} is outside {bits} of steps of {given.lsb:g}: give a larger lsb"
+        return ParameterError(f"channel {channel} ({given.label!r}), tick {start + at}: {limits}")
+
+
+def floats(values: NDArray[Any], named: str) -> NDArray[Any]:
+    """float32 as it is, all else as the float64 that is the same number."""
+    if values.dtype == np.float32:
+        return np.ascontiguousarray(values)
+    if values.dtype.kind not in "iuf" or values.dtype.itemsize > 8:
+        raise ParameterError(f"{named} takes numbers of up to 64 bits, not {values.dtype}")
+    x = np.ascontiguousarray(values, np.float64)
+    if values.dtype.kind in "iu" and values.size and (np.abs(x) >= EXACT_LIMIT).any():
+        raise ParameterError(f"{named} has integers beyond 2^53: give it a calibration")
+    return x
 
 
 def check_settings(settings: Settings) -> None:

@@ -258,28 +258,6 @@ class QuickPredictor(Protocol):
     ) -> tuple[int, int]: ...
 
 
-class EncodeBlocks(Protocol):
-    """(blocks: list of int16, int32 or int64 [samples], levels and tops: list of int64 [2, levels],
-    tasks, habits, hows uint8 [blocks], sines int32 [128], limits float64 [127], costs float64 [12],
-    uint8 packets, ends int64 [blocks]) -> bytes written; the last two are filled, habits become
-    those that were found. encoder/live_many.py says more."""
-
-    def __call__(
-        self,
-        blocks: list[NDArray[Any]],
-        grids: list[NDArray[Any]],
-        tasks: Buffer,
-        habits: Buffer,
-        hows: Buffer,
-        sines: Buffer,
-        limits: Buffer,
-        costs: Buffer,
-        packets: Buffer,
-        ends: Buffer,
-        /,
-    ) -> int: ...
-
-
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -329,8 +307,6 @@ class Kernels(Protocol):
     def estimate(self) -> Estimate: ...
     @property
     def quick_predictor(self) -> QuickPredictor: ...
-    @property
-    def encode_blocks(self) -> EncodeBlocks: ...
 
     def clamp_counts(
         self, numbers: Buffer, step: int, zero: int, low: int, high: int, counts: Buffer, /

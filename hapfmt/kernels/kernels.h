@@ -17,11 +17,6 @@ extern PyMethodDef hapfmt_levels_methods[];
 extern PyMethodDef hapfmt_exact_methods[];
 extern PyMethodDef hapfmt_knots_coded_methods[];
 extern PyMethodDef hapfmt_quick_methods[];
-extern PyMethodDef hapfmt_live_methods[];
-/* A whole packet of coded knots with one component: its size, -2 where there is no code for knots, -3 where
-   there is no room. */
-int64_t hapfmt_pack_knots(const int64_t *ticks, const int64_t *indices, int64_t knots, int linear,
-                          uint8_t *packet, int64_t room);
 void hapfmt_lpcr_prepare(void);
 
 /* Whether a buffer is a row of numbers of so many bytes. */

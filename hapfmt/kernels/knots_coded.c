@@ -260,26 +260,6 @@ static int encode_knots(const int64_t *ticks, const int64_t *indices, int64_t kn
     return status;
 }
 
-static int64_t put_varint(uint8_t *out, uint64_t v)
-{
-    int64_t size = 0;
-    for (; v > 0x7F; v >>= 7) out[size++] = (uint8_t)(v | 0x80);
-    out[size++] = (uint8_t)v;
-    return size;
-}
-
-int64_t hapfmt_pack_knots(const int64_t *ticks, const int64_t *indices, int64_t knots, int linear,
-                          uint8_t *packet, int64_t room)
-{
-    if (room < 20) return -3;
-    int64_t first = indices[0], at = put_varint(packet, (uint64_t)first << 1 ^ (uint64_t)(first >> 63));
-    if (knots == 1) return at;
-    at += put_varint(packet + at, (uint64_t)knots - 1);
-    int64_t size = 0;
-    int status = encode_knots(ticks, indices, knots, 1, linear, packet + at, room - at, &size);
-    return status == DONE ? at + size : status == NO_ROOM || status == NO_MEMORY ? -3 : -2;
-}
-
 /* (ticks int64 [knots], indices int64 [knots * components], lines, coded bytes) -> (status, size) */
 static PyObject *coded_knots_encode(PyObject *self, PyObject *args)
 {

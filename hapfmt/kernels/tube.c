@@ -5,7 +5,8 @@
 enum { TICK_LIMIT = 1 << 24, AXES = 256 };
 static const int64_t COUNT_BOUND = (int64_t)1 << 32, VALUE_BOUND = (int64_t)1 << 34;
 
-int64_t hapfmt_fewest_hold(const tube *in, int64_t *ticks, int64_t *values)
+/* How many knots. */
+static int64_t fewest_hold(const tube *in, int64_t *ticks, int64_t *values)
 {
     int64_t low = -COUNT_BOUND, high = COUNT_BOUND, first_low = 0, first_high = 0, value = 0;
     int64_t count = 0;
@@ -89,7 +90,7 @@ static PyObject *hold(PyObject *self, PyObject *args)
     fits = are_rows(each);
     if (fits) {
         tube in = {each[0].buf, each[1].buf, (int32_t)(each[0].len / 8)};
-        count = hapfmt_fewest_hold(&in, each[2].buf, each[3].buf);
+        count = fewest_hold(&in, each[2].buf, each[3].buf);
     }
     Py_END_ALLOW_THREADS
     for (int i = 0; i < 4; i++) PyBuffer_Release(&each[i]);

@@ -55,8 +55,6 @@ void hapfmt_hull_append(hull *h, int32_t tick, int64_t y);
 /* 0, or -1 where memory ran out. sign -1: the tube upside down. */
 int hapfmt_sweep_lines(const tube *t, int sign, int32_t first, hull *below, hull *above,
                        sweep *out);
-/* How many knots; held values. */
-int64_t hapfmt_fewest_hold(const tube *in, int64_t *ticks, int64_t *values);
 /* How many knots; 0 where the grid has none for the tube, -1 where memory ran out. */
 int64_t hapfmt_fewest_linear(const tube *in, const grid *g, int64_t *ticks, int64_t *values);
 /* The same for ``count`` tubes of one size, more than one knot being needed; the knots stand at the

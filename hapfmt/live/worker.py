@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
-import numpy as np
-
 from ..container.cluster import Packet
 from ..container.filewriter import FileWriter
 from ..container.track import Track
@@ -133,15 +131,7 @@ class Worker:
             self.clusters.add(len(self.members), member.input.rate, start)
             self.members.append(member)
         # What does not depend on samples is described at once: the file is whole from then on.
-        self.describe(
-            self.encoder.begin(
-                [
-                    member.block(start, np.zeros(1, np.int32))
-                    for member, start in zip(members, starts, strict=True)
-                    if member.input.takes_counts and member.is_new
-                ]
-            )
-        )
+        self.describe(self.encoder.begin({m.number: m.input for m in members if m.is_new}))
 
     def write(self, clusters: Iterable[list[Piece]]) -> None:
         for pieces in clusters:
@@ -204,8 +194,8 @@ class Worker:
     def describe_silent(self) -> None:
         """Channels that nothing came for have a number all the same (TRK-010)."""
         known = self.first_tracks
-        silent = [m.block(0, np.zeros(1)) for m in self.members if m.number not in known]
-        self.describe(self.encoder.begin(silent))
+        silent = {m.number: m.input for m in self.members if m.number not in known}
+        self.describe(self.encoder.silent(silent))
 
     def give_up(self) -> None:
         """After an error: what stands in the file stays, closed where that can be."""

@@ -65,7 +65,7 @@ class Part {
 }
 
 // file: of openFile; decoded: of decodeFile. Each list has { channel, track, component, parts, spans }; `track` is the
-// first one that stands for the channel and describes it.
+// first one that represents the channel and describes it.
 export function channelsOf(file, decoded) {
   const entries = decoded.tracks;
   const residuals = new Map(); // base -> HF

@@ -105,7 +105,7 @@ function recover(args) {
   if (!reportPath || others.length) throw new UsageError(USAGE);
   const { bytes, report, verdict } = recoverFile(new Uint8Array(readFileSync(input)));
   writeFileSync(reportPath, writeJson({ ...report, contracts: [] }));
-  // Nothing is overwritten without being told.
+  // Nothing is overwritten unless the caller asks for it.
   if (bytes) writeFileSync(output, bytes, { flag: force ? 'w' : 'wx' });
   return EXIT_CODES[verdict];
 }

@@ -71,7 +71,7 @@ export function hasTableCrc(bytes, start, table, seed) {
   return crc32(bytes, start, at, seed) === numberAt(bytes, at, 4);
 }
 
-// Where the CRC of a packet goes on behind its row.
+// Where the CRC of a packet continues after its row.
 function crcOfFields(values, seed) {
   values.forEach((value, i) => {
     FIELDS_VIEW.setUint32(8 * i, value % 2 ** 32, true);

@@ -33,7 +33,7 @@ export function parseParameters(codec, bytes, track, offset = 0) {
   return setup;
 }
 
-// What this reader decodes of one packet (LIM-003): a few bytes can stand for 2^28 samples at level 2.
+// What this reader decodes of one packet (LIM-003): a few bytes can give 2^28 samples at level 2.
 const PACKET_SAMPLE_BOUND = 2 ** 25;
 const WORD_ARRAYS = { 2: Uint16Array, 4: Uint32Array, 8: BigUint64Array };
 

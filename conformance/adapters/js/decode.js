@@ -3,7 +3,7 @@ import { decodeEvents, decodePacket } from './codecs.js';
 import { HapfError, unsupported } from './error.js';
 import { pushSpan } from './spans.js';
 
-// What this reader decodes of a file in all, and keeps (LIM-003): few bytes can stand for many samples.
+// What this reader decodes of a file in all, and keeps (LIM-003): few bytes can give many samples.
 const SAMPLE_BOUND = 2 ** 26;
 
 // Throws where the file has more samples than that; else packets that break a rule are among the findings.

@@ -94,7 +94,7 @@ function reportHoles(cluster, damages) {
   }
 }
 
-// Packets that hold and are not delivered whatever stands elsewhere in time.
+// Packets with the right CRC that are not delivered, wherever they are in time.
 function leaveOut({ cluster, allTracks, tracks, limits, note }) {
   const { chunk, kept } = cluster;
   let samples = 0;

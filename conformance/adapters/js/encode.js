@@ -67,7 +67,7 @@ function layerTrack(id, { label, rate: [rateNum, rateDen], events }) {
   };
 }
 
-// job: the parsed JSON; read(name): the bytes of a file beside it. -> the bytes of the file.
+// job: the parsed JSON; read(name): the bytes of a file in its folder. -> the bytes of the file.
 export function encodeJob(job, read) {
   if (!MODES.includes(job.mode)) refuse(`mode ${job.mode}`);
   const channels = job.channels.map((channel, number) => makeTrack(number, channel, read(channel.numbers), job));

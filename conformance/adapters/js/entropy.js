@@ -68,7 +68,7 @@ export function contextOf(f, s) {
 
 export const averageFrom = (start) => (4 + (start % 4)) * 2 ** Math.floor(start / 4);
 
-// What stands before the coded bytes; each function throws RNG-004.
+// What comes before the coded bytes; each function throws RNG-004.
 export function readProbabilities(reader, count) {
   reader.requirement = 'RNG-004';
   const { offset } = reader;

@@ -1,4 +1,4 @@
-// The grids of 9.5: which counts the indices stand for. LPCR and KNOT share them.
+// The grids of 9.5: the counts of the indices. LPCR and KNOT share them.
 import { broken } from './error.js';
 import { clamp } from './integers.js';
 import { limitsOf } from './limits.js';

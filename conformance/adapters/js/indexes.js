@@ -32,7 +32,7 @@ export function readIndex(bytes, chunk) {
   return { chunk, previous, firstSequence, entries };
 }
 
-// How many of the chunks stand before a position.
+// How many of the chunks are before a position.
 function placeOf(chunks, position) {
   let [low, high] = [0, chunks.length];
   while (low < high) {
@@ -73,7 +73,7 @@ export function checkIndex(index, chunks, byPosition, times) {
   }
   if (differs >= 0) {
     const place = entries[differs]?.at ?? at + 12;
-    faults.push(fault('IDX-002', `entry ${differs} is not the chunk that stands there`, place));
+    faults.push(fault('IDX-002', `entry ${differs} is not the chunk at that offset`, place));
     return faults;
   }
   for (const entry of entries) {

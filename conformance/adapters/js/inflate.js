@@ -139,7 +139,7 @@ class Inflater {
 
   run(out) {
     let filled = 0;
-    const more = () => broken(this.rule, 'DEFLATE: more bytes than it should stand for', this.offset + this.at);
+    const more = () => broken(this.rule, 'DEFLATE: more bytes than it should give', this.offset + this.at);
     for (let last = 0; last === 0;) {
       last = this.bits(1);
       const method = this.bits(2);
@@ -181,17 +181,17 @@ class Inflater {
         }
       }
     }
-    if (filled < out.length) broken(this.rule, 'DEFLATE: fewer bytes than it should stand for', this.offset);
+    if (filled < out.length) broken(this.rule, 'DEFLATE: fewer bytes than it should give', this.offset);
     // Whole bytes that were fetched ahead do not belong to the stream.
     return this.at - (this.held >> 3);
   }
 }
 
-// Gives the `size` bytes that the stream stands for; it ends with `bytes`. rule: the one that another size and a
+// Gives the `size` bytes of the stream; it ends with `bytes`. rule: the one that another size and a
 // bad stream break.
 export function inflate(bytes, size, offset, rule) {
-  // Two bits stand for 258 bytes at most: what cannot be is not allocated (LIM-002).
-  if (size > 1032 * bytes.length) broken(rule, 'DEFLATE: fewer bytes than it should stand for', offset);
+  // Two bits give 258 bytes at most: more is not allocated (LIM-002).
+  if (size > 1032 * bytes.length) broken(rule, 'DEFLATE: fewer bytes than it should give', offset);
   const out = new Uint8Array(size);
   const used = new Inflater(bytes, offset, rule).run(out);
   if (used < bytes.length) broken(rule, `${bytes.length - used} bytes after the DEFLATE stream`, offset + used);

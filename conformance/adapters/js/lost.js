@@ -95,7 +95,7 @@ class Losses {
     else if (data.length) this.suspect(this.states.values(), hullOf(data), damage);
   }
 
-  // A file that was not closed: nobody knows what stood where its end is damaged.
+  // A file that was not closed: what was at its damaged end is not known.
   suspectTail() {
     const { file } = this;
     if (file.closed) return;
@@ -105,7 +105,7 @@ class Losses {
     if (damage) this.suspect(this.states.values(), null, damage);
   }
 
-  // [from, to] in milliseconds, or null where nobody knows.
+  // [from, to] in milliseconds, or null where that is not known.
   timesOf(sequence) {
     const entry = this.listed.get(sequence);
     return entry?.type === 'DATA' ? hullOf([entry]) : null;

@@ -312,7 +312,7 @@ export function decodeLpcx(track, bytes, span, counts, offset, wantsExact) {
     const base = reader.offset;
     return readExact(track, reader.bytes(reader.left), base, span, counts);
   } catch (error) {
-    error.counts = counts; // they stand all the same (EXA-006)
+    error.counts = counts; // they are valid all the same (EXA-006)
     throw error;
   }
 }

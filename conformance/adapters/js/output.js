@@ -1,4 +1,4 @@
-// What the verb `decode` writes: decode.json and the numbers beside it, 8 bytes each, little-endian.
+// What the verb `decode` writes: decode.json and the files of numbers, 8 bytes each, little-endian.
 import { channelsOf } from './channels.js';
 import { hex, sha256 } from './sha256.js';
 import { physicalValue } from './values.js';
@@ -139,7 +139,7 @@ export function decodeOutput(file, decoded) {
   return { json: toJson(report, file.metadataText), raw };
 }
 
-// Metadata are given as they stand, where openFile kept their text: their numbers may have any number of digits.
+// Metadata are given as they are stored, where openFile kept their text: their numbers may have any number of digits.
 function toJson(report, metadataText) {
   if (metadataText === undefined || metadataText === null) return JSON.stringify(report);
   const { metadata, ...others } = report;

@@ -52,7 +52,7 @@ export function judge(file) {
   return file.verdict;
 }
 
-// Clause 13, of `recover`: what it writes anew is no loss.
+// Clause 13, of `recover`: what it writes again is not lost.
 export function judgeRecovery(file, dropped) {
   const lossless = ({ code, took, chunk, offset, size }) => {
     if (took?.length) return false;
@@ -99,7 +99,7 @@ function countBytes(damages) {
   return count;
 }
 
-// The ticks of the full band that are lost at most, null where nobody knows.
+// The ticks of the full band that are lost at most, null where that is not known.
 function lostTicks(spans) {
   let count = 0;
   let reached = 0;

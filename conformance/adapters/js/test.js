@@ -14,7 +14,7 @@ function textOf(value) {
   return JSON.stringify(value, (_, v) => (typeof v === 'bigint' ? String(v) : v));
 }
 
-// Numbers beyond 2^53 stand as text in the vectors.
+// Numbers beyond 2^53 are text in the vectors.
 const sameValue = (a, b) => textOf(a) === textOf(b) || textOf(a).replaceAll('"', '') === textOf(b).replaceAll('"', '');
 
 function checkCase(name, c) {

@@ -33,7 +33,7 @@ export function readTrak(bytes, chunk, level) {
     faults.push(error);
     whole = false;
   }
-  // What was inflated stands nowhere in the file.
+  // Inflated bytes have no offset in the file.
   if (deflated) for (const fault of faults) fault.offset = chunk.payloadStart;
   return { description: whole ? description : null, faults };
 }

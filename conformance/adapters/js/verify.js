@@ -58,7 +58,7 @@ function decodeAll(file) {
       samples += packet.span * track.componentCount;
       if (samples > SAMPLE_BOUND) throw new HapfError('unsupported', 'LIM-003', 'more samples than this reader decodes', packet.offset);
       const decoded = decodePacket(track, packet.bytes, packet.start, packet.span, { exact: true, offset: packet.offset });
-      // DGS-003: a digest speaks of the packets that stand before it.
+      // DGS-003: a digest is of the packets before it.
       const digest = wanted.get(packet.track);
       if (!digest) continue;
       if (packet.chunkOffset > digest.chunk.position) continue;

@@ -113,7 +113,7 @@ export function walk(bytes) {
   return { fileId, signed, chunks, damages, meter };
 }
 
-// The id under which most bytes hold; of several the one whose first header stands last (REC-013).
+// The id under which most bytes are valid; of several the one whose first header is last (REC-013).
 function identify(bytes, payloadHolds, meter) {
   const votes = new Map(); // in the order of their first headers
   for (let from = 0; ;) {

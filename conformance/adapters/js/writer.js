@@ -19,7 +19,7 @@ export class Writer {
     this.size = 0;
   }
 
-  // IDX-005: before a chunk of so many bytes.
+  // IDX-005: before a chunk of this many bytes.
   makeRoom(size) {
     const far = this.offset - this.previous + size > INDEX_STRETCH || this.size > INDEX_ROOM;
     if (far && this.pending.some(({ type }) => type !== 'iNDX')) this.writeIndex();
