@@ -49,10 +49,6 @@ class OneOf:
     __slots__ = ()
     kinds: ClassVar[Mapping[str, type[OneOf]]]
 
-    def made(self) -> Any:
-        """What the rest of the program takes in its place."""
-        raise NotImplementedError
-
 
 class Description(Struct, frozen=True, forbid_unknown_fields=True):
     """A table whose rules hold for values given in Python too."""
@@ -212,7 +208,7 @@ def wrong_key(table: type[Struct], values: dict[Any, Any], at: str) -> Descripti
     known = {each.encode_name: each for each in fields_of(table)}
     for key in values:
         if key not in known:
-            near = similar(str(key), known)
+            near = similar(str(key)[:LONGEST], known)
             hint = f"did you mean {near}?" if near else f"known: {', '.join(known)}"
             return DescriptionError(joined(at, str(key)), f"is not a known key; {hint}")
     for key, each in known.items():
@@ -242,7 +238,7 @@ TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "number": ((int, float), "a number"),
     "string": ((str,), "a text"),
     "array": ((list, tuple), "a list"),
-    "object": ((dict,), "a table"),
+    "object": ((dict,), "a table of keys and values"),
 }
 """Of JSON: what they are in Python, and in words."""
 
@@ -261,7 +257,7 @@ def advice(value: Any, node: dict[str, Any]) -> str:
         return f"is {named(value)}; write {words(node)}{end}"
     whole, node = words(node), fitting[0]
     if "enum" in node:
-        near = similar(value, node["enum"]) if isinstance(value, str) else None
+        near = similar(value[:LONGEST], node["enum"]) if isinstance(value, str) else None
         hint = f"did you mean {near!r}?" if near else f"choose {whole}"
         return f"there is no {shown(value)}; {hint}"
     limited = {"maxLength", "minLength", "maxItems", "minItems"} & node.keys()
@@ -308,8 +304,8 @@ def words(node: dict[str, Any]) -> str:
         return " or ".join(words(each) for each in node["anyOf"] if each.get("type") != "null")
     if "enum" in node:
         return f"one of {', '.join(map(str, node['enum']))}"
-    if "type" not in node:
-        return "a table"
+    if "$ref" in node:
+        return TYPES["object"][1]
     text = TYPES[node["type"]][1]
     if node["type"] in ("integer", "number"):
         low, high, over = (node.get(key) for key in ("minimum", "maximum", "exclusiveMinimum"))
@@ -326,7 +322,7 @@ def words(node: dict[str, Any]) -> str:
         low, high = node.get("minItems", 0), node.get("maxItems")
         count = f"{low}" if low == high else f"{low} to {high}" if high else f"{low} or more"
         return f"{text} of {count} " + (
-            "tables" if words(items) == "a table" else f"values, each {words(items)}"
+            "tables" if words(items) == TYPES["object"][1] else f"values, each {words(items)}"
         )
     return text
 

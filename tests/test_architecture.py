@@ -40,6 +40,7 @@ ONLY_IN = {
     "construct": ("container.layout",),
     "msgspec": (
         "descriptions",
+        "live.session",
         "replay.profile.parse",
         "scenes.description",
         "scenes.stylus",

@@ -69,7 +69,7 @@ SAID: list[tuple[Any, str]] = [
     ({"parts": [{"sise": 1}]}, "parts[0].sise: is not a known key; did you mean size?"),
     ({"parts": [{"size": 1, "names": {"a": 1, "b": "c"}}]}, "parts[0].names.b: is a text; write"),
     ({"parts": [{"size": 1, "names": {"abcd": 1}}]}, "parts[0].names.abcd: has 4 characters;"),
-    ({"parts": {"size": 1}}, "parts: is a table; write a list of 0 or more tables"),
+    ({"parts": {"size": 1}}, "parts: is a table of keys and values; write a list of 0 or"),
     ({"parts": [3]}, "parts[0]: is a number; write a table"),
     ({"code": "A"}, "code: 'A' cannot be used; write a text such as 'abc'"),
     ({"code": "A - at `$.parts[0]`"}, "code: 'A - at `$.parts[0]`' cannot be used"),

@@ -117,7 +117,7 @@ BAD: list[tuple[str, Any, str, bool]] = [
     ("gain", float("nan"), "nan is out of range; write a number above 0 and at most 1", RULE),
     ("gain", "1", "is a text; write a number above 0 and at most 1, without quotes", BOTH),
     ("gain", True, "is true; write a number above 0 and at most 1", BOTH),
-    ("match", {}, "is a table; write a list of 0 to 64 tables", BOTH),
+    ("match", {}, "is a table of keys and values; write a list of 0 to 64", BOTH),
     ("match[0].vendor_id", ..., "is missing; add a whole number from 0 to 65535", BOTH),
     ("match[0].vendor_id", 65536, "65536 is out of range; write a whole number from 0 to", BOTH),
     ("match[0].product_id", "0x1", "is a text; write a whole number from 0 to 65535,", BOTH),

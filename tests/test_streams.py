@@ -152,23 +152,39 @@ HEAD = b'{"channels": [{"label": "a", "rate": 10, "calibration": [1,0,1]}, {"lab
         (b"1,2\n{]\n", 3, "not JSON"),
         (b'1,2\n{"a": NaN, "b"\n', 3, "not JSON"),
         (b"1,2\n" + HEAD, 3, "only one header"),
-        (b'1,2\n{"what": 1}\n', 3, "an object has one of values, mark"),
-        (b'1,2\n{"values": [1]}\n', 3, "misses 'channel'"),
-        (b'1,2\n{"values": 1, "channel": 0}\n', 3, "list of numbers"),
-        (b'1,2\n{"values": ["x"], "channel": 0}\n', 3, "list of numbers"),
+        (b'1,2\n{"what": 1}\n', 3, "has none of values, mark, clock, add, skip, flush, metadata"),
+        (b'1,2\n{"values": [1]}\n', 3, "channel: is missing; add a whole number or a text"),
+        (b'1,2\n{"values": 1, "channel": 0}\n', 3, "values: is a number; write a list"),
+        (b'1,2\n{"values": ["x"], "channel": 0}\n', 3, "values[0]: is a text; write a number"),
         (b'1,2\n{"values": [1], "channel": "c"}\n', 3, "no channel 'c'"),
-        (b'1,2\n{"values": [1], "channel": 0, "tick": 1.5}\n', 3, "tick is an integer"),
-        (b'1,2\n{"values": [1], "channel": 0, "x": 1}\n', 3, "unknown 'x'"),
+        (
+            b'1,2\n{"values": [1], "channel": 0, "tick": 1.5}\n',
+            3,
+            "tick: 1.5 cannot be used; write a whole",
+        ),
+        (
+            b'1,2\n{"values": [1], "channel": 0, "x": 1}\n',
+            3,
+            "x: is not a known key; known: values",
+        ),
         (b'1,2\n{"skip": -1, "channel": "a"}\n', 3, "a gap of -1"),
-        (b'1,2\n{"add": {"label": "c"}}\n', 3, "a label and a rate"),
+        (b'1,2\n{"add": {"label": "c"}}\n', 3, "add.rate: is missing; add the ticks"),
         (b'1,2\n{"add": {"label": "c", "rate": 0}}\n', 3, "positive"),
-        (b'1,2\n{"add": {"label": 3, "rate": 1}}\n', 3, "label of a channel is a text"),
+        (b'1,2\n{"add": {"label": 3, "rate": 1}}\n', 3, "add.label: is a number; write a text"),
         (b'1,2\n{"add": {"label": "c", "rate": 1, "calibration": [1]}}\n', 3, None),
-        (b'1,2\n{"add": {"label": "c", "rate": 1, "calibration": 5}}\n', 3, "numbers for rate"),
+        (
+            b'1,2\n{"add": {"label": "c", "rate": 1, "calibration": 5}}\n',
+            3,
+            "write a list of 1 to 3",
+        ),
         (b'1,2\n{"add": {"label": "c", "rate": 1, "bits": "x"}}\n', 3, "bits"),
-        (b'1,2\n{"add": {"label": "c", "rate": 1, "lsb": "x"}}\n', 3, "numbers for rate"),
-        (b'1,2\n{"add": {"label": "c", "rate": 1, "colour": 1}}\n', 3, "has no 'colour'"),
-        (b'1,2\n{"metadata": 4}\n', 3, "a JSON object"),
+        (b'1,2\n{"add": {"label": "c", "rate": 1, "lsb": "x"}}\n', 3, "add.lsb: is a text"),
+        (
+            b'1,2\n{"add": {"label": "c", "rate": 1, "colour": 1}}\n',
+            3,
+            "add.colour: is not a known key",
+        ),
+        (b'1,2\n{"metadata": 4}\n', 3, "metadata: is a number"),
         (b"1,2\n" + b"9" * (LINE_SIZE + 2), 3, "a line of more than"),
     ],
 )
@@ -188,12 +204,16 @@ def test_a_bad_line_is_named_and_what_came_before_is_kept(lines, place, message)
         (b"# nothing\n", None, "ended before any channel"),
         (b"1,2\n", None, "line 1: a table needs its rate"),
         (b"1,2\n", Table(Fraction(1), ("a",)), "line 1: 1 labels for 2 columns"),
-        (b'{"channels": []}\n', None, "line 1: a header has a list of channels"),
-        (b'{"channels": [3]}\n', None, "line 1: a channel is an object"),
-        (b'{"channels": [{"label":"a","rate":1}], "x": 1}\n', None, "line 1: a header has no 'x'"),
+        (b'{"channels": []}\n', None, "line 1: channels: has 0 values"),
+        (b'{"channels": [3]}\n', None, "line 1: channels[0]: is a number; write"),
+        (
+            b'{"channels": [{"label":"a","rate":1}], "x": 1}\n',
+            None,
+            "line 1: x: is not a known key",
+        ),
         (b'{"channels": [{"label":"a","rate":"x"}]}\n', None, "line 1: 'x' is not a number"),
-        (b'{"channels": [{"label":"a","rate":1}], "metadata": 1}\n', None, "a JSON object"),
-        (b'{"mark": "x"}\n', None, "line 1: a header has no 'mark'"),
+        (b'{"channels": [{"label":"a","rate":1}], "metadata": 1}\n', None, "metadata: is a number"),
+        (b'{"mark": "x"}\n', None, "line 1: mark: is not a known key; known: channels"),
         (b"hFr1" + bytes(20), None, "byte 0: this is not JSON"),
         (
             build_frame(SAMPLES, b"ab", number_format=1, count=1),
@@ -238,6 +258,25 @@ def test_a_bad_frame_is_named_and_what_came_before_is_kept(frame, message):
 @given(st.binary(max_size=300), st.sampled_from([b"", b"hFr1", HEAD, FRAMES, HEAD + b"1,2\n"]))
 def test_any_bytes_give_a_recording_or_an_error(data, begin):
     recorded(begin + data, Table(Fraction(10)))
+
+
+JUNK = st.sampled_from(
+    [None, True, -1, 0, 10**30, 1.5, float("nan"), "", "a", "\ud800", [], [1], [None, "x"], {}]
+)
+OBJECTS = [json.loads(line) for text in examples("lines") for line in text.split(b"\n")
+           if line.startswith(b"{")]  # fmt: skip
+
+
+@given(st.sampled_from(OBJECTS), st.data())
+def test_any_value_under_any_key_gives_a_recording_or_an_error(given, data):
+    key = data.draw(st.sampled_from([*given, "channel", "tick", "x"]))
+    changed = {**given, key: data.draw(JUNK)}
+    if "channels" in given and data.draw(st.booleans()):
+        channel = given["channels"][0]
+        key = data.draw(st.sampled_from([*channel, "lsb", "bits", "calibration"]))
+        changed = {**given, "channels": [{**channel, key: data.draw(JUNK)}]}
+    lines = [json.dumps(changed).encode(), b""]
+    recorded(b"\n".join(lines if "channels" in given else [HEAD.strip(), b"1,2", *lines]))
 
 
 def test_rows_for_channels_of_two_rates_are_refused():

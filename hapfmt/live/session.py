@@ -3,21 +3,111 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
 
+import msgspec
 import numpy as np
+from msgspec import UNSET, Meta, Struct, UnsetType
+from msgspec.structs import asdict
 from numpy.typing import NDArray
 
+from ..descriptions import OneOf, read
 from ..errors import ParameterError
 from ..recording import Calibration, spans_of
 from ..units import to_ucum
 from .inputs import Input
 from .recorder import Recorder
 
-INPUT_KEYS = frozenset(f.name for f in fields(Input))
-EPOCH_KEYS = ("epoch_ns", "epoch_uncertainty_ns")
-HEADER_KEYS = frozenset({"channels", "metadata", *EPOCH_KEYS})
+
+class Keys(Struct, frozen=True, forbid_unknown_fields=True):
+    """An object of a stream."""
+
+
+class ChannelKeys(Keys, frozen=True):
+    """A channel: what an Input has, as JSON."""
+
+    label: str
+    rate: Annotated[float | str, Meta(description="the ticks per second")]
+    unit: str = "1"
+    quantity: str = ""
+    axis: str = ""
+    group: str = ""
+    body_site: str = ""
+    device: str = ""
+    calibration: Annotated[tuple[int, ...], Meta(min_length=1, max_length=3)] | None = None
+    """A, B and D."""
+    bits: int = 24
+    lsb: float | None = None
+
+    def made(self) -> Input:
+        given = asdict(self) | {"unit": to_ucum(self.unit)}
+        if self.calibration is not None:
+            given["calibration"] = Calibration(*self.calibration)
+        return Input(**given)
+
+
+class HeaderKeys(Keys, frozen=True):
+    """What stands at the beginning of a stream."""
+
+    channels: Annotated[tuple[ChannelKeys, ...], Meta(min_length=1)]
+    metadata: dict[str, Any] = msgspec.field(default_factory=dict)
+    epoch_ns: int | Literal["now"] | UnsetType | None = UNSET
+    epoch_uncertainty_ns: int | UnsetType = UNSET
+
+    def made(self) -> Header:
+        epoch = {"epoch_ns": self.epoch_ns, "epoch_uncertainty_ns": self.epoch_uncertainty_ns}
+        given = {key: value for key, value in epoch.items() if value is not UNSET}
+        return Header([each.made() for each in self.channels], self.metadata, given)
+
+
+class Action(OneOf):
+    """An object after the header; docs/streams.md says what each does."""
+
+    __slots__ = ()
+
+
+class Values(Keys, Action, frozen=True):
+    values: tuple[float | None, ...]
+    channel: int | str
+    tick: int | None = None
+
+
+class Mark(Keys, Action, frozen=True):
+    mark: str
+    time: float | None = None
+    duration: float | None = None
+    channel: int | str | None = None
+    layer: str | None = None
+
+
+class Clock(Keys, Action, frozen=True):
+    clock: str
+    tick: int
+    time_ns: int
+    channel: int | str | None = None
+    uncertainty_ns: int | None = None
+
+
+class Add(Keys, Action, frozen=True):
+    add: ChannelKeys
+
+
+class Skip(Keys, Action, frozen=True):
+    skip: int
+    channel: int | str | None = None
+
+
+class Flush(Keys, Action, frozen=True):
+    flush: Any
+
+
+class More(Keys, Action, frozen=True):
+    metadata: dict[str, Any]
+
+
+ACTIONS = (Values, Mark, Clock, Add, Skip, Flush, More)
+Action.kinds = {kind.__struct_fields__[0]: kind for kind in ACTIONS}
 
 
 @dataclass
@@ -40,15 +130,6 @@ class Session:
         self.recorder: Recorder | None = None
         self.tick = 0
         """Of the next row."""
-        self.actions: dict[str, Callable[[dict[str, Any]], None]] = {
-            "values": self.values,
-            "mark": self.mark,
-            "clock": self.clock,
-            "add": self.add,
-            "skip": self.skip,
-            "flush": self.flush,
-            "metadata": self.metadata,
-        }
 
     def start(self, header: Header) -> None:
         self.recorder = self.begin(header)
@@ -63,15 +144,32 @@ class Session:
     def object(self, given: dict[str, Any]) -> None:
         """A header, or one of the actions."""
         if self.recorder is None:
-            self.start(header_of(given))
-            return
-        if "channels" in given:
+            self.start(read(HeaderKeys, given).made())
+        elif "channels" in given:
             raise ParameterError("a stream can have only one header")
-        for key, action in self.actions.items():
-            if key in given:
-                action(given)
-                return
-        raise ParameterError(f"an object has one of {', '.join(self.actions)}")
+        else:
+            self.act(read(Action, given))
+
+    def act(self, action: Action) -> None:
+        recorder = self.running
+        match action:
+            case Values(values, channel, tick):
+                found = np.array([np.nan if v is None else v for v in values], np.float64)
+                self.samples(channel, found, tick)
+            case Mark(text, time, duration, channel, layer):
+                recorder.mark(text, time, duration or 0, channel, layer=layer or "")
+            case Clock(name, tick, time_ns, channel, uncertainty_ns):
+                recorder.clock(name, channel, tick, time_ns, uncertainty_ns or 0)
+            case Add(given):
+                recorder.add(given.made())
+            case Skip(ticks, channel) if channel is not None:
+                recorder.skip(channel, ticks)
+            case Skip(ticks):
+                self.tick += max(ticks, 0)
+            case Flush():
+                recorder.flush()
+            case More(metadata):
+                recorder.metadata.update(metadata)
 
     def rows(self, values: NDArray[Any], tick: int | None = None) -> None:
         """Rows [ticks, channels], NaN where a sample is missing."""
@@ -116,74 +214,6 @@ class Session:
         else:
             recorder.write(place, values, tick)
 
-    def values(self, given: dict[str, Any]) -> None:
-        channel, values = only(given, "channel", "values", tick=None)
-        if not isinstance(values, list):
-            raise ParameterError("values are a list of numbers")
-        try:
-            array = np.array([np.nan if v is None else v for v in values], np.float64)
-        except (TypeError, ValueError, OverflowError):
-            raise ParameterError(
-                "values must be a list of numbers; null marks a missing one"
-            ) from None
-        self.samples(channel, array, whole_number(given.get("tick"), "tick"))
-
-    def mark(self, given: dict[str, Any]) -> None:
-        only(given, "mark", time=None, duration=None, channel=None, layer=None)
-        self.running.mark(
-            given["mark"],
-            given.get("time"),
-            given.get("duration") or 0,
-            given.get("channel"),
-            layer=given.get("layer") or "",
-        )
-
-    def clock(self, given: dict[str, Any]) -> None:
-        name, tick, time_ns = only(
-            given, "clock", "tick", "time_ns", channel=None, uncertainty_ns=None
-        )
-        self.running.clock(
-            name, given.get("channel"), tick, time_ns, given.get("uncertainty_ns") or 0
-        )
-
-    def add(self, given: dict[str, Any]) -> None:
-        only(given, "add")
-        self.running.add(input_of(given["add"]))
-
-    def skip(self, given: dict[str, Any]) -> None:
-        only(given, "skip", channel=None)
-        ticks, channel = whole_number(given["skip"], "skip") or 0, given.get("channel")
-        if channel is None:
-            self.tick += max(ticks, 0)
-        else:
-            self.running.skip(channel, ticks)
-
-    def flush(self, given: dict[str, Any]) -> None:
-        only(given, "flush")
-        self.running.flush()
-
-    def metadata(self, given: dict[str, Any]) -> None:
-        (metadata,) = only(given, "metadata")
-        if not isinstance(metadata, dict):
-            raise ParameterError("metadata must be a JSON object")
-        self.running.metadata.update(metadata)
-
-
-def only(given: dict[str, Any], *keys: str, **optional: None) -> list[Any]:
-    """The values of ``keys``, all of them there, and no keys that are not known."""
-    missing = [key for key in keys if key not in given]
-    unknown = sorted(set(given) - {*keys, *optional})
-    if missing or unknown:
-        what = f"misses {missing[0]!r}" if missing else f"has an unknown {unknown[0]!r}"
-        raise ParameterError(f"an object with {keys[0] if keys[0] in given else keys[1]!r} {what}")
-    return [given[key] for key in keys]
-
-
-def whole_number(value: Any, name: str) -> int | None:
-    if value is not None and (not isinstance(value, int) or isinstance(value, bool)):
-        raise ParameterError(f"{name} is an integer, not {value!r}")
-    return value
-
 
 def whole(values: NDArray[np.float64]) -> NDArray[np.int64]:
     """Counts that came as text or floats."""
@@ -194,41 +224,3 @@ def whole(values: NDArray[np.float64]) -> NDArray[np.int64]:
         odd = float(values[counts != values].flat[0])
         raise ParameterError(f"{odd!r} is not an integer count, but the calibration requires one")
     return counts
-
-
-def header_of(given: dict[str, Any]) -> Header:
-    unknown = sorted(set(given) - HEADER_KEYS)
-    channels = given.get("channels")
-    if unknown or not isinstance(channels, list) or not channels:
-        raise ParameterError(
-            f"a header has no {unknown[0]!r}" if unknown else "a header has a list of channels"
-        )
-    metadata = given.get("metadata", {})
-    if not isinstance(metadata, dict):
-        raise ParameterError("metadata must be a JSON object")
-    epoch: dict[str, Any] = {key: given[key] for key in EPOCH_KEYS if key in given}
-    return Header([input_of(channel) for channel in channels], metadata, epoch)
-
-
-def input_of(given: Any) -> Input:
-    """An Input of its fields as JSON; a calibration is a list of A, B and D."""
-    if not isinstance(given, dict):
-        raise ParameterError("a channel is an object with label and rate")
-    unknown = sorted(set(given) - INPUT_KEYS)
-    if unknown or not {"label", "rate"} <= set(given):
-        what = f"has no {unknown[0]!r}" if unknown else "has a label and a rate"
-        raise ParameterError(f"a channel {what}; known: {', '.join(sorted(INPUT_KEYS))}")
-    for key in INPUT_KEYS & set(given) - {"rate", "calibration", "bits", "lsb"}:
-        if not isinstance(given[key], str):
-            raise ParameterError(f"the {key} of a channel is a text")
-    if "unit" in given:
-        given = {**given, "unit": to_ucum(given["unit"])}
-    calibration = given.get("calibration")
-    try:
-        if calibration is not None:
-            calibration = Calibration(*calibration)
-        return Input(**{**given, "calibration": calibration})
-    except (TypeError, ValueError):
-        raise ParameterError(
-            "a channel has numbers for rate, bits and lsb, and [A, B, D] for calibration"
-        ) from None

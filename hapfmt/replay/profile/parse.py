@@ -163,6 +163,11 @@ class ActuatorKeys(Keys, frozen=True):
 class FieldKeys(OneOf):
     """A part of a report."""
 
+    __slots__ = ()
+
+    def made(self) -> Field:
+        raise NotImplementedError
+
 
 class ConstKeys(Keys, FieldKeys, frozen=True):
     """Bytes that never change."""
