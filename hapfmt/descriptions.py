@@ -208,7 +208,7 @@ def wrong_key(table: type[Struct], values: dict[Any, Any], at: str) -> Descripti
     known = {each.encode_name: each for each in fields_of(table)}
     for key in values:
         if key not in known:
-            near = similar(str(key), known)
+            near = similar(str(key)[:LONGEST], known)
             hint = f"did you mean {near}?" if near else f"known: {', '.join(known)}"
             return DescriptionError(joined(at, str(key)), f"is not a known key; {hint}")
     for key, each in known.items():
@@ -257,7 +257,7 @@ def advice(value: Any, node: dict[str, Any]) -> str:
         return f"is {named(value)}; write {words(node)}{end}"
     whole, node = words(node), fitting[0]
     if "enum" in node:
-        near = similar(value, node["enum"]) if isinstance(value, str) else None
+        near = similar(value[:LONGEST], node["enum"]) if isinstance(value, str) else None
         hint = f"did you mean {near!r}?" if near else f"choose {whole}"
         return f"there is no {shown(value)}; {hint}"
     limited = {"maxLength", "minLength", "maxItems", "minItems"} & node.keys()

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from .errors import ParameterError, UnknownChannelError
 
 SHOWN = 30
 """Names that a message lists."""
@@ -26,6 +29,36 @@ def matching(pattern: str, names: Sequence[str]) -> list[int]:
     if pattern in names or not any(sign in pattern for sign in "*?["):
         return []
     return [place for place, name in enumerate(names) if fnmatchcase(name, pattern)]
+
+
+def channels_called(names: Any, labels: Mapping[int, str]) -> list[int]:
+    """Numbers of channels by label or number, in the order asked for; ``labels`` by number.
+
+    A text that is no label but a number is taken as one; others may be patterns such as "pos_*".
+    Negative numbers count from the end. Of several channels of one label the first is meant.
+    """
+    if isinstance(names, (slice, set, frozenset, dict)) or not isinstance(
+        names, (str, int, Iterable)
+    ):
+        raise ParameterError(
+            f"channels are a label, a number or a list of them, not a {type(names).__name__}"
+        )
+    numbers = [*labels]
+    by_label = {labels[number]: number for number in reversed(numbers)}
+    by_number = {str(number): number for number in numbers}
+    by_number |= {str(i - len(numbers)): number for i, number in enumerate(numbers)}
+    chosen = []
+    for name in [names] if isinstance(names, (str, int)) else names:
+        found = by_label.get(name) if isinstance(name, str) else None
+        found = by_number.get(str(name)) if found is None else found
+        if found is not None:
+            chosen.append(found)
+            continue
+        several = matching(name, [*labels.values()]) if isinstance(name, str) else []
+        if not several:
+            raise UnknownChannelError(unknown("channel", name, labels))
+        chosen += [numbers[place] for place in several]
+    return chosen
 
 
 def unknown(kind: str, name: object, known: Iterable[str] | Mapping[int, str]) -> str:

@@ -133,6 +133,12 @@ class TestRefusals:
         with pytest.raises(hapfmt.UnsupportedError, match=r"255 .* leave its channels out"):
             subset(data, [1])
 
+    def test_channels_by_pattern_and_from_the_end(self) -> None:
+        data = made("lossless")
+        for channels in ("[ab]", [0, -2], ["b", "a"]):
+            part, _ = subset(data, channels)
+            assert hapfmt.read(part).labels == ["a", "b"]
+
     def test_wrong_use(self, tmp_path: Any) -> None:
         data = made("lossless")
         wrong = [

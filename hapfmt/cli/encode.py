@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from ..errors import ParameterError
-from ..names import unknown
+from ..names import channels_called
 from .common import (
     HAPF,
     AmountType,
@@ -236,14 +236,9 @@ def with_vector(recording: Recording, names: list[str], group: str) -> Recording
     """The recording with these channels as the axes x, y, z ... of one group."""
     channels = list(recording.channels)
     labels = [channel.label for channel in channels]
-    if not 2 <= len(names) <= len(AXES):
+    places = channels_called(names, dict(enumerate(labels)))
+    if not 2 <= len(places) <= len(AXES):
         raise ParameterError(f"a vector has 2 to {len(AXES)} axes: {','.join(names)}")
-    places = []
-    for name in names:
-        place = labels.index(name) if name in labels else int(name) if name.isdecimal() else -1
-        if not 0 <= place < len(channels):
-            raise ParameterError(unknown("channel", name, dict(enumerate(labels))))
-        places.append(place)
     if places != list(range(places[0], places[0] + len(places))):
         raise ParameterError(
             f"the axes of a vector must be neighbours in the recording, in order: "

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..errors import ParameterError
-from ..names import unknown
+from ..names import channels_called
 from .common import ARRAYS, HAPF, input_of, load_recording, parse_channels, suffix_of
 
 if TYPE_CHECKING:
     from ..limits import Limits
-    from ..recording import Recording
     from ..survey.parts import Parts
 
 
@@ -45,21 +44,8 @@ def open_parts(
     recording, _ = load_recording(name, format_, rate, limits, transpose=transpose)
     labels = [channel.label for channel in recording.channels]
     names: Sequence[str | int] | None = numbers or parse_channels(channels, labels)
-    return RecordingParts(recording, None if names is None else places(recording, names))
-
-
-def places(recording: Recording, names: Sequence[str | int]) -> list[int]:
-    """Of channels by label, or by number."""
-    labels = [channel.label for channel in recording.channels]
-    found = []
-    for name in names:
-        if isinstance(name, str) and name in labels:
-            found.append(labels.index(name))
-        elif str(name).isascii() and str(name).isdecimal() and int(name) < len(labels):
-            found.append(int(name))
-        else:
-            raise ParameterError(unknown("channel", name, dict(enumerate(labels))))
-    return found
+    places = None if names is None else channels_called(names, dict(enumerate(labels)))
+    return RecordingParts(recording, places)
 
 
 def matched(

@@ -159,7 +159,7 @@ def record(
     with warnings.catch_warnings(), ExitSignals() as stopping:
         warnings.simplefilter("ignore", RuntimeWarning)
         try:
-            with opened(source) as descriptor, StatusLine(stream) as line:
+            with opened(source) as descriptor, RecordStatus(stream) as line:
                 for data in pieces(descriptor, stopping, line):
                     stream.feed(data)
             if not stopping.asked:
@@ -254,7 +254,7 @@ def opened(source: str) -> Iterator[int]:
         os.close(descriptor)
 
 
-def pieces(descriptor: int, stopping: ExitSignals, line: StatusLine) -> Iterator[bytes]:
+def pieces(descriptor: int, stopping: ExitSignals, line: RecordStatus) -> Iterator[bytes]:
     """What comes, as it comes, until the end or a signal."""
     while not stopping.asked:
         if os.name != "nt":
@@ -275,21 +275,12 @@ def pieces(descriptor: int, stopping: ExitSignals, line: StatusLine) -> Iterator
         yield data
 
 
-class StatusLine:
-    """One line on a terminal, over and over."""
-
+class RecordStatus(screen.StatusLine):
     def __init__(self, stream: Any) -> None:
+        super().__init__()
         self.stream = stream
-        self.shown = sys.stderr.isatty()
         self.wait_s = TOLD_S if self.shown else None
         self.next = time.monotonic() + TOLD_S
-
-    def __enter__(self) -> StatusLine:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self.shown:
-            screen.status("")
 
     def tell(self) -> None:
         recorder = self.stream.recorder
@@ -300,4 +291,4 @@ class StatusLine:
         text = f"{summary(status)}, {status.queued_size >> 10} KiB waiting"
         if status.dropped:
             text += f", {counted(status.dropped_count, 'sample')} dropped"
-        screen.status(text)
+        self.show(text)

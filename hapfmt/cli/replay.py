@@ -340,7 +340,7 @@ def performed(
     from ..replay.process.keys import Keys
     from ..replay.process.player import play
 
-    with StatusLine() as line, Keys() as keys:
+    with ReplayStatus() as line, Keys() as keys:
         return play(
             renderer,
             renderer.profile,
@@ -353,26 +353,12 @@ def performed(
         )
 
 
-class StatusLine:
-    """One line on a terminal, over and over."""
-
-    def __init__(self) -> None:
-        self.shown = sys.stderr.isatty()
-
-    def __enter__(self) -> StatusLine:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self.shown:
-            screen.status("")
-
+class ReplayStatus(screen.StatusLine):
     def tell(self, status: Status) -> None:
-        if self.shown:
-            text = (
-                f"{status.state} {status.position_s:.1f} s, {status.sent} frames, "
-                f"{status.skipped} skipped, at most {status.max_late_us:.0f} us late"
-            )
-            screen.status(text)
+        self.show(
+            f"{status.state} {status.position_s:.1f} s, {status.sent} frames, "
+            f"{status.skipped} skipped, at most {status.max_late_us:.0f} us late"
+        )
 
 
 def tell_plan(renderer: Renderer, gain: float) -> None:

@@ -13,6 +13,8 @@ from typing import Any, BinaryIO
 
 import click
 
+from ..closing import Closing
+
 REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
 JOINED = "\N{NO-BREAK SPACE}"
 """Between a number and its unit: lines do not break here. Shown as a space."""
@@ -61,6 +63,20 @@ def complain(text: str, more: Sequence[str] = ()) -> None:
 def status(text: str) -> None:
     """A line of standard error that the next one overwrites; only for a terminal."""
     put("\r\x1b[K" + clipped(printable(text), width_of(err=True)), err=True)
+
+
+class StatusLine(Closing):
+    """Shows one line after the other in the same place, and none at the end."""
+
+    def __init__(self) -> None:
+        self.shown = sys.stderr.isatty()
+
+    def show(self, text: str) -> None:
+        if self.shown:
+            status(text)
+
+    def close(self) -> None:
+        self.show("")
 
 
 def document(text: str) -> None:

@@ -10,8 +10,7 @@ from typing import NamedTuple
 from ..container.track import Track
 from ..errors import ParameterError, UnsupportedError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
-from ..names import unknown
-from .original import has_channels, labels_of, ticks_of
+from .original import has_channels, ticks_of
 
 LAST_CHANNEL = 65_534
 
@@ -77,21 +76,6 @@ def lay_out(
             before[track.first_channel] = ids[old]
         places[old] = Place(replace(track, **changes), ticks_of(shift, track.rate))  # type: ignore[arg-type]
     return Plan({old: places[old] for old in kept}, numbers, shift)
-
-
-def numbers_of(tracks: Mapping[int, Track], names: Sequence[str | int] | str | int) -> set[int]:
-    """Channel numbers of labels or numbers; a text that is no label is taken as a number."""
-    known = labels_of(tracks)
-    labels = {known[number]: number for number in sorted(known, reverse=True)}
-    found = set()
-    for name in [names] if isinstance(names, (str, int)) else names:
-        number = labels.get(name) if isinstance(name, str) else None
-        if number is None and str(name).isascii() and str(name).isdecimal():
-            number = int(name)
-        if number is None or number not in known:
-            raise ParameterError(unknown("channel", name, {n: known[n] for n in sorted(known)}))
-        found.add(number)
-    return found
 
 
 def level_for(tracks: Sequence[Track], *levels: Level, largest: int = 0) -> Level:

@@ -12,6 +12,7 @@ from ..container.track import Track
 from ..container.wire import check_file_id
 from ..errors import ParameterError
 from ..limits import LEVELS
+from ..names import channels_called
 from ..numbers import exact
 from ..reading.reader import BANDS, Band
 from ..reading.seconds import Seconds, tick_range
@@ -27,7 +28,7 @@ from .making import (
     with_note,
 )
 from .original import Advance, Input, Original, common_period, has_channels, open_original
-from .plan import lay_out, level_for, numbers_of
+from .plan import lay_out, level_for
 
 
 class Window(NamedTuple):
@@ -97,7 +98,9 @@ def choose(
     """The tracks to keep, as they will be described, by id in the order of the file."""
     tracks = original.tracks
     all_numbers = {n for t in tracks.values() if has_channels(t) for n in t.channels}
-    asked = all_numbers if channels is None else numbers_of(tracks, channels)
+    asked = all_numbers
+    if channels is not None:
+        asked = set(channels_called(channels, dict(sorted(original.labels.items()))))
     residuals = {t.base: t for t in tracks.values() if t.kind == "hf"}
     kept: dict[int, Track] = {}
     along: set[int] = set()

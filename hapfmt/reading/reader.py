@@ -18,11 +18,10 @@ from ..container.walk import Finding
 from ..errors import (
     FormatError,
     ParameterError,
-    UnknownChannelError,
 )
 from ..events import Event
 from ..limits import Limits
-from ..names import matching, unknown
+from ..names import channels_called
 from ..numbers import counted
 from ..numbers import exact as exact_number
 from ..recording import Recording
@@ -187,28 +186,9 @@ class Reader(Closing):
         known = self.channels
         if channels is None:
             return known
-        by_label = {ref.label: ref for ref in reversed(known)}
-        by_number: dict[str, ChannelRef] = {str(ref.number): ref for ref in known}
-        chosen = []
-        by_number |= {str(i - len(known)): ref for i, ref in enumerate(known)}
-        if isinstance(channels, (slice, set, frozenset, dict)) or not isinstance(
-            channels, (str, int, Iterable)
-        ):
-            raise ParameterError(
-                f"channels are a label, a number or a list of them, not a {type(channels).__name__}"
-            )
-        for name in [channels] if isinstance(channels, (str, int)) else channels:
-            found = by_label.get(name) if isinstance(name, str) else None
-            found = found or by_number.get(str(name))
-            if found is not None:
-                chosen.append(found)
-                continue
-            several = matching(name, [ref.label for ref in known]) if isinstance(name, str) else []
-            if not several:
-                labels = {ref.number: ref.label for ref in known}
-                raise UnknownChannelError(unknown("channel", name, labels))
-            chosen += [known[place] for place in several]
-        return chosen
+        by_number = {ref.number: ref for ref in known}
+        labels = {number: ref.label for number, ref in by_number.items()}
+        return [by_number[number] for number in channels_called(channels, labels)]
 
     def read(
         self,
