@@ -301,7 +301,11 @@ class TestHostileText:
         ("record", "z.hapf", "--input", NAME), ("dump", "e.hapf"), ("encode", "e.npz", "-", "--input-format", NAME),
     )  # fmt: skip
 
-    @pytest.mark.parametrize("words", PATHS, ids=lambda words: ascii(" ".join(words))[1:60])
+    @pytest.mark.parametrize(
+        "words",
+        sample(((words,) for words in PATHS), 2),
+        ids=lambda words: ascii(" ".join(words))[1:60],
+    )
     def test_no_control_character_reaches_the_terminal(
         self, words: tuple[str, ...], evil: Path
     ) -> None:

@@ -14,7 +14,7 @@ import pytest
 from case import numbers
 from depth import PROFILE, either
 from runner.manifest import load, rules, select
-from suite import CONFORMANCE, PROGRAMS, ROOT, called
+from suite import CONFORMANCE, PROGRAMS, ROOT
 
 FAKE = Path(__file__).resolve().parent / "fake_adapter.py"
 COUNTS = [5, 6, 7, -8]
@@ -81,12 +81,13 @@ def run(room: Path, command: list[str], *options: str, caps=("--timeout", "20"))
     """Exit code, text, and the JSON outcome of run.py."""
     out = room / "out.json"
     out.unlink(missing_ok=True)
-    code, text = called(
-        "--cases", str(room), "--json", str(out), "--impl", shlex.join(command),
-        "--referee", shlex.join(command), "--jobs", "1", *caps, *options,
+    done = subprocess.run(
+        [sys.executable, "-S", str(CONFORMANCE / "run.py"), "--cases", str(room), "--json", str(out),
+         "--impl", shlex.join(command), "--referee", shlex.join(command), "--jobs", "1", *caps, *options],
+        capture_output=True, text=True, check=False,
     )  # fmt: skip
     told = json.loads(out.read_text()) if out.exists() else None
-    return code, text, told and told["runs"][0]
+    return done.returncode, done.stdout + done.stderr, told and told["runs"][0]
 
 
 def test_an_adapter_that_does_well(room, tmp_path):
@@ -310,7 +311,8 @@ def compiled(folder: Path, source: str) -> Path:
 
 def test_the_adapter_in_c_passes_its_profile_and_a_wrong_one_does_not(tmp_path):
     source = (CONFORMANCE / "adapters" / "c" / "knot.c").read_text(encoding="utf-8")
-    done = own("--json", str(tmp_path / "c.json"), impl=str(compiled(tmp_path, source)))
+    outcome = ("--set", "valid", "--json", str(tmp_path / "c.json"))
+    done = own(*outcome, impl=str(compiled(tmp_path, source)))
     assert done.returncode == 0, done.stdout
     counts = json.loads((tmp_path / "c.json").read_text())["runs"][0]["counts"]["all"]
     assert counts["passed"] >= 20

@@ -36,7 +36,7 @@ class Referee(Implementation):
 
 @pytest.fixture(scope="module")
 def referee():
-    made = Referee(suite.PROGRAMS["hapfmt"], Caps(60, 1 << 30))
+    made = Referee(suite.PROGRAMS["hapfmt"], Caps(60, 8 << 30))
     made.local = SimpleNamespace()
     yield made
     super(Referee, made).close()
@@ -57,7 +57,9 @@ class TestEncoders:
         entry = {"set": "encode", "name": "job", "about": "A job.", "requirements": ["DBC-002"], "files": ["job.json", "a.raw"]}  # fmt: skip
         (room / "manifest.json").write_text(json.dumps({"format": "1.0", "cases": [entry]}))
         program = [sys.executable, str(WRONG), deed]
-        return suite.called("--cases", str(room), "--jobs", "1", "--impl", shlex.join(program))
+        return suite.called(
+            "--cases", str(room), "--jobs", "1", "--memory", "8192", "--impl", shlex.join(program)
+        )
 
     @pytest.mark.parametrize(
         ("mode", "deed", "said"),

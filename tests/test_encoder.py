@@ -75,7 +75,7 @@ class TestAnyRecording:
 
     @given(recordings(), encoder_settings())
     def test_canonical_bytes(self, recording, settings):
-        """WRT-002: A writer MUST choose the file id at random. In canonical mode the id is an input or follows from the content. No time of day, host, user or random number enters the file: the same input and settings give the same bytes with the same encoder version."""
+        """WRT-002: A writer MUST choose the file id at random. In canonical mode the id is an input or follows from the content. No time of day, host, user or random number enters the file: the same input and settings give the same bytes with the same encoder version on the same machine."""
         assert encoded(recording, settings) == encoded(recording, settings)
 
 

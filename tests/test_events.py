@@ -256,7 +256,7 @@ class TestWriting:
 
     def test_canonical(self):
         """
-        WRT-002: A writer MUST choose the file id at random. In canonical mode the id is an input or follows from the content. No time of day, host, user or random number enters the file: the same input and settings give the same bytes with the same encoder version.
+        WRT-002: A writer MUST choose the file id at random. In canonical mode the id is an input or follows from the content. No time of day, host, user or random number enters the file: the same input and settings give the same bytes with the same encoder version on the same machine.
         """
         recording = self.recording(Event(0, "a", layer="q"), Event(0, "b", layer="p"))
         assert written(recording) == written(recording)

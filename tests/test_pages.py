@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from depth import deep
 from pages import (
     PAGES,
     README,
@@ -32,7 +33,7 @@ def test_page_runs(page: Path, tmp_path: Path) -> None:
     walk(page, tmp_path, run_shown)
 
 
-@pytest.mark.parametrize("run", [run_in_terminal, run_piped])
+@pytest.mark.parametrize("run", [run_in_terminal, *deep([run_piped])])
 def test_readme_runs_anywhere(tmp_path: Path, run: Callable[[Command, Path], None]) -> None:
     walk(README, tmp_path, run, python=False)
 

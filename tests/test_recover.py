@@ -385,7 +385,7 @@ def test_what_is_no_file_is_refused(tmp_path):
 
 def test_the_file_id_is_new():
     """
-    WRT-002: A writer MUST choose the file id at random. In canonical mode the id is an input or follows from the content. No time of day, host, user or random number enters the file: the same input and settings give the same bytes with the same encoder version.
+    WRT-002: A writer MUST choose the file id at random. In canonical mode the id is an input or follows from the content. No time of day, host, user or random number enters the file: the same input and settings give the same bytes with the same encoder version on the same machine.
     """
     ids = set()
     for _ in range(3):

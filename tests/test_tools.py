@@ -61,6 +61,7 @@ def run(*words: str, cwd: Path, **environment: str) -> subprocess.CompletedProce
 
 
 class TestAfterAnInstallationThatIsNotInPlace:
+    @pytest.mark.deep
     def test_a_report_measures_the_installed_copy(self, clone, site, tmp_path):
         out = tmp_path / "out"
         words = ("--quick", "--only", "paper", "--no-data", "-o", str(out))

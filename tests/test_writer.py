@@ -49,7 +49,7 @@ def test_chunks_are_written_in_one_piece():
 
 
 def test_file_ids_are_random_outside_canonical_mode():
-    """WRT-002: A writer MUST choose the file id at random. In canonical mode the id is an input or follows from the content. No time of day, host, user or random number enters the file: the same input and settings give the same bytes with the same encoder version."""
+    """WRT-002: A writer MUST choose the file id at random. In canonical mode the id is an input or follows from the content. No time of day, host, user or random number enters the file: the same input and settings give the same bytes with the same encoder version on the same machine."""
     ids = set()
     for _ in range(8):
         stream = io.BytesIO()
