@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 from .version import SPEC_VERSION, __version__
 
 if TYPE_CHECKING:
-    from .clocks import fit_clock
-    from .container.clocks import ClockMap, ClockObservation
+    from .reading.clocks import fit_clock
+    from .format.clocks import ClockMap, ClockObservation
     from .convert import load, read, save
     from .encoder.settings import Settings
     from .errors import (
@@ -34,16 +34,16 @@ if TYPE_CHECKING:
     )
     from .events import Event
     from .limits import Limits
-    from .live.inputs import Input
-    from .live.recorder import Recorder
-    from .live.status import Status
+    from .encoder.inputs import Input
+    from .writing.recorder import Recorder
+    from .writing.status import Status
     from .reading.follow import Follower
     from .reading.reader import Reader
     from .recording import Calibration, Channel, Recording, Span
-    from .recovery.inplace import recover_in_place
-    from .recovery.recover import recover
-    from .verifier import verify
-    from .writer import Summary, write
+    from .edit.inplace import recover_in_place
+    from .edit.recover import recover
+    from .reading.verifier import verify
+    from .writing.writer import Summary, write
 
 _PLACES = {
     "Reader": "reading.reader",

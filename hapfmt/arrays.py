@@ -88,7 +88,7 @@ def _recording_of_frame(
     units: Units | None,
 ) -> Recording:
     """A pandas.DataFrame: a channel for each column, the rows placed by the times of the index."""
-    from .convert.times import time_name
+    from .times import time_name
 
     columns = [str(name) for name in frame.columns]
     known = frame.attrs.get("units") if units is None else None
@@ -288,7 +288,7 @@ def _grid_of_index(
 
     Times are placed as those of a .csv file. An index named "t [ms]" holds milliseconds.
     """
-    from .convert.times import Stamps, time_name
+    from .times import Stamps, time_name
 
     kind = getattr(index.dtype, "kind", "O")
     given = None if rate is None else hertz(rate)

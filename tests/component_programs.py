@@ -22,9 +22,9 @@ from hapfmt.codecs.quantised import Alphabet, QuanParameters, decode_levels, dec
 from hapfmt.codecs.raw import RawParameters, decode_raw
 from hapfmt.codecs.sine import SINES
 from hapfmt.codecs.values import ordered, unordered, values_of
-from hapfmt.container.tlv import parse_strings
-from hapfmt.container.track import Affine
-from hapfmt.container.wire import crc32, seed_of
+from hapfmt.format.tlv import parse_strings
+from hapfmt.format.track import Affine
+from hapfmt.format.wire import crc32, seed_of
 from hapfmt.errors import FormatError
 from hapfmt.integers import build_svarint, build_varint, clamp, parse_svarint, parse_varint, rdiv
 from hapfmt.limits import LEVELS

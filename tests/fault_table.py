@@ -27,21 +27,21 @@ from hapfmt.codecs.predicted import decode_indices
 from hapfmt.codecs.quantised import QuanParameters, decode_quantised
 from hapfmt.codecs.raw import RawParameters, decode_raw
 from hapfmt.codecs.varints import parse_varints
-from hapfmt.container.clocks import parse_clock, parse_map
-from hapfmt.container.cluster import parse_cluster
-from hapfmt.container.description import parse_description
-from hapfmt.container.extras import parse_attachment, parse_metadata
-from hapfmt.container.index import IndexEntry, check_listing, parse_foot, parse_index
-from hapfmt.container.source import BytesSource
-from hapfmt.container.tlv import parse_strings, parse_tlvs
-from hapfmt.container.track import Affine, TrackTable
-from hapfmt.container.wire import cluster_seed, parse_head, parse_header
+from hapfmt.format.clocks import parse_clock, parse_map
+from hapfmt.format.cluster import parse_cluster
+from hapfmt.format.description import parse_description
+from hapfmt.format.extras import parse_attachment, parse_metadata
+from hapfmt.format.index import IndexEntry, check_listing, parse_foot, parse_index
+from hapfmt.format.source import BytesSource
+from hapfmt.format.tlv import parse_strings, parse_tlvs
+from hapfmt.format.track import Affine, TrackTable
+from hapfmt.format.wire import cluster_seed, parse_head, parse_header
 from hapfmt.integers import parse_varint
 from hapfmt.limits import LEVELS, Limits
 from hapfmt.reading.catalogue import ChunkRef
 from hapfmt.reading.opening import index_entries, open_catalogue
 from hapfmt.reading.reader import Reader
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 AT = 100
 ONE, TWO = LEVELS[1], LEVELS[2]

@@ -19,10 +19,10 @@ from hapfmt.codecs.predicted import DIFFERENCE_LIMIT, INDEX_LIMIT, Predictor, en
 from hapfmt.codecs.quantised import Alphabet, QuanParameters, encode_quantised
 from hapfmt.codecs.raw import DTYPES, RawParameters, encode_raw
 from hapfmt.codecs.references import Reference
-from hapfmt.container.clocks import ClockMap, ClockObservation
-from hapfmt.container.cluster import Packet
-from hapfmt.container.track import WORD_SIZES, Affine, Component, Contract, Track
-from hapfmt.container.wire import ChunkHeader, Head
+from hapfmt.format.clocks import ClockMap, ClockObservation
+from hapfmt.format.cluster import Packet
+from hapfmt.format.track import WORD_SIZES, Affine, Component, Contract, Track
+from hapfmt.format.wire import ChunkHeader, Head
 from hapfmt.encoder.settings import Settings
 from hapfmt.encoder.tolerance import Tolerance
 from hapfmt.events import Event

@@ -178,7 +178,7 @@ def test_only_a_split_loads_scipy():
     filtered."""
     code = """
 import io, sys, hapfmt
-from hapfmt.scenes import load_scene, simulate
+from hapfmt.lab.scenes import load_scene, simulate
 recording, _ = simulate(load_scene("everything").changed(seconds=0.05))
 for preset in ("lossless", "near-lossless", "perceptual", "paper"):
     hapfmt.write(recording, io.BytesIO(), hapfmt.Settings.of(preset))
@@ -202,7 +202,7 @@ def test_a_dry_run_loads_the_encoder_for_a_hapf_record_alone(record, tmp_path):
     code = f"from hapfmt.cli import cli; assert not cli.main({words!r}, standalone_mode=False)"
     found = modules_after(code)
     assert "hapfmt.replay.render.renderer" in found
-    encoders = {name for name in found if name.startswith(("hapfmt.encoder", "hapfmt.live"))}
+    encoders = {name for name in found if name.startswith(("hapfmt.encoder", "hapfmt.writing"))}
     assert bool(encoders) is (record == "sent.hapf")
     others = "encode gridded live_exact references texture"
     assert not encoders & {f"hapfmt.encoder.{name}" for name in others.split()}

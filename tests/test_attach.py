@@ -18,9 +18,9 @@ from terminal import called
 
 import hapfmt
 from hapfmt import edit
-from hapfmt.appending import open_append
-from hapfmt.container.extras import Attachment
-from hapfmt.container.wire import HEADER_SIZE
+from hapfmt.writing.appending import open_append
+from hapfmt.format.extras import Attachment
+from hapfmt.format.wire import HEADER_SIZE
 from hapfmt.edit.attach import free_name
 from hapfmt.edit.extras import same
 

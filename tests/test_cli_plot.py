@@ -18,11 +18,11 @@ from hapfmt.cli import cli, plot
 from hapfmt.cli.parts import open_parts
 from hapfmt.errors import MissingExtraError, ParameterError
 from hapfmt.limits import Limits
-from hapfmt.plotting import difference, style
-from hapfmt.plotting import pages as layout
-from hapfmt.plotting.pages import grid_shape, placed
+from hapfmt.lab.plotting import difference, style
+from hapfmt.lab.plotting import pages as layout
+from hapfmt.lab.plotting.pages import grid_shape, placed
 from hapfmt.recording import Calibration, Channel, Recording
-from hapfmt.survey.compare import compare, pair_up
+from hapfmt.lab.survey.compare import compare, pair_up
 
 pytest.importorskip("matplotlib")
 from matplotlib.colors import to_hex

@@ -14,18 +14,10 @@ from hypothesis import strategies as st
 from judge import rule
 from page import BrokenRule
 
-from hapfmt.container.cluster import (
-    HEAD_ROOM,
-    ROW_ROOM,
-    Packet,
-    alone_size,
-    build_cluster,
-    parse_cluster,
-    parse_table_head,
-)
-from hapfmt.container.salvage import Hole, salvage_cluster
-from hapfmt.container.track import Component, Track
-from hapfmt.container.wire import cluster_seed
+from hapfmt.format.cluster import HEAD_ROOM, ROW_ROOM, Packet, alone_size, build_cluster, parse_cluster, parse_table_head
+from hapfmt.format.salvage import Hole, salvage_cluster
+from hapfmt.format.track import Component, Track
+from hapfmt.format.wire import cluster_seed
 from hapfmt.errors import FormatError
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDecoder

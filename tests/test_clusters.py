@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapfmt.live.clusters import PACKET_SAMPLES, Clusters, Rows, pieces_of
-from hapfmt.live.queue import OVERHEAD, Queue
+from hapfmt.writing.clusters import PACKET_SAMPLES, Clusters, Rows, pieces_of
+from hapfmt.writing.queue import OVERHEAD, Queue
 
 
 def rows(channels, start, ticks, value=1, dtype=np.int32):

@@ -39,8 +39,8 @@ from hapfmt.codecs.values import (
     unordered,
     values_of,
 )
-from hapfmt.container.cluster import Packet
-from hapfmt.container.track import Affine, Component, Track
+from hapfmt.format.cluster import Packet
+from hapfmt.format.track import Affine, Component, Track
 from hapfmt.errors import FormatError
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDecoder

@@ -21,7 +21,7 @@ from hapfmt.codecs.knots_coded import (
     decode_indices,
     encode_knots,
 )
-from hapfmt.container.cluster import Packet
+from hapfmt.format.cluster import Packet
 from hapfmt.errors import FormatError, HapfmtError
 from hapfmt.integers import build_varint
 from hapfmt.limits import LEVELS

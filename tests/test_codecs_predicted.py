@@ -29,7 +29,7 @@ from hapfmt.codecs.predicted import (
     parse_header,
 )
 from hapfmt.codecs.sine import SINES
-from hapfmt.container.cluster import Packet
+from hapfmt.format.cluster import Packet
 from hapfmt.deadband import Deadband
 from hapfmt.encoder.predict import encode_best
 from hapfmt.errors import FormatError, HapfmtError

@@ -35,8 +35,8 @@ from test_edit import merge, split_up, subset
 
 import hapfmt
 from hapfmt import edit
-from hapfmt.appending import open_append
-from hapfmt.container.source import BytesSource
+from hapfmt.writing.appending import open_append
+from hapfmt.format.source import BytesSource
 from hapfmt.edit.extras import combined
 from hapfmt.edit.original import Original, common_period
 from hapfmt.edit.times import nearest

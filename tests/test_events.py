@@ -19,17 +19,17 @@ from judge import rule, samples
 import hapfmt
 from hapfmt.cli import cli
 from hapfmt.codecs.layers import coded, event_packets, layer_track, rate_of
-from hapfmt.container.cluster import Packet
-from hapfmt.container.filewriter import FileWriter
-from hapfmt.container.source import BytesSource
-from hapfmt.dump import dump
+from hapfmt.format.cluster import Packet
+from hapfmt.writing.filewriter import FileWriter
+from hapfmt.format.source import BytesSource
+from hapfmt.reading.dump import dump
 from hapfmt.errors import LimitError, ParameterError, UnsupportedError
 from hapfmt.events import Event, in_order
 from hapfmt.limits import Limits
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Calibration, Channel, Recording, Span
-from hapfmt.usage import measure
-from hapfmt.verifier import verify
+from hapfmt.reading.usage import measure
+from hapfmt.reading.verifier import verify
 
 HEAD = ("HEAD", f.head())
 NAMED = f.tlv(2, f.strings("touch"))

@@ -21,10 +21,10 @@ from hypothesis import strategies as st
 from spec import ROOT
 
 from hapfmt.cli import cli
-from hapfmt.container.cluster import Packet
-from hapfmt.container.filewriter import FileWriter
-from hapfmt.container.source import BytesSource
-from hapfmt.container.track import Component, Track
+from hapfmt.format.cluster import Packet
+from hapfmt.writing.filewriter import FileWriter
+from hapfmt.format.source import BytesSource
+from hapfmt.format.track import Component, Track
 from hapfmt.errors import FormatError, ParameterError
 from hapfmt.reading.follow import Follower
 from hapfmt.reading.opening import open_catalogue

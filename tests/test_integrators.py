@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapfmt.errors import ParameterError
-from hapfmt.scenes import stylus
-from hapfmt.scenes.contact import Drive, System, contact_force, energy, work
-from hapfmt.scenes.description import Stroke
-from hapfmt.scenes.integrators import INTEGRATORS, default_step_s, integrate
-from hapfmt.scenes.stroke import StrokeMotion
-from hapfmt.scenes.waves import Grid
+from hapfmt.lab.scenes import stylus
+from hapfmt.lab.scenes.contact import Drive, System, contact_force, energy, work
+from hapfmt.lab.scenes.description import Stroke
+from hapfmt.lab.scenes.integrators import INTEGRATORS, default_step_s, integrate
+from hapfmt.lab.scenes.stroke import StrokeMotion
+from hapfmt.lab.scenes.waves import Grid
 
 STYLUS = System(0.060, 250.0, 3.0, 1e5)
 SYSTEMS = [

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import hapfmt
 from hapfmt.codecs.exact import ExactParameters, decode_exact, lacking_of, parse_parameters
 from hapfmt.codecs.values import LINEAR, Term, linear_values
-from hapfmt.container.track import Affine
+from hapfmt.format.track import Affine
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.linear import (
     FORMS,

@@ -9,7 +9,7 @@ from test_recover import flipped, payload_of, recovered
 
 from hapfmt.reading.losses import LostSpan
 from hapfmt.reading.reader import Reader
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 THREE = f.trak(track_count=3)
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from spec import ROOT
 
-from hapfmt import plotting
+from hapfmt.lab import plotting
 from hapfmt.errors import MissingExtraError, ParameterError
-from hapfmt.plotting import Demonstrated, demo, style
+from hapfmt.lab.plotting import Demonstrated, demo, style
 
 pytest.importorskip("matplotlib")
 sys.path.insert(0, str(ROOT / "tools"))
@@ -148,7 +148,7 @@ def test_missing_matplotlib(tmp_path, monkeypatch):
 
 def test_imports_nothing_heavy_and_never_pyplot(tmp_path):
     code = (
-        "import sys, numpy as np, hapfmt.plotting as p\n"
+        "import sys, numpy as np, hapfmt.lab.plotting as p\n"
         "assert 'matplotlib' not in sys.modules\n"
         "x = np.ones(30)\n"
         f"p.plot_demo({str(tmp_path / 'x.png')!r}, p.Demonstrated(x, x, x, x,"

@@ -7,10 +7,10 @@ import itertools
 import pytest
 
 from hapfmt.errors import ParameterError
-from hapfmt.plotting import opinions
-from hapfmt.plotting.opinions import plot_opinions
-from hapfmt.study.description import SCALE
-from hapfmt.study.summary import Row, mean_of
+from hapfmt.lab.plotting import opinions
+from hapfmt.lab.plotting.opinions import plot_opinions
+from hapfmt.lab.study.description import SCALE
+from hapfmt.lab.study.summary import Row, mean_of
 
 
 def row(name, role="test", k=None, bits=None, values=(50.0, 60.0, 70.0)) -> Row:

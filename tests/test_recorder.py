@@ -22,7 +22,7 @@ from spec import ROOT
 import hapfmt
 from hapfmt import Calibration, Channel, Input, Recorder, Recording, Settings, Span
 from hapfmt.errors import LimitError, ParameterError
-from hapfmt.live.clusters import Grid, Rows
+from hapfmt.writing.clusters import Grid, Rows
 from hapfmt.recording import spans_of
 
 CALIBRATION = Calibration(1, 3, 200)

@@ -10,9 +10,9 @@ from judge import samples
 from test_recover import flipped, packets, payload_of, run
 
 import hapfmt
-from hapfmt.appending import open_append
+from hapfmt.writing.appending import open_append
 from hapfmt.errors import FormatError, ParameterError
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 ROWS = [(0, 4 * i, 4, f.svarint(i)) for i in range(4)]
 WHOLE = f.closed(
@@ -86,7 +86,7 @@ def test_a_file_that_is_being_written_is_refused(path):
 
 
 def test_a_failure_changes_nothing(path, monkeypatch):
-    from hapfmt.recovery import inplace
+    from hapfmt.edit import inplace
 
     bad = flipped(WHOLE, payload_of(WHOLE, "DATA", 1))
     path.write_bytes(bad)

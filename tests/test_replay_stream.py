@@ -23,8 +23,8 @@ from test_losses import GAPS, STEADY, TABLE, payload_of
 from test_recover import flipped
 
 from hapfmt import Calibration, Channel, Recording, Settings
-from hapfmt.container.cluster import Packet
-from hapfmt.container.filewriter import FileWriter
+from hapfmt.format.cluster import Packet
+from hapfmt.writing.filewriter import FileWriter
 from hapfmt.encoder.encode import encode
 from hapfmt.errors import HapfmtError, ParameterError
 from hapfmt.kernels import compiled

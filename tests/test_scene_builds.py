@@ -19,18 +19,9 @@ import hapfmt
 from hapfmt.encoder.split import low_pass
 from hapfmt.encoder.tolerance import Tolerance
 from hapfmt.errors import LimitError, ParameterError
-from hapfmt.scenes import Scene, builtin_names, load_scene, simulate, stroke, waves
-from hapfmt.scenes.description import (
-    FINGERS,
-    INTEGRATORS,
-    Contact,
-    Press,
-    Reach,
-    Stroke,
-    Tool,
-    Touches,
-)
-from hapfmt.scenes.matrix import exponential
+from hapfmt.lab.scenes import Scene, builtin_names, load_scene, simulate, stroke, waves
+from hapfmt.lab.scenes.description import FINGERS, INTEGRATORS, Contact, Press, Reach, Stroke, Tool, Touches
+from hapfmt.lab.scenes.matrix import exponential
 
 BUILT_IN = builtin_names()
 JOINTS = 22
@@ -272,16 +263,16 @@ class TestNothingForNothing:
         """What is not there is not imported, and neither a list nor a description needs numbers."""
         code = """
 import json, sys
-from hapfmt.scenes import builtin_names, load_scene
+from hapfmt.lab.scenes import builtin_names, load_scene
 seen = {}
 def note(name):
-    seen[name] = [m.removeprefix("hapfmt.scenes.") for m in sys.modules
-                  if m.startswith(("hapfmt.scenes.", "numpy", "scipy")) and m.count(".") != 1]
+    seen[name] = [m.removeprefix("hapfmt.lab.scenes.") for m in sys.modules
+                  if m.startswith(("hapfmt.lab.scenes.", "numpy", "scipy")) and m.count(".") != 1]
     seen[name] += [m for m in ("numpy", "scipy") if m in sys.modules]
 for name in builtin_names():
     load_scene(name)
 note("described")
-from hapfmt.scenes import simulate
+from hapfmt.lab.scenes import simulate
 def make(name, *parts):
     simulate(load_scene(name).changed(seconds=0.01).without(*parts))
     note(" ".join((name, *parts)))

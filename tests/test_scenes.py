@@ -10,13 +10,13 @@ import pytest
 
 from hapfmt.encoder.split import low_pass
 from hapfmt.errors import ParameterError
-from hapfmt.scenes import heightfields
-from hapfmt.scenes.description import Contact, Press, Tool
-from hapfmt.scenes.stylus import simulate
-from hapfmt.scenes.tool import system_of
-from hapfmt.scenes.touch import FRICTION, Normal
-from hapfmt.scenes.waves import Grid
-from hapfmt.scenes.work import Work
+from hapfmt.lab.scenes import heightfields
+from hapfmt.lab.scenes.description import Contact, Press, Tool
+from hapfmt.lab.scenes.stylus import simulate
+from hapfmt.lab.scenes.tool import system_of
+from hapfmt.lab.scenes.touch import FRICTION, Normal
+from hapfmt.lab.scenes.waves import Grid
+from hapfmt.lab.scenes.work import Work
 
 TEXTURES = ["stone", "sand", "cork"]
 
@@ -50,7 +50,7 @@ def test_forces_are_those_of_the_scene(texture):
 
 
 def test_flat_plane_is_silent_and_computes_no_height_field(monkeypatch):
-    monkeypatch.setitem(sys.modules, "hapfmt.scenes.heightfields", None)
+    monkeypatch.setitem(sys.modules, "hapfmt.lab.scenes.heightfields", None)
     force = simulate(None).channels[0].samples()
     assert 0.8 < force.mean() < 1.0
     assert (force - low_pass(force, 1000))[500:3700].std() < 0.002

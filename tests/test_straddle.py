@@ -9,9 +9,9 @@ import forge as f
 import pytest
 from judge import samples
 
-from hapfmt.container.source import BytesSource, Source, open_source
-from hapfmt.container.walk import BLOCK_SIZE, FIRST_BLOCK, find_header, walk
-from hapfmt.verifier import verify
+from hapfmt.format.source import BytesSource, Source, open_source
+from hapfmt.format.walk import BLOCK_SIZE, FIRST_BLOCK, find_header, walk
+from hapfmt.reading.verifier import verify
 
 EDGES = (1 << 12, 1 << 16, 1 << 20)
 SHIFTS = range(-1, 34)

@@ -16,9 +16,9 @@ from spec import ROOT
 import hapfmt
 from hapfmt import Calibration, Input, Recorder, Span
 from hapfmt.errors import ParameterError
-from hapfmt.live.frames import HEADER, OBJECT, PAYLOAD_SIZE, ROWS, SAMPLES, build_frame
-from hapfmt.live.lines import LINE_SIZE, Table
-from hapfmt.live.streams import Stream
+from hapfmt.writing.frames import HEADER, OBJECT, PAYLOAD_SIZE, ROWS, SAMPLES, build_frame
+from hapfmt.writing.lines import LINE_SIZE, Table
+from hapfmt.writing.streams import Stream
 
 PAGE = (ROOT / "docs" / "streams.md").read_text("utf-8")
 

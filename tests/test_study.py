@@ -1,4 +1,4 @@
-"""hapfmt.study: descriptions, order, answers, summary."""
+"""hapfmt.lab.study: descriptions, order, answers, summary."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from scipy import stats
 
 import hapfmt
 from hapfmt.errors import HapfmtError, MissingExtraError, ParameterError
-from hapfmt.scenes.stylus import simulate
-from hapfmt.study import sound
-from hapfmt.study.answers import AnswerFile, load_answers, parse_answers
-from hapfmt.study.beginning import new_study
-from hapfmt.study.description import Study, fifth, load_study, parse_study
-from hapfmt.study.order import Trial, order
-from hapfmt.study.outputs import ChannelMap, Device, Felt, Nowhere, WavFiles, plan
-from hapfmt.study.prepare import MANIFEST, prepare
-from hapfmt.study.rating import NotYetError, Rating, heading
-from hapfmt.study.summary import as_json, mean_of, summarise, table_rows
+from hapfmt.lab.scenes.stylus import simulate
+from hapfmt.lab.study import sound
+from hapfmt.lab.study.answers import AnswerFile, load_answers, parse_answers
+from hapfmt.lab.study.beginning import new_study
+from hapfmt.lab.study.description import Study, fifth, load_study, parse_study
+from hapfmt.lab.study.order import Trial, order
+from hapfmt.lab.study.outputs import ChannelMap, Device, Felt, Nowhere, WavFiles, plan
+from hapfmt.lab.study.prepare import MANIFEST, prepare
+from hapfmt.lab.study.rating import NotYetError, Rating, heading
+from hapfmt.lab.study.summary import as_json, mean_of, summarise, table_rows
 
 TEXT = """
 name = "textures"
@@ -471,7 +471,7 @@ class TestOutputs:
         monkeypatch.setitem(sys.modules, "sounddevice", Fake)
         with pytest.raises(ParameterError, match="no sound card plays channel 3"):
             sound.Card(3, None)
-        from hapfmt.study.outputs import SoundCard
+        from hapfmt.lab.study.outputs import SoundCard
 
         card = SoundCard(study, prepared, sound.Card(*sound.parse_card("2/USB Audio")))
         assert card.told == {"kind": "sound", "channel": 2, "device": "USB Audio"}

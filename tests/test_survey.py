@@ -17,14 +17,14 @@ from hapfmt.encoder.tolerance import Tolerance
 from hapfmt.errors import ParameterError
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Calibration, Channel, Recording
-from hapfmt.survey import parts as parts_of
-from hapfmt.survey.compare import compare, pair_up
-from hapfmt.survey.histogram import BINS, Histogram
-from hapfmt.survey.knots import SHOWN
-from hapfmt.survey.outline import LARGEST, Outline
-from hapfmt.survey.parts import FileParts, RecordingParts
-from hapfmt.survey.spectrum import Spectrum
-from hapfmt.survey.views import liveliest, survey
+from hapfmt.lab.survey import parts as parts_of
+from hapfmt.lab.survey.compare import compare, pair_up
+from hapfmt.lab.survey.histogram import BINS, Histogram
+from hapfmt.lab.survey.knots import SHOWN
+from hapfmt.lab.survey.outline import LARGEST, Outline
+from hapfmt.lab.survey.parts import FileParts, RecordingParts
+from hapfmt.lab.survey.spectrum import Spectrum
+from hapfmt.lab.survey.views import liveliest, survey
 
 LSB = Calibration(1, 0, 2000)
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from hapfmt import toml
 from hapfmt.errors import HapfmtError, ParameterError
 from hapfmt.replay.profile.parse import load_profile
-from hapfmt.scenes.library import load_scene
-from hapfmt.study.description import load_study
+from hapfmt.lab.scenes.library import load_scene
+from hapfmt.lab.study.description import load_study
 from hapfmt.toml import MOST_DIGITS, MOST_NESTED, MOST_PARTS, MOST_WORDS, parse_toml
 
 pytestmark = pytest.mark.capped

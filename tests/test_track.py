@@ -15,21 +15,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule, samples
 
-from hapfmt.container.deflate import deflate, inflate
-from hapfmt.container.description import (
-    CHUNK_SIZE,
-    build_description,
-    build_track,
-    chunks_of,
-    parse_description,
-    split,
-)
-from hapfmt.container.lists import round_up
-from hapfmt.container.track import Component, Contract
+from hapfmt.format.deflate import deflate, inflate
+from hapfmt.format.description import CHUNK_SIZE, build_description, build_track, chunks_of, parse_description, split
+from hapfmt.format.lists import round_up
+from hapfmt.format.track import Component, Contract
 from hapfmt.errors import HapfmtError, LimitError, ParameterError, UnsupportedError
 from hapfmt.limits import LEVELS, Limits
 from hapfmt.reading.reader import Reader
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 pytestmark = pytest.mark.capped
 

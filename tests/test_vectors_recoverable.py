@@ -18,7 +18,7 @@ from runner.running import run_case  # noqa: E402
 
 import hapfmt  # noqa: E402
 from hapfmt.conformance import verbs  # noqa: E402
-from hapfmt.verifier import verify  # noqa: E402
+from hapfmt.reading.verifier import verify  # noqa: E402
 
 TICKS = {(track, tick) for track in range(3) for tick in range(12)}
 

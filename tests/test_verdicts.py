@@ -17,7 +17,7 @@ from hapfmt.errors import ChecksumError, FormatError, HapfmtError, LimitError, U
 from hapfmt.limits import Limits
 from hapfmt.reading.reader import Reader
 from hapfmt.verdict import verdict_of
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 BROKEN, UNKNOWN, LIMITED = FormatError("x"), UnsupportedError("x"), LimitError("x")
 TABLE: list[tuple[set[str], HapfmtError | None, bool, bool, int]] = [

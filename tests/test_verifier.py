@@ -16,14 +16,14 @@ from hypothesis import strategies as st
 from judge import rule
 
 import hapfmt
-from hapfmt.container.source import BytesSource
-from hapfmt.dump import dump
+from hapfmt.format.source import BytesSource
+from hapfmt.reading.dump import dump
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDecoder, TrackDigest
 from hapfmt.recording import Calibration, Channel, Recording
-from hapfmt.usage import measure
+from hapfmt.reading.usage import measure
 from hapfmt.verdict import VERDICTS
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 pytestmark = pytest.mark.capped
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from hapfmt.descriptions import schema_of
 from hapfmt.replay.profile.parse import ProfileKeys
-from hapfmt.scenes.description import Scene
-from hapfmt.study.description import StudyKeys
+from hapfmt.lab.scenes.description import Scene
+from hapfmt.lab.study.description import StudyKeys
 
 ROOT = Path(__file__).resolve().parents[1] / "hapfmt"
 SCHEMAS = {

@@ -34,7 +34,7 @@ from hapfmt.replay.render import Assignment, Renderer, Route
 from hapfmt.replay.render.grid import Grid
 from hapfmt.replay.render.kernels import Shape, kernel
 from hapfmt.replay.schedule import Schedule
-from hapfmt.scenes.stylus import simulate
+from hapfmt.lab.scenes.stylus import simulate
 
 Values = NDArray[np.float64]
 WALL_N_PER_M = 1e5

@@ -23,7 +23,7 @@ SECONDS = 10.0
 """Of one verb."""
 MEMORY = 2 << 30
 """Bytes of address space."""
-LEFT_OUT = ("hapfmt.cli", "hapfmt.plotting", "hapfmt.__main__", "hapfmt.conformance.__main__")
+LEFT_OUT = ("hapfmt.cli", "hapfmt.lab.plotting", "hapfmt.__main__", "hapfmt.conformance.__main__")
 
 
 def prepare() -> None:

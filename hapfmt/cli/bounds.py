@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..container.track import Component, Contract
+from ..format.track import Component, Contract
 from .screen import JOINED
 
 LOSSLESS = "lossless"

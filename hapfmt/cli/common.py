@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 
 from ..atomic import refuse
-from ..container.wire import FILE_ID_LIMIT
-from ..damage import told
+from ..format.wire import FILE_ID_LIMIT
+from ..reading.damage import told
 from ..errors import ParameterError
 from ..limits import Limits
 from ..numbers import counted, exact

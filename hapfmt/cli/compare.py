@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
     from ..encoder.tolerance import Tolerance
     from ..limits import Limits
-    from ..survey.compare import Comparison
-    from ..survey.views import View
+    from ..lab.survey.compare import Comparison
+    from ..lab.survey.views import View
 
 DIFFERENT = 3
 """As ``verify --against`` says that a promise does not hold (SPEC clause 13)."""
@@ -90,13 +90,13 @@ def compare(
     hapfmt compare a.hapf b.hapf --tolerance 0.5lsb --plot both.png
     """
     from ..atomic import refuse
-    from ..survey.compare import compare as run
-    from ..survey.compare import pair_up
+    from ..lab.survey.compare import compare as run
+    from ..lab.survey.compare import pair_up
 
     if a == "-" and b == "-":
         raise ParameterError("Only one of A and B can come from standard input")
     if picture is not None:
-        from ..plotting.style import kind_of, new_figure
+        from ..lab.plotting.style import kind_of, new_figure
 
         kind_of(picture)
         refuse(picture, force)
@@ -140,10 +140,10 @@ def draw(
     footnotes: Sequence[str],
     force: bool,
 ) -> None:
-    from ..plotting.difference import pages
-    from ..plotting.pages import Words
-    from ..plotting.style import kind_of, save
-    from ..survey.facts import duration, grouped, rates
+    from ..lab.plotting.difference import pages
+    from ..lab.plotting.pages import Words
+    from ..lab.plotting.style import kind_of, save
+    from ..lab.survey.facts import duration, grouped, rates
 
     if not views:
         raise ParameterError("Nothing to draw: no channel of both has the same rate")

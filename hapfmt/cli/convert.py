@@ -78,7 +78,7 @@ def convert(
     tell_notes(recording)
     if suffix_of(target, output_format) == HAPF:
         from ..encoder.settings import Settings
-        from ..writer import write
+        from ..writing.writer import write
 
         with progress("encoding") as advance:
             write(recording, output_of(target), Settings(), force=force, progress=advance)

@@ -102,7 +102,7 @@ def demo(
     hapfmt demo --texture cork --plot demo.png --output demo.hapf
     """
     from ..atomic import atomic_write, refuse
-    from ..scenes.stylus import simulate
+    from ..lab.scenes.stylus import simulate
 
     for path in (output, plot):
         if path is not None:
@@ -143,10 +143,10 @@ def demo(
 def run(recording: Recording, name: str, options: dict[str, Any]) -> Outcome:
     """Encode with one of PRESETS, decode, compare."""
     from ..encoder.settings import Settings
-    from ..metrics import max_error, rmse, snr_hf_db
+    from ..lab.metrics import max_error, rmse, snr_hf_db
     from ..reading.reader import Reader
-    from ..verifier import verify
-    from ..writer import write
+    from ..reading.verifier import verify
+    from ..writing.writer import write
 
     preset, given, kept = PRESETS[name]
     stream = io.BytesIO()
@@ -224,9 +224,9 @@ def draw(
     import numpy as np
 
     from ..codecs.knots import parse_knots
-    from ..container.cluster import Packet
+    from ..format.cluster import Packet
     from ..encoder.perception import FORCE_FLOOR_N
-    from ..plotting import Demonstrated, plot_demo
+    from ..lab.plotting import Demonstrated, plot_demo
     from ..reading.reader import Reader
 
     with Reader(outcomes[-1].data) as reader:

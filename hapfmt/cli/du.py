@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..container.source import open_source
+from ..format.source import open_source
 from ..limits import Limits
 from .common import echo_json, input_of, json_option, memory_option
 from .help import Verb
@@ -14,7 +14,7 @@ from .screen import say
 from .tables import Column, table
 
 if TYPE_CHECKING:
-    from ..usage import TrackUsage
+    from ..reading.usage import TrackUsage
 
 SHOWN_LABELS = 2
 """Labels of a track in its row."""
@@ -31,7 +31,7 @@ def du(file: str, as_json: bool, max_memory: Limits) -> int:
     hapfmt du touch.hapf
     hapfmt du touch.hapf --json
     """
-    from ..usage import measure
+    from ..reading.usage import measure
 
     source = open_source(input_of(file))
     try:

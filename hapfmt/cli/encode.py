@@ -41,7 +41,7 @@ from .screen import note
 if TYPE_CHECKING:
     from ..limits import Limits
     from ..recording import Recording
-    from ..writer import Summary
+    from ..writing.writer import Summary
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -194,7 +194,7 @@ def encode(
     cat touch.npz | hapfmt encode - - --input-format npz > touch.hapf
     """
     from ..encoder.settings import Settings, lossy_preset, renamed
-    from ..writer import write
+    from ..writing.writer import write
 
     refuse_target(target, force)
     if target != "-" and suffix_of(target, None) != HAPF:

@@ -16,7 +16,7 @@ from .tables import Column, table
 if TYPE_CHECKING:
     from ..encoder.encode import Decision
     from ..recording import Recording
-    from ..writer import Summary
+    from ..writing.writer import Summary
 
 GROUPED = 16
 """Of more channels than this, neighbours that were kept alike share a line."""

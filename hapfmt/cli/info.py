@@ -11,9 +11,9 @@ from uuid import UUID
 
 import click
 
-from ..container.source import open_source
-from ..container.track import Contract, Track
-from ..container.wire import id_text
+from ..format.source import open_source
+from ..format.track import Contract, Track
+from ..format.wire import id_text
 from ..limits import Limits
 from ..numbers import counted
 from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError

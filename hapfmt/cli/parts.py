@@ -11,7 +11,7 @@ from .common import ARRAYS, HAPF, input_of, load_recording, parse_channels, suff
 
 if TYPE_CHECKING:
     from ..limits import Limits
-    from ..survey.parts import Parts
+    from ..lab.survey.parts import Parts
 
 
 def open_parts(
@@ -29,7 +29,7 @@ def open_parts(
     ``whole``: all of its time is wanted, so a hapf file is checked from end to end;
     ``transpose``: for a file of arrays, others ignore it."""
     from ..reading.reader import Reader
-    from ..survey.parts import FileParts, RecordingParts
+    from ..lab.survey.parts import FileParts, RecordingParts
 
     suffix = suffix_of(name, None if name.lower().endswith(HAPF) else format_)
     if suffix == HAPF:

@@ -31,8 +31,8 @@ from .screen import note, printable
 
 if TYPE_CHECKING:
     from ..limits import Limits
-    from ..survey.parts import Parts
-    from ..survey.views import View
+    from ..lab.survey.parts import Parts
+    from ..lab.survey.views import View
 
 ZOOM_TICKS = 400
 """Of the stretch that is drawn sample by sample."""
@@ -94,7 +94,7 @@ def plot(
     hapfmt plot touch.npz --window
     """
     from ..atomic import refuse
-    from ..plotting.style import kind_of, new_figure, save
+    from ..lab.plotting.style import kind_of, new_figure, save
 
     if (output is None) != window:
         raise ParameterError("Give --output touch.png (or .svg, .pdf), or --window.")
@@ -103,7 +103,7 @@ def plot(
         refuse(output, force)
     new_figure(1, 1)
     if window:
-        from ..plotting.window import open_window
+        from ..lab.plotting.window import open_window
 
         open_window("hapfmt").destroy()
     refuse_span(start, stop)
@@ -123,7 +123,7 @@ def plot(
         if original is not None:
             original.close()
     if window:
-        from ..plotting.window import show
+        from ..lab.plotting.window import show
 
         show(figures, f"hapfmt: {file}")
         return code
@@ -145,8 +145,8 @@ def draw(
     details: bool,
 ) -> list[Any]:
     """Pages."""
-    from ..plotting.pages import ROWS, Words, pages
-    from ..survey.views import liveliest, survey, within
+    from ..lab.plotting.pages import ROWS, Words, pages
+    from ..lab.survey.views import liveliest, survey, within
 
     first, last = within(parts, start, stop)
     many = len(parts.channels) > ROWS and not (details and original is not None)
@@ -173,8 +173,8 @@ def draw(
 
 def header(parts: Parts, views: list[View], name: str, whole: bool, compared: bool) -> list[str]:
     """The facts of the file."""
-    from ..survey.facts import facts
-    from ..survey.parts import FileParts
+    from ..lab.survey.facts import facts
+    from ..lab.survey.parts import FileParts
 
     size = None
     if isinstance(parts, FileParts):
@@ -189,7 +189,7 @@ def header(parts: Parts, views: list[View], name: str, whole: bool, compared: bo
 
 def largest_error(views: list[View]) -> list[str]:
     """Of the channel that has the largest, by its range; one channel says it in its own title."""
-    from ..survey.facts import relative_error
+    from ..lab.survey.facts import relative_error
 
     shares = [(relative_error(view), view) for view in views]
     worst, view = max(shares, key=lambda pair: pair[0])
@@ -212,8 +212,8 @@ def footnotes(
 
 def told(parts: Parts, start: Fraction | None, stop: Fraction | None, name: str = "") -> list[str]:
     """Damage of the file, in a few lines."""
-    from ..damage import lost_lines
-    from ..survey.parts import FileParts
+    from ..reading.damage import lost_lines
+    from ..lab.survey.parts import FileParts
 
     lines: list[str] = []
     if isinstance(parts, FileParts):
@@ -230,7 +230,7 @@ def told(parts: Parts, start: Fraction | None, stop: Fraction | None, name: str 
 
 def finish(parts: Parts, start: Fraction | None, stop: Fraction | None) -> int:
     """Reports damage; returns the exit code."""
-    from ..survey.parts import FileParts
+    from ..lab.survey.parts import FileParts
 
     if not isinstance(parts, FileParts):
         return 0

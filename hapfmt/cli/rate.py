@@ -18,10 +18,10 @@ from .screen import complain, document, note, say
 from .tables import table
 
 if TYPE_CHECKING:
-    from ..study.description import Study
-    from ..study.outputs import ChannelMap, Output
-    from ..study.prepare import Prepared
-    from ..study.summary import Mean, Row, Summary
+    from ..lab.study.description import Study
+    from ..lab.study.outputs import ChannelMap, Output
+    from ..lab.study.prepare import Prepared
+    from ..lab.study.summary import Mean, Row, Summary
 
 MODES = ("new", "prepare", "summary")
 LEAST_FREE = 1 << 20
@@ -136,7 +136,7 @@ def rate(
         return begun(files, force, as_json)
     if len(files) != 1:
         raise ParameterError("one study at a time (--new and --summary take several files)")
-    from ..study.description import load_study
+    from ..lab.study.description import load_study
 
     study = load_study(files[0])
     if prepare_only:
@@ -148,8 +148,8 @@ def rate(
 
 def begun(files: tuple[str, ...], force: bool, as_json: bool) -> int:
     from ..atomic import atomic_write
-    from ..study.beginning import new_study
-    from ..study.description import parse_study
+    from ..lab.study.beginning import new_study
+    from ..lab.study.description import parse_study
 
     path = Path(files[0])
     text = new_study(path, files[1:])
@@ -169,7 +169,7 @@ def begun(files: tuple[str, ...], force: bool, as_json: bool) -> int:
 
 
 def made(study: Study, folder: Path | None) -> Prepared:
-    from ..study.prepare import prepare
+    from ..lab.study.prepare import prepare
 
     with progress("preparing") as advance:
         return prepare(study, folder or study.folder("conditions"), advance)
@@ -201,10 +201,10 @@ def asked(
     study: Study, subject: str, folder: Path | None, answers: Path | None, felt: dict[str, Any]
 ) -> int:
     """The questions; answers are safe however it ends."""
-    from ..study.answers import AnswerFile
-    from ..study.order import refuse_subject
-    from ..study.outputs import SignalError
-    from ..study.rating import Rating, heading
+    from ..lab.study.answers import AnswerFile
+    from ..lab.study.order import refuse_subject
+    from ..lab.study.outputs import SignalError
+    from ..lab.study.rating import Rating, heading
     from .rating import conduct
 
     refuse_subject(subject)
@@ -251,7 +251,7 @@ def choose_output(felt: dict[str, Any]) -> None:
 
 
 def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
-    from ..study import outputs
+    from ..lab.study import outputs
 
     if felt["device"] is not None:
         from ..replay.profile.parse import load_profile
@@ -266,7 +266,7 @@ def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
         config = outputs.find_device(profile, felt["path"])
         return outputs.Device(profile, config, felt["gain"], mapping, not felt["no_watchdog"])
     if felt["sound"] is not None:
-        from ..study.sound import Card, parse_card
+        from ..lab.study.sound import Card, parse_card
 
         return outputs.SoundCard(study, prepared, Card(*parse_card(felt["sound"])))
     if felt["wav"] is not None:
@@ -277,7 +277,7 @@ def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
 def mapping_of(felt: dict[str, Any], prepared: Prepared) -> ChannelMap:
     """As hapfmt replay takes it; a label may have a comma itself."""
     from ..reading.reader import Reader
-    from ..study.outputs import ChannelMap
+    from ..lab.study.outputs import ChannelMap
     from .replay import parts
 
     with Reader(str(prepared.stimuli[0].path)) as reader:
@@ -289,9 +289,9 @@ def mapping_of(felt: dict[str, Any], prepared: Prepared) -> ChannelMap:
 def summed(
     files: tuple[str, ...], plot: Path | None, as_csv: bool, as_json: bool, force: bool
 ) -> int:
-    from ..study.answers import load_answers
-    from ..study.summary import as_json as told
-    from ..study.summary import summarise
+    from ..lab.study.answers import load_answers
+    from ..lab.study.summary import as_json as told
+    from ..lab.study.summary import summarise
 
     if plot is not None:
         from ..atomic import refuse
@@ -313,7 +313,7 @@ def summed(
 
 
 def draw(summary: Summary, path: Path, force: bool) -> None:
-    from ..plotting.opinions import plot_opinions
+    from ..lab.plotting.opinions import plot_opinions
 
     rows = [row for row in summary.kept or summary.rows if row.session is None]
     plot_opinions(
@@ -326,7 +326,7 @@ def draw(summary: Summary, path: Path, force: bool) -> None:
 
 
 def csv_of(summary: Summary) -> str:
-    from ..study.summary import HEADERS, table_rows
+    from ..lab.study.summary import HEADERS, table_rows
 
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")

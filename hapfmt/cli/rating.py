@@ -11,8 +11,8 @@ import sys
 from contextlib import suppress
 from typing import Any
 
-from ..study.description import HIGHEST, fifth
-from ..study.rating import NotYetError, Rating
+from ..lab.study.description import HIGHEST, fifth
+from ..lab.study.rating import NotYetError, Rating
 from .screen import printable, raw, say
 
 KEYS = {"r": "reference", "p": "this", "a": "again", "b": "back", "q": "quit", "?": "help"}

@@ -36,9 +36,9 @@ from .help import Verb
 from .screen import complain, note, say
 
 if TYPE_CHECKING:
-    from ..live.recorder import Recorder
-    from ..live.session import Header
-    from ..live.status import Status
+    from ..writing.recorder import Recorder
+    from ..writing.session import Header
+    from ..writing.status import Status
 
 PIECE = 1 << 16
 """Bytes taken from the stream at once, at most."""
@@ -136,9 +136,9 @@ def record(
     Two kinds of streams, lines of text and binary frames, are described in docs/streams.md.
     """
     from ..encoder.settings import Settings, renamed
-    from ..live.lines import Table
-    from ..live.recorder import Recorder
-    from ..live.streams import Stream
+    from ..writing.lines import Table
+    from ..writing.recorder import Recorder
+    from ..writing.streams import Stream
 
     given["felt"] = given["felt"] or None
     chosen = ("fast", "max_error", "k", "floor", "felt", "texture")

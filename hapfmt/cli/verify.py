@@ -31,9 +31,9 @@ from .screen import complain, say
 from .tables import Column, table
 
 if TYPE_CHECKING:
-    from ..contract import ContractCheck
+    from ..reading.contract import ContractCheck
     from ..limits import Limits
-    from ..verifier import Report
+    from ..reading.verifier import Report
 
 
 @click.command(cls=Verb)
@@ -70,7 +70,7 @@ def verify(
     hapfmt verify touch.hapf
     hapfmt verify touch.hapf --against original.npz
     """
-    from ..verifier import verify as check
+    from ..reading.verifier import verify as check
 
     refuse_transpose(transpose, (against,), input_format)
     original = None
@@ -93,7 +93,7 @@ def verify(
 
 
 def show(file: str, report: Report, *, verbose: bool) -> None:
-    from ..container.walk import Finding
+    from ..format.walk import Finding
 
     say(
         f"{file}: {verdict(report)}; {counted(report.packets, 'packet')}, "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ..container.tlv import parse_text
+from ..format.tlv import parse_text
 from ..errors import FormatError, ParameterError, TruncatedError
 from ..integers import build_varint, parse_varint
 from ..limits import TICK_LIMIT

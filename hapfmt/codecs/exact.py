@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.layout import LPCX_PARAMETERS, LPCX_TERM
-from ..container.track import Affine
+from ..format.layout import LPCX_PARAMETERS, LPCX_TERM
+from ..format.track import Affine
 from ..errors import FormatError
 from ..integers import parse_varint
 from ..kernels import compiled

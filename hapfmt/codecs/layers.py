@@ -7,9 +7,9 @@ from fractions import Fraction
 from itertools import groupby
 from math import lcm
 
-from ..container.cluster import Packet
-from ..container.track import Component, Track
-from ..container.wire import NO_TRACK
+from ..format.cluster import Packet
+from ..format.track import Component, Track
+from ..format.wire import NO_TRACK
 from ..errors import ParameterError
 from ..events import Event, channel_of
 from ..integers import rdiv

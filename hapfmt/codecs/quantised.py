@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.layout import QUAN_PARAMETERS
+from ..format.layout import QUAN_PARAMETERS
 from ..errors import FormatError, TruncatedError
 from ..kernels import compiled
 from ..limits import Level

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.deflate import inflate
-from ..container.layout import RAWB_PARAMETERS
-from ..container.track import WORD_SIZES
+from ..format.deflate import inflate
+from ..format.layout import RAWB_PARAMETERS
+from ..format.track import WORD_SIZES
 from ..errors import FormatError, TruncatedError
 
 STORED, DEFLATE = 0, 1

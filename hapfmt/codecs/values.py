@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.track import Affine
+from ..format.track import Affine
 
 QUOTIENT, PRODUCT, SIGNIFICANT, CUBIC, LINEAR = range(5)
 PLACES_LIMIT, DIGITS_LIMIT = 22, 15

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from ..codecs.events import CodedEvent
-from ..container.clocks import parse_clock, parse_map
-from ..container.description import split
-from ..container.layout import TRACK
-from ..container.track import Track
-from ..container.walk import read_chunk
-from ..container.wire import HEADER_SIZE, id_text
+from ..format.clocks import parse_clock, parse_map
+from ..format.description import split
+from ..format.layout import TRACK
+from ..format.track import Track
+from ..format.walk import read_chunk
+from ..format.wire import HEADER_SIZE, id_text
 from ..reading.assembly import Assembly, Band
 from ..reading.catalogue import Catalogue, ChannelRef, ChunkRef
 from ..reading.reader import Reader

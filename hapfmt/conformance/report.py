@@ -15,7 +15,7 @@ EMPTY: dict[str, Any] = {"damages": [], "lost": [], "byte_count": 0, "channels":
 
 
 def verify_into(source: str, target: str, original: str | None) -> int:
-    from ..verifier import verify
+    from ..reading.verifier import verify
 
     against = None
     if original is not None:
@@ -32,7 +32,7 @@ def verify_into(source: str, target: str, original: str | None) -> int:
 
 
 def recover_into(source: str, target: str, report: str) -> int:
-    from ..recovery.recover import recover
+    from ..edit.recover import recover
 
     try:
         done = recover(source, target, force=True)

@@ -8,7 +8,7 @@ import traceback
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TextIO
 
-from ..container.track import CODECS
+from ..format.track import CODECS
 from ..errors import HapfmtError, ParameterError
 from ..version import SPEC_VERSION, __version__
 

@@ -168,7 +168,7 @@ def _opened(file: str | os.PathLike[str] | bytes | BinaryIO) -> Iterator[BinaryI
         yield file
         return
     if isinstance(file, str) and ("://" in file or "::" in file):
-        from ..container.source import is_url, spooled_url
+        from ..format.source import is_url, spooled_url
 
         if is_url(file):
             if PurePosixPath(file).suffix.lower() not in FORMATS:

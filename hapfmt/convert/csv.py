@@ -28,7 +28,7 @@ from .common import (
     unit_of,
     with_notes,
 )
-from .times import TIME_UNITS, Grid, Stamps, seconds_of_date, time_name
+from ..times import TIME_UNITS, Grid, Stamps, seconds_of_date, time_name
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.A | re.I)
 _COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.A | re.I)

@@ -57,7 +57,7 @@ from .common import (
     with_notes,
 )
 from .npy import doubles_2d, memory_of, read_array, read_header, write_array, write_dense
-from .times import STEADY, Grid, Stamps, deviation_note
+from ..times import STEADY, Grid, Stamps, deviation_note
 
 _KEY = re.compile(
     r"(x|rate|rate_hz|channel_names|unit|lsb|start_tick|index|t)(__(?:0|[1-9][0-9]{0,4}))?"

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ..codecs.layers import coded, event_packets, layer_track, rate_of
-from ..container.cluster import Packet
-from ..container.track import Track
+from ..format.cluster import Packet
+from ..format.track import Track
 from ..errors import ParameterError
 from ..events import Event, by_layer
 from ..limits import LAST_TRACK_ID

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from ..appending import open_append
-from ..container.filewriter import FileWriter
+from ..writing.appending import open_append
+from ..writing.filewriter import FileWriter
 from ..errors import ParameterError
 from ..reading.catalogue import Catalogue
 from .making import Output, opened, refuse_output

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..atomic import atomic_write, refuse
-from ..container.extras import Attachment, build_attachment
+from ..format.extras import Attachment, build_attachment
 from ..errors import ParameterError
 from ..names import unknown
 from .appended import appended

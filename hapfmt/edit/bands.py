@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..container.track import Affine, Contract, Track
+from ..format.track import Affine, Contract, Track
 
 FLOOR_LIMIT = (1 << 32) - 1
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fractions import Fraction
 
-from ..container.wire import NO_TRACK
+from ..format.wire import NO_TRACK
 from ..integers import build_svarint, parse_svarint, parse_varint
 from .original import NS, Original
 from .plan import Plan

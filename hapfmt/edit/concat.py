@@ -8,8 +8,8 @@ from contextlib import ExitStack
 from datetime import UTC, datetime, timedelta
 from fractions import Fraction
 
-from ..container.extras import build_metadata
-from ..container.wire import check_file_id
+from ..format.extras import build_metadata
+from ..format.wire import check_file_id
 from ..errors import ParameterError
 from ..numbers import exact
 from ..reading.seconds import Seconds

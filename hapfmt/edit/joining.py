@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 from fractions import Fraction
 
-from ..container.track import Affine, Component, Track
+from ..format.track import Affine, Component, Track
 from ..errors import ParameterError, UnsupportedError
 from ..limits import LAST_TRACK_ID
 from .original import Original, ticks_of

@@ -13,12 +13,12 @@ from fractions import Fraction
 from typing import Any, BinaryIO
 
 from ..atomic import atomic_write, refuse
-from ..container.cluster import Packet
-from ..container.filewriter import FileWriter
-from ..container.layout import HEAD
-from ..container.tlv import parse_tlvs
-from ..container.track import Track
-from ..container.wire import NO_TRACK, Head
+from ..format.cluster import Packet
+from ..writing.filewriter import FileWriter
+from ..format.layout import HEAD
+from ..format.tlv import parse_tlvs
+from ..format.track import Track
+from ..format.wire import NO_TRACK, Head
 from ..errors import FormatError, ParameterError
 from ..limits import TICK_LIMIT, Level
 from ..numbers import counted

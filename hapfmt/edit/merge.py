@@ -9,10 +9,10 @@ from contextlib import ExitStack
 from dataclasses import replace
 from fractions import Fraction
 
-from ..container.cluster import Packet
-from ..container.extras import build_metadata
-from ..container.track import Component, Track
-from ..container.wire import check_file_id
+from ..format.cluster import Packet
+from ..format.extras import build_metadata
+from ..format.track import Component, Track
+from ..format.wire import check_file_id
 from ..errors import ParameterError
 from ..reading.seconds import Seconds
 from .extras import combined

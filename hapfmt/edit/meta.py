@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..container.extras import build_metadata
+from ..format.extras import build_metadata
 from ..errors import ParameterError
 from .appended import appended
 from .making import Output

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import BinaryIO
 
 from ..closing import Closing
-from ..container.cluster import Packet, parse_cluster
-from ..container.extras import Attachment
-from ..container.source import open_source
-from ..container.track import Track, lone_lf
-from ..container.walk import Chunk, header_at, read_chunk
-from ..container.wire import Head
+from ..format.cluster import Packet, parse_cluster
+from ..format.extras import Attachment
+from ..format.source import open_source
+from ..format.track import Track, lone_lf
+from ..format.walk import Chunk, header_at, read_chunk
+from ..format.wire import Head
 from ..errors import (
     ChecksumError,
     FormatError,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import NamedTuple
 
-from ..container.track import Track
+from ..format.track import Track
 from ..errors import ParameterError, UnsupportedError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from .original import has_channels, ticks_of

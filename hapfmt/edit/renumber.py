@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from ..codecs.events import build_events, parse_events
-from ..container.cluster import Packet
+from ..format.cluster import Packet
 
 
 def renumbered(packet: Packet, numbers: Mapping[int, int]) -> tuple[Packet | None, int]:

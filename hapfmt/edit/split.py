@@ -6,8 +6,8 @@ import string
 from collections.abc import Sequence
 from fractions import Fraction
 
-from ..container.cluster import Packet
-from ..container.wire import FILE_ID_LIMIT, check_file_id
+from ..format.cluster import Packet
+from ..format.wire import FILE_ID_LIMIT, check_file_id
 from ..errors import ParameterError
 from ..numbers import exact
 from ..reading.seconds import Seconds

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
-from ..container.cluster import Packet
-from ..container.extras import build_metadata
-from ..container.track import Track
-from ..container.wire import check_file_id
+from ..format.cluster import Packet
+from ..format.extras import build_metadata
+from ..format.track import Track
+from ..format.wire import check_file_id
 from ..errors import ParameterError
 from ..limits import LEVELS
 from ..names import channels_called

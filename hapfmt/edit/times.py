@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Literal, NamedTuple
 
-from ..container.wire import Head
+from ..format.wire import Head
 from ..errors import ParameterError
 from ..numbers import exact
 from ..reading.seconds import Seconds

@@ -12,7 +12,7 @@ from fractions import Fraction
 from functools import partial
 
 from ..codecs.grids import LpcParameters
-from ..container.track import Contract, Track
+from ..format.track import Contract, Track
 from ..deadband import Deadband
 from ..recording import Channel, Span
 from .glitches import without_glitches

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters
-from ..container.cluster import Packet
-from ..container.track import Track
+from ..format.cluster import Packet
+from ..format.track import Track
 from ..errors import FormatError, ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..reading.decoder import TrackDecoder

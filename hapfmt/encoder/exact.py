@@ -25,8 +25,8 @@ from ..codecs.values import (
     Counts,
     Doubles,
 )
-from ..container.cluster import Packet
-from ..container.track import Affine
+from ..format.cluster import Packet
+from ..format.track import Affine
 from ..integers import build_varint, parse_varint
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..recording import Calibration, Channel, Span

@@ -8,8 +8,8 @@ from math import gcd, lcm
 
 import numpy as np
 
-from ..container.track import COMPONENTS
-from ..contract import nearest_counts
+from ..format.track import COMPONENTS
+from ..reading.contract import nearest_counts
 from ..errors import ParameterError
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT
 from ..recording import Calibration, Channel, Deviation

@@ -17,7 +17,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contract import nearest_counts
+from ..reading.contract import nearest_counts
 from ..errors import ParameterError
 from ..limits import EXACT_LIMIT, SINGLE_MAX
 from ..recording import Calibration, Channel, Deviation

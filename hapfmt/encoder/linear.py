@@ -18,7 +18,7 @@ import numpy as np
 from ..codecs.components import join_components
 from ..codecs.exact import ExactParameters, lacking_of
 from ..codecs.values import COEFFICIENT_LIMIT, LINEAR, Counts, Doubles, Term, ordered, predictions
-from ..container.cluster import Packet
+from ..format.cluster import Packet
 from ..integers import build_varint
 from ..limits import EXACT_LIMIT
 from ..recording import Calibration, Channel

@@ -18,12 +18,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.cluster import Packet
-from ..container.track import Track
+from ..format.cluster import Packet
+from ..format.track import Track
 from ..deadband import Deadband
 from ..errors import ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level
-from ..live.inputs import Input
+from .inputs import Input
 from ..reading.decoder import TrackDecoder
 from ..recording import Span
 from .bounded import scalar_ways

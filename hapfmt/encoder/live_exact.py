@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from ..codecs.exact import ExactParameters, Lacking
 from ..codecs.raw import RawParameters, encode_raw
 from ..codecs.values import Counts, Doubles, ordered
-from ..container.cluster import Packet
-from ..container.track import Affine, Track
+from ..format.cluster import Packet
+from ..format.track import Affine, Track
 from ..errors import ParameterError
 from ..limits import LEVELS
 from ..recording import Calibration

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
-from ..container.cluster import Packet
-from ..container.track import Component, Contract, Track
-from ..contract import nearest_counts
+from ..format.cluster import Packet
+from ..format.track import Component, Contract, Track
+from ..reading.contract import nearest_counts
 from ..errors import ParameterError
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS, Level
-from ..live.inputs import Input
+from .inputs import Input
 from ..recording import Calibration, Channel, Deviation, Span
 from .bounded import contract_for
 from .grids import grid_within

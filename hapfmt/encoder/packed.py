@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import Interpolation, KnotParameters, build_knots
 from ..codecs.knots_coded import encode_knots
-from ..container.cluster import Packet
-from ..container.track import Track
+from ..format.cluster import Packet
+from ..format.track import Track
 from ..recording import Span
 
 Knots = tuple[Span, NDArray[np.int64], NDArray[np.int64]]

@@ -18,7 +18,7 @@ from ..codecs.components import encode_component, join_components, prediction_er
 from ..codecs.grids import LpcParameters
 from ..codecs.predicted import INDEX_LIMIT, Predictor, parse_header
 from ..codecs.references import TAPS
-from ..container.cluster import Packet
+from ..format.cluster import Packet
 from ..deadband import Deadband
 from ..integers import clamp, rdiv
 from ..limits import ZERO_LIMIT

@@ -23,8 +23,8 @@ from ..codecs.components import (
 from ..codecs.exact import RECALL, lacking_of, parse_parameters, split_packet
 from ..codecs.grids import LpcParameters
 from ..codecs.predicted import Predictor, encode_indices, parse_header
-from ..container.cluster import Packet
-from ..container.track import Track
+from ..format.cluster import Packet
+from ..format.track import Track
 from ..integers import build_varint
 from ..limits import LEVELS
 from .lengths import ROW

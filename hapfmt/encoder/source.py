@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.lists import round_up
-from ..container.track import Affine, Component, Track
+from ..format.lists import round_up
+from ..format.track import Affine, Component, Track
 from ..recording import Channel, Span
 from ..threads import check_stopped
 from .glitches import without_glitches

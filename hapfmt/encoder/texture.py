@@ -1,7 +1,7 @@
 """Channels whose texture is kept to a stated quality, and whose slow part keeps the deadband.
 
 The quality is the variance of the recorded signal above the split frequency over the mean squared
-error of all that is decoded, in dB (:func:`hapfmt.metrics.snr_hf_db`). Two ways are tried: the
+error of all that is decoded, in dB (:func:`hapfmt.lab.metrics.snr_hf_db`). Two ways are tried: the
 whole signal predicted on one uniform grid, and lines for the slow part with the rest predicted.
 
 Weber's fraction is a law of slow forces: a vibration far below it is felt. So only the absolute
@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
-from ..container.cluster import Packet
-from ..container.track import Component, Contract, Track
+from ..format.cluster import Packet
+from ..format.track import Component, Contract, Track
 from ..errors import ParameterError
 from ..integers import clamp
 from ..limits import EXACT_LIMIT, ZERO_LIMIT

@@ -16,7 +16,7 @@ import numpy as np
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters
 from ..codecs.knots_coded import encode_knots
-from ..container.track import Track
+from ..format.track import Track
 from ..deadband import Deadband
 from .grids import Indices, grid_within, levels_of, places
 from .knots import select_knots

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ..codecs.knots import KnotParameters, build_knots
 from ..codecs.quantised import encode_quantised, quantise
 from ..codecs.raw import RawParameters, encode_raw
-from ..container.cluster import Packet
-from ..container.track import Component, Contract, Track
+from ..format.cluster import Packet
+from ..format.track import Component, Contract, Track
 from ..deadband import Deadband
 from ..errors import ParameterError
 from ..integers import clamp

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import accumulate
 
 from ..codecs.raw import RawParameters, encode_raw
-from ..container.cluster import Packet
+from ..format.cluster import Packet
 from ..recording import Channel, Span
 from .packed import Coded
 from .source import make_track

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..codecs.events import CodedEvent
 from ..codecs.layers import decoded
-from ..container.track import Track
+from ..format.track import Track
 from ..events import Event, in_order
 from ..recording import Channel, Deviation, Span, append_span
 from .catalogue import ChannelRef, Part

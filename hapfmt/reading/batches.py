@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from ..container.cluster import Packet
+from ..format.cluster import Packet
 
 BATCH = 1 << 15
 """Samples that are worth handing to another thread."""

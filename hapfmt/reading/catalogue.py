@@ -11,15 +11,15 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
-from ..container.clocks import ClockMap, ClockObservation, parse_clock, parse_map
-from ..container.cluster import parse_rows, parse_table_head
-from ..container.description import described_size, parse_description
-from ..container.extras import Attachment, parse_attachment, parse_metadata
-from ..container.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
-from ..container.source import Source
-from ..container.track import Contract, Track, TrackTable
-from ..container.walk import Chunk, Finding, header_at, read_chunk
-from ..container.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
+from ..format.clocks import ClockMap, ClockObservation, parse_clock, parse_map
+from ..format.cluster import parse_rows, parse_table_head
+from ..format.description import described_size, parse_description
+from ..format.extras import Attachment, parse_attachment, parse_metadata
+from ..format.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
+from ..format.source import Source
+from ..format.track import Contract, Track, TrackTable
+from ..format.walk import Chunk, Finding, header_at, read_chunk
+from ..format.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
 from ..errors import FormatError, TruncatedError, UnsupportedError
 from ..limits import LEVELS, Level, Limits
 from ..verdict import HARMLESS, verdict_of

@@ -16,9 +16,9 @@ from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters
 from ..codecs.quantised import QuanParameters
 from ..codecs.raw import RawParameters, decode_raw
-from ..container.cluster import Packet
-from ..container.layout import COVERED_SPAN
-from ..container.track import Track, unsupported_track
+from ..format.cluster import Packet
+from ..format.layout import COVERED_SPAN
+from ..format.track import Track, unsupported_track
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..limits import Level
 from ..recording import Span, append_span

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from ..container.walk import Chunk, read_chunk
+from ..format.walk import Chunk, read_chunk
 from ..errors import FormatError
 from ..verdict import HARMLESS
 from .catalogue import Catalogue

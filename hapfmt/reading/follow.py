@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..closing import Closing
-from ..container.cluster import Packet, parse_cluster
-from ..container.index import FIRST_OFFSET
-from ..container.salvage import salvage_cluster
-from ..container.source import is_url, open_source
-from ..container.track import Track
-from ..container.walk import Chunk, Finding, header_at, read_chunk, walk
-from ..container.wire import SIGNATURE
+from ..format.cluster import Packet, parse_cluster
+from ..format.index import FIRST_OFFSET
+from ..format.salvage import salvage_cluster
+from ..format.source import is_url, open_source
+from ..format.track import Track
+from ..format.walk import Chunk, Finding, header_at, read_chunk, walk
+from ..format.wire import SIGNATURE
 from ..errors import FormatError, ParameterError
 from .catalogue import Catalogue, ChannelRef, FalseIndexError
 from .opening import learn_checkpoint, lose_chunk, no_signature

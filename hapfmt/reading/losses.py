@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
 
-from ..container.track import Track
+from ..format.track import Track
 from .timeline import Times
 
 

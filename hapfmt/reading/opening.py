@@ -7,13 +7,13 @@ from bisect import bisect_right
 from collections.abc import Callable
 from pathlib import Path
 
-from ..container.chain import index_chain
-from ..container.description import check_range
-from ..container.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
-from ..container.source import Source, is_url
-from ..container.track import unsupported_track
-from ..container.walk import Chunk, Finding, header_at, identify, read_chunk, walk
-from ..container.wire import HEADER_SIZE, SIGNATURE, SYNC
+from ..writing.chain import index_chain
+from ..format.description import check_range
+from ..format.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
+from ..format.source import Source, is_url
+from ..format.track import unsupported_track
+from ..format.walk import Chunk, Finding, header_at, identify, read_chunk, walk
+from ..format.wire import HEADER_SIZE, SIGNATURE, SYNC
 from ..errors import FormatError, HapfmtError, UnsupportedError
 from ..limits import LEVELS, Limits
 from ..verdict import HARMLESS

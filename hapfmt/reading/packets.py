@@ -6,10 +6,10 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
-from ..container.cluster import Packet, parse_cluster
-from ..container.salvage import Hole, salvage_cluster
-from ..container.walk import header_at, holds
-from ..container.wire import HEADER_SIZE, ChunkHeader
+from ..format.cluster import Packet, parse_cluster
+from ..format.salvage import Hole, salvage_cluster
+from ..format.walk import header_at, holds
+from ..format.wire import HEADER_SIZE, ChunkHeader
 from ..errors import ChecksumError, FormatError
 from .catalogue import Catalogue, ChunkRef
 from .losses import Losses

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..container.cluster import HEAD_ROOM, Packet, Row, packet_crc, parse_table, parse_table_head
-from ..container.source import Source
-from ..container.track import Track
-from ..container.wire import HEADER_SIZE, ChunkHeader
+from ..format.cluster import HEAD_ROOM, Packet, Row, packet_crc, parse_table, parse_table_head
+from ..format.source import Source
+from ..format.track import Track
+from ..format.wire import HEADER_SIZE, ChunkHeader
 from ..errors import FormatError
 from ..limits import Level
 from .catalogue import ChunkRef

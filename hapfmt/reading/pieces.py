@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.events import CodedEvent
-from ..container.cluster import Packet
-from ..container.track import Track
+from ..format.cluster import Packet
+from ..format.track import Track
 from .decoder import TrackDecoder
 
 NOTHING = np.zeros((0, 1), np.int32)

@@ -9,12 +9,12 @@ from typing import Any, BinaryIO
 from uuid import UUID
 
 from ..closing import Closing
-from ..container.clocks import ClockMap, ClockObservation
-from ..container.cluster import Packet
-from ..container.extras import Attachment
-from ..container.source import open_source
-from ..container.track import Track, lone_lf
-from ..container.walk import Finding
+from ..format.clocks import ClockMap, ClockObservation
+from ..format.cluster import Packet
+from ..format.extras import Attachment
+from ..format.source import open_source
+from ..format.track import Track, lone_lf
+from ..format.walk import Finding
 from ..errors import (
     FormatError,
     ParameterError,

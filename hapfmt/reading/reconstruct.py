@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.raw import DTYPES
-from ..container.track import Component, Track
+from ..format.track import Component, Track
 from ..recording import Calibration, Channel, Deviation, Span, append_span
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from typing import NamedTuple
 
-from ..container.index import MS_LIMIT, IndexEntry, parse_index
-from ..container.walk import read_chunk
+from ..format.index import MS_LIMIT, IndexEntry, parse_index
+from ..format.walk import read_chunk
 from ..errors import FormatError
 from .catalogue import Catalogue
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hapfmt.codecs import components, exact, knots, knots_coded, predicted, quantised, raw
 from hapfmt.codecs.exact import ExactParameters
 from hapfmt.codecs.grids import LpcParameters, deadband_levels
-from hapfmt.container.track import Affine
+from hapfmt.format.track import Affine
 from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS, Level
 

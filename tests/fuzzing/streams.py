@@ -10,12 +10,12 @@ from fractions import Fraction
 
 import numpy as np
 
-from hapfmt.live.frames import OBJECT, ROWS, SAMPLES, build_frame
-from hapfmt.live.lines import Table
-from hapfmt.live.recorder import Recorder
-from hapfmt.live.session import Header
-from hapfmt.live.streams import Stream
-from hapfmt.verifier import verify
+from hapfmt.writing.frames import OBJECT, ROWS, SAMPLES, build_frame
+from hapfmt.writing.lines import Table
+from hapfmt.writing.recorder import Recorder
+from hapfmt.writing.session import Header
+from hapfmt.writing.streams import Stream
+from hapfmt.reading.verifier import verify
 
 from .appended import codes_of
 from .files import LIMITS

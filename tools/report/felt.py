@@ -1,7 +1,7 @@
 """What of an error a hand would feel, from published thresholds: a measure, and no rating.
 
 A force f on a stylus in the hand moves it by f / |K - m w^2 + i C w| (the hand and the stylus of
-``hapfmt.scenes``). Against that displacement stands the vibrotactile threshold: flat to 40 Hz, then
+``hapfmt.lab.scenes``). Against that displacement stands the vibrotactile threshold: flat to 40 Hz, then
 falling by 12 dB an octave to its minimum at 250-300 Hz (R. T. Verrillo, "Effect of contactor area
 on the vibrotactile threshold", J. Acoust. Soc. Am. 35, 1963, as G. A. Gescheider and R. T. Verrillo
 sum it up in "Sensory functions of the skin of humans", 1979,
@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapfmt.encoder.split import low_pass
-from hapfmt.metrics import BAND_BLOCK_S, SPLIT_HZ
-from hapfmt.scenes import Tool
+from hapfmt.lab.metrics import BAND_BLOCK_S, SPLIT_HZ
+from hapfmt.lab.scenes import Tool
 
 FLAT_TO_HZ, LEAST_FROM_HZ, LEAST_TO_HZ = 40.0, 250.0, 300.0
 THRESHOLD_M = 0.1e-6

@@ -16,9 +16,9 @@ from hapfmt.codecs.quantised import QuanParameters
 from hapfmt.encoder.split import low_pass
 from hapfmt.encoder.tolerance import Tolerance
 from hapfmt.limits import LEVELS
-from hapfmt.metrics import snr_hf_db
+from hapfmt.lab.metrics import snr_hf_db
 from hapfmt.reading.reader import Reader
-from hapfmt.scenes import load_scene, simulate
+from hapfmt.lab.scenes import load_scene, simulate
 from report.ratio import SAMPLE_SIZE, Source, measure, settings
 
 HEADERS = (

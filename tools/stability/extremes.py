@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Span
-from hapfmt.container.filewriter import FileWriter
+from hapfmt.writing.filewriter import FileWriter
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.source import Source
 from hapfmt.limits import LAST_TRACK_ID

@@ -11,7 +11,7 @@ import numpy as np
 
 import hapfmt
 from hapfmt import Calibration, Channel, ClockObservation, Span
-from hapfmt.clocks import fit_clock
+from hapfmt.reading.clocks import fit_clock
 from hapfmt.errors import ParameterError
 from hapfmt.reading.seconds import tick_range
 

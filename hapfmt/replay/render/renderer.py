@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...container.index import NS_LIMIT
-from ...container.track import Track
-from ...damage import lost_lines
+from ...format.index import NS_LIMIT
+from ...format.track import Track
+from ...reading.damage import lost_lines
 from ...errors import ParameterError
 from ...limits import TICK_LIMIT
 from ...numbers import exact

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import accumulate
 
-from ...container.track import Track
+from ...format.track import Track
 from ...errors import FormatError
 from ...reading.catalogue import Catalogue, ChunkRef
 from ...reading.losses import LostSpan

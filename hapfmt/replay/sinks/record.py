@@ -128,7 +128,7 @@ class HapfRows:
         told: dict[str, Any],
         canonical: int | None,
     ) -> None:
-        from ...live.recorder import Input, Recorder
+        from ...writing.recorder import Input, Recorder
 
         inputs = [
             Input(

@@ -1,0 +1,61 @@
+"""Recordings without a device: scenes that compute only what their description names.
+
+    from hapfmt.lab.scenes import load_scene, simulate
+
+    recording, work = simulate(load_scene("sand").changed(seconds=10, seed=3))
+
+description.py  Scene, of frozen Structs; library.py: from TOML, and builtin/
+build.py        Scene -> Recording and Work, importing what is named
+tool.py         a held mass: stroke.py, press.py, reach.py move it; heightfields.py under its tip
+grasp.py        fingers that close on an object; hand.py: its joints
+contact.py, integrators.py  the solver; stylus.py: the stylus of `hapfmt demo`
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .build import simulate
+    from .description import Contact, Hand, Object, Press, Reach, Scene, Stroke, Texture, Tool
+    from .library import builtin_names, load_scene, parse_scene, scene_text
+    from .work import Work
+
+_PLACES = {
+    **dict.fromkeys(("builtin_names", "load_scene", "parse_scene", "scene_text"), "library"),
+    **dict.fromkeys(
+        ("Contact", "Hand", "Object", "Press", "Reach", "Scene", "Stroke", "Texture", "Tool"),
+        "description",
+    ),
+    "Work": "work",
+    "simulate": "build",
+}
+
+__all__ = [
+    "Contact",
+    "Hand",
+    "Object",
+    "Press",
+    "Reach",
+    "Scene",
+    "Stroke",
+    "Texture",
+    "Tool",
+    "Work",
+    "builtin_names",
+    "load_scene",
+    "parse_scene",
+    "scene_text",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PLACES:
+        return getattr(import_module(f".{_PLACES[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
