@@ -127,7 +127,7 @@ def advice(summary: Summary, recording: Recording) -> str:
 
 def near_lossless_ratio(recording: Recording) -> float:
     """Float64 against the near-lossless packets, measured on the middle of every channel."""
-    from ..encoder.encode import encode
+    from ..encoder.encode import encode as encode_recording
     from ..encoder.settings import Settings
 
     parts = []
@@ -136,6 +136,6 @@ def near_lossless_ratio(recording: Recording) -> float:
         first = max(middle - TRIED_TICKS // 2, channel.start_tick)
         parts.append(channel.slice_ticks(first, first + TRIED_TICKS))
     settings = Settings.of("near-lossless", max_error=MAX_ERROR)
-    tried = encode(changed(recording, channels=tuple(parts)), settings, threads=1)
+    tried = encode_recording(changed(recording, channels=tuple(parts)), settings, threads=1)
     size = sum(len(packet.data) for packet in tried.packets)
     return 8 * sum(part.stored.size for part in parts) / max(size, 1)

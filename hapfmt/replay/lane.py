@@ -8,7 +8,7 @@ from .envelope import Envelope, ramp_samples
 from .limiter import Limiter, count_limits
 from .profile.model import Actuator, Profile
 
-State = tuple[int, int, int, bool, float]
+LaneState = tuple[int, int, int, bool, float]
 
 
 class Lane:
@@ -106,11 +106,11 @@ class Lane:
             envelope.begin_fall()
             self._held = self.limiter.count - self.rest
 
-    def state(self) -> State:
+    def state(self) -> LaneState:
         envelope = self.envelope
         return self.limiter.count, self._held, envelope.phase, envelope.falling, envelope.top
 
-    def restore(self, state: State) -> None:
+    def restore(self, state: LaneState) -> None:
         """As it was: what came since was not sent. What was counted stays counted."""
         envelope = self.envelope
         self.limiter.count, self._held, envelope.phase, envelope.falling, envelope.top = state

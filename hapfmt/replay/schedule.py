@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import ParameterError
 from .frames import Block, Frame
 from .lane import Lane
-from .lane import State as LaneState
+from .lane import LaneState
 from .profile.model import Profile
 
 State = Literal["playing", "pausing", "paused", "stopping", "ended"]

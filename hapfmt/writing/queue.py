@@ -7,13 +7,13 @@ import time
 from collections import deque
 from typing import Generic, TypeVar
 
-Item = TypeVar("Item")
+Queued = TypeVar("Queued")
 
 OVERHEAD = 256
 """Bytes that an item takes beside its samples: two objects of Python and their places."""
 
 
-class Queue(Generic[Item]):
+class Queue(Generic[Queued]):
     """Items with their sizes. What the taker holds counts until it takes the next.
 
     The taker is woken when asked, or when half of the room is used: samples that complete nothing
@@ -25,13 +25,13 @@ class Queue(Generic[Item]):
         self.size = 0
         self.blocked_s = 0.0
         self.error: BaseException | None = None
-        self.items: deque[tuple[Item, int]] = deque()
+        self.items: deque[tuple[Queued, int]] = deque()
         self.put_count = self.done_count = 0
         self.held: int | None = None
         self.woken = False
         self.condition = threading.Condition()
 
-    def put(self, item: Item, size: int = 0, *, wake: bool = False, wait: bool = True) -> bool:
+    def put(self, item: Queued, size: int = 0, *, wake: bool = False, wait: bool = True) -> bool:
         """Whether there was room; ``wait`` for it. An item alone always has room.
 
         Raises what the taker failed with.
@@ -75,7 +75,7 @@ class Queue(Generic[Item]):
             self.condition.wait_for(lambda: self.error or self.done_count >= count)
             self.refuse()
 
-    def take(self, timeout: float) -> Item | None:
+    def take(self, timeout: float) -> Queued | None:
         """The next item; None where nothing came in so many seconds. The one before is done."""
         with self.condition:
             if self.held is not None:
