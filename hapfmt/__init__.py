@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 from .version import SPEC_VERSION, __version__
 
 if TYPE_CHECKING:
-    from .reading.clocks import fit_clock
-    from .format.clocks import ClockMap, ClockObservation
     from .convert import load, read, save
+    from .edit.recover import recover, recover_in_place
+    from .encoder.live import Input
     from .encoder.settings import Settings
     from .errors import (
         ChecksumError,
@@ -33,16 +33,14 @@ if TYPE_CHECKING:
         UnsupportedError,
     )
     from .events import Event
+    from .format.extras import ClockMap, ClockObservation
     from .limits import Limits
-    from .encoder.inputs import Input
-    from .writing.recorder import Recorder
-    from .writing.status import Status
+    from .reading.clocks import fit_clock
     from .reading.follow import Follower
     from .reading.reader import Reader
-    from .recording import Calibration, Channel, Recording, Span
-    from .edit.inplace import recover_in_place
-    from .edit.recover import recover
     from .reading.verifier import verify
+    from .recording import Calibration, Channel, Recording, Span
+    from .writing.recorder import Recorder, Status
     from .writing.writer import Summary, write
 
 _PLACES = {

@@ -18,11 +18,10 @@ from hapfmt.codecs.grids import LpcParameters
 from hapfmt.deadband import Deadband
 from hapfmt.encoder.bounded import scalar_ways
 from hapfmt.encoder.encode import choose_level, encode
-from hapfmt.encoder.grids import nearest_level
+from hapfmt.encoder.gridded import nearest_level
 from hapfmt.encoder.plan import Promise
-from hapfmt.encoder.settings import amount
+from hapfmt.encoder.settings import Tolerance, amount
 from hapfmt.encoder.source import Source, cut, make_track
-from hapfmt.encoder.tolerance import Tolerance
 from hapfmt.encoder.tubed import vector_ways
 from hapfmt.encoder.unit import at_most, bound_of, decode_all
 from hapfmt.limits import LEVELS

@@ -22,10 +22,9 @@ from terminal import called
 
 import hapfmt
 from hapfmt.lab.scenes.stylus import simulate
-from hapfmt.lab.study.answers import load_answers
 from hapfmt.lab.study.description import load_study
-from hapfmt.lab.study.order import order
 from hapfmt.lab.study.prepare import prepare
+from hapfmt.lab.study.rating import load_answers, order
 
 STUDY = """
 name = "textures"

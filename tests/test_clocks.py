@@ -20,16 +20,22 @@ from judge import rule, samples
 
 import hapfmt
 from hapfmt.cli import cli
-from hapfmt.reading.clocks import fit_clock, summarise
-from hapfmt.format.clocks import ClockMap, ClockObservation, build_clocks, build_map, parse_clock, parse_map
-from hapfmt.format.cluster import Packet
-from hapfmt.writing.filewriter import FileWriter
-from hapfmt.format.source import BytesSource
-from hapfmt.reading.dump import dump
 from hapfmt.errors import HapfmtError, ParameterError
-from hapfmt.integers import rdiv
+from hapfmt.format.cluster import Packet
+from hapfmt.format.extras import (
+    ClockMap,
+    ClockObservation,
+    build_clocks,
+    build_map,
+    parse_clock,
+    parse_map,
+)
+from hapfmt.format.source import BytesSource
+from hapfmt.numbers import rdiv
+from hapfmt.reading.clocks import fit_clock, summarise
+from hapfmt.reading.dump import dump, measure
 from hapfmt.reading.reader import Reader
-from hapfmt.reading.usage import measure
+from hapfmt.writing.filewriter import FileWriter
 
 SEEN = [(0, 10**18, 5000), (1000, 10**18 + 10**9 + 40_000, 0), (900, 10**18 + 9 * 10**8, 7)]
 POINTS = [(0, 10**18), (1000, 10**18 + 10**9 + 40_000)]

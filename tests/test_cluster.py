@@ -14,11 +14,20 @@ from hypothesis import strategies as st
 from judge import rule
 from page import BrokenRule
 
-from hapfmt.format.cluster import HEAD_ROOM, ROW_ROOM, Packet, alone_size, build_cluster, parse_cluster, parse_table_head
-from hapfmt.format.salvage import Hole, salvage_cluster
+from hapfmt.errors import FormatError
+from hapfmt.format.cluster import (
+    HEAD_ROOM,
+    ROW_ROOM,
+    Hole,
+    Packet,
+    alone_size,
+    build_cluster,
+    parse_cluster,
+    parse_table_head,
+    salvage_cluster,
+)
 from hapfmt.format.track import Component, Track
 from hapfmt.format.wire import cluster_seed
-from hapfmt.errors import FormatError
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDecoder
 

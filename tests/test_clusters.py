@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapfmt.writing.clusters import PACKET_SAMPLES, Clusters, Rows, pieces_of
-from hapfmt.writing.queue import OVERHEAD, Queue
+from hapfmt.writing.worker import OVERHEAD, Queue
 
 
 def rows(channels, start, ticks, value=1, dtype=np.int32):

@@ -21,12 +21,18 @@ from hypothesis import strategies as st
 from judge import rule
 from spec import ROOT, TEXT
 
-from hapfmt.format.extras import Attachment, build_attachment, build_metadata, parse_attachment, parse_metadata
+from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedError
+from hapfmt.format.extras import (
+    Attachment,
+    build_attachment,
+    build_metadata,
+    parse_attachment,
+    parse_metadata,
+)
 from hapfmt.format.layout import TABLES
 from hapfmt.format.source import BytesSource, StreamSource, open_source
 from hapfmt.format.tlv import build_strings, build_tlvs, parse_strings, parse_tlvs
 from hapfmt.format.wire import SIGNATURE, build_chunk, crc32, parse_head, parse_header, seed_of
-from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedError
 from hapfmt.reading.reader import Reader
 from hapfmt.reading.verifier import verify
 

@@ -16,7 +16,7 @@ from msgspec import Meta, Struct, field
 from spec import ROOT
 
 from hapfmt.descriptions import Description, DescriptionError, read, schema_of
-from hapfmt.lab.study.beginning import new_study
+from hapfmt.lab.study.description import new_study
 
 sys.path.insert(0, str(ROOT / "tools"))
 

@@ -17,14 +17,14 @@ import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings, Span
 from hapfmt.errors import ParameterError
 from hapfmt.lab.metrics import band_energy_error_db, snr_hf_db, st_sim
-from hapfmt.reading.reader import Reader
-from hapfmt.replay.render import Assignment, Renderer, Route
-from hapfmt.replay.render.feed import Feed
+from hapfmt.lab.study.outputs import RATE_HZ, Level, signal
 from hapfmt.lab.study.prepare import low_passed
-from hapfmt.lab.study.sound import RATE_HZ, Level, signal
 from hapfmt.lab.survey.compare import compare, pair_up
 from hapfmt.lab.survey.parts import RecordingParts
 from hapfmt.lab.survey.views import Builder, survey
+from hapfmt.reading.reader import Reader
+from hapfmt.replay.render import Assignment, Renderer, Route
+from hapfmt.replay.render.feed import Feed
 
 RATE = 1000
 MILLI = Calibration(1, 0, 1000)

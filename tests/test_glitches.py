@@ -10,11 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapfmt import Calibration, Channel, Settings
-from hapfmt.encoder import glitches
+from hapfmt.encoder import plan
 from hapfmt.encoder.encode import encode
-from hapfmt.encoder.glitches import LEAST, find_glitches, median3, without_glitches
 from hapfmt.encoder.lattice import Tolerance, snap_to_lattice
-from hapfmt.encoder.plan import Promise
+from hapfmt.encoder.plan import LEAST, Promise, find_glitches, median3, without_glitches
 from hapfmt.encoder.source import Source
 from hapfmt.encoder.texture import Felt
 from hapfmt.recording import Recording
@@ -50,7 +49,7 @@ def test_median(values):
 def test_as_the_page_says(values, block):
     x = np.array(values, np.int32)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(glitches, "BLOCK", block)
+        patch.setattr(plan, "BLOCK", block)
         found = find_glitches(x).tolist()
     medians = [sorted(values[i : i + 3])[1] for i in range(len(values) - 2)]
     low, high = min(medians, default=0), max(medians, default=0)

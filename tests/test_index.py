@@ -14,15 +14,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule, samples
 
+from hapfmt.errors import FormatError
 from hapfmt.format.cluster import Packet
 from hapfmt.format.extras import Attachment
-from hapfmt.writing.filewriter import FileWriter
-from hapfmt.format.index import Foot, Index, IndexEntry, build_foot, build_index, ceil_ms, ceil_ns, floor_ms, parse_foot, parse_index
+from hapfmt.format.index import (
+    Foot,
+    Index,
+    IndexEntry,
+    build_foot,
+    build_index,
+    ceil_ms,
+    ceil_ns,
+    floor_ms,
+    parse_foot,
+    parse_index,
+)
 from hapfmt.format.source import BytesSource
 from hapfmt.format.track import Component, Track
-from hapfmt.errors import FormatError
 from hapfmt.reading.opening import open_catalogue
 from hapfmt.reading.reader import Reader
+from hapfmt.writing.filewriter import FileWriter
 
 pytestmark = pytest.mark.capped
 

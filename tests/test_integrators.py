@@ -14,8 +14,7 @@ from hapfmt.lab.scenes import stylus
 from hapfmt.lab.scenes.contact import Drive, System, contact_force, energy, work
 from hapfmt.lab.scenes.description import Stroke
 from hapfmt.lab.scenes.integrators import INTEGRATORS, default_step_s, integrate
-from hapfmt.lab.scenes.stroke import StrokeMotion
-from hapfmt.lab.scenes.waves import Grid
+from hapfmt.lab.scenes.motion import Grid, StrokeMotion
 
 STYLUS = System(0.060, 250.0, 3.0, 1e5)
 SYSTEMS = [

@@ -13,9 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import hapfmt
-from hapfmt.codecs.exact import ExactParameters, decode_exact, lacking_of, parse_parameters
-from hapfmt.codecs.values import LINEAR, Term, linear_values
-from hapfmt.format.track import Affine
+from hapfmt.codecs.exact import (
+    LINEAR,
+    ExactParameters,
+    Term,
+    decode_exact,
+    lacking_of,
+    linear_values,
+    parse_parameters,
+)
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.linear import (
     FORMS,
@@ -29,7 +35,8 @@ from hapfmt.encoder.linear import (
     stretches,
 )
 from hapfmt.errors import FormatError
-from hapfmt.integers import build_varint
+from hapfmt.format.track import Affine
+from hapfmt.numbers import build_varint
 from hapfmt.recording import Channel, Recording, Span
 
 RATE = 1000

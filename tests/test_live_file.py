@@ -24,15 +24,15 @@ from spec import ROOT
 
 import hapfmt
 import hapfmt.format.track
-from hapfmt import lock as locks
-from hapfmt.writing.appending import open_append
+from hapfmt import files as locks
+from hapfmt.errors import HapfmtError, ParameterError
 from hapfmt.format.cluster import Packet
-from hapfmt.writing.filewriter import FileWriter
 from hapfmt.format.source import BytesSource
 from hapfmt.format.track import Track
 from hapfmt.format.walk import walk
-from hapfmt.errors import HapfmtError, ParameterError
 from hapfmt.writing.file import LiveFile, SyncPolicy, create_live, open_live
+from hapfmt.writing.filewriter import FileWriter
+from hapfmt.writing.start import open_append
 
 resource = pytest.importorskip("resource")
 
@@ -421,7 +421,7 @@ def test_a_full_disk_at_every_fill_state(small_disk: Path, sizes: tuple[int, ...
 
 OTHER = """
 import sys
-from hapfmt.writing.appending import open_append
+from hapfmt.writing.start import open_append
 from hapfmt.writing.file import create_live
 try:
     {call}

@@ -7,7 +7,7 @@ import pytest
 from test_damage import TWO
 from test_recover import flipped, payload_of, recovered
 
-from hapfmt.reading.losses import LostSpan
+from hapfmt.reading.damage import LostSpan
 from hapfmt.reading.reader import Reader
 from hapfmt.reading.verifier import verify
 

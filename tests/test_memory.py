@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
-from hapfmt.reading.reconstruct import Growing
+from hapfmt.reading.channels import Growing
 
 MIB = 1 << 20
 

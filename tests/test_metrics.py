@@ -12,7 +12,15 @@ from scipy import signal
 
 from hapfmt.deadband import Deadband
 from hapfmt.errors import MissingExtraError, ParameterError
-from hapfmt.lab.metrics import band_energy_error_db, max_error, resampling_8khz, rmse, share_outside, snr_hf_db, st_sim
+from hapfmt.lab.metrics import (
+    band_energy_error_db,
+    max_error,
+    resampling_8khz,
+    rmse,
+    share_outside,
+    snr_hf_db,
+    st_sim,
+)
 
 RATE = 1000
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from spec import ROOT
 
-from hapfmt.lab import plotting
 from hapfmt.errors import MissingExtraError, ParameterError
-from hapfmt.lab.plotting import Demonstrated, demo, style
+from hapfmt.lab import plotting
+from hapfmt.lab.plotting import Demonstrated, figures, panels
 
 pytest.importorskip("matplotlib")
 sys.path.insert(0, str(ROOT / "tools"))
@@ -43,7 +43,7 @@ MAGIC = {".png": b"\x89PNG\r\n\x1a\n", ".svg": b"<?xml", ".pdf": b"%PDF-"}
 def figures(monkeypatch):
     """What would be saved."""
     seen = []
-    monkeypatch.setattr(demo, "save", lambda made, *_args, **_kind: seen.extend(made))
+    monkeypatch.setattr(figures, "save", lambda made, *_args, **_kind: seen.extend(made))
     return seen
 
 
@@ -78,7 +78,7 @@ def test_what_it_says(figures):
     assert said[:4] == ["24 kB", "float64", "3 kB · 8.0 times smaller", "lossless"]
     for axes in (whole, residual, error):
         for line in axes.lines:
-            assert line.get_color() == style.PALETTE[line.get_label()]
+            assert line.get_color() == panels.PALETTE[line.get_label()]
     low, high = whole.get_ylim()
     known = parts(3000).original[1500:2500]
     assert high - low < 1.5 * np.ptp(known)
@@ -162,9 +162,9 @@ def test_imports_nothing_heavy_and_never_pyplot(tmp_path):
     ("least", "most"), [(-2e-11, 2e-11), (1e7, 3e7), (5000.0001, 5000.0004), (0.0, 1e-4)]
 )
 def test_no_factor_or_offset_lies_above_an_axis(least, most):
-    axes = style.new_figure(4, 3).add_subplot()
+    axes = panels.new_figure(4, 3).add_subplot()
     axes.plot([0, 1], [least, most])
-    style.style(axes, "", "", "")
+    panels.style(axes, "", "", "")
     axes.figure.draw_without_rendering()
     assert axes.yaxis.get_offset_text().get_text() == ""
     shown = [label.get_text().replace("\N{MINUS SIGN}", "-") for label in axes.get_yticklabels()]
@@ -177,6 +177,6 @@ def test_damage_looks_like_nothing_else():
     def rgb(colour):
         return np.array([int(colour[place : place + 2], 16) for place in (1, 3, 5)])
 
-    damage = rgb(style.DAMAGE)
-    others = {colour for colour in style.PALETTE.values() if colour != style.DAMAGE}
+    damage = rgb(panels.DAMAGE)
+    others = {colour for colour in panels.PALETTE.values() if colour != panels.DAMAGE}
     assert min(np.linalg.norm(damage - rgb(colour)) for colour in others) > 100

@@ -7,8 +7,8 @@ import itertools
 import pytest
 
 from hapfmt.errors import ParameterError
-from hapfmt.lab.plotting import opinions
-from hapfmt.lab.plotting.opinions import plot_opinions
+from hapfmt.lab.plotting import figures
+from hapfmt.lab.plotting.figures import plot_opinions
 from hapfmt.lab.study.description import SCALE
 from hapfmt.lab.study.summary import Row, mean_of
 
@@ -29,7 +29,7 @@ def drawn(monkeypatch):
     """The figure, in place of its file."""
     pytest.importorskip("matplotlib")
     found = []
-    monkeypatch.setattr(opinions, "save", lambda figures, *_, **__: found.extend(figures))
+    monkeypatch.setattr(figures, "save", lambda figures, *_, **__: found.extend(figures))
 
     def draw(rows, **how):
         found.clear()

@@ -22,8 +22,8 @@ from spec import ROOT
 import hapfmt
 from hapfmt import Calibration, Channel, Input, Recorder, Recording, Settings, Span
 from hapfmt.errors import LimitError, ParameterError
-from hapfmt.writing.clusters import Grid, Rows
 from hapfmt.recording import spans_of
+from hapfmt.writing.clusters import Grid, Rows
 
 CALIBRATION = Calibration(1, 3, 200)
 RATES = [Fraction(1), Fraction(10), Fraction(1000), Fraction(44100, 7), Fraction(1, 10)]

@@ -17,11 +17,11 @@ from judge import samples
 from test_walk import damaged
 
 import hapfmt
+from hapfmt.edit.recover import Recovery
+from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedError
 from hapfmt.format.source import BytesSource
 from hapfmt.format.walk import read_chunk
-from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedError
 from hapfmt.reading.opening import from_walk
-from hapfmt.edit.recover import Recovery
 from hapfmt.reading.verifier import verify
 
 LF = f.trak(kind=1, codec=b"KNOT")

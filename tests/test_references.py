@@ -13,19 +13,27 @@ from hypothesis import strategies as st
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
-from hapfmt.codecs.components import encode_component, split_components
-from hapfmt.codecs.predicted import Predictor, encode_indices, parse_header
+from hapfmt.codecs.predicted import (
+    Predictor,
+    encode_component,
+    encode_indices,
+    parse_header,
+    split_components,
+)
 from hapfmt.encoder import references
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.plan import bound_promise
 from hapfmt.encoder.predict import encode_best
 from hapfmt.encoder.references import (
     View,
+    choose_sources,
     find_links,
+    fit,
     intervals,
+    moments,
+    quick_predictor,
     refer,
 )
-from hapfmt.encoder.weights import choose_sources, fit, moments, quick_predictor
 from hapfmt.recording import Span
 
 ARCHIVE = Settings()

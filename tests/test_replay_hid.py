@@ -20,8 +20,6 @@ from fake_hid import PATH, FakeHid, entry, installed
 
 from hapfmt.errors import DeviceError, MissingExtraError, ParameterError
 from hapfmt.replay.frames import Frame
-from hapfmt.replay.profile.descriptor import parse_descriptor
-from hapfmt.replay.profile.layout import Layout
 from hapfmt.replay.profile.matching import (
     Device,
     by_path,
@@ -31,10 +29,11 @@ from hapfmt.replay.profile.matching import (
     differences,
     fits,
     match_text,
+    parse_descriptor,
     profiles_for,
     wanted_of,
 )
-from hapfmt.replay.profile.model import Actuator, Match, Profile, Report, Timing
+from hapfmt.replay.profile.model import Actuator, Layout, Match, Profile, Report, Timing
 from hapfmt.replay.sinks import hid
 from hapfmt.replay.sinks.hid import HidSink, connected, find, read_descriptor
 

@@ -12,7 +12,7 @@ import pytest
 from virtual_hid.model import Device, Fault
 from virtual_hid.world import world
 
-from hapfmt.replay.profile.descriptor import parse_descriptor
+from hapfmt.replay.profile.matching import parse_descriptor
 
 pytestmark = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="virtual devices are Linux'"

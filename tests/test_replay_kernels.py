@@ -15,9 +15,8 @@ from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.errors import ParameterError
 from hapfmt.reading.reader import Reader
 from hapfmt.replay.render import Assignment, Renderer, Route, assign
-from hapfmt.replay.render.grid import NOWHERE, Grid, samples_in
-from hapfmt.replay.render.kernels import kernel
-from hapfmt.replay.render.units import factor_for, parse_term
+from hapfmt.replay.render.assign import factor_for, parse_term
+from hapfmt.replay.render.feed import NOWHERE, Grid, kernel, samples_in
 
 MILLI = Calibration(1, 0, 1000)
 FLAT, STOP, FLOOR_DB = 0.85, 1.16, -80.0

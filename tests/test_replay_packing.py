@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 
 from hapfmt.errors import ParameterError
 from hapfmt.replay.frames import Frame
-from hapfmt.replay.profile.layout import Const, Crc32, Layout, Mapped, One, Samples
-from hapfmt.replay.profile.maps import AMPLITUDE_CEILING, MAPS, rumble_amplitude
-from hapfmt.replay.profile.model import Profile
-from hapfmt.replay.profile.packing import Packer
+from hapfmt.replay.profile.model import Const, Crc32, Layout, Mapped, One, Profile, Samples
+from hapfmt.replay.profile.packing import AMPLITUDE_CEILING, MAPS, Packer, rumble_amplitude
 from hapfmt.replay.profile.parse import builtin_names, load_profile, parse_profile
 
 BUILTIN = builtin_names()

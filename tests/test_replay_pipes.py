@@ -22,36 +22,32 @@ from replaying import PATIENT_S, lines, until
 
 from hapfmt.errors import DeviceError, ParameterError
 from hapfmt.replay.frames import Block, Frame
-from hapfmt.replay.process import realtime
-from hapfmt.replay.process.blocks import (
-    Sent,
-    pack_block,
-    pack_log,
-    parse_block,
-    parse_log,
-    parts,
-)
+from hapfmt.replay.process import children
 from hapfmt.replay.process.children import COLUMNS, LINES, Errors, descriptor, start
 from hapfmt.replay.process.keys import BYTES, Keys, split
-from hapfmt.replay.process.messages import (
+from hapfmt.replay.process.pipes import (
     HEADER,
     SIZE_LIMIT,
     Inbox,
+    Inlet,
     Kind,
     Message,
     MessageError,
-    pack,
-    pack_json,
-    reports_json,
-    reports_of,
-)
-from hapfmt.replay.process.pipes import (
-    Inlet,
     Outlet,
+    Sent,
     ThreadedInlet,
     ThreadedOutlet,
     inlet,
     outlet,
+    pack,
+    pack_block,
+    pack_json,
+    pack_log,
+    parse_block,
+    parse_log,
+    parts,
+    reports_json,
+    reports_of,
 )
 from hapfmt.replay.process.report import ReplayReport
 from hapfmt.replay.process.watchdog import first_message
@@ -462,8 +458,8 @@ class TestRealtime:
         def refused() -> str:
             raise PermissionError(1, "no")
 
-        assert realtime.attempted(lambda: "yes") == "yes"
-        assert realtime.attempted(refused) == "not permitted (no)"
+        assert children.attempted(lambda: "yes") == "yes"
+        assert children.attempted(refused) == "not permitted (no)"
 
 
 class TestKeys:

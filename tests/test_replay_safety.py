@@ -22,10 +22,10 @@ from spec import ROOT
 
 from hapfmt.replay.frames import Block
 from hapfmt.replay.process import watchdog
-from hapfmt.replay.process.clock import clock
-from hapfmt.replay.process.guard import Guard
+from hapfmt.replay.process.children import clock
 from hapfmt.replay.process.loop import Loop
-from hapfmt.replay.process.messages import Kind, Message
+from hapfmt.replay.process.pipes import Kind, Message
+from hapfmt.replay.process.watchdog import Guard
 from hapfmt.replay.profile.model import Profile
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals that stop a process")

@@ -20,12 +20,9 @@ from hypothesis.stateful import (
 )
 from replay_watch import SCENES, Watch, profiles, rows
 
-from hapfmt.replay import lane
-from hapfmt.replay.envelope import Envelope
+from hapfmt.replay import schedule
 from hapfmt.replay.frames import Block
-from hapfmt.replay.lane import Lane
-from hapfmt.replay.limiter import Limiter
-from hapfmt.replay.schedule import Schedule
+from hapfmt.replay.schedule import Envelope, Lane, Limiter, Schedule
 
 HOUR_NS = 3600 * 10**9
 
@@ -244,8 +241,8 @@ FAULTS = [
     (Envelope, "fall", dropped),
     (Lane, "fall", held),
     (Lane, "cut", lambda _: None),
-    (lane, "isfinite", lambda _: True),
-    (lane, "abs", lambda value: value),
+    (schedule, "isfinite", lambda _: True),
+    (schedule, "abs", lambda value: value),
     (Schedule, "_leap", all_of_them),
     (Schedule, "frames_due", twice),
     (Schedule, "frames_due", one_after_the_other),

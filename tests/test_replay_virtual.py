@@ -13,9 +13,8 @@ from replay_watch import make_actuator, make_block, make_profile
 
 from hapfmt.errors import DeviceError, FormatError
 from hapfmt.replay.frames import Frame
-from hapfmt.replay.process.virtual import rehearse
-from hapfmt.replay.profile.layout import Integer, Layout, One
-from hapfmt.replay.profile.model import Report
+from hapfmt.replay.process.loop import rehearse
+from hapfmt.replay.profile.model import Integer, Layout, One, Report
 
 MS = 10**6
 

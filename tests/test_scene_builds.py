@@ -16,12 +16,21 @@ from msgspec.structs import replace
 from spec import ROOT
 
 import hapfmt
+from hapfmt.encoder.settings import Tolerance
 from hapfmt.encoder.split import low_pass
-from hapfmt.encoder.tolerance import Tolerance
 from hapfmt.errors import LimitError, ParameterError
-from hapfmt.lab.scenes import Scene, builtin_names, load_scene, simulate, stroke, waves
-from hapfmt.lab.scenes.description import FINGERS, INTEGRATORS, Contact, Press, Reach, Stroke, Tool, Touches
-from hapfmt.lab.scenes.matrix import exponential
+from hapfmt.lab.scenes import Scene, builtin_names, load_scene, motion, simulate
+from hapfmt.lab.scenes.contact import exponential
+from hapfmt.lab.scenes.description import (
+    FINGERS,
+    INTEGRATORS,
+    Contact,
+    Press,
+    Reach,
+    Stroke,
+    Tool,
+    Touches,
+)
 
 BUILT_IN = builtin_names()
 JOINTS = 22
@@ -184,7 +193,7 @@ class TestTheSameAgain:
     def test_blocks_are_not_seen(self, name, monkeypatch):
         scene = load_scene(name).changed(seconds=0.15)
         whole = physical(scene)
-        monkeypatch.setattr(waves, "BLOCK_STEPS", 777)
+        monkeypatch.setattr(motion, "BLOCK_STEPS", 777)
         for label, values in physical(scene).items():
             assert np.abs(values - whole[label]).max() < 1e-9, label
 
@@ -232,7 +241,7 @@ class TestNothingForNothing:
     def test_no_touches_are_drawn_where_none_are_named(self, monkeypatch):
         """A stroke alone asks for no repeats, and its hand moves as before."""
         scene = load_scene("sand").changed(seconds=0.2)
-        monkeypatch.setattr(stroke, "Repeats", None)
+        monkeypatch.setattr(motion, "Repeats", None)
         simulate(scene.without("touches"))
         with pytest.raises(TypeError):
             simulate(scene)

@@ -10,7 +10,19 @@ from spec import ROOT
 from hapfmt.descriptions import DescriptionError, fields_of, read, schema_of
 from hapfmt.errors import ParameterError
 from hapfmt.lab.scenes import Scene, builtin_names, load_scene, parse_scene, scene_text
-from hapfmt.lab.scenes.description import CHANNELS, FINGERS, PARTS, Contact, Hand, Press, Reach, Sensor, Stroke, Texture, Tool
+from hapfmt.lab.scenes.description import (
+    CHANNELS,
+    FINGERS,
+    PARTS,
+    Contact,
+    Hand,
+    Press,
+    Reach,
+    Sensor,
+    Stroke,
+    Texture,
+    Tool,
+)
 
 TOOL = "[tool]\n[tool.stroke]\n"
 HUGE = "9" * 5000

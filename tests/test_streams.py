@@ -16,9 +16,17 @@ from spec import ROOT
 import hapfmt
 from hapfmt import Calibration, Input, Recorder, Span
 from hapfmt.errors import ParameterError
-from hapfmt.writing.frames import HEADER, OBJECT, PAYLOAD_SIZE, ROWS, SAMPLES, build_frame
-from hapfmt.writing.lines import LINE_SIZE, Table
-from hapfmt.writing.streams import Stream
+from hapfmt.writing.streams import (
+    HEADER,
+    LINE_SIZE,
+    OBJECT,
+    PAYLOAD_SIZE,
+    ROWS,
+    SAMPLES,
+    Stream,
+    Table,
+    build_frame,
+)
 
 PAGE = (ROOT / "docs" / "streams.md").read_text("utf-8")
 

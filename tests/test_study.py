@@ -18,14 +18,20 @@ from scipy import stats
 import hapfmt
 from hapfmt.errors import HapfmtError, MissingExtraError, ParameterError
 from hapfmt.lab.scenes.stylus import simulate
-from hapfmt.lab.study import sound
-from hapfmt.lab.study.answers import AnswerFile, load_answers, parse_answers
-from hapfmt.lab.study.beginning import new_study
-from hapfmt.lab.study.description import Study, fifth, load_study, parse_study
-from hapfmt.lab.study.order import Trial, order
+from hapfmt.lab.study import outputs
+from hapfmt.lab.study.description import Study, fifth, load_study, new_study, parse_study
 from hapfmt.lab.study.outputs import ChannelMap, Device, Felt, Nowhere, WavFiles, plan
 from hapfmt.lab.study.prepare import MANIFEST, prepare
-from hapfmt.lab.study.rating import NotYetError, Rating, heading
+from hapfmt.lab.study.rating import (
+    AnswerFile,
+    NotYetError,
+    Rating,
+    Trial,
+    heading,
+    load_answers,
+    order,
+    parse_answers,
+)
 from hapfmt.lab.study.summary import as_json, mean_of, summarise, table_rows
 
 TEXT = """
@@ -467,13 +473,13 @@ class TestOutputs:
 
         monkeypatch.setitem(sys.modules, "sounddevice", None)
         with pytest.raises(MissingExtraError, match=r"hapfmt\[sound\]"):
-            sound.Card(1, None)
+            outputs.Card(1, None)
         monkeypatch.setitem(sys.modules, "sounddevice", Fake)
         with pytest.raises(ParameterError, match="no sound card plays channel 3"):
-            sound.Card(3, None)
+            outputs.Card(3, None)
         from hapfmt.lab.study.outputs import SoundCard
 
-        card = SoundCard(study, prepared, sound.Card(*sound.parse_card("2/USB Audio")))
+        card = SoundCard(study, prepared, outputs.Card(*outputs.parse_card("2/USB Audio")))
         assert card.told == {"kind": "sound", "channel": 2, "device": "USB Audio"}
         card.play(prepared.file("sand", "b5"), "trial 1")
         (y, rate, how), end = played
@@ -481,8 +487,8 @@ class TestOutputs:
         assert how["mapping"] == [2] and how["blocking"] and end == "stop"
         for bad in ("0", "x", "1/", "", "-1", "999"):
             with pytest.raises(ParameterError, match="not an output of a sound card"):
-                sound.parse_card(bad)
-        assert sound.parse_card("1/3") == (1, 3)
+                outputs.parse_card(bad)
+        assert outputs.parse_card("1/3") == (1, 3)
 
 
 class TestSummary:

@@ -13,18 +13,23 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import hapfmt
-from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.encoder.settings import Tolerance
 from hapfmt.errors import ParameterError
-from hapfmt.reading.reader import Reader
-from hapfmt.recording import Calibration, Channel, Recording
 from hapfmt.lab.survey import parts as parts_of
 from hapfmt.lab.survey.compare import compare, pair_up
-from hapfmt.lab.survey.histogram import BINS, Histogram
-from hapfmt.lab.survey.knots import SHOWN
-from hapfmt.lab.survey.outline import LARGEST, Outline
 from hapfmt.lab.survey.parts import FileParts, RecordingParts
-from hapfmt.lab.survey.spectrum import Spectrum
-from hapfmt.lab.survey.views import liveliest, survey
+from hapfmt.lab.survey.views import (
+    BINS,
+    LARGEST,
+    SHOWN,
+    Histogram,
+    Outline,
+    Spectrum,
+    liveliest,
+    survey,
+)
+from hapfmt.reading.reader import Reader
+from hapfmt.recording import Calibration, Channel, Recording
 
 LSB = Calibration(1, 0, 2000)
 

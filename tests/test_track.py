@@ -15,11 +15,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule, samples
 
+from hapfmt.errors import HapfmtError, LimitError, ParameterError, UnsupportedError
 from hapfmt.format.deflate import deflate, inflate
-from hapfmt.format.description import CHUNK_SIZE, build_description, build_track, chunks_of, parse_description, split
+from hapfmt.format.description import (
+    CHUNK_SIZE,
+    build_description,
+    build_track,
+    chunks_of,
+    parse_description,
+    split,
+)
 from hapfmt.format.lists import round_up
 from hapfmt.format.track import Component, Contract
-from hapfmt.errors import HapfmtError, LimitError, ParameterError, UnsupportedError
 from hapfmt.limits import LEVELS, Limits
 from hapfmt.reading.reader import Reader
 from hapfmt.reading.verifier import verify

@@ -13,10 +13,16 @@ from spec import ROOT
 from terminal import called
 
 import hapfmt
-from hapfmt.errors import ChecksumError, FormatError, HapfmtError, LimitError, UnsupportedError
+from hapfmt.errors import (
+    ChecksumError,
+    FormatError,
+    HapfmtError,
+    LimitError,
+    UnsupportedError,
+    verdict_of,
+)
 from hapfmt.limits import Limits
 from hapfmt.reading.reader import Reader
-from hapfmt.verdict import verdict_of
 from hapfmt.reading.verifier import verify
 
 BROKEN, UNKNOWN, LIMITED = FormatError("x"), UnsupportedError("x"), LimitError("x")

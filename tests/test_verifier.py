@@ -16,14 +16,13 @@ from hypothesis import strategies as st
 from judge import rule
 
 import hapfmt
+from hapfmt.errors import VERDICTS
 from hapfmt.format.source import BytesSource
-from hapfmt.reading.dump import dump
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDecoder, TrackDigest
-from hapfmt.recording import Calibration, Channel, Recording
-from hapfmt.reading.usage import measure
-from hapfmt.verdict import VERDICTS
+from hapfmt.reading.dump import dump, measure
 from hapfmt.reading.verifier import verify
+from hapfmt.recording import Calibration, Channel, Recording
 
 pytestmark = pytest.mark.capped
 

@@ -14,8 +14,8 @@ from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.format.source import BytesSource
 from hapfmt.format.walk import walk
 from hapfmt.format.wire import HEADER_SIZE
-from hapfmt.reading.opening import open_catalogue
 from hapfmt.lab.scenes.stylus import simulate
+from hapfmt.reading.opening import open_catalogue
 
 
 class Pieces(io.BytesIO):

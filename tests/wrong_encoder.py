@@ -34,8 +34,8 @@ def encode(deed, job, target):
     if deed == "no file":
         return 0
     from hapfmt.conformance.verbs import main
-    from hapfmt.writing import filewriter
     from hapfmt.format.wire import HEADER_SIZE
+    from hapfmt.writing import filewriter
 
     build = filewriter.build_index
     if deed == "no index":

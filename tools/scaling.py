@@ -30,7 +30,7 @@ from simulated import SENSORS, glove
 
 import hapfmt
 from hapfmt.format.source import open_source
-from hapfmt.reading.usage import measure
+from hapfmt.reading.dump import measure
 
 STEPS = ("encode", "read", "pieces", "verify", "du", "info")
 MIB = 1 << 20

@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 from hapfmt.descriptions import schema_of
-from hapfmt.replay.profile.parse import ProfileKeys
 from hapfmt.lab.scenes.description import Scene
 from hapfmt.lab.study.description import StudyKeys
+from hapfmt.replay.profile.parse import ProfileKeys
 
 ROOT = Path(__file__).resolve().parents[1] / "hapfmt"
 SCHEMAS = {

@@ -26,15 +26,14 @@ from numpy.typing import NDArray
 
 import hapfmt
 from hapfmt.encoder.split import low_pass
+from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Channel, Recording
 from hapfmt.replay.frames import Block
 from hapfmt.replay.profile.model import Actuator, Profile, Timing
 from hapfmt.replay.render import Assignment, Renderer, Route
-from hapfmt.replay.render.grid import Grid
-from hapfmt.replay.render.kernels import Shape, kernel
+from hapfmt.replay.render.feed import Grid, Shape, kernel
 from hapfmt.replay.schedule import Schedule
-from hapfmt.lab.scenes.stylus import simulate
 
 Values = NDArray[np.float64]
 WALL_N_PER_M = 1e5

@@ -16,14 +16,12 @@ from .common import (
     memory_option,
     tell_losses,
 )
-from .help import Verb
-from .screen import say
-from .tables import table
+from .screen import Verb, say, table
 
 if TYPE_CHECKING:
-    from ..reading.clocks import Delays
-    from ..format.clocks import ClockMap, ClockObservation
+    from ..format.extras import ClockMap, ClockObservation
     from ..limits import Limits
+    from ..reading.clocks import Delays
     from ..reading.reader import Reader
 
 NS = Fraction(10**9)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import click
 
-from ..atomic import refuse
 from ..errors import ParameterError
+from ..files import refuse
 from ..limits import Limits
 from .common import (
     HAPF,
@@ -29,7 +29,7 @@ from .common import (
     transpose_option,
     unit_option,
 )
-from .help import Verb
+from .screen import Verb
 
 
 @click.command(cls=Verb)

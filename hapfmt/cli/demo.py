@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import BitsType, FractionType, echo_json, force_option, json_option
-from .help import Verb
-from .screen import say
-from .tables import Column, table
+from .screen import Column, Verb, say, table
 
 if TYPE_CHECKING:
     from ..recording import Recording
@@ -101,7 +99,7 @@ def demo(
     hapfmt demo
     hapfmt demo --texture cork --plot demo.png --output demo.hapf
     """
-    from ..atomic import atomic_write, refuse
+    from ..files import atomic_write, refuse
     from ..lab.scenes.stylus import simulate
 
     for path in (output, plot):
@@ -224,8 +222,8 @@ def draw(
     import numpy as np
 
     from ..codecs.knots import parse_knots
+    from ..encoder.settings import FORCE_FLOOR_N
     from ..format.cluster import Packet
-    from ..encoder.perception import FORCE_FLOOR_N
     from ..lab.plotting import Demonstrated, plot_demo
     from ..reading.reader import Reader
 

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import echo_json, json_option
-from .help import Verb
-from .screen import document, say
-from .tables import Column, table
+from .screen import Column, Verb, document, say, table
 
 if TYPE_CHECKING:
     from ..replay.profile.matching import Device

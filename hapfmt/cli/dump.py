@@ -9,8 +9,7 @@ import click
 from ..format.source import open_source
 from ..limits import Limits
 from .common import input_of, memory_option
-from .help import Verb
-from .screen import raw
+from .screen import Verb, raw
 
 
 @click.command(cls=Verb)

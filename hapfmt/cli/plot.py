@@ -13,7 +13,9 @@ from ..numbers import counted
 from .common import (
     force_option,
     input_format_option,
+    matched,
     memory_option,
+    open_parts,
     output_of,
     output_option,
     progress,
@@ -25,14 +27,12 @@ from .common import (
     tell_written,
     transpose_option,
 )
-from .help import Verb
-from .parts import matched, open_parts
-from .screen import note, printable
+from .screen import Verb, note, printable
 
 if TYPE_CHECKING:
-    from ..limits import Limits
     from ..lab.survey.parts import Parts
     from ..lab.survey.views import View
+    from ..limits import Limits
 
 ZOOM_TICKS = 400
 """Of the stretch that is drawn sample by sample."""
@@ -93,8 +93,8 @@ def plot(
     hapfmt plot touch.hapf --output errors.pdf --against original.npz
     hapfmt plot touch.npz --window
     """
-    from ..atomic import refuse
-    from ..lab.plotting.style import kind_of, new_figure, save
+    from ..files import refuse
+    from ..lab.plotting.panels import kind_of, new_figure, save
 
     if (output is None) != window:
         raise ParameterError("Give --output touch.png (or .svg, .pdf), or --window.")
@@ -103,7 +103,7 @@ def plot(
         refuse(output, force)
     new_figure(1, 1)
     if window:
-        from ..lab.plotting.window import open_window
+        from ..lab.plotting.pages import open_window
 
         open_window("hapfmt").destroy()
     refuse_span(start, stop)
@@ -123,7 +123,7 @@ def plot(
         if original is not None:
             original.close()
     if window:
-        from ..lab.plotting.window import show
+        from ..lab.plotting.pages import show
 
         show(figures, f"hapfmt: {file}")
         return code
@@ -173,8 +173,8 @@ def draw(
 
 def header(parts: Parts, views: list[View], name: str, whole: bool, compared: bool) -> list[str]:
     """The facts of the file."""
-    from ..lab.survey.facts import facts
     from ..lab.survey.parts import FileParts
+    from ..lab.survey.views import facts
 
     size = None
     if isinstance(parts, FileParts):
@@ -189,7 +189,7 @@ def header(parts: Parts, views: list[View], name: str, whole: bool, compared: bo
 
 def largest_error(views: list[View]) -> list[str]:
     """Of the channel that has the largest, by its range; one channel says it in its own title."""
-    from ..lab.survey.facts import relative_error
+    from ..lab.survey.views import relative_error
 
     shares = [(relative_error(view), view) for view in views]
     worst, view = max(shares, key=lambda pair: pair[0])
@@ -212,8 +212,8 @@ def footnotes(
 
 def told(parts: Parts, start: Fraction | None, stop: Fraction | None, name: str = "") -> list[str]:
     """Damage of the file, in a few lines."""
-    from ..reading.damage import lost_lines
     from ..lab.survey.parts import FileParts
+    from ..reading.damage import lost_lines
 
     lines: list[str] = []
     if isinstance(parts, FileParts):

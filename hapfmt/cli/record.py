@@ -32,13 +32,11 @@ from .common import (
     standard_input,
     unit_option,
 )
-from .help import Verb
-from .screen import complain, note, say
+from .screen import Verb, complain, note, say
 
 if TYPE_CHECKING:
-    from ..writing.recorder import Recorder
-    from ..writing.session import Header
-    from ..writing.status import Status
+    from ..writing.recorder import Recorder, Status
+    from ..writing.streams import Header
 
 PIECE = 1 << 16
 """Bytes taken from the stream at once, at most."""
@@ -136,9 +134,8 @@ def record(
     Two kinds of streams, lines of text and binary frames, are described in docs/streams.md.
     """
     from ..encoder.settings import Settings, renamed
-    from ..writing.lines import Table
     from ..writing.recorder import Recorder
-    from ..writing.streams import Stream
+    from ..writing.streams import Stream, Table
 
     given["felt"] = given["felt"] or None
     chosen = ("fast", "max_error", "k", "floor", "felt", "texture")

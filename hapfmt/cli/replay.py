@@ -28,9 +28,7 @@ from .common import (
     stop_option,
     tell_some,
 )
-from .help import Verb
-from .screen import complain, printable, say
-from .tables import table
+from .screen import Verb, complain, printable, say, table
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -300,7 +298,7 @@ def recording(
 
 
 def rehearsed(renderer: Renderer, gain: float, record: Sink | None, as_json: bool) -> ReplayReport:
-    from ..replay.process.virtual import rehearse
+    from ..replay.process.loop import rehearse
     from ..replay.sinks.dry import DryRunSink
 
     if record is None:

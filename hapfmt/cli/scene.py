@@ -21,14 +21,12 @@ from .common import (
     save_recording,
     suffix_of,
 )
-from .help import Verb
-from .screen import document, note, say
-from .tables import table
+from .screen import Verb, document, note, say, table
 
 if TYPE_CHECKING:
-    from ..recording import Recording
     from ..lab.scenes.description import Scene
     from ..lab.scenes.work import Work
+    from ..recording import Recording
 
 INTEGRATORS = ("explicit-euler", "semi-implicit", "implicit", "trapezoid", "rk4", "exact")
 
@@ -93,7 +91,7 @@ def scene(
     hapfmt scene grasp hand.hapf --without ring --without little
     hapfmt scene sand --show > mine.toml
     """
-    from ..lab.scenes.library import load_scene, scene_text
+    from ..lab.scenes.build import load_scene, scene_text
 
     if as_list or name is None:
         if show or target is not None:
@@ -112,8 +110,8 @@ def scene(
 
 def refuse_early(target: str, force: bool, preset: str | None) -> str:
     """The suffix of the target, before any work is done for nothing."""
-    from ..atomic import refuse
     from ..convert import FORMATS
+    from ..files import refuse
 
     kind = suffix_of(target, None, HAPF)
     if kind != HAPF and kind not in FORMATS:
@@ -198,7 +196,7 @@ def in_words(work: Work) -> str:
 
 
 def list_scenes(as_json: bool) -> None:
-    from ..lab.scenes.library import builtin_names, load_scene
+    from ..lab.scenes.build import builtin_names, load_scene
 
     found = [load_scene(each) for each in builtin_names()]
     if as_json:

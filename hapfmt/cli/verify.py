@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..errors import DAMAGED, INTACT, VERDICTS
 from ..numbers import counted
-from ..verdict import DAMAGED, INTACT, VERDICTS
-from .bounds import amount, bound_text
 from .common import (
     echo_json,
     file_id_option,
@@ -26,14 +25,12 @@ from .common import (
     transpose_option,
     verbose_option,
 )
-from .help import Verb
-from .screen import complain, say
-from .tables import Column, table
+from .encode import amount, bound_text
+from .screen import Column, Verb, complain, say, table
 
 if TYPE_CHECKING:
-    from ..reading.contract import ContractCheck
     from ..limits import Limits
-    from ..reading.verifier import Report
+    from ..reading.verifier import ContractCheck, Report
 
 
 @click.command(cls=Verb)

@@ -8,16 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from ..codecs.events import CodedEvent
-from ..format.clocks import parse_clock, parse_map
 from ..format.description import split
+from ..format.extras import parse_clock, parse_map
 from ..format.layout import TRACK
 from ..format.track import Track
 from ..format.walk import read_chunk
 from ..format.wire import HEADER_SIZE, id_text
-from ..reading.assembly import Assembly, Band
 from ..reading.catalogue import Catalogue, ChannelRef, ChunkRef
+from ..reading.channels import Assembly, Band, Decoded
 from ..reading.reader import Reader
-from ..reading.reconstruct import Decoded
 from ..recording import Channel, Span
 from .raw import write_json, write_numbers
 

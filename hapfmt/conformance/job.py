@@ -65,8 +65,7 @@ def events_of(layer: dict[str, Any]) -> list[Event]:
 
 
 def encode_job(path: str, target: str) -> int:
-    from ..encoder.settings import Settings
-    from ..encoder.tolerance import Tolerance
+    from ..encoder.settings import Settings, Tolerance
     from ..writing.writer import write
 
     recording, job = read_job(Path(path))

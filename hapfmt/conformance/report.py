@@ -6,8 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from ..errors import HapfmtError
-from ..verdict import VERDICTS
+from ..errors import VERDICTS, HapfmtError
 from .raw import write_json
 
 NAMED = re.compile(r"\[([A-Z]{3}-\d{3})\]")

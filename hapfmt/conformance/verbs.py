@@ -8,8 +8,8 @@ import traceback
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TextIO
 
-from ..format.track import CODECS
 from ..errors import HapfmtError, ParameterError
+from ..format.track import CODECS
 from ..version import SPEC_VERSION, __version__
 
 ERROR = 1

@@ -14,9 +14,9 @@ from typing import BinaryIO, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import unique
 from ..errors import LimitError, ParameterError
-from ..recording import Channel, Recording, Span, spans_at
+from ..recording import Channel, Recording, Span, spans_at, unique
+from ..times import TIME_UNITS, Grid, Stamps, seconds_of_date, time_name
 from ..units import split_name, to_ucum
 from .common import (
     CHANNEL_LIMIT,
@@ -28,7 +28,6 @@ from .common import (
     unit_of,
     with_notes,
 )
-from ..times import TIME_UNITS, Grid, Stamps, seconds_of_date, time_name
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.A | re.I)
 _COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.A | re.I)

@@ -9,26 +9,28 @@ from contextlib import ExitStack
 from dataclasses import replace
 from fractions import Fraction
 
+from ..errors import ParameterError
 from ..format.cluster import Packet
 from ..format.extras import build_metadata
 from ..format.track import Component, Track
 from ..format.wire import check_file_id
-from ..errors import ParameterError
-from ..reading.seconds import Seconds
-from .extras import combined
+from ..reading.packets import Seconds
+from .joining import Times, common_line
 from .making import (
     Edited,
     Making,
     Output,
+    Plan,
+    combined,
+    lay_out,
+    level_for,
     name_of,
     opened,
     refuse_output,
     with_note,
 )
 from .original import Advance, Input, Original, has_channels, open_original
-from .plan import Plan, lay_out, level_for
 from .subset import title
-from .times import Times, common_line
 
 
 def merge(

@@ -12,16 +12,14 @@ from fractions import Fraction
 from functools import partial
 
 from ..codecs.grids import LpcParameters
-from ..format.track import Contract, Track
 from ..deadband import Deadband
+from ..format.track import Contract, Track
 from ..recording import Channel, Span
-from .glitches import without_glitches
-from .grids import Indices, grid_within, nearest_level, nearest_uniform
+from .gridded import Indices, grid_within, nearest_level, nearest_uniform
+from .knots import Coded, fill_below
 from .lengths import fitting_packets
-from .packed import Coded, fill_below
-from .plan import Promise
-from .predict import encode_best, quick_estimate
-from .quick import encode_quick
+from .plan import Promise, without_glitches
+from .predict import encode_best, encode_quick, quick_estimate
 from .settings import counts_of
 from .source import Source
 from .tubed import Way, code_held, code_held_levels, code_lines, vector_ways

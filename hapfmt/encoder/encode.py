@@ -16,19 +16,19 @@ from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters
+from ..errors import FormatError, ParameterError
 from ..format.cluster import Packet
 from ..format.track import Track
-from ..errors import FormatError, ParameterError
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..reading.decoder import TrackDecoder
 from ..recording import Channel, Recording, Span
 from ..threads import in_order, thread_count
 from .bounded import encode_bounded, encode_lossless, error_of, lossless_bits
-from .check import largest_errors
-from .exact import encode_doubles
+from .exact import WORDS_REASON, encode_doubles, encode_words, words_size
 from .gridded import Gridded, fine_grid, on_grid, without_odd_values
-from .groups import group_units
+from .knots import Coded
 from .lattice import Lattice, sparse
+from .lengths import shorten
 from .linear import (
     COSTLY,
     RUN_LIMIT,
@@ -38,15 +38,20 @@ from .linear import (
     may_have_counts,
     stretches,
 )
-from .packed import Coded
 from .plan import Promise, promises_of, vector_promise
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
 from .settings import ALL, Settings
-from .shorter import shorten
-from .source import Source, cut, side_by_side
+from .source import Source, cut, group_units, side_by_side
 from .texture import encode_textured
-from .unit import ENCODE_LEVEL, Unit, encode_constant, encode_paper, is_constant, whole_range
-from .words import WORDS_REASON, encode_words, words_size
+from .unit import (
+    ENCODE_LEVEL,
+    Unit,
+    encode_constant,
+    encode_paper,
+    is_constant,
+    largest_errors,
+    whole_range,
+)
 
 WORDS = {
     np.dtype(np.int64): "int64",

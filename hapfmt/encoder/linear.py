@@ -15,15 +15,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..codecs.components import join_components
-from ..codecs.exact import ExactParameters, lacking_of
-from ..codecs.values import COEFFICIENT_LIMIT, LINEAR, Counts, Doubles, Term, ordered, predictions
+from ..codecs.exact import (
+    COEFFICIENT_LIMIT,
+    LINEAR,
+    Counts,
+    Doubles,
+    ExactParameters,
+    Term,
+    lacking_of,
+    ordered,
+    predictions,
+)
+from ..codecs.predicted import join_components
 from ..format.cluster import Packet
-from ..integers import build_varint
 from ..limits import EXACT_LIMIT
+from ..numbers import build_varint
 from ..recording import Calibration, Channel
 from .exact import Candidate, binary_grid, smallest_exact
-from .packed import Coded
+from .knots import Coded
 from .predict import encode_best
 from .source import cut, declared_range, make_track
 from .unit import Unit, decode_all

@@ -21,18 +21,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
+from ..errors import ParameterError
 from ..format.cluster import Packet
 from ..format.track import Component, Contract, Track
-from ..errors import ParameterError
-from ..integers import clamp
 from ..limits import EXACT_LIMIT, ZERO_LIMIT
+from ..numbers import clamp
 from ..recording import Calibration, Channel
 from .bounded import code_grid, encode_bounded, encode_lossless
-from .glitches import without_glitches
-from .grids import nearest_uniform
+from .gridded import nearest_uniform
+from .knots import Coded
 from .lattice import on_uniform_grid
-from .packed import Coded
-from .plan import Promise
+from .plan import Promise, without_glitches
 from .predict import encode_best
 from .source import Source, declared_range
 from .split import PADDING_PERIODS, slow_for_telling

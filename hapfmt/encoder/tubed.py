@@ -14,13 +14,11 @@ from fractions import Fraction
 import numpy as np
 
 from ..codecs.grids import LpcParameters
-from ..codecs.knots import KnotParameters
-from ..codecs.knots_coded import encode_knots
-from ..format.track import Track
+from ..codecs.knots import KnotParameters, encode_knots
 from ..deadband import Deadband
-from .grids import Indices, grid_within, levels_of, places
-from .knots import select_knots
-from .packed import Coded, fill_below, plain_knots
+from ..format.track import Track
+from .gridded import Indices, grid_within, levels_of, places
+from .knots import Coded, fill_below, plain_knots, select_knots
 from .source import Source
 from .tube import COUNT_BOUND, fewest_hold, fewest_linear
 from .unit import Bound, code_steps

@@ -10,12 +10,29 @@ from fractions import Fraction
 from typing import Any
 
 from ..errors import FormatError, ParameterError
-from ..integers import build_varint, parse_varint
 from ..limits import EXACT_LIMIT, LAST_TRACK_ID, Level
+from ..numbers import build_varint, parse_varint
 from .deflate import deflate, inflate
 from .layout import TRACK
-from .lists import build_calibration, build_contract, build_deviation, entries_of, parse_calibration, parse_contract, parse_deviation
-from .tlv import Tlvs, build_strings, build_tlvs, parse_strings, parse_text, parse_tlv, share, spread
+from .lists import (
+    build_calibration,
+    build_contract,
+    build_deviation,
+    entries_of,
+    parse_calibration,
+    parse_contract,
+    parse_deviation,
+)
+from .tlv import (
+    Tlvs,
+    build_strings,
+    build_tlvs,
+    parse_strings,
+    parse_text,
+    parse_tlv,
+    share,
+    spread,
+)
 from .track import CODECS, COMPONENTS, IDENTITY, KINDS, NUMBER_FORMATS, Affine, Component, Track
 from .wire import NO_TRACK
 

@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from ..errors import FormatError
-from ..integers import build_varint, parse_varint
+from ..numbers import build_varint, parse_varint
 from .layout import FOOT, INDEX
 from .wire import HEADER_SIZE
 

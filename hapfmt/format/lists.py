@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 from ..errors import FormatError, ParameterError, TruncatedError
-from ..integers import build_svarint, build_varint, parse_svarint, parse_varint
 from ..limits import AFFINE_LIMIT, FRACTION_LIMIT, SINGLE_MAX, ZERO_LIMIT
+from ..numbers import build_svarint, build_varint, parse_svarint, parse_varint
 from .layout import DEVIATION
 from .track import Affine, Contract
 

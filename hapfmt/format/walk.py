@@ -7,9 +7,18 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ..errors import ChecksumError, FormatError, LimitError, TruncatedError
-from .salvage import held_size
+from .cluster import held_size
 from .source import Source
-from .wire import CRC_OFFSET, HEADER_SIZE, SIGNATURE, SYNC, ChunkHeader, crc32, id_text, parse_header
+from .wire import (
+    CRC_OFFSET,
+    HEADER_SIZE,
+    SIGNATURE,
+    SYNC,
+    ChunkHeader,
+    crc32,
+    id_text,
+    parse_header,
+)
 
 FIRST_BLOCK, BLOCK_SIZE = 1 << 8, 1 << 16
 """Bytes looked at in one go when scanning for a header, doubling from the first to the second:

@@ -11,18 +11,24 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
-from ..format.clocks import ClockMap, ClockObservation, parse_clock, parse_map
+from ..errors import HARMLESS, FormatError, TruncatedError, UnsupportedError, verdict_of
 from ..format.cluster import parse_rows, parse_table_head
 from ..format.description import described_size, parse_description
-from ..format.extras import Attachment, parse_attachment, parse_metadata
+from ..format.extras import (
+    Attachment,
+    ClockMap,
+    ClockObservation,
+    parse_attachment,
+    parse_clock,
+    parse_map,
+    parse_metadata,
+)
 from ..format.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
 from ..format.source import Source
 from ..format.track import Contract, Track, TrackTable
 from ..format.walk import Chunk, Finding, header_at, read_chunk
 from ..format.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
-from ..errors import FormatError, TruncatedError, UnsupportedError
 from ..limits import LEVELS, Level, Limits
-from ..verdict import HARMLESS, verdict_of
 
 T = TypeVar("T")
 COMPONENT_SIZE = 1 << 10

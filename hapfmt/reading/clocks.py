@@ -15,9 +15,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..format.clocks import ClockMap, ClockObservation
 from ..errors import ParameterError
-from ..integers import rdiv
+from ..format.extras import ClockMap, ClockObservation
+from ..numbers import rdiv
 
 Delays = Literal["both", "late"]
 Point = tuple[float, float]

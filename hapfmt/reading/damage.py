@@ -1,16 +1,154 @@
-"""The damage report: what is wrong with a file, what that took (docs/spec/recovery.md)."""
+"""The damage report: what is wrong with a file, what that took (docs/spec/recovery.md).
+
+What damage took of each track, as far as packets around it and the index tell (SPEC 14.2).
+
+Which DATA chunks a damaged file has lost, and when they were, by its indexes (SPEC 14.2).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
+from ..errors import HARMLESS, FormatError
+from ..format.index import MS_LIMIT, IndexEntry, parse_index
 from ..format.track import Track
-from ..format.walk import Finding
+from ..format.walk import Finding, read_chunk
 from .catalogue import Catalogue, ChannelRef
-from .losses import LostSpan
-from ..verdict import HARMLESS
+
+ANYWHERE = 1 << 63
+"""Bytes may have come in or gone: an index does not stand where it stood."""
+
+
+class Times(NamedTuple):
+    """Milliseconds that lost packets lie within; ``stop`` None: nobody knows how long."""
+
+    start: int = 0
+    stop: int | None = None
+
+
+UNKNOWN = Times()
+NOTHING = Times(0, 0)
+
+
+class Timeline:
+    """What the intact indexes say of chunks, by their sequence numbers."""
+
+    def __init__(self, catalogue: Catalogue) -> None:
+        self.listed: dict[int, IndexEntry] = {}
+        for ref in catalogue.chunks:
+            chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "iNDX" else None
+            if chunk is None or not chunk.intact or not chunk.header.known:
+                continue
+            try:
+                index = parse_index(chunk.payload, ANYWHERE, chunk.payload_offset)
+            except FormatError:
+                continue
+            self.listed |= dict(enumerate(index.entries, index.first_sequence))
+        self.found = sorted({ref.sequence for ref in catalogue.chunks if ref.sequence is not None})
+        self.gone = sorted(self.listed.keys() - set(self.found))
+        """Sequence numbers of chunks that are listed and were not found."""
+
+    def of(self, sequence: int) -> Times:
+        """When the packets of the DATA chunk with this number are."""
+        entry = self.listed.get(sequence)
+        return UNKNOWN if entry is None or entry.type != "DATA" else times_of([entry])
+
+    def missing(self, low: int, high: int) -> Times:
+        """The same for the chunks between two numbers that were not found."""
+        if high <= low + 1:
+            return NOTHING
+        count = high - low - 1
+        count -= bisect_left(self.found, high) - bisect_right(self.found, low)
+        gone = self.gone[bisect_right(self.gone, low) : bisect_left(self.gone, high)]
+        if len(gone) < count:
+            return UNKNOWN
+        return times_of([entry for n in gone if (entry := self.listed[n]).type == "DATA"])
+
+
+def times_of(entries: list[IndexEntry]) -> Times:
+    if not entries:
+        return NOTHING
+    stop = max(entry.stop_ms for entry in entries)
+    return Times(min(entry.start_ms for entry in entries), stop if stop < MS_LIMIT else None)
+
+
+class LostSpan(NamedTuple):
+    """Ticks of a track that damage took: start <= t < stop; stop None: their number is not
+    known.
+    ``offset``: where the damage is, None where that is not known."""
+
+    track: int
+    start: int
+    stop: int | None
+    offset: int | None = None
+
+
+@dataclass
+class Hole:
+    """Ticks that may be lost of one track; the next packet of it tells more."""
+
+    start: int
+    stop: int | None
+    offset: int
+
+
+class Losses:
+    """Grows while packets go by in order; ``spans`` are the result."""
+
+    def __init__(self, tracks: Mapping[int, Track]) -> None:
+        self.tracks = tracks
+        self.spans: list[LostSpan] = []
+        self.open: dict[int, Hole] = {}
+
+    def suspect(self, tracks: Iterable[int], times: Times, offset: int) -> None:
+        """Packets of these tracks within these times may be lost."""
+        if times.stop == 0:
+            return
+        for id_ in tracks:
+            start, stop = ticks(times, self.tracks[id_].rate)
+            self.widen(id_, start, stop, offset)
+
+    def widen(self, track: int, start: int, stop: int | None, offset: int) -> None:
+        """These ticks of the track may be lost, but for those that other packets have."""
+        hole = self.open.setdefault(track, Hole(start, stop, offset))
+        hole.start = min(hole.start, start)
+        hole.stop = None if None in (hole.stop, stop) else max(hole.stop or 0, stop or 0)
+
+    def settle(self, track: int, last: int, start: int) -> None:
+        """The track's next packet starts at ``start``, the one before ended at ``last``."""
+        hole = self.open.pop(track, None)
+        if hole is not None:
+            low = max(last, hole.start)
+            high = start if hole.stop is None else min(start, hole.stop)
+            if low < high:
+                self.spans.append(LostSpan(track, low, high, hole.offset))
+
+    def end(self, track: int, last: int) -> None:
+        """No packet of the track follows."""
+        hole = self.open.pop(track, None)
+        if hole is not None:
+            low = max(last, hole.start)
+            if hole.stop is None or low < hole.stop:
+                self.spans.append(LostSpan(track, low, hole.stop, hole.offset))
+
+    def lose(self, track: int, start: int, stop: int, offset: int) -> None:
+        """Exactly these ticks; what follows on the last loss of the track is one with it."""
+        last = self.spans[-1] if self.spans else None
+        if last and (last.track, last.stop) == (track, start) and last.offset == offset:
+            self.spans[-1] = last._replace(stop=stop)
+        else:
+            self.spans.append(LostSpan(track, start, stop, offset))
+
+
+def ticks(times: Times, rate: Fraction) -> tuple[int, int | None]:
+    """First tick, and the one after the last, of a track that lie within some milliseconds."""
+    n, d = rate.numerator, rate.denominator * 1000
+    return times.start * n // d, None if times.stop is None else -(-times.stop * n // d)
+
 
 SHOWN = 4
 """Channels named in a line."""

@@ -14,24 +14,21 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..closing import Closing
-from ..format.cluster import Packet, parse_cluster
+from ..errors import FormatError, ParameterError
+from ..files import Closing
+from ..format.cluster import Packet, parse_cluster, salvage_cluster
 from ..format.index import FIRST_OFFSET
-from ..format.salvage import salvage_cluster
 from ..format.source import is_url, open_source
 from ..format.track import Track
 from ..format.walk import Chunk, Finding, header_at, read_chunk, walk
 from ..format.wire import SIGNATURE
-from ..errors import FormatError, ParameterError
 from .catalogue import Catalogue, ChannelRef, FalseIndexError
 from .opening import learn_checkpoint, lose_chunk, no_signature
-from .packets import PacketPass
-from .seconds import Seconds, tick_range
+from .packets import PacketPass, Seconds, tick_range
 
 if TYPE_CHECKING:
-    from .assembly import Band
-    from .decoder import TrackDecoder
-    from .pieces import Piece
+    from .channels import Band
+    from .decoder import Piece, TrackDecoder
 
 INTERVAL = 0.2
 """Seconds between two looks at the file."""
@@ -281,7 +278,7 @@ class Wanted:
 
     def tracks(self) -> list[Track]:
         """As far as they are described."""
-        from .assembly import wanted_tracks
+        from .channels import wanted_tracks
 
         chosen = [
             ref
@@ -308,7 +305,7 @@ class Wanted:
 
     def decode(self, packet: Packet) -> Iterator[Piece]:
         """The piece, unless it is not wanted or was delivered before."""
-        from .pieces import PieceDecoder
+        from .decoder import PieceDecoder
 
         self.refresh()
         if packet.track not in self.decoders:

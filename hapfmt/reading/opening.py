@@ -1,23 +1,84 @@
-"""Opening a file: by its index, or by walking through it (SPEC 6.5 and clause 14)."""
+"""Opening a file: by its index, or by walking through it (SPEC 6.5 and clause 14).
+
+The chain of indexes (SPEC 6.5), and what else a writer that goes on must know of a file.
+"""
 
 from __future__ import annotations
 
 import shlex
 from bisect import bisect_right
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
-from ..writing.chain import index_chain
+from ..errors import HARMLESS, FormatError, HapfmtError, UnsupportedError
 from ..format.description import check_range
-from ..format.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
+from ..format.index import (
+    FIRST_OFFSET,
+    INDEX_EVERY,
+    Index,
+    IndexEntry,
+    check_listing,
+    entry_count,
+    parse_foot,
+    parse_index,
+)
 from ..format.source import Source, is_url
 from ..format.track import unsupported_track
 from ..format.walk import Chunk, Finding, header_at, identify, read_chunk, walk
 from ..format.wire import HEADER_SIZE, SIGNATURE, SYNC
-from ..errors import FormatError, HapfmtError, UnsupportedError
 from ..limits import LEVELS, Limits
-from ..verdict import HARMLESS
 from .catalogue import Catalogue, ChunkRef
+
+
+def index_chain(
+    source: Source, offset: int, file_id: int | None, limits: Limits | None = None
+) -> list[tuple[int, Index]]:
+    """Offsets and indexes, oldest first, of the chain that ends at ``offset``."""
+    limits, listed = limits or Limits(), 0
+    parts: list[tuple[int, Index]] = []
+    position = position_after = offset
+    while True:
+        chunk = read_chunk(source, position, file_id)
+        if chunk is None or not chunk.intact or chunk.header.type != "iNDX":
+            raise FormatError(
+                "no index where one should be", requirement="IDX-002", offset=position
+            )
+        if parts and chunk.stop > position_after:
+            raise FormatError("indexes overlap", requirement="IDX-002", offset=position)
+        listed += entry_count(chunk.payload)
+        limits.check_records(listed)
+        index = parse_index(chunk.payload, position, chunk.payload_offset)
+        parts.append((position, index))
+        if not index.previous:
+            return parts[::-1]
+        position, position_after = index.previous, position
+
+
+def chain_of(catalogue: Catalogue, entries: Sequence[IndexEntry]) -> list[tuple[int, Index]]:
+    """The chain that a file ends with; empty where there is none, or it does not list
+    ``entries``."""
+    source, file_id = catalogue.source, catalogue.file_id
+    if catalogue.indexed and catalogue.foot:
+        return index_chain(source, catalogue.foot.index_offset, file_id)
+    parts: list[tuple[int, Index]] = []
+    offsets = [ref.offset for ref in catalogue.chunks if ref.type == "iNDX" and ref.known]
+    with suppress(FormatError):
+        for offset, index in index_chain(source, offsets[-1], file_id) if offsets else ():
+            check_listing(index, offset, entries, offset)
+            parts.append((offset, index))
+        return parts
+    return []
+
+
+def copied_tracks(source: Source, entries: Sequence[IndexEntry]) -> set[int]:
+    """The track ids that HEAD and TRAK chunks carry twice."""
+    places = [entry.offset for entry in entries if entry.type in ("HEAD", "TRAK")]
+    headers = [header_at(source, offset, None) for offset in places]
+    counts = Counter(header.track for header in headers if header is not None)
+    return {track for track, count in counts.items() if count > 1}
+
 
 OTHER_FORMATS = {".npz": "an NPZ", ".npy": "an NPY", ".csv": "a CSV", ".wav": "a WAV"}
 """Suffixes of files that are no hapf files but become some."""

@@ -1,9 +1,15 @@
-"""Samples in the order of their arrival -> clusters of one stretch of time."""
+"""Samples in the order of their arrival -> clusters of one stretch of time.
+
+What stands beside the samples: events and clock observations, in the cluster of their time.
+
+What other clocks said: stored as it was observed, with the cluster that comes next.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from array import array
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import ceil
 from typing import Any, NamedTuple
@@ -11,7 +17,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codecs.events import EVENT_RATE, CodedEvent, build_event, coded, event_packets, layer_track
+from ..errors import ParameterError
+from ..events import Event
+from ..format.cluster import Packet
+from ..format.extras import ClockMap, ClockObservation, build_clocks
+from ..format.track import Track
+from ..reading.clocks import fit_clock
 from ..recording import spans_of
+from .filewriter import FileWriter
 
 PACKET_SAMPLES = 1 << 16
 """Longer stretches are cut: eight bytes each then still fit a payload of level 1."""
@@ -218,3 +232,117 @@ def known(channel: int, start: int, values: NDArray[Any]) -> Iterator[Piece]:
     """What is not NaN."""
     for span in spans_of(~np.isnan(values), start):
         yield Piece(channel, span.start, values[span.start - start : span.stop - start])
+
+
+class Waiting(NamedTuple):
+    """An event that was not written yet."""
+
+    time: Fraction
+    layer: str
+    coded: CodedEvent
+
+
+class Layers:
+    """Events of each layer: a track at the first of them, or one that is in the file."""
+
+    def __init__(self, tracks: Iterable[Track]) -> None:
+        layers = (track for track in tracks if track.kind == "events")
+        self.tracks = {track.components[0].label: track for track in layers}
+        self.waiting: list[Waiting] = []
+
+    def add(self, event: Event, channel: int | None) -> None:
+        """``channel``: a channel number in the file."""
+        rate = self.tracks[event.layer].rate if event.layer in self.tracks else EVENT_RATE
+        self.waiting.append(Waiting(event.time, event.layer, code(event, channel, rate)))
+
+    def take(self, until: Fraction | None, next_track: int) -> tuple[list[Track], list[Packet]]:
+        """New tracks, the first of id ``next_track``, and packets of the events before ``until``
+        seconds; None: of all."""
+        if not self.waiting:
+            return [], []
+        due = [one for one in self.waiting if until is None or one.time < until]
+        self.waiting = [one for one in self.waiting if not (until is None or one.time < until)]
+        tracks: list[Track] = []
+        packets: list[Packet] = []
+        for layer in dict.fromkeys(one.layer for one in due):
+            if layer not in self.tracks:
+                self.tracks[layer] = layer_track(next_track + len(tracks), layer)
+                tracks.append(self.tracks[layer])
+            own = sorted((one.coded for one in due if one.layer == layer), key=lambda e: e.tick)
+            packets += event_packets(self.tracks[layer].id, own)
+        return tracks, packets
+
+
+def code(event: Event, channel: int | None, rate: Fraction = EVENT_RATE) -> CodedEvent:
+    """In ticks of a layer; ParameterError where it cannot be written."""
+    found = coded(replace(event, channel=None), rate, [])._replace(channel=channel)
+    build_event(found, 0)
+    return found
+
+
+NANOSECONDS = Fraction(10**9)
+"""Ticks per second where an observation speaks of no track."""
+
+
+class Observed:
+    """Observations on their way. Their ``track`` is a channel number until they are written: a
+    channel may have no track yet."""
+
+    def __init__(self, *, maps: bool, before: Iterable[ClockObservation] = ()) -> None:
+        self.maps = maps
+        """Whether maps are fitted at the end."""
+        self.waiting: list[ClockObservation] = []
+        self.kept: dict[tuple[str, int | None], array[int]] = {}
+        """Tick, time and uncertainty of each, by clock and track: 24 bytes."""
+        self.keep(before)
+
+    def add(self, seen: ClockObservation) -> None:
+        self.waiting.append(seen)
+
+    def keep(self, found: Iterable[ClockObservation]) -> None:
+        for seen in found:
+            place = self.kept.setdefault((seen.clock, seen.track), array("q"))
+            place.extend((seen.tick, seen.time_ns, seen.uncertainty_ns))
+
+    def write(self, writer: FileWriter, tracks: Mapping[int, int]) -> None:
+        """``tracks``: the first track of each channel that has one."""
+        if not self.waiting:
+            return
+        ready = []
+        for seen in self.waiting:
+            if seen.track is None:
+                ready.append(seen)
+            elif seen.track in tracks:
+                ready.append(replace(seen, track=tracks[seen.track]))
+        self.waiting = [s for s in self.waiting if s.track is not None and s.track not in tracks]
+        ready.sort(key=lambda seen: (seen.clock, -1 if seen.track is None else seen.track))
+        writer.clock(ready)
+        self.keep(ready)
+
+    def fitted(self, tracks: Mapping[int, Track]) -> tuple[list[ClockMap], list[str]]:
+        """A map for each clock and track where maps are asked for, and a note where there is
+        none."""
+        if not self.maps:
+            return [], []
+        maps: list[ClockMap] = []
+        notes = []
+        for (clock, track), flat in self.kept.items():
+            rows = zip(flat[::3], flat[1::3], flat[2::3], strict=True)
+            rate = NANOSECONDS if track is None else tracks[track].rate
+            try:
+                maps.append(fit_clock([ClockObservation(clock, track, *r) for r in rows], rate))
+            except ParameterError as error:
+                notes.append(f"no map of clock {clock!r}: {error.message}")
+        return maps, notes
+
+
+def observation(
+    clock: str, number: int | None, tick: int, time_ns: int, uncertainty_ns: int
+) -> ClockObservation:
+    """Checked; ParameterError where it cannot be written."""
+    numbers = (tick, time_ns, uncertainty_ns)
+    if not isinstance(clock, str) or not all(isinstance(n, int) for n in numbers):
+        raise ParameterError("a clock observation needs a name, an integer tick and integer times")
+    found = ClockObservation(clock, number, tick, time_ns, uncertainty_ns)
+    list(build_clocks([found]))
+    return found

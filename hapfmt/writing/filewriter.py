@@ -12,15 +12,34 @@ from itertools import groupby
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from ..errors import ParameterError
-from ..limits import LEVELS, Level
-from .chain import chain_of, copied_tracks
-from ..format.clocks import ClockMap, ClockObservation, build_clocks, build_map
 from ..format.cluster import HEAD_ROOM, ROW_ROOM, Packet, build_cluster
 from ..format.description import Record, build_track, chunks_of
-from ..format.extras import Attachment, build_attachment, build_metadata
-from ..format.index import FIRST_OFFSET, INDEX_EVERY, INDEX_SIZE, Foot, Index, IndexEntry, build_foot, build_index, ceil_ms, ceil_ns, floor_ms
+from ..format.extras import (
+    Attachment,
+    ClockMap,
+    ClockObservation,
+    build_attachment,
+    build_clocks,
+    build_map,
+    build_metadata,
+)
+from ..format.index import (
+    FIRST_OFFSET,
+    INDEX_EVERY,
+    INDEX_SIZE,
+    Foot,
+    Index,
+    IndexEntry,
+    build_foot,
+    build_index,
+    ceil_ms,
+    ceil_ns,
+    floor_ms,
+)
 from ..format.track import Track, complete, silent_tracks
 from ..format.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk, cluster_seed
+from ..limits import LEVELS, Level
+from ..reading.opening import chain_of, copied_tracks
 
 if TYPE_CHECKING:
     from ..reading.catalogue import Catalogue

@@ -1,4 +1,7 @@
-"""Samples as they arrive -> a file that grows (SPEC clause 15)."""
+"""Samples as they arrive -> a file that grows (SPEC clause 15).
+
+How a recording is doing.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import warnings
 import weakref
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from functools import partial
 from math import ceil
@@ -17,21 +21,49 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..encoder.live import Input
 from ..encoder.settings import Settings
 from ..errors import LimitError, ParameterError
 from ..events import Event
 from ..limits import TICK_LIMIT
 from ..numbers import exact
-from .clusters import Rows
-from .extras import code
-from ..encoder.inputs import Input
-from .lanes import Lane, Lanes
-from .observed import observation
-from .queue import Queue
-from .samples import named, owned
+from .clusters import Rows, code, observation
+from .lanes import Lane, Lanes, named, owned
 from .start import Options, Start
-from .status import Status
-from .worker import Item, Member, Worker
+from .worker import Item, Member, Queue, Worker
+
+
+@dataclass(frozen=True)
+class Status:
+    """A moment of a recording.
+
+    ``seconds``: its length so far. Samples: ``taken`` from the caller, of which ``missing`` were
+    NaN and ``written`` are in the file; ``dropped``, by channel, were not taken. ``queued_size``:
+    bytes of samples in memory. ``cluster_count`` and ``file_size``: as written. ``flushed_s``: the
+    length that a crash leaves. ``blocked_s``: what the caller waited for room. ``busy_s``: CPU time
+    of the encoding thread, ``factor``: seconds that it recorded in each of them.
+    """
+
+    seconds: float = 0.0
+    taken: int = 0
+    missing: int = 0
+    written: int = 0
+    dropped: dict[str, int] = field(default_factory=dict)
+    queued_size: int = 0
+    cluster_count: int = 0
+    file_size: int = 0
+    flushed_s: float = 0.0
+    blocked_s: float = 0.0
+    busy_s: float = 0.0
+    factor: float = 0.0
+
+    @property
+    def dropped_count(self) -> int:
+        return sum(self.dropped.values())
+
+    def as_json(self) -> dict[str, Any]:
+        return asdict(self)
+
 
 Seconds = Fraction | float | str
 OnFull = Literal["block", "drop", "raise"]

@@ -11,25 +11,23 @@ from dataclasses import dataclass, fields
 from fractions import Fraction
 from typing import Any, BinaryIO, Literal
 
-from ..arrays import Units, recording_of
-from ..atomic import refuse, target
-from ..codecs.layers import coded, event_packets, layer_track, rate_of
-from ..format.cluster import Packet
-from ..format.description import build_track
-from ..format.extras import Attachment, build_attachment, build_metadata
-from .filewriter import FileWriter
-from ..format.track import Track
-from ..format.wire import check_file_id
+from ..codecs.events import coded, event_packets, layer_track, rate_of
 from ..convert import refuse_foreign
 from ..encoder.encode import Decision, Encoded, encode
 from ..encoder.settings import INPUT, INPUT_SIZE, Settings, alias_note, lossy_preset, renamed
-from ..errors import ParameterError
+from ..errors import ParameterError, unknown
 from ..events import by_layer
+from ..files import refuse, target
+from ..format.cluster import Packet
+from ..format.description import build_track
+from ..format.extras import Attachment, build_attachment, build_metadata
+from ..format.track import Track
+from ..format.wire import check_file_id
 from ..limits import LEVELS
-from ..names import unknown
 from ..reading.decoder import TrackDecoder, TrackDigest
-from ..recording import Rate, Recording
+from ..recording import Rate, Recording, Units, recording_of
 from ..version import __version__
+from .filewriter import FileWriter
 
 SHOWN = 6
 """Channels that a printed summary names."""

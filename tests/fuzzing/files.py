@@ -15,11 +15,10 @@ import hapfmt
 from hapfmt import Calibration, Channel, Event, Limits, Recording, Settings
 from hapfmt.cli.info import describe
 from hapfmt.format.source import BytesSource
-from hapfmt.reading.dump import dump
 from hapfmt.kernels import compiled
+from hapfmt.reading.dump import dump, measure
 from hapfmt.reading.opening import open_catalogue
 from hapfmt.reading.reader import BANDS, Reader
-from hapfmt.reading.usage import measure
 from hapfmt.reading.verifier import verify
 
 from .decoders import readable

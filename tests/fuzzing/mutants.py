@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 from terminal import Said, called
 
+from hapfmt.edit.recover import recover
 from hapfmt.errors import HapfmtError, TruncatedError, UnsupportedError
 from hapfmt.limits import Limits
-from hapfmt.edit.recover import recover
 from hapfmt.reading.verifier import verify
 
 from .files import LIMITS, of_file

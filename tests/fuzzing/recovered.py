@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import io
 
-from hapfmt.reading.reader import Reader
 from hapfmt.edit.recover import recover
+from hapfmt.reading.reader import Reader
 from hapfmt.reading.verifier import verify
 
 from .files import LIMITS, of_file

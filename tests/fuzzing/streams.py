@@ -10,12 +10,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from hapfmt.writing.frames import OBJECT, ROWS, SAMPLES, build_frame
-from hapfmt.writing.lines import Table
-from hapfmt.writing.recorder import Recorder
-from hapfmt.writing.session import Header
-from hapfmt.writing.streams import Stream
 from hapfmt.reading.verifier import verify
+from hapfmt.writing.recorder import Recorder
+from hapfmt.writing.streams import OBJECT, ROWS, SAMPLES, Header, Stream, Table, build_frame
 
 from .appended import codes_of
 from .files import LIMITS

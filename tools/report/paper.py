@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hapfmt
-from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.encoder.settings import Tolerance
 from hapfmt.lab.metrics import st_sim
 from hapfmt.lab.scenes import load_scene, simulate
 from report.felt import GRASPED_DB

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 import hapfmt
-from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.encoder.settings import Tolerance
 from hapfmt.lab.metrics import snr_hf_db
 from hapfmt.lab.scenes import load_scene, simulate
 

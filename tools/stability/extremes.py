@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Span
-from hapfmt.writing.filewriter import FileWriter
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.source import Source
 from hapfmt.limits import LAST_TRACK_ID
 from hapfmt.reading.reader import Reader
+from hapfmt.writing.filewriter import FileWriter
 
 from .filters import butterworth
 from .row import Row, at_least, at_most, compared, exactly

@@ -3,6 +3,6 @@ interface: no window unless one is asked for, no global state."""
 
 from __future__ import annotations
 
-from .demo import Demonstrated, plot_demo
+from .figures import Demonstrated, plot_demo
 
 __all__ = ["Demonstrated", "plot_demo"]

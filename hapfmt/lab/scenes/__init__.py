@@ -17,9 +17,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .build import simulate
+    from .build import builtin_names, load_scene, parse_scene, scene_text, simulate
     from .description import Contact, Hand, Object, Press, Reach, Scene, Stroke, Texture, Tool
-    from .library import builtin_names, load_scene, parse_scene, scene_text
     from .work import Work
 
 _PLACES = {

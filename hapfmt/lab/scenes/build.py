@@ -1,4 +1,7 @@
-"""Scene -> Recording: imports, builds and computes what the description names, and nothing else."""
+"""Scene -> Recording: imports, builds and computes what the description names, and nothing else.
+
+TOML -> Scene: the scenes that come with the package, and those in files.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,8 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from ...errors import LimitError
+from ...descriptions import Library, parse_toml, read
+from ...errors import HapfmtError, LimitError
 from ...recording import Channel, Recording
 from .description import FORCES, MOST_SAMPLES, Hand, Scene, Tool
 from .work import Work
@@ -14,9 +18,9 @@ from .work import Work
 if TYPE_CHECKING:
     import numpy as np
 
+    from .motion import Floats, Grid
     from .tool import Advance
     from .touch import Solve
-    from .waves import Floats, Grid
 
 MOST_HEIGHTS = 1 << 28
 """Points of a height field that are kept: 2 GiB."""
@@ -80,9 +84,9 @@ def labels(scene: Scene) -> dict[str, list[str]]:
 def tool_channels(
     scene: Scene, tool: Tool, work: Work, advance: Callable[[int], None], told: dict[str, Any]
 ) -> list[Channel]:
+    from .motion import stream
     from .sensors import reading_of
     from .tool import default_integrator, grid_of
-    from .waves import stream
 
     grid = grid_of(tool, scene.ticks, scene.rate_hz)
     if tool.texture and grid.steps > MOST_HEIGHTS:
@@ -146,7 +150,7 @@ def hand_channels(
     scene: Scene, hand: Hand, work: Work, advance: Callable[[int], None], told: dict[str, Any]
 ) -> list[Channel]:
     from .grasp import labels_of, run_hand
-    from .waves import stream
+    from .motion import stream
 
     if hand.object:
         from .tool import default_integrator
@@ -168,3 +172,29 @@ def hand_channels(
             device="simulated hand",
         )
     return [found[label] for label in labels_of(hand)]
+
+
+LIBRARY = Library(__package__, "scene")
+
+
+def builtin_names() -> tuple[str, ...]:
+    """Names of the scenes that come with the package, sorted."""
+    return LIBRARY.names()
+
+
+def scene_text(name_or_path: str) -> str:
+    """The TOML of the built-in scene of this name, or else of the file."""
+    return LIBRARY.text(name_or_path)
+
+
+def load_scene(name_or_path: str) -> Scene:
+    """The built-in scene of this name, or else the one in this TOML file."""
+    return parse_scene(scene_text(name_or_path), path=name_or_path)
+
+
+def parse_scene(text: str, path: str | None = None) -> Scene:
+    """TOML -> Scene; ``path`` is named in errors."""
+    try:
+        return read(Scene, parse_toml(text))
+    except HapfmtError as error:
+        raise error.at(path=path) from None

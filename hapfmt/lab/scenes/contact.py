@@ -6,11 +6,23 @@
 z, target and surface are heights in metres: the mass touches from above. The contact pushes and
 never pulls, so with damping it lets go while the spring is still compressed. Both ways of moving,
 free and touching, are linear.
+
+The exact step of a mass against a contact: both modes are linear, the drive is a cubic.
+
+Within a mode a step is a matrix exponential. Where a step begins and ends in different modes the
+moment of change is found, and the step is walked in pieces between changes. A step that begins and
+ends in one mode has the energy of that mode at both ends, so even an unnoticed touch within it
+gains none.
+
+The exponential of a small matrix, without the 190 modules that importing SciPy's linear algebra
+takes.
 """
 
 from __future__ import annotations
 
-from math import isfinite, sqrt
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from math import ceil, factorial, isfinite, log2, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -100,3 +112,244 @@ def work(system: System, drive: Drive, motion: Motion, dt_s: float) -> Samples:
         power = pull * drive.target_velocity + motion.force * drive.surface_velocity
         done = np.cumsum((power[1:] + power[:-1]) * (dt_s / 2))
         return np.concatenate([[0.0], done])
+
+
+SERIES_TERMS = 20
+"""Of the series, at a norm of at most 1/2: what follows is below 2^-21 / 21!, far below 2^-53."""
+
+SWEEPS = 3
+"""Of the balancing; a spring of 1e7 N/m beside a unit of velocity is even after two."""
+
+
+def exponential(a: NDArray[np.float64]) -> NDArray[np.float64]:
+    """exp(a), [n, n]: balanced, the series of a / 2^s, squared s times.
+
+    Each squaring doubles what was rounded, so a smaller norm is more exact; balancing by powers of
+    two rounds nothing. A step of 130 radians is 7e-15 off (SciPy's 5e-14).
+    """
+    scale = balance(a)
+    a = a * (scale / scale[:, None])
+    norm = float(np.abs(a).sum(axis=1).max())
+    halvings = max(ceil(log2(norm)) + 1, 0) if norm > 0 else 0
+    a = a / 2.0**halvings
+    out = term = np.eye(len(a))
+    for n in range(1, SERIES_TERMS + 1):
+        term = term @ a / n
+        out = out + term
+    for _ in range(halvings):
+        out = out @ out
+    return np.asarray(out * (scale[:, None] / scale))
+
+
+def balance(a: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Powers of two, [n], so that rows and columns of a[i, j] scale[j] / scale[i] are alike
+    (E. E. Osborne, "On pre-conditioning of matrices", J. ACM 7, 1960)."""
+    size = np.abs(a) - np.diag(np.abs(np.diag(a)))
+    scale = np.ones(len(a))
+    for _ in range(SWEEPS):
+        for i in range(len(a)):
+            column, row = float(size[:, i].sum()), float(size[i].sum())
+            if column and row:
+                by = 2.0 ** round((log2(row) - log2(column)) / 2)
+                scale[i] *= by
+                size[:, i] *= by
+                size[i] /= by
+    return scale
+
+
+PIECE_RAD = 0.5
+TERMS = 16
+"""A piece is at most half a radian long, where 16 terms of a Taylor series leave 1e-18."""
+
+CHANGES = 100
+"""Of contact in one step; what comes after is walked in one mode."""
+
+Coefficients = NDArray[np.float64]
+
+
+class Mode(NamedTuple):
+    """z'' = -stiffness z - damping z' + drive; [4, steps - 1] drive, powers of time in seconds."""
+
+    stiffness: float
+    damping: float
+    drive: Coefficients
+
+
+def exact_step(
+    system: System, drive: Drive, dt: float
+) -> Callable[[int, float, float], tuple[float, float]]:
+    """(n, z, v) at the beginning of step n -> (z, v) at its end."""
+    target, surface = (
+        cubic(drive.target, drive.target_velocity, dt),
+        cubic(drive.surface, drive.surface_velocity, dt),
+    )
+    hand = pull(target, system.hand_n_per_m, system.hand_ns_per_m) / system.mass_kg
+    base = pull(surface, system.contact_n_per_m, system.contact_ns_per_m) / system.mass_kg
+    modes = Mode(*system.mode(False), hand), Mode(*system.mode(True), hand + base)
+    (a, b, c, d), free_z, free_v = propagator(modes[0], dt)
+    (e, f, g, h), held_z, held_v = propagator(modes[1], dt)
+    s, w = drive.surface.tolist(), drive.surface_velocity.tolist()
+    k, damper = system.contact_n_per_m, system.contact_ns_per_m
+    walk = walker(system, modes, surface, dt)
+
+    def step(n: int, z: float, v: float) -> tuple[float, float]:
+        gap, rate = s[n] - z, w[n] - v
+        touching = gap > 0 and k * gap + damper * rate > 0
+        if touching:
+            end_z, end_v = e * z + f * v + held_z[n], g * z + h * v + held_v[n]
+        else:
+            end_z, end_v = a * z + b * v + free_z[n], c * z + d * v + free_v[n]
+        end = s[n + 1] - end_z
+        if touching:
+            fits = end > 0 and k * end + damper * (w[n + 1] - end_v) > 0 and gap + dt * rate > 0
+        else:
+            fits = end <= 0 and gap + dt * rate <= 0
+        if fits:
+            return end_z, end_v
+        return walk(n, z, v, touching)
+
+    return step
+
+
+def cubic(path: Samples, rate: Samples, dt: float) -> Coefficients:
+    """[4, steps - 1]: powers of the time since the beginning of each step, in seconds."""
+    slope = np.diff(path) / dt
+    start, end = rate[:-1], rate[1:]
+    return np.stack(
+        [
+            path[:-1],
+            start,
+            (3 * slope - 2 * start - end) / dt,
+            (start + end - 2 * slope) / dt**2,
+        ]
+    )
+
+
+def pull(path: Coefficients, spring: float, damper: float) -> Coefficients:
+    """spring x + damper x' of a cubic, as a cubic."""
+    force = spring * path
+    force[:-1] += damper * path[1:] * np.array([[1.0], [2.0], [3.0]])
+    return force
+
+
+def propagator(mode: Mode, dt: float) -> tuple[list[float], list[float], list[float]]:
+    """((p, q, r, s), x, y): a step takes (z, v) to (p z + q v + x[n], r z + s v + y[n]).
+
+    The exponential of one matrix for (z / dt, v) and the drive's four derivatives, which are scaled
+    by dt so that all its entries are of one size.
+    """
+    matrix = np.zeros((6, 6))
+    matrix[0, 1] = 1
+    matrix[1, :3] = -mode.stiffness * dt * dt, -mode.damping * dt, 1
+    matrix[2:5, 3:] = np.eye(3)
+    exact = exponential(matrix)
+    scale = np.array([factorial(j) * dt ** (j + 1) for j in range(4)])
+    pushed = (exact[:2, 2:] * scale) @ mode.drive
+    step = [exact[0, 0], exact[0, 1] * dt, exact[1, 0] / dt, exact[1, 1]]
+    return list(map(float, step)), (pushed[0] * dt).tolist(), pushed[1].tolist()
+
+
+def walker(
+    system: System, modes: tuple[Mode, Mode], surface: Coefficients, dt: float
+) -> Callable[[int, float, float, bool], tuple[float, float]]:
+    """A step with changes of contact in it."""
+    k, damper = system.contact_n_per_m, system.contact_ns_per_m
+    lengths = [PIECE_RAD / max(sqrt(mode.stiffness), mode.damping, 1e-9) for mode in modes]
+
+    def walk(n: int, z: float, v: float, touching: bool) -> tuple[float, float]:
+        done, changes = 0.0, 0
+        floor = surface[:, n].tolist()
+        while done < dt:
+            mode = modes[touching]
+            piece = min(lengths[touching], dt - done)
+            path = taylor(mode, z, v, shifted(mode.drive[:, n].tolist(), done))
+            gap = [-x for x in path]
+            for j, x in enumerate(shifted(floor, done)):
+                gap[j] += x
+
+            def push(t: float, gap: list[float] = gap) -> float:
+                depth, speed = value(gap, t)
+                return k * depth + min(damper * speed, 0.0)
+
+            def rate(t: float, gap: list[float] = gap) -> float:
+                return value(gap, t)[1]
+
+            moment = change(push, rate, touching, piece) if changes < CHANGES else None
+            if moment is not None:
+                piece, changes = moment, changes + 1
+            z, v = value(path, piece)
+            done = dt if piece == dt - done else done + piece
+            touching ^= moment is not None
+        return z, v
+
+    return walk
+
+
+def change(
+    push: Callable[[float], float], rate: Callable[[float], float], touching: bool, piece: float
+) -> float | None:
+    """When the mode changes first within a piece, if it does. The gap turns at most once in it;
+    before and after, it changes where the mode fits one end and not the other. Right after a change
+    ``push`` is 0 give or take a rounding, and need not fit the beginning."""
+
+    def fits(t: float) -> bool:
+        return (push(t) > 0) is touching
+
+    if fits(piece) and not fits(0.0):
+        return None
+    parts = [0.0, piece]
+    if rate(0.0) * rate(piece) < 0:
+        parts.insert(1, crossing(rate, 0.0, piece))
+    for start, end in pairwise(parts):
+        if not fits(end):
+            return crossing(push, start, end) if fits(start) else start
+    return None
+
+
+def taylor(mode: Mode, z: float, v: float, drive: Sequence[float]) -> list[float]:
+    """Coefficients of the path from (z, v), in powers of seconds."""
+    path = [z, v]
+    for j in range(TERMS - 2):
+        a = -mode.stiffness * path[j] - mode.damping * (j + 1) * path[j + 1]
+        if j < 4:
+            a += drive[j]
+        path.append(a / ((j + 1) * (j + 2)))
+    return path
+
+
+def shifted(c: Sequence[float], t: float) -> tuple[float, float, float, float]:
+    """The cubic as seen from ``t`` on."""
+    c0, c1, c2, c3 = c
+    return (
+        c0 + t * (c1 + t * (c2 + t * c3)),
+        c1 + t * (2 * c2 + 3 * t * c3),
+        c2 + 3 * t * c3,
+        c3,
+    )
+
+
+def value(path: Sequence[float], t: float) -> tuple[float, float]:
+    """Value and derivative of a polynomial."""
+    x = rate = 0.0
+    for c in reversed(path):
+        rate = rate * t + x
+        x = x * t + c
+    return x, rate
+
+
+def crossing(of: Callable[[float], float], start: float, end: float) -> float:
+    """Where a function changes sign, to a rounding (regula falsi, Illinois)."""
+    low, high = of(start), of(end)
+    for _ in range(100):
+        if high == low:
+            break
+        t = end - high * (end - start) / (high - low)
+        if not min(start, end) < t < max(start, end):
+            break
+        middle = of(t)
+        if (middle > 0) is (high > 0):
+            low /= 2
+        else:
+            start, low = end, high
+        end, high = t, middle
+    return start if abs(low) < abs(high) else end

@@ -11,7 +11,15 @@ from typing import Annotated, Any, Literal, get_args
 from msgspec import Meta
 from msgspec.structs import force_setattr, replace
 
-from ...descriptions import Description, DescriptionError, above, fields_of, refuse_twice, what, within
+from ...descriptions import (
+    Description,
+    DescriptionError,
+    above,
+    fields_of,
+    refuse_twice,
+    what,
+    within,
+)
 
 Integrator = Literal["explicit-euler", "semi-implicit", "implicit", "trapezoid", "rk4", "exact"]
 INTEGRATORS = get_args(Integrator)

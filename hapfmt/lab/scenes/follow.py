@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from .contact import exponential
 from .description import Tool
-from .matrix import exponential
-from .waves import Floats
+from .motion import Floats
 
 
 class Follower:

@@ -8,12 +8,12 @@ import numpy as np
 
 from .description import Tool
 from .follow import Follower
+from .motion import Floats, Grid
 from .tool import Advance, in_plane
-from .waves import Floats, Grid
 from .work import Work
 
 if TYPE_CHECKING:
-    from .stroke import StrokeMotion
+    from .motion import StrokeMotion
 
 
 def run_free(
@@ -24,7 +24,7 @@ def run_free(
         return run_stroke(tool, grid, rng, work, advance)
     axes = [axis for axis in "xyz" if any(name[-1] == axis for name in tool.recorded)]
     if tool.reach:
-        from .reach import ReachMotion
+        from .motion import ReachMotion
 
         reach = ReachMotion(tool.reach, grid, rng)
 
@@ -32,7 +32,7 @@ def run_free(
             return reach.along("xyz".index(axis), t)
 
     else:
-        from .press import PressMotion
+        from .motion import PressMotion
 
         assert tool.press
         press = PressMotion(tool.press, grid, rng)
@@ -55,7 +55,7 @@ def run_stroke(
     tool: Tool, grid: Grid, rng: np.random.Generator, work: Work, advance: Advance
 ) -> dict[str, Floats]:
     """In the plane the tip is where the hand is."""
-    from .stroke import StrokeMotion
+    from .motion import StrokeMotion
 
     assert tool.stroke
     motion = StrokeMotion(tool.stroke, grid, rng)

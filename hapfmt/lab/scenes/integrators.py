@@ -29,8 +29,7 @@ from math import factorial, inf, isfinite, sqrt
 import numpy as np
 
 from ...errors import ParameterError
-from .contact import Drive, Motion, Samples, System, contact_force
-from .exact import exact_step
+from .contact import Drive, Motion, Samples, System, contact_force, exact_step
 
 __all__ = ["INTEGRATORS", "Integrator", "Motion", "System", "default_step_s", "integrate"]
 

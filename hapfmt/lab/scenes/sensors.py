@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...recording import Calibration
 from .description import Sensor
-from .waves import Floats
+from .motion import Floats
 from .work import Work
 
 RESOLUTION_BITS = 31

@@ -7,7 +7,7 @@ from math import ceil, inf, sqrt
 from typing import TYPE_CHECKING
 
 from .description import FORCES, Contact, Tool
-from .waves import Grid
+from .motion import Grid
 
 if TYPE_CHECKING:
     from .integrators import System

@@ -10,8 +10,8 @@ import numpy as np
 from ...errors import ParameterError
 from .description import Contact, Tool
 from .integrators import INTEGRATORS, Motion, System, integrate
+from .motion import Floats, Grid
 from .tool import Advance, asked_for, default_integrator, in_plane, system_of
-from .waves import Floats, Grid
 from .work import Work
 
 
@@ -109,7 +109,7 @@ def run_touching(
     """As :func:`hapfmt.lab.scenes.build.run_tool`."""
     compliance = 1 / tool.hand_n_per_m + 1 / contact.n_per_m
     if tool.press:
-        from .press import PressMotion
+        from .motion import PressMotion
 
         press = PressMotion(tool.press, grid, of_hand)
         normal = Normal(
@@ -117,7 +117,7 @@ def run_touching(
         )
         return run_flat(tool, grid, normal, advance)
 
-    from .stroke import StrokeMotion
+    from .motion import StrokeMotion
 
     assert tool.stroke
     stroke = StrokeMotion(tool.stroke, grid, of_hand)
@@ -127,7 +127,7 @@ def run_touching(
     profile = None
     out = {name: np.empty(grid.ticks) for name in tool.recorded}
     if tool.texture:
-        from .texture import Profile
+        from .surface import Profile
 
         profile = Profile(tool.texture, stroke, grid, of_surface, work)
         stroke.x = stroke.y = 0.0

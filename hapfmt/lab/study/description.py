@@ -1,19 +1,62 @@
 """A study file (TOML): what is felt, under which conditions, and what is asked. docs/studies.md
-lists every key."""
+lists every key.
+
+A study file to edit: the paper's grid of k and bits, the hidden reference, an anchor.
+
+Files that a study names: regular files of bounded size alone, so that reading them ends.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import json
+import os
+import stat
+from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BufferedReader
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from msgspec import Meta, field
 
-from ...descriptions import Description, DescriptionError, above, read, refuse_twice, what, within
+from ...descriptions import (
+    Description,
+    DescriptionError,
+    above,
+    parse_toml,
+    read,
+    refuse_twice,
+    what,
+    within,
+)
 from ...errors import ParameterError
-from ...toml import parse_toml
-from .files import open_regular
+
+LARGEST_FILE = 1 << 32
+"""Bytes of a recording. All of it is read into memory."""
+
+
+def open_regular(path: str | Path, largest: int = LARGEST_FILE) -> BufferedReader:
+    """Open for reading. A device, a pipe or a folder is refused; nothing waits for a pipe."""
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
+    descriptor = os.open(path, flags | getattr(os, "O_BINARY", 0))
+    try:
+        refuse_special(descriptor, path, largest)
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def refuse_special(descriptor: int, path: str | Path, largest: int) -> None:
+    found = os.fstat(descriptor)
+    if not stat.S_ISREG(found.st_mode):
+        raise ParameterError("is not a regular file", path=str(path))
+    if found.st_size > largest:
+        raise ParameterError(
+            f"has {found.st_size} bytes; at most {largest} are read", path=str(path)
+        )
+
 
 Role = Literal["test", "reference", "anchor"]
 ROLES = get_args(Role)
@@ -218,3 +261,83 @@ def refuse_names(table: str, given: tuple[Session | Condition, ...]) -> list[str
 def fifth(rating: float, scale: tuple[str, ...] = SCALE) -> str:
     """The word for a rating."""
     return scale[min(int(rating * len(scale) / HIGHEST), len(scale) - 1)]
+
+
+WEBER = (0.05, 0.1, 0.2)
+BITS = (2, 5, 8)
+"""Of the residual, as in the paper's Fig. 4; 0 is the anchor."""
+
+HEAD = """\
+# A study: how near do these come to the reference? Edit it before the first answer; every key is
+# explained in docs/studies.md. hapfmt rate {file} --prepare makes the files and shows their sizes.
+name = {name}
+question = "How close does this feel to the reference?"
+seed = 1
+repeats = 1
+scale = ["Bad", "Poor", "Fair", "Good", "Excellent"]  # fifths of 0 to 100, lowest first
+training = ["reference", {trained}, "anchor"]  # tried first; these ratings do not count
+screen_below = 90   # who rates the hidden reference lower than this ...
+screen_share = 0.15 # ... in more than this share of the sessions is reported apart
+"""
+CODED = """
+[[condition]]
+name = {name}
+preset = "paper"
+k = {k}
+bits = {bits}
+"""
+REFERENCE = """
+[[condition]]
+name = "reference"
+role = "reference"
+"""
+ANCHOR = """
+[[condition]]
+name = "anchor"       # the slow part alone: without texture
+role = "anchor"
+preset = "paper"
+k = 0.1
+bits = 0
+"""
+
+
+def quoted(text: str) -> str:
+    """A basic string of TOML: that of JSON, whose DEL alone TOML does not take."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def new_study(path: Path, recordings: Sequence[str]) -> str:
+    """The text of a study of these recordings, to lie at ``path``."""
+    if not recordings:
+        raise ParameterError("give the recordings that are to be felt, one for each session")
+    names: list[str] = []
+    parts = []
+    for each in recordings:
+        file = Path(each)
+        if not file.is_file():
+            raise ParameterError("there is no such file", path=each)
+        name = unused(file.stem, names)
+        names.append(name)
+        if any("\ud800" <= c <= "\udfff" for c in each):
+            raise ParameterError("a name in a study must be a text", path=ascii(each))
+        place = os.path.relpath(file, path.parent or ".")
+        parts.append(
+            f"\n[[session]]\nname = {quoted(name)}\nrecording = {quoted(Path(place).as_posix())}\n"
+        )
+    coded = [(coded_name(k, bits), k, bits) for bits in BITS for k in WEBER]
+    head = HEAD.format(file=path.name, name=quoted(path.stem), trained=quoted(coded[0][0]))
+    conditions = [CODED.format(name=quoted(name), k=k, bits=bits) for name, k, bits in coded]
+    return "".join([head, *parts, REFERENCE, *conditions, ANCHOR])
+
+
+def coded_name(k: float, bits: int) -> str:
+    return f"k {100 * k:g} %, {bits} bits"
+
+
+def unused(stem: str, names: Sequence[str]) -> str:
+    base = stem[:70].strip() or "session"
+    name, number = base, 1
+    while name in names:
+        number += 1
+        name = f"{base} {number}"
+    return name

@@ -17,12 +17,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...atomic import atomic_write
 from ...errors import HapfmtError, ParameterError
+from ...files import atomic_write
 from ...recording import Channel, Recording, Span
 from ...version import __version__
-from .description import Condition, Session, Study
-from .files import open_regular
+from .description import Condition, Session, Study, open_regular
 
 MANIFEST = "prepared.json"
 LARGEST_MANIFEST = 64 << 20

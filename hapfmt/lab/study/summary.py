@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import ParameterError
-from .answers import Answers
-from .order import Trial
+from .rating import Answers, Trial
 
 LEVEL = 0.95
 

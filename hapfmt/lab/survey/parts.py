@@ -12,15 +12,14 @@ from numpy.typing import NDArray
 
 from ...codecs.grids import UNIFORM, LpcParameters
 from ...codecs.quantised import QuanParameters
-from ...format.track import Contract, Track
 from ...errors import HapfmtError
 from ...events import Event
-from ...reading.assembly import Assembly, join
+from ...format.track import Contract, Track
 from ...reading.catalogue import ChannelRef, Part
-from ...reading.losses import LostSpan
+from ...reading.channels import Assembly, build_channel, join
+from ...reading.damage import LostSpan
+from ...reading.packets import tick_range
 from ...reading.reader import Reader
-from ...reading.reconstruct import build_channel
-from ...reading.seconds import tick_range
 from ...recording import Channel, Recording
 
 PART = 1 << 20

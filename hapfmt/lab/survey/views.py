@@ -1,4 +1,18 @@
-"""The contents of a picture for each channel, collected in one pass over the recording."""
+"""The contents of a picture for each channel, collected in one pass over the recording.
+
+Where the knots of an LF track are, as long as they are few.
+
+A signal as a picture shows it: the least and the greatest value of each column.
+
+Power spectral density by Welch's method, part by part.
+
+P. D. Welch, "The use of fast Fourier transform for the estimation of power spectra", IEEE
+Transactions on Audio and Electroacoustics 15, 1967, 10.1109/TAU.1967.1161901.
+
+How often errors of each size occur, counted as they come.
+
+What a header says of a recording: channels, rate, duration, size, preset, error.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +23,268 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
+from ...codecs.knots import KnotParameters, decode_indices, parse_knots, parse_start
+from ...encoder.settings import preset_of
+from ...errors import FormatError, ParameterError
+from ...format.cluster import Packet
 from ...format.track import Track
-from ...errors import ParameterError
-from ...reading.losses import LostSpan
-from ...reading.reconstruct import intersect
-from ...reading.seconds import tick_range
+from ...reading.catalogue import ChannelRef
+from ...reading.channels import intersect
+from ...reading.damage import LostSpan
+from ...reading.packets import tick_range
+from ...reading.reader import Reader
 from ...recording import Channel
-from .histogram import Histogram
-from .knots import knots_within
-from .outline import COLUMNS, Outline
 from .parts import Block, Described, FileParts, Parts
-from .spectrum import Spectrum
+
+SHOWN = 600
+"""Dots of more knots would hide the line."""
+PACKETS = 4096
+"""More packets than this hold too many knots to show."""
+CODED = 5000
+"""A packet of more coded knots is not decoded to show a few of them."""
+
+
+def knots_within(
+    reader: Reader, ref: ChannelRef, start: Fraction, stop: Fraction
+) -> NDArray[np.int64] | None:
+    """Ticks of the knots in [start, stop), ascending; None where they are too many to show, or the
+    channel is not coded in knots."""
+    tracks = {part.track.id: part.track for part in ref.parts if part.track.codec == "KNOT"}
+    if not tracks:
+        return None
+    ranges = {id_: tick_range(track.rate, start, stop) for id_, track in tracks.items()}
+    before = reader.lost
+    found: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
+    total = 0
+    try:
+        for number, packet in enumerate(reader.packets(ranges, start, stop)):
+            first, last = ranges[packet.track]
+            ticks = ticks_of(packet, tracks[packet.track], reader)
+            if ticks is None or number >= PACKETS:
+                return None
+            ticks = ticks[(ticks >= first) & (ticks < last)]
+            total += ticks.size
+            if total > SHOWN:
+                return None
+            found.append(ticks)
+    finally:
+        reader.lost = before
+    return np.unique(np.concatenate(found))
+
+
+def ticks_of(packet: Packet, track: Track, reader: Reader) -> NDArray[np.int64] | None:
+    level, components = reader.catalogue.level, len(track.components)
+    try:
+        parameters = KnotParameters.parse(track.parameters, level, track.offset)
+        if not parameters.coded:
+            return parse_knots(packet.data, components, packet.offset)[0] + packet.start
+        limit = parameters.grid.index_limit(level.count_bound)
+        row = packet.data, packet.span, components, limit, packet.offset
+        if parse_start(*row)[1] > CODED:
+            return None
+        ticks, _ = decode_indices(row[0], parameters.interpolation, *row[1:])
+    except FormatError:
+        return np.zeros(0, np.int64)  # reading says what is wrong, or has said so
+    return ticks + packet.start
+
+
+LARGEST = 1e300
+"""Larger values are drawn as this, so that margins do not overflow."""
+COLUMNS = 2000
+"""A page has about two columns for each pixel. Up to twice as many ticks are kept one by one."""
+
+
+@dataclass
+class Outline:
+    """Ticks [first, stop) in columns of ``size`` ticks: least and most [columns] (NaN where there
+    is nothing finite), and how many samples each holds."""
+
+    first: int
+    stop: int
+    rate: Fraction
+    size: int
+    least: NDArray[np.float64]
+    most: NDArray[np.float64]
+    counts: NDArray[np.int64]
+
+    @classmethod
+    def over(cls, first: int, stop: int, rate: Fraction, limit: int = COLUMNS) -> Outline:
+        ticks = max(stop - first, 0)
+        size = 1 if ticks <= 2 * limit else -(-ticks // limit)
+        columns = -(-ticks // size)
+        empty = np.full(columns, np.nan)
+        return cls(first, stop, rate, size, empty, empty.copy(), np.zeros(columns, np.int64))
+
+    def add(self, start: int, values: NDArray[np.float64]) -> None:
+        """Adds values [ticks] from tick ``start`` on; values outside the outline are ignored."""
+        a, b = max(start, self.first), min(start + values.size, self.stop)
+        if a >= b:
+            return
+        x = values[a - start : b - start]
+        x = np.where(np.isfinite(x), np.clip(x, -LARGEST, LARGEST), np.nan)
+        column, within = divmod(a - self.first, self.size)
+        starts = np.append(0, np.arange(self.size - within, x.size, self.size))
+        place = slice(column, column + starts.size)
+        self.least[place] = np.fmin(self.least[place], np.fmin.reduceat(x, starts))
+        self.most[place] = np.fmax(self.most[place], np.fmax.reduceat(x, starts))
+        self.counts[place] += np.diff(starts, append=x.size)
+
+    def add_channel(self, channel: Channel, values: NDArray[np.float64] | None = None) -> None:
+        """All that a channel covers; values [samples]: these instead of its own."""
+        x = channel.samples() if values is None else values
+        place = 0
+        for span in channel.coverage:
+            self.add(span.start, x[place : place + span.ticks])
+            place += span.ticks
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every column is one tick."""
+        return self.size == 1
+
+    @property
+    def sample_count(self) -> int:
+        return int(self.counts.sum())
+
+    def seconds(self) -> NDArray[np.float64]:
+        """[columns] the middle of each column."""
+        ticks = self.first + self.size * np.arange(self.counts.size, dtype=np.float64)
+        return (ticks + (self.size - 1) / 2) / float(self.rate)
+
+    def line(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """A line that looks as all samples would; NaN breaks it where there are none."""
+        if self.is_whole:
+            return self.seconds(), self.most
+        return np.repeat(self.seconds(), 2), np.stack([self.least, self.most], axis=1).ravel()
+
+    def missing(self) -> NDArray[np.bool_]:
+        """[columns] that lack a sample, between the first and the last that hold one."""
+        full = np.full(self.counts.size, self.size, np.int64)
+        if full.size:
+            full[-1] = self.stop - self.first - self.size * (full.size - 1)
+        known = np.flatnonzero(self.counts)
+        found = self.counts < full
+        if known.size:
+            found[: known[0]] = found[known[-1] + 1 :] = False
+            if not self.is_whole:
+                # A column may hold the first or the last sample, and be full as far as it goes.
+                found[known[0]] = found[known[-1]] = False
+        else:
+            found[:] = False
+        return found
+
+    def runs(self, columns: NDArray[np.bool_]) -> list[tuple[float, float]]:
+        """Seconds of the runs of True in [columns]; ticks reach half a tick to either side."""
+        edges = np.flatnonzero(np.diff(columns.astype(np.int8), prepend=0, append=0))
+        seconds = (self.first + self.size * edges - 0.5) / float(self.rate)
+        return list(zip(seconds[::2].tolist(), seconds[1::2].tolist(), strict=True))
+
+    def columns_within(self, start: float, stop: float) -> slice:
+        """Columns that the seconds [start, stop) touch."""
+        places = [(s * float(self.rate) - self.first) / self.size for s in (start, stop)]
+        low, high = (float(np.clip(p, 0, self.counts.size)) for p in places)
+        return slice(int(low), int(np.ceil(high)))
+
+
+SEGMENT_S = 2.0
+"""Half a hertz between lines: the LF part below 20 Hz is resolved."""
+SHORTEST, LONGEST = 16, 1 << 14
+"""Samples of a segment."""
+SAMPLES = 1 << 20
+"""Of one channel that are looked at, spread over the whole; the estimate is no better for more."""
+
+
+class Spectrum:
+    """Of runs of [samples] values, Hann window, half overlapping segments without their means."""
+
+    def __init__(self, rate_hz: float, sample_count: int) -> None:
+        """sample_count: how many will come, about."""
+        self.rate_hz = rate_hz
+        size = 1 << max(round(np.log2(max(SEGMENT_S * rate_hz, 1))), 0)
+        size = min(size, 1 << max(sample_count // 4, 1).bit_length() - 1)
+        self.size = int(min(max(size, SHORTEST), LONGEST))
+        self.share = min(1.0, SAMPLES / max(sample_count, 1))
+        self.power: NDArray[np.float64] = np.zeros(self.size // 2 + 1)
+        self.segments = 0
+
+    def add(self, run: NDArray[np.float64]) -> None:
+        """A run without a gap; one that is shorter than a segment says nothing."""
+        take = max(self.size, int(run.size * self.share))
+        x = run[:take]
+        if x.size < self.size or not np.isfinite(x).all():
+            return
+        from scipy import signal
+
+        count = (x.size - self.size) // (self.size // 2) + 1
+        with np.errstate(all="ignore"):
+            _, power = signal.welch(x, self.rate_hz, nperseg=self.size)
+        self.power += count * power
+        self.segments += count
+
+    def density(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Hertz [lines] above 0, and unit^2 / Hz [lines]; None where nothing was long enough."""
+        if not self.segments:
+            return None
+        hertz = np.arange(1, self.power.size, dtype=np.float64) * (self.rate_hz / self.size)
+        return hertz, self.power[1:] / self.segments
+
+
+BINS = 3**7
+"""Odd, so that a bin is centred on zero, and a power of three, so that three neighbours become one
+where the range must grow."""
+
+
+class Histogram:
+    """counts [BINS]; bin i is centred on (i - BINS // 2) * width. Zeros are counted from the start,
+    the width follows from the first value that is not zero, or is that of a count."""
+
+    def __init__(self, width: float = 0.0) -> None:
+        self.width = width
+        self.counts = np.zeros(BINS, np.int64)
+        self.largest = 0.0
+        self.beyond = 0
+        """Values that are not finite."""
+
+    @property
+    def total(self) -> int:
+        return int(self.counts.sum())
+
+    def add(self, errors: NDArray[np.float64]) -> None:
+        """errors, any shape."""
+        finite = np.clip(errors[np.isfinite(errors)], -LARGEST, LARGEST)
+        self.beyond += int(errors.size - finite.size)
+        largest = float(np.max(np.abs(finite), initial=0.0))
+        self.largest = max(self.largest, largest)
+        if largest == 0:
+            self.counts[BINS // 2] += finite.size
+            return
+        if not self.width:
+            self.width = max(largest / (BINS // 4), np.finfo(np.float64).tiny)
+        while largest > self.width * (BINS // 2 - 1):
+            self.widen()
+        places = np.rint(finite / self.width).astype(np.int64) + BINS // 2
+        self.counts += np.bincount(places.ravel(), minlength=BINS)
+
+    def widen(self) -> None:
+        third = self.counts.reshape(-1, 3).sum(axis=1)
+        self.counts = np.zeros(BINS, np.int64)
+        start = (BINS - third.size) // 2
+        self.counts[start : start + third.size] = third
+        self.width *= 3
+
+    def bars(self, most: int = 81) -> tuple[NDArray[np.float64], NDArray[np.int64], float]:
+        """Centres [bars], counts [bars], width: at most ``most`` bars that hold all."""
+        counts, width = self.counts, self.width
+        while True:
+            found = np.flatnonzero(counts)
+            middle = counts.size // 2
+            reach = int(np.abs(found - middle).max(initial=0))
+            if 2 * reach + 1 <= most or counts.size < 3:
+                break
+            counts, width = counts.reshape(-1, 3).sum(axis=1), width * 3
+        centres = np.arange(-reach, reach + 1, dtype=np.float64) * width
+        return centres, counts[middle - reach : middle + reach + 1], width
+
 
 FEWEST = 5
 """A part that is examined again has at least so many columns: one alone may hold a single peak."""
@@ -314,3 +579,72 @@ def liveliest(view: View, ticks: int) -> tuple[Fraction, Fraction] | None:
     length = width * full.size
     first = min(full.first + column * full.size, full.stop - length)
     return first / full.rate, (first + length) / full.rate
+
+
+def facts(
+    parts: Parts, views: Sequence[View], *, size: int | None = None, whole: bool = True
+) -> list[str]:
+    """Returns short texts. size: bytes of the file. whole: all channels and times are shown."""
+    count = len(views)
+    samples = sum(view.full.sample_count for view in views)
+    found = [f"{count} channel{'s' if count != 1 else ''}"]
+    found.append(rates([view.channel.rate for view in views]))
+    if whole:
+        found.append(duration(views[0].stop - views[0].start))
+    else:
+        found.append(f"from {views[0].start:.6g} s to {views[0].stop:.6g} s")
+    found.append(f"{grouped(samples)} sample{'s' if samples != 1 else ''}")
+    if size is not None:
+        found.append(amount(size) + (compression(samples, size) if whole else " in all"))
+    if isinstance(parts, FileParts):
+        preset = preset_of(parts.reader.metadata.get("encoder"))[:40]
+        if preset:
+            found.append(f"preset {preset}")
+        if not any(view.is_lossy for view in views):
+            found.append("every sample lossless")
+    return found
+
+
+def relative_error(view: View) -> float:
+    """Largest error as a share of the range of the original; 0 where there is none."""
+    original, errors = view.original, view.errors
+    if original is None or errors is None or not errors.largest:
+        return 0.0
+    known = np.isfinite(original.most)
+    # In Python: of doubles it may be infinite.
+    reach = float(original.most[known].max()) - float(original.least[known].min())
+    return errors.largest / reach if reach else float("inf")
+
+
+def rates(known: Sequence[Fraction]) -> str:
+    low, high = float(min(known)), float(max(known))
+    return f"{low:.6g} Hz" if low == high else f"{low:.6g} to {high:.6g} Hz"
+
+
+def duration(seconds: float) -> str:
+    for unit, name in ((3600.0, "h"), (60.0, "min")):
+        if seconds >= 3 * unit:
+            return f"{seconds / unit:.3g} {name}"
+    return f"{seconds:.4g} s"
+
+
+def grouped(count: int) -> str:
+    """3 600 000"""
+    return f"{count:,}".replace(",", " ")
+
+
+def amount(size: int) -> str:
+    for unit, name in ((10**9, "GB"), (10**6, "MB"), (10**3, "kB")):
+        if size >= unit:
+            return f"{size / unit:.3g} {name}"
+    return f"{size} bytes"
+
+
+def compression(samples: int, size: int) -> str:
+    """Against 8 bytes for each sample."""
+    if not samples or not size:
+        return ""
+    ratio = 8 * samples / size
+    if ratio >= 1:
+        return f" ({ratio:.3g} times smaller than float64)"
+    return f" ({1 / ratio:.3g} times larger than float64)"

@@ -1,17 +1,152 @@
 """Both ends of a pipe, without ever waiting for the other side unasked.
 
 Where the system can, pipes are set not to block; elsewhere (Windows) a thread stands at each.
+
+Messages between the processes of a replay: kind, length, payload, through pipes.
+
+They come from our own processes; yet a process that dies, or another that writes into the pipe,
+can leave anything there: whatever comes gives messages or a MessageError, in bounded memory.
+
+Blocks and the log of sent frames, as payloads of messages.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import select
 import sys
 import threading
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from enum import IntEnum
+from struct import Struct
+from typing import Any, NamedTuple
 
-from .messages import Inbox, Message
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import HapfmtError
+from ..frames import Block, Frame
+from ..profile.model import Report
+
+HEADER = Struct("<BI")
+SIZE_LIMIT = 1 << 22
+"""Of a payload: a block of 50 ms is some 10 kB."""
+
+
+class MessageError(HapfmtError):
+    """What came through a pipe between our processes is none of their messages."""
+
+
+class Kind(IntEnum):
+    SETUP = 1
+    """To a process that begins: all it needs to know."""
+    READY = 2
+    """Back: it can begin, or why not."""
+    # from the player to the writer
+    BLOCK = 3
+    START = 4
+    STOP = 5
+    PAUSE = 6
+    RESUME = 7
+    SEEK = 8
+    ALIVE = 9
+    """Nothing to say; from the watchdog to the writer too."""
+    # from the writer to the player
+    STATUS = 10
+    SENT = 11
+    END = 12
+    # between writer and watchdog
+    BEAT = 13
+    GOODBYE = 14
+    """From the writer: it ends well. From the watchdog: it was asked to end."""
+    TRIPPED = 15
+
+
+class Message(NamedTuple):
+    kind: Kind
+    payload: bytes
+
+    def fields(self) -> dict[str, Any]:
+        """The JSON object that the payload is."""
+        try:
+            found = json.loads(self.payload)
+        except (ValueError, RecursionError) as error:
+            raise MessageError(f"{self.kind.name}: {error}") from None
+        if not isinstance(found, dict):
+            raise MessageError(f"{self.kind.name}: no JSON object")
+        return found
+
+    def field(self, name: str, kind: type) -> Any:
+        """One field; a whole number counts as a float too."""
+        value = self.fields().get(name)
+        if kind is float and type(value) is int:
+            value = float(value)
+        if type(value) is not kind:
+            raise MessageError(f"{self.kind.name}: {name!r} is not of type {kind.__name__}")
+        return value
+
+
+def pack(kind: Kind, payload: bytes = b"") -> bytes:
+    return HEADER.pack(kind, len(payload)) + payload
+
+
+def pack_json(kind: Kind, **fields: Any) -> bytes:
+    return pack(kind, json.dumps(fields).encode())
+
+
+def reports_json(reports: tuple[Report, ...]) -> list[list[str]]:
+    return [[report.path, report.data.hex()] for report in reports]
+
+
+def reports_of(value: Any) -> tuple[Report, ...]:
+    """The way back from ``reports_json``."""
+    try:
+        found = tuple(Report(path, bytes.fromhex(data)) for path, data in value)
+    except (TypeError, ValueError):
+        raise MessageError("no reports") from None
+    if any(report.path not in ("output", "feature") for report in found):
+        raise MessageError("a report of an unknown path")
+    return found
+
+
+class Inbox:
+    """Bytes as they come -> whole messages."""
+
+    def __init__(self) -> None:
+        self.buffer = bytearray()
+
+    def feed(self, data: bytes) -> None:
+        self.buffer += data
+
+    def take(self) -> Message | None:
+        """The next message, if all of it is there."""
+        buffer = self.buffer
+        if not buffer:
+            return None
+        if buffer[0] not in KINDS:
+            raise MessageError(f"unknown message {buffer[0]}")
+        if len(buffer) < HEADER.size:
+            return None
+        number, size = HEADER.unpack_from(buffer)
+        if size > SIZE_LIMIT:
+            raise MessageError(f"a message of {size} bytes, more than {SIZE_LIMIT}")
+        stop = HEADER.size + size
+        if len(buffer) < stop:
+            return None
+        message = Message(Kind(number), bytes(buffer[HEADER.size : stop]))
+        del buffer[:stop]
+        return message
+
+    def end(self) -> None:
+        """Nothing more comes."""
+        if self.buffer:
+            raise MessageError(f"a message is cut off after {len(self.buffer)} bytes")
+
+
+KINDS = frozenset(Kind)
+
 
 CHUNK = 1 << 16
 PENDING_LIMIT = 1 << 23
@@ -161,3 +296,86 @@ def inlet(descriptor: int) -> Inlet:
 
 def outlet(descriptor: int) -> Outlet:
     return ThreadedOutlet(descriptor) if sys.platform == "win32" else Outlet(descriptor)
+
+
+BLOCK = Struct("<qI?IH")
+"""first, generation, last, samples, actuators; then values (float64), then known (bytes)."""
+VALUES = 1 << 14
+"""Of a block in one message: the writer must be done with it between two frames."""
+LOG = Struct("<IHH")
+"""frames, samples of a frame, actuators; then, a frame: number, due, sent (ns), counts: int64."""
+
+
+def pack_block(block: Block) -> bytes:
+    samples, actuators = block.values.shape
+    head = BLOCK.pack(block.first, block.generation, block.last, samples, actuators)
+    return b"".join(
+        (head, block.values.astype("<f8").tobytes(), block.known.astype(np.uint8).tobytes())
+    )
+
+
+def parse_block(payload: bytes) -> Block:
+    if len(payload) < BLOCK.size:
+        raise MessageError("a block without its head")
+    first, generation, last, samples, actuators = BLOCK.unpack_from(payload)
+    shape, size = (samples, actuators), samples * actuators
+    if len(payload) != BLOCK.size + 9 * size:
+        raise MessageError(f"a block of {samples} x {actuators} values in {len(payload)} bytes")
+    values = np.frombuffer(payload, "<f8", size, BLOCK.size).reshape(shape)
+    known = np.frombuffer(payload, np.uint8, size, BLOCK.size + 8 * size).reshape(shape)
+    return Block(first, values, known.astype(bool), generation, last)
+
+
+def parts(block: Block, values: int = VALUES) -> Iterator[Block]:
+    """The block in pieces that are short enough for a message."""
+    count, actuators = block.values.shape
+    samples = max(values // max(actuators, 1), 1)
+    for start in range(0, max(count, 1), samples):
+        stop = start + samples
+        yield block._replace(
+            first=block.first + start,
+            values=block.values[start:stop],
+            known=block.known[start:stop],
+            last=block.last and stop >= count,
+        )
+
+
+class Sent(NamedTuple):
+    """A frame, and when it was sent (ns since the start of the replay)."""
+
+    frame: Frame
+    sent_ns: int
+
+
+def pack_log(frames: Sequence[Sent]) -> bytes:
+    """All of one shape."""
+    shape = np.shape(frames[0].frame.counts)
+    rows: NDArray[np.int64] = np.array(
+        [
+            [f.frame.number, f.frame.due_ns, f.sent_ns, *(c for row in f.frame.counts for c in row)]
+            for f in frames
+        ],
+        "<i8",
+    )
+    return LOG.pack(len(frames), *shape) + rows.tobytes()
+
+
+def parse_log(payload: bytes) -> list[Sent]:
+    if len(payload) < LOG.size:
+        raise MessageError("a log without its head")
+    count, samples, actuators = LOG.unpack_from(payload)
+    width = 3 + samples * actuators
+    if len(payload) != LOG.size + 8 * count * width:
+        raise MessageError(f"a log of {count} frames in {len(payload)} bytes")
+    rows = np.frombuffer(payload, "<i8", count * width, LOG.size).reshape(count, width).tolist()
+    return [
+        Sent(
+            Frame(
+                number,
+                due,
+                tuple(tuple(counts[i * actuators : (i + 1) * actuators]) for i in range(samples)),
+            ),
+            sent,
+        )
+        for number, due, sent, *counts in rows
+    ]

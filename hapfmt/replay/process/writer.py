@@ -12,11 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...errors import DeviceError, HapfmtError
 from ..sinks import open_sink
-from . import realtime
-from .guard import Guard
-from .messages import Kind, Message, pack_json, reports_json
-from .pipes import Inlet, Outlet, inlet, outlet
-from .watchdog import first_message, signals
+from . import children
+from .pipes import Inlet, Kind, Message, Outlet, inlet, outlet, pack_json, reports_json
+from .watchdog import Guard, first_message, signals
 
 if TYPE_CHECKING:
     from ..profile.model import Profile
@@ -81,7 +79,7 @@ def write(
     profile = parse_profile(setup.profile, setup.name)
     sink = open_sink(setup.sink, profile)
     warm_up(profile)
-    got = realtime.apply() if setup.realtime else realtime.nothing()
+    got = children.apply() if setup.realtime else children.nothing()
     loop = Loop(profile, setup.gain, sink, source, target, asked, log=setup.log)
     try:
         if profile.init:
@@ -113,7 +111,7 @@ def warm_up(profile: Profile) -> None:
     from ..frames import Block
     from ..profile.packing import Packer
     from ..schedule import Schedule
-    from .blocks import Sent, pack_block, pack_log, parse_block
+    from .pipes import Sent, pack_block, pack_log, parse_block
 
     shape = (64 * profile.timing.frame_samples, len(profile.actuators))
     schedule, packer = Schedule(profile), Packer(profile)

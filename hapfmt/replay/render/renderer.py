@@ -9,23 +9,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...errors import ParameterError
 from ...format.index import NS_LIMIT
 from ...format.track import Track
-from ...reading.damage import lost_lines
-from ...errors import ParameterError
 from ...limits import TICK_LIMIT
 from ...numbers import exact
 from ...reading.catalogue import Catalogue, ChannelRef
-from ...reading.losses import LostSpan
+from ...reading.damage import LostSpan, lost_lines
+from ...reading.packets import Seconds
 from ...reading.reader import Reader
-from ...reading.seconds import Seconds
 from ...recording import Calibration
 from ..frames import Block
 from ..profile.model import Profile
 from .assign import Assignment, Route, name_of
-from .feed import Band, Feed, Meaning
-from .grid import Grid, samples_in
-from .kernels import Kernel, Shape, kernel
+from .feed import Band, Feed, Grid, Kernel, Meaning, Shape, kernel, samples_in
 from .stream import Queue, Source
 
 BLOCK_S = Fraction(1, 20)

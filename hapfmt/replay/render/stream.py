@@ -14,13 +14,13 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import accumulate
 
-from ...format.track import Track
 from ...errors import FormatError
+from ...format.track import Track
 from ...reading.catalogue import Catalogue, ChunkRef
-from ...reading.losses import LostSpan
-from ...reading.pieces import Piece
+from ...reading.damage import LostSpan
+from ...reading.decoder import Piece
+from ...reading.packets import overlapping
 from ...reading.reader import Reader
-from ...reading.seconds import overlapping
 
 AHEAD = 1 << 19
 """Samples that tracks may hold at the end of a cluster, while one of them still has nothing."""

@@ -26,7 +26,7 @@ def open_sink(config: dict[str, Any], profile: Profile | None = None) -> Sink:
 
         sink = HidSink(os.fsencode(options.pop("path")), profile, **options)
     elif kind == "loopback":
-        from .loopback import LoopbackSink
+        from .dry import LoopbackSink
 
         sink = LoopbackSink(**options)
     else:

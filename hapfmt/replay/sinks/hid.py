@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import DeviceError, MissingExtraError, ParameterError
-from ..profile.descriptor import Descriptor, parse_descriptor
-from ..profile.matching import Device, check_fit, choose
+from ..profile.matching import Descriptor, Device, check_fit, choose, parse_descriptor
 
 if TYPE_CHECKING:
     from ..frames import Frame

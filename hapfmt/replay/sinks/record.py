@@ -14,9 +14,9 @@ from typing import Any, BinaryIO, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...atomic import atomic_write, refuse
 from ...convert.csv import column_name, tick_times
 from ...errors import ParameterError
+from ...files import atomic_write, refuse
 from ...recording import Calibration
 from ..frames import Frame
 from ..profile.model import Actuator, Profile, Report

@@ -1,17 +1,92 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all.
+
+One writer at a time: a lock on an open file, which the system drops with the process.
+
+Whatever is open until the ``with`` block that holds it ends.
+"""
 
 from __future__ import annotations
 
+import errno
+import importlib
 import os
 import secrets
 import stat
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import BinaryIO, cast
+from types import ModuleType, TracebackType
+from typing import BinaryIO, Self, cast
 
 from .errors import ParameterError
-from .lock import in_use
+
+FAR = 1 << 43
+"""Where Windows locks a byte: 8 TiB, beyond every file, so that readers are not kept out."""
+
+TAKEN = {errno.EACCES, errno.EAGAIN, errno.EDEADLK}
+MISSING = {
+    errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EINVAL, errno.EBADF
+}  # fmt: skip
+"""EBADF: over a network, where the file is open for reading only."""
+
+
+def optional(name: str) -> ModuleType | None:
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        return None
+
+
+def lock(descriptor: int) -> bool | None:
+    """Whether the lock was taken; None where the file system has none. It ends with unlock, when
+    the descriptor is closed, or with the process."""
+    fcntl, msvcrt = optional("fcntl"), optional("msvcrt")
+    try:
+        if fcntl is not None:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        elif msvcrt is not None:
+            lock_far(msvcrt, msvcrt.LK_NBLCK, descriptor)
+        else:
+            return None
+    except OSError as error:
+        if error.errno in TAKEN:
+            return False
+        if error.errno in MISSING:
+            return None
+        raise
+    return True
+
+
+def unlock(descriptor: int) -> None:
+    fcntl, msvcrt = optional("fcntl"), optional("msvcrt")
+    if fcntl is not None:
+        fcntl.flock(descriptor, fcntl.LOCK_UN)
+    elif msvcrt is not None:
+        lock_far(msvcrt, msvcrt.LK_UNLCK, descriptor)
+
+
+def in_use(path: str | os.PathLike[str]) -> bool:
+    """Whether a writer has the file; False where nobody can tell."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        return lock(descriptor) is False
+    except OSError:
+        return False
+    finally:
+        os.close(descriptor)
+
+
+def lock_far(msvcrt: ModuleType, mode: int, descriptor: int) -> None:
+    position = os.lseek(descriptor, 0, os.SEEK_CUR)
+    try:
+        os.lseek(descriptor, FAR, os.SEEK_SET)
+        msvcrt.locking(descriptor, mode, 1)
+    finally:
+        os.lseek(descriptor, position, os.SEEK_SET)
 
 
 @contextmanager
@@ -103,3 +178,19 @@ def sync_directory(directory: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+class Closing(ABC):
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @abstractmethod
+    def close(self) -> None: ...
