@@ -44,41 +44,46 @@ if TYPE_CHECKING:
     from .writing.writer import Summary, write
 
 _PLACES = {
-    "Reader": "reading.reader",
-    "read": "convert",
-    "Follower": "reading.follow",
-    "write": "writer",
-    "Summary": "writer",
-    "verify": "verifier",
-    "recover": "recovery.recover",
-    "recover_in_place": "recovery.inplace",
     "load": "convert",
+    "read": "convert",
     "save": "convert",
+    "recover": "edit.recover",
+    "recover_in_place": "edit.recover",
+    "Input": "encoder.live",
     "Settings": "encoder.settings",
-    "Recorder": "live.recorder",
-    "Input": "live.inputs",
-    "Status": "live.status",
-    "Recording": "recording",
-    "Event": "events",
-    "ClockObservation": "container.clocks",
-    "ClockMap": "container.clocks",
-    "fit_clock": "clocks",
-    "Channel": "recording",
-    "Calibration": "recording",
-    "Span": "recording",
-    "Limits": "limits",
-    "HapfmtError": "errors",
-    "FormatError": "errors",
-    "TruncatedError": "errors",
     "ChecksumError": "errors",
-    "UnsupportedError": "errors",
+    "FormatError": "errors",
+    "HapfmtError": "errors",
     "LimitError": "errors",
-    "ParameterError": "errors",
-    "UnknownChannelError": "errors",
     "MissingExtraError": "errors",
+    "ParameterError": "errors",
+    "TruncatedError": "errors",
+    "UnknownChannelError": "errors",
+    "UnsupportedError": "errors",
+    "Event": "events",
+    "ClockMap": "format.extras",
+    "ClockObservation": "format.extras",
+    "Limits": "limits",
+    "fit_clock": "reading.clocks",
+    "Follower": "reading.follow",
+    "Reader": "reading.reader",
+    "verify": "reading.verifier",
+    "Calibration": "recording",
+    "Channel": "recording",
+    "Recording": "recording",
+    "Span": "recording",
+    "Recorder": "writing.recorder",
+    "Status": "writing.recorder",
+    "Summary": "writing.writer",
+    "write": "writing.writer",
 }
 
-_PACKAGES = frozenset({"edit", "errors", "metrics", "scenes"})
+_PACKAGES = {
+    "edit": "edit",
+    "errors": "errors",
+    "metrics": "lab.metrics",
+    "scenes": "lab.scenes",
+}
 
 __all__ = [
     "SPEC_VERSION",
@@ -122,7 +127,7 @@ def __getattr__(name: str) -> Any:
     if name in _PLACES:
         return getattr(import_module(f".{_PLACES[name]}", __name__), name)
     if name in _PACKAGES:
-        return import_module(f".{name}", __name__)
+        return import_module(f".{_PACKAGES[name]}", __name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -292,7 +292,7 @@ def _grid_of_index(
 
     Times are placed as those of a .csv file. An index named "t [ms]" holds milliseconds.
     """
-    from .times import Stamps, time_name
+    from .times import TimeStamps, time_name
 
     kind = getattr(index.dtype, "kind", "O")
     given = None if rate is None else hertz(rate)
@@ -324,7 +324,7 @@ def _grid_of_index(
         zeros = next(digits for digits in (6, 3, 0) if not (ns % 10**digits).any())
         exponent = zeros - 9
         texts = map(str, (ns // 10**zeros).tolist())
-    stamps = Stamps(exponent)
+    stamps = TimeStamps(exponent)
     for row, text in enumerate(texts):
         try:
             stamps.add(text)

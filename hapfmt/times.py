@@ -47,7 +47,7 @@ STEADY = 1e-6
 """Share of a tick that is not worth a note: sums of a rounded period drift as much."""
 
 
-class Grid(NamedTuple):
+class TickGrid(NamedTuple):
     """Row i stands at tick ``ticks[i]`` (int64, increasing); time = tick / rate seconds.
 
     ``epoch_ns``: UTC of tick 0 where the times count from 1970, else None.
@@ -89,7 +89,7 @@ def may_be_times(name: str) -> bool:
     return time_name(name) is not None or split_name(name)[1] in TIME_UNITS
 
 
-class Stamps:
+class TimeStamps:
     """The stamps of the rows, one after the other; ``unit_exponent`` -3 for milliseconds."""
 
     def __init__(self, unit_exponent: int = 0) -> None:
@@ -147,7 +147,7 @@ class Stamps:
         """Seconds from the first stamp to the last."""
         return Fraction(self._seconds(self._first, self._last))
 
-    def grid(self, rate: Fraction | None = None) -> Grid:
+    def grid(self, rate: Fraction | None = None) -> TickGrid:
         """The grid of a given rate, or of the rate that the stamps tell (two rows at least).
 
         Raises ParameterError, with the worst deviation, where the stamps are not regular.
@@ -178,7 +178,7 @@ class Stamps:
         """Whether rounding of the stamps is no better explanation of the missing rows."""
         return self.resolution <= _FINE * line.period or line.missing <= _FEW_GAPS
 
-    def _nearest(self, lines: list[_Line]) -> Grid:
+    def _nearest(self, lines: list[_Line]) -> TickGrid:
         """The grid of stamps that jitter."""
         line = min(lines, key=lambda line: line.spread)
         if line.spread > line.period / 2:
@@ -197,7 +197,7 @@ class Stamps:
 
     def _placed(
         self, line: _Line, rate: Fraction, tolerance: float, notes: tuple[str, ...]
-    ) -> Grid:
+    ) -> TickGrid:
         residual = line.residual(rate)
         offset = self.first + Fraction(float(residual.max() + residual.min()) / 2)
         start = round(offset * rate)
@@ -206,7 +206,7 @@ class Stamps:
             notes += (f"the times lie {shift:.3g} s beside the ticks of {rate} Hz",)
         return self._started(line, rate, start, notes)
 
-    def _on_given(self, times: NDArray[np.float64], rate: Fraction) -> Grid:
+    def _on_given(self, times: NDArray[np.float64], rate: Fraction) -> TickGrid:
         """Every row at the tick nearest to its time, later where rows before it need the room.
 
         Times that only jitter leave no tick out. ParameterError where rows come much faster than
@@ -244,7 +244,7 @@ class Stamps:
     def _usual_rate(self) -> float:
         return 1 / float(np.median(np.frombuffer(self._steps)))
 
-    def _started(self, line: _Line, rate: Fraction, start: int, notes: tuple[str, ...]) -> Grid:
+    def _started(self, line: _Line, rate: Fraction, start: int, notes: tuple[str, ...]) -> TickGrid:
         epoch_ns = None
         if not (0 <= start < _CLOCK * rate and start < TICK_LIMIT - line.last):
             seconds = start / rate
@@ -254,7 +254,7 @@ class Stamps:
                 notes += (f"the first time, {utc(epoch_ns)}, became the epoch of the recording",)
             else:
                 notes += (f"the times begin at {float(self.first)} s, which became tick 0",)
-        return Grid(rate, line.ticks.astype(np.int64) + start, notes, epoch_ns)
+        return TickGrid(rate, line.ticks.astype(np.int64) + start, notes, epoch_ns)
 
 
 _ISO = re.compile(

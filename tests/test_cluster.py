@@ -18,7 +18,7 @@ from hapfmt.errors import FormatError
 from hapfmt.format.cluster import (
     HEAD_ROOM,
     ROW_ROOM,
-    Hole,
+    MissingPackets,
     Packet,
     alone_size,
     build_cluster,
@@ -278,6 +278,6 @@ def test_a_packet_of_another_chunk_does_not_hold(packets, sequence):
     """
     payload = build_cluster(packets, cluster_seed(f.FILE_ID, sequence))
     found = list(salvage_cluster(payload, TRACKS, ONE, 0, SEED))
-    assert [type(item) for item in found] == [Hole]
+    assert [type(item) for item in found] == [MissingPackets]
     with pytest.raises(FormatError):
         parse_cluster(payload, TRACKS, ONE, 0, SEED)

@@ -14,8 +14,8 @@ from hapfmt.encoder import plan
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.lattice import Tolerance, snap_to_lattice
 from hapfmt.encoder.plan import LEAST, Promise, find_glitches, median3, without_glitches
-from hapfmt.encoder.source import Source
-from hapfmt.encoder.texture import Felt
+from hapfmt.encoder.source import InputBlock
+from hapfmt.encoder.texture import FeltChannel
 from hapfmt.recording import Recording
 
 HUM = np.round(1000 * np.sin(np.arange(3000) / 40)).astype(np.int16)
@@ -96,7 +96,7 @@ def test_a_tolerance_in_percent_is_of_the_rest():
 def test_the_slow_part_is_not_drawn_by_them():
     x = with_glitches(1500)
     channel = Channel(x, Fraction(1000), calibration=Calibration(1, 0, 1000), unit="N")
-    source = Source((channel,), x[:, None], channel.coverage)
+    source = InputBlock((channel,), x[:, None], channel.coverage)
     promise = Promise(Tolerance(0.002, "range"), Fraction(1, 10), 20.0)
-    felt = Felt.of(channel.samples(), source, promise, 20.0)
+    felt = FeltChannel.of(channel.samples(), source, promise, 20.0)
     assert np.abs(1000 * felt.slow - HUM).max() < 150

@@ -10,11 +10,11 @@ from hapfmt.errors import ParameterError
 from hapfmt.lab.plotting import figures
 from hapfmt.lab.plotting.figures import plot_opinions
 from hapfmt.lab.study.description import SCALE
-from hapfmt.lab.study.summary import Row, mean_of
+from hapfmt.lab.study.summary import SummaryRow, mean_of
 
 
-def row(name, role="test", k=None, bits=None, values=(50.0, 60.0, 70.0)) -> Row:
-    return Row(name, role, None, mean_of(values), mean_of([0.0, 0.0]), k, bits, 1.0)
+def row(name, role="test", k=None, bits=None, values=(50.0, 60.0, 70.0)) -> SummaryRow:
+    return SummaryRow(name, role, None, mean_of(values), mean_of([0.0, 0.0]), k, bits, 1.0)
 
 
 GRID = [

@@ -25,7 +25,7 @@ from hapfmt.encoder.encode import encode
 from hapfmt.encoder.plan import bound_promise
 from hapfmt.encoder.predict import encode_best
 from hapfmt.encoder.references import (
-    View,
+    SampleView,
     choose_sources,
     find_links,
     fit,
@@ -297,7 +297,7 @@ class TestLinks:
         """Four pieces of a long channel, joined without jumps; all of a short one."""
         values = np.arange(100_000, dtype=np.int32)
         (channel,) = channels([values], coverage=(Span(0, 14_000), Span(50_000, 136_000)))
-        view = View.of(channel.coverage)
+        view = SampleView.of(channel.coverage)
         assert view.places.size == 4 * 4096
         assert view.places[[0, 4096]].tolist() == [10_452, 35_452]
         assert np.flatnonzero(view.torn).tolist() == [0, 3548, 4096, 8192, 12288]
@@ -306,7 +306,7 @@ class TestLinks:
         settled = np.flatnonzero(view.settled)
         assert (settled[0], 3546 in settled, 3547 in settled) == (references.SETTLING, True, False)
         (channel,) = channels([values[:500]])
-        view = View.of(channel.coverage)
+        view = SampleView.of(channel.coverage)
         assert view.indices(channel, 3).tolist() == [(x + 1) // 3 for x in range(500)]
 
     def test_a_jump_that_all_share_is_no_resemblance(self):

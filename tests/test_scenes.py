@@ -12,7 +12,7 @@ from hapfmt.encoder.split import low_pass
 from hapfmt.errors import ParameterError
 from hapfmt.lab.scenes import surface
 from hapfmt.lab.scenes.description import Contact, Press, Tool
-from hapfmt.lab.scenes.motion import Grid
+from hapfmt.lab.scenes.motion import StepGrid
 from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.lab.scenes.tool import system_of
 from hapfmt.lab.scenes.touch import FRICTION, Normal
@@ -103,7 +103,7 @@ class TestStiffness:
         normal = Normal(
             system_of(tool, contact),
             contact,
-            Grid(20_000, 1, 20_000),
+            StepGrid(20_000, 1, 20_000),
             lambda t: np.full_like(t, depth),
             work,
         )

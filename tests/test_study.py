@@ -20,7 +20,7 @@ from hapfmt.errors import HapfmtError, MissingExtraError, ParameterError
 from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.lab.study import outputs
 from hapfmt.lab.study.description import Study, fifth, load_study, new_study, parse_study
-from hapfmt.lab.study.outputs import ChannelMap, Device, Felt, Nowhere, WavFiles, plan
+from hapfmt.lab.study.outputs import ChannelMap, DeviceOutput, FeltStimulus, Nowhere, WavFiles, plan
 from hapfmt.lab.study.prepare import MANIFEST, prepare
 from hapfmt.lab.study.rating import (
     AnswerFile,
@@ -386,7 +386,7 @@ class TestRating:
     def test_what_was_not_felt_does_not_count(self, study, prepared, tmp_path):
         class Late(Nowhere):
             def play(self, _path, _label):
-                return Felt("late")
+                return FeltStimulus("late")
 
         with opened(study, prepared, tmp_path / "a") as file:
             rating = Rating(study, prepared, file, Late())
@@ -403,7 +403,7 @@ class TestOutputs:
         profile = glove()
         frames = tmp_path / "frames"
         mapping = ChannelMap(("0=1",))
-        device = Device(
+        device = DeviceOutput(
             profile, {"kind": "loopback", "file": str(frames)}, 0.25, mapping, watchdog=False
         )
         path = prepared.file("cork", "b5")
@@ -418,7 +418,7 @@ class TestOutputs:
         later = sorted(set(range(80, 190)) & sent.keys())  # the ramp of the start is over
         assert len(later) > 20
         assert max(abs(sent[number] - force[number]) for number in later) < 5
-        assert Nowhere(profile, 0.25, mapping).play(path, "trial 1") == Felt()
+        assert Nowhere(profile, 0.25, mapping).play(path, "trial 1") == FeltStimulus()
 
     def test_what_no_actuator_takes(self, tmp_path):
         from replaying import glove
@@ -436,7 +436,7 @@ class TestOutputs:
         with pytest.raises(ParameterError, match="replay does not guess"):
             plan(path, profile, ChannelMap())
         assert plan(path, profile, ChannelMap(by_order=True))[0].startswith("thumb <- 0 ")
-        told = Device(profile, {}, None, ChannelMap(("0=1",), ("x",), by_order=True)).told
+        told = DeviceOutput(profile, {}, None, ChannelMap(("0=1",), ("x",), by_order=True)).told
         assert told.items() >= {"channels": ["0=1"], "ignored": ["x"], "by_order": True}.items()
 
     def test_wav_is_level(self, study, prepared, tmp_path):

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from ..encoder.settings import Tolerance
     from ..lab.survey.compare import Comparison
-    from ..lab.survey.views import View
+    from ..lab.survey.views import ChannelView
     from ..limits import Limits
 
 DIFFERENT = 3
@@ -133,7 +133,7 @@ def compare(
 def draw(
     picture: str,
     found: Sequence[Comparison],
-    views: Sequence[View],
+    views: Sequence[ChannelView],
     title: str,
     footnotes: Sequence[str],
     force: bool,

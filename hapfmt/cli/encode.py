@@ -89,7 +89,7 @@ MAX_ERROR = "0.1%"
 
 
 @dataclass(frozen=True)
-class Row:
+class ChannelRow:
     """One channel, or neighbours that were kept alike."""
 
     label: str
@@ -132,16 +132,18 @@ def show(
         say(hint)
 
 
-def row_of(each: Decision) -> Row:
+def row_of(each: Decision) -> ChannelRow:
     kept_as = each.kept_as or ("lossless" if each.exact else each.chosen)
-    return Row(name_of(each), kept_as, each.unit, each.sample_count, each.size, each.largest_error)
+    return ChannelRow(
+        name_of(each), kept_as, each.unit, each.sample_count, each.size, each.largest_error
+    )
 
 
 def name_of(each: Decision) -> str:
     return each.label or f"channel {each.channel}"
 
 
-def grouped(rows: Sequence[Row]) -> Iterable[Row]:
+def grouped(rows: Sequence[ChannelRow]) -> Iterable[ChannelRow]:
     for _, run in groupby(rows, lambda row: (row.kept_as, row.unit)):
         members = list(run)
         if len(members) < 3:

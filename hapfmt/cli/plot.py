@@ -31,7 +31,7 @@ from .screen import Verb, note, printable
 
 if TYPE_CHECKING:
     from ..lab.survey.parts import Parts
-    from ..lab.survey.views import View
+    from ..lab.survey.views import ChannelView
     from ..limits import Limits
 
 ZOOM_TICKS = 400
@@ -152,7 +152,7 @@ def draw(
     many = len(parts.channels) > ROWS and not (details and original is not None)
     with progress("reading") as advance:
         views = survey(parts, first, last, against=original, spectra=not many, progress=advance)
-    zoom: View | None = None
+    zoom: ChannelView | None = None
     near = liveliest(views[0], ZOOM_TICKS) if len(views) == 1 else None
     while near is not None:
         zoom = survey(parts, *near, against=original, spectra=False)[0]
@@ -171,7 +171,9 @@ def draw(
     )  # fmt: skip
 
 
-def header(parts: Parts, views: list[View], name: str, whole: bool, compared: bool) -> list[str]:
+def header(
+    parts: Parts, views: list[ChannelView], name: str, whole: bool, compared: bool
+) -> list[str]:
     """The facts of the file."""
     from ..lab.survey.parts import FileParts
     from ..lab.survey.views import facts
@@ -187,7 +189,7 @@ def header(parts: Parts, views: list[View], name: str, whole: bool, compared: bo
     return found + largest_error(views) if compared else found
 
 
-def largest_error(views: list[View]) -> list[str]:
+def largest_error(views: list[ChannelView]) -> list[str]:
     """Of the channel that has the largest, by its range; one channel says it in its own title."""
     from ..lab.survey.views import relative_error
 
@@ -200,7 +202,7 @@ def largest_error(views: list[View]) -> list[str]:
 
 
 def footnotes(
-    parts: Parts, views: list[View], start: Fraction | None, stop: Fraction | None
+    parts: Parts, views: list[ChannelView], start: Fraction | None, stop: Fraction | None
 ) -> list[str]:
     lines = told(parts, start, stop)
     missing = sum(view.only_original for view in views)

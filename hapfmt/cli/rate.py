@@ -28,9 +28,9 @@ from .screen import Verb, complain, document, note, printable, raw, say, table
 
 if TYPE_CHECKING:
     from ..lab.study.description import Study
-    from ..lab.study.outputs import ChannelMap, Output
+    from ..lab.study.outputs import ChannelMap, StudyOutput
     from ..lab.study.prepare import Prepared
-    from ..lab.study.summary import Mean, Row, Summary
+    from ..lab.study.summary import Mean, StudySummary, SummaryRow
 
 KEYS = {"r": "reference", "p": "this", "a": "again", "b": "back", "q": "quit", "?": "help"}
 WORDS = {"": "help", **{word: word for word in KEYS.values()}, "play": "this", "h": "help"}
@@ -43,7 +43,7 @@ END, BREAK, ERASE = "\x04", "\x03", "\x7f\b"
 def conduct(rating: Rating, subject: str) -> bool:
     """Until all is answered (True) or the subject stops."""
     head = rating.study.head
-    with Lines() as lines:
+    with AnswerLines() as lines:
         tell(f"{head.name}: {head.question}" if head.name else head.question)
         if rating.done:
             tell(f"{subject}: {rating.done} of {len(rating.trials)} are answered; on with the rest")
@@ -136,7 +136,7 @@ def tell(text: str) -> None:
     sys.stdout.flush()
 
 
-class Lines:
+class AnswerLines:
     """Words of a subject; a terminal gives keys one by one while it is asked, and is as it was
     before while something plays, so that Ctrl-C always works."""
 
@@ -145,7 +145,7 @@ class Lines:
         self.termios: Any = None
         self.before: Any = None
 
-    def __enter__(self) -> Lines:
+    def __enter__(self) -> AnswerLines:
         with suppress(OSError, ValueError, AttributeError, ImportError):
             descriptor = sys.stdin.fileno()
             if os.isatty(descriptor) and sys.stdout.isatty():
@@ -430,7 +430,7 @@ def choose_output(felt: dict[str, Any]) -> None:
         raise ParameterError("--path, --gain, --map, --ignore and --map-by-order require --device")
 
 
-def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
+def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> StudyOutput:
     from ..lab.study import outputs
 
     if felt["device"] is not None:
@@ -444,7 +444,7 @@ def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
         if felt["dry_run"]:
             return outputs.Nowhere(profile, felt["gain"], mapping)
         config = outputs.find_device(profile, felt["path"])
-        return outputs.Device(profile, config, felt["gain"], mapping, not felt["no_watchdog"])
+        return outputs.DeviceOutput(profile, config, felt["gain"], mapping, not felt["no_watchdog"])
     if felt["sound"] is not None:
         from ..lab.study.outputs import Card, parse_card
 
@@ -492,7 +492,7 @@ def summed(
     return 0
 
 
-def draw(summary: Summary, path: Path, force: bool) -> None:
+def draw(summary: StudySummary, path: Path, force: bool) -> None:
     from ..lab.plotting.figures import plot_opinions
 
     rows = [row for row in summary.kept or summary.rows if row.session is None]
@@ -505,7 +505,7 @@ def draw(summary: Summary, path: Path, force: bool) -> None:
     )
 
 
-def csv_of(summary: Summary) -> str:
+def csv_of(summary: StudySummary) -> str:
     from ..lab.study.summary import HEADERS, table_rows
 
     stream = io.StringIO()
@@ -515,7 +515,7 @@ def csv_of(summary: Summary) -> str:
     return stream.getvalue()
 
 
-def show(summary: Summary) -> None:
+def show(summary: StudySummary) -> None:
     out = summary.screened_out
     study = summary.study
     missed = f"rated the hidden reference below {study['screen_below']:g} too often"
@@ -532,7 +532,7 @@ def people(count: int) -> str:
     return counted(count, "subject")
 
 
-def show_rows(title: str, rows: tuple[Row, ...]) -> None:
+def show_rows(title: str, rows: tuple[SummaryRow, ...]) -> None:
     many = any(row.session is not None for row in rows)
     headers = ["condition", "role", "b/sample", "n", "mean", "+-", "to reference", "+-"]
     shown = [
@@ -557,7 +557,7 @@ def half_of(mean: Mean) -> str:
     return "-" if mean.half is None else f"{mean.half:.1f}"
 
 
-def unfinished(summary: Summary) -> list[str]:
+def unfinished(summary: StudySummary) -> list[str]:
     return [
         f"{each.name} is left out: {each.open} questions are open" for each in summary.unfinished
     ]

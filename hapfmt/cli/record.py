@@ -135,7 +135,7 @@ def record(
     """
     from ..encoder.settings import Settings, renamed
     from ..writing.recorder import Recorder
-    from ..writing.streams import Stream, Table
+    from ..writing.streams import BareTable, InputStream
 
     given["felt"] = given["felt"] or None
     chosen = ("fast", "max_error", "k", "floor", "felt", "texture")
@@ -150,8 +150,8 @@ def record(
         more = header.given if not append else {}
         return Recorder(file, header.inputs, settings, metadata=header.metadata, **options, **more)
 
-    table = Table(rate, labels.split(",") if labels else (), unit, lsb)
-    stream = Stream(begin, table)
+    table = BareTable(rate, labels.split(",") if labels else (), unit, lsb)
+    stream = InputStream(begin, table)
     began = time.monotonic()
     with warnings.catch_warnings(), ExitSignals() as stopping:
         warnings.simplefilter("ignore", RuntimeWarning)

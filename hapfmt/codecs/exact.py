@@ -49,7 +49,7 @@ Counts = NDArray[np.int64]
 Doubles = NDArray[np.float64]
 
 
-class Term(NamedTuple):
+class LinearTerm(NamedTuple):
     """Of a linear rule: a weight for the exact value of a component some ticks before."""
 
     component: int
@@ -86,7 +86,7 @@ def values_of(
 
 
 def predictions(
-    quotients: Doubles, c0: float, terms: Sequence[Term], columns: Sequence[Doubles]
+    quotients: Doubles, c0: float, terms: Sequence[LinearTerm], columns: Sequence[Doubles]
 ) -> Doubles:
     """What a linear rule gives where all exact values are known; ``quotients``: what the counts of
     its component stand for."""
@@ -104,7 +104,7 @@ def predictions(
 def linear_values(
     quotients: Doubles,
     c0: float,
-    terms: Sequence[Term],
+    terms: Sequence[LinearTerm],
     columns: Sequence[Doubles],
     moves: Counts,
     own: int,
@@ -258,7 +258,7 @@ class ExactParameters:
     coefficients: tuple[float, ...] = ()
     """c0 to c3 of the cubic rule, c0 of the linear one."""
 
-    terms: tuple[Term, ...] = ()
+    terms: tuple[LinearTerm, ...] = ()
 
     def build(self) -> bytes:
         fixed = LPCX_PARAMETERS.build(
@@ -294,7 +294,9 @@ class ExactParameters:
                 "LPCX parameters end within a component", requirement="COD-002", offset=base
             )
         coefficients = np.frombuffer(data, "<f8", count, at).tolist()
-        terms = [Term(*row) for row in LPCX_TERM.fixed.iter_unpack(data[at + 8 * count : stop])]
+        terms = [
+            LinearTerm(*row) for row in LPCX_TERM.fixed.iter_unpack(data[at + 8 * count : stop])
+        ]
         # So is what is no number refused.
         if not all(abs(w) < COEFFICIENT_LIMIT for w in [*coefficients, *(t.weight for t in terms)]):
             raise FormatError(

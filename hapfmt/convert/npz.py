@@ -43,7 +43,7 @@ from ..events import Event, channel_of
 from ..limits import TICK_LIMIT
 from ..numbers import checked_rate
 from ..recording import Channel, Recording, spans_at, spans_of, unique
-from ..times import STEADY, Grid, Stamps, deviation_note
+from ..times import STEADY, TickGrid, TimeStamps, deviation_note
 from .common import (
     CHANNEL_LIMIT,
     Dense,
@@ -362,10 +362,10 @@ def _times(archive: _Archive, ending: str) -> NDArray[np.float64] | None:
     return None
 
 
-def _grid(times: NDArray[np.float64], rate: Fraction | None, ticks: int) -> Grid:
+def _grid(times: NDArray[np.float64], rate: Fraction | None, ticks: int) -> TickGrid:
     if len(times) != ticks:
         raise ParameterError(f"{len(times)} times for {ticks} samples; give the rate (--rate)")
-    stamps = Stamps()
+    stamps = TimeStamps()
     for time in times.tolist():
         try:
             stamps.add(repr(time))

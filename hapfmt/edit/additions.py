@@ -37,7 +37,7 @@ PIECE = 1 << 20
 """Bytes copied in one go."""
 
 
-class Growing(NamedTuple):
+class OpenEnd(NamedTuple):
     """A writer that stands at the end of what ``catalogue`` knows; ``note``: what was cut off the
     end of the file before."""
 
@@ -47,7 +47,7 @@ class Growing(NamedTuple):
 
 
 @contextmanager
-def appended(file: Input, out: Output | None, *, force: bool) -> Iterator[Growing]:
+def appended(file: Input, out: Output | None, *, force: bool) -> Iterator[OpenEnd]:
     """A file that is appended to at the end of the block; ``out`` None: in place, under its lock.
 
     Raises ParameterError where another program writes the file, or it is damaged before its end.
@@ -56,7 +56,7 @@ def appended(file: Input, out: Output | None, *, force: bool) -> Iterator[Growin
         if not isinstance(file, (str, os.PathLike)):
             raise ParameterError("a pipe cannot be changed in place: give an output file")
         with open_append(file) as appending:
-            yield Growing(appending.writer, appending.catalogue, appending.note)
+            yield OpenEnd(appending.writer, appending.catalogue, appending.note)
         return
     refuse_output(out, force)
     with Original(file) as original, opened(out, force) as stream:
@@ -64,7 +64,7 @@ def appended(file: Input, out: Output | None, *, force: bool) -> Iterator[Growin
         for offset in range(0, source.size, PIECE):
             stream.write(source.read_at(offset, PIECE))
         writer = FileWriter.resume(stream, original.catalogue)
-        yield Growing(writer, original.catalogue, None)
+        yield OpenEnd(writer, original.catalogue, None)
         writer.close()
 
 

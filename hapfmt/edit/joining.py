@@ -17,7 +17,7 @@ from ..format.wire import Head
 from ..limits import LAST_TRACK_ID
 from ..numbers import exact
 from ..reading.packets import Seconds
-from .making import LAST_CHANNEL, Place, Plan, another
+from .making import LAST_CHANNEL, EditPlan, TrackPlace, another
 from .original import NS, Original, common_period, ticks_of
 
 NEVER_CLAMPED = ("RAWB", "LPCX")
@@ -40,15 +40,17 @@ class Joining:
         self.added: list[tuple[dict[int, int], dict[int, int], range]] = []
         """Of each file: new ids by old ones, channel numbers by old ones, which ids are new."""
 
-    def plan(self, number: int, shift: Fraction = Fraction(0), *, only_new: bool = False) -> Plan:
+    def plan(
+        self, number: int, shift: Fraction = Fraction(0), *, only_new: bool = False
+    ) -> EditPlan:
         """For the file that was added as this number; ``only_new``: what it describes first."""
         ids, numbers, new = self.added[number]
         places = {
-            old: Place(self.tracks[id_], ticks_of(shift, self.tracks[id_].rate))
+            old: TrackPlace(self.tracks[id_], ticks_of(shift, self.tracks[id_].rate))
             for old, id_ in ids.items()
             if not only_new or id_ in new
         }
-        return Plan(places, numbers, shift)
+        return EditPlan(places, numbers, shift)
 
     def add(self, original: Original) -> None:
         """The next file."""
@@ -237,7 +239,7 @@ Times = Literal["same", "epoch"]
 """same: the ticks of all files count from one zero; epoch: the UTC times of their zeros tell."""
 
 
-class Line(NamedTuple):
+class CommonTimeline(NamedTuple):
     """The common time line: its HEAD, and where the zero of each file lies on it."""
 
     head: Head
@@ -265,7 +267,7 @@ def common_line(
     times: Times | None,
     given: Mapping[int, Seconds],
     canonical: int | None,
-) -> Line:
+) -> CommonTimeline:
     """For files recorded side by side; ``given``: offsets by the place of the file."""
     if given:
         if times is not None:
@@ -273,15 +275,15 @@ def common_line(
         offsets = [exact(given.get(i, 0)) for i in range(len(originals))]
         for original, offset in zip(originals, offsets, strict=True):
             check_offset(original, offset)
-        return Line(another(originals[0].head, -offsets[0], canonical), offsets, [])
+        return CommonTimeline(another(originals[0].head, -offsets[0], canonical), offsets, [])
     epochs = [original.head.epoch_ns for original in originals]
     equal = None not in epochs and len(set(epochs)) == 1
     zeros = [Fraction(0)] * len(originals)
     if times is None and one_recording(originals):
-        return Line(originals[0].head, zeros, [])
+        return CommonTimeline(originals[0].head, zeros, [])
     if times == "same" or (times is None and equal):
         head = originals[0].head
-        return Line(
+        return CommonTimeline(
             head if one_recording(originals) else another(head, zeros[0], canonical), zeros, []
         )
     if times is None:
@@ -291,7 +293,7 @@ def common_line(
         )
     first = originals[min(range(len(epochs)), key=lambda i: epoch_of(originals[i]))]
     offsets, notes = by_epoch(first, originals, [period_of([original]) for original in originals])
-    return Line(another(first.head, zeros[0], canonical), offsets, notes)
+    return CommonTimeline(another(first.head, zeros[0], canonical), offsets, notes)
 
 
 def epoch_of(original: Original) -> int:

@@ -41,18 +41,18 @@ from .original import NS, Advance, Original, has_channels, ticks_of
 LAST_CHANNEL = 65_534
 
 
-class Place(NamedTuple):
+class TrackPlace(NamedTuple):
     """A track as the new file describes it, and the ticks that its packets move by."""
 
     track: Track
     shift: int = 0
 
 
-class Plan(NamedTuple):
+class EditPlan(NamedTuple):
     """``places`` by the old track id, ``numbers`` by the old channel number; all tracks move by
     ``shift`` seconds."""
 
-    places: dict[int, Place]
+    places: dict[int, TrackPlace]
     numbers: dict[int, int]
     shift: Fraction = Fraction(0)
 
@@ -63,7 +63,7 @@ def lay_out(
     first_track: int = 0,
     first_channel: int = 0,
     shift: Fraction = Fraction(0),
-) -> Plan:
+) -> EditPlan:
     """Tracks, by their old id and in the order of the file, get new ids and channel numbers in
     the same order without holes; ``shift`` is in seconds."""
     ids = {old: first_track + place for place, old in enumerate(kept)}
@@ -100,8 +100,8 @@ def lay_out(
             if track.first_channel in before:
                 changes["continues"] = before[track.first_channel]
             before[track.first_channel] = ids[old]
-        places[old] = Place(replace(track, **changes), ticks_of(shift, track.rate))  # type: ignore[arg-type]
-    return Plan({old: places[old] for old in kept}, numbers, shift)
+        places[old] = TrackPlace(replace(track, **changes), ticks_of(shift, track.rate))  # type: ignore[arg-type]
+    return EditPlan({old: places[old] for old in kept}, numbers, shift)
 
 
 def level_for(tracks: Sequence[Track], *levels: Level, largest: int = 0) -> Level:
@@ -137,7 +137,7 @@ def differing_maps(originals: Sequence[Original]) -> set[bytes]:
     return found[0].union(*found) - found[0].intersection(*found)
 
 
-def moved_clock(payload: bytes, track: int, plan: Plan, offset: int) -> bytes | None:
+def moved_clock(payload: bytes, track: int, plan: EditPlan, offset: int) -> bytes | None:
     """The payload of a clock chunk, of observations or a map, on the new time line: all its ticks
     are counted from the first. None where no whole number of ticks, or no svarint, says that."""
     place = plan.places.get(track)
@@ -240,7 +240,7 @@ class Making:
         if text not in self.edited.notes:
             self.edited.notes.append(text)
 
-    def describe(self, original: Original, plan: Plan) -> None:
+    def describe(self, original: Original, plan: EditPlan) -> None:
         for old, place in plan.places.items():
             lost = set(original.tracks[old].unknown) - set(place.track.unknown)
             if lost:
@@ -255,7 +255,7 @@ class Making:
         if metadata:
             self.out.metadata(dict(metadata))
 
-    def others(self, original: Original, plan: Plan, *, behind: bool) -> None:
+    def others(self, original: Original, plan: EditPlan, *, behind: bool) -> None:
         """Attachments, clocks and chunks of unknown types that are safe to copy; what an earlier
         file had too comes once."""
         for chunk in original.others(behind=behind):
@@ -288,7 +288,7 @@ class Making:
     def clusters(
         self,
         original: Original,
-        plan: Plan,
+        plan: EditPlan,
         start: Seconds | None = None,
         stop: Seconds | None = None,
         *,
@@ -320,7 +320,7 @@ class Making:
                 yield batch
 
     def moved(
-        self, packet: Packet, place: Place, numbers: Mapping[int, int] | None
+        self, packet: Packet, place: TrackPlace, numbers: Mapping[int, int] | None
     ) -> Packet | None:
         """At its place; ``numbers``: new channel numbers for its events, None: they stay."""
         kept: Packet | None = packet
@@ -376,7 +376,7 @@ class Making:
             )
         self.stops[line] = packet.stop
 
-    def digests(self, original: Original, plan: Plan) -> None:
+    def digests(self, original: Original, plan: EditPlan) -> None:
         """Those that still hold: of tracks whose packets all came over, at their own time."""
         known = stored_digests(original.catalogue)
         partial, last = self.partial.get(original, set()), self.last.get(original, {})

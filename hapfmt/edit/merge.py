@@ -18,9 +18,9 @@ from ..reading.packets import Seconds
 from .joining import Times, common_line
 from .making import (
     Edited,
+    EditPlan,
     Making,
     Output,
-    Plan,
     combined,
     lay_out,
     level_for,
@@ -93,8 +93,8 @@ def merge(
 
 def plans_of(
     originals: Sequence[Original], offsets: Sequence[Fraction], prefixes: Sequence[str]
-) -> list[Plan]:
-    plans: list[Plan] = []
+) -> list[EditPlan]:
+    plans: list[EditPlan] = []
     first_track = first_channel = 0
     for original, offset, prefix in zip(originals, offsets, prefixes, strict=True):
         kept = {id_: prefixed(track, prefix) for id_, track in original.tracks.items()}
@@ -116,7 +116,7 @@ def prefixed(track: Track, prefix: str) -> Track:
     return replace(track, components=tuple(map(named, track.components)))
 
 
-def collisions(plans: Sequence[Plan]) -> Iterator[str]:
+def collisions(plans: Sequence[EditPlan]) -> Iterator[str]:
     """Labels that more than one file has."""
     labels = Counter(
         label
@@ -136,7 +136,7 @@ def collisions(plans: Sequence[Plan]) -> Iterator[str]:
 def interleaved(
     making: Making,
     originals: Sequence[Original],
-    plans: Sequence[Plan],
+    plans: Sequence[EditPlan],
     progress: Advance | None,
 ) -> Iterator[list[Packet]]:
     """Clusters of all files in order of time, those of each file in its own order."""

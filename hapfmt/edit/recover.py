@@ -30,7 +30,7 @@ from ..files import atomic_write, refusal, refuse, sync_directory, target
 from ..format.cluster import Packet, alone_size
 from ..format.description import Record, build_track, split
 from ..format.extras import build_metadata, parse_attachment, parse_clock, parse_map, parse_metadata
-from ..format.source import SPOOL_SIZE, Source, StreamSource, open_source
+from ..format.source import SPOOL_SIZE, ByteSource, StreamSource, open_source
 from ..format.track import COMPONENTS, Component, Track, TrackTable
 from ..format.walk import Chunk, Finding, read_chunk
 from ..format.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, check_file_id
@@ -365,7 +365,7 @@ def write_checked(
     return done
 
 
-def check_layout(source: Source, limits: Limits) -> None:
+def check_layout(source: ByteSource, limits: Limits) -> None:
     """Raise FormatError where a closed file breaks a rule, but for what its packets hold."""
     found = from_walk(source, limits)
     check_structure(found)
@@ -543,7 +543,7 @@ Progress = Callable[[int, int], None]
 DAMAGED_SUFFIX = ".damaged"
 
 
-class Sink:
+class NullWriter:
     """Takes everything and keeps nothing: what would be lost is found out before a file changes."""
 
     def write(self, data: bytes) -> int:
@@ -603,7 +603,7 @@ def survey(
         catalogue = from_walk(source, limits, tolerant=True, file_id=file_id)
         walked = [found for found in catalogue.findings if found.code not in HARMLESS]
         end = min((found.offset for found in walked), default=source.size)
-        done = Copy(catalogue, cast(BinaryIO, Sink()), 0, limits, progress).run()
+        done = Copy(catalogue, cast(BinaryIO, NullWriter()), 0, limits, progress).run()
         tail = not done.empty_tracks and catalogue.head is not None
         tail = tail and all(found.offset >= end for found in done.findings)
         try:

@@ -83,7 +83,7 @@ def best_cuts(indices: Indices) -> list[int]:
     if count < 2 or (indices == indices[0]).all():
         return [0]
     edges = [indices.size * k // count for k in range(count + 1)]
-    views = [View(indices, edges, order) for order in (0, 1)]
+    views = [PieceSums(indices, edges, order) for order in (0, 1)]
 
     def cost(first: int, stop: int) -> float:
         return min(view.bits(first, stop) for view in views) + PACKET_BITS
@@ -103,7 +103,7 @@ def best_cuts(indices: Indices) -> list[int]:
     return [edges[k] for k in starts[:-1]]
 
 
-class View:
+class PieceSums:
     """The differences of one order, piece by piece: sums of products, lag 0 to 32, and how much a
     piece counts where a predictor serves several."""
 

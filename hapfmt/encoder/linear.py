@@ -21,7 +21,7 @@ from ..codecs.exact import (
     Counts,
     Doubles,
     ExactParameters,
-    Term,
+    LinearTerm,
     lacking_of,
     ordered,
     predictions,
@@ -75,7 +75,7 @@ class Relation(NamedTuple):
     target: int
     source: int
     c0: float
-    terms: tuple[Term, ...]
+    terms: tuple[LinearTerm, ...]
     bits: float
 
 
@@ -239,7 +239,7 @@ def relations(
         if not all(abs(w) < COEFFICIENT_LIMIT for w in numbers):
             continue
         c0 = numbers[-1] if len(numbers) > len(keys) else 0.0
-        terms = tuple(Term(a, lag, w) for (a, lag), w in zip(keys, numbers, strict=False))
+        terms = tuple(LinearTerm(a, lag, w) for (a, lag), w in zip(keys, numbers, strict=False))
         v = predictions(y, c0, terms, columns)
         away = np.abs((ordered(y) - ordered(v)).astype(np.float64))
         yield Relation(target, source, c0, terms, float(np.log2(1 + 2 * away).mean()))

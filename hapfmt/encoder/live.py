@@ -53,7 +53,7 @@ from .plan import CLOCK_LABEL, Promise, absolute_threshold, bound_promise, quant
 from .predict import encode_best, encode_quick
 from .rational import shortest_fraction
 from .settings import ALL, WEBER_LIMITS, Settings, Tolerance
-from .source import PACKET_SAMPLES, Source, component_of
+from .source import PACKET_SAMPLES, InputBlock, component_of
 from .unit import ENCODE_LEVEL, Bound, bound_of
 
 COUNT_BITS = range(2, 33)
@@ -320,7 +320,7 @@ def bound_for(channel: Channel, promise: Promise, settings: Settings) -> Bound |
     if promise.floor is None:
         return None
     nothing = np.zeros((1, 1), np.int64)
-    bound = bound_of(Source((channel,), nothing, (Span(0, 1),)), promise)
+    bound = bound_of(InputBlock((channel,), nothing, (Span(0, 1),)), promise)
     return None if settings.preset == "near-lossless" and not bound.slack else bound
 
 
@@ -350,7 +350,7 @@ NUMBERS: dict[str, np.dtype[Any]] = {
 
 
 @dataclass(frozen=True)
-class Lattice:
+class LiveLattice:
     """Counts of doubles from ``low`` to ``high``, and the rule that makes doubles of counts."""
 
     calibration: Calibration
@@ -387,7 +387,7 @@ class Lattice:
         return Lacking(counts, corrections >> shift, shift)
 
 
-def lattices(x: Doubles) -> list[Lattice]:
+def lattices(x: Doubles) -> list[LiveLattice]:
     """What may serve the channel that begins with x: a natural lattice where x tells one, and a
     grid of decimals."""
     finite = x[np.isfinite(x)]
@@ -397,21 +397,21 @@ def lattices(x: Doubles) -> list[Lattice]:
         return found
     exact = find_lattice(x + 0.0)
     if exact and (distinct >= SEEN or exact.calibration.d <= PLAIN):
-        found.append(Lattice(exact.calibration, ExactParameters()))
+        found.append(LiveLattice(exact.calibration, ExactParameters()))
         if not sparse(exact.counts):
             # Nothing coarser lies under it.
             return covering(found)
     if distinct >= SEEN and (near := natural_candidate(x, exact)):
-        found.append(Lattice(near.calibration, near.parameters))
+        found.append(LiveLattice(near.calibration, near.parameters))
     return covering(found)
 
 
-def covering(found: Sequence[Lattice]) -> list[Lattice]:
+def covering(found: Sequence[LiveLattice]) -> list[LiveLattice]:
     """Those that allow all counts."""
     return [lattice for lattice in found if lattice.calibration.covers(LOW, HIGH)]
 
 
-def decimal_grid(x: Doubles) -> Lattice:
+def decimal_grid(x: Doubles) -> LiveLattice:
     """Multiples of a power of ten, a range of many times that of x about its middle: no worse than
     those of a power of two, and what turns out to be plain decimals later has no corrections."""
     low, high = (float(x.min()), float(x.max())) if x.size else (0.0, 0.0)
@@ -425,14 +425,14 @@ def decimal_grid(x: Doubles) -> Lattice:
         a, d = 10 ** max(-places, 0), 10 ** max(places, 0)
         offset = round(middle * d / a) * a
         if HIGH * a >= reach * d and abs(offset) < MIDDLE:
-            return Lattice(Calibration(a, offset, d), ExactParameters())
-    return Lattice(Calibration(a, 0, d), ExactParameters())
+            return LiveLattice(Calibration(a, offset, d), ExactParameters())
+    return LiveLattice(Calibration(a, 0, d), ExactParameters())
 
 
 class ExactEncoder:
     """Counts and corrections: LPCX."""
 
-    def __init__(self, plan: Plan, number: int, lattice: Lattice) -> None:
+    def __init__(self, plan: Plan, number: int, lattice: LiveLattice) -> None:
         self.named, self.lattice = f"channel {number} ({plan.input.label!r})", lattice
         self.pack = encode_quick if plan.settings.fast else partial(encode_best, thorough=False)
         channel = replace(plan.channel, calibration=lattice.calibration)
@@ -520,8 +520,8 @@ def encoder_after(plan: Plan, number: int, before: Track) -> ExactEncoder | Word
         parameters = ExactParameters.parse(before.parameters, 0)
     calibration = Calibration(*before.components[0].calibration)
     if calibration.covers(LOW, HIGH):
-        return ExactEncoder(plan, number, Lattice(calibration, parameters))
-    lattice = Lattice(calibration, parameters, before.count_min, before.count_max)
+        return ExactEncoder(plan, number, LiveLattice(calibration, parameters))
+    lattice = LiveLattice(calibration, parameters, before.count_min, before.count_max)
     return ExactEncoder(plan, number, lattice)
 
 
@@ -718,7 +718,7 @@ class BoundedEncoder(GridEncoder):
 
     def code(self, x: NDArray[np.int64], start: int) -> Made:
         span = Span(start, start + x.size)
-        source = Source((self.plan.channel,), x[:, None], (span,))
+        source = InputBlock((self.plan.channel,), x[:, None], (span,))
         ways = [code for _, code in scalar_ways(source, self.bound)[self.ways]]
         found: Coded | None = None
         if self.left:

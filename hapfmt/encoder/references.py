@@ -44,7 +44,7 @@ from .knots import Coded
 from .plan import Promise
 from .predict import encode_best, linear_predictor
 from .settings import Settings
-from .source import Source, cut, declared_range, make_track
+from .source import InputBlock, cut, declared_range, make_track
 from .unit import Unit
 
 Indices = NDArray[np.int64]
@@ -253,7 +253,7 @@ def find_runs(
         run = [group[0] for group in groups[at:stop]]
         tied: list[tuple[int, int]] = []
         if step is not None and len(run) > 1:
-            view = View.of(first.coverage)
+            view = SampleView.of(first.coverage)
             links = find_links([view.indices(channel, step) for channel in run], view.settled)
             tied = intervals(links)
         done = 0
@@ -282,7 +282,7 @@ def intervals(links: Links) -> list[tuple[int, int]]:
 
 
 @dataclass(frozen=True)
-class View:
+class SampleView:
     """Samples of a channel that are looked at: where they are, and which of them follow a gap or
     the end of a piece."""
 
@@ -290,7 +290,7 @@ class View:
     torn: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, coverage: Sequence[Span]) -> View:
+    def of(cls, coverage: Sequence[Span]) -> SampleView:
         ends = np.cumsum([span.ticks for span in coverage])
         total = int(ends[-1])
         size = min(total, max(SHORTEST, min(total // 4, LONGEST)))
@@ -430,7 +430,7 @@ def encode_run(
         return None
     # Half of the components: packets of LPCR take less than five bytes a sample.
     spans = cut(channels[0].coverage, channels[0].rate_exact, cluster, (len(channels) + 1) // 2)
-    source = Source(tuple(channels), counts, tuple(spans))
+    source = InputBlock(tuple(channels), counts, tuple(spans))
     grid = LpcParameters(step=2 * error + 1)
     base = make_track(channels, first_channel, codec="LPCR", count_min=low, count_max=high)
     coded = Coded(replace(base, parameters=grid.build()))

@@ -32,7 +32,7 @@ PACKET_SAMPLES = 1 << 16
 
 
 @dataclass(frozen=True)
-class Source:
+class InputBlock:
     """Channels of one unit side by side: counts [ticks, components], and the spans they are for.
 
     Counts are as narrow as the channel holds them; packet by packet they are int64.

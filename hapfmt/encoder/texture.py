@@ -33,7 +33,7 @@ from .knots import Coded
 from .lattice import on_uniform_grid
 from .plan import Promise, without_glitches
 from .predict import encode_best
-from .source import Source, declared_range
+from .source import InputBlock, declared_range
 from .split import PADDING_PERIODS, slow_for_telling
 from .tubed import code_lines
 from .unit import (
@@ -65,7 +65,7 @@ NARROWER, TRIES = 0.8, 16
 
 
 @dataclass(frozen=True)
-class Felt:
+class FeltChannel:
     """One channel in its unit: samples, their slow part, and what the promise allows there."""
 
     x: Doubles
@@ -78,11 +78,11 @@ class Felt:
     mse: float
     """The largest mean squared error."""
 
-    source: Source
+    source: InputBlock
     cutoff_hz: float
 
     @classmethod
-    def of(cls, x: Doubles, source: Source, promise: Promise, cutoff_hz: float) -> Felt:
+    def of(cls, x: Doubles, source: InputBlock, promise: Promise, cutoff_hz: float) -> FeltChannel:
         assert promise.floor is not None and promise.snr is not None
         calm = without_glitches(x)  # one glitch of 1 kN would hide a texture of 30 mN
         slow = slow_of(calm, source, cutoff_hz)
@@ -130,7 +130,7 @@ class Felt:
         return low
 
 
-def slow_of(x: Doubles, source: Source, cutoff_hz: float) -> Doubles:
+def slow_of(x: Doubles, source: InputBlock, cutoff_hz: float) -> Doubles:
     """The slow part; no filter reaches over a gap. Stretch by stretch, with what the filter needs
     to settle on both sides."""
     rate, out = float(source.rate), np.empty_like(x)
@@ -145,11 +145,11 @@ def slow_of(x: Doubles, source: Source, cutoff_hz: float) -> Doubles:
 
 
 def encode_textured(
-    source: Source, original: Channel, first_channel: int, promise: Promise, cutoff_hz: float
+    source: InputBlock, original: Channel, first_channel: int, promise: Promise, cutoff_hz: float
 ) -> tuple[Unit, str]:
     """The smallest way found, and what is kept. source: one channel on a fine grid."""
     base = whole_range(source, first_channel)
-    felt = Felt.of(original.samples(), source, promise, cutoff_hz)
+    felt = FeltChannel.of(original.samples(), source, promise, cutoff_hz)
     quality = f"texture {promise.snr:g} dB"
     alone = encode_bounded(source, base, promise)
     assert alone
@@ -189,7 +189,7 @@ def steps_down(step: float) -> Iterator[float]:
 
 
 def encode_whole(
-    felt: Felt, original: Channel, first_channel: int, smallest: int | None
+    felt: FeltChannel, original: Channel, first_channel: int, smallest: int | None
 ) -> Unit | None:
     """The whole signal, predicted on the widest uniform grid that keeps the promise."""
     for step in steps_down(felt.widest_step(felt.x)):
@@ -201,7 +201,7 @@ def encode_whole(
         own = on_uniform_grid(original, step / 2)
         if own is None:
             return None
-        source = Source((own[0],), own[0].stored[:, None], felt.source.spans)
+        source = InputBlock((own[0],), own[0].stored[:, None], felt.source.spans)
         calibration = own[0].calibration
         assert calibration is not None
         if not felt.holds(calibration.physical(own[0].stored)):
@@ -216,7 +216,7 @@ def encode_whole(
 
 
 def whole_counts(
-    felt: Felt, original: Channel, first_channel: int, step: float, smallest: int | None
+    felt: FeltChannel, original: Channel, first_channel: int, step: float, smallest: int | None
 ) -> Unit | None:
     """Of a channel of counts: a step of whole counts, finer ones where the step is but a few."""
     calibration = original.calibration
@@ -232,7 +232,7 @@ def whole_counts(
             low, high = declared_range(finer.stored)
             if finer.calibration and finer.calibration.covers(low, high) and high < 1 << 31:
                 channel, counts = finer, counts * times
-    source = Source((channel,), channel.stored[:, None], felt.source.spans)
+    source = InputBlock((channel,), channel.stored[:, None], felt.source.spans)
     track = whole_range(source, first_channel)
     whole = min(int(counts), STEP_LIMIT)
     while whole > 1:
@@ -251,7 +251,9 @@ def whole_counts(
     return None
 
 
-def encode_split(felt: Felt, base: Track, promise: Promise, smallest: int | None) -> Unit | None:
+def encode_split(
+    felt: FeltChannel, base: Track, promise: Promise, smallest: int | None
+) -> Unit | None:
     """Lines for the slow part, and what they leave predicted on a uniform grid."""
     source, channel = felt.source, felt.source.channels[0]
     calibration = channel.calibration
@@ -287,7 +289,7 @@ def counts_nearest(x: Doubles, calibration: Calibration) -> NDArray[np.int64]:
 
 
 def with_predicted(
-    felt: Felt,
+    felt: FeltChannel,
     lines: Coded,
     levels: NDArray[np.int64],
     grid: LpcParameters,

@@ -43,7 +43,7 @@ from ..recording import Calibration, Channel
 from .knots import Coded, Packing, knot_values, plain_knots, select_knots, smaller_knots
 from .plan import Promise
 from .settings import PAPER_BITS, Settings, counts_of, whole_counts
-from .source import Source, declared_range, held_range, make_track
+from .source import InputBlock, declared_range, held_range, make_track
 from .split import low_pass
 
 NONE = np.zeros(0, np.int64)
@@ -202,7 +202,7 @@ class Bound:
         return replace(self.band, kn=0, kd=1, floor=(width,) * len(self.band.zero))
 
 
-def bound_of(source: Source, promise: Promise) -> Bound:
+def bound_of(source: InputBlock, promise: Promise) -> Bound:
     """The deadband of the promise, in counts of this source."""
     assert promise.floor is not None
     calibrations = [c.calibration for c in source.channels if c.calibration]
@@ -282,7 +282,7 @@ def decode_all(coded: Coded, components: int) -> NDArray[np.int64]:
 
 
 def code_knots(
-    source: Source, slow: NDArray[np.int64], band: Deadband, settings: Settings, track: Track
+    source: InputBlock, slow: NDArray[np.int64], band: Deadband, settings: Settings, track: Track
 ) -> Coded:
     """Knots of ``slow`` [ticks, components]: the paper's rule, samples joined by lines."""
     hold = settings.interpolation == "hold"
@@ -294,7 +294,9 @@ def code_knots(
     return plain_knots(track, settings.interpolation, step, pieces)
 
 
-def code_steps(source: Source, bound: Bound, track: Track, pack: Packing = smaller_knots) -> Coded:
+def code_steps(
+    source: InputBlock, bound: Bound, track: Track, pack: Packing = smaller_knots
+) -> Coded:
     """The source itself, held, each sample within the slack of its knot."""
     pieces = []
     for span, rows in source.pieces(source.counts):
@@ -307,7 +309,9 @@ def code_steps(source: Source, bound: Bound, track: Track, pack: Packing = small
     return pack(track, "hold", 1, pieces)
 
 
-def code_residual(source: Source, residual: NDArray[np.int64], step: int, track: Track) -> Coded:
+def code_residual(
+    source: InputBlock, residual: NDArray[np.int64], step: int, track: Track
+) -> Coded:
     """QUAN packets of ``residual`` [ticks, components]."""
     levels = [(span, quantise(rows, step)) for span, rows in source.pieces(residual)]
     parameters = choose_codebook([piece for _, piece in levels], step)
@@ -318,7 +322,9 @@ def code_residual(source: Source, residual: NDArray[np.int64], step: int, track:
     return coded
 
 
-def residual_step(source: Source, residual: NDArray[np.int64], settings: Settings) -> int | None:
+def residual_step(
+    source: InputBlock, residual: NDArray[np.int64], settings: Settings
+) -> int | None:
     """Counts per level; None: no HF track.
 
     Explicit, or from the residual's range (the paper: 2**b - 1 levels).
@@ -336,7 +342,7 @@ def residual_step(source: Source, residual: NDArray[np.int64], settings: Setting
     return min(max(-(-largest // ((1 << (bits - 1)) - 1)), 1), STEP_LIMIT)
 
 
-def slow_part(source: Source, settings: Settings) -> NDArray[np.int64]:
+def slow_part(source: InputBlock, settings: Settings) -> NDArray[np.int64]:
     """The low-passed counts, segment by segment: a gap is no signal."""
     out = np.zeros(source.counts.shape, np.int64)
     for rows in source.segments():
@@ -346,7 +352,7 @@ def slow_part(source: Source, settings: Settings) -> NDArray[np.int64]:
     return out
 
 
-def whole_range(source: Source, first_channel: int) -> Track:
+def whole_range(source: InputBlock, first_channel: int) -> Track:
     """The description of a track that holds the counts of the source."""
     x = source.counts
     low, high = declared_range(x)
@@ -357,16 +363,18 @@ def whole_range(source: Source, first_channel: int) -> Track:
     return make_track(source.channels, first_channel, codec="KNOT", count_min=low, count_max=high)
 
 
-def covered(source: Source, low: int, high: int) -> bool:
+def covered(source: InputBlock, low: int, high: int) -> bool:
     return all(c.calibration.covers(low, high) for c in source.channels if c.calibration)
 
 
-def is_constant(source: Source) -> bool:
+def is_constant(source: InputBlock) -> bool:
     x = source.counts
     return not len(x) or bool((x == x[0]).all())
 
 
-def encode_paper(source: Source, first_channel: int, promise: Promise, settings: Settings) -> Unit:
+def encode_paper(
+    source: InputBlock, first_channel: int, promise: Promise, settings: Settings
+) -> Unit:
     """Slow part as knots, fast part as quantised residual."""
     source = finer(source, settings)
     x = source.counts
@@ -389,7 +397,7 @@ def encode_paper(source: Source, first_channel: int, promise: Promise, settings:
     return unit
 
 
-def finer(source: Source, settings: Settings) -> Source:
+def finer(source: InputBlock, settings: Settings) -> InputBlock:
     """The same values in finer counts, where the paper's step would be few of them."""
     bits = PAPER_BITS if settings.bits is None else settings.bits
     if settings.step is not None or bits < FINER_BITS:
@@ -407,7 +415,7 @@ def finer(source: Source, settings: Settings) -> Source:
         if reach < COUNT_LIMIT and all(
             c.calibration.covers(low, high) for c in channels if c.calibration
         ):
-            return Source(channels, source.counts.astype(np.int64) * times, source.spans)
+            return InputBlock(channels, source.counts.astype(np.int64) * times, source.spans)
         times //= 2
     return source
 
@@ -420,7 +428,7 @@ def in_finer_counts(channel: Channel, times: int) -> Channel:
 
 
 def with_residual(
-    source: Source,
+    source: InputBlock,
     lf: Coded,
     residual: NDArray[np.int64],
     step: int,
@@ -449,7 +457,7 @@ def with_residual(
     return Unit(lf, hf, "knots + quantised", f"step {step} counts")
 
 
-def encode_constant(source: Source, base: Track) -> Unit:
+def encode_constant(source: InputBlock, base: Track) -> Unit:
     coded = Coded(replace(base, parameters=KnotParameters("hold").build()))
     for span, rows in source.pieces(source.counts):
         data = build_knots(np.zeros(1, np.int64), rows[:1])
@@ -457,7 +465,7 @@ def encode_constant(source: Source, base: Track) -> Unit:
     return Unit(coded, None, "knots", "constant" if source.spans else "no samples", exact=True)
 
 
-def encode_raw_counts(source: Source, base: Track, reason: str) -> Unit:
+def encode_raw_counts(source: InputBlock, base: Track, reason: str) -> Unit:
     """RAWB with as few bytes a count as the declared range needs."""
     bits = max(base.count_max.bit_length(), (-base.count_min - 1).bit_length()) + 1
     size = -(-bits // 8)

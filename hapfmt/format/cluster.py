@@ -43,7 +43,7 @@ class Packet:
         return self.start + self.span
 
 
-class Row(NamedTuple):
+class TableRow(NamedTuple):
     """One row of the table; ``offset``: where it stands in the payload."""
 
     track: int
@@ -81,7 +81,7 @@ class TableHead(NamedTuple):
         return self.rows_stop + CRC_SIZE
 
 
-def packet_crc(seed: int, count: int, row: Row, data: bytes) -> int:
+def packet_crc(seed: int, count: int, row: TableRow, data: bytes) -> int:
     """SPEC DAT-004; ``seed``: where the cluster CRC starts, ``count``: packets in the cluster."""
     return crc32(data, crc32(FIELDS.pack(count, row.track, row.size, row.start, row.span), seed))
 
@@ -89,7 +89,7 @@ def packet_crc(seed: int, count: int, row: Row, data: bytes) -> int:
 def build_cluster(packets: Sequence[Packet], seed: int) -> bytes:
     """The DATA payload; packets in order of (track, start), ``seed``: of the cluster CRC."""
     count = len(packets)
-    rows = [Row(p.track, len(p.data), p.start, p.span, 0, 0) for p in packets]
+    rows = [TableRow(p.track, len(p.data), p.start, p.span, 0, 0) for p in packets]
     columns = list(zip(*(row[:4] for row in rows), strict=True))
     least = [min(column) for column in columns]
     widths = [
@@ -137,7 +137,7 @@ def parse_table_head(payload: bytes, level: Level, base: int) -> TableHead:
     return TableHead(count, widths, tuple(least), position)
 
 
-def parse_rows(payload: bytes, head: TableHead) -> Iterator[Row]:
+def parse_rows(payload: bytes, head: TableHead) -> Iterator[TableRow]:
     """As many as are whole."""
     stop = min(head.rows_stop, len(payload)) - head.row_size
     a, b, c, d = head.widths
@@ -146,7 +146,7 @@ def parse_rows(payload: bytes, head: TableHead) -> Iterator[Row]:
     for at in range(head.size, stop + 1, head.row_size):
         i, j = at + a, at + a + b
         k, end = j + c, j + c + d
-        yield Row(
+        yield TableRow(
             track + number(payload[at:i], "little"),
             size + number(payload[i:j], "little"),
             start + number(payload[j:k], "little"),
@@ -156,7 +156,7 @@ def parse_rows(payload: bytes, head: TableHead) -> Iterator[Row]:
         )
 
 
-def check_times(row: Row, level: Level, base: int) -> None:
+def check_times(row: TableRow, level: Level, base: int) -> None:
     if row.span < 1:
         raise FormatError("a packet without ticks", requirement="DAT-003", offset=base + row.offset)
     level.check("span_ticks", row.span, "DAT-003", base + row.offset)
@@ -166,7 +166,7 @@ def check_times(row: Row, level: Level, base: int) -> None:
 
 def parse_table(
     part: bytes, size: int, tracks: Mapping[int, Track], level: Level, base: int, seed: int
-) -> tuple[TableHead, list[Row]]:
+) -> tuple[TableHead, list[TableRow]]:
     """The table of a payload of ``size`` bytes, which ``part`` begins with; every rule checked."""
     head = parse_table_head(part, level, base)
     if len(part) < head.table_size:
@@ -224,16 +224,16 @@ def parse_cluster(
 
 
 @dataclass(frozen=True)
-class Hole:
+class MissingPackets:
     """A place in a cluster where packets are missing; ``after`` and ``before`` are the rows around
     it that are kept, None where there is none; ``row`` where it is known what is missing: a packet
     that holds but is not delivered."""
 
-    after: Row | None
-    before: Row | None
+    after: TableRow | None
+    before: TableRow | None
     offset: int
     size: int
-    row: Row | None = None
+    row: TableRow | None = None
 
     def tracks(self, known: Sequence[int]) -> list[int]:
         """Of the ``known`` tracks those whose packets stood here (DAT-002)."""
@@ -248,7 +248,7 @@ class Salvage:
     def __init__(self, payload: bytes, level: Level, seed: int) -> None:
         self.payload, self.level, self.seed = payload, level, seed
         self.head: TableHead | None = None
-        self.rows: list[Row] = []
+        self.rows: list[TableRow] = []
         self.kept: dict[int, int] = {}
         """Offset of the packet, by the number of its row."""
         try:
@@ -276,7 +276,7 @@ class Salvage:
         if number not in self.kept and self.holds(self.rows[number], offset):
             self.kept[number] = offset
 
-    def holds(self, row: Row, offset: int) -> bool:
+    def holds(self, row: TableRow, offset: int) -> bool:
         """Whether this is the packet of the row, by its CRC; it is so for no row if packet_count is
         wrong."""
         assert self.head is not None
@@ -305,7 +305,7 @@ def salvage_cluster(
     base: int,
     seed: int,
     sizes: Sequence[int] = (),
-) -> Iterator[Packet | Hole]:
+) -> Iterator[Packet | MissingPackets]:
     """Packets whose CRC holds, in order of the table, and where others are missing.
 
     ``sizes`` are those that the payload may have: by its header, and up to the next one.
@@ -316,21 +316,21 @@ def salvage_cluster(
     for size in sizes:
         salvage.place_backwards(size)
     if salvage.head is None or not salvage.kept:
-        yield Hole(None, None, base, len(payload))
+        yield MissingPackets(None, None, base, len(payload))
         return
-    after: Row | None = None
+    after: TableRow | None = None
     number, stop, samples = -1, 0, 0
     for each in sorted(salvage.kept):
         row, offset = salvage.rows[each], salvage.kept[each]
         if each > number + 1:
-            yield Hole(after, row, base + stop, max(offset - stop, 0))
+            yield MissingPackets(after, row, base + stop, max(offset - stop, 0))
         after, number, stop = row, each, offset + row.size
         track = tracks.get(row.track)
         samples += track.weight(row.span, row.size) if track else 0
         if track is None or samples > level.cluster_samples:
-            yield Hole(None, None, base + offset, row.size, row)
+            yield MissingPackets(None, None, base + offset, row.size, row)
         else:
             yield Packet(row.track, row.start, row.span, payload[offset:stop], base + offset)
     if number + 1 < salvage.head.packet_count:
         end = min(sizes[0], len(payload))
-        yield Hole(after, None, base + stop, max(end - stop, 0))
+        yield MissingPackets(after, None, base + stop, max(end - stop, 0))

@@ -157,7 +157,7 @@ reading takes with what Python does around it."""
 URL = re.compile(r"[A-Za-z][A-Za-z0-9+.\-]+(://|::)")
 
 
-class Source(Protocol):
+class ByteSource(Protocol):
     """Random access to a file's bytes. ``gap``: as many bytes cost what a further reading costs."""
 
     path: str | None
@@ -274,7 +274,7 @@ class StreamSource:
 
 def open_source(
     file: str | os.PathLike[str] | bytes | BinaryIO, *, mapped: bool = False, spool: bool = False
-) -> Source:
+) -> ByteSource:
     """A Source for a path, a URL, bytes, or an open binary stream.
 
     A pipe is spooled first; a URL too, where ``spool`` says so: copied whole into memory or a
@@ -303,7 +303,7 @@ def is_url(text: str) -> bool:
     return URL.match(text) is not None
 
 
-def source_of(stream: BinaryIO, path: str | None, *, owned: bool) -> Source:
+def source_of(stream: BinaryIO, path: str | None, *, owned: bool) -> ByteSource:
     # Another kind of stream may have a descriptor, and yet other bytes than stand behind it.
     if isinstance(stream, (io.BufferedReader, io.FileIO)) and hasattr(os, "pread"):
         with_descriptor = stream

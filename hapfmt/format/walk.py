@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import ChecksumError, FormatError, LimitError, TruncatedError
 from .cluster import held_size
-from .source import Source
+from .source import ByteSource
 from .wire import (
     CRC_OFFSET,
     HEADER_SIZE,
@@ -72,7 +72,7 @@ class Chunk:
         return self.payload_offset + self.header.payload_size
 
 
-def header_at(source: Source, offset: int, file_id: int | None) -> ChunkHeader | None:
+def header_at(source: ByteSource, offset: int, file_id: int | None) -> ChunkHeader | None:
     """The valid header at ``offset``, or None."""
     data = source.read_at(offset, HEADER_SIZE)
     crc = crc32(data[:CRC_OFFSET]).to_bytes(4, "little")
@@ -85,7 +85,7 @@ def header_at(source: Source, offset: int, file_id: int | None) -> ChunkHeader |
     return header if file_id is None or header.file_id == file_id else None
 
 
-def read_chunk(source: Source, offset: int, file_id: int | None = None) -> Chunk | None:
+def read_chunk(source: ByteSource, offset: int, file_id: int | None = None) -> Chunk | None:
     """The chunk at ``offset``, or None where no valid header stands there."""
     header = header_at(source, offset, file_id)
     if header is None:
@@ -100,7 +100,7 @@ def holds(header: ChunkHeader, payload: bytes) -> bool:
     return whole and crc32(payload, header.seed) == header.payload_crc
 
 
-def find_header(source: Source, start: int, file_id: int | None) -> int | None:
+def find_header(source: ByteSource, start: int, file_id: int | None) -> int | None:
     """Offset of the first valid header at or after ``start``, whatever the block edges."""
     position, size = start, FIRST_BLOCK
     while position < source.size:
@@ -117,7 +117,7 @@ def find_header(source: Source, start: int, file_id: int | None) -> int | None:
 
 
 def walk(
-    source: Source,
+    source: ByteSource,
     findings: list[Finding],
     file_id: int | None = None,
     *,
@@ -182,7 +182,7 @@ def walk(
         suspect_from = None if intact else payload_offset
 
 
-def identify(source: Source) -> int | None:
+def identify(source: ByteSource) -> int | None:
     """The file id that most of the file belongs to, so that a block of another file does no harm,
     not even in front (SPEC REC-013); None where there is no header."""
     # Bytes that hold under each id, in the order of their first headers.
@@ -204,7 +204,7 @@ def identify(source: Source) -> int | None:
     return max(reversed(votes), key=votes.__getitem__, default=None)
 
 
-def follows(source: Source, header: ChunkHeader, stop: int) -> bool:
+def follows(source: ByteSource, header: ChunkHeader, stop: int) -> bool:
     """Whether the chunk ends at ``stop`` although its payload is damaged: the next one stands
     there, or the file ends."""
     after = header_at(source, stop, header.file_id)
@@ -214,7 +214,7 @@ def follows(source: Source, header: ChunkHeader, stop: int) -> bool:
 class Strangers:
     """The ids of other files, each told once (SPEC, ``strangers``)."""
 
-    def __init__(self, source: Source, file_id: int | None) -> None:
+    def __init__(self, source: ByteSource, file_id: int | None) -> None:
         self.source = source
         self.file_id = file_id
         self.known = {file_id}

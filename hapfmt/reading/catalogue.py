@@ -24,7 +24,7 @@ from ..format.extras import (
     parse_metadata,
 )
 from ..format.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
-from ..format.source import Source
+from ..format.source import ByteSource
 from ..format.track import Contract, Track, TrackTable
 from ..format.walk import Chunk, Finding, header_at, read_chunk
 from ..format.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
@@ -80,7 +80,7 @@ class ChunkRef(NamedTuple):
         return header
 
 
-class Part(NamedTuple):
+class TrackPair(NamedTuple):
     """A track that is not HF, and its HF track, if any."""
 
     track: Track
@@ -101,7 +101,7 @@ class ChannelRef:
 
     number: int
     index: int
-    parts: tuple[Part, ...]
+    parts: tuple[TrackPair, ...]
 
     @property
     def track(self) -> Track:
@@ -126,7 +126,7 @@ class ChannelRef:
 class Catalogue:
     """Descriptions and chunk places of one file; ``findings`` is empty where nothing is wrong."""
 
-    source: Source
+    source: ByteSource
     limits: Limits = field(default_factory=Limits)
     file_id: int | None = None
     """None where there is no chunk."""
@@ -193,11 +193,11 @@ class Catalogue:
         return sorted(found, key=lambda channel: channel.number)
 
     @property
-    def parts(self) -> list[tuple[Part, ...]]:
+    def parts(self) -> list[tuple[TrackPair, ...]]:
         """Tracks that continue one another together, each with its HF track."""
         residuals = {track.base: track for track in self.tracks.values() if track.kind == "hf"}
         return [
-            tuple(Part(track, residuals.get(track.id)) for track in chain)
+            tuple(TrackPair(track, residuals.get(track.id)) for track in chain)
             for chain in self.table.chains()
         ]
 

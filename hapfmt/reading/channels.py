@@ -17,10 +17,10 @@ from ..codecs.raw import DTYPES
 from ..events import Event, in_order
 from ..format.track import Component, Track
 from ..recording import Calibration, Channel, Deviation, Span, append_span
-from .catalogue import ChannelRef, Part
+from .catalogue import ChannelRef, TrackPair
 
 
-class Growing:
+class GrowingArray:
     """Rows that come piece by piece and end as one array, without both in memory at once: a
     bytearray grows by an eighth, and large ones are moved by the operating system, not copied."""
 
@@ -46,9 +46,9 @@ class Decoded:
     """Decoded packets of one track in order of time."""
 
     track: Track
-    pieces: Growing = field(default_factory=Growing)
+    pieces: GrowingArray = field(default_factory=GrowingArray)
     spans: list[Span] = field(default_factory=list)
-    doubles: Growing = field(default_factory=Growing)
+    doubles: GrowingArray = field(default_factory=GrowingArray)
     """Exact values, beside each of the pieces or none."""
 
     def add(
@@ -179,7 +179,7 @@ class Assembly:
             found.append(build_channel(track, ref.index, own, hf_only=self.band == "hf"))
         return found
 
-    def of_part(self, part: Part) -> Decoded:
+    def of_part(self, part: TrackPair) -> Decoded:
         if self.band == "hf":
             return self.tracks[part.residual.id] if part.residual else Decoded(part.track)
         if self.band == "lf" or part.track.kind != "lf":

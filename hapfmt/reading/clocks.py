@@ -111,7 +111,7 @@ def fit_clock(
     points: dict[int, int] = {}
     for a, b in stretches(residuals(ordered, rate)[1], late=late):
         own = ordered[a:b]
-        stamps = Stamps(*residuals(own, rate), weights_of(own))
+        stamps = ClockStretch(*residuals(own, rate), weights_of(own))
         seconds = float(stamps.x[-1] - stamps.x[0])
         count = round(seconds / window) if window else choose_count(stamps, late=late)
         nodes = polyline(stamps, count, late=late)
@@ -192,18 +192,18 @@ def sharpest(y: NDArray[np.float64], *, late: bool) -> int:
     return 1 + int(np.argmin(costs))
 
 
-class Stamps(NamedTuple):
+class ClockStretch(NamedTuple):
     """Of one stretch: seconds, nanoseconds ahead, weights, all [observations]."""
 
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     weights: NDArray[np.float64]
 
-    def every(self, step: int, start: int) -> Stamps:
-        return Stamps(*(part[start::step] for part in self))
+    def every(self, step: int, start: int) -> ClockStretch:
+        return ClockStretch(*(part[start::step] for part in self))
 
 
-def choose_count(stamps: Stamps, *, late: bool) -> int:
+def choose_count(stamps: ClockStretch, *, late: bool) -> int:
     """How many lines: the number that tells best of every other stamp, drawn through the rest."""
     drawn, held = stamps.every(2, 0), stamps.every(2, 1)
     best, least = 1, math.inf
@@ -223,7 +223,7 @@ def choose_count(stamps: Stamps, *, late: bool) -> int:
     return best
 
 
-def polyline(stamps: Stamps, count: int, *, late: bool) -> list[Point]:
+def polyline(stamps: ClockStretch, count: int, *, late: bool) -> list[Point]:
     """Nodes (x, y) of so many straight lines that meet; of fewer where stamps are few."""
     x, y, weights = stamps
     count = min(max(count, 1), max(len(x) // LEAST, 1))

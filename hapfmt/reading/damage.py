@@ -88,7 +88,7 @@ class LostSpan(NamedTuple):
 
 
 @dataclass
-class Hole:
+class OpenLoss:
     """Ticks that may be lost of one track; the next packet of it tells more."""
 
     start: int
@@ -102,7 +102,7 @@ class Losses:
     def __init__(self, tracks: Mapping[int, Track]) -> None:
         self.tracks = tracks
         self.spans: list[LostSpan] = []
-        self.open: dict[int, Hole] = {}
+        self.open: dict[int, OpenLoss] = {}
 
     def suspect(self, tracks: Iterable[int], times: Times, offset: int) -> None:
         """Packets of these tracks within these times may be lost."""
@@ -114,7 +114,7 @@ class Losses:
 
     def widen(self, track: int, start: int, stop: int | None, offset: int) -> None:
         """These ticks of the track may be lost, but for those that other packets have."""
-        hole = self.open.setdefault(track, Hole(start, stop, offset))
+        hole = self.open.setdefault(track, OpenLoss(start, stop, offset))
         hole.start = min(hole.start, start)
         hole.stop = None if None in (hole.stop, stop) else max(hole.stop or 0, stop or 0)
 

@@ -184,7 +184,7 @@ NOTHING = np.zeros((0, 1), np.int32)
 """The numbers of a layer."""
 
 
-class Piece(NamedTuple):
+class DecodedPiece(NamedTuple):
     """One decoded packet: numbers [ticks, components] from tick ``start`` on; exact: the source's
     doubles, likewise, where they stand beside the counts and were asked for; events of a layer,
     which has no numbers."""
@@ -217,14 +217,16 @@ class PieceDecoder:
         self.ranges = ranges
         self.exact = exact
 
-    def decode(self, packet: Packet) -> Piece:
+    def decode(self, packet: Packet) -> DecodedPiece:
         decoder = self.decoders[packet.track]
         first, last = self.ranges[packet.track]
         if decoder.track.kind == "events":
             events = [e for e in decoder.decode_events(packet) if first <= e.tick < last]
-            return Piece(decoder.track, packet.start, NOTHING, None, events, packet.offset)
+            return DecodedPiece(decoder.track, packet.start, NOTHING, None, events, packet.offset)
         numbers = decoder.decode(packet)
         doubles = decoder.decode_exact(packet, numbers) if self.exact else None
         a, b = max(first - packet.start, 0), min(last - packet.start, packet.span)
         doubles = None if doubles is None else doubles[a:b]
-        return Piece(decoder.track, packet.start + a, numbers[a:b], doubles, (), packet.offset)
+        return DecodedPiece(
+            decoder.track, packet.start + a, numbers[a:b], doubles, (), packet.offset
+        )

@@ -17,7 +17,7 @@ from ..format.cluster import Packet, parse_cluster, parse_table_head, salvage_cl
 from ..format.description import parse_description
 from ..format.extras import parse_attachment, parse_clock, parse_map, parse_metadata
 from ..format.index import parse_foot, parse_index
-from ..format.source import Source
+from ..format.source import ByteSource
 from ..format.track import Component, Track
 from ..format.walk import Chunk, Finding, walk
 from ..format.wire import HEADER_SIZE, SIGNATURE, parse_head
@@ -33,7 +33,7 @@ lower. A few bytes can stand for 2^28 at level 2."""
 
 
 def dump(
-    source: Source, *, counts: bool = False, limits: Limits | None = None
+    source: ByteSource, *, counts: bool = False, limits: Limits | None = None
 ) -> Iterator[dict[str, Any]]:
     """One JSON object for each chunk, then one with the findings; ``counts`` decodes packets."""
     catalogue = open_catalogue(source, scan=True, limits=limits)
@@ -245,7 +245,7 @@ class Usage:
         }
 
 
-def measure(source: Source, limits: Limits | None = None) -> Usage:
+def measure(source: ByteSource, limits: Limits | None = None) -> Usage:
     """Walks through the whole file; decodes nothing."""
     catalogue = open_catalogue(source, scan=True, limits=limits)
     usage = Usage(source.size, exit_code=catalogue.exit_code)

@@ -28,7 +28,7 @@ from .packets import PacketPass, Seconds, tick_range
 
 if TYPE_CHECKING:
     from .channels import Band
-    from .decoder import Piece, TrackDecoder
+    from .decoder import DecodedPiece, TrackDecoder
 
 INTERVAL = 0.2
 """Seconds between two looks at the file."""
@@ -210,13 +210,13 @@ class Follower(Closing):
         *,
         band: Band = "full",
         exact: bool = False,
-    ) -> Iterator[Piece]:
+    ) -> Iterator[DecodedPiece]:
         """Decoded packets as they come; ``start``: from this second on, None: what is new only.
 
         Channels that are not described yet, by label or number, are waited for; None: all, those
         too that come late, and events.
         """
-        wanted = Wanted(self, channels, band, exact, start)
+        wanted = WantedPackets(self, channels, band, exact, start)
         if start is None:
             for _ in self.poll():
                 pass
@@ -227,7 +227,7 @@ class Follower(Closing):
                 for packet in self.packets(chunk):
                     yield from wanted.decode(packet)
 
-    def past(self, wanted: Wanted, start: Seconds) -> Iterator[Piece]:
+    def past(self, wanted: WantedPackets, start: Seconds) -> Iterator[DecodedPiece]:
         """From the clusters that the index lists."""
         if self.last is None:
             return
@@ -256,7 +256,7 @@ class Follower(Closing):
                 yield item
 
 
-class Wanted:
+class WantedPackets:
     """Which packets are decoded, and how far each track has come."""
 
     def __init__(
@@ -303,7 +303,7 @@ class Wanted:
                 self.decoders.setdefault(track.id, decoder)
                 self.ranges[track.id] = tick_range(track.rate, self.start, None)
 
-    def decode(self, packet: Packet) -> Iterator[Piece]:
+    def decode(self, packet: Packet) -> Iterator[DecodedPiece]:
         """The piece, unless it is not wanted or was delivered before."""
         from .decoder import PieceDecoder
 

@@ -21,16 +21,16 @@ from typing import NamedTuple
 from ..errors import ChecksumError, FormatError
 from ..format.cluster import (
     HEAD_ROOM,
-    Hole,
+    MissingPackets,
     Packet,
-    Row,
+    TableRow,
     packet_crc,
     parse_cluster,
     parse_table,
     parse_table_head,
     salvage_cluster,
 )
-from ..format.source import Source
+from ..format.source import ByteSource
 from ..format.track import Track
 from ..format.walk import header_at, holds
 from ..format.wire import HEADER_SIZE, ChunkHeader
@@ -40,7 +40,7 @@ from .catalogue import Catalogue, ChunkRef
 from .damage import UNKNOWN, Losses, Timeline, Times
 
 Ranges = Mapping[int, tuple[int, int]]
-Place = tuple[Row, int]
+Place = tuple[TableRow, int]
 """A row, and where its packet stands in the file."""
 ROW_SIZE = 12
 """Bytes of a row, mostly: as many for each track are read at first."""
@@ -49,7 +49,7 @@ SHARE = 2
 
 
 def wanted_packets(
-    source: Source,
+    source: ByteSource,
     ref: ChunkRef,
     header: ChunkHeader,
     tracks: Mapping[int, Track],
@@ -79,7 +79,9 @@ def wanted_packets(
     return read_packets(source, places, head.packet_count, header.cluster_seed)
 
 
-def read_packets(source: Source, places: list[Place], count: int, seed: int) -> list[Packet] | None:
+def read_packets(
+    source: ByteSource, places: list[Place], count: int, seed: int
+) -> list[Packet] | None:
     """Neighbours in one reading. None where a CRC differs."""
     packets: list[Packet] = []
     runs: list[list[Place]] = []
@@ -135,7 +137,7 @@ EXTRA_SIZE = 1 << 16
 
 
 @dataclass
-class Line:
+class TrackLine:
     """Tracks that continue one another, or one alone: which is at work, and where its last packet
     ended. ``free``: of events, whose packets come in any order."""
 
@@ -145,15 +147,15 @@ class Line:
     stop: int = 0
 
 
-def lines_of(catalogue: Catalogue) -> dict[int, tuple[Line, int]]:
+def lines_of(catalogue: Catalogue) -> dict[int, tuple[TrackLine, int]]:
     """By track, with its place in the line."""
     rows: list[tuple[int, ...]] = [(track,) for track in catalogue.tracks]
     for parts in catalogue.parts:
         rows.append(tuple(part.track.id for part in parts))
         rows.append(tuple(part.residual.id for part in parts if part.residual))
-    lines: dict[int, tuple[Line, int]] = {}
+    lines: dict[int, tuple[TrackLine, int]] = {}
     for row in rows:
-        line = Line(row, any(catalogue.tracks[track].kind == "events" for track in row))
+        line = TrackLine(row, any(catalogue.tracks[track].kind == "events" for track in row))
         lines |= {track: (line, place) for place, track in enumerate(row)}
     return lines
 
@@ -303,7 +305,7 @@ class PacketPass:
             payload = self.catalogue.source.read_at(at, max(sizes))
         return payload, sizes
 
-    def lose_packets(self, hole: Hole, ref: ChunkRef, size: int) -> None:
+    def lose_packets(self, hole: MissingPackets, ref: ChunkRef, size: int) -> None:
         if hole.row is not None:
             row = hole.row
             message = f"a packet of track {row.track} cannot be delivered"

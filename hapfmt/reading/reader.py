@@ -33,7 +33,7 @@ from ..threads import in_order, thread_count
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
 from .channels import BANDS, Assembly, Band, Decoded, events_of, wanted_tracks
 from .damage import LostSpan
-from .decoder import Piece, PieceDecoder, TrackDecoder, TrackDigest
+from .decoder import DecodedPiece, PieceDecoder, TrackDecoder, TrackDigest
 from .opening import lose_chunk, open_catalogue
 from .packets import BATCH, Batch, PacketPass, Seconds, batches, tick_range
 
@@ -47,7 +47,7 @@ class DigestCheck:
         self.stored = {id_: found[id_] for id_ in found if tracks is None or id_ in tracks}
         self.running = {id_: TrackDigest() for id_ in self.stored}
 
-    def add(self, piece: Piece) -> None:
+    def add(self, piece: DecodedPiece) -> None:
         offset, _ = self.stored.get(piece.track.id, (0, b""))
         if piece.offset < offset:
             self.running[piece.track.id].update(piece.start, piece.digested)
@@ -387,7 +387,7 @@ class Reader(Closing):
         *,
         exact: bool = False,
         progress: Callable[[int, int], None] | None = None,
-    ) -> Iterator[Piece]:
+    ) -> Iterator[DecodedPiece]:
         """Decoded packets of ``tracks`` in order of the file, cut to the seconds [start, stop).
 
         Memory is that of one cluster. A read of everything walks through the file first, so that
@@ -401,8 +401,8 @@ class Reader(Closing):
 
         decoder = PieceDecoder(decoders, ranges, exact=exact)
 
-        def decode(batch: Batch) -> list[Piece | FormatError]:
-            pieces: list[Piece | FormatError] = []
+        def decode(batch: Batch) -> list[DecodedPiece | FormatError]:
+            pieces: list[DecodedPiece | FormatError] = []
             for packet in batch.packets:
                 try:
                     pieces.append(decoder.decode(packet))
@@ -417,7 +417,7 @@ class Reader(Closing):
             lambda job: (job, decode(job)), jobs, threads, lambda job: job.weight / IN_FLIGHT
         ):
             for packet, piece in zip(batch.packets, pieces, strict=True):
-                if isinstance(piece, Piece):
+                if isinstance(piece, DecodedPiece):
                     yield piece
                 elif self.catalogue.damaged:
                     # In a damaged file a broken rule is part of the damage (SPEC clause 14).
@@ -522,4 +522,4 @@ def read(
         return recording
 
 
-__all__ = ["BANDS", "Band", "LostSpan", "Piece", "Reader", "read"]
+__all__ = ["BANDS", "Band", "DecodedPiece", "LostSpan", "Reader", "read"]

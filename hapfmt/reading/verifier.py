@@ -31,7 +31,7 @@ from ..format.walk import read_chunk
 from ..format.wire import HEADER_SIZE
 from ..limits import TICK_LIMIT, Limits
 from ..recording import Calibration, Channel, Recording
-from .catalogue import Catalogue, ChannelRef, Part
+from .catalogue import Catalogue, ChannelRef, TrackPair
 from .channels import intersect
 from .damage import damage_report, told
 from .reader import DigestCheck, Reader
@@ -105,7 +105,7 @@ class ContractCheck:
 
 
 @dataclass
-class Pair:
+class SamplePair:
     """Samples that original and file both have: counts (or words) x and y [samples]."""
 
     x: NDArray[Any]
@@ -126,7 +126,7 @@ def check_contracts(reader: Reader, against: Recording) -> list[ContractCheck]:
     if len(refs) != len(against):
         raise ParameterError(f"the file has {len(refs)} channels, the original {len(against)}")
     assembly = reader.assembly(refs)
-    groups: dict[int, list[Member]] = {}
+    groups: dict[int, list[ExpectedPart]] = {}
     for ref, x in zip(refs, against.channels, strict=True):
         rate = ref.track.rate
         if x.rate_exact != rate:
@@ -136,16 +136,16 @@ def check_contracts(reader: Reader, against: Recording) -> list[ContractCheck]:
         decoded = assembly.parts(ref)
         originals = cut(x, decoded)
         for part, own, y in zip(ref.parts, originals, decoded, strict=True):
-            groups.setdefault(part.track.id, []).append(Member(ref, part, own, y))
+            groups.setdefault(part.track.id, []).append(ExpectedPart(ref, part, own, y))
     checks = [check for members in groups.values() for check in check_track(members)]
     return sorted(checks, key=lambda check: (check.channel, check.track))
 
 
-class Member(NamedTuple):
+class ExpectedPart(NamedTuple):
     """What one part of a channel should be, and what it is."""
 
     ref: ChannelRef
-    part: Part
+    part: TrackPair
     original: Channel
     decoded: Channel
 
@@ -160,7 +160,7 @@ def cut(original: Channel, parts: Sequence[Channel]) -> list[Channel]:
     return [original.slice_ticks(a, b) for a, b in zip(starts, stops, strict=False)]
 
 
-def check_track(members: Sequence[Member]) -> list[ContractCheck]:
+def check_track(members: Sequence[ExpectedPart]) -> list[ContractCheck]:
     """The channels of one track together, since a vector contract speaks of all of them."""
     pairs = [pair_up(member.original, member.decoded) for member in members]
     part = members[0].part
@@ -191,14 +191,14 @@ def check_track(members: Sequence[Member]) -> list[ContractCheck]:
     ]  # fmt: skip
 
 
-def judge(pair: Pair, contract: Contract, floor: int, zero: int) -> tuple[int, Fraction]:
+def judge(pair: SamplePair, contract: Contract, floor: int, zero: int) -> tuple[int, Fraction]:
     """Samples outside, and the worst ratio, of one component on its own."""
     band = Deadband(contract.kn, contract.kd, (floor,), (zero,))
     x, y = pair.x[:, None], pair.y[:, None]
     return int(band.outside(x, y).sum()), band.worst_ratio(x, y)
 
 
-def pair_up(original: Channel, decoded: Channel) -> Pair:
+def pair_up(original: Channel, decoded: Channel) -> SamplePair:
     """What both cover, in the counts of the file."""
     common = intersect(original.coverage, decoded.coverage)
     rows_x = [np.arange(i, i + span.ticks) for (i, _), span in common]
@@ -226,7 +226,7 @@ def pair_up(original: Channel, decoded: Channel) -> Pair:
         x[near] = nearest_counts(physical_x[near], decoded.calibration)
         away = np.abs(physical_x[near] - physical_of(x[near], decoded.calibration))
         moved = float(away.max(initial=0.0))
-    return Pair(
+    return SamplePair(
         x,
         y,
         original.stored.size - at_x.size,

@@ -28,7 +28,7 @@ import numpy as np
 
 from ..errors import ParameterError
 from ..numbers import exact
-from .frames import Block, Frame
+from .frames import Frame, FrameBlock
 from .profile.model import Actuator, CountLimits, Profile
 
 COUNT_LIMIT = 2**53
@@ -125,7 +125,7 @@ class Envelope:
 LaneState = tuple[int, int, int, bool, float]
 
 
-class Lane:
+class ActuatorPath:
     """Exactly one of ``play`` and ``fall`` is called for each sample that is sent."""
 
     __slots__ = (
@@ -283,7 +283,7 @@ class Schedule:
                 f"profile {profile.name!r} has no usable rate, frame, hold or ramp",
                 requirement="PLY-001",
             )
-        self.lanes = tuple(Lane(profile, actuator, gain) for actuator in profile.actuators)
+        self.lanes = tuple(ActuatorPath(profile, actuator, gain) for actuator in profile.actuators)
         self._rest = tuple(lane.rest for lane in self.lanes)
         self._hole: Row = ([0.0] * len(self.lanes), [False] * len(self.lanes))
         """Between two blocks: not known, as if a block said so."""
@@ -313,7 +313,7 @@ class Schedule:
 
     def _begin(self, generation: int, first: int) -> None:
         self._generation = generation
-        self._blocks: deque[Block] = deque()
+        self._blocks: deque[FrameBlock] = deque()
         self.played = first
         self._fed = first
         self._end: int | None = None
@@ -361,7 +361,7 @@ class Schedule:
         """Whether the samples of the next frame are not all there yet."""
         return self._end is None and self._fed < self.played + self._samples
 
-    def feed(self, block: Block) -> None:
+    def feed(self, block: FrameBlock) -> None:
         """What comes next; it must not be changed afterwards.
 
         Blocks of another generation than the last seek asked for are dropped; where blocks

@@ -31,7 +31,7 @@ PACKET_SAMPLES = 1 << 16
 """Longer stretches are cut: eight bytes each then still fit a payload of level 1."""
 
 
-class Rows(NamedTuple):
+class SampleRows(NamedTuple):
     """Samples of channels of one rate: values [ticks, channels], int32 counts or float64, NaN where
     one is missing. Without ticks: the channels have nothing before ``start``."""
 
@@ -44,7 +44,7 @@ class Rows(NamedTuple):
         return self.start + len(self.values)
 
 
-class Piece(NamedTuple):
+class SamplePiece(NamedTuple):
     """Samples of one channel without a gap."""
 
     channel: int
@@ -52,14 +52,14 @@ class Piece(NamedTuple):
     values: NDArray[Any]
 
 
-class Grid(NamedTuple):
+class ClusterGrid(NamedTuple):
     """Where clusters begin, in ticks of one rate."""
 
     ticks: int
     clusters: int
 
     @classmethod
-    def of(cls, cluster: Fraction, rate: Fraction) -> Grid:
+    def of(cls, cluster: Fraction, rate: Fraction) -> ClusterGrid:
         return cls(*(cluster * rate).as_integer_ratio())
 
     def number(self, tick: int) -> int:
@@ -77,7 +77,7 @@ class Bucket:
 
     since: float
     """When the first of them came, in seconds of the caller's clock."""
-    rows: list[Rows] = field(default_factory=list)
+    rows: list[SampleRows] = field(default_factory=list)
     size: int = 0
 
 
@@ -98,7 +98,7 @@ class Clusters:
         self.size = self.missing = 0
         """Bytes that are here, and samples that were NaN."""
         self.rates: list[Fraction] = []
-        self.grids: list[Grid] = []
+        self.grids: list[ClusterGrid] = []
         self.rate_of = np.empty(0, np.intp)
         self.reach = np.empty(0, np.int64)
         """Tick after the last one that a channel brought."""
@@ -109,7 +109,7 @@ class Clusters:
         """A channel; numbers may be added in any order, some of them never."""
         if rate not in self.rates:
             self.rates.append(rate)
-            self.grids.append(Grid.of(self.cluster, rate))
+            self.grids.append(ClusterGrid.of(self.cluster, rate))
         if channel >= self.reach.size:
             more = channel + 1 - self.reach.size
             self.rate_of = np.pad(self.rate_of, (0, more))
@@ -129,7 +129,7 @@ class Clusters:
         """When the first of the rows that are still here came."""
         return min((bucket.since for bucket in self.buckets.values()), default=None)
 
-    def take(self, rows: Rows, now: float = 0.0) -> bool:
+    def take(self, rows: SampleRows, now: float = 0.0) -> bool:
         """Whether a cluster may be complete now."""
         place = int(self.rate_of[rows.channels[0]])
         grid = self.grids[place]
@@ -143,7 +143,7 @@ class Clusters:
             stop = min(grid.start(number + 1), rows.stop)
             part = rows.values[at - rows.start : stop - rows.start]
             bucket = self.buckets.setdefault(number, Bucket(now))
-            bucket.rows.append(Rows(rows.channels, at, part))
+            bucket.rows.append(SampleRows(rows.channels, at, part))
             bucket.size += part.nbytes
             self.size += part.nbytes
             at = stop
@@ -151,7 +151,7 @@ class Clusters:
         # The first cluster that is open, or the one after it: this tick lies past it.
         return bool(self.buckets) and number > min(self.buckets)
 
-    def complete(self) -> Iterator[list[Piece]]:
+    def complete(self) -> Iterator[list[SamplePiece]]:
         """Clusters whose time has come; they are here no more."""
         while True:
             late = sorted(number for number in self.buckets if number < self.done)
@@ -178,12 +178,12 @@ class Clusters:
         firsts = [ceil(clusters * grid.ticks / grid.clusters) for grid in self.grids]
         return np.array(firsts, np.int64)[self.rate_of]
 
-    def rest(self) -> Iterator[list[Piece]]:
+    def rest(self) -> Iterator[list[SamplePiece]]:
         """All that is here, complete or not."""
         for number in sorted(self.buckets):
             yield self.pop(number)
 
-    def pop(self, number: int) -> list[Piece]:
+    def pop(self, number: int) -> list[SamplePiece]:
         bucket = self.buckets.pop(number)
         self.size -= bucket.size
         pieces = list(pieces_of(bucket.rows))
@@ -192,12 +192,12 @@ class Clusters:
         return pieces
 
 
-def pieces_of(rows: Sequence[Rows]) -> Iterator[Piece]:
+def pieces_of(rows: Sequence[SampleRows]) -> Iterator[SamplePiece]:
     """Stretches without a gap, by channel, in order of time."""
-    lanes: dict[tuple[int, ...], list[Rows]] = {}
+    lanes: dict[tuple[int, ...], list[SampleRows]] = {}
     for part in rows:
         lanes.setdefault(part.channels, []).append(part)
-    found: dict[int, list[Piece]] = {}
+    found: dict[int, list[SamplePiece]] = {}
     for channels, parts in lanes.items():
         for start, values in joined([(part.start, part.values) for part in parts]):
             holes = values.dtype.kind == "f" and bool(np.isnan(values).any())
@@ -207,12 +207,12 @@ def pieces_of(rows: Sequence[Rows]) -> Iterator[Piece]:
                 if holes:
                     parts_of += known(channel, start, column)
                 else:
-                    parts_of.append(Piece(channel, start, column))
+                    parts_of.append(SamplePiece(channel, start, column))
     for channel in sorted(found):
         own = sorted(found[channel], key=lambda piece: piece.start)
         for start, values in joined([(piece.start, piece.values) for piece in own]):
             for at in range(0, len(values), PACKET_SAMPLES):
-                yield Piece(channel, start + at, values[at : at + PACKET_SAMPLES])
+                yield SamplePiece(channel, start + at, values[at : at + PACKET_SAMPLES])
 
 
 def joined(parts: Sequence[tuple[int, NDArray[Any]]]) -> Iterator[tuple[int, NDArray[Any]]]:
@@ -228,10 +228,10 @@ def joined(parts: Sequence[tuple[int, NDArray[Any]]]) -> Iterator[tuple[int, NDA
         yield start, run[0] if len(run) == 1 else np.concatenate(run)
 
 
-def known(channel: int, start: int, values: NDArray[Any]) -> Iterator[Piece]:
+def known(channel: int, start: int, values: NDArray[Any]) -> Iterator[SamplePiece]:
     """What is not NaN."""
     for span in spans_of(~np.isnan(values), start):
-        yield Piece(channel, span.start, values[span.start - start : span.stop - start])
+        yield SamplePiece(channel, span.start, values[span.start - start : span.stop - start])
 
 
 class Waiting(NamedTuple):

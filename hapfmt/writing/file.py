@@ -304,7 +304,7 @@ class Pipe:
         self.sync()
 
 
-class Output:
+class RecordingOutput:
     """The writer and what it writes to."""
 
     def __init__(self, target: LiveFile | Pipe, policy: SyncPolicy) -> None:

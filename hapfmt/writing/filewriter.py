@@ -59,14 +59,14 @@ JOINT_SIZE = 8
 SEQUENCE_LIMIT = 1 << 32
 
 
-class Stream(Protocol):
+class ChunkStream(Protocol):
     """Where chunks go. One that has ``whole_writes`` keeps all of a write or nothing: after a
     failed one the file still ends with a whole chunk, and can be closed."""
 
     def write(self, data: bytes, /) -> object: ...
 
 
-class Part(NamedTuple):
+class IndexLink(NamedTuple):
     """An index in the chain: its offset and sequence number, that of the first chunk that it lists,
     its payload's size."""
 
@@ -85,7 +85,7 @@ class FileWriter:
 
     def __init__(
         self,
-        stream: Stream,
+        stream: ChunkStream,
         *,
         level: Level = LEVELS[1],
         file_id: int | None = None,
@@ -107,7 +107,7 @@ class FileWriter:
 
     def begin(
         self,
-        stream: Stream,
+        stream: ChunkStream,
         head: Head,
         payload: bytes,
         file_id: int,
@@ -124,7 +124,7 @@ class FileWriter:
         self.entries: list[IndexEntry] = []
         """Of all chunks: their places are the sequence numbers."""
         self.resumed_entries = 0
-        self.parts: list[Part] = []
+        self.parts: list[IndexLink] = []
         self.indexed_entries = 0
         """Chunks up to the last index and its footer."""
         self.indexed_to = FIRST_OFFSET
@@ -140,7 +140,7 @@ class FileWriter:
     @classmethod
     def resume(
         cls,
-        stream: Stream,
+        stream: ChunkStream,
         catalogue: Catalogue,
         *,
         clock: Callable[[], float] | None = None,
@@ -167,7 +167,7 @@ class FileWriter:
         for offset, index in chain_of(catalogue, self.entries):
             place = bisect_left(offsets, offset)
             size = len(build_index(index))
-            self.parts.append(Part(offset, place, index.first_sequence, size))
+            self.parts.append(IndexLink(offset, place, index.first_sequence, size))
             self.indexed_to, self.indexed_entries = offset, place + 1
         if catalogue.closed:
             self.indexed_entries = len(self.entries)
@@ -329,11 +329,11 @@ class FileWriter:
         payload = build_index(Index(before, first, tuple(self.entries[first:])))
         offset, sequence = self.offset, self.sequence
         self.chunk("iNDX", payload)
-        self.parts = [*parts, Part(offset, sequence, first, len(payload))]
+        self.parts = [*parts, IndexLink(offset, sequence, first, len(payload))]
         self.indexed_to, self.indexed_entries = offset, len(self.entries)
         self.indexed_at = self.seconds() if self.seconds else 0.0
 
-    def joins(self, part: Part, first: int, room: int) -> bool:
+    def joins(self, part: IndexLink, first: int, room: int) -> bool:
         """Whether the last index repeats ``part``, the one before ``first``: those of this writer
         always, those that stood in the file before only where they are no longer than what is new,
         so that appending little again and again adds little."""

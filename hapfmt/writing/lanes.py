@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..encoder.live import Input
 from ..errors import ParameterError, unknown
-from .clusters import Grid
-from .worker import Member
+from .clusters import ClusterGrid
+from .worker import FileChannel
 
 
 def owned(values: ArrayLike, inputs: Sequence[Input]) -> NDArray[Any]:
@@ -80,13 +80,13 @@ def named(inputs: Sequence[Input]) -> str:
 
 
 @dataclass
-class Lane:
+class InputGroup:
     """Channels whose samples come together."""
 
     channels: tuple[int, ...]
     index: NDArray[np.intp]
     inputs: list[Input]
-    grid: Grid
+    grid: ClusterGrid
     wake: int = 0
     """The first tick of the cluster after the one that the last sample was for."""
 
@@ -96,16 +96,16 @@ class Lanes:
 
     def __init__(self, cluster: Fraction, start_s: Fraction) -> None:
         self.cluster, self.start_s = cluster, start_s
-        self.members: list[Member] = []
+        self.members: list[FileChannel] = []
         self.ticks: NDArray[np.int64] = np.empty(0, np.int64)
         """Where the next sample of each channel goes."""
         self.silent: set[int] = set()
         """Places that nothing came for yet: these may begin anywhere."""
         self.by_label: dict[str, int] = {}
-        self.known: dict[tuple[int, ...], Lane] = {}
-        self.single: dict[str | int, Lane] = {}
+        self.known: dict[tuple[int, ...], InputGroup] = {}
+        self.single: dict[str | int, InputGroup] = {}
 
-    def enter(self, member: Member, start_s: Fraction) -> int:
+    def enter(self, member: FileChannel, start_s: Fraction) -> int:
         """The place of an input that is new."""
         place = len(self.members)
         self.members.append(member)
@@ -131,14 +131,14 @@ class Lanes:
         labels = [member.input.label for member in self.members]
         raise ParameterError(unknown("channel", channel, labels))
 
-    def one(self, channel: str | int) -> Lane:
+    def one(self, channel: str | int) -> InputGroup:
         """The lane of a single channel."""
         lane = self.single.get(channel)
         if lane is None:
             lane = self.single[channel] = self.of((channel,))
         return lane
 
-    def of(self, channels: Sequence[str | int]) -> Lane:
+    def of(self, channels: Sequence[str | int]) -> InputGroup:
         places = tuple(self.place_of(channel) for channel in channels)
         lane = self.known.get(places)
         if lane is None:
@@ -150,12 +150,12 @@ class Lanes:
                     f"{named(inputs)} have different rates, or integers and floats: "
                     "write them separately"
                 )
-            grid = Grid.of(self.cluster, inputs[0].rate)
-            lane = Lane(places, np.array(places, np.intp), inputs, grid)
+            grid = ClusterGrid.of(self.cluster, inputs[0].rate)
+            lane = InputGroup(places, np.array(places, np.intp), inputs, grid)
             self.known[places] = lane
         return lane
 
-    def start_of(self, lane: Lane, tick: int | None) -> int:
+    def start_of(self, lane: InputGroup, tick: int | None) -> int:
         """Where samples go; ticks never go back."""
         if len(lane.channels) == 1 and (tick is None or tick >= self.ticks.item(lane.channels[0])):
             return self.ticks.item(lane.channels[0]) if tick is None else tick
@@ -180,7 +180,7 @@ class Lanes:
             )
         return tick
 
-    def move(self, lane: Lane, tick: int) -> None:
+    def move(self, lane: InputGroup, tick: int) -> None:
         """The next samples of a lane go to this tick."""
         if len(lane.channels) == 1:
             self.ticks[lane.channels[0]] = tick

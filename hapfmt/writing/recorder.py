@@ -27,10 +27,10 @@ from ..errors import LimitError, ParameterError
 from ..events import Event
 from ..limits import TICK_LIMIT
 from ..numbers import exact
-from .clusters import Rows, code, observation
-from .lanes import Lane, Lanes, named, owned
+from .clusters import SampleRows, code, observation
+from .lanes import InputGroup, Lanes, named, owned
 from .start import Options, Start
-from .worker import Item, Member, Queue, Worker
+from .worker import FileChannel, Item, SampleQueue, Worker
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ QUEUE_SIZE = 64 << 20
 class Turn:
     """One call at a time, of a recording that goes on."""
 
-    def __init__(self, queue: Queue[Item]) -> None:
+    def __init__(self, queue: SampleQueue[Item]) -> None:
         self.queue = queue
         self.lock = threading.RLock()
         self.process = os.getpid()
@@ -162,7 +162,7 @@ class Recorder:
             canonical,
         )
         self.on_full = on_full
-        self.queue: Queue[Item] = Queue(queue_size)
+        self.queue: SampleQueue[Item] = SampleQueue(queue_size)
         self.turn = Turn(self.queue)
         start = Start(file, list(inputs), options, self.queue)
         self.worker, self.closing = start.worker, start.closing
@@ -205,7 +205,7 @@ class Recorder:
             start_s = self.lanes.seconds
             number = self.next_number
             self.worker.check(given)
-            member = Member(given, number)
+            member = FileChannel(given, number)
             self.queue.put(partial(self.worker.add, [member], [ceil(start_s * given.rate)]))
             self.next_number += 1
             return self.lanes.enter(member, start_s)
@@ -252,10 +252,10 @@ class Recorder:
             if ticks < 0 or start > TICK_LIMIT:
                 raise ParameterError(f"a gap of {ticks} ticks in {named(lane.inputs)}")
             nothing = owned(np.empty(0, np.int32), lane.inputs)
-            self.queue.put(Rows(lane.channels, start, nothing), wake=start >= lane.wake)
+            self.queue.put(SampleRows(lane.channels, start, nothing), wake=start >= lane.wake)
             self.lanes.move(lane, start)
 
-    def put(self, lane: Lane, values: ArrayLike, tick: int | None) -> None:
+    def put(self, lane: InputGroup, values: ArrayLike, tick: int | None) -> None:
         rows = owned(values, lane.inputs)
         start = self.lanes.start_of(lane, tick)
         if start + len(rows) > TICK_LIMIT:
@@ -267,7 +267,7 @@ class Recorder:
             part = rows[at : at + step]
             stop = start + at + len(part)
             wake = stop >= lane.wake
-            item = Rows(lane.channels, start + at, part)
+            item = SampleRows(lane.channels, start + at, part)
             if self.queue.put(item, part.nbytes, wake=wake, wait=self.on_full == "block"):
                 self.taken += part.size
             elif self.on_full == "drop":
@@ -281,7 +281,7 @@ class Recorder:
             if wake:
                 lane.wake = lane.grid.start(lane.grid.number(stop) + 1)
 
-    def drop(self, lane: Lane, ticks: int) -> None:
+    def drop(self, lane: InputGroup, ticks: int) -> None:
         dropped = self.worker.progress.dropped
         for place in lane.channels:
             dropped[place] = dropped.get(place, 0) + ticks
@@ -375,7 +375,7 @@ class Recorder:
             raise self.worker.error
 
 
-def shut(queue: Queue[Item], worker: Worker, process: int) -> None:
+def shut(queue: SampleQueue[Item], worker: Worker, process: int) -> None:
     """Close the file of a recorder that nobody holds any more, or at the end of the program."""
     if os.getpid() == process and threading.current_thread() is not worker.thread:
         with suppress(Exception):

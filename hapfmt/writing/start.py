@@ -21,7 +21,7 @@ from ..errors import HARMLESS, HapfmtError, ParameterError
 from ..format.cluster import Packet, parse_rows, parse_table_head, salvage_cluster
 from ..format.description import parse_description
 from ..format.extras import ClockObservation, build_metadata
-from ..format.source import Source
+from ..format.source import ByteSource
 from ..format.track import Track, TrackTable, missing_channels, paired
 from ..format.walk import Finding, read_chunk
 from ..format.wire import HEADER_SIZE, check_file_id
@@ -32,9 +32,9 @@ from ..reading.opening import open_catalogue
 from ..recording import Recording
 from ..version import __version__
 from .clusters import Clusters, Layers, Observed
-from .file import LiveFile, Output, Pipe, SyncPolicy, create_live, open_live
+from .file import LiveFile, Pipe, RecordingOutput, SyncPolicy, create_live, open_live
 from .filewriter import FileWriter
-from .worker import Item, Member, Queue, Worker
+from .worker import FileChannel, Item, SampleQueue, Worker
 
 TAIL = frozenset({"truncated", "bad-payload", "garbage", "other-file"})
 """What is found where the writing stopped."""
@@ -172,7 +172,7 @@ def check_tail(catalogue: Catalogue, findings: Sequence[Finding], end: int) -> N
             raise ParameterError("another file follows its end", offset=found.offset)
 
 
-def zeros(source: Source, start: int) -> bool:
+def zeros(source: ByteSource, start: int) -> bool:
     """Whether nothing but zeros follows."""
     return not any(
         any(source.read_at(position, PIECE)) for position in range(start, source.size, PIECE)
@@ -340,7 +340,7 @@ class Start:
         file: str | os.PathLike[str] | BinaryIO,
         inputs: Sequence[Input],
         options: Options,
-        queue: Queue[Item],
+        queue: SampleQueue[Item],
     ) -> None:
         assert options.settings is not None
         self.options, self.settings = options, options.settings
@@ -382,15 +382,15 @@ class Start:
         clock: Callable[[], float] = time.monotonic
         if options.canonical is not None:
             clock = self.recorded
-        self.members = [Member(given, number) for number, given in enumerate(inputs)]
+        self.members = [FileChannel(given, number) for number, given in enumerate(inputs)]
         self.ends = [0] * len(inputs)
         self.next_number = len(inputs)
         if isinstance(file, (str, os.PathLike)):
-            self.output = Output(
+            self.output = RecordingOutput(
                 create_live(file, force=options.force, sync=self.policy), self.policy
             )
         else:
-            self.output = Output(Pipe(file), self.policy)
+            self.output = RecordingOutput(Pipe(file), self.policy)
         try:
             self.output.writer = FileWriter(
                 self.output.target,
@@ -415,7 +415,7 @@ class Start:
     def append(self, found: Appending, inputs: Sequence[Input]) -> None:
         try:
             catalogue, options = found.catalogue, self.options
-            self.output = Output(found.file, self.policy)
+            self.output = RecordingOutput(found.file, self.policy)
             self.output.writer = found.writer
             self.encoder = LiveEncoder(
                 self.settings, first_track=max(catalogue.tracks, default=-1) + 1
@@ -472,7 +472,7 @@ class Start:
         self.next_number += 1
         return self.next_number - 1
 
-    def match(self, channels: Sequence[Any], inputs: Sequence[Input]) -> list[Member]:
+    def match(self, channels: Sequence[Any], inputs: Sequence[Input]) -> list[FileChannel]:
         """Inputs and their channels in the file: those of the same label, rate and unit, each
         once; else new ones."""
         free = list(channels)
@@ -483,11 +483,11 @@ class Start:
                 component = ref.track.components[ref.index]
                 if same == (component.label, ref.track.rate, component.unit):
                     free.remove(ref)
-                    members.append(Member(given, ref.number, is_new=False))
+                    members.append(FileChannel(given, ref.number, is_new=False))
                     self.encoder.known(ref.number, last_track(ref))
                     break
             else:
-                members.append(Member(given, self.number()))
+                members.append(FileChannel(given, self.number()))
         if self.next_number > LAST_TRACK_ID:
             raise ParameterError(f"a recording has at most {LAST_TRACK_ID} channels")
         return members

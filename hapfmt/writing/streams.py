@@ -32,11 +32,11 @@ from ..units import split_name, to_ucum, units_for
 from .recorder import Recorder
 
 
-class Keys(Struct, frozen=True, forbid_unknown_fields=True):
+class StreamKeys(Struct, frozen=True, forbid_unknown_fields=True):
     """An object of a stream."""
 
 
-class ChannelKeys(Keys, frozen=True):
+class ChannelKeys(StreamKeys, frozen=True):
     """A channel: what an Input has, as JSON."""
 
     label: str
@@ -59,7 +59,7 @@ class ChannelKeys(Keys, frozen=True):
         return Input(**given)
 
 
-class HeaderKeys(Keys, frozen=True):
+class HeaderKeys(StreamKeys, frozen=True):
     """What stands at the beginning of a stream."""
 
     channels: Annotated[tuple[ChannelKeys, ...], Meta(min_length=1)]
@@ -79,13 +79,13 @@ class Action(OneOf):
     __slots__ = ()
 
 
-class Values(Keys, Action, frozen=True):
+class Values(StreamKeys, Action, frozen=True):
     values: tuple[float | None, ...]
     channel: int | str
     tick: int | None = None
 
 
-class Mark(Keys, Action, frozen=True):
+class Mark(StreamKeys, Action, frozen=True):
     mark: str
     time: float | None = None
     duration: float | None = None
@@ -93,7 +93,7 @@ class Mark(Keys, Action, frozen=True):
     layer: str | None = None
 
 
-class Clock(Keys, Action, frozen=True):
+class Clock(StreamKeys, Action, frozen=True):
     clock: str
     tick: int
     time_ns: int
@@ -101,20 +101,20 @@ class Clock(Keys, Action, frozen=True):
     uncertainty_ns: int | None = None
 
 
-class Add(Keys, Action, frozen=True):
+class Add(StreamKeys, Action, frozen=True):
     add: ChannelKeys
 
 
-class Skip(Keys, Action, frozen=True):
+class Skip(StreamKeys, Action, frozen=True):
     skip: int
     channel: int | str | None = None
 
 
-class Flush(Keys, Action, frozen=True):
+class Flush(StreamKeys, Action, frozen=True):
     flush: Any
 
 
-class More(Keys, Action, frozen=True):
+class More(StreamKeys, Action, frozen=True):
     metadata: dict[str, Any]
 
 
@@ -134,7 +134,7 @@ class Header:
     """What a person may want to know of it."""
 
 
-class Session:
+class StreamSession:
     """One stream, and the recorder that it begins with its header."""
 
     def __init__(self, begin: Callable[[Header], Recorder]) -> None:
@@ -253,7 +253,7 @@ class RangeError(ValueError):
 
 
 @dataclass(frozen=True)
-class Table:
+class BareTable:
     """What is known of a bare table of numbers, which has no header."""
 
     rate: Fraction | None = None
@@ -292,7 +292,7 @@ class Table:
 
 
 @dataclass
-class Rows:
+class PendingRows:
     """Lines of numbers that follow on, not parsed yet."""
 
     lines: list[bytes] = field(default_factory=list)
@@ -300,14 +300,14 @@ class Rows:
     tick: int | None = None
 
 
-class Lines:
+class LineStream:
     """Takes bytes in pieces of any size; whole lines are worked off at the end of each piece."""
 
-    def __init__(self, session: Session, table: Table) -> None:
+    def __init__(self, session: StreamSession, table: BareTable) -> None:
         self.session, self.table = session, table
         self.rest = b""
         self.number = 0
-        self.rows = Rows()
+        self.rows = PendingRows()
 
     @property
     def place(self) -> str:
@@ -371,7 +371,7 @@ class Lines:
 
     def settle(self) -> None:
         """Hand over the rows that were collected."""
-        rows, self.rows = self.rows, Rows()
+        rows, self.rows = self.rows, PendingRows()
         if not rows.lines:
             return
         columns = len(self.session.running.inputs)
@@ -494,7 +494,7 @@ def build_frame(
 class Frames:
     """Takes bytes in pieces of any size; whole frames are worked off."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: StreamSession) -> None:
         self.session = session
         self.rest = bytearray()
         self.offset = 0
@@ -550,18 +550,18 @@ class Frames:
             self.session.rows(values.reshape(count, columns), start)
 
 
-class Stream:
+class InputStream:
     """Takes bytes in pieces of any size. ``begin`` makes the recorder once the channels are known.
 
     Errors of the stream say where: a line, or the byte where a frame begins. What came before is
     with the recorder.
     """
 
-    def __init__(self, begin: Callable[[Header], Recorder], table: Table | None = None) -> None:
-        self.session = Session(begin)
-        self.table = table or Table()
+    def __init__(self, begin: Callable[[Header], Recorder], table: BareTable | None = None) -> None:
+        self.session = StreamSession(begin)
+        self.table = table or BareTable()
         self.first = b""
-        self.parser: Lines | Frames | None = None
+        self.parser: LineStream | Frames | None = None
 
     @property
     def recorder(self) -> Recorder | None:
@@ -579,7 +579,7 @@ class Stream:
 
     def choose(self) -> None:
         binary = self.first.startswith(MAGIC)
-        self.parser = Frames(self.session) if binary else Lines(self.session, self.table)
+        self.parser = Frames(self.session) if binary else LineStream(self.session, self.table)
 
     def finish(self) -> None:
         """The stream has ended."""
@@ -591,7 +591,7 @@ class Stream:
         if self.recorder is None:
             raise ParameterError("the stream ended before any channel was named")
 
-    def work(self, step: Callable[[Lines | Frames], None]) -> None:
+    def work(self, step: Callable[[LineStream | Frames], None]) -> None:
         assert self.parser is not None
         try:
             step(self.parser)

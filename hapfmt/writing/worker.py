@@ -17,8 +17,8 @@ from ..encoder.live import Block, Input, LiveEncoder
 from ..errors import ParameterError
 from ..format.cluster import Packet
 from ..format.track import Track
-from .clusters import Clusters, Layers, Observed, Piece, Rows
-from .file import Output
+from .clusters import Clusters, Layers, Observed, SamplePiece, SampleRows
+from .file import RecordingOutput
 from .filewriter import FileWriter
 
 Queued = TypeVar("Queued")
@@ -27,7 +27,7 @@ OVERHEAD = 256
 """Bytes that an item takes beside its samples: two objects of Python and their places."""
 
 
-class Queue(Generic[Queued]):
+class SampleQueue(Generic[Queued]):
     """Items with their sizes. What the taker holds counts until it takes the next.
 
     The taker is woken when asked, or when half of the room is used: samples that complete nothing
@@ -120,11 +120,11 @@ POLL_S = 0.25
 """Samples that complete nothing wait in the queue for so long at most."""
 
 Task = Callable[[], None]
-Item = Rows | Task
+Item = SampleRows | Task
 
 
 @dataclass(frozen=True)
-class Member:
+class FileChannel:
     """An input and its channel number in the file; ``is_new``: no track of it stands there yet."""
 
     input: Input
@@ -152,8 +152,8 @@ class Worker:
 
     def __init__(
         self,
-        queue: Queue[Item],
-        output: Output,
+        queue: SampleQueue[Item],
+        output: RecordingOutput,
         encoder: LiveEncoder,
         clusters: Clusters,
         layers: Layers,
@@ -164,7 +164,7 @@ class Worker:
         self.queue, self.output, self.encoder = queue, output, encoder
         self.clusters, self.layers, self.observed = clusters, layers, observed
         self.hold_s = hold_s
-        self.members: list[Member] = []
+        self.members: list[FileChannel] = []
         self.first_tracks: dict[int, int] = {}
         """By channel number."""
         self.enter(self.writer.tracks.values())
@@ -197,7 +197,7 @@ class Worker:
             self.queue.fail(error)
 
     def handle(self, item: Item | None) -> None:
-        if isinstance(item, Rows):
+        if isinstance(item, SampleRows):
             if self.clusters.take(item, time.monotonic()):
                 self.write(self.clusters.complete())
             if self.clusters.size > self.queue.limit:
@@ -220,7 +220,7 @@ class Worker:
                 f"{given.label!r} needs level 2 (more than 24 bits), and the file is of level 1"
             )
 
-    def add(self, members: Sequence[Member], starts: Sequence[int]) -> None:
+    def add(self, members: Sequence[FileChannel], starts: Sequence[int]) -> None:
         """Inputs that samples may come for, from these ticks on."""
         for member, start in zip(members, starts, strict=True):
             self.clusters.add(len(self.members), member.input.rate, start)
@@ -228,7 +228,7 @@ class Worker:
         # What does not depend on samples is described at once: the file is whole from then on.
         self.describe(self.encoder.begin({m.number: m.input for m in members if m.is_new}))
 
-    def write(self, clusters: Iterable[list[Piece]]) -> None:
+    def write(self, clusters: Iterable[list[SamplePiece]]) -> None:
         for pieces in clusters:
             blocks = [self.members[p.channel].block(p.start, p.values) for p in pieces]
             tracks, packets = self.encoder.encode(blocks)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ...errors import ParameterError
 from ...numbers import counted
 from ..survey.compare import Comparison
-from ..survey.views import View
+from ..survey.views import ChannelView
 from . import panels
 from .pages import Sheet, Words, amount, grid_shape, one_unit, parts_of, placed
 from .panels import (
@@ -214,7 +214,7 @@ NAMES = 8
 """Largest number of identical channels that are named."""
 
 
-def pages(found: Sequence[Comparison], views: Sequence[View], words: Words) -> list[Figure]:
+def pages(found: Sequence[Comparison], views: Sequence[ChannelView], words: Words) -> list[Figure]:
     """views: of B, with A as the original. Identical channels are named; they are drawn only if no
     channel differs."""
     verdicts = {row.number: row for row in found if not row.reason}
@@ -233,7 +233,7 @@ def pages(found: Sequence[Comparison], views: Sequence[View], words: Words) -> l
     return [multiples(part, verdicts, words) for _, part in parts_of(drawn, SMALL)]
 
 
-def rows(views: Sequence[View], verdicts: dict[int, Comparison], words: Words) -> Figure:
+def rows(views: Sequence[ChannelView], verdicts: dict[int, Comparison], words: Words) -> Figure:
     sheet = Sheet(13, 2.9 * len(views), words, left=0.95)
     grid = sheet.grid(len(views), 2, 0.5, 0.75, width_ratios=[3.2, 1.2])
     shared = one_unit(views)
@@ -249,7 +249,9 @@ def rows(views: Sequence[View], verdicts: dict[int, Comparison], words: Words) -
     return sheet.finish(shared)
 
 
-def multiples(views: Sequence[View], verdicts: dict[int, Comparison], words: Words) -> Figure:
+def multiples(
+    views: Sequence[ChannelView], verdicts: dict[int, Comparison], words: Words
+) -> Figure:
     columns, count = grid_shape(len(views))
     sheet = Sheet(max(4.6 * columns, 9), max(1.9, min(2.4, 9 / count)) * count, words, left=0.95)
     grid = sheet.grid(count, columns, 0.45, 0.85)
@@ -260,7 +262,7 @@ def multiples(views: Sequence[View], verdicts: dict[int, Comparison], words: Wor
 
 
 def pair(
-    figure: Figure, place: SubplotSpec, view: View, verdicts: dict[int, Comparison], *,
+    figure: Figure, place: SubplotSpec, view: ChannelView, verdicts: dict[int, Comparison], *,
     last: bool, unit: bool,
 ) -> tuple[Axes, Axes]:  # fmt: skip
     """A and B, and their difference below."""
@@ -287,7 +289,7 @@ def pair(
     return above, below
 
 
-def headline(view: View, row: Comparison) -> str:
+def headline(view: ChannelView, row: Comparison) -> str:
     name = plain(view.channel.name)
     if row.identical:
         return f"{name}: identical"
@@ -303,7 +305,7 @@ ASIDE = 0.012
 BAR = {"capsize": 3, "elinewidth": 1.1, "ms": 6, "lw": 1.4, "mec": "white", "mew": 0.7}
 
 
-class Mean(Protocol):
+class PlottedMean(Protocol):
     @property
     def mean(self) -> float: ...
 
@@ -329,7 +331,7 @@ class Opinion(Protocol):
     def bits(self) -> int | None: ...
 
     @property
-    def rating(self) -> Mean: ...
+    def rating(self) -> PlottedMean: ...
 
 
 def plot_opinions(

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import ParameterError
 from ...events import Event
-from ..survey.views import View
+from ..survey.views import ChannelView
 from . import panels
 from .panels import (
     DAMAGE,
@@ -139,10 +139,10 @@ def plain_line(text: str, room: int) -> str:
 
 
 def pages(
-    views: Sequence[View],
+    views: Sequence[ChannelView],
     words: Words | None = None,
     *,
-    zoom: View | None = None,
+    zoom: ChannelView | None = None,
     events: Sequence[Event] = (),
     details: bool = False,
 ) -> list[Figure]:
@@ -165,13 +165,15 @@ def pages(
     return [*found, *each]
 
 
-def parts_of(views: Sequence[View], most: int) -> list[tuple[int, Sequence[View]]]:
+def parts_of(views: Sequence[ChannelView], most: int) -> list[tuple[int, Sequence[ChannelView]]]:
     """Splits views into shares of about one size, each with its first place."""
     size = ceil(len(views) / ceil(len(views) / most))
     return [(first, views[first : first + size]) for first in range(0, len(views), size)]
 
 
-def detail(view: View, zoom: View | None, events: Sequence[Event], words: Words) -> Figure:
+def detail(
+    view: ChannelView, zoom: ChannelView | None, events: Sequence[Event], words: Words
+) -> Figure:
     """Whole, residual and error over one time; a stretch of it; spectrum, histograms."""
     strips = [view.residual is not None, view.error is not None]
     upper = [2.7] + [1.15 for shown in strips if shown]
@@ -225,13 +227,13 @@ def detail(view: View, zoom: View | None, events: Sequence[Event], words: Words)
     return sheet.finish()
 
 
-def has_lowest(view: View) -> bool:
+def has_lowest(view: ChannelView) -> bool:
     """True if the view has a spectrum or a histogram."""
     segments = any(spectrum.segments for spectrum in view.spectra.values())
     return view.errors is not None or (segments and not panels.is_constant(view))
 
 
-def lowest(figure: Figure, place: object, view: View) -> None:
+def lowest(figure: Figure, place: object, view: ChannelView) -> None:
     """Draws the spectrum and the histograms side by side."""
     histograms = [h for h in (view.errors, view.relative) if h is not None]
     inner = place.subgridspec(1, 1 + len(histograms), wspace=0.28)  # type: ignore[attr-defined]
@@ -249,7 +251,7 @@ def lowest(figure: Figure, place: object, view: View) -> None:
         style(axes, "The same, relative to the deadband", "error / half the deadband", "samples")
 
 
-def rows(views: Sequence[View], events: Sequence[Event], words: Words) -> Figure:
+def rows(views: Sequence[ChannelView], events: Sequence[Event], words: Words) -> Figure:
     """A row for each channel: signal, its residual below where there is one; spectrum; errors."""
     compared = any(view.errors is not None for view in views)
     height = max(1.9, min(2.8, 12 / len(views)))
@@ -298,7 +300,7 @@ def rows(views: Sequence[View], events: Sequence[Event], words: Words) -> Figure
     return sheet.finish(shared)
 
 
-def multiples(views: Sequence[View], events: Sequence[Event], words: Words) -> Figure:
+def multiples(views: Sequence[ChannelView], events: Sequence[Event], words: Words) -> Figure:
     """Small panels, each with its own scale, one time line for all."""
     columns, count = grid_shape(len(views))
     height = max(1.2, min(2.0, 9 / count))
@@ -331,7 +333,7 @@ def grid_shape(count: int) -> tuple[int, int]:
     return columns, ceil(count / columns)
 
 
-def placed(views: Sequence[View], columns: int) -> list[tuple[View, int, int, bool]]:
+def placed(views: Sequence[ChannelView], columns: int) -> list[tuple[ChannelView, int, int, bool]]:
     """Each view with its row and column, and whether it is the last of its column. The views fill
     one column after the other, and the columns differ by one view at most."""
     each, more = divmod(len(views), columns)
@@ -344,7 +346,7 @@ def placed(views: Sequence[View], columns: int) -> list[tuple[View, int, int, bo
     return found
 
 
-def one_unit(views: Sequence[View]) -> str:
+def one_unit(views: Sequence[ChannelView]) -> str:
     """Quantity and unit if all views share them, else blank."""
     units = {panels.unit_of(view) for view in views}
     if len(units) != 1:
@@ -354,7 +356,7 @@ def one_unit(views: Sequence[View]) -> str:
     return named(plain(quantity.replace("_", " ")), units.pop())
 
 
-def channel_name(view: View, *, unit: str = "") -> str:
+def channel_name(view: ChannelView, *, unit: str = "") -> str:
     """Label, unit, and the largest error: measured if there is an original, else allowed."""
     name = plain(view.channel.name) + (f" in {unit}" if unit else "")
     if view.errors is not None and view.errors.total:
@@ -369,7 +371,7 @@ def channel_name(view: View, *, unit: str = "") -> str:
     return name
 
 
-def amount(view: View, value: float) -> str:
+def amount(view: ChannelView, value: float) -> str:
     return Scale.of(view.channel.unit, value).amount(value)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from ...errors import MissingExtraError, ParameterError
 from ...events import Event
 from ...files import refuse, target
-from ..survey.views import SHOWN, Histogram, Outline, View
+from ..survey.views import SHOWN, ChannelView, Histogram, Outline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -239,7 +239,7 @@ class TimeUnit(NamedTuple):
         return cls(1.0, "s") if seconds >= 0.1 else cls(1e-3, "ms")
 
 
-def unit_of(view: View) -> str:
+def unit_of(view: ChannelView) -> str:
     """The unit as it is drawn; blank if there is none."""
     unit = view.channel.unit.strip("{}")
     return "" if unit in ("", "1") else plain(unit)
@@ -249,7 +249,7 @@ def named(what: str, unit: str) -> str:
     return f"{what} in {unit}" if what and unit else what or unit
 
 
-def axis_label(view: View) -> str:
+def axis_label(view: ChannelView) -> str:
     """Quantity and unit of a channel, or its label and unit."""
     channel = view.channel
     quantity = plain(channel.quantity.replace("_", " "))
@@ -258,12 +258,12 @@ def axis_label(view: View) -> str:
     return named(quantity, unit_of(view))
 
 
-def name_of(view: View) -> str:
+def name_of(view: ChannelView) -> str:
     """Name of the whole band: 'signal' as recorded, 'decoded' from a lossy file."""
     return "decoded" if view.original is not None or view.is_lossy else "signal"
 
 
-def signal(axes: Axes, view: View, unit: TimeUnit, *, width: float = 1.0) -> None:
+def signal(axes: Axes, view: ChannelView, unit: TimeUnit, *, width: float = 1.0) -> None:
     """Draws the channel over time with deadband, slow part and knots. width: of lines, below 1 in a
     small panel. The signal sets the limits: those of a wide deadband would flatten it."""
     seconds = unit.seconds
@@ -289,7 +289,7 @@ def signal(axes: Axes, view: View, unit: TimeUnit, *, width: float = 1.0) -> Non
         instead(axes, "no samples here" if not view.full.sample_count else "no finite value here")
 
 
-def limits(view: View) -> tuple[float, float]:
+def limits(view: ChannelView) -> tuple[float, float]:
     """Limits of the axis: the range of the signal, and of its slow part where that is close."""
     low, high = extremes([view.full, view.original])
     if low > high:
@@ -305,7 +305,7 @@ def limits(view: View) -> tuple[float, float]:
     return low - MARGIN * reach, high + MARGIN * reach
 
 
-def is_constant(view: View) -> bool:
+def is_constant(view: ChannelView) -> bool:
     low, high = extremes([view.full, view.original])
     return high - low <= 1e-12 * max(abs(low), abs(high))
 
@@ -350,7 +350,7 @@ def lonely(y: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> bool:
     return bool((known & ~beside[:-2] & ~beside[2:]).any())
 
 
-def absences(axes: Axes, view: View, unit: TimeUnit, *, named: bool = True) -> None:
+def absences(axes: Axes, view: ChannelView, unit: TimeUnit, *, named: bool = True) -> None:
     """Hatches gaps, and frames and crosses damage."""
     smallest = (view.stop - view.start) / 600
     spans(axes, [wide(a, b, smallest) for a, b in view.gaps], unit, "gap", "///")
@@ -392,7 +392,9 @@ def note(axes: Axes, x: float, y: float, text: str, **more: Any) -> None:
     )  # fmt: skip
 
 
-def marks(axes: Axes, view: View, unit: TimeUnit, events: Sequence[Event], named: bool) -> None:
+def marks(
+    axes: Axes, view: ChannelView, unit: TimeUnit, events: Sequence[Event], named: bool
+) -> None:
     """Draws events of this channel and of all channels as lines, with texts if they are few."""
     own = [
         e
@@ -418,7 +420,7 @@ def marks(axes: Axes, view: View, unit: TimeUnit, events: Sequence[Event], named
             )  # fmt: skip
 
 
-def residual(axes: Axes, view: View, unit: TimeUnit) -> None:
+def residual(axes: Axes, view: ChannelView, unit: TimeUnit) -> None:
     """Draws the residual with a suitable prefix of the unit, which the label names."""
     assert view.residual is not None
     scale = scale_of(view, view.residual)
@@ -427,7 +429,7 @@ def residual(axes: Axes, view: View, unit: TimeUnit) -> None:
     axes.set_xlim(view.start / unit.seconds, view.stop / unit.seconds)
 
 
-def error(axes: Axes, view: View, unit: TimeUnit, *, name: str = "error") -> None:
+def error(axes: Axes, view: ChannelView, unit: TimeUnit, *, name: str = "error") -> None:
     """Draws decoded minus original over time, and the error bound if there is one."""
     assert view.error is not None
     scale = error_scale(view)
@@ -452,18 +454,18 @@ def bounds(axes: Axes, bound: float | None, scale: Scale, *, horizontal: bool) -
             )  # fmt: skip
 
 
-def scale_of(view: View, outline: Outline) -> Scale:
+def scale_of(view: ChannelView, outline: Outline) -> Scale:
     low, high = extremes([outline])
     return Scale.of(view.channel.unit, max(high, -low, 0.0))
 
 
-def error_scale(view: View) -> Scale:
+def error_scale(view: ChannelView) -> Scale:
     """Scale of all panels that show the errors of a channel."""
     largest = view.errors.largest if view.errors is not None else 0.0
     return Scale.of(view.channel.unit, max(largest, view.bound or 0.0))
 
 
-def missing(axes: Axes, view: View, unit: TimeUnit) -> None:
+def missing(axes: Axes, view: ChannelView, unit: TimeUnit) -> None:
     """Hatches the gaps that only one of two recordings has."""
     assert view.original is not None
     smallest = (view.stop - view.start) / 600
@@ -477,7 +479,7 @@ def missing(axes: Axes, view: View, unit: TimeUnit) -> None:
         spans(axes, runs, unit, name, hatch)
 
 
-def spectrum(axes: Axes, view: View) -> None:
+def spectrum(axes: Axes, view: ChannelView) -> None:
     """Draws power densities over frequency, both logarithmic."""
     tops = []
     looks: dict[str, tuple[str, str, float, Any]] = {
@@ -507,7 +509,7 @@ def spectrum(axes: Axes, view: View) -> None:
     axes.set_ylim(max(bottom, 1e-9 * max(tops)), top)
 
 
-def density_label(view: View) -> str:
+def density_label(view: ChannelView) -> str:
     unit = unit_of(view)
     if not unit:
         return "density in 1/Hz"

@@ -22,13 +22,21 @@ if TYPE_CHECKING:
     from .work import Work
 
 _PLACES = {
-    **dict.fromkeys(("builtin_names", "load_scene", "parse_scene", "scene_text"), "library"),
-    **dict.fromkeys(
-        ("Contact", "Hand", "Object", "Press", "Reach", "Scene", "Stroke", "Texture", "Tool"),
-        "description",
-    ),
-    "Work": "work",
+    "builtin_names": "build",
+    "load_scene": "build",
+    "parse_scene": "build",
+    "scene_text": "build",
     "simulate": "build",
+    "Contact": "description",
+    "Hand": "description",
+    "Object": "description",
+    "Press": "description",
+    "Reach": "description",
+    "Scene": "description",
+    "Stroke": "description",
+    "Texture": "description",
+    "Tool": "description",
+    "Work": "work",
 }
 
 __all__ = [

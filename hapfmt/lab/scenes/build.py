@@ -18,7 +18,7 @@ from .work import Work
 if TYPE_CHECKING:
     import numpy as np
 
-    from .motion import Floats, Grid
+    from .motion import Floats, StepGrid
     from .tool import Advance
     from .touch import Solve
 
@@ -126,7 +126,7 @@ def tool_channels(
 
 def run_tool(
     tool: Tool,
-    grid: Grid,
+    grid: StepGrid,
     of_hand: np.random.Generator,
     of_surface: np.random.Generator,
     work: Work,

@@ -10,7 +10,7 @@ from .description import Tool
 from .motion import Floats
 
 
-class Follower:
+class LinearFollower:
     """Follows a target that is linear within each step."""
 
     def __init__(self, tool: Tool, dt_s: float, start: float) -> None:

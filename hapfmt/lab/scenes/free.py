@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .description import Tool
-from .follow import Follower
-from .motion import Floats, Grid
+from .follow import LinearFollower
+from .motion import Floats, StepGrid
 from .tool import Advance, in_plane
 from .work import Work
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def run_free(
-    tool: Tool, grid: Grid, rng: np.random.Generator, work: Work, advance: Advance
+    tool: Tool, grid: StepGrid, rng: np.random.Generator, work: Work, advance: Advance
 ) -> dict[str, Floats]:
     """As :func:`hapfmt.lab.scenes.build.run_tool`. Only the axes that are recorded move."""
     if tool.stroke:
@@ -41,7 +41,7 @@ def run_free(
             return press.height(t, 1 / tool.hand_n_per_m)
 
     out = {name: np.empty(grid.ticks) for name in tool.recorded}
-    followers: dict[str, Follower] = {}
+    followers: dict[str, LinearFollower] = {}
     for start, stop in grid.blocks():
         t = grid.times(start, stop + 1)
         for axis in axes:
@@ -52,7 +52,7 @@ def run_free(
 
 
 def run_stroke(
-    tool: Tool, grid: Grid, rng: np.random.Generator, work: Work, advance: Advance
+    tool: Tool, grid: StepGrid, rng: np.random.Generator, work: Work, advance: Advance
 ) -> dict[str, Floats]:
     """In the plane the tip is where the hand is."""
     from .motion import StrokeMotion
@@ -60,7 +60,7 @@ def run_stroke(
     assert tool.stroke
     motion = StrokeMotion(tool.stroke, grid, rng)
     out = {name: np.empty(grid.ticks) for name in tool.recorded}
-    followers: dict[str, Follower] = {}
+    followers: dict[str, LinearFollower] = {}
     along_z = any(name[-1] == "z" for name in out)
     for start, stop in grid.blocks():
         t = grid.times(start, stop)
@@ -76,8 +76,8 @@ def run_stroke(
 
 def follow(
     tool: Tool,
-    grid: Grid,
-    followers: dict[str, Follower],
+    grid: StepGrid,
+    followers: dict[str, LinearFollower],
     axis: str,
     target: Floats,
     out: dict[str, Floats],
@@ -85,7 +85,7 @@ def follow(
 ) -> None:
     """One axis over one block; ``target`` is one step longer than that."""
     if axis not in followers:
-        followers[axis] = Follower(tool, grid.dt_s, float(target[0]))
+        followers[axis] = LinearFollower(tool, grid.dt_s, float(target[0]))
     place, velocity = followers[axis].follow(target[:-1], float(target[-1]))
     for name, values in ((f"position {axis}", place), (f"velocity {axis}", velocity)):
         if name in out:

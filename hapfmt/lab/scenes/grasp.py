@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from .description import FINGERS, Hand
-from .motion import Floats, Grid, Repeats, Waves, minimum_jerk, stream
+from .motion import Floats, Repeats, StepGrid, Waves, minimum_jerk, stream
 from .sensors import JOINT, Reading, force_reading
 from .tool import Advance, contact_grid
 from .work import Work
@@ -171,7 +171,7 @@ def run_hand(
 ) -> Iterator[Signal]:
     """Its channels one after the other, finger by finger, so that few are held at a time."""
     joints = joints_of(hand)
-    plain = Grid(ticks, 1, rate_hz)
+    plain = StepGrid(ticks, 1, rate_hz)
     lasts = hand.close_s + hand.hold_s + hand.open_s + LATE_S
     grasps = Repeats(stream(seed, "hand.grasps"), ticks / rate_hz, hand.every_s, lasts)
     for name in hand.fingers:
@@ -201,7 +201,9 @@ def run_hand(
             yield Signal(joint.label, JOINT, by_blocks(plain, angle, None))
 
 
-def by_blocks(grid: Grid, values: Callable[[Floats], Floats], advance: Advance | None) -> Floats:
+def by_blocks(
+    grid: StepGrid, values: Callable[[Floats], Floats], advance: Advance | None
+) -> Floats:
     """A function of time at each tick."""
     out = np.empty(grid.ticks)
     for start, stop in grid.blocks():

@@ -36,7 +36,7 @@ def stream(seed: int, name: str) -> np.random.Generator:
 
 
 @dataclass(frozen=True)
-class Grid:
+class StepGrid:
     """Steps of a part of a scene: ``per_tick`` in each of ``ticks`` samples of the sensors."""
 
     ticks: int
@@ -131,7 +131,7 @@ that it is up again 0.1 s before the end; in recordings below 1 s all three shri
 class StrokeMotion:
     """What is not asked for is not computed: a flat plane does not care where on it the tip is."""
 
-    def __init__(self, stroke: Stroke, grid: Grid, rng: np.random.Generator) -> None:
+    def __init__(self, stroke: Stroke, grid: StepGrid, rng: np.random.Generator) -> None:
         self.grid, self.stroke = grid, stroke
         self.pace = Waves(rng, 0.2, 1.5)
         self.heading_start = rng.uniform()
@@ -201,7 +201,7 @@ UNEVEN = 0.02
 
 
 class PressMotion:
-    def __init__(self, press: Press, grid: Grid, rng: np.random.Generator) -> None:
+    def __init__(self, press: Press, grid: StepGrid, rng: np.random.Generator) -> None:
         self.what = press
         seconds = grid.ticks / grid.rate_hz
         self.again = Repeats(rng, seconds, press.every_s, 2 * press.travel_s + press.hold_s)
@@ -217,7 +217,7 @@ class PressMotion:
 
 
 class ReachMotion:
-    def __init__(self, reach: Reach, grid: Grid, rng: np.random.Generator) -> None:
+    def __init__(self, reach: Reach, grid: StepGrid, rng: np.random.Generator) -> None:
         self.what = reach
         seconds = grid.ticks / grid.rate_hz
         self.again = Repeats(rng, seconds, reach.every_s, reach.travel_s)

@@ -28,7 +28,7 @@ from .build import run_tool
 from .contact import exponential
 from .description import FORCES, STIFFEST_N_PER_M, Contact, Stroke, Texture, Tool
 from .integrators import Motion, System
-from .motion import Floats, Grid
+from .motion import Floats, StepGrid
 from .sensors import force_reading
 from .work import Work
 
@@ -96,7 +96,7 @@ def simulate(
     if seed < 0:
         raise ParameterError("a seed is not negative")
 
-    grid = Grid(max(round(seconds * rate_hz), 1), max(ceil(step_hz / rate_hz), 2), rate_hz)
+    grid = StepGrid(max(round(seconds * rate_hz), 1), max(ceil(step_hz / rate_hz), 2), rate_hz)
     of_hand, of_surface, of_sensor = (
         np.random.Generator(np.random.PCG64(child))
         for child in np.random.SeedSequence(seed).spawn(3)

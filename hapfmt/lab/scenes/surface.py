@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .description import Texture
-from .motion import Floats, Grid, StrokeMotion
+from .motion import Floats, StepGrid, StrokeMotion
 from .work import Work
 
 Heights = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
@@ -136,14 +136,14 @@ TIP_SLOPE_M = 400e-6
 height; and of the ball of the tip, that bridges slopes shorter than itself."""
 
 
-class Profile:
+class HeightProfile:
     """Heights along the whole path: 8 bytes a step are kept, since their mean lies at 0."""
 
     def __init__(
         self,
         texture: Texture,
         motion: StrokeMotion,
-        grid: Grid,
+        grid: StepGrid,
         rng: np.random.Generator,
         work: Work,
     ) -> None:

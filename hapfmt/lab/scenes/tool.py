@@ -7,7 +7,7 @@ from math import ceil, inf, sqrt
 from typing import TYPE_CHECKING
 
 from .description import FORCES, Contact, Tool
-from .motion import Grid
+from .motion import StepGrid
 
 if TYPE_CHECKING:
     from .integrators import System
@@ -33,30 +33,30 @@ def system_of(tool: Tool, contact: Contact) -> System:
     return System(tool.mass_kg, tool.hand_n_per_m, tool.hand_ns_per_m, contact.n_per_m, damper)
 
 
-def grid_of(tool: Tool, ticks: int, rate_hz: int) -> Grid:
+def grid_of(tool: Tool, ticks: int, rate_hz: int) -> StepGrid:
     """One step a tick without contact; else as many as stiffness and texture need."""
     if tool.contact is None:
-        return Grid(ticks, 1, rate_hz)
+        return StepGrid(ticks, 1, rate_hz)
     longest = TEXTURE_STEP_S if tool.texture else inf
     return contact_grid(system_of(tool, tool.contact), tool.contact, ticks, rate_hz, longest)
 
 
 def contact_grid(
     system: System, contact: Contact, ticks: int, rate_hz: int, longest_s: float = inf
-) -> Grid:
+) -> StepGrid:
     """Steps as the contact asks for them, else as its integrator does, ``longest_s`` at most."""
     from .integrators import STEPS_PER_RADIAN, default_step_s
 
     if contact.dt_s is not None:
         # A decimal such as 0.0001 is not quite the tenth of a tick.
-        return Grid(ticks, max(ceil(1 / (rate_hz * contact.dt_s) - 1e-6), 1), rate_hz)
+        return StepGrid(ticks, max(ceil(1 / (rate_hz * contact.dt_s) - 1e-6), 1), rate_hz)
     if (integrator := default_integrator(contact)) == EXACT:
         # It finds the moment of contact within a step, so the sensor is all that needs small ones.
         step = 1 / (STEPS_PER_RADIAN * system.fastest_rad_per_s)
     else:
         step = default_step_s(system, integrator)
     step = min(step, longest_s)
-    return Grid(ticks, max(ceil(1 / (rate_hz * step) - 1e-6), 2), rate_hz)
+    return StepGrid(ticks, max(ceil(1 / (rate_hz * step) - 1e-6), 2), rate_hz)
 
 
 def asked_for(tool: Tool, *kinds: str) -> bool:

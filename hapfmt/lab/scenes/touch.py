@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import ParameterError
 from .description import Contact, Tool
 from .integrators import INTEGRATORS, Motion, System, integrate
-from .motion import Floats, Grid
+from .motion import Floats, StepGrid
 from .tool import Advance, asked_for, default_integrator, in_plane, system_of
 from .work import Work
 
@@ -48,7 +48,7 @@ class Normal:
         self,
         system: System,
         contact: Contact,
-        grid: Grid,
+        grid: StepGrid,
         target: Callable[[Floats], Floats],
         work: Work,
         solve: Solve | None = None,
@@ -99,7 +99,7 @@ class Normal:
 def run_touching(
     tool: Tool,
     contact: Contact,
-    grid: Grid,
+    grid: StepGrid,
     of_hand: np.random.Generator,
     of_surface: np.random.Generator,
     work: Work,
@@ -127,9 +127,9 @@ def run_touching(
     profile = None
     out = {name: np.empty(grid.ticks) for name in tool.recorded}
     if tool.texture:
-        from .surface import Profile
+        from .surface import HeightProfile
 
-        profile = Profile(tool.texture, stroke, grid, of_surface, work)
+        profile = HeightProfile(tool.texture, stroke, grid, of_surface, work)
         stroke.x = stroke.y = 0.0
     plane, sideways = in_plane(tool), asked_for(tool, "tangential")
     if plane:
@@ -152,7 +152,7 @@ def run_touching(
     return out
 
 
-def run_flat(tool: Tool, grid: Grid, normal: Normal, advance: Advance) -> dict[str, Floats]:
+def run_flat(tool: Tool, grid: StepGrid, normal: Normal, advance: Advance) -> dict[str, Floats]:
     """Nothing but the normal, on a surface at 0."""
     out = {name: np.empty(grid.ticks) for name in tool.recorded}
     for start, stop in grid.blocks():
@@ -163,7 +163,7 @@ def run_flat(tool: Tool, grid: Grid, normal: Normal, advance: Advance) -> dict[s
 
 
 def record_normal(
-    grid: Grid, out: dict[str, Floats], rows: slice, z: Floats, v: Floats, force: Floats
+    grid: StepGrid, out: dict[str, Floats], rows: slice, z: Floats, v: Floats, force: Floats
 ) -> None:
     """A sensor of force averages over its ticks; places are those at their beginning."""
     if "normal force" in out:

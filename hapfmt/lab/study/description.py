@@ -93,7 +93,7 @@ def many(what: str) -> Meta:
     return Meta(min_length=1, max_length=100, description=what)
 
 
-class Session(Description, frozen=True):
+class StudySession(Description, frozen=True):
     """One recording, whose conditions are rated side by side."""
 
     name: Annotated[Word, what("what the session is called")]
@@ -165,7 +165,7 @@ class StudyKeys(Description, frozen=True, kw_only=True):
     screen_share: Annotated[
         float, within(0, 1, "subjects with a larger share of misses are screened out")
     ] = SCREEN_SHARE
-    session: Annotated[tuple[Session, ...], many("[[session]] and its keys for each one")]
+    session: Annotated[tuple[StudySession, ...], many("[[session]] and its keys for each one")]
     condition: Annotated[tuple[Condition, ...], many("[[condition]] and its keys for each one")]
 
     def __post_init__(self) -> None:
@@ -205,7 +205,7 @@ class Study:
     path: Path
 
     @property
-    def sessions(self) -> tuple[Session, ...]:
+    def sessions(self) -> tuple[StudySession, ...]:
         return self.head.session
 
     @property
@@ -248,7 +248,7 @@ def parse_study(data: bytes, path: Path) -> Study:
     return Study(read(StudyKeys, values), hashlib.sha256(data).hexdigest(), path)
 
 
-def refuse_names(table: str, given: tuple[Session | Condition, ...]) -> list[str]:
+def refuse_names(table: str, given: tuple[StudySession | Condition, ...]) -> list[str]:
     """The names, where no two are alike and none is empty."""
     names = [each.name for each in given]
     for n, name in enumerate(names):

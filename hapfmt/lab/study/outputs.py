@@ -38,23 +38,23 @@ LONGEST_RATIO = 10_000
 """Rates are made of whole numbers up to this; 10 000 / 9 999 is 0.01 % off, less than any card."""
 
 
-class Level(NamedTuple):
+class Scaling(NamedTuple):
     """Played is (x - offset) * scale."""
 
     offset: float
     scale: float
 
 
-def level_of(reference: Channel) -> Level:
+def level_of(reference: Channel) -> Scaling:
     x = reference.samples()
     if not x.size or not np.isfinite(x).all():
         raise ParameterError(f"channel {reference.label!r} has nothing that can be played")
     offset = float(np.mean(x))
     largest = float(np.max(np.abs(x - offset)))
-    return Level(offset, HEADROOM / largest if largest > 0 else 0.0)
+    return Scaling(offset, HEADROOM / largest if largest > 0 else 0.0)
 
 
-def signal(channel: Channel, level: Level) -> NDArray[np.float64]:
+def signal(channel: Channel, level: Scaling) -> NDArray[np.float64]:
     """[samples] at RATE_HZ in [-1, 1]. Gaps are silent; each stretch between two gaps is resampled
     by itself."""
     from scipy.signal import resample_poly
@@ -143,19 +143,19 @@ class Card:
             self.package.stop()
 
 
-class Felt(NamedTuple):
+class FeltStimulus(NamedTuple):
     fault: str = ""
     """What kept it from being felt whole."""
     skipped: int = 0
     """Frames that came too late for a device, and were left out."""
 
 
-class Output(Protocol):
+class StudyOutput(Protocol):
     @property
     def told(self) -> dict[str, Any]:
         """For the answers: what must be the same when they are gone on with."""
 
-    def play(self, path: Path, label: str) -> Felt:
+    def play(self, path: Path, label: str) -> FeltStimulus:
         """Until it has been felt; ``label`` is what a subject may know of it."""
 
 
@@ -201,9 +201,9 @@ class Nowhere:
     def told(self) -> dict[str, Any]:
         return {"kind": "dry-run", **(told_of(self.profile) if self.profile else {})}
 
-    def play(self, path: Path, label: str) -> Felt:  # noqa: ARG002
+    def play(self, path: Path, label: str) -> FeltStimulus:  # noqa: ARG002
         if self.profile is None:
-            return Felt()
+            return FeltStimulus()
         from ...reading.reader import Reader
         from ...replay.process.loop import rehearse
 
@@ -212,7 +212,7 @@ class Nowhere:
             return end_of(rehearse(renderer, self.profile, [], gain=self.gain))
 
 
-class Device:
+class DeviceOutput:
     """A haptic device; ``config`` is what open_sink takes. Read docs/safety.md first."""
 
     def __init__(
@@ -232,7 +232,7 @@ class Device:
         profile = told_of(self.profile)
         return {"kind": "device", **profile, "gain": self.gain, **self.mapping.told}
 
-    def play(self, path: Path, label: str) -> Felt:  # noqa: ARG002
+    def play(self, path: Path, label: str) -> FeltStimulus:  # noqa: ARG002
         from ...reading.reader import Reader
         from ...replay.process.player import play
 
@@ -272,14 +272,14 @@ def find_device(profile: Profile, path: str | None) -> dict[str, Any]:
     return {"kind": "hid", "path": find(profile, path).place}
 
 
-def end_of(report: ReplayReport) -> Felt:
+def end_of(report: ReplayReport) -> FeltStimulus:
     if report.outcome == "interrupted":
         raise SignalError(report.signal or 2)
     if report.outcome == "device-lost":
         raise DeviceError(report.reason or "the device has gone")
     if report.outcome == "clean":
-        return Felt(skipped=report.skipped)
-    return Felt(report.reason or report.outcome, report.skipped)
+        return FeltStimulus(skipped=report.skipped)
+    return FeltStimulus(report.reason or report.outcome, report.skipped)
 
 
 class Sound:
@@ -288,7 +288,7 @@ class Sound:
     def __init__(self, study: Study, prepared: Prepared) -> None:
 
         self.labels: dict[Path, str] = {}
-        self.levels: dict[Path, Level] = {}
+        self.levels: dict[Path, Scaling] = {}
         """By the files of their sessions."""
         for session in study.sessions:
             reference = prepared.file(session.name, study.reference.name)
@@ -311,9 +311,9 @@ class SoundCard(Sound):
     def told(self) -> dict[str, Any]:
         return {"kind": "sound", "channel": self.card.channel, "device": self.card.device}
 
-    def play(self, path: Path, label: str) -> Felt:  # noqa: ARG002
+    def play(self, path: Path, label: str) -> FeltStimulus:  # noqa: ARG002
         self.card.play(self.signal(path))
-        return Felt()
+        return FeltStimulus()
 
 
 class WavFiles(Sound):
@@ -326,11 +326,11 @@ class WavFiles(Sound):
 
     told = {"kind": "wav"}  # noqa: RUF012
 
-    def play(self, path: Path, label: str) -> Felt:
+    def play(self, path: Path, label: str) -> FeltStimulus:
         from ...convert import save
 
         save(wav(self.signal(path)), str(self.folder / f"{label}.wav"), force=True)
-        return Felt()
+        return FeltStimulus()
 
 
 def read(path: Path) -> Any:

@@ -21,7 +21,7 @@ from ...errors import HapfmtError, ParameterError
 from ...files import atomic_write
 from ...recording import Channel, Recording, Span
 from ...version import __version__
-from .description import Condition, Session, Study, open_regular
+from .description import Condition, Study, StudySession, open_regular
 
 MANIFEST = "prepared.json"
 LARGEST_MANIFEST = 64 << 20
@@ -134,7 +134,7 @@ def make(study: Study, folder: Path, progress: Callable[[int, int], None]) -> li
     return found
 
 
-def load_session(study: Study, session: Session) -> Recording:
+def load_session(study: Study, session: StudySession) -> Recording:
     """Its stretch of its recording, from zero; without what is no signal."""
     from ...convert import read as read_any
     from ...reading.reader import Reader

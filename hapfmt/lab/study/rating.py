@@ -34,7 +34,7 @@ from ...errors import ParameterError
 from ...files import lock, sync_directory
 from ...version import __version__
 from .description import HIGHEST, Role, Study, open_regular, refuse_special
-from .outputs import Output
+from .outputs import StudyOutput
 from .prepare import Prepared
 
 SUBJECT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
@@ -108,7 +108,7 @@ class Rated(Struct):
     k: Number | str | None = None
 
 
-class Heading(Struct):
+class AnswersHeading(Struct):
     """The first line; it may have other keys too."""
 
     hapfmt_answers: Literal[1]
@@ -173,7 +173,7 @@ def parse_answers(data: bytes) -> Answers | None:
     *whole, rest = data.split(b"\n")
     if not whole:
         return None
-    head, heading = parsed(whole[0], 1, Heading)
+    head, heading = parsed(whole[0], 1, AnswersHeading)
     refuse_head(heading)
     answers = Answers(head, torn=len(rest))
     for number, text in enumerate(whole[1:], 2):
@@ -191,7 +191,7 @@ def parsed(text: bytes, number: int, kind: type[Made]) -> tuple[dict[str, Any], 
         raise ParameterError(f"line {number}: {error.message}") from None
 
 
-def refuse_head(head: Heading) -> None:
+def refuse_head(head: AnswersHeading) -> None:
     names = {each.name for each in head.conditions}
     asked = [each[:3] for each in head.order if not each[3]]
     sessions, repeats = {each[0] for each in asked}, {each[2] for each in asked}
@@ -348,7 +348,7 @@ class Rating:
         study: Study,
         prepared: Prepared,
         file: AnswerFile,
-        output: Output,
+        output: StudyOutput,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.study, self.prepared, self.file, self.output = study, prepared, file, output

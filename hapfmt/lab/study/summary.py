@@ -69,7 +69,7 @@ class Subject(NamedTuple):
         return float(np.mean(found))
 
 
-class Row(NamedTuple):
+class SummaryRow(NamedTuple):
     """A condition, in one session or (None) over all."""
 
     condition: str
@@ -83,21 +83,21 @@ class Row(NamedTuple):
     bits_per_sample: float | None
 
 
-class Summary(NamedTuple):
+class StudySummary(NamedTuple):
     study: dict[str, Any]
     subjects: tuple[Subject, ...]
     """All who answered every question."""
     unfinished: tuple[Subject, ...]
     screened_out: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[SummaryRow, ...]
     """Of all subjects."""
-    kept: tuple[Row, ...]
+    kept: tuple[SummaryRow, ...]
     """Of those who were not screened out; none where nobody is left."""
     sessions: tuple[str, ...]
     notes: tuple[str, ...]
 
 
-def summarise(answers: Sequence[Answers]) -> Summary:
+def summarise(answers: Sequence[Answers]) -> StudySummary:
     """Of the answers of one study, each subject's in one of them."""
     if not answers:
         raise ParameterError("a summary needs answers")
@@ -119,7 +119,7 @@ def summarise(answers: Sequence[Answers]) -> Summary:
     out = [each.name for each in subjects if each.misses > share * each.items]
     sessions = sorted({trial.session for trial in first.trials if not trial.training})
     keep = [each for each in subjects if each.name not in out]
-    return Summary(
+    return StudySummary(
         study,
         tuple(subjects),
         tuple(unfinished),
@@ -178,7 +178,7 @@ def subject_of(answers: Answers) -> Subject:
 
 def rows_of(
     subjects: Sequence[Subject], conditions: Sequence[dict[str, Any]], sessions: Sequence[str]
-) -> tuple[Row, ...]:
+) -> tuple[SummaryRow, ...]:
     """All sessions together first, then each by itself."""
     reference = next(each["name"] for each in conditions if each["role"] == "reference")
     rows = []
@@ -187,7 +187,7 @@ def rows_of(
             ratings = [subject.of(each["name"], session) for subject in subjects]
             base = [subject.of(reference, session) for subject in subjects]
             rows.append(
-                Row(
+                SummaryRow(
                     each["name"],
                     str(each.get("role", "test")),
                     session,
@@ -224,7 +224,7 @@ def notes_on(answers: Sequence[Answers], subjects: Sequence[Subject]) -> list[st
     return notes
 
 
-def as_json(summary: Summary) -> dict[str, Any]:
+def as_json(summary: StudySummary) -> dict[str, Any]:
     return {
         "study": summary.study,
         "level": LEVEL,
@@ -249,7 +249,7 @@ def as_json(summary: Summary) -> dict[str, Any]:
     }
 
 
-def row_json(row: Row) -> dict[str, Any]:
+def row_json(row: SummaryRow) -> dict[str, Any]:
     return {
         **row._asdict(),
         "rating": row.rating._asdict(),
@@ -263,7 +263,7 @@ HEADERS = (
 )  # fmt: skip
 
 
-def table_rows(summary: Summary) -> list[list[Any]]:
+def table_rows(summary: StudySummary) -> list[list[Any]]:
     """For CSV, as HEADERS says: of all subjects, then without those screened out."""
     parts = (("all", summary.rows), ("screened", summary.kept))
     return [

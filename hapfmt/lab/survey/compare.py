@@ -16,7 +16,7 @@ from ...reading.channels import intersect
 from ...recording import Calibration, Channel
 from ..metrics import rmse, snr_hf_db
 from .parts import Described, FileParts, Parts
-from .views import Builder, View, empty_view
+from .views import Builder, ChannelView, empty_view
 
 if TYPE_CHECKING:
     from ...encoder.settings import Tolerance
@@ -137,10 +137,10 @@ class Comparison:
         }
 
 
-class Pair:
+class ChannelPair:
     """Takes the parts of one channel of both as they come."""
 
-    def __init__(self, a: Described, b: Described, view: View | None, room: int) -> None:
+    def __init__(self, a: Described, b: Described, view: ChannelView | None, room: int) -> None:
         self.a, self.b, self.room = a, b, room
         self.found = Comparison(a.number, a.name, a.unit, b.name)
         if a.label != b.label:
@@ -250,7 +250,7 @@ def compare(
     tolerance: Tolerance | None = None,
     views: bool = False,
     progress: Callable[[int, int], None] | None = None,
-) -> tuple[list[Comparison], list[View]]:
+) -> tuple[list[Comparison], list[ChannelView]]:
     """Each pair of places of channels, within the seconds [start, stop) (None: all that either
     has); with ``views``, those of B against A too, of the channels that can be compared."""
     for parts in (a, b):
@@ -261,9 +261,9 @@ def compare(
     last = max(e[1] for e in extents) if stop is None else stop
     if start is not None and start >= max(e[1] for e in extents):
         raise ParameterError(f"Neither recording has samples at {float(start):g} s or later")
-    rows: list[Comparison | Pair] = []
-    at: list[tuple[int, int, Pair]] = []
-    drawn: list[View] = []
+    rows: list[Comparison | ChannelPair] = []
+    at: list[tuple[int, int, ChannelPair]] = []
+    drawn: list[ChannelView] = []
     for i, j in pairs:
         if i is None or j is None:
             rows.append(alone(a, i, b, j))
@@ -278,7 +278,7 @@ def compare(
             # Drawn as B: its step, its contract.
             view = empty_view(replace(other, number=mine.number), first, last)
             drawn.append(view)
-        pair = Pair(mine, other, view, max(SNR_SAMPLES // len(pairs), 1 << 12))
+        pair = ChannelPair(mine, other, view, max(SNR_SAMPLES // len(pairs), 1 << 12))
         rows.append(pair)
         at.append((i, j, pair))
     edges = a.edges(first, last) if first < last else []
@@ -288,7 +288,7 @@ def compare(
             pair.add(of_a[i].full, of_b[j].full)
         if progress:
             progress(done, len(edges) - 1)
-    return [row.finish(tolerance) if isinstance(row, Pair) else row for row in rows], drawn
+    return [row.finish(tolerance) if isinstance(row, ChannelPair) else row for row in rows], drawn
 
 
 def alone(a: Parts, i: int | None, b: Parts, j: int | None) -> Comparison:

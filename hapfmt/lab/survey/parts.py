@@ -15,7 +15,7 @@ from ...codecs.quantised import QuanParameters
 from ...errors import HapfmtError
 from ...events import Event
 from ...format.track import Contract, Track
-from ...reading.catalogue import ChannelRef, Part
+from ...reading.catalogue import ChannelRef, TrackPair
 from ...reading.channels import Assembly, build_channel, join
 from ...reading.damage import LostSpan
 from ...reading.packets import tick_range
@@ -92,7 +92,7 @@ class Described:
         return np.asarray(np.maximum(self.weber * np.abs(x - self.zero), self.floor))
 
 
-class Block(NamedTuple):
+class ChannelPart(NamedTuple):
     """A part of one channel: the whole band, the LF track, and half the width of the deadband
     around each sample of the whole band [samples], where there are such."""
 
@@ -114,7 +114,7 @@ class Parts(Protocol):
     def edges(self, start: Fraction, stop: Fraction) -> list[Fraction]:
         """Seconds that cut [start, stop) into parts of a good size, the two included."""
 
-    def part(self, start: Fraction, stop: Fraction) -> list[Block]:
+    def part(self, start: Fraction, stop: Fraction) -> list[ChannelPart]:
         """The seconds [start, stop) of each channel."""
 
     def events(self, start: Fraction, stop: Fraction) -> list[Event]: ...
@@ -124,7 +124,7 @@ class Parts(Protocol):
 
 def in_parts(
     parts: Parts, start: Fraction, stop: Fraction
-) -> Iterator[tuple[Fraction, Fraction, list[Block]]]:
+) -> Iterator[tuple[Fraction, Fraction, list[ChannelPart]]]:
     edges = parts.edges(start, stop)
     for a, b in zip(edges, edges[1:], strict=False):
         yield a, b, parts.part(a, b)
@@ -156,9 +156,9 @@ class RecordingParts:
         count = min(max(int(samples) // PART, 1), 10_000)
         return [start + (stop - start) * i / count for i in range(count + 1)]
 
-    def part(self, start: Fraction, stop: Fraction) -> list[Block]:
+    def part(self, start: Fraction, stop: Fraction) -> list[ChannelPart]:
         return [
-            Block(channel.slice_ticks(*tick_range(channel.rate_exact, start, stop)))
+            ChannelPart(channel.slice_ticks(*tick_range(channel.rate_exact, start, stop)))
             for channel in self.own
         ]
 
@@ -205,7 +205,7 @@ class FileParts:
                 found.append(seconds)
         return [*found, stop]
 
-    def part(self, start: Fraction, stop: Fraction) -> list[Block]:
+    def part(self, start: Fraction, stop: Fraction) -> list[ChannelPart]:
         catalogue = self.reader.catalogue
         assembly = self.reader.assembly(self.refs, start, stop)
         if self.reader.catalogue is not catalogue:
@@ -289,7 +289,7 @@ def quantiser_step(track: Track, reader: Reader) -> int | None:
     return None
 
 
-def block_of(assembly: Assembly, ref: ChannelRef) -> Block:
+def block_of(assembly: Assembly, ref: ChannelRef) -> ChannelPart:
     described = ref.track.components[ref.index]
     fulls = assembly.parts(ref)
     lfs = [
@@ -301,11 +301,11 @@ def block_of(assembly: Assembly, ref: ChannelRef) -> Block:
     if any(part.contract and part.contract.kn for part in ref.parts):
         pairs = zip(ref.parts, fulls, strict=True)
         halves = np.concatenate([half_width(assembly, ref, *pair) for pair in pairs])
-    return Block(join(fulls), join(lfs) if lfs else None, halves)
+    return ChannelPart(join(fulls), join(lfs) if lfs else None, halves)
 
 
 def half_width(
-    assembly: Assembly, ref: ChannelRef, part: Part, full: Channel
+    assembly: Assembly, ref: ChannelRef, part: TrackPair, full: Channel
 ) -> NDArray[np.float64]:
     """[samples of full], in the channel's unit: what the contract allows around the decoded values;
     NaN where there is none. Of a vector the norm counts."""

@@ -34,7 +34,7 @@ from ...reading.damage import LostSpan
 from ...reading.packets import tick_range
 from ...reading.reader import Reader
 from ...recording import Channel
-from .parts import Block, Described, FileParts, Parts
+from .parts import ChannelPart, Described, FileParts, Parts
 
 SHOWN = 600
 """Dots of more knots would hide the line."""
@@ -309,7 +309,7 @@ class Loss:
 
 
 @dataclass
-class View:
+class ChannelView:
     """One channel within the seconds [start, stop). A part that does not exist is None or empty.
 
     residual: full minus LF; low and high: the deadband, around the original where there is one,
@@ -356,7 +356,7 @@ class View:
 class Builder:
     """Takes the parts of one channel as they come."""
 
-    def __init__(self, channel: Described, view: View, spectra: bool) -> None:
+    def __init__(self, channel: Described, view: ChannelView, spectra: bool) -> None:
         self.channel = channel
         self.view = view
         self.spectra = spectra
@@ -365,7 +365,7 @@ class Builder:
         full = self.view.full
         return Outline.over(full.first, full.stop, full.rate, COLUMNS)
 
-    def add(self, block: Block, original: Channel | None) -> None:
+    def add(self, block: ChannelPart, original: Channel | None) -> None:
         view = self.view
         y = block.full.samples()
         view.full.add_channel(block.full, y)
@@ -461,7 +461,7 @@ def survey(
     against: Parts | None = None,
     spectra: bool = True,
     progress: Callable[[int, int], None] | None = None,
-) -> list[View]:
+) -> list[ChannelView]:
     """A view of each channel of ``parts`` within the seconds [start, stop); None: all there is.
 
     against: the channels of the original, in the same order and of the same rates.
@@ -483,7 +483,7 @@ def survey(
                 builder.view.knots = Knots(ticks, seconds, np.full(ticks.size, np.nan))
     edges = parts.edges(a, b)
     for done, (first, last) in enumerate(zip(edges, edges[1:], strict=False), 1):
-        originals: Sequence[Block | None] = [None] * len(builders)
+        originals: Sequence[ChannelPart | None] = [None] * len(builders)
         if against is not None:
             originals = against.part(first, last)
         for builder, block, original in zip(
@@ -517,9 +517,9 @@ def within(
     return a, b
 
 
-def empty_view(channel: Described, start: Fraction, stop: Fraction) -> View:
+def empty_view(channel: Described, start: Fraction, stop: Fraction) -> ChannelView:
     first, last = tick_range(channel.rate, start, stop)
-    return View(channel, float(start), float(stop), Outline.over(first, last, channel.rate))
+    return ChannelView(channel, float(start), float(stop), Outline.over(first, last, channel.rate))
 
 
 def losses_of(
@@ -555,7 +555,7 @@ def losses_of(
     return found
 
 
-def liveliest(view: View, ticks: int) -> tuple[Fraction, Fraction] | None:
+def liveliest(view: ChannelView, ticks: int) -> tuple[Fraction, Fraction] | None:
     """Seconds of ``ticks`` ticks in which the signal moves most; None where that is all of the
     view, or the signal is constant.
 
@@ -582,7 +582,7 @@ def liveliest(view: View, ticks: int) -> tuple[Fraction, Fraction] | None:
 
 
 def facts(
-    parts: Parts, views: Sequence[View], *, size: int | None = None, whole: bool = True
+    parts: Parts, views: Sequence[ChannelView], *, size: int | None = None, whole: bool = True
 ) -> list[str]:
     """Returns short texts. size: bytes of the file. whole: all channels and times are shown."""
     count = len(views)
@@ -605,7 +605,7 @@ def facts(
     return found
 
 
-def relative_error(view: View) -> float:
+def relative_error(view: ChannelView) -> float:
     """Largest error as a share of the range of the original; 0 where there is none."""
     original, errors = view.original, view.errors
     if original is None or errors is None or not errors.largest:

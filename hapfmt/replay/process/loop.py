@@ -18,8 +18,8 @@ from typing import Any, Protocol, cast, get_args
 import numpy as np
 
 from ...errors import DeviceError, HapfmtError
-from ..frames import Block, Frame, Sink
-from ..profile.model import Profile, Report
+from ..frames import Frame, FrameBlock, FrameSink
+from ..profile.model import HidReport, Profile
 from ..profile.packing import Packer
 from ..schedule import Schedule
 from .children import clock
@@ -58,12 +58,12 @@ TRYING_S = 0.5
 """For neutral frames that the device does not take."""
 
 
-class Loop:
+class FrameLoop:
     def __init__(
         self,
         profile: Profile,
         gain: float | None,
-        sink: Sink,
+        sink: FrameSink,
         source: Inlet,
         target: Outlet,
         asked: list[int],
@@ -270,7 +270,7 @@ class Loop:
             except Exception as error:
                 self.fail(error)
 
-    def aside(self, reports: tuple[Report, ...]) -> None:
+    def aside(self, reports: tuple[HidReport, ...]) -> None:
         """Reports that are no frame of the schedule."""
         at_ns = 0 if self.start_ns is None else clock() - self.start_ns
         self.sink.send(Frame(-1, at_ns, ()), reports)
@@ -318,7 +318,7 @@ def microseconds(times: Lateness) -> dict[str, float] | None:
     return {"p50": p50 / 1e3, "p99": p99 / 1e3, "p999": p999 / 1e3, "max": times.max / 1e3}
 
 
-class Source(Protocol):
+class FrameSource(Protocol):
     """A Renderer."""
 
     @property
@@ -330,7 +330,7 @@ class Source(Protocol):
     @property
     def lost(self) -> list[str]: ...
 
-    def blocks(self) -> Iterator[Block]: ...
+    def blocks(self) -> Iterator[FrameBlock]: ...
 
 
 class Signals:
@@ -361,7 +361,11 @@ class Rehearsal:
     """One schedule, its blocks, and the sinks that get its frames."""
 
     def __init__(
-        self, blocks: Iterator[Block], profile: Profile, sinks: Sequence[Sink], gain: float | None
+        self,
+        blocks: Iterator[FrameBlock],
+        profile: Profile,
+        sinks: Sequence[FrameSink],
+        gain: float | None,
     ) -> None:
         self.schedule = Schedule(profile, gain)
         self.packer = Packer(profile)
@@ -380,9 +384,9 @@ class Rehearsal:
             self.error = error
             self.schedule.stop("failed")
 
-    def nothing(self) -> Block:
+    def nothing(self) -> FrameBlock:
         shape = (0, len(self.profile.actuators))
-        return Block(self.schedule.played, np.zeros(shape), np.zeros(shape, bool), last=True)
+        return FrameBlock(self.schedule.played, np.zeros(shape), np.zeros(shape, bool), last=True)
 
     def run(self, signals: Signals) -> None:
         try:
@@ -407,12 +411,12 @@ class Rehearsal:
             self.neutral += 1
         self.report(self.profile.exit, start_ns + ceil(self.neutral * period_ns))
 
-    def report(self, reports: tuple[Report, ...], due_ns: int) -> None:
+    def report(self, reports: tuple[HidReport, ...], due_ns: int) -> None:
         """Reports that are no samples."""
         if reports:
             self.send(Frame(-1, due_ns, ()), reports)
 
-    def send(self, frame: Frame, reports: tuple[Report, ...]) -> None:
+    def send(self, frame: Frame, reports: tuple[HidReport, ...]) -> None:
         for sink in self.sinks[:]:
             try:
                 sink.send(frame, reports)
@@ -422,7 +426,11 @@ class Rehearsal:
 
 
 def rehearse(
-    renderer: Source, profile: Profile, sinks: Sequence[Sink], *, gain: float | None = None
+    renderer: FrameSource,
+    profile: Profile,
+    sinks: Sequence[FrameSink],
+    *,
+    gain: float | None = None,
 ) -> ReplayReport:
     """Play to sinks that need no real time; they are closed whatever happens.
 
@@ -430,7 +438,7 @@ def rehearse(
     raised.
     """
     rehearsal = Rehearsal(renderer.blocks(), profile, sinks, gain)
-    opened: list[Sink] = []
+    opened: list[FrameSink] = []
     try:
         for sink in sinks:
             sink.open()

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import HapfmtError
-from ..frames import Block, Frame
-from ..profile.model import Report
+from ..frames import Frame, FrameBlock
+from ..profile.model import HidReport
 
 HEADER = Struct("<BI")
 SIZE_LIMIT = 1 << 22
@@ -96,14 +96,14 @@ def pack_json(kind: Kind, **fields: Any) -> bytes:
     return pack(kind, json.dumps(fields).encode())
 
 
-def reports_json(reports: tuple[Report, ...]) -> list[list[str]]:
+def reports_json(reports: tuple[HidReport, ...]) -> list[list[str]]:
     return [[report.path, report.data.hex()] for report in reports]
 
 
-def reports_of(value: Any) -> tuple[Report, ...]:
+def reports_of(value: Any) -> tuple[HidReport, ...]:
     """The way back from ``reports_json``."""
     try:
-        found = tuple(Report(path, bytes.fromhex(data)) for path, data in value)
+        found = tuple(HidReport(path, bytes.fromhex(data)) for path, data in value)
     except (TypeError, ValueError):
         raise MessageError("no reports") from None
     if any(report.path not in ("output", "feature") for report in found):
@@ -306,7 +306,7 @@ LOG = Struct("<IHH")
 """frames, samples of a frame, actuators; then, a frame: number, due, sent (ns), counts: int64."""
 
 
-def pack_block(block: Block) -> bytes:
+def pack_block(block: FrameBlock) -> bytes:
     samples, actuators = block.values.shape
     head = BLOCK.pack(block.first, block.generation, block.last, samples, actuators)
     return b"".join(
@@ -314,7 +314,7 @@ def pack_block(block: Block) -> bytes:
     )
 
 
-def parse_block(payload: bytes) -> Block:
+def parse_block(payload: bytes) -> FrameBlock:
     if len(payload) < BLOCK.size:
         raise MessageError("a block without its head")
     first, generation, last, samples, actuators = BLOCK.unpack_from(payload)
@@ -323,10 +323,10 @@ def parse_block(payload: bytes) -> Block:
         raise MessageError(f"a block of {samples} x {actuators} values in {len(payload)} bytes")
     values = np.frombuffer(payload, "<f8", size, BLOCK.size).reshape(shape)
     known = np.frombuffer(payload, np.uint8, size, BLOCK.size + 8 * size).reshape(shape)
-    return Block(first, values, known.astype(bool), generation, last)
+    return FrameBlock(first, values, known.astype(bool), generation, last)
 
 
-def parts(block: Block, values: int = VALUES) -> Iterator[Block]:
+def parts(block: FrameBlock, values: int = VALUES) -> Iterator[FrameBlock]:
     """The block in pieces that are short enough for a message."""
     count, actuators = block.values.shape
     samples = max(values // max(actuators, 1), 1)

@@ -19,7 +19,7 @@ import numpy as np
 
 from ...errors import HapfmtError, ParameterError
 from ...reading.packets import Seconds
-from ..frames import Block, Sink
+from ..frames import FrameBlock, FrameSink
 from ..profile.model import Profile
 from ..profile.parse import parse_profile
 from . import loop
@@ -44,7 +44,7 @@ WAITING = 32
 """Blocks of some 50 ms each."""
 
 
-class Place(Protocol):
+class PlayPosition(Protocol):
     """Which time through the recording, and where in it."""
 
     @property
@@ -54,32 +54,32 @@ class Place(Protocol):
     def seconds(self) -> Seconds | None: ...
 
 
-class Source(loop.Source, Protocol):
+class SeekableSource(loop.FrameSource, Protocol):
     """A Renderer that seeks."""
 
     def blocks(
         self, first: int = 0, generation: int = 0, at: Seconds | None = None, loop: int = 0
-    ) -> Iterator[Block]: ...
+    ) -> Iterator[FrameBlock]: ...
 
-    def position(self, sample: int) -> Place: ...
+    def position(self, sample: int) -> PlayPosition: ...
 
 
-class Feed:
+class Feeding:
     """One generation: what is played from one position on. ``error``: what ended it early."""
 
     def __init__(
         self,
-        source: Source,
+        source: SeekableSource,
         actuators: int,
         generation: int = 0,
         at: Seconds | None = None,
         loop: int = 0,
-        before: Feed | None = None,
+        before: Feeding | None = None,
     ) -> None:
         self.source, self.generation, self.at, self.loop = source, generation, at, loop
         self.actuators = actuators
-        self.ready: queue.Queue[Block] = queue.Queue(WAITING)
-        self.head: Block | None = None
+        self.ready: queue.Queue[FrameBlock] = queue.Queue(WAITING)
+        self.head: FrameBlock | None = None
         self.begun = False
         """What the source says of positions is about this generation."""
         self.halted = threading.Event()
@@ -87,7 +87,7 @@ class Feed:
         self.thread = threading.Thread(target=self.run, args=(before,), daemon=True)
         self.thread.start()
 
-    def run(self, before: Feed | None) -> None:
+    def run(self, before: Feeding | None) -> None:
         if before is not None:
             before.halt()
             before.thread.join()
@@ -104,10 +104,12 @@ class Feed:
         except BaseException as error:
             self.error = error
         shape = (0, self.actuators)
-        nothing = Block(stop, np.zeros(shape), np.zeros(shape, bool), self.generation, last=True)
+        nothing = FrameBlock(
+            stop, np.zeros(shape), np.zeros(shape, bool), self.generation, last=True
+        )
         self.put(nothing)
 
-    def put(self, block: Block) -> bool:
+    def put(self, block: FrameBlock) -> bool:
         """Waits for room; False once nobody wants it."""
         while not self.halted.is_set():
             try:
@@ -117,7 +119,7 @@ class Feed:
                 continue
         return False
 
-    def take(self, before: int) -> Block | None:
+    def take(self, before: int) -> FrameBlock | None:
         """The next block, if it is there and begins earlier than sample ``before``."""
         if self.head is None:
             try:
@@ -151,7 +153,7 @@ END_S = 5.0
 """For a process that has said all."""
 
 
-class Status(NamedTuple):
+class PlayerStatus(NamedTuple):
     position_s: float
     """In the file."""
     state: str
@@ -173,13 +175,13 @@ class Patient(Signals):
 
 
 def play(
-    renderer: Source,
+    renderer: SeekableSource,
     profile: Profile,
     sink_config: dict[str, Any],
     *,
     gain: float | None = None,
-    record: Sink | None = None,
-    on_status: Callable[[Status], None] | None = None,
+    record: FrameSink | None = None,
+    on_status: Callable[[PlayerStatus], None] | None = None,
     keys: Keyboard | None = None,
     watchdog: bool = True,
     heartbeat_s: float | None = None,
@@ -225,10 +227,10 @@ def play(
 class Player:
     def __init__(
         self,
-        renderer: Source,
+        renderer: SeekableSource,
         profile: Profile,
-        record: Sink | None,
-        on_status: Callable[[Status], None] | None,
+        record: FrameSink | None,
+        on_status: Callable[[PlayerStatus], None] | None,
         keys: Keyboard | None,
         signals: Signals,
     ) -> None:
@@ -239,7 +241,7 @@ class Player:
         self.errors = Errors(self.writer.stderr)
         self.source = inlet(descriptor(self.writer.stdout))
         self.target = outlet(descriptor(self.writer.stdin))
-        self.feed = Feed(renderer, len(profile.actuators))
+        self.feed = Feeding(renderer, len(profile.actuators))
         self.realtime: dict[str, str] = {}
         self.ready = self.started = self.stopped = self.paused = False
         self.fed = self.played = self.loop = 0
@@ -343,7 +345,7 @@ class Player:
         """On with another place of the file; the writer ramps down first."""
         before = self.feed
         self.position_s = max(to_s, 0.0)
-        self.feed = Feed(
+        self.feed = Feeding(
             self.renderer,
             before.actuators,
             before.generation + 1,
@@ -384,7 +386,7 @@ class Player:
             self.status_at = now
             told = self.status
             self.on_status(
-                Status(
+                PlayerStatus(
                     self.position(),
                     told["state"],
                     told["sent"],

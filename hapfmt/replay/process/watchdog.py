@@ -26,7 +26,7 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 
 from ...errors import DeviceError, HapfmtError
-from ..frames import Frame, Sink
+from ..frames import Frame, FrameSink
 from ..sinks import open_sink
 from . import children
 from .children import clock, descriptor, seconds, start
@@ -51,7 +51,7 @@ LONGEST_S = 30.0
 """After tripping, whatever becomes of the writer."""
 
 
-class Setup(NamedTuple):
+class WatchdogSetup(NamedTuple):
     sink: dict[str, Any]
     neutral: tuple[tuple[Any, ...], ...]
     """The reports of as many neutral frames as are to be sent."""
@@ -61,7 +61,7 @@ class Setup(NamedTuple):
     realtime: bool
 
     @classmethod
-    def of(cls, message: Message) -> Setup:
+    def of(cls, message: Message) -> WatchdogSetup:
         return cls(
             message.field("sink", dict),
             tuple(reports_of(reports) for reports in message.field("neutral", list)),
@@ -73,7 +73,7 @@ class Setup(NamedTuple):
 
 class Watchdog:
     def __init__(
-        self, setup: Setup, sink: Sink, source: Inlet, target: Outlet, asked: list[int]
+        self, setup: WatchdogSetup, sink: FrameSink, source: Inlet, target: Outlet, asked: list[int]
     ) -> None:
         self.setup, self.sink, self.source, self.target = setup, sink, source, target
         self.beat_at = seconds()
@@ -168,7 +168,7 @@ def main() -> int:
     source, target = inlet(0), outlet(1)
     asked = signals()
     try:
-        setup = Setup.of(first_message(source, Kind.SETUP, SETUP_S))
+        setup = WatchdogSetup.of(first_message(source, Kind.SETUP, SETUP_S))
         if not setup.neutral:
             raise MessageError("no neutral frame")
         sink = open_sink(setup.sink)

@@ -183,7 +183,7 @@ def of_hex(text: str) -> bytes:
     return bytes.fromhex("".join(word.lower().removeprefix("0x") for word in words))
 
 
-class Device(NamedTuple):
+class SystemDevice(NamedTuple):
     """What the system says of a device, or of one of its collections, without opening it.
 
     ``bus`` is usb, bluetooth, i2c, spi, or empty where it does not say; ``usage_page`` and
@@ -211,7 +211,7 @@ class Device(NamedTuple):
         return os.fsdecode(self.path)
 
 
-class Wanted(NamedTuple):
+class SentReport(NamedTuple):
     """A report that a profile sends."""
 
     path: Path
@@ -222,7 +222,7 @@ class Wanted(NamedTuple):
     """The device takes it shorter than its descriptor says."""
 
 
-def fits(match: Match, device: Device) -> bool:
+def fits(match: Match, device: SystemDevice) -> bool:
     """Where the system does not tell a usage (libusb), only the descriptor can deny it."""
     told = device.usage_page or device.usage
     return (
@@ -234,7 +234,7 @@ def fits(match: Match, device: Device) -> bool:
     )
 
 
-def profiles_for(device: Device, profiles: Iterable[Profile]) -> list[Profile]:
+def profiles_for(device: SystemDevice, profiles: Iterable[Profile]) -> list[Profile]:
     """Those that fit, the most particular ones first."""
 
     def detail(profile: Profile) -> int:
@@ -249,15 +249,17 @@ def profiles_for(device: Device, profiles: Iterable[Profile]) -> list[Profile]:
     return sorted(found, key=lambda profile: (-detail(profile), profile.name))
 
 
-def by_path(devices: Iterable[Device]) -> list[Device]:
+def by_path(devices: Iterable[SystemDevice]) -> list[SystemDevice]:
     """One for each path: a device with several collections is listed several times."""
-    found: dict[bytes, Device] = {}
+    found: dict[bytes, SystemDevice] = {}
     for device in devices:
         found.setdefault(device.path, device)
     return list(found.values())
 
 
-def choose(profile: Profile, devices: Sequence[Device], path: str | bytes | None = None) -> Device:
+def choose(
+    profile: Profile, devices: Sequence[SystemDevice], path: str | bytes | None = None
+) -> SystemDevice:
     """The device that a profile is to play on: the one at ``path``, or the only one that fits.
     Raises ParameterError if none fits, or several do."""
     fitting = by_path(
@@ -282,7 +284,7 @@ def choose(profile: Profile, devices: Sequence[Device], path: str | bytes | None
     return fitting[0]
 
 
-def at_path(profile: Profile, path: bytes, devices: Sequence[Device]) -> Device:
+def at_path(profile: Profile, path: bytes, devices: Sequence[SystemDevice]) -> SystemDevice:
     """Why the device there is none for this profile."""
     place = os.fsdecode(path)
     there = [each for each in devices if each.path == path]
@@ -313,21 +315,22 @@ def match_text(match: Match) -> str:
     return text
 
 
-def described(device: Device) -> str:
+def described(device: SystemDevice) -> str:
     text = device.ids + (f" by {device.bus}" if device.bus else "")
     if device.usage_page or device.usage:
         text += f" usage {device.usage_page:04x}/{device.usage:04x}"
     return text
 
 
-def wanted_of(profile: Profile) -> list[Wanted]:
+def wanted_of(profile: Profile) -> list[SentReport]:
     """Every report that the profile ever sends, each once."""
     found = [
-        Wanted(layout.path, layout.id, layout.length, layout.short) for layout in profile.reports
+        SentReport(layout.path, layout.id, layout.length, layout.short)
+        for layout in profile.reports
     ]
     short = {(each.path, each.id) for each in found if each.short}
     for path, data in (*profile.init, *profile.neutral, *profile.exit):
-        found.append(Wanted(path, data[0], len(data), (path, data[0]) in short))
+        found.append(SentReport(path, data[0], len(data), (path, data[0]) in short))
     return list(dict.fromkeys(found))
 
 
@@ -345,7 +348,7 @@ def differences(profile: Profile, descriptor: Descriptor) -> list[str]:
     return found
 
 
-def difference(wanted: Wanted, descriptor: Descriptor) -> str | None:
+def difference(wanted: SentReport, descriptor: Descriptor) -> str | None:
     length = descriptor.lengths.get((wanted.path, wanted.id))
     name = f"{wanted.path} report 0x{wanted.id:02x}"
     if length is None:
@@ -355,7 +358,7 @@ def difference(wanted: Wanted, descriptor: Descriptor) -> str | None:
     return f"{name}: the profile sends {wanted.length} bytes, the device takes {length}"
 
 
-def instead(wanted: Wanted, descriptor: Descriptor) -> str:
+def instead(wanted: SentReport, descriptor: Descriptor) -> str:
     """What it has where a report was looked for."""
     if bool(wanted.id) != descriptor.uses_ids:
         return "it uses report ids" if descriptor.uses_ids else "it uses no report ids"

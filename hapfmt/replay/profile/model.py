@@ -107,7 +107,7 @@ Field = Const | Counter | One | Samples | Mapped | Crc32
 
 
 @dataclass(frozen=True)
-class Layout:
+class ReportLayout:
     """One report of a frame. Bytes that no field names are zero."""
 
     path: Path
@@ -119,7 +119,7 @@ class Layout:
     """The device takes it shorter than its report descriptor says."""
 
 
-__all__ = ["Actuator", "CountLimits", "Match", "Path", "Profile", "Report", "Timing", "exact"]
+__all__ = ["Actuator", "CountLimits", "HidReport", "Match", "Path", "Profile", "Timing", "exact"]
 
 
 def exact(value: float) -> Fraction:
@@ -174,7 +174,7 @@ class CountLimits(NamedTuple):
     """From one sample to the next."""
 
 
-class Report(NamedTuple):
+class HidReport(NamedTuple):
     """Bytes for the device; the first is the report id."""
 
     path: Path
@@ -210,12 +210,12 @@ class Profile:
     matches: tuple[Match, ...]
     timing: Timing
     actuators: tuple[Actuator, ...]
-    reports: tuple[Layout, ...] = ()
+    reports: tuple[ReportLayout, ...] = ()
     """Of one frame, in the order they are sent."""
-    neutral: tuple[Report, ...] = ()
+    neutral: tuple[HidReport, ...] = ()
     """Instead of a frame at rest, where the device has a report for it."""
-    init: tuple[Report, ...] = ()
-    exit: tuple[Report, ...] = ()
+    init: tuple[HidReport, ...] = ()
+    exit: tuple[HidReport, ...] = ()
     gain: float = 0.5
     """Of everything, unless the caller says otherwise."""
     text: str = ""

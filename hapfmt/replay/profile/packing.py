@@ -15,7 +15,7 @@ from zlib import crc32
 
 from ...errors import ParameterError
 from ..frames import Frame
-from .model import Const, Counter, Crc32, Layout, Mapped, One, Profile, Report, Samples
+from .model import Const, Counter, Crc32, HidReport, Mapped, One, Profile, ReportLayout, Samples
 
 Values = tuple[float, ...]
 """What an actuator's counts stand for, from its lowest count to its highest."""
@@ -101,7 +101,7 @@ class Packer:
         rest = tuple(limits.rest for limits in profile.count_limits)
         self._rest = (rest,) * profile.timing.frame_samples
 
-    def pack(self, frame: Frame) -> tuple[Report, ...]:
+    def pack(self, frame: Frame) -> tuple[HidReport, ...]:
         """The last gate before the device: a count beyond its limits is refused."""
         if len(frame.counts) != len(self._rest):
             raise ParameterError(f"a frame has {len(self._rest)} samples, not {len(frame.counts)}")
@@ -116,21 +116,23 @@ class Packer:
                     )
         return self._pack(frame.counts)
 
-    def neutral(self) -> tuple[Report, ...]:
+    def neutral(self) -> tuple[HidReport, ...]:
         """What puts every actuator to rest."""
         return self.profile.neutral or self.at_rest()
 
-    def at_rest(self) -> tuple[Report, ...]:
+    def at_rest(self) -> tuple[HidReport, ...]:
         return self._pack(self._rest)
 
-    def _pack(self, counts: Counts) -> tuple[Report, ...]:
+    def _pack(self, counts: Counts) -> tuple[HidReport, ...]:
         return tuple([report.pack(counts) for report in self._reports])
 
 
 class _Plan:
     """One report: what never changes, and the steps for the rest."""
 
-    def __init__(self, profile: Profile, layout: Layout, shared: dict[str, Iterator[int]]) -> None:
+    def __init__(
+        self, profile: Profile, layout: ReportLayout, shared: dict[str, Iterator[int]]
+    ) -> None:
         self.path = layout.path
         self.template = bytearray(layout.length)
         self.template[0] = layout.id
@@ -145,14 +147,14 @@ class _Plan:
             *_sums(layout),
         ]
 
-    def pack(self, counts: Counts) -> Report:
+    def pack(self, counts: Counts) -> HidReport:
         data = self.template[:]
         for step in self.steps:
             step(data, counts)
-        return Report(self.path, bytes(data))
+        return HidReport(self.path, bytes(data))
 
 
-def _counters(layout: Layout, shared: dict[str, Iterator[int]]) -> Iterator[Step]:
+def _counters(layout: ReportLayout, shared: dict[str, Iterator[int]]) -> Iterator[Step]:
     for field in layout.fields:
         if isinstance(field, Counter):
             yield _counter(field, shared)
@@ -169,7 +171,7 @@ def _counter(field: Counter, shared: dict[str, Iterator[int]]) -> Step:
     return step
 
 
-def _ones(profile: Profile, layout: Layout) -> Iterator[Step]:
+def _ones(profile: Profile, layout: ReportLayout) -> Iterator[Step]:
     """Fields that follow one another are packed at once."""
     fields = sorted((f for f in layout.fields if isinstance(f, One)), key=lambda f: f.at)
     run: list[One] = []
@@ -207,7 +209,7 @@ def _picker(
     return itemgetter(*places)
 
 
-def _samples(profile: Profile, layout: Layout) -> Iterator[Step]:
+def _samples(profile: Profile, layout: ReportLayout) -> Iterator[Step]:
     for field in layout.fields:
         if isinstance(field, Samples):
             yield _interleaved(profile, field)
@@ -224,7 +226,7 @@ def _interleaved(profile: Profile, field: Samples) -> Step:
     return step
 
 
-def _mapped(profile: Profile, layout: Layout) -> Iterator[Step]:
+def _mapped(profile: Profile, layout: ReportLayout) -> Iterator[Step]:
     for field in layout.fields:
         if isinstance(field, Mapped):
             yield _function(profile, field)
@@ -251,7 +253,7 @@ def _function(profile: Profile, field: Mapped) -> Step:
     return step
 
 
-def _sums(layout: Layout) -> Iterator[Step]:
+def _sums(layout: ReportLayout) -> Iterator[Step]:
     for field in layout.fields:
         if isinstance(field, Crc32):
             yield _sum(field)

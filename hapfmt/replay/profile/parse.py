@@ -22,14 +22,14 @@ from .model import (
     Counter,
     Crc32,
     Field,
+    HidReport,
     Integer,
-    Layout,
     Mapped,
     Match,
     One,
     Path,
     Profile,
-    Report,
+    ReportLayout,
     Samples,
     Timing,
     exact,
@@ -121,7 +121,7 @@ def _limits(profile: Profile, n: int) -> None:
         )
 
 
-def _check_layout(profile: Profile, layout: Layout, at: str) -> set[str]:
+def _check_layout(profile: Profile, layout: ReportLayout, at: str) -> set[str]:
     """Names of the actuators that the report sends."""
     index = {actuator.name: n for n, actuator in enumerate(profile.actuators)}
     owner: list[int | None] = [None] * layout.length
@@ -213,7 +213,7 @@ def _check_mapped(profile: Profile, actuators: list[Actuator], field: Mapped, at
             fail(f"{at}.map", f"{field.function} {text} {actuator.name!r}")
 
 
-def _check_crc32(field: Crc32, layout: Layout, at: str) -> None:
+def _check_crc32(field: Crc32, layout: ReportLayout, at: str) -> None:
     if not field.start < field.stop <= layout.length:
         fail(f"{at}.to", f"must be above from, {field.start}, and at most {layout.length}")
     if field.start < field.at + 4 and field.at < field.stop:
@@ -223,7 +223,7 @@ def _check_crc32(field: Crc32, layout: Layout, at: str) -> None:
             fail(f"{at}.to", "covers a CRC that comes later in fields; list that one first")
 
 
-def _later(other: Crc32, field: Crc32, layout: Layout) -> bool:
+def _later(other: Crc32, field: Crc32, layout: ReportLayout) -> bool:
     after = layout.fields.index(other) > layout.fields.index(field)
     return after and field.start < other.at + 4 and other.at < field.stop
 
@@ -238,7 +238,7 @@ def _payloads(profile: Profile) -> None:
                     _rests(profile, layout, rest.data, payload.data, f"{key}[{n}].data")
 
 
-def _rests(profile: Profile, layout: Layout, rest: bytes, data: bytes, at: str) -> None:
+def _rests(profile: Profile, layout: ReportLayout, rest: bytes, data: bytes, at: str) -> None:
     if len(data) != layout.length:
         text = f"has {len(data)} bytes, but report {layout.id} has {layout.length}; write as many"
         fail(at, text)
@@ -290,11 +290,11 @@ def tables(low: int, high: int, what: str) -> Meta:
     return Meta(min_length=low, max_length=high, description=what)
 
 
-class Keys(Struct, frozen=True, forbid_unknown_fields=True):
+class ProfileKeys(Struct, frozen=True, forbid_unknown_fields=True):
     """A table of a profile."""
 
 
-class MatchKeys(Keys, frozen=True):
+class MatchKeys(ProfileKeys, frozen=True):
     """What a device must be for the profile to fit."""
 
     vendor_id: Id16
@@ -304,7 +304,7 @@ class MatchKeys(Keys, frozen=True):
     usage: Id16 | None = None
 
 
-class TimingKeys(Keys, frozen=True):
+class TimingKeys(ProfileKeys, frozen=True):
     """When frames are sent."""
 
     rate: Annotated[
@@ -343,7 +343,7 @@ def limit(what: str) -> Meta:
     return Meta(description=what, extra=PLY)
 
 
-class ActuatorKeys(Keys, frozen=True):
+class ActuatorKeys(ProfileKeys, frozen=True):
     """What an actuator takes."""
 
     name: Name
@@ -402,7 +402,7 @@ class FieldKeys(OneOf):
         raise NotImplementedError
 
 
-class ConstKeys(Keys, FieldKeys, frozen=True):
+class ConstKeys(ProfileKeys, FieldKeys, frozen=True):
     """Bytes that never change."""
 
     at: Place
@@ -412,7 +412,7 @@ class ConstKeys(Keys, FieldKeys, frozen=True):
         return Const(self.at, bytes(self.const))
 
 
-class CounterKeys(Keys, FieldKeys, frozen=True):
+class CounterKeys(ProfileKeys, FieldKeys, frozen=True):
     """A number that goes up with each report."""
 
     at: Place
@@ -434,7 +434,7 @@ class CounterKeys(Keys, FieldKeys, frozen=True):
         return Counter(self.at, integer, mask, self.shift, self.start, self.shared or "")
 
 
-class OneKeys(Keys, FieldKeys, frozen=True):
+class OneKeys(ProfileKeys, FieldKeys, frozen=True):
     """The count of an actuator."""
 
     at: Place
@@ -445,7 +445,7 @@ class OneKeys(Keys, FieldKeys, frozen=True):
         return One(self.at, self.actuator, Integer(self.type))
 
 
-class SamplesKeys(Keys, FieldKeys, frozen=True):
+class SamplesKeys(ProfileKeys, FieldKeys, frozen=True):
     """All samples of a frame, interleaved."""
 
     at: Place
@@ -456,7 +456,7 @@ class SamplesKeys(Keys, FieldKeys, frozen=True):
         return Samples(self.at, self.samples, Integer(self.type))
 
 
-class MappedKeys(Keys, FieldKeys, frozen=True):
+class MappedKeys(ProfileKeys, FieldKeys, frozen=True):
     """HD rumble: the amplitudes of two bands in four bytes."""
 
     at: Place
@@ -470,7 +470,7 @@ class MappedKeys(Keys, FieldKeys, frozen=True):
         return Mapped(self.at, self.map, self.actuators, options)
 
 
-class CoveredKeys(Keys, frozen=True):
+class CoveredKeys(ProfileKeys, frozen=True):
     """Of which bytes a CRC-32 is."""
 
     seed: Byte | None = None
@@ -478,7 +478,7 @@ class CoveredKeys(Keys, frozen=True):
     stop: Annotated[int, Meta(ge=1, le=LONGEST_REPORT)] | None = field(name="to", default=None)
 
 
-class Crc32Keys(Keys, FieldKeys, frozen=True):
+class Crc32Keys(ProfileKeys, FieldKeys, frozen=True):
     """CRC-32, little-endian."""
 
     at: Place
@@ -499,7 +499,7 @@ FieldKeys.kinds = {
 }
 
 
-class ReportKeys(Keys, frozen=True):
+class ReportKeys(ProfileKeys, frozen=True):
     """The bytes of a report of a frame."""
 
     path: Path
@@ -508,12 +508,12 @@ class ReportKeys(Keys, frozen=True):
     fields: Annotated[tuple[FieldKeys, ...], Meta(min_length=1, max_length=1024)]
     short: bool = False
 
-    def made(self) -> Layout:
+    def made(self) -> ReportLayout:
         fields: tuple[Field, ...] = tuple(each.made() for each in self.fields)
-        return Layout(self.path, self.id, self.length, fields, self.short)
+        return ReportLayout(self.path, self.id, self.length, fields, self.short)
 
 
-class PayloadKeys(Keys, frozen=True):
+class PayloadKeys(ProfileKeys, frozen=True):
     """A report that never changes."""
 
     path: Path
@@ -527,11 +527,11 @@ class PayloadKeys(Keys, frozen=True):
         ),
     ]
 
-    def made(self) -> Report:
-        return Report(self.path, bytes.fromhex(self.data))
+    def made(self) -> HidReport:
+        return HidReport(self.path, bytes.fromhex(self.data))
 
 
-class ProfileKeys(Keys, frozen=True, kw_only=True):
+class ProfileKeys(ProfileKeys, frozen=True, kw_only=True):
     """What a device takes, and what it must never be given: docs/profiles.md. A profile that fits
     this schema may still break a rule that needs several values at once; hapfmt profile check knows
     all rules."""

@@ -36,17 +36,17 @@ _ATOMS = (
 _FACTOR = re.compile(r"(.*?)([+-]?[0-9]{1,2})?", re.DOTALL)
 
 
-class Term(NamedTuple):
+class UnitTerm(NamedTuple):
     """``scale`` times a product of atoms, each with its exponent."""
 
     scale: Fraction
     atoms: tuple[tuple[str, int], ...]
 
 
-def parse_term(unit: str) -> Term:
+def parse_term(unit: str) -> UnitTerm:
     """A UCUM term without parentheses and annotations; anything else is an atom as it stands."""
     if re.search(r"[(){}]", unit):
-        return Term(Fraction(1), ((unit, 1),))
+        return UnitTerm(Fraction(1), ((unit, 1),))
     scale, atoms = Fraction(1), dict[str, int]()
     for sign, text in re.findall(r"(^|[./])([^./]+)", unit):
         matched = _FACTOR.fullmatch(text)
@@ -59,7 +59,7 @@ def parse_term(unit: str) -> Term:
             scale, atom = scale / Fraction(100) ** power, "1"
         if atom != "1":
             atoms[atom] = atoms.get(atom, 0) + power
-    return Term(scale, tuple(sorted((atom, n) for atom, n in atoms.items() if n)))
+    return UnitTerm(scale, tuple(sorted((atom, n) for atom, n in atoms.items() if n)))
 
 
 def split_prefix(body: str) -> tuple[int, str]:

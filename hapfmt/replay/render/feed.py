@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...reading.channels import sum_of
-from ...reading.decoder import Piece
+from ...reading.decoder import DecodedPiece
 from ...recording import Calibration, Span, spans_of
-from .stream import Queue
+from .stream import PacketQueue
 
 WIDE = 1 << 62
 """Sums below are taken in 64 bits."""
@@ -40,7 +40,7 @@ class Places(NamedTuple):
     phases: NDArray[np.float64]
 
 
-class Grid:
+class DeviceGrid:
     """Device sample n lies at ``start + n * step`` seconds, which is that times ``rate`` in ticks.
 
     Each sample is computed from its number, by integers, so that nothing adds up: ten hours in,
@@ -239,13 +239,13 @@ class Meaning:
             return out + self.offset if self.offset else out
 
 
-class Feed:
+class ChannelResampler:
     """``base``: LF or full band, ``residual``: HF; each where the band needs it."""
 
     def __init__(
         self,
-        base: Queue | None,
-        residual: Queue | None,
+        base: PacketQueue | None,
+        residual: PacketQueue | None,
         band: Band,
         meaning: Meaning,
         kernel: Kernel,
@@ -258,7 +258,7 @@ class Feed:
         self.runs: list[Run] = []
 
     @property
-    def queues(self) -> list[Queue]:
+    def queues(self) -> list[PacketQueue]:
         return [queue for queue in (self.base, self.residual) if queue is not None]
 
     def take(self, tick: int) -> None:
@@ -273,8 +273,8 @@ class Feed:
                 self.add(piece.start, piece.numbers[:, self.meaning.index], piece)
 
     def sums(
-        self, base: Queue, residual: Queue | None, tick: int
-    ) -> Iterator[tuple[int, NDArray[np.generic], Piece]]:
+        self, base: PacketQueue, residual: PacketQueue | None, tick: int
+    ) -> Iterator[tuple[int, NDArray[np.generic], DecodedPiece]]:
         """Full band: a track of its own, or d + e^ where both are there (DEC-001, DEC-003)."""
         index = self.meaning.index
         while base.pieces:
@@ -301,7 +301,7 @@ class Feed:
             if e_stop <= stop or (stop <= start and e_stop <= d_stop):
                 residual.pop()
 
-    def add(self, start: int, numbers: NDArray[np.generic], piece: Piece) -> None:
+    def add(self, start: int, numbers: NDArray[np.generic], piece: DecodedPiece) -> None:
         exact = None if piece.exact is None else piece.exact[:, self.meaning.index]
         values = self.meaning.values(numbers, exact, piece.track.number_format)
         if self.runs and self.runs[-1].stop == start:

@@ -13,7 +13,7 @@ from typing import Any, TextIO
 
 from ...errors import DeviceError, ParameterError
 from ..frames import Frame
-from ..profile.model import Report
+from ..profile.model import HidReport
 
 PATH_WIDTH = len("feature")
 
@@ -29,7 +29,7 @@ class DryRunSink:
     def open(self) -> None:
         """Nothing is kept open."""
 
-    def send(self, frame: Frame, reports: tuple[Report, ...]) -> None:
+    def send(self, frame: Frame, reports: tuple[HidReport, ...]) -> None:
         for report in reports:
             self.stream.write(self.line(frame.due_ns, report))
 
@@ -37,12 +37,12 @@ class DryRunSink:
         self.stream.flush()
 
 
-def text_line(due_ns: int, report: Report) -> str:
+def text_line(due_ns: int, report: HidReport) -> str:
     seconds, rest = divmod(due_ns, 10**9)
     return f"{seconds}.{rest // 1000:06} {report.path:<{PATH_WIDTH}} {report.data.hex(' ')}\n"
 
 
-def json_line(due_ns: int, report: Report) -> str:
+def json_line(due_ns: int, report: HidReport) -> str:
     told = {"data": report.data.hex(), "due_ns": due_ns, "path": report.path}
     return json.dumps(told) + "\n"
 
@@ -81,7 +81,7 @@ class LoopbackSink:
         flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
         self.descriptor = os.open(self.path, flags, 0o666)
 
-    def send(self, frame: Frame, reports: tuple[Report, ...]) -> None:
+    def send(self, frame: Frame, reports: tuple[HidReport, ...]) -> None:
         at_ns = time.monotonic_ns()
         if self.descriptor is None:
             raise DeviceError("not open", path=str(self.path))
