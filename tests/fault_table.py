@@ -15,7 +15,7 @@ import page
 import page_exact
 from singles import decode_counts, decode_exact
 
-from hapfmt.codecs import knots
+from hapfmt.codecs import knots as codec
 from hapfmt.codecs.events import parse_events
 from hapfmt.codecs.exact import ExactParameters
 from hapfmt.codecs.exact import decode_exact as decode_both
@@ -124,7 +124,7 @@ def predicted(data: bytes, span: int = 1) -> Callable[[], Any]:
 
 
 def further(data: bytes, span: int = 2) -> Callable[[], Any]:
-    return lambda: knots.decode_indices(data, "hold", span, 1, ONE.count_bound, AT)
+    return lambda: codec.decode_indices(data, "hold", span, 1, ONE.count_bound, AT)
 
 
 FIVE = b"\3\x10\0\x0a"

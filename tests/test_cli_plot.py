@@ -17,8 +17,9 @@ import hapfmt
 from hapfmt.cli import cli, plot
 from hapfmt.cli.common import open_parts
 from hapfmt.errors import MissingExtraError, ParameterError
-from hapfmt.lab.plotting import figures, panels
+from hapfmt.lab.plotting import figures as drawing
 from hapfmt.lab.plotting import pages as layout
+from hapfmt.lab.plotting import panels
 from hapfmt.lab.plotting.pages import grid_shape, placed
 from hapfmt.lab.survey.compare import compare, pair_up
 from hapfmt.limits import Limits
@@ -428,17 +429,17 @@ class TestCompare:
     @pytest.mark.parametrize(
         ("count", "differing", "most", "expected"),
         [
-            (13, 9, figures.SMALL, [18]),
+            (13, 9, drawing.SMALL, [18]),
             (8, 8, 4, [8, 8]),
-            pytest.param(13, 13, figures.SMALL, [26], marks=pytest.mark.deep),
-            pytest.param(40, 40, figures.SMALL, [40, 40], marks=pytest.mark.deep),
+            pytest.param(13, 13, drawing.SMALL, [26], marks=pytest.mark.deep),
+            pytest.param(40, 40, drawing.SMALL, [40, 40], marks=pytest.mark.deep),
         ],
     )
     def test_pictures_of_many_channels(
         self, tmp_path, pages, monkeypatch, count, differing, most, expected
     ):
         """Those that differ are drawn in one grid; of more than a page every page is kept."""
-        monkeypatch.setattr(figures, "SMALL", most)
+        monkeypatch.setattr(drawing, "SMALL", most)
         ours = [channel(place, 300) for place in range(count)]
         theirs = [
             replace(each, stored=each.stored + (place < differing))

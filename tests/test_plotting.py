@@ -12,7 +12,8 @@ from spec import ROOT
 
 from hapfmt.errors import MissingExtraError, ParameterError
 from hapfmt.lab import plotting
-from hapfmt.lab.plotting import Demonstrated, figures, panels
+from hapfmt.lab.plotting import Demonstrated, panels
+from hapfmt.lab.plotting import figures as drawing
 
 pytest.importorskip("matplotlib")
 sys.path.insert(0, str(ROOT / "tools"))
@@ -43,7 +44,7 @@ MAGIC = {".png": b"\x89PNG\r\n\x1a\n", ".svg": b"<?xml", ".pdf": b"%PDF-"}
 def figures(monkeypatch):
     """What would be saved."""
     seen = []
-    monkeypatch.setattr(figures, "save", lambda made, *_args, **_kind: seen.extend(made))
+    monkeypatch.setattr(drawing, "save", lambda made, *_args, **_kind: seen.extend(made))
     return seen
 
 

@@ -413,9 +413,9 @@ def text_of(
 **On simulated sand, k = {PERCENT} % and b = 5 take {coded.payload_percent:.1f} % of the doubles; \
 the deadband alone takes {alone.payload_percent:.1f} %. From {unfelt} on the error would not be \
 felt.** \
-The recordings are a stylus on stone, sand and cork from `hapfmt.lab.scenes`, {seconds:g} s each at \
-1 kHz. The paper's sessions have 11 s. The preset is `paper` with a floor of 10 mN. F. Brandi, R. \
-Chaudhari, E. Steinbach, [VECIMS 2011](https://doi.org/10.1109/VECIMS.2011.6053837). All numbers \
+The recordings are a stylus on stone, sand and cork from `hapfmt.lab.scenes`, {seconds:g} s each \
+at 1 kHz. The paper's sessions have 11 s. The preset is `paper` with a floor of 10 mN. F. Brandi, \
+R. Chaudhari, E. Steinbach, [VECIMS 2011](https://doi.org/10.1109/VECIMS.2011.6053837). All numbers \
 are computed here; the paper's numbers stand in two tables, with their source.
 
 {agreement(peaks, read)}

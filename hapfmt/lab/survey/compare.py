@@ -69,8 +69,8 @@ class Comparison:
     """One channel of both recordings. Samples: in both, ``only_a``, ``only_b``; ``largest`` and
     ``rms`` of the difference b - a, in the unit, ``largest_counts`` in steps of the
     sensor where one is known; ``at_s``: where the largest is; SNR: of a over the difference;
-    ``snr_hf_db``: of its texture above 20 Hz (hapfmt.lab.metrics), over the longest run. ``reason``:
-    why there is nothing to compare."""
+    ``snr_hf_db``: of its texture above 20 Hz (hapfmt.lab.metrics), over the longest run.
+    ``reason``: why there is nothing to compare."""
 
     number: int
     label: str

@@ -10,7 +10,8 @@ from fractions import Fraction
 from math import isfinite
 from typing import Annotated, Any, Literal, NoReturn
 
-from msgspec import Meta, Struct, field
+from msgspec import Meta, Struct
+from msgspec import field as named
 from msgspec.structs import asdict
 
 from ...descriptions import DescriptionError, Library, OneOf, above, parse_toml, read, what, within
@@ -474,8 +475,8 @@ class CoveredKeys(ProfileKeys, frozen=True):
     """Of which bytes a CRC-32 is."""
 
     seed: Byte | None = None
-    start: Annotated[int, Meta(ge=0, le=LONGEST_REPORT)] = field(name="from", default=0)
-    stop: Annotated[int, Meta(ge=1, le=LONGEST_REPORT)] | None = field(name="to", default=None)
+    start: Annotated[int, Meta(ge=0, le=LONGEST_REPORT)] = named(name="from", default=0)
+    stop: Annotated[int, Meta(ge=1, le=LONGEST_REPORT)] | None = named(name="to", default=None)
 
 
 class Crc32Keys(ProfileKeys, FieldKeys, frozen=True):
