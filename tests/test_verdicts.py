@@ -13,6 +13,7 @@ from spec import ROOT
 from terminal import called
 
 import hapfmt
+from hapfmt.container.wire import HEADER_SIZE
 from hapfmt.errors import ChecksumError, FormatError, HapfmtError, LimitError, UnsupportedError
 from hapfmt.limits import Limits
 from hapfmt.reading.reader import Reader
@@ -108,7 +109,7 @@ def in_index(report: Any, data: bytes) -> bool:
     try:
         with Reader(data, scan=True) as reader:
             return any(
-                ref.type == "iNDX" and ref.offset < at <= ref.offset + 32 + (ref.size or 0)
+                ref.type == "iNDX" and ref.offset < at <= ref.offset + HEADER_SIZE + (ref.size or 0)
                 for ref in reader.catalogue.chunks
             )
     except HapfmtError:
