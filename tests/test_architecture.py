@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from functools import cache
+from graphlib import TopologicalSorter
 
 import pytest
 from spec import ROOT
@@ -138,6 +139,16 @@ def test_parts_of_a_replay_that_know_nothing_of_others(part):
 def test_packages_that_stay_where_they_are(package):
     users = {n for n in MODULES if any(x.split(".")[0] == package for x in imports(n))}
     assert users <= set(ONLY_IN[package])
+
+
+def test_the_container_has_no_import_cycles():
+    """Imports within functions and for types count too."""
+    graph = {
+        name: {x.removeprefix("hapfmt.") for x in imports(name)} & MODULES.keys()
+        for name in MODULES
+        if name.startswith("container.")
+    }
+    assert "container.layout" in TopologicalSorter(graph).static_order()
 
 
 def test_every_decoding_module_exists():
