@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import installed  # noqa: F401
+
 from hapfmt.descriptions import schema_of
 from hapfmt.replay.profile.parse import ProfileKeys
 from hapfmt.scenes.description import Scene
