@@ -165,7 +165,7 @@ class TestDeadband:
         spans = tuple(cut(one.coverage, one.rate, Fraction(10), 1))
         source = InputBlock((one,), x[:, None].astype(np.int64), spans)
         bound = bound_of(source, Promise(amount(floor), k))
-        base = make_track(source, 0, kind="full", codec="KNOT", count_min=-(2**31),
+        base = make_track(source.channels, 0, codec="KNOT", count_min=-(2**31),
                           count_max=2**31 - 1)  # fmt: skip
         for why, way in scalar_ways(source, bound):
             if (coded := way(base, None)) is None:
@@ -202,7 +202,7 @@ class TestDeadband:
             axes, rows, tuple(cut(axes[0].coverage, axes[0].rate, Fraction(10), width))
         )
         bound = bound_of(source, Promise(amount(floor), k))
-        base = make_track(source, 0, kind="full", codec="KNOT", count_min=-(2**31),
+        base = make_track(source.channels, 0, codec="KNOT", count_min=-(2**31),
                           count_max=2**31 - 1)  # fmt: skip
         for _, way in vector_ways(source, bound):
             y = decode_all(way(base, None), width)
@@ -223,7 +223,7 @@ class TestDeadband:
         spans = tuple(cut(axes[0].coverage, axes[0].rate, Fraction(10), 3))
         source = InputBlock(axes, rows.astype(np.int64), spans)
         bound = bound_of(source, Promise(amount("0.5%"), Fraction(1, 10)))
-        base = make_track(source, 0, kind="full", codec="KNOT", count_min=-(2**31),
+        base = make_track(source.channels, 0, codec="KNOT", count_min=-(2**31),
                           count_max=2**31 - 1)  # fmt: skip
         plain, held, lines = [way(base, None).size for _, way in vector_ways(source, bound)]
         assert lines < held < plain
@@ -238,7 +238,7 @@ class TestDeadband:
         """Levels are counted from the physical 0."""
         source = InputBlock((channel(shapes(40, 5)["noise"], Calibration(1, offset, 1)),),
                         shapes(40, 5)["noise"][:, None], ())  # fmt: skip
-        track = make_track(source, 0, kind="full", codec="LPCR", count_min=-300, count_max=300)
+        track = make_track(source.channels, 0, codec="LPCR", count_min=-300, count_max=300)
         grid = LpcParameters(9, -offset, 1, 10)
         chosen = choose_level([replace(track, parameters=grid.build())])
         assert chosen.number == level

@@ -12,8 +12,9 @@ from spec import ROOT
 
 from hapfmt.errors import MissingExtraError, ParameterError
 from hapfmt.lab import plotting
-from hapfmt.lab.plotting import Demonstrated, panels
 from hapfmt.lab.plotting import figures as drawing
+from hapfmt.lab.plotting import panels
+from hapfmt.lab.plotting.figures import Demonstrated
 
 pytest.importorskip("matplotlib")
 sys.path.insert(0, str(ROOT / "tools"))

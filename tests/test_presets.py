@@ -447,7 +447,7 @@ class TestLaw:
 
     @pytest.mark.skipif(not DATA.is_dir(), reason="no ../shared/data")
     @pytest.mark.parametrize("asked", LOSSY, ids=lambda asked: " ".join(map(str, asked.values())))
-    @either("parts", (3, 1000, 3), deep=(1, 3000, 4))
+    @either("parts", (3, 1500, 3), deep=(1, 3000, 4))
     def test_recorded(self, asked, parts):
         for name, part, largest in recorded_parts(*parts):
             assert size_of(part, Settings.of(**asked)) <= largest, name

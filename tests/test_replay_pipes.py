@@ -23,6 +23,7 @@ from replaying import PATIENT_S, lines, until
 from hapfmt.errors import DeviceError, ParameterError
 from hapfmt.replay.frames import Frame, FrameBlock
 from hapfmt.replay.process import children
+from hapfmt.replay.process.blocks import Sent, pack_block, pack_log, parse_block, parse_log, parts
 from hapfmt.replay.process.children import COLUMNS, LINES, Errors, descriptor, start
 from hapfmt.replay.process.keys import BYTES, TerminalKeys, split
 from hapfmt.replay.process.pipes import (
@@ -34,18 +35,12 @@ from hapfmt.replay.process.pipes import (
     Message,
     MessageError,
     Outlet,
-    Sent,
     ThreadedInlet,
     ThreadedOutlet,
     inlet,
     outlet,
     pack,
-    pack_block,
     pack_json,
-    pack_log,
-    parse_block,
-    parse_log,
-    parts,
     reports_json,
     reports_of,
 )

@@ -21,6 +21,7 @@ from hapfmt.errors import (
     UnsupportedError,
     verdict_of,
 )
+from hapfmt.format.wire import HEADER_SIZE
 from hapfmt.limits import Limits
 from hapfmt.reading.reader import Reader
 from hapfmt.reading.verifier import verify
@@ -114,7 +115,7 @@ def in_index(report: Any, data: bytes) -> bool:
     try:
         with Reader(data, scan=True) as reader:
             return any(
-                ref.type == "iNDX" and ref.offset < at <= ref.offset + 32 + (ref.size or 0)
+                ref.type == "iNDX" and ref.offset < at <= ref.offset + HEADER_SIZE + (ref.size or 0)
                 for ref in reader.catalogue.chunks
             )
     except HapfmtError:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import installed  # noqa: F401
+
 from hapfmt.descriptions import schema_of
 from hapfmt.lab.scenes.description import Scene
 from hapfmt.lab.study.description import StudyKeys

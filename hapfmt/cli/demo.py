@@ -224,7 +224,7 @@ def draw(
     from ..codecs.knots import parse_knots
     from ..encoder.settings import FORCE_FLOOR_N
     from ..format.cluster import Packet
-    from ..lab.plotting import Demonstrated, plot_demo
+    from ..lab.plotting.figures import Demonstrated, plot_demo
     from ..reading.reader import Reader
 
     with Reader(outcomes[-1].data) as reader:

@@ -415,8 +415,8 @@ the deadband alone takes {alone.payload_percent:.1f} %. From {unfelt} on the err
 felt.** \
 The recordings are a stylus on stone, sand and cork from `hapfmt.lab.scenes`, {seconds:g} s each \
 at 1 kHz. The paper's sessions have 11 s. The preset is `paper` with a floor of 10 mN. F. Brandi, \
-R. Chaudhari, E. Steinbach, [VECIMS 2011](https://doi.org/10.1109/VECIMS.2011.6053837). All numbers \
-are computed here; the paper's numbers stand in two tables, with their source.
+R. Chaudhari, E. Steinbach, [VECIMS 2011](https://doi.org/10.1109/VECIMS.2011.6053837). All \
+numbers are computed here; the paper's numbers stand in two tables, with their source.
 
 {agreement(peaks, read)}
 * **Deadband alone**: it is the smallest by far and keeps no texture: its error is larger than the \

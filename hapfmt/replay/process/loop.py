@@ -22,19 +22,9 @@ from ..frames import Frame, FrameBlock, FrameSink
 from ..profile.model import HidReport, Profile
 from ..profile.packing import Packer
 from ..schedule import Schedule
+from .blocks import Sent, pack_log, parse_block
 from .children import clock
-from .pipes import (
-    Inlet,
-    Kind,
-    Message,
-    MessageError,
-    Outlet,
-    Sent,
-    pack,
-    pack_json,
-    pack_log,
-    parse_block,
-)
+from .pipes import Inlet, Kind, Message, MessageError, Outlet, pack, pack_json
 from .report import Lateness, Outcome, ReplayReport
 from .watchdog import Guard
 

@@ -23,21 +23,11 @@ from ..frames import FrameBlock, FrameSink
 from ..profile.model import Profile
 from ..profile.parse import parse_profile
 from . import loop
+from .blocks import pack_block, parse_log, parts
 from .children import Errors, descriptor, seconds, start
 from .keys import Key
 from .loop import Signals
-from .pipes import (
-    Kind,
-    Message,
-    MessageError,
-    inlet,
-    outlet,
-    pack,
-    pack_block,
-    pack_json,
-    parse_log,
-    parts,
-)
+from .pipes import Kind, Message, MessageError, inlet, outlet, pack, pack_json
 from .report import ReplayReport
 
 WAITING = 32

@@ -111,7 +111,7 @@ def warm_up(profile: Profile) -> None:
     from ..frames import FrameBlock
     from ..profile.packing import Packer
     from ..schedule import Schedule
-    from .pipes import Sent, pack_block, pack_log, parse_block
+    from .blocks import Sent, pack_block, pack_log, parse_block
 
     shape = (64 * profile.timing.frame_samples, len(profile.actuators))
     schedule, packer = Schedule(profile), Packer(profile)
