@@ -232,7 +232,7 @@ def test_a_dry_run_loads_the_encoder_for_a_hapf_record_alone(record, tmp_path):
     assert "hapfmt.replay.render.renderer" in found
     encoders = {name for name in found if name.startswith(("hapfmt.encoder", "hapfmt.writing"))}
     assert bool(encoders) is (record == "sent.hapf")
-    others = "encode gridded live_exact references texture"
+    others = "encode linear references texture"
     assert not encoders & {f"hapfmt.encoder.{name}" for name in others.split()}
     assert not record or (tmp_path / record).stat().st_size
 

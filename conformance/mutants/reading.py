@@ -162,7 +162,7 @@ MUTANTS = (
         "The events of a layer come in the order of the file.",
         "EVT-004",
         Edit(
-            "conformance.decode:layer_json",
+            "hapfmt_adapter.decode:layer_json",
             "sorted(events, key=lambda event: event.tick)",
             "events",
         ),
@@ -265,7 +265,7 @@ MUTANTS = (
         "Samples get the times that a map to another clock gives their ticks.",
         "CLK-006",
         Edit(
-            "conformance.decode:decoded",
+            "hapfmt_adapter.decode:decoded",
             "tracks, layers = decode_tracks(reader)",
             "tracks, layers = decode_tracks(reader)\n"
             "    for found in catalogue.clock_maps:\n"

@@ -200,9 +200,9 @@ MUTANTS = (
         "gaps-written-as-zeros",
         "Gaps of the source are stored as zeros.",
         "WRT-004 DBC-004",
-        Edit("conformance.job:channel_of", "return Channel(", FILLED),
+        Edit("hapfmt_adapter.job:channel_of", "return Channel(", FILLED),
         Edit(
-            "conformance.job:channel_of",
+            "hapfmt_adapter.job:channel_of",
             'stored=read_numbers(folder / one["numbers"], one["format"])',
             "stored=np.concatenate(parts)",
         ),

@@ -291,11 +291,11 @@ def tables(low: int, high: int, what: str) -> Meta:
     return Meta(min_length=low, max_length=high, description=what)
 
 
-class ProfileKeys(Struct, frozen=True, forbid_unknown_fields=True):
+class TableKeys(Struct, frozen=True, forbid_unknown_fields=True):
     """A table of a profile."""
 
 
-class MatchKeys(ProfileKeys, frozen=True):
+class MatchKeys(TableKeys, frozen=True):
     """What a device must be for the profile to fit."""
 
     vendor_id: Id16
@@ -305,7 +305,7 @@ class MatchKeys(ProfileKeys, frozen=True):
     usage: Id16 | None = None
 
 
-class TimingKeys(ProfileKeys, frozen=True):
+class TimingKeys(TableKeys, frozen=True):
     """When frames are sent."""
 
     rate: Annotated[
@@ -344,7 +344,7 @@ def limit(what: str) -> Meta:
     return Meta(description=what, extra=PLY)
 
 
-class ActuatorKeys(ProfileKeys, frozen=True):
+class ActuatorKeys(TableKeys, frozen=True):
     """What an actuator takes."""
 
     name: Name
@@ -403,7 +403,7 @@ class FieldKeys(OneOf):
         raise NotImplementedError
 
 
-class ConstKeys(ProfileKeys, FieldKeys, frozen=True):
+class ConstKeys(TableKeys, FieldKeys, frozen=True):
     """Bytes that never change."""
 
     at: Place
@@ -413,7 +413,7 @@ class ConstKeys(ProfileKeys, FieldKeys, frozen=True):
         return Const(self.at, bytes(self.const))
 
 
-class CounterKeys(ProfileKeys, FieldKeys, frozen=True):
+class CounterKeys(TableKeys, FieldKeys, frozen=True):
     """A number that goes up with each report."""
 
     at: Place
@@ -435,7 +435,7 @@ class CounterKeys(ProfileKeys, FieldKeys, frozen=True):
         return Counter(self.at, integer, mask, self.shift, self.start, self.shared or "")
 
 
-class OneKeys(ProfileKeys, FieldKeys, frozen=True):
+class OneKeys(TableKeys, FieldKeys, frozen=True):
     """The count of an actuator."""
 
     at: Place
@@ -446,7 +446,7 @@ class OneKeys(ProfileKeys, FieldKeys, frozen=True):
         return One(self.at, self.actuator, Integer(self.type))
 
 
-class SamplesKeys(ProfileKeys, FieldKeys, frozen=True):
+class SamplesKeys(TableKeys, FieldKeys, frozen=True):
     """All samples of a frame, interleaved."""
 
     at: Place
@@ -457,7 +457,7 @@ class SamplesKeys(ProfileKeys, FieldKeys, frozen=True):
         return Samples(self.at, self.samples, Integer(self.type))
 
 
-class MappedKeys(ProfileKeys, FieldKeys, frozen=True):
+class MappedKeys(TableKeys, FieldKeys, frozen=True):
     """HD rumble: the amplitudes of two bands in four bytes."""
 
     at: Place
@@ -471,7 +471,7 @@ class MappedKeys(ProfileKeys, FieldKeys, frozen=True):
         return Mapped(self.at, self.map, self.actuators, options)
 
 
-class CoveredKeys(ProfileKeys, frozen=True):
+class CoveredKeys(TableKeys, frozen=True):
     """Of which bytes a CRC-32 is."""
 
     seed: Byte | None = None
@@ -479,7 +479,7 @@ class CoveredKeys(ProfileKeys, frozen=True):
     stop: Annotated[int, Meta(ge=1, le=LONGEST_REPORT)] | None = named(name="to", default=None)
 
 
-class Crc32Keys(ProfileKeys, FieldKeys, frozen=True):
+class Crc32Keys(TableKeys, FieldKeys, frozen=True):
     """CRC-32, little-endian."""
 
     at: Place
@@ -500,7 +500,7 @@ FieldKeys.kinds = {
 }
 
 
-class ReportKeys(ProfileKeys, frozen=True):
+class ReportKeys(TableKeys, frozen=True):
     """The bytes of a report of a frame."""
 
     path: Path
@@ -514,7 +514,7 @@ class ReportKeys(ProfileKeys, frozen=True):
         return ReportLayout(self.path, self.id, self.length, fields, self.short)
 
 
-class PayloadKeys(ProfileKeys, frozen=True):
+class PayloadKeys(TableKeys, frozen=True):
     """A report that never changes."""
 
     path: Path
@@ -532,7 +532,7 @@ class PayloadKeys(ProfileKeys, frozen=True):
         return HidReport(self.path, bytes.fromhex(self.data))
 
 
-class ProfileKeys(ProfileKeys, frozen=True, kw_only=True):
+class ProfileKeys(TableKeys, frozen=True, kw_only=True):
     """What a device takes, and what it must never be given: docs/profiles.md. A profile that fits
     this schema may still break a rule that needs several values at once; hapfmt profile check knows
     all rules."""
@@ -572,7 +572,7 @@ def parse_profile(text: str, path: str | None = None) -> Profile:
 
 def profile_of(values: Any, text: str) -> Profile:
     """Of what the TOML says."""
-    keys = read(ProfileKeys, values)
+    keys = read(TableKeys, values)
     profile = Profile(
         name=keys.name,
         description=keys.description,

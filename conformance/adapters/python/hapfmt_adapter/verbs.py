@@ -8,9 +8,9 @@ import traceback
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TextIO
 
-from ..errors import HapfmtError, ParameterError
-from ..format.track import CODECS
-from ..version import SPEC_VERSION, __version__
+from hapfmt.errors import HapfmtError, ParameterError
+from hapfmt.format.track import CODECS
+from hapfmt.version import SPEC_VERSION, __version__
 
 ERROR = 1
 CAPABILITIES: dict[str, Any] = {

@@ -7,17 +7,18 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..codecs.events import CodedEvent
-from ..format.description import split
-from ..format.extras import parse_clock, parse_map
-from ..format.layout import TRACK
-from ..format.track import Track
-from ..format.walk import read_chunk
-from ..format.wire import HEADER_SIZE, id_text
-from ..reading.catalogue import Catalogue, ChannelRef, ChunkRef
-from ..reading.channels import Assembly, Band, Decoded
-from ..reading.reader import Reader
-from ..recording import Channel, Span
+from hapfmt.codecs.events import CodedEvent
+from hapfmt.format.description import split
+from hapfmt.format.extras import parse_clock, parse_map
+from hapfmt.format.layout import TRACK
+from hapfmt.format.track import Track
+from hapfmt.format.walk import read_chunk
+from hapfmt.format.wire import HEADER_SIZE, id_text
+from hapfmt.reading.catalogue import Catalogue, ChannelRef, ChunkRef
+from hapfmt.reading.channels import Assembly, Band, Decoded
+from hapfmt.reading.reader import Reader
+from hapfmt.recording import Channel, Span
+
 from .raw import write_json, write_numbers
 
 TEXTS = ("label", "unit", "quantity", "axis", "group", "body_site", "device")

@@ -8,9 +8,10 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from ..events import Event
-from ..limits import Limits
-from ..recording import Calibration, Channel, Recording, Span, append_span
+from hapfmt.events import Event
+from hapfmt.limits import Limits
+from hapfmt.recording import Calibration, Channel, Recording, Span, append_span
+
 from .decode import TEXTS
 from .raw import read_numbers
 
@@ -65,8 +66,8 @@ def events_of(layer: dict[str, Any]) -> list[Event]:
 
 
 def encode_job(path: str, target: str) -> int:
-    from ..encoder.settings import Settings, Tolerance
-    from ..writing.writer import write
+    from hapfmt.encoder.settings import Settings, Tolerance
+    from hapfmt.writing.writer import write
 
     recording, job = read_job(Path(path))
     preset = PRESETS.get(job["mode"])

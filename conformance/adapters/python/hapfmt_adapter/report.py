@@ -6,7 +6,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from ..errors import VERDICTS, HapfmtError
+from hapfmt.errors import VERDICTS, HapfmtError
+
 from .raw import write_json
 
 NAMED = re.compile(r"\[([A-Z]{3}-\d{3})\]")
@@ -14,7 +15,7 @@ EMPTY: dict[str, Any] = {"damages": [], "lost": [], "byte_count": 0, "channels":
 
 
 def verify_into(source: str, target: str, original: str | None) -> int:
-    from ..reading.verifier import verify
+    from hapfmt.reading.verifier import verify
 
     against = None
     if original is not None:
@@ -31,7 +32,7 @@ def verify_into(source: str, target: str, original: str | None) -> int:
 
 
 def recover_into(source: str, target: str, report: str) -> int:
-    from ..edit.recover import recover
+    from hapfmt.edit.recover import recover
 
     try:
         done = recover(source, target, force=True)

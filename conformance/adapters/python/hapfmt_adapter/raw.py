@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ParameterError
+from hapfmt.errors import ParameterError
 
 
 def wide(numbers: NDArray[Any]) -> NDArray[Any]:
