@@ -572,7 +572,7 @@ def parse_profile(text: str, path: str | None = None) -> Profile:
 
 def profile_of(values: Any, text: str) -> Profile:
     """Of what the TOML says."""
-    keys = read(TableKeys, values)
+    keys = read(ProfileKeys, values)
     profile = Profile(
         name=keys.name,
         description=keys.description,
