@@ -36,6 +36,7 @@ LAYERS = (
 know each other, but for those of the second, where nothing of the format is known yet."""
 HEIGHT = {part: height for height, row in enumerate(LAYERS) for part in row.split()}
 BASE = 1
+DECODE_SIDE = [name for name in MODULES if HEIGHT.get(name.split(".")[0], 99) <= HEIGHT["reading"]]
 REPLAY = [name for name in MODULES if name.split(".")[0] == "replay"]
 RECORDS = "replay.sinks.record"
 """Of a replay the only module that encodes."""

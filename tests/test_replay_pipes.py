@@ -416,7 +416,7 @@ class TestErrors:
 class TestRealtime:
     def test_each_says_what_it_got(self):
         code = (
-            "from hapfmt.replay.process import realtime; import json;"
+            "from hapfmt.replay.process import children as realtime; import json;"
             "print(json.dumps([realtime.apply(), realtime.nothing()]))"
         )
         done = subprocess.run(
@@ -436,7 +436,7 @@ class TestRealtime:
             "for name in ('RLIMIT_RTPRIO', 'RLIMIT_NICE'):\n"
             "    resource.setrlimit(getattr(resource, name), (0, 0))\n"
             "resource.setrlimit(resource.RLIMIT_MEMLOCK, (4096, 4096))\n"
-            "from hapfmt.replay.process import realtime\n"
+            "from hapfmt.replay.process import children as realtime\n"
             "if os.geteuid() == 0:\n"
             "    os.setuid(65534)\n"
             "print(json.dumps(realtime.apply()))"

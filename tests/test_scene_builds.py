@@ -20,7 +20,6 @@ from hapfmt.encoder.settings import Tolerance
 from hapfmt.encoder.split import low_pass
 from hapfmt.errors import LimitError, ParameterError
 from hapfmt.lab.scenes import Scene, builtin_names, load_scene, motion, simulate
-from hapfmt.lab.scenes.contact import exponential
 from hapfmt.lab.scenes.description import (
     FINGERS,
     INTEGRATORS,
@@ -31,6 +30,7 @@ from hapfmt.lab.scenes.description import (
     Tool,
     Touches,
 )
+from hapfmt.lab.scenes.matrix import exponential
 
 BUILT_IN = builtin_names()
 JOINTS = 22
@@ -301,13 +301,13 @@ print(json.dumps(seen))
         described, free, hand, wall, flat, sand = ours
         assert described == {"description", "library"} and "numpy" not in loaded["described"]
         assert free - described == {
-            "build", "work", "sensors", "tool", "waves", "free", "follow", "matrix", "reach"
+            "build", "work", "sensors", "tool", "motion", "free", "follow", "matrix"
         }  # fmt: skip
-        assert hand - free == {"grasp", "hand"}
-        assert wall - hand == {"touch", "integrators", "contact", "exact", "press"}
-        assert flat - wall == {"stroke"}
+        assert hand - free == {"grasp"}
+        assert wall - hand == {"touch", "integrators", "contact"}
+        assert flat == wall
         assert not any("scipy" in found for found in loaded.values())
-        assert sand - flat == {"texture", "heightfields"}
+        assert sand - flat == {"surface"}
 
     def test_a_texture_costs_bytes_where_it_is_felt(self):
         """Without a texture, or with one too fine to feel, a perceptual file is a third as large."""

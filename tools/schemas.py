@@ -14,9 +14,9 @@ from hapfmt.replay.profile.parse import ProfileKeys
 
 ROOT = Path(__file__).resolve().parents[1] / "hapfmt"
 SCHEMAS = {
-    ROOT / "scenes" / "schema.json": (Scene, "Scene of hapfmt"),
+    ROOT / "lab" / "scenes" / "schema.json": (Scene, "Scene of hapfmt"),
     ROOT / "replay" / "profile" / "schema.json": (ProfileKeys, "Device profile of hapfmt"),
-    ROOT / "study" / "schema.json": (StudyKeys, "Study of hapfmt"),
+    ROOT / "lab" / "study" / "schema.json": (StudyKeys, "Study of hapfmt"),
 }
 
 

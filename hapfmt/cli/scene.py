@@ -91,7 +91,7 @@ def scene(
     hapfmt scene grasp hand.hapf --without ring --without little
     hapfmt scene sand --show > mine.toml
     """
-    from ..lab.scenes.build import load_scene, scene_text
+    from ..lab.scenes.library import load_scene, scene_text
 
     if as_list or name is None:
         if show or target is not None:
@@ -196,7 +196,7 @@ def in_words(work: Work) -> str:
 
 
 def list_scenes(as_json: bool) -> None:
-    from ..lab.scenes.build import builtin_names, load_scene
+    from ..lab.scenes.library import builtin_names, load_scene
 
     found = [load_scene(each) for each in builtin_names()]
     if as_json:

@@ -6,8 +6,8 @@
 
 description.py  Scene, of frozen Structs; library.py: from TOML, and builtin/
 build.py        Scene -> Recording and Work, importing what is named
-tool.py         a held mass: stroke.py, press.py, reach.py move it; heightfields.py under its tip
-grasp.py        fingers that close on an object; hand.py: its joints
+tool.py         a held mass: motion.py moves it; surface.py is under its tip
+grasp.py        fingers that close on an object, and their joints
 contact.py, integrators.py  the solver; stylus.py: the stylus of `hapfmt demo`
 """
 
@@ -17,15 +17,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .build import builtin_names, load_scene, parse_scene, scene_text, simulate
+    from .build import simulate
     from .description import Contact, Hand, Object, Press, Reach, Scene, Stroke, Texture, Tool
+    from .library import builtin_names, load_scene, parse_scene, scene_text
     from .work import Work
 
 _PLACES = {
-    "builtin_names": "build",
-    "load_scene": "build",
-    "parse_scene": "build",
-    "scene_text": "build",
+    "builtin_names": "library",
+    "load_scene": "library",
+    "parse_scene": "library",
+    "scene_text": "library",
     "simulate": "build",
     "Contact": "description",
     "Hand": "description",

@@ -13,22 +13,20 @@ Within a mode a step is a matrix exponential. Where a step begins and ends in di
 moment of change is found, and the step is walked in pieces between changes. A step that begins and
 ends in one mode has the energy of that mode at both ends, so even an unnoticed touch within it
 gains none.
-
-The exponential of a small matrix, without the 190 modules that importing SciPy's linear algebra
-takes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from math import ceil, factorial, isfinite, log2, sqrt
+from math import factorial, isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ParameterError
+from .matrix import exponential
 
 Samples = NDArray[np.float64]
 
@@ -112,49 +110,6 @@ def work(system: System, drive: Drive, motion: Motion, dt_s: float) -> Samples:
         power = pull * drive.target_velocity + motion.force * drive.surface_velocity
         done = np.cumsum((power[1:] + power[:-1]) * (dt_s / 2))
         return np.concatenate([[0.0], done])
-
-
-SERIES_TERMS = 20
-"""Of the series, at a norm of at most 1/2: what follows is below 2^-21 / 21!, far below 2^-53."""
-
-SWEEPS = 3
-"""Of the balancing; a spring of 1e7 N/m beside a unit of velocity is even after two."""
-
-
-def exponential(a: NDArray[np.float64]) -> NDArray[np.float64]:
-    """exp(a), [n, n]: balanced, the series of a / 2^s, squared s times.
-
-    Each squaring doubles what was rounded, so a smaller norm is more exact; balancing by powers of
-    two rounds nothing. A step of 130 radians is 7e-15 off (SciPy's 5e-14).
-    """
-    scale = balance(a)
-    a = a * (scale / scale[:, None])
-    norm = float(np.abs(a).sum(axis=1).max())
-    halvings = max(ceil(log2(norm)) + 1, 0) if norm > 0 else 0
-    a = a / 2.0**halvings
-    out = term = np.eye(len(a))
-    for n in range(1, SERIES_TERMS + 1):
-        term = term @ a / n
-        out = out + term
-    for _ in range(halvings):
-        out = out @ out
-    return np.asarray(out * (scale[:, None] / scale))
-
-
-def balance(a: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Powers of two, [n], so that rows and columns of a[i, j] scale[j] / scale[i] are alike
-    (E. E. Osborne, "On pre-conditioning of matrices", J. ACM 7, 1960)."""
-    size = np.abs(a) - np.diag(np.abs(np.diag(a)))
-    scale = np.ones(len(a))
-    for _ in range(SWEEPS):
-        for i in range(len(a)):
-            column, row = float(size[:, i].sum()), float(size[i].sum())
-            if column and row:
-                by = 2.0 ** round((log2(row) - log2(column)) / 2)
-                scale[i] *= by
-                size[:, i] *= by
-                size[i] /= by
-    return scale
 
 
 PIECE_RAD = 0.5

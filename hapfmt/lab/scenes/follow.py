@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .contact import exponential
 from .description import Tool
+from .matrix import exponential
 from .motion import Floats
 
 

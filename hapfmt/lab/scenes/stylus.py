@@ -25,9 +25,9 @@ from ...descriptions import read
 from ...errors import ParameterError
 from ...recording import Channel, Recording
 from .build import run_tool
-from .contact import exponential
 from .description import FORCES, STIFFEST_N_PER_M, Contact, Stroke, Texture, Tool
 from .integrators import Motion, System
+from .matrix import exponential
 from .motion import Floats, StepGrid
 from .sensors import force_reading
 from .work import Work
